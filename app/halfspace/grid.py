@@ -1,0 +1,130 @@
+"""Cells of the potential contact area and their distribution over ranks.
+
+A grid has ``nx * ny`` equal rectangular cells, numbered row by row (x fastest); every field is an
+array of shape ``(ny, nx)``. A rank owns a *slab*: consecutive whole rows.
+
+Coarsening joins 2 x 2 cells (Sec. 4.2). A direction with an odd number of cells gets one more coarse
+cell that sticks out of the patch by half; its missing children count as cells where contact is
+impossible. This is the same as padding the patch to a size that can be halved, without storing the
+padding. A direction of at most `coarsest` cells is not coarsened any further.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Rectangular cells; lengths in mm.
+
+    Attributes
+    ----------
+    nx, ny : int
+        Number of cells in x and y.
+    dx, dy : float
+        Size of a cell.
+    x0, y0 : float
+        Lower left corner of the patch.
+    """
+
+    nx: int
+    ny: int
+    dx: float
+    dy: float
+    x0: float = 0.0
+    y0: float = 0.0
+
+    @classmethod
+    def from_domain(cls, nx, ny, domain):
+        """Divide the patch ``domain = (x0, x1, y0, y1)`` into nx by ny cells. Not collective."""
+        x0, x1, y0, y1 = domain
+        if nx < 1 or ny < 1:
+            raise ValueError(f"grid {nx},{ny}: at least one cell in each direction is needed")
+        if not (np.isfinite(domain).all() and x1 > x0 and y1 > y0):
+            raise ValueError(f"domain {x0:g},{x1:g},{y0:g},{y1:g}: need finite x0 < x1 and y0 < y1")
+        return cls(nx, ny, (x1 - x0) / nx, (y1 - y0) / ny, x0, y0)
+
+    @property
+    def shape(self):
+        """Shape ``(ny, nx)`` of a field on this grid."""
+        return self.ny, self.nx
+
+    @property
+    def n(self):
+        """Number of cells."""
+        return self.nx * self.ny
+
+    @property
+    def cell_area(self):
+        """Area of a cell [mm2]."""
+        return self.dx * self.dy
+
+    def x(self):
+        """Cell centres in x, shape ``(nx,)`` [mm]. Not collective."""
+        return self.x0 + (np.arange(self.nx) + 0.5) * self.dx
+
+    def y(self, rows=slice(None)):
+        """Cell centres in y of the given rows [mm]. Not collective."""
+        return (self.y0 + (np.arange(self.ny) + 0.5) * self.dy)[rows]
+
+    def coarsening(self, coarsest=4):
+        """Factors ``(fy, fx)`` from this grid to the next coarser one: 2, or 1 for a short direction."""
+        return (2 if self.ny > coarsest else 1), (2 if self.nx > coarsest else 1)
+
+    def coarsen(self, coarsest=4):
+        """Return the next coarser grid, or None if both directions are short. Not collective."""
+        fy, fx = self.coarsening(coarsest)
+        if fy == fx == 1:
+            return None
+        return Grid(-(-self.nx // fx), -(-self.ny // fy), fx * self.dx, fy * self.dy, self.x0, self.y0)
+
+
+class Slabs:
+    """Which rows of a grid each rank owns. Every rank holds the same table; not collective.
+
+    Parameters
+    ----------
+    ny : int
+        Rows of the grid.
+    size, rank : int
+        Number of ranks, and this one's number.
+    block : int
+        Slabs start at multiples of this many rows, so that `block` rows that become one coarse row
+        never lie on two ranks. The last slab takes what is left. Ranks may own no rows at all.
+    """
+
+    def __init__(self, ny, size=1, rank=0, block=1):
+        blocks = -(-ny // block)
+        per_rank = np.full(size, blocks // size)
+        per_rank[: blocks % size] += 1
+        starts = np.minimum(np.concatenate([[0], np.cumsum(per_rank)]) * block, ny)
+        self.starts = tuple(int(s) for s in starts)
+        self.size, self.rank, self.block, self.ny = size, rank, block, ny
+
+    @property
+    def counts(self):
+        """Number of rows of each rank."""
+        return tuple(b - a for a, b in zip(self.starts, self.starts[1:], strict=False))
+
+    @property
+    def rows(self):
+        """This rank's rows as a slice."""
+        return slice(self.starts[self.rank], self.starts[self.rank + 1])
+
+    @property
+    def local(self):
+        """Number of rows on this rank."""
+        return self.starts[self.rank + 1] - self.starts[self.rank]
+
+    def coarsen(self, factor):
+        """Slabs of the coarse grid whose rows are made of `factor` of these rows each."""
+        if factor == 1:
+            return self
+        coarse = Slabs.__new__(Slabs)
+        coarse.starts = tuple(-(-s // factor) for s in self.starts)
+        coarse.size, coarse.rank = self.size, self.rank
+        coarse.block, coarse.ny = max(1, self.block // factor), coarse.starts[-1]
+        return coarse
