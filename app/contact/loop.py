@@ -1,0 +1,115 @@
+"""Active set iteration around a KSP (Sec. 3: NORM; Sec. 4.1: MG + active set).
+
+What the linear solver does to the system of each contact set - many CG iterations, a few, one multigrid
+cycle - is its options' business. The pressure carries over from one set to the next.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Controls:
+    """How long to iterate: options -lcp_rtol, -lcp_max_it."""
+
+    rtol: float = 1e-6
+    max_it: int = 100
+
+
+@dataclass
+class History:
+    """One entry per active set iteration on any grid, and who wants to hear of it."""
+
+    listeners: list = field(default_factory=list)
+    entries: list = field(default_factory=list)
+
+    def add(self, **entry):
+        """Record an iteration. Not collective."""
+        self.entries.append(entry)
+        for listener in self.listeners:
+            listener(entry)
+
+    def columns(self):
+        """The entries as name -> list. Not collective."""
+        return (
+            {name: [entry[name] for entry in self.entries] for name in self.entries[0]}
+            if self.entries
+            else {}
+        )
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How the iteration on one grid ended; the same on all ranks that took part."""
+
+    converged: bool
+    reason: str
+    iterations: int
+    inner_iterations: int
+    residual: float  # ||r|| / ||h||, eq. (5.1)
+
+
+def iterate(state, solver, controls, history, target=True):
+    """Solve the problem of one grid from the contact set and pressure in `state`.
+
+    Collective over the ranks of `state`.
+
+    Parameters
+    ----------
+    state : ContactGrid
+    solver : LinearSolver
+        On the same operator.
+    controls : Controls
+    history : History
+    target : bool
+        On coarser grids of a nested iteration an unchanged contact set is enough.
+
+    Returns
+    -------
+    Outcome
+    """
+    started = time.perf_counter()
+    gap_norm = state.gap_norm()
+    allowed = controls.rtol * gap_norm
+    inner = 0
+    residual = 0.0
+
+    def end(converged, reason, iterations):
+        relative = residual / gap_norm if gap_norm > 0 else residual
+        return Outcome(converged, reason, iterations, inner, relative)
+
+    if state.sum([state.contact.sum()])[0] == 0:
+        state.pressure.set(0)
+        state.u[...] = 0
+        return end(True, "the bodies do not touch", 0)
+    for iteration in range(1, controls.max_it + 1):
+        state.set_right_hand_side()
+        solver.contact_changed()
+        work_before = solver.work_units
+        inner_now, failure = solver.solve(state.right, state.pressure, allowed)
+        inner += inner_now
+        change = state.update()
+        residual = change.residual
+        history.add(
+            level=solver.level,
+            iteration=iteration,
+            contact_cells=change.cells,
+            added_cells=change.added,
+            dropped_cells=change.dropped,
+            changed_cells=change.changed,
+            residual=residual / gap_norm if gap_norm > 0 else residual,
+            inner_iterations=inner_now,
+            work_units=solver.work_units - work_before,
+            load=state.load,
+            approach=state.approach,
+            seconds=time.perf_counter() - started,
+        )
+        if failure:
+            return end(False, f"the linear solver failed: {failure}", iteration)
+        if not residual < float("inf"):
+            return end(False, "the residual is not a finite number", iteration)
+        if change.changed == 0 and (not target or residual <= allowed):
+            return end(True, "contact area unchanged and residual small enough", iteration)
+    return end(False, f"{controls.max_it} active set iterations were not enough", controls.max_it)

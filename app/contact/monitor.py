@@ -1,0 +1,54 @@
+"""What is shown while the active set iteration runs. Only rank 0 prints: history entries are the same everywhere."""
+
+from __future__ import annotations
+
+import math
+
+from mpi4py import MPI
+
+_HEADER = f"{'level':>5} {'it':>4} {'inner':>5} {'contact':>9} {'added':>7} {'dropped':>7} {'residual':>10} {'work':>7} {'load [N]':>14} {'approach [mm]':>14} {'time [s]':>9}"
+
+
+class Monitor:
+    """-lcp_monitor: a line per active set iteration, the header repeated for every grid."""
+
+    def __init__(self):
+        self._level = None
+        self._work = 0.0
+
+    def __call__(self, entry):
+        """Print an entry of the history; None at the end."""
+        if entry is None or MPI.COMM_WORLD.rank:
+            return
+        if entry["level"] != self._level:
+            print(_HEADER)
+            self._level = entry["level"]
+        self._work += entry["work_units"]
+        print(
+            f"{entry['level']:5d} {entry['iteration']:4d} {entry['inner_iterations']:5d} {entry['contact_cells']:9d} "
+            f"{entry['added_cells']:7d} {entry['dropped_cells']:7d} {entry['residual']:10.3e} {self._work:7.2f} "
+            f"{entry['load']:14.8g} {entry['approach']:14.8g} {entry['seconds']:9.3f}",
+            flush=True,
+        )
+
+
+class Progress:
+    """A bar on the terminal: how many of the decades to the wanted residual are done on this grid."""
+
+    def __init__(self, rtol):
+        from tqdm import tqdm
+
+        self._rtol = rtol
+        self._bar = tqdm(total=100, desc="solving", leave=False, bar_format="{desc} {bar} {postfix} [{elapsed}]", delay=1)
+        self._best = 0
+
+    def __call__(self, entry):
+        """Show an entry of the history; None closes the bar."""
+        if entry is None:
+            self._bar.close()
+            return
+        residual = min(max(entry["residual"], self._rtol), 1.0)
+        share = 100 * math.log(residual) / math.log(self._rtol) if self._rtol < 1 else 100
+        self._bar.n = round(share)
+        self._bar.set_description(f"level {entry['level']}, iteration {entry['iteration']}", refresh=False)
+        self._bar.set_postfix_str(f"residual {entry['residual']:.1e}, {entry['contact_cells']} cells in contact")

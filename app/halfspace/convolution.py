@@ -1,0 +1,280 @@
+"""Products with the influence matrix: a distributed, pruned, cache-blocked FFT convolution.
+
+``u[j, i] = sum_{j', i'} K[|j - j'|, |i - i'|] p[j', i']`` on an ny x nx grid is a periodic convolution on an
+``Ny x Nx`` grid, ``N >= 2 n - 1``, of p padded with zeros. The transform convention is numpy's (forward
+``exp(-2 pi i k x)``, unscaled); the factor ``1 / (Nx Ny)`` of the inverse is folded into the spectrum.
+
+- *Pruned*: in x only rows that hold data are transformed, and only rows that are wanted come back.
+- *Blocked*: columns go through transform, scaling and inverse transform a few at a time, inside the cache.
+- *Real even spectrum*: K is even in both directions, so its spectrum is real and even: (Nx/2+1)(Ny/2+1)
+  doubles, about n. With the x-transformed rows (2 n) a product needs 3 n doubles and nothing else of size n.
+- *Distributed*: rows live in slabs, columns are dealt to the ranks; one all-to-all each way. Large transfers
+  go in several column groups, so that the receive buffer stays a fraction of n.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from mpi4py_fft import fftw
+from scipy.fft import dct, next_fast_len
+
+from app.halfspace.grid import Slabs
+
+_ROWS_AT_ONCE = 32
+_COLUMNS_AT_ONCE = 16
+_GROUP_BYTES = 1 << 22
+_FLAGS = (fftw.FFTW_ESTIMATE,)  # deterministic, and as fast as measured plans here
+
+
+def transform_length(n):
+    """Even length >= 2 n - 1 with small prime factors. Not collective."""
+    length = next_fast_len(max(2 * n - 1, 2), real=True)
+    while length % 2:
+        length = next_fast_len(length + 1, real=True)
+    return length
+
+
+@numba.njit(cache=True)
+def _scale_by_even_spectrum(columns, spectrum, count):
+    """columns[c, k] *= spectrum[c, min(k, N - k)] for the first `count` columns."""
+    length = columns.shape[1]
+    half = spectrum.shape[1]
+    for c in range(count):
+        for k in range(half):
+            columns[c, k] *= spectrum[c, k]
+        for k in range(half, length):
+            columns[c, k] *= spectrum[c, length - k]
+
+
+class Convolution:
+    """u = A p for the influence matrix of a grid, by FFT.
+
+    Collective over `comm`.
+
+    Parameters
+    ----------
+    quadrant_rows : callable
+        ``quadrant_rows(slice) -> ndarray (rows, nx)``: influence coefficients, a few rows at a time.
+    shape : (int, int)
+        ``(ny, nx)``.
+    slabs : Slabs, optional
+        Distribution of the rows; default: all here.
+    comm : mpi4py communicator, optional
+        Ranks that share the grid; default: this one alone.
+    dtype : numpy real type
+        float64, or float32 for half the time and memory at single precision.
+    """
+
+    def __init__(self, quadrant_rows, shape, slabs=None, comm=None, dtype=np.float64):
+        self.shape = ny, nx = shape
+        self.slabs = slabs or Slabs(ny)
+        self.comm = comm if comm is not None and comm.size > 1 else None
+        self.dtype = np.dtype(dtype)
+        complex_type = np.result_type(self.dtype, np.complex64)
+        self.count = 0  # products computed so far
+
+        self._nx_fft, self._ny_fft = transform_length(nx), transform_length(ny)
+        self._columns = columns = self._nx_fft // 2 + 1
+        rows = self.slabs.local
+        self._groups = self._deal_columns(columns, complex_type.itemsize)
+
+        self._spectrum = self._transform_kernel(quadrant_rows)
+        self._transformed = np.zeros((columns, rows), complex_type)
+        self._received = None
+        if self.comm is not None:
+            largest = max(g.mine.stop - g.mine.start for g in self._groups) * ny
+            self._received = np.zeros(largest, complex_type)
+
+        self._row_real = fftw.aligned((_ROWS_AT_ONCE, self._nx_fft), dtype=self.dtype)
+        self._row_complex = fftw.aligned((_ROWS_AT_ONCE, columns), dtype=complex_type)
+        self._column = fftw.aligned((_COLUMNS_AT_ONCE, self._ny_fft), dtype=complex_type)
+        real, cplx, column = self._row_real, self._row_complex, self._column
+        self._row_forward = fftw.rfftn(real, None, (1,), 1, _FLAGS, cplx)
+        self._row_backward = fftw.irfftn(cplx, (self._nx_fft,), (1,), 1, _FLAGS, real)
+        self._column_forward = fftw.fftn(column, None, (1,), 1, _FLAGS, column)
+        self._column_backward = fftw.ifftn(column, None, (1,), 1, _FLAGS, column)
+        for work in (real, cplx, column):
+            work[...] = 0
+
+    def _deal_columns(self, columns, itemsize):
+        """Split the columns into groups, each dealt to all ranks."""
+        if self.comm is None:
+            return [_ColumnGroup(0, columns, 1, 0, self.slabs.counts)]
+        largest = max(self.slabs.counts) * columns * itemsize
+        groups = int(np.clip(largest // _GROUP_BYTES, 1, max(1, columns // self.comm.size)))
+        edges = np.linspace(0, columns, groups + 1).astype(int)
+        return [
+            _ColumnGroup(a, b, self.comm.size, self.comm.rank, self.slabs.counts)
+            for a, b in zip(edges[:-1], edges[1:], strict=True)
+        ]
+
+    def _transform_kernel(self, quadrant_rows):
+        """Spectrum of K on this rank's columns, group after group: shape (columns here, Ny/2+1)."""
+        (ny, nx), rows = self.shape, self.slabs.rows
+        half_x, half_y = self._nx_fft // 2, self._ny_fft // 2
+        in_x = np.empty((half_x + 1, self.slabs.local))
+        for start in range(rows.start, rows.stop, _ROWS_AT_ONCE):
+            stop = min(start + _ROWS_AT_ONCE, rows.stop)
+            block = np.zeros((stop - start, half_x + 1))
+            block[:, :nx] = quadrant_rows(slice(start, stop))
+            # A type-I cosine transform is the Fourier transform of the even periodic extension.
+            in_x[:, start - rows.start : stop - rows.start] = dct(block, type=1, axis=1, overwrite_x=True).T
+        mine = sum(g.mine.stop - g.mine.start for g in self._groups)
+        spectrum = np.empty((mine, half_y + 1), self.dtype)
+        done = 0
+        for group in self._groups:
+            count = group.mine.stop - group.mine.start
+            blocks = [in_x]
+            if self.comm is not None:
+                received = np.empty(count * ny)
+                self.comm.Alltoallv([in_x[group.span], group.by_column], [received, group.by_row])
+                blocks = group.blocks(received)
+            for first in range(0, count, _COLUMNS_AT_ONCE):
+                last = min(first + _COLUMNS_AT_ONCE, count)
+                column = np.zeros((last - first, half_y + 1))
+                for block, (a, b) in zip(blocks, group.row_ranges, strict=True):
+                    column[:, a:b] = block[first:last]
+                spectrum[done + first : done + last] = dct(column, type=1, axis=1, overwrite_x=True)
+            done += count
+        spectrum *= 1.0 / (self._nx_fft * self._ny_fft)
+        return spectrum
+
+    @property
+    def memory(self):
+        """Bytes held on this rank."""
+        arrays = (
+            self._spectrum,
+            self._transformed,
+            self._received,
+            self._row_real,
+            self._row_complex,
+            self._column,
+        )
+        return sum(a.nbytes for a in arrays if a is not None)
+
+    def apply(self, p, out, mask=None):
+        """Compute out = A p, or out = C A C p.
+
+        Collective.
+
+        Parameters
+        ----------
+        p : ndarray, shape (local rows, nx)
+        out : ndarray, shape (local rows, nx)
+            May be `p` itself.
+        mask : ndarray of bool, shape (local rows, nx), optional
+            The cells of C. Rows without any are not transformed.
+        """
+        self.count += 1
+        self._rows_forward(p, mask)
+        done = 0
+        for group in self._groups:
+            done = self._columns_of(group, done)
+        self._rows_backward(out, mask)
+
+    def _rows_forward(self, p, mask):
+        real, cplx, nx = self._row_real, self._row_complex, self.shape[1]
+        real[:, nx:] = 0
+        for i in range(0, len(p), _ROWS_AT_ONCE):
+            block = p[i : i + _ROWS_AT_ONCE]
+            inside = block if mask is None else mask[i : i + _ROWS_AT_ONCE]
+            w = len(block)
+            if not inside.any():
+                self._transformed[:, i : i + w] = 0
+                continue
+            if mask is None:
+                real[:w, :nx] = block
+            else:
+                np.multiply(block, inside, out=real[:w, :nx])
+            self._row_forward()
+            self._transformed[:, i : i + w] = cplx[:w].T
+
+    def _columns_of(self, group, done):
+        """Convolve the columns of a group in y; `done` columns of the spectrum belong to earlier groups."""
+        part = self._transformed[group.span]
+        count = group.mine.stop - group.mine.start
+        if self.comm is None:
+            blocks = [part]
+        else:
+            received = self._received[: count * self.shape[0]]
+            self.comm.Alltoallv([part, group.by_column], [received, group.by_row])
+            blocks = group.blocks(received)
+        column, ny = self._column, self.shape[0]
+        for first in range(0, count, _COLUMNS_AT_ONCE):
+            last = min(first + _COLUMNS_AT_ONCE, count)
+            w = last - first
+            for block, (a, b) in zip(blocks, group.row_ranges, strict=True):
+                column[:w, a:b] = block[first:last]
+            column[:, ny:] = 0
+            self._column_forward()
+            _scale_by_even_spectrum(column, self._spectrum[done + first : done + last], w)
+            self._column_backward()
+            for block, (a, b) in zip(blocks, group.row_ranges, strict=True):
+                block[first:last] = column[:w, a:b]
+        if self.comm is not None:
+            self.comm.Alltoallv([received, group.by_row], [part, group.by_column])
+        return done + count
+
+    def _rows_backward(self, out, mask):
+        real, cplx, nx = self._row_real, self._row_complex, self.shape[1]
+        for i in range(0, len(out), _ROWS_AT_ONCE):
+            w = min(_ROWS_AT_ONCE, len(out) - i)
+            inside = None if mask is None else mask[i : i + w]
+            if inside is not None and not inside.any():
+                out[i : i + w] = 0
+                continue
+            cplx[:w] = self._transformed[:, i : i + w].T
+            self._row_backward(normalize=False)
+            if inside is None:
+                out[i : i + w] = real[:w, :nx]
+            else:
+                np.multiply(real[:w, :nx], inside, out=out[i : i + w])
+
+
+class _ColumnGroup:
+    """Columns [start, stop) dealt to `size` ranks, and the counts of the all-to-all that deals them."""
+
+    def __init__(self, start, stop, size, rank, row_counts):
+        per_rank = [(stop - start) // size + (r < (stop - start) % size) for r in range(size)]
+        edges = start + np.concatenate([[0], np.cumsum(per_rank)])
+        self.span = slice(start, stop)
+        self.mine = slice(int(edges[rank]), int(edges[rank + 1]))
+        row_edges = np.concatenate([[0], np.cumsum(row_counts)])
+        self.row_ranges = [(int(a), int(b)) for a, b in zip(row_edges[:-1], row_edges[1:], strict=True)]
+        columns = per_rank[rank]
+        sent = np.array(per_rank) * row_counts[rank]
+        got = np.array(row_counts) * columns
+        self.by_column = (sent, np.concatenate([[0], np.cumsum(sent)[:-1]]))
+        self.by_row = (got, np.concatenate([[0], np.cumsum(got)[:-1]]))
+        self._columns = columns
+
+    def blocks(self, received):
+        """Views (columns here, rows of rank q) of the received data, one for each rank q."""
+        return [
+            received[self._columns * a : self._columns * b].reshape(self._columns, b - a)
+            for a, b in self.row_ranges
+        ]
+
+
+class DenseProduct:
+    """The same product by a stored matrix: quicker than an FFT on the smallest grids (n <= 256)."""
+
+    largest = 256
+
+    def __init__(self, matrix, shape):
+        self.matrix, self.shape = matrix, shape
+        self.count = 0
+
+    @property
+    def memory(self):
+        """Bytes held on this rank."""
+        return self.matrix.nbytes
+
+    def apply(self, p, out, mask=None):
+        """Compute out = A p, or out = C A C p; see `Convolution.apply`. Not collective."""
+        self.count += 1
+        if mask is None:
+            out[...] = (self.matrix @ p.reshape(-1)).reshape(self.shape)
+        else:
+            np.multiply((self.matrix @ (p * mask).reshape(-1)).reshape(self.shape), mask, out=out)

@@ -1,0 +1,166 @@
+"""The influence matrix on one grid as PETSc sees it: context of a Mat of type python.
+
+The Mat is the *masked* operator ``C A C``: rows and columns outside the contact set are zero. The set lives
+in `InfluenceOperator.mask` and is changed in place; nothing is reallocated. Krylov methods that start from a
+vector that vanishes outside C stay there, so they solve the system (2.11) on C.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+from petsc4py import PETSc
+
+from app.halfspace.convolution import Convolution, DenseProduct
+from app.halfspace.grid import Slabs
+from app.halfspace.influence import dense_matrix, influence_quadrant
+
+_FORWARD, _BACKWARD = 1 | 4, 2 | 8  # MatSORType: the "local" kinds mean the same here, see `SOR`
+_ZERO_GUESS = 16
+_mult_event = PETSc.Log.Event("InfluenceMult")
+_sweep_event = PETSc.Log.Event("InfluenceSOR")
+
+
+class InfluenceOperator:
+    """A and C A C on one grid: products, diagonal, Gauss-Seidel sweeps.
+
+    Parameters
+    ----------
+    grid : Grid
+    compliance : float
+        (1 - nu) / (pi G) [mm2/N].
+    slabs : Slabs, optional
+        Row distribution. Default: the whole grid on every rank (a *replicated* level).
+    comm : mpi4py communicator, optional
+        Ranks that share the rows; None on a replicated level.
+    dtype : numpy real type
+        Precision of the products (vectors are always float64).
+
+    Attributes
+    ----------
+    mask : ndarray of bool, shape (local rows, nx)
+        The contact set C. Change it in place and then call `mask_changed`.
+    products, sweeps : int
+        Products of the Mat asked for by PETSc, and Gauss-Seidel sweeps: the paper's work units.
+        `product.count` has all products, those inside sweeps and of `displacement` too.
+    """
+
+    def __init__(self, grid, compliance, slabs=None, comm=None, dtype=np.float64):
+        self.grid, self.compliance = grid, compliance
+        self.comm = comm if slabs is not None else None
+        self.slabs = slabs or Slabs(grid.ny)
+        if grid.n <= DenseProduct.largest and self.comm is None:
+            self.product = DenseProduct(dense_matrix(grid, compliance), grid.shape)
+        else:
+            quadrant = partial(influence_quadrant, grid, compliance)
+            self.product = Convolution(quadrant, grid.shape, self.slabs, self.comm, dtype)
+        self.diagonal = float(influence_quadrant(grid, compliance, slice(0, 1))[0, 0])
+        self.local_shape = (self.slabs.local, grid.nx)
+        self.mask = np.zeros(self.local_shape, bool)
+        self.products = self.sweeps = 0
+        self._mats = []
+        self._relaxation = None
+
+    # -- set-up ------------------------------------------------------------------------------------------
+
+    def mat(self, comm):
+        """Make a Mat with this context. Collective over the PETSc communicator `comm`."""
+        local = self.local_shape[0] * self.local_shape[1]
+        size = (local, PETSc.DETERMINE)
+        mat = PETSc.Mat().createPython((size, size), self, comm=comm)
+        mat.setOption(PETSc.Mat.Option.SPD, True)
+        mat.setUp()
+        self._mats.append(mat)
+        return mat
+
+    def mask_changed(self):
+        """Tell PETSc that the matrix is another one now. Not collective."""
+        for mat in self._mats:
+            mat.stateIncrease()
+
+    def free(self):
+        """Free the Mats. Collective. (`destroy` is what PETSc calls on a context.)"""
+        for mat in self._mats:
+            mat.destroy()
+        self._mats.clear()
+
+    # -- numpy side --------------------------------------------------------------------------------------
+
+    def displacement(self, p, u):
+        """Compute u = A p, eq. (2.6), on all cells. Collective; arrays of shape `local_shape`."""
+        with _mult_event:
+            self.product.apply(p, u)
+
+    # -- what PETSc calls --------------------------------------------------------------------------------
+
+    def mult(self, mat, x, y):
+        """Compute y = C A C x."""
+        self.products += 1
+        with _mult_event, y as out:
+            p = x.getArray(readonly=True).reshape(self.local_shape)
+            self.product.apply(p, out.reshape(self.local_shape), self.mask)
+
+    multTranspose = mult
+
+    def getDiagonal(self, mat, diagonal):
+        """Diagonal of A; the same outside C, where it only has to be nonzero."""
+        diagonal.set(self.diagonal)
+
+    def SOR(self, mat, b, omega, kind, shift, its, lits, x):
+        """Damped lexicographic Gauss-Seidel on C: the sequential sweep on any number of ranks.
+
+        PETSc's "local" sweeps (its default) would make the result depend on the number of ranks, and the
+        multigrid method diverge; here they are the global ones.
+        """
+        if shift:
+            raise ValueError("Gauss-Seidel with a diagonal shift is not available")
+        relaxation = self.relaxation
+        zero = bool(kind & _ZERO_GUESS)
+        if zero:
+            x.set(0)
+        directions = [backward for flag, backward in ((_FORWARD, False), (_BACKWARD, True)) if kind & flag]
+        right = b.getArray(readonly=True).reshape(self.local_shape)
+        r, d = relaxation.work
+        with _sweep_event, x as solution:
+            p = solution.reshape(self.local_shape)
+            for backward in directions * max(1, its * lits):
+                if zero:
+                    np.multiply(right, self.mask, out=r)
+                    zero = False
+                else:
+                    self.product.apply(p, r, self.mask)
+                    np.subtract(right, r, out=r)
+                    r *= self.mask
+                relaxation.sweep(r, self.mask, omega, d, backward=backward)
+                p += d
+                self.sweeps += 1
+
+    @property
+    def relaxation(self):
+        """The sweeps on this grid; made when first needed."""
+        if self._relaxation is None:
+            from app.halfspace.gauss_seidel import GaussSeidel
+
+            quadrant = partial(influence_quadrant, self.grid, self.compliance)
+            self._relaxation = GaussSeidel(
+                lambda first, last: quadrant(slice(first, last)), self.grid.shape, self.slabs, self.comm
+            )
+            self._relaxation.work = (np.zeros(self.local_shape), np.zeros(self.local_shape))
+        return self._relaxation
+
+    @property
+    def equivalent_products(self):
+        """Everything computed here so far, in products on this grid (a sweep by its flops)."""
+        sweep = self._relaxation.products_per_sweep if self._relaxation else 0
+        return self.product.count + self.sweeps * sweep
+
+    def view(self, mat, viewer):
+        """Describe the operator for -ksp_view."""
+        if viewer.getType() != PETSc.Viewer.Type.ASCII:
+            return
+        grid, kind = self.grid, type(self.product).__name__
+        spread = f"{self.slabs.size} slabs" if self.comm is not None else "replicated"
+        viewer.printfASCII(
+            f"  influence matrix of {grid.nx} x {grid.ny} cells of {grid.dx:g} x {grid.dy:g} mm, {kind}, {spread}\n"
+        )

@@ -1,0 +1,87 @@
+"""The grids of one problem, from the coarsest to the target, with their operators and transfers.
+
+Operators are rediscretised on every grid (no Galerkin products). On several ranks the target grid is cut into
+slabs; grids of at most `replicate` cells are *replicated*: every rank holds and computes all of them, which costs less
+than talking about them.
+"""
+
+from __future__ import annotations
+
+from app.halfspace.grid import Slabs
+from app.halfspace.operator import InfluenceOperator
+from app.multigrid.transfer import Transfer
+
+
+class Hierarchy:
+    """Operators ``levels[0]`` (coarsest) to ``levels[-1]`` (target), ``transfers[l]`` from level l to l-1.
+
+    Parameters
+    ----------
+    grid : Grid
+        Target grid.
+    compliance : float
+        (1 - nu) / (pi G) [mm2/N].
+    comm : mpi4py communicator
+    coarsest : int
+        Directions of at most this many cells are not halved.
+    replicate : int
+        Grids of at most this many cells are replicated on every rank.
+    single : bool
+        Only the target grid is needed.
+    """
+
+    def __init__(self, grid, compliance, comm, coarsest=4, replicate=64 * 64, single=False):
+        self.comm = comm
+        grids, factors = [grid], []
+        while not single and (coarser := grids[-1].coarsen(coarsest)) is not None:
+            factors.append(grids[-1].coarsening(coarsest))
+            grids.append(coarser)
+        block = 1
+        for finer, (fy, _) in zip(grids, factors, strict=False):
+            if finer is not grid and finer.n <= replicate:
+                break
+            block *= fy
+        slabs = Slabs(grid.ny, comm.size, comm.rank, block)
+        self.levels, self.transfers = [], [None]
+        for number, level in enumerate(grids):
+            distributed = comm.size > 1 and (number == 0 or level.n > replicate)
+            if number:
+                slabs = slabs.coarsen(factors[number - 1][0])
+            spread = (slabs, comm) if distributed else (None, None)
+            self.levels.insert(0, InfluenceOperator(level, compliance, *spread))
+            if number:
+                fine, coarse = self.levels[1], self.levels[0]
+                self.transfers.insert(1, Transfer(fine, coarse, factors[number - 1]))
+        self.slabs = self.levels[-1].slabs
+
+    @property
+    def target(self):
+        """Operator of the target grid."""
+        return self.levels[-1]
+
+    def share(self, operator):
+        """Cells of a level as a share of the target grid's."""
+        return operator.grid.n / self.target.grid.n
+
+    def shapes(self, problem):
+        """Undeformed distance of the problem on every level, coarsest first. Collective.
+
+        A function is evaluated afresh on every grid; samples are averaged.
+        """
+        target = self.target
+        shapes = [problem.shape_on(target.grid, target.slabs.rows)]
+        for level, transfer in zip(self.levels[-2::-1], self.transfers[:0:-1], strict=True):
+            if problem.sampled:
+                shapes.insert(0, transfer.restrict_shape(shapes[0]))
+            else:
+                shapes.insert(0, problem.shape_on(level.grid, level.slabs.rows))
+        return shapes
+
+    def operator_applications(self):
+        """Honest count: products and sweeps on all grids, as products on the target grid. Not collective."""
+        return sum(self.share(level) * level.equivalent_products for level in self.levels)
+
+    def destroy(self):
+        """Free the Mats of all levels. Collective."""
+        for level in self.levels:
+            level.free()

@@ -1,0 +1,135 @@
+"""The linear solver of one contact system: a KSP on the masked operator, set up from the options database.
+
+Whatever PETSc offers for a matrix that can be multiplied can be chosen: ``-ksp_type cg -pc_type none`` (NORM),
+``-pc_type jacobi``, ``-pc_type mg`` (see `pcmg`), ``-pc_type python -pc_python_type ...`` (see `circulant`).
+"""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+from app.multigrid.pcmg import SMOOTHER_DEFAULTS, MaskedMatrix, Multigrid, defaults
+
+_REASONS = {value: name for name, value in vars(PETSc.KSP.ConvergedReason).items() if isinstance(value, int)}
+_KRYLOV_RESIDUAL_IS_TRUE = (PETSc.KSP.NormType.UNPRECONDITIONED,)
+
+
+class LinearSolver:
+    """Solves C A C p = b for the contact set in the operator's mask.
+
+    Collective over `comm`.
+
+    Parameters
+    ----------
+    hierarchy : Hierarchy
+    level : int
+        Number of the grid the system lives on; default the target.
+    comm : PETSc communicator, optional
+        Default: that of the hierarchy.
+    prefix : str
+        Of the options.
+    """
+
+    def __init__(self, hierarchy, level=-1, comm=None, prefix=""):
+        self.level = range(len(hierarchy.levels))[level]
+        self.operator = hierarchy.levels[level]
+        self._weights = [(op, hierarchy.share(op)) for op in hierarchy.levels[: self.level + 1]]
+        comm = comm or PETSc.Comm(hierarchy.comm)
+        self.mat = self.operator.mat(comm)
+        self.ksp = ksp = PETSc.KSP().create(comm)
+        ksp.setOptionsPrefix(prefix)
+        ksp.setOperators(self.mat)
+        ksp.setInitialGuessNonzero(True)
+        options = PETSc.Options(prefix)
+        self.multigrid = None
+        if options.getString("pc_type", "") == "mg":
+            levels, transfers = hierarchy.levels, hierarchy.transfers
+            self.multigrid = Multigrid(ksp, levels[: self.level + 1], transfers[: self.level + 1], comm)
+        with defaults(prefix, SMOOTHER_DEFAULTS if self.multigrid else {}):
+            ksp.setFromOptions()
+            if self.multigrid:
+                self.multigrid.contact_changed()
+            if ksp.getNormType() == PETSc.KSP.NormType.NONE:
+                ksp.setTolerances(rtol=0, atol=0)  # otherwise PETSc spends a product on a norm nobody reads
+            ksp.setUp()
+        self._own_atol = options.hasName("ksp_atol")
+
+    def contact_changed(self):
+        """Take over the contact set that is in the operator's mask now. Collective."""
+        if self.multigrid:
+            self.multigrid.contact_changed()
+        else:
+            self.operator.mask_changed()
+
+    @property
+    def work_units(self):
+        """Work so far in the paper's count: products and sweeps by the KSP, one on the target grid being one.
+
+        What the coarsest grid of a multigrid method costs is left out.
+        """
+        counted = self._weights[-len(self.multigrid.operators) + 1 :] if self.multigrid else self._weights[-1:]
+        return float(sum(share * (op.products + op.sweeps) for op, share in counted))
+
+    def solve(self, b, p, allowed):
+        """Improve p.
+
+        Collective.
+
+        Parameters
+        ----------
+        b, p : Vec
+        allowed : float
+            Norm of the residual that is small enough [mm]; the absolute tolerance of Krylov methods that
+            monitor the true residual, unless -ksp_atol is given.
+
+        Returns
+        -------
+        iterations : int
+        failure : str
+            Empty, or why the solver cannot go on. Running out of iterations is no failure: one cycle, or a
+            few steps of CG, are what an active set iteration wants.
+        """
+        if not self._own_atol and self.ksp.getNormType() in _KRYLOV_RESIDUAL_IS_TRUE:
+            # A hair below: what passes here must pass the same test on the recomputed residual.
+            self.ksp.setTolerances(atol=allowed * (1 - 1e-9))
+        self.ksp.solve(b, p)
+        reason = self.ksp.getConvergedReason()
+        failed = reason < 0 and reason != PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
+        return self.ksp.getIterationNumber(), _REASONS.get(reason, str(reason)) if failed else ""
+
+    def destroy(self):
+        """Free the KSP. Collective."""
+        self.ksp.destroy()
+        if self.multigrid:
+            self.multigrid.destroy()
+
+
+class DirectSolver:
+    """The same for the coarsest grid of a nested iteration: factorises the assembled matrix.
+
+    Collective over `comm`.
+    """
+
+    work_units = 0.0
+
+    def __init__(self, operator, comm):
+        self.level, self.operator = 0, operator
+        self._matrix = MaskedMatrix(operator, comm)
+        self.ksp = PETSc.KSP().create(comm)
+        self.ksp.setOperators(self._matrix.mat)
+        self.ksp.setType(PETSc.KSP.Type.PREONLY)
+        self.ksp.getPC().setType(PETSc.PC.Type.LU)
+
+    def contact_changed(self):
+        """See `LinearSolver.contact_changed`."""
+        self._matrix.update()
+
+    def solve(self, b, p, allowed):
+        """See `LinearSolver.solve`."""
+        self.ksp.solve(b, p)
+        return 1, ""
+
+    def destroy(self):
+        """Free the factors. Collective."""
+        self.ksp.destroy()
+        self._matrix.destroy()

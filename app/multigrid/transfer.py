@@ -1,0 +1,191 @@
+"""Between a grid and the next coarser one (Sec. 4.2): defect, contact set, correction, displacement, shape.
+
+A coarse cell joins 2 x 2 fine ones (2 x 1 or 1 x 2 where the other direction is short already). Slabs are cut so
+that its children are on one rank: only a coarse level that is replicated on all ranks, and the rows beside a
+slab in `interpolate`, need communication.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+
+
+class Transfer:
+    """Restriction and prolongation between two operators.
+
+    Parameters
+    ----------
+    fine, coarse : InfluenceOperator
+    factors : (int, int)
+        ``(fy, fx)``: fine cells per coarse cell in y and x.
+    """
+
+    def __init__(self, fine, coarse, factors):
+        self.fine, self.coarse = fine, coarse
+        self.fy, self.fx = factors
+        self.gathers = fine.comm is not None and coarse.comm is None
+        slabs = fine.slabs.coarsen(self.fy)
+        self.rows = slabs.rows if self.gathers else slice(0, coarse.local_shape[0])
+        if self.gathers:
+            counts = np.array(slabs.counts) * coarse.grid.nx
+            self._parts = counts, np.concatenate([[0], np.cumsum(counts)[:-1]])
+        self._local = (self.rows.stop - self.rows.start, coarse.grid.nx)
+
+    def _children(self, fine):
+        """Yield the fine cells with the same place in their coarse cell, as (view, rows, columns)."""
+        for j in range(self.fy):
+            for i in range(self.fx):
+                view = fine[j :: self.fy, i :: self.fx]
+                yield view, slice(view.shape[0]), slice(view.shape[1])
+
+    def _complete(self, mine, dtype):
+        """Coarse field from the coarse rows made here: the others' rows too if the level is replicated."""
+        if not self.gathers:
+            return mine
+        everything = np.empty(self.coarse.local_shape, dtype)
+        self.fine.comm.Allgatherv(mine, [everything, self._parts])
+        return everything
+
+    def restrict_defect(self, fine):
+        """Four-point average; children outside the patch count as zero. Collective."""
+        mine = np.zeros(self._local)
+        for view, rows, columns in self._children(fine):
+            mine[rows, columns] += view
+        mine *= 1.0 / (self.fy * self.fx)
+        return self._complete(mine, float)
+
+    def restrict_contact(self):
+        """Put a coarse cell into C if any of its children is. Collective."""
+        mine = np.zeros(self._local, bool)
+        for view, rows, columns in self._children(self.fine.mask):
+            mine[rows, columns] |= view
+        self.coarse.mask[...] = self._complete(mine, bool)
+
+    def restrict_shape(self, shape):
+        """Mean of the admissible children, NaN if there are none. Collective."""
+        total, count = np.zeros(self._local), np.zeros(self._local)
+        for view, rows, columns in self._children(shape):
+            known = ~np.isnan(view)
+            total[rows, columns] += np.where(known, view, 0.0)
+            count[rows, columns] += known
+        with np.errstate(invalid="ignore"):
+            return self._complete(total / count, float)
+
+    def add_copies(self, coarse, fine):
+        """Add the value of a coarse cell to its children in C. Not collective."""
+        mine = coarse[self.rows]
+        for (view, rows, columns), (mask, _, _) in zip(
+            self._children(fine), self._children(self.fine.mask), strict=True
+        ):
+            np.add(view, mine[rows, columns], out=view, where=mask)
+
+    def copy(self, coarse, fine):
+        """Set the children of a coarse cell to its value. Not collective."""
+        mine = coarse[self.rows]
+        for view, rows, columns in self._children(fine):
+            view[...] = mine[rows, columns]
+
+    def interpolate(self, coarse, fine):
+        """Cell-centred bilinear interpolation, linear extrapolation at the rim of the patch. Collective."""
+        wide = self._with_neighbours(coarse)
+        first = self._first - (1 if self._first > 0 else 0)
+        rows = self.fine.slabs.rows
+        self._interpolate(wide, fine, rows, first)
+
+    def _with_neighbours(self, coarse):
+        """Coarse rows above this rank's fine rows, with one more on either side where there is one."""
+        slabs = self.fine.slabs.coarsen(self.fy)
+        self._first = slabs.rows.start
+        if self.coarse.comm is None:
+            rows = slabs.rows
+            return coarse[max(rows.start - 1, 0) : rows.stop + 1]
+        comm, counts = self.coarse.comm, slabs.counts
+        if not counts[comm.rank]:
+            return coarse
+        before = max((r for r in range(comm.rank) if counts[r]), default=None)
+        after = min((r for r in range(comm.rank + 1, comm.size) if counts[r]), default=None)
+        requests, above, below = [], [], []
+        for other, row, store in ((before, coarse[0], above), (after, coarse[-1], below)):
+            if other is not None:
+                store.append(np.empty(coarse.shape[1]))
+                requests.append(comm.Irecv(store[0], other))
+                requests.append(comm.Isend(np.ascontiguousarray(row), other))
+        for request in requests:
+            request.Wait()
+        return np.vstack([*above, coarse, *below])
+
+    def _interpolate(self, coarse, fine, rows, first):
+        """Interpolate to global fine rows `rows` from coarse rows that start at global row `first`."""
+        if not fine.size:
+            return
+        a, b, weight = _neighbours(np.arange(rows.start, rows.stop), self.coarse.grid.ny, self.fy)
+        c, d, weight_x = _neighbours(np.arange(self.fine.grid.nx), self.coarse.grid.nx, self.fx)
+        in_x = coarse[:, c] * weight_x + coarse[:, d] * (1 - weight_x)
+        np.multiply(in_x[a - first], weight[:, None], out=fine)
+        fine += in_x[b - first] * (1 - weight)[:, None]
+
+    # -- as PETSc's matrices -----------------------------------------------------------------------------
+
+    def restriction_mat(self, comm):
+        """Mat (coarse x fine) of the masked restriction. Collective."""
+        return _transfer_mat(_Restriction(self), self.coarse, self.fine, comm)
+
+    def interpolation_mat(self, comm):
+        """Mat (fine x coarse) of the masked copy prolongation. Collective."""
+        return _transfer_mat(_Prolongation(self), self.fine, self.coarse, comm)
+
+
+def _neighbours(index, count, factor):
+    """Coarse cells around fine cells, and the weight of the first: 3/4 for the parent, 1/4 for the next one.
+
+    At the rim the two cells are the parent and the one inside, with weights 5/4 and -1/4.
+    """
+    parent = index // factor
+    if factor == 1 or count == 1:
+        return parent, parent, np.ones(len(index))
+    towards = np.where(index % 2, 1, -1)
+    other = parent + towards
+    inside = (other >= 0) & (other < count)
+    other = np.where(inside, other, parent - towards)
+    return parent, other, np.where(inside, 0.75, 1.25)
+
+
+def _transfer_mat(context, rows, columns, comm):
+    def size(operator):
+        return operator.local_shape[0] * operator.local_shape[1], PETSc.DETERMINE
+
+    mat = PETSc.Mat().createPython((size(rows), size(columns)), context, comm=comm)
+    mat.setUp()
+    return mat
+
+
+class _Restriction:
+    """Defect of the fine contact set, averaged, outside the coarse one zero."""
+
+    def __init__(self, transfer):
+        self.transfer = transfer
+
+    def mult(self, mat, x, y):
+        t = self.transfer
+        defect = x.getArray(readonly=True).reshape(t.fine.local_shape) * t.fine.mask
+        y.setArray((t.restrict_defect(defect) * t.coarse.mask).reshape(-1))
+
+
+class _Prolongation:
+    """Correction of a coarse cell copied to its children, outside the fine contact set zero."""
+
+    def __init__(self, transfer):
+        self.transfer = transfer
+
+    def mult(self, mat, x, y):
+        y.set(0)
+        self.multAdd(mat, x, y, y)
+
+    def multAdd(self, mat, x, v, y):
+        t = self.transfer
+        if v.handle != y.handle:
+            v.copy(y)
+        with y as fine:
+            coarse = x.getArray(readonly=True).reshape(t.coarse.local_shape)
+            t.add_copies(coarse, fine.reshape(t.fine.local_shape))

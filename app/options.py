@@ -1,0 +1,248 @@
+"""The options of ``app.solve``: name, kind, default, meaning, in one table.
+
+PETSc's database holds them, so they come from option files, the environment and the command line alike; a
+later one overrides an earlier one. Options of the linear solvers (``-ksp_*``, ``-pc_*``, ``-mg_*``) are PETSc's.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from app.session import InputError
+
+
+@dataclass(frozen=True)
+class Option:
+    """One option: its kind says how its text becomes a value and which values are allowed."""
+
+    name: str
+    kind: object
+    default: object
+    meaning: str
+
+
+def _real(text, lowest=-np.inf, above=-np.inf, highest=np.inf, allowed="a number"):
+    value = float(text)
+    if not (np.isfinite(value) and value >= lowest and value > above and value <= highest):
+        raise ValueError(allowed)
+    return value
+
+
+def real(allowed="a finite number", **limits):
+    """Kind: one finite real number within limits."""
+
+    def parse(text):
+        try:
+            return _real(text, allowed=allowed, **limits)
+        except ValueError:
+            raise ValueError(allowed) from None
+
+    return parse
+
+
+def integer(lowest, allowed):
+    """Kind: an integer, at least `lowest`."""
+
+    def parse(text):
+        try:
+            value = int(text)
+        except ValueError:
+            raise ValueError(allowed) from None
+        if value < lowest:
+            raise ValueError(allowed)
+        return value
+
+    return parse
+
+
+def choice(*names):
+    """Kind: one of some words."""
+
+    def parse(text):
+        if text not in names:
+            raise ValueError("one of " + ", ".join(names))
+        return text
+
+    return parse
+
+
+def flag(text):
+    """Kind: on or off; the bare option means on."""
+    if text.lower() in ("", "1", "true", "yes", "on"):
+        return True
+    if text.lower() in ("0", "false", "no", "off"):
+        return False
+    raise ValueError("true or false")
+
+
+def word(text):
+    """Kind: any non-empty text."""
+    if not text:
+        raise ValueError("a name must follow")
+    return text
+
+
+def grid_size(text):
+    """Kind: ``nx,ny``, or ``n`` for both."""
+    allowed = "nx,ny or n, whole numbers of at least 1"
+    try:
+        sizes = [int(part) for part in text.split(",")]
+    except ValueError:
+        raise ValueError(allowed) from None
+    if len(sizes) not in (1, 2) or min(sizes) < 1:
+        raise ValueError(allowed)
+    return sizes[0], sizes[-1]
+
+
+def domain(text):
+    """Kind: ``x0,x1,y0,y1``."""
+    allowed = "x0,x1,y0,y1 with x0 < x1 and y0 < y1 [mm]"
+    try:
+        x0, x1, y0, y1 = (_real(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(allowed) from None
+    if not (x0 < x1 and y0 < y1):
+        raise ValueError(allowed)
+    return x0, x1, y0, y1
+
+
+def modes(text):
+    """Kind: ``M,N``."""
+    m, n = grid_size(text)
+    return m, n
+
+
+_positive = real("a positive number", above=0)
+REQUIRED = object()
+
+TABLE = [
+    Option("problem", choice("hertz", "punch", "file"), REQUIRED, "what is pressed together"),
+    Option("grid", grid_size, REQUIRED, "nx,ny or n: cells"),
+    Option("domain", domain, REQUIRED, "x0,x1,y0,y1: potential contact area [mm]"),
+    Option("shear_modulus", _positive, REQUIRED, "combined G of the pair, 2/G = 1/G1 + 1/G2 [N/mm2]"),
+    Option("poisson_ratio", real("from 0 to 0.5", lowest=0, highest=0.5), REQUIRED, "nu"),
+    Option("approach", real(), None, "approach of the bodies [mm] (either this or -load)"),
+    Option("load", real(), None, "total normal force [N] (either this or -approach)"),
+    Option("hertz_rx", _positive, REQUIRED, "relative radius of curvature in x [mm]"),
+    Option("hertz_ry", _positive, REQUIRED, "relative radius of curvature in y [mm]"),
+    Option("gap_file", word, REQUIRED, "undeformed distance shape (ny, nx): .npy, .h5[:/dataset] or text; NaN: no contact"),
+    Option("lcp_nested", flag, False, "nested iteration (FMG): solve on coarser grids first"),
+    Option("lcp_rtol", _positive, 1e-6, "||r|| / ||h|| at which the pressure is accepted, eq. (5.1)"),
+    Option("lcp_max_it", integer(1, "a whole number of at least 1"), 100, "active set iterations on one grid"),
+    Option("lcp_beta", real("a number from 0", lowest=0), 0.003, "start set after prolongation, eq. (4.1)"),
+    Option("lcp_coarsest", integer(1, "a whole number of at least 1"), 4, "directions of at most this many cells are not coarsened"),
+    Option("lcp_replicate", integer(1, "a whole number of at least 1"), 64, "grids of up to this many cells squared are held by every rank"),
+    Option("lcp_monitor", flag, False, "a line for each active set iteration"),
+    Option("output", word, None, "result file (HDF5)"),
+]  # fmt: skip
+_BY_NAME = {option.name: option for option in TABLE}
+
+
+class Options:
+    """Reads options of the table from PETSc's database; what is never read counts as unused."""
+
+    def __init__(self):
+        from petsc4py import PETSc
+
+        self._database = PETSc.Options()
+
+    def given(self, name):
+        """Whether the option is set. Not collective; does not count as reading it."""
+        return any(key == name for key in self._database.getAll())
+
+    def __getitem__(self, name):
+        option = _BY_NAME[name]
+        if not self._database.hasName(name):
+            if option.default is REQUIRED:
+                raise InputError(f"-{name} is missing: {option.meaning}")
+            return option.default
+        text = self._database.getString(name, "")
+        try:
+            return option.kind(text)
+        except ValueError as error:
+            raise InputError(f"-{name} {text}: not allowed; allowed: {error}") from None
+
+    def text(self, name):
+        """Text of any option, PETSc's own too; empty if not set. Not collective."""
+        return self._database.getString(name, "")
+
+    def set(self, name, text):
+        """Set an option as if the user had. Not collective."""
+        self._database.setValue(name, text)
+
+    def summary(self):
+        """All options that are set, as one text. Not collective."""
+        names = sorted(self._database.getAll())
+        return " ".join(f"-{name} {self._database.getString(name, '')}".strip() for name in names if name != "options_file")
+
+    def drop(self, name):
+        """Remove an option from the database."""
+        self._database.delValue(name)
+
+
+def loading(options, argv=None):
+    """What is prescribed: ``("approach", mm)`` or ``("load", N)``.
+
+    One of them in a later place (option file, then command line) replaces the other from an earlier one.
+
+    Raises
+    ------
+    InputError
+        If neither is given, or both in the same place.
+    """
+    names = ("approach", "load")
+    chosen = None
+    for place, tokens in _places(sys.argv if argv is None else argv):
+        found = [name for name in names if f"-{name}" in tokens]
+        if len(found) == 2:
+            raise InputError(f"both -approach and -load are given {place}: exactly one is allowed")
+        if found:
+            chosen = found[0]
+    present = [name for name in names if options.given(name)]
+    if not present:
+        raise InputError("neither -approach [mm] nor -load [N] is given: exactly one is needed")
+    if len(present) == 2:
+        if chosen is None:
+            raise InputError("both -approach and -load are given: exactly one is allowed")
+        options.drop(names[1 - names.index(chosen)])
+        present = [chosen]
+    return present[0], options[present[0]]
+
+
+def _places(argv):
+    """Yield (description, option names) of every place that sets options, in the order PETSc reads them."""
+    yield "in PETSC_OPTIONS", shlex.split(os.environ.get("PETSC_OPTIONS", ""))
+    command_line = []
+    skip = False
+    for token, following in zip(argv[1:], [*argv[2:], ""], strict=True):
+        if skip:
+            skip = False
+        elif token in ("-options_file", "-options_file_yaml"):
+            text = Path(following).read_text()
+            if token.endswith("yaml") or following.endswith((".yml", ".yaml")):
+                tokens = ["-" + line.split(":")[0].strip() for line in text.splitlines() if ":" in line]
+            else:
+                tokens = [line.split()[0] for line in text.splitlines() if line.strip()]
+            yield f"in {following}", tokens
+            skip = True
+        else:
+            command_line.append(token)
+    yield "on the command line", command_line
+
+
+def help_text():
+    """The options of the table, for ``-help``."""
+    lines = ["Options of app.solve (lengths mm, forces N, stresses N/mm2):"]
+    for option in TABLE:
+        default = "" if option.default in (REQUIRED, None) else f" (default {option.default})"
+        lines.append(f"  -{option.name:<20} {option.meaning}{default}")
+    lines.append(
+        "Linear solvers: PETSc's own -ksp_*, -pc_*, -mg_levels_*, -mg_coarse_*; see petsc_options/ and README.md."
+    )
+    return "\n".join(lines)

@@ -1,0 +1,129 @@
+"""A gap from a file: measured or made elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from app.problems.problem import Problem
+
+
+class GapArray:
+    """A two-dimensional array in a file, read a few rows at a time where the format allows it.
+
+    ``.npy``; ``.h5``, ``.hdf5`` or ``.h5:/dataset``; anything else is read as text, a row of cells a line,
+    separated by blanks, commas, semicolons or tabs. The first row is the one of smallest y.
+
+    Not collective: every rank opens the file for itself.
+
+    Parameters
+    ----------
+    name : str
+        File name, with ``:/dataset`` behind it if an HDF5 file holds more than one 2-D dataset.
+
+    Raises
+    ------
+    ValueError, OSError
+        If there is no such file or dataset, or it is not a 2-D array of real numbers.
+    """
+
+    def __init__(self, name):
+        path, _, dataset = name.partition(":/")
+        self.name, self.path, self._dataset = name, Path(path), dataset
+        if not self.path.is_file():
+            raise ValueError(f"gap file {path}: no such file")
+        suffix = self.path.suffix.lower()
+        try:
+            if suffix == ".npy":
+                self._rows = np.load(self.path, mmap_mode="r", allow_pickle=False)
+            elif suffix in (".h5", ".hdf5"):
+                self._rows = self._open_hdf5()
+            else:
+                self._rows = self._read_text()
+        except (ValueError, OSError, EOFError, KeyError) as error:
+            raise ValueError(f"gap file {name}: cannot be read: {error}") from None
+        if self._rows.ndim != 2 or not all(self._rows.shape) or self._rows.dtype.kind not in "fiu":
+            raise ValueError(
+                f"gap file {name}: holds {self._rows.dtype} of shape {self._rows.shape}; "
+                "needed: real numbers of shape (ny, nx)"
+            )
+
+    def _open_hdf5(self):
+        import h5py
+
+        file = h5py.File(self.path, "r")
+        if self._dataset:
+            if not isinstance(file.get(self._dataset), h5py.Dataset):
+                raise ValueError(f"no dataset /{self._dataset}")
+            return file[self._dataset]
+        found = []
+        file.visititems(lambda key, item: found.append(key) if getattr(item, "ndim", 0) == 2 else None)
+        if len(found) != 1:
+            raise ValueError(
+                f"name one of its 2-D datasets as FILE:/DATASET; there are: {', '.join(found) or 'none'}"
+            )
+        return file[found[0]]
+
+    def _read_text(self):
+        text = self.path.read_text()
+        for separator in ",;":
+            text = text.replace(separator, " ")
+        rows = [
+            line.split() for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")
+        ]
+        if not rows:
+            raise ValueError("it is empty")
+        widths = {len(row) for row in rows}
+        if len(widths) != 1:
+            raise ValueError(f"its lines have {min(widths)} to {max(widths)} numbers")
+        return np.array(rows, dtype=float)
+
+    @property
+    def shape(self):
+        """Shape ``(ny, nx)`` of the array."""
+        return tuple(self._rows.shape)
+
+    def rows(self, rows=slice(None)):
+        """Return some rows as float64. Not collective."""
+        return np.array(self._rows[rows], dtype=np.float64)
+
+    def check(self, rows):
+        """Complain about infinite values in some rows; return how many cells are not NaN. Not collective."""
+        values = self.rows(rows)
+        infinite = np.argwhere(np.isinf(values))
+        if len(infinite):
+            j, i = infinite[0]
+            raise ValueError(
+                f"gap file {self.name}: infinite value in row {j + (rows.start or 0)}, column {i}; "
+                "allowed: finite numbers, and NaN where contact is impossible"
+            )
+        return int(np.count_nonzero(~np.isnan(values)))
+
+
+@dataclass(frozen=True)
+class GapFile(Problem):
+    """Undeformed distance from a `GapArray` of the shape of the grid; NaN: contact impossible."""
+
+    gap: GapArray = field(default=None)
+
+    name = "file"
+    sampled = True
+
+    def __post_init__(self):
+        if self.gap.shape != self.grid.shape:
+            raise ValueError(
+                f"gap file {self.gap.name}: has shape {self.gap.shape}; -grid {self.grid.nx},{self.grid.ny} "
+                f"needs (ny, nx) = {self.grid.shape}"
+            )
+
+    def shape_on(self, grid, rows=slice(None)):
+        """See `Problem.shape_on`; only on the grid of the file."""
+        if grid.shape != self.gap.shape:
+            raise ValueError("a sampled gap is known on its own grid only")
+        return self.gap.rows(rows)
+
+    def describe(self):
+        """See `Problem.describe`."""
+        return {**super().describe(), "gap_file": self.gap.name}

@@ -1,0 +1,226 @@
+"""Solve one contact problem:  mpiexec -n 2 python -m app.solve -options_file petsc_options/hertz.opts ..."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+from mpi4py import MPI
+
+from app import __version__, session
+from app.options import Options, help_text, loading
+from app.session import InputError
+
+METHODS = Path(__file__).resolve().parents[1] / "petsc_options"
+
+
+def main():
+    """Read the options, solve, write, report; return the exit status. Collective."""
+    from petsc4py import PETSc
+
+    comm = MPI.COMM_WORLD
+    options = Options()
+    if options.given("help"):
+        PETSc.Sys.Print(help_text())
+        if not options.given("problem"):
+            return 0
+    started = time.perf_counter()
+    with PETSc.Log.Stage("Setup"):
+        setup = prepare(options, comm)
+    setup_seconds = time.perf_counter() - started
+
+    from app.contact import nested
+    from app.contact.loop import History
+
+    history = History(setup.listeners)
+    started = time.perf_counter()
+    with PETSc.Log.Stage("Solve"):
+        state, outcome = nested.solve(
+            setup.hierarchy, setup.shapes, setup.approach, setup.controls, history,
+            nested=setup.nested, beta=setup.beta, target_solver=setup.solver,
+        )  # fmt: skip
+    solve_seconds = time.perf_counter() - started
+    for listener in setup.listeners:
+        listener(None)
+
+    facts = _facts(setup, state, outcome, history, comm)
+    facts.update(setup_seconds=setup_seconds, solve_seconds=solve_seconds, ranks=comm.size)
+    with PETSc.Log.Stage("Output"):
+        if setup.output:
+            _write(setup, state, facts, history, comm)
+    _report(setup, facts)
+    if _touches_rim(state, comm):
+        session.warn("contact reaches the rim of the patch: enlarge -domain if the bodies go on beyond it")
+    setup.solver.destroy()
+    setup.hierarchy.destroy()
+    state.destroy()
+    return 0 if outcome.converged else 3
+
+
+class prepare:
+    """Everything that can be refused before any work: problem, grids, solver, output. Collective."""
+
+    def __init__(self, options, comm):
+        from app.contact.loop import Controls
+        from app.contact.monitor import Monitor, Progress
+        from app.multigrid.hierarchy import Hierarchy
+        from app.output.result import check_output_path
+
+        self.output = options["output"]
+        if self.output:
+            session.agree(comm, check_output_path, self.output)
+        self.problem = session.agree(comm, make_problem, options, comm)
+        kind, value = loading(options)
+        if kind == "load":
+            raise InputError("-load: load control is not available yet; prescribe -approach [mm]")
+        self.approach = value
+        self.controls = Controls(options["lcp_rtol"], options["lcp_max_it"])
+        use_default_method(options)
+        self.nested, self.beta = options["lcp_nested"], options["lcp_beta"]
+        self.listeners = [Monitor()] if options["lcp_monitor"] else []
+        if not self.listeners and comm.rank == 0 and sys.stderr.isatty():
+            self.listeners.append(Progress(self.controls.rtol))
+
+        multilevel = self.nested or options.text("pc_type") == "mg"
+        material = self.problem.material
+        self.hierarchy = Hierarchy(
+            self.problem.grid, material.compliance, comm, options["lcp_coarsest"], options["lcp_replicate"] ** 2,
+            single=not multilevel,
+        )  # fmt: skip
+        self.solver = make_solver(self.hierarchy)
+        unused = session.unused_options()
+        if unused:
+            raise InputError(f"unknown or unused option{'s'[: len(unused) > 1]}: -{', -'.join(sorted(unused))}")
+        self.shapes = self.hierarchy.shapes(self.problem)
+        self.options_text = options.summary()
+
+
+def make_problem(options, comm):
+    """Build the problem that the options describe. Collective for a gap file."""
+    from app.halfspace.grid import Grid, Slabs
+    from app.halfspace.influence import Material
+
+    name = options["problem"]
+    material = Material(options["shear_modulus"], options["poisson_ratio"])
+    if name == "file":
+        from app.problems.gap_file import GapArray, GapFile
+
+        gap = GapArray(options["gap_file"])
+        ny, nx = gap.shape
+        if options.given("grid"):
+            nx, ny = options["grid"]
+        problem = GapFile(Grid.from_domain(nx, ny, options["domain"]), material, gap)
+        gap.check(Slabs(ny, comm.size, comm.rank).rows)
+        return problem
+    grid = Grid.from_domain(*options["grid"], options["domain"])
+    if name == "hertz":
+        from app.problems.hertz import Hertz
+
+        return Hertz(grid, material, options["hertz_rx"], options["hertz_ry"])
+    from app.problems.punch import Punch
+
+    return Punch.from_options(grid, material, options)
+
+
+def use_default_method(options):
+    """Take the solver of fast.opts if the options choose none."""
+    if options.given("ksp_type") or options.given("pc_type"):
+        return
+    for line in (METHODS / "fast.opts").read_text().splitlines():
+        name, _, value = line.partition("#")[0].strip().partition(" ")
+        if name and not options.given(name[1:]):
+            options.set(name[1:], value.strip())
+
+
+def make_solver(hierarchy):
+    """Set up the linear solver of the target grid; what PETSc refuses is the user's to know."""
+    from petsc4py import PETSc
+
+    from app.multigrid.linear_solver import LinearSolver
+
+    try:
+        return LinearSolver(hierarchy)
+    except PETSc.Error as error:
+        raise InputError(f"solver options: {session.petsc_message(error)}") from None
+    except (ValueError, ImportError, AttributeError) as error:
+        raise InputError(f"solver options: {error}") from None
+
+
+def _facts(setup, state, outcome, history, comm):
+    """Root attributes of the result file; complete on rank 0. Collective."""
+    p = state.pressure
+    rows = [entry for entry in history.entries if entry["level"] == setup.solver.level]
+    cells = int(state.sum([state.contact.sum()])[0])
+    return {
+        "converged": outcome.converged,
+        "reason": outcome.reason,
+        "active_set_iterations": outcome.iterations,
+        "inner_iterations": sum(entry["inner_iterations"] for entry in rows),
+        "work_units": sum(entry["work_units"] for entry in history.entries),
+        "operator_applications": setup.hierarchy.operator_applications(),
+        "residual": outcome.residual,
+        "load": state.load,
+        "approach": state.approach,
+        "max_pressure": p.max()[1],
+        "contact_cells": cells,
+        "contact_fraction": cells / state.admissible_cells,
+        **setup.problem.describe(),
+        "options": setup.options_text,
+        "command_line": " ".join(sys.argv),
+        "version": __version__,
+    }
+
+
+def _write(setup, state, facts, history, comm):
+    import numpy as np
+
+    from app.output.result import write_result
+
+    grid, slabs = setup.problem.grid, setup.hierarchy.slabs
+    h = np.where(state.admissible, state.shape - state.approach, np.nan)
+    fields = {
+        "pressure": state.pressure.getArray(readonly=True).reshape(h.shape),
+        "gap": h + state.u,
+        "displacement": state.u,
+        "undeformed_distance": h,
+        "contact": state.contact.astype(np.uint8),
+    }
+    columns = history.columns()
+    try:
+        write_result(setup.output, comm, slabs, fields, grid.x(), grid.y(), facts, columns)
+    except OSError as error:
+        raise InputError(f"-output {setup.output}: cannot be written: {error}") from None
+
+
+def _report(setup, facts):
+    """Print what came out, once."""
+    from petsc4py import PETSc
+
+    grid = setup.problem.grid
+    state = "solved" if facts["converged"] else "NOT CONVERGED"
+    PETSc.Sys.Print(
+        f"{facts['problem']} {grid.nx} x {grid.ny}: {state} ({facts['reason']})\n"
+        f"  approach {facts['approach']:.8g} mm, load {facts['load']:.8g} N, "
+        f"maximum pressure {facts['max_pressure']:.8g} N/mm2\n"
+        f"  contact {facts['contact_cells']} cells, {100 * facts['contact_fraction']:.4g}% of the admissible ones\n"
+        f"  {facts['active_set_iterations']} active set iterations, {facts['inner_iterations']} inner, "
+        f"{facts['work_units']:.4g} work units, {facts['operator_applications']:.4g} operator applications\n"
+        f"  residual {facts['residual']:.3g}, {facts['solve_seconds']:.3g} s on {facts['ranks']} rank"
+        f"{'s'[: facts['ranks'] > 1]} (set-up {facts['setup_seconds']:.3g} s)"
+        + (f"\n  result in {setup.output}" if setup.output else "")
+    )
+
+
+def _touches_rim(state, comm):
+    """Whether a cell on the rim of the patch is in contact. Collective."""
+    contact, rows = state.contact, state.operator.slabs.rows
+    touches = contact[:, [0, -1]].any()
+    if contact.size:
+        touches |= rows.start == 0 and contact[0].any()
+        touches |= rows.stop == state.grid.ny and contact[-1].any()
+    return comm.allreduce(bool(touches), MPI.LOR)
+
+
+if __name__ == "__main__":
+    session.run(main)
