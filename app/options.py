@@ -112,15 +112,10 @@ def domain(text):
     return x0, x1, y0, y1
 
 
-def modes(text):
-    """Kind: ``M,N``."""
-    m, n = grid_size(text)
-    return m, n
-
-
 _positive = real("a positive number", above=0)
 REQUIRED = object()
 
+_count = integer(1, "a whole number of at least 1")
 TABLE = [
     Option("problem", choice("hertz", "punch", "file"), REQUIRED, "what is pressed together"),
     Option("grid", grid_size, REQUIRED, "nx,ny or n: cells"),
@@ -131,13 +126,18 @@ TABLE = [
     Option("load", real(), None, "total normal force [N] (either this or -approach)"),
     Option("hertz_rx", _positive, REQUIRED, "relative radius of curvature in x [mm]"),
     Option("hertz_ry", _positive, REQUIRED, "relative radius of curvature in y [mm]"),
-    Option("gap_file", word, REQUIRED, "undeformed distance shape (ny, nx): .npy, .h5[:/dataset] or text; NaN: no contact"),
+    Option("punch_diameter", _positive, REQUIRED, "diameter of the flat punch [mm]"),
+    Option("surface_seed", integer(0, "a whole number from 0"), 7, "seed of the random surface"),
+    Option("surface_sigma", real("a number from 0", lowest=0), 0.1, "standard deviation of its heights [mm]"),
+    Option("surface_decay", real("above 0, at most 1", above=0, highest=1), 0.8, "gamma: fall of its amplitudes"),
+    Option("surface_modes", grid_size, (12, 10), "M,N: frequencies in x and y"),
+    Option("gap_file", word, REQUIRED, "undeformed distance (ny, nx): .npy, .h5[:/dataset] or text; NaN: no contact"),
     Option("lcp_nested", flag, False, "nested iteration (FMG): solve on coarser grids first"),
     Option("lcp_rtol", _positive, 1e-6, "||r|| / ||h|| at which the pressure is accepted, eq. (5.1)"),
-    Option("lcp_max_it", integer(1, "a whole number of at least 1"), 100, "active set iterations on one grid"),
+    Option("lcp_max_it", _count, 100, "active set iterations on one grid"),
     Option("lcp_beta", real("a number from 0", lowest=0), 0.003, "start set after prolongation, eq. (4.1)"),
-    Option("lcp_coarsest", integer(1, "a whole number of at least 1"), 4, "directions of at most this many cells are not coarsened"),
-    Option("lcp_replicate", integer(1, "a whole number of at least 1"), 64, "grids of up to this many cells squared are held by every rank"),
+    Option("lcp_coarsest", _count, 4, "directions of up to this many cells are not coarsened"),
+    Option("lcp_replicate", _count, 64, "grids of up to this many cells squared are held by all ranks"),
     Option("lcp_monitor", flag, False, "a line for each active set iteration"),
     Option("output", word, None, "result file (HDF5)"),
 ]  # fmt: skip
@@ -179,7 +179,11 @@ class Options:
     def summary(self):
         """All options that are set, as one text. Not collective."""
         names = sorted(self._database.getAll())
-        return " ".join(f"-{name} {self._database.getString(name, '')}".strip() for name in names if name != "options_file")
+        return " ".join(
+            f"-{name} {self._database.getString(name, '')}".strip()
+            for name in names
+            if name != "options_file"
+        )
 
     def drop(self, name):
         """Remove an option from the database."""

@@ -8,7 +8,9 @@
 from __future__ import annotations
 
 import ctypes
+import itertools
 import os
+import re
 import sys
 import traceback
 from pathlib import Path
@@ -16,10 +18,12 @@ from pathlib import Path
 import petsc4py
 from mpi4py import MPI
 
-# Read by PETSc after the check for unused options, or not marked as read although they are.
-_READ_LATE = ("options_left", "options_view", "log_", "malloc", "memory_view", "info", "help", "version", "citations",
-              "on_error", "error_output", "fp_trap", "checkstack", "objects_dump", "get_total_flops", "python",
-              "ksp_view_", "ksp_error_if_not_converged", "x_virtual", "nox", "skip_petscrc", "petsc_ci")  # fmt: skip
+# Options that PETSc looks up only while solving or at the end, or never marks as used.
+_READ_LATE = re.compile(
+    r"options_(left|view)|log_|malloc|memory_view|info|help|version|citations|on_error|error_output|fp_trap|checkstack"
+    r"|objects_dump|get_total_flops|python|skip_petscrc|nox"
+    r"|(\w+_)?ksp_(view|converged_rea|converged_rate|error_if)|(\w+_)?(pc|mat|vec)_view"
+)
 
 
 class InputError(Exception):
@@ -34,7 +38,7 @@ def start(argv):
     InputError
         If an option file cannot be read or is not one.
     """
-    for flag, value in zip(argv[1:], argv[2:], strict=False):
+    for flag, value in itertools.pairwise(argv):
         if flag in ("-options_file", "-options_file_yaml"):
             path = Path(value)
             if not path.is_file():
@@ -45,20 +49,17 @@ def start(argv):
         raise InputError(f"{argv[-1]}: a file name must follow")
     petsc4py.init(argv)
     try:
-        from petsc4py import PETSc
+        from petsc4py import PETSc  # noqa: F401
     except Exception as error:
         raise InputError(f"PETSc does not accept the options: {petsc_message(error)}") from error
-    # One line of ours says what went wrong; PETSc's own report on every rank would bury it.
-    PETSc.Sys.pushErrorHandler("python")
 
 
 def petsc_message(error):
     """What a PETSc.Error says, on one line and without its stack."""
-    lines = [line.strip() for line in str(error).splitlines()]
-    lines = [line.split("] ", 1)[-1] if line.startswith("[") else line for line in lines]
-    told = [line for line in lines if line and not line.startswith(("error code", "Petsc", "KSP", "PC", "Mat", "#", "See "))
-            and "() at " not in line and "() line " not in line]  # fmt: skip
-    return told[-1] if told else " ".join(lines)
+    noise = ("error code", "See ", "#")
+    lines = (line.split("] ", 1)[-1] if line.startswith("[") else line for line in str(error).splitlines())
+    told = [line.strip() for line in lines if "() " not in line and not line.startswith(noise)]
+    return told[-1] if told else " ".join(str(error).split())
 
 
 def unused_options():
@@ -72,7 +73,7 @@ def unused_options():
     lib.PetscOptionsLeftGet(None, ctypes.byref(count), ctypes.byref(names), ctypes.byref(values))
     unused = [names[i].decode() for i in range(count.value)]
     lib.PetscOptionsLeftRestore(None, ctypes.byref(count), ctypes.byref(names), ctypes.byref(values))
-    return [name for name in unused if not name.startswith(_READ_LATE)]
+    return [name for name in unused if not _READ_LATE.match(name)]
 
 
 def agree(comm, function, *args):

@@ -91,7 +91,9 @@ class prepare:
         self.solver = make_solver(self.hierarchy)
         unused = session.unused_options()
         if unused:
-            raise InputError(f"unknown or unused option{'s'[: len(unused) > 1]}: -{', -'.join(sorted(unused))}")
+            raise InputError(
+                f"unknown or unused option{'s'[: len(unused) > 1]}: -{', -'.join(sorted(unused))}"
+            )
         self.shapes = self.hierarchy.shapes(self.problem)
         self.options_text = options.summary()
 
@@ -119,8 +121,14 @@ def make_problem(options, comm):
 
         return Hertz(grid, material, options["hertz_rx"], options["hertz_ry"])
     from app.problems.punch import Punch
+    from app.problems.surfaces import WavySurface
 
-    return Punch.from_options(grid, material, options)
+    x0, x1, y0, y1 = options["domain"]
+    surface = WavySurface(
+        modes=options["surface_modes"], decay=options["surface_decay"], sigma=options["surface_sigma"],
+        seed=options["surface_seed"], extent=(x1 - x0, y1 - y0), origin=(x0, y0),
+    )  # fmt: skip
+    return Punch(grid, material, options["punch_diameter"], surface)
 
 
 def use_default_method(options):
@@ -165,6 +173,7 @@ def _facts(setup, state, outcome, history, comm):
         "max_pressure": p.max()[1],
         "contact_cells": cells,
         "contact_fraction": cells / state.admissible_cells,
+        "lcp_rtol": setup.controls.rtol,
         **setup.problem.describe(),
         "options": setup.options_text,
         "command_line": " ".join(sys.argv),

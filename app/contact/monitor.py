@@ -6,7 +6,9 @@ import math
 
 from mpi4py import MPI
 
-_HEADER = f"{'level':>5} {'it':>4} {'inner':>5} {'contact':>9} {'added':>7} {'dropped':>7} {'residual':>10} {'work':>7} {'load [N]':>14} {'approach [mm]':>14} {'time [s]':>9}"
+_HEADER = (
+    "level   it inner   contact   added dropped   residual    work       load [N]  approach [mm]  time [s]"
+)
 
 
 class Monitor:
@@ -39,7 +41,9 @@ class Progress:
         from tqdm import tqdm
 
         self._rtol = rtol
-        self._bar = tqdm(total=100, desc="solving", leave=False, bar_format="{desc} {bar} {postfix} [{elapsed}]", delay=1)
+        self._bar = tqdm(
+            total=100, desc="solving", leave=False, bar_format="{desc} {bar} {postfix} [{elapsed}]", delay=1
+        )
         self._best = 0
 
     def __call__(self, entry):
@@ -51,4 +55,6 @@ class Progress:
         share = 100 * math.log(residual) / math.log(self._rtol) if self._rtol < 1 else 100
         self._bar.n = round(share)
         self._bar.set_description(f"level {entry['level']}, iteration {entry['iteration']}", refresh=False)
-        self._bar.set_postfix_str(f"residual {entry['residual']:.1e}, {entry['contact_cells']} cells in contact")
+        self._bar.set_postfix_str(
+            f"residual {entry['residual']:.1e}, {entry['contact_cells']} cells in contact"
+        )

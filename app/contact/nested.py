@@ -1,4 +1,4 @@
-"""Nested iteration around any linear solver (Sec. 4.3): each grid hands pressure and contact area to the next finer one."""
+"""Nested iteration around any linear solver (Sec. 4.3): each grid starts from what the coarser one found."""
 
 from __future__ import annotations
 

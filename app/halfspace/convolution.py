@@ -14,15 +14,18 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numba
 import numpy as np
+from mpi4py import MPI
 from mpi4py_fft import fftw
-from scipy.fft import dct, next_fast_len
+from scipy.fft import dct, next_fast_len, rfft
 
 from app.halfspace.grid import Slabs
 
 _ROWS_AT_ONCE = 32
-_COLUMNS_AT_ONCE = 16
+_COLUMNS_AT_ONCE = 8
 _GROUP_BYTES = 1 << 22
 _FLAGS = (fftw.FFTW_ESTIMATE,)  # deterministic, and as fast as measured plans here
 
@@ -47,51 +50,69 @@ def _scale_by_even_spectrum(columns, spectrum, count):
             columns[c, k] *= spectrum[c, length - k]
 
 
-class Convolution:
-    """u = A p for the influence matrix of a grid, by FFT.
+@numba.njit(cache=True)
+def _store_rows(rows, count, transformed, first):
+    """transformed[c, first + r] = rows[r, c] for the first `count` rows."""
+    for c in range(transformed.shape[0]):
+        for r in range(count):
+            transformed[c, first + r] = rows[r, c]
+
+
+@numba.njit(cache=True)
+def _load_rows(rows, count, transformed, first):
+    """rows[r, c] = transformed[c, first + r] for the first `count` rows."""
+    for c in range(transformed.shape[0]):
+        for r in range(count):
+            rows[r, c] = transformed[c, first + r]
+
+
+class EvenMultiplier:
+    """Multiply by a real even function in Fourier space: a convolution with an even kernel.
 
     Collective over `comm`.
 
     Parameters
     ----------
-    quadrant_rows : callable
-        ``quadrant_rows(slice) -> ndarray (rows, nx)``: influence coefficients, a few rows at a time.
     shape : (int, int)
-        ``(ny, nx)``.
+        ``(ny, nx)`` of the fields.
+    periods : (int, int)
+        ``(Ny, Nx)``, at least `shape`; fields are padded with zeros.
     slabs : Slabs, optional
         Distribution of the rows; default: all here.
     comm : mpi4py communicator, optional
         Ranks that share the grid; default: this one alone.
     dtype : numpy real type
         float64, or float32 for half the time and memory at single precision.
+
+    Attributes
+    ----------
+    count : int
+        Products computed so far.
     """
 
-    def __init__(self, quadrant_rows, shape, slabs=None, comm=None, dtype=np.float64):
-        self.shape = ny, nx = shape
-        self.slabs = slabs or Slabs(ny)
+    def __init__(self, shape, periods, slabs=None, comm=None, dtype=np.float64):
+        self.shape, self.periods = shape, periods
+        self.slabs = slabs or Slabs(shape[0])
         self.comm = comm if comm is not None and comm.size > 1 else None
         self.dtype = np.dtype(dtype)
         complex_type = np.result_type(self.dtype, np.complex64)
-        self.count = 0  # products computed so far
-
-        self._nx_fft, self._ny_fft = transform_length(nx), transform_length(ny)
-        self._columns = columns = self._nx_fft // 2 + 1
-        rows = self.slabs.local
+        self.count = 0
+        ny_fft, nx_fft = periods
+        self._columns = columns = nx_fft // 2 + 1
         self._groups = self._deal_columns(columns, complex_type.itemsize)
+        self._spectrum = None
 
-        self._spectrum = self._transform_kernel(quadrant_rows)
-        self._transformed = np.zeros((columns, rows), complex_type)
+        self._transformed = np.zeros((columns, self.slabs.local), complex_type)
         self._received = None
         if self.comm is not None:
-            largest = max(g.mine.stop - g.mine.start for g in self._groups) * ny
+            largest = max(g.mine.stop - g.mine.start for g in self._groups) * shape[0]
             self._received = np.zeros(largest, complex_type)
 
-        self._row_real = fftw.aligned((_ROWS_AT_ONCE, self._nx_fft), dtype=self.dtype)
-        self._row_complex = fftw.aligned((_ROWS_AT_ONCE, columns), dtype=complex_type)
-        self._column = fftw.aligned((_COLUMNS_AT_ONCE, self._ny_fft), dtype=complex_type)
-        real, cplx, column = self._row_real, self._row_complex, self._column
+        self._row_real = real = fftw.aligned((_ROWS_AT_ONCE, nx_fft), dtype=self.dtype)
+        self._row_complex = cplx = fftw.aligned((_ROWS_AT_ONCE, columns), dtype=complex_type)
+        self._column = column = fftw.aligned((_COLUMNS_AT_ONCE, ny_fft), dtype=complex_type)
         self._row_forward = fftw.rfftn(real, None, (1,), 1, _FLAGS, cplx)
-        self._row_backward = fftw.irfftn(cplx, (self._nx_fft,), (1,), 1, _FLAGS, real)
+        self._row_backward = fftw.irfftn(cplx, (nx_fft,), (1,), 1, _FLAGS, real)
         self._column_forward = fftw.fftn(column, None, (1,), 1, _FLAGS, column)
         self._column_backward = fftw.ifftn(column, None, (1,), 1, _FLAGS, column)
         for work in (real, cplx, column):
@@ -106,28 +127,39 @@ class Convolution:
         edges = np.linspace(0, columns, groups + 1).astype(int)
         return [
             _ColumnGroup(a, b, self.comm.size, self.comm.rank, self.slabs.counts)
-            for a, b in zip(edges[:-1], edges[1:], strict=True)
+            for a, b in itertools.pairwise(edges)
         ]
 
-    def _transform_kernel(self, quadrant_rows):
-        """Spectrum of K on this rank's columns, group after group: shape (columns here, Ny/2+1)."""
-        (ny, nx), rows = self.shape, self.slabs.rows
-        half_x, half_y = self._nx_fft // 2, self._ny_fft // 2
-        in_x = np.empty((half_x + 1, self.slabs.local))
-        for start in range(rows.start, rows.stop, _ROWS_AT_ONCE):
-            stop = min(start + _ROWS_AT_ONCE, rows.stop)
+    def set_kernel(self, kernel_rows, rows, columns):
+        """Set the spectrum to the transform of an even kernel.
+
+        Collective.
+
+        Parameters
+        ----------
+        kernel_rows : callable
+            ``kernel_rows(slice) -> ndarray (rows, >= columns)``: the kernel at non-negative offsets.
+        rows, columns : int
+            How many of these are not zero; at most half a period and one.
+        """
+        ny_fft, nx_fft = self.periods
+        half_x, half_y = nx_fft // 2, ny_fft // 2
+        size, rank = (1, 0) if self.comm is None else (self.comm.size, self.comm.rank)
+        mine = Slabs(rows, size, rank)  # the work of this transform; not the slabs of the fields
+        in_x = np.empty((half_x + 1, mine.local))
+        for start in range(mine.rows.start, mine.rows.stop, _ROWS_AT_ONCE):
+            stop = min(start + _ROWS_AT_ONCE, mine.rows.stop)
             block = np.zeros((stop - start, half_x + 1))
-            block[:, :nx] = quadrant_rows(slice(start, stop))
-            # A type-I cosine transform is the Fourier transform of the even periodic extension.
-            in_x[:, start - rows.start : stop - rows.start] = dct(block, type=1, axis=1, overwrite_x=True).T
-        mine = sum(g.mine.stop - g.mine.start for g in self._groups)
-        spectrum = np.empty((mine, half_y + 1), self.dtype)
+            block[:, :columns] = kernel_rows(slice(start, stop))[:, :columns]
+            in_x[:, start - mine.rows.start : stop - mine.rows.start] = _transform_even(block, nx_fft).T
+        spectrum = np.empty((sum(g.mine.stop - g.mine.start for g in self._groups), half_y + 1), self.dtype)
         done = 0
-        for group in self._groups:
+        for of_fields in self._groups:
+            group = _ColumnGroup(of_fields.span.start, of_fields.span.stop, size, rank, mine.counts)
             count = group.mine.stop - group.mine.start
-            blocks = [in_x]
+            blocks = [in_x[group.span]]
             if self.comm is not None:
-                received = np.empty(count * ny)
+                received = np.empty(count * rows)
                 self.comm.Alltoallv([in_x[group.span], group.by_column], [received, group.by_row])
                 blocks = group.blocks(received)
             for first in range(0, count, _COLUMNS_AT_ONCE):
@@ -135,10 +167,19 @@ class Convolution:
                 column = np.zeros((last - first, half_y + 1))
                 for block, (a, b) in zip(blocks, group.row_ranges, strict=True):
                     column[:, a:b] = block[first:last]
-                spectrum[done + first : done + last] = dct(column, type=1, axis=1, overwrite_x=True)
+                spectrum[done + first : done + last] = _transform_even(column, ny_fft)
             done += count
-        spectrum *= 1.0 / (self._nx_fft * self._ny_fft)
-        return spectrum
+        self._spectrum = spectrum
+
+    def smallest_eigenvalue(self):
+        """Smallest value of the spectrum. Collective."""
+        smallest = float(self._spectrum.min(initial=np.inf))
+        return smallest if self.comm is None else self.comm.allreduce(smallest, MPI.MIN)
+
+    def scale_spectrum(self, function):
+        """Replace the spectrum by ``function(spectrum)`` and fold in the scale of the inverse transform."""
+        self._spectrum[...] = function(self._spectrum)
+        self._spectrum *= 1.0 / (self.periods[0] * self.periods[1])
 
     @property
     def memory(self):
@@ -154,7 +195,7 @@ class Convolution:
         return sum(a.nbytes for a in arrays if a is not None)
 
     def apply(self, p, out, mask=None):
-        """Compute out = A p, or out = C A C p.
+        """Multiply p by the operator A of this object: out = A p, or out = C A C p.
 
         Collective.
 
@@ -188,7 +229,7 @@ class Convolution:
             else:
                 np.multiply(block, inside, out=real[:w, :nx])
             self._row_forward()
-            self._transformed[:, i : i + w] = cplx[:w].T
+            _store_rows(cplx, w, self._transformed, i)
 
     def _columns_of(self, group, done):
         """Convolve the columns of a group in y; `done` columns of the spectrum belong to earlier groups."""
@@ -224,12 +265,41 @@ class Convolution:
             if inside is not None and not inside.any():
                 out[i : i + w] = 0
                 continue
-            cplx[:w] = self._transformed[:, i : i + w].T
+            _load_rows(cplx, w, self._transformed, i)
             self._row_backward(normalize=False)
             if inside is None:
                 out[i : i + w] = real[:w, :nx]
             else:
                 np.multiply(real[:w, :nx], inside, out=out[i : i + w])
+
+
+class Convolution(EvenMultiplier):
+    """u = A p for the influence matrix of a grid, by FFT on a grid of twice the size.
+
+    Collective over `comm`.
+
+    Parameters
+    ----------
+    quadrant_rows : callable
+        ``quadrant_rows(slice) -> ndarray (rows, nx)``: influence coefficients, a few rows at a time.
+    shape, slabs, comm, dtype
+        See `EvenMultiplier`.
+    """
+
+    def __init__(self, quadrant_rows, shape, slabs=None, comm=None, dtype=np.float64):
+        ny, nx = shape
+        super().__init__(shape, (transform_length(ny), transform_length(nx)), slabs, comm, dtype)
+        self.set_kernel(quadrant_rows, ny, nx)
+        self.scale_spectrum(lambda spectrum: spectrum)
+
+
+def _transform_even(samples, period):
+    """Fourier transform of the even `period`-periodic sequences whose first ``period // 2 + 1`` samples are given."""
+    if period == 1:
+        return samples
+    if period % 2 == 0:
+        return dct(samples, type=1, axis=1, overwrite_x=True)
+    return rfft(np.concatenate([samples, samples[:, :0:-1]], axis=1), axis=1).real
 
 
 class _ColumnGroup:
@@ -241,7 +311,7 @@ class _ColumnGroup:
         self.span = slice(start, stop)
         self.mine = slice(int(edges[rank]), int(edges[rank + 1]))
         row_edges = np.concatenate([[0], np.cumsum(row_counts)])
-        self.row_ranges = [(int(a), int(b)) for a, b in zip(row_edges[:-1], row_edges[1:], strict=True)]
+        self.row_ranges = [(int(a), int(b)) for a, b in itertools.pairwise(row_edges)]
         columns = per_rank[rank]
         sent = np.array(per_rank) * row_counts[rank]
         got = np.array(row_counts) * columns
@@ -263,7 +333,8 @@ class DenseProduct:
     largest = 256
 
     def __init__(self, matrix, shape):
-        self.matrix, self.shape = matrix, shape
+        self.matrix, self.shape, self.dtype = matrix, shape, matrix.dtype
+        self.periods = tuple(2 * n for n in shape)  # of the transform it stands for
         self.count = 0
 
     @property

@@ -15,6 +15,7 @@ A_(0,0),(i,j)             ``quadrant[j, i]``           mm / (N/mm2)
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,7 +103,7 @@ def influence_quadrant(grid, compliance, rows=slice(None)):
         edges = np.searchsorted(distance, limits)
         row[: edges[0]] = _closed_form(x[: edges[0]], y, dx, dy)
         for (start, stop), (y_nodes, y_weights, x_squared, x_weights) in zip(
-            zip(edges, edges[1:], strict=False), rules, strict=True
+            itertools.pairwise(edges), rules, strict=True
         ):
             if start == stop:
                 continue

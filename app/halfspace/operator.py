@@ -55,6 +55,8 @@ class InfluenceOperator:
         else:
             quadrant = partial(influence_quadrant, grid, compliance)
             self.product = Convolution(quadrant, grid.shape, self.slabs, self.comm, dtype)
+        self.dtype = self.product.dtype
+        self.circulant = None  # made by the preconditioner of that name when it is first used here
         self.diagonal = float(influence_quadrant(grid, compliance, slice(0, 1))[0, 0])
         self.local_shape = (self.slabs.local, grid.nx)
         self.mask = np.zeros(self.local_shape, bool)
@@ -80,7 +82,7 @@ class InfluenceOperator:
             mat.stateIncrease()
 
     def free(self):
-        """Free the Mats. Collective. (`destroy` is what PETSc calls on a context.)"""
+        """Free the Mats (`destroy` is what PETSc calls on a context). Collective."""
         for mat in self._mats:
             mat.destroy()
         self._mats.clear()
@@ -152,8 +154,13 @@ class InfluenceOperator:
     @property
     def equivalent_products(self):
         """Everything computed here so far, in products on this grid (a sweep by its flops)."""
-        sweep = self._relaxation.products_per_sweep if self._relaxation else 0
-        return self.product.count + self.sweeps * sweep
+        total = self.product.count
+        if self._relaxation:
+            total += self.sweeps * self._relaxation.products_per_sweep
+        if self.circulant:
+            padded, unpadded = self.product.periods, self.circulant.periods
+            total += self.circulant.count * (unpadded[0] * unpadded[1]) / (padded[0] * padded[1])
+        return total
 
     def view(self, mat, viewer):
         """Describe the operator for -ksp_view."""

@@ -67,7 +67,9 @@ class LinearSolver:
 
         What the coarsest grid of a multigrid method costs is left out.
         """
-        counted = self._weights[-len(self.multigrid.operators) + 1 :] if self.multigrid else self._weights[-1:]
+        counted = (
+            self._weights[-len(self.multigrid.operators) + 1 :] if self.multigrid else self._weights[-1:]
+        )
         return float(sum(share * (op.products + op.sweeps) for op, share in counted))
 
     def solve(self, b, p, allowed):

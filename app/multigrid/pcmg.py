@@ -1,8 +1,8 @@
 """PETSc's PCMG on the masked operators of a hierarchy (Sec. 4.2).
 
 Everything that may be chosen is PETSc's: ``-pc_mg_type``, ``-pc_mg_cycle_type``, ``-pc_mg_levels``, the smoothers by
-``-mg_levels_*`` (and ``-mg_levels_up_*`` with ``-pc_mg_distinct_smoothup``), the coarsest grid by ``-mg_coarse_*``. What
-is not chosen is the paper's: one sweep of forward Gauss-Seidel with omega 0.8, and a direct solve.
+``-mg_levels_*`` (and ``-mg_levels_up_*`` with ``-pc_mg_distinct_smoothup``), the coarsest grid by ``-mg_coarse_*``.
+What is not chosen is the paper's: one sweep of forward Gauss-Seidel with omega 0.8, and a direct solve.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Smoothers that PETSc has no name for, usable from options as ``-mg_levels_*_python_type app.multigrid.smoothers.X``."""
+"""Smoothers that PETSc has no name for: ``-mg_levels_ksp_python_type app.multigrid.smoothers.NoSmoothing``."""
 
 from __future__ import annotations
 

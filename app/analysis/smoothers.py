@@ -1,0 +1,280 @@
+"""Jacobi and Gauss-Seidel as smoothers of a line contact, Sec. 4.4 of the paper.
+
+A long cylinder touches a plane on the strip [-2.56, 2.56] x [-500, 500] mm, cut into 32 x 1 cells. The matrix
+A is dense, symmetric and Toeplitz; with A = L + D + L^T a sweep maps the error e = p - p^i to S e.
+
+=========================  ==============================  ============================
+paper                      here                            shape, unit
+=========================  ==============================  ============================
+A                          ``LineContact.matrix()``        (n, n), mm / (N/mm2)
+p                          ``LineContact.pressure()``      (n,), relative to its maximum
+iteration matrix           ``jacobi``, ``gauss_seidel``    (n, n), 1
+eigenvalues, v^j           ``Modes.values``, ``vectors``   (n,), (n, n), 1
+e^i, c                     ``SweepHistory``                (sweeps, n), as p
+v_h^j beside v_H^j         ``ModePair``                    (n,), (n/2,), 1
+=========================  ==============================  ============================
+
+Modes are sorted by decreasing modulus of their eigenvalue. The paper's figures fit if its mode 1 is the
+eigenvalue 0, which undamped Gauss-Seidel always has, and the others follow by decreasing modulus: see
+`paper_mode`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from app.halfspace.grid import Grid
+from app.halfspace.influence import Material, dense_matrix
+
+#: Modes of Fig. 7; the first four are smooth and have a partner on the coarse grid.
+PAPER_MODES = (2, 4, 6, 8, 18, 32)
+SMOOTH_MODES = PAPER_MODES[:4]
+STEEL = Material(shear_modulus=82000.0, poisson_ratio=0.28)
+
+
+@dataclass(frozen=True)
+class LineContact:
+    """Contact of a long cylinder, one row of cells.
+
+    Attributes
+    ----------
+    cells : int
+        Number of cells across the strip, n.
+    half_width, half_length : float
+        [mm]
+    material : Material
+    """
+
+    cells: int = 32
+    half_width: float = 2.56
+    half_length: float = 500.0
+    material: Material = STEEL
+
+    @property
+    def grid(self):
+        """The n x 1 cells."""
+        domain = (-self.half_width, self.half_width, -self.half_length, self.half_length)
+        return Grid.from_domain(self.cells, 1, domain)
+
+    def matrix(self):
+        """Influence matrix A, shape (n, n) [mm / (N/mm2)]. Not collective."""
+        return dense_matrix(self.grid, self.material.compliance)
+
+    def pressure(self):
+        """Pressure of the cylinder, sqrt(1 - (x/a)^2) of its maximum, shape (n,). Not collective."""
+        return np.sqrt(1 - (self.grid.x() / self.half_width) ** 2)
+
+    def undeformed_distance(self):
+        """Undeformed distance h per unit of maximum pressure, shape (n,) [mm / (N/mm2)].
+
+        Not collective. A parabola with the radius and approach that give `pressure`, for a strip much longer
+        than wide [1]_: A p = -h up to the discretisation error.
+
+        References
+        ----------
+        .. [1] K.L. Johnson, Contact Mechanics, Sec. 4.2(c), with the reference point of the displacement at
+           infinity instead of at a depth.
+        """
+        a, x = self.half_width, self.grid.x()
+        approach = np.log(4 * self.half_length / a) + 0.5
+        return a / self.material.contact_modulus * ((x / a) ** 2 - approach)
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Eigenvalues and eigenvectors of an iteration matrix, by decreasing modulus of the eigenvalue.
+
+    Attributes
+    ----------
+    values : ndarray of complex, shape (n,)
+        Of a conjugate pair the one with the positive imaginary part is first.
+    vectors : ndarray of complex, shape (n, n)
+        Columns, of mean square 1 (Euclidean norm sqrt(n)), the largest component real and positive: values of
+        different grids can be compared.
+    """
+
+    values: np.ndarray
+    vectors: np.ndarray
+
+    @property
+    def spectral_radius(self):
+        """Largest modulus: the error's reduction per sweep in the end."""
+        return float(np.abs(self.values[0]))
+
+    def coefficients(self, error):
+        """Coefficients c of ``error = sum_j c_j v^j``, last axis n. Not collective."""
+        return np.linalg.solve(self.vectors, np.asarray(error, dtype=complex).T).T
+
+
+@dataclass(frozen=True)
+class SweepHistory:
+    """Error after some numbers of sweeps, Fig. 6.
+
+    Attributes
+    ----------
+    sweeps : tuple of int
+    errors : ndarray, shape (len(sweeps), n)
+        p - p^i, in units of p.
+    coefficients : ndarray of complex, shape (len(sweeps), n)
+        Of the errors in the modes of the iteration, in their order.
+    """
+
+    sweeps: tuple[int, ...]
+    errors: np.ndarray
+    coefficients: np.ndarray
+
+
+@dataclass(frozen=True)
+class ModePair:
+    """A mode on the fine grid and, for smooth ones, its partner on the coarse grid, Fig. 7.
+
+    Attributes
+    ----------
+    number : int
+        The paper's number.
+    x, vector, value : ndarray, ndarray of complex, complex
+        Cell centres [mm], eigenvector and eigenvalue on the fine grid.
+    coarse_x, coarse_vector, coarse_value : as above, or None
+        On the grid of half as many cells; the phase of the vector is turned to match the fine one.
+    agreement : float or None
+        Cosine of the angle between the coarse mode and the fine one averaged over pairs of cells.
+    """
+
+    number: int
+    x: np.ndarray
+    vector: np.ndarray
+    value: complex
+    coarse_x: np.ndarray | None = None
+    coarse_vector: np.ndarray | None = None
+    coarse_value: complex | None = None
+    agreement: float | None = None
+
+
+def jacobi(matrix, omega=1.0):
+    """Iteration matrix of Jacobi, ``I - omega D^-1 A``.
+
+    Not collective.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (n, n)
+    omega : float
+        Damping factor, 1 for none.
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+    """
+    return np.eye(len(matrix)) - omega * matrix / np.diag(matrix)[:, None]
+
+
+def gauss_seidel(matrix, omega=1.0):
+    """Iteration matrix of lexicographic Gauss-Seidel, ``I - (D / omega + L)^-1 A``.
+
+    Not collective. Parameters and result as in `jacobi`.
+    """
+    lower = np.tril(matrix, -1) + np.diag(np.diag(matrix) / omega)
+    return np.eye(len(matrix)) - solve_triangular(lower, matrix, lower=True)
+
+
+def modes(iteration_matrix):
+    """Eigenvalues and eigenvectors of an iteration matrix.
+
+    Not collective.
+
+    Parameters
+    ----------
+    iteration_matrix : ndarray, shape (n, n)
+
+    Returns
+    -------
+    Modes
+    """
+    values, vectors = np.linalg.eig(iteration_matrix)
+    # Stable: the two of a pair have equal moduli to the bit, and LAPACK returns the positive one first.
+    order = np.argsort(-np.abs(values), kind="stable")
+    values, vectors = values[order].astype(complex), vectors[:, order].astype(complex)
+    largest = np.take_along_axis(vectors, np.abs(vectors).argmax(axis=0)[None, :], axis=0)
+    vectors = vectors / (largest / np.abs(largest))
+    return Modes(values, vectors * np.sqrt(len(values)))
+
+
+def paper_mode(number, n):
+    """Position in `Modes` of the paper's mode `number`, 1 .. n: its first is the last here."""
+    if not 1 <= number <= n:
+        raise ValueError(f"mode {number}: must be from 1 to {n}")
+    return (number - 2) % n
+
+
+def sweep_history(iteration_matrix, solution, sweeps=(0, 10, 20)):
+    """Errors of a stationary iteration that starts from zero.
+
+    Not collective. The right-hand side does not matter but for its exact solution: p - p^i = S^i p.
+
+    Parameters
+    ----------
+    iteration_matrix : ndarray, shape (n, n)
+    solution : ndarray, shape (n,)
+        Exact solution p of the discrete system.
+    sweeps : sequence of int
+        Numbers of sweeps, 0 or more.
+
+    Returns
+    -------
+    SweepHistory
+    """
+    errors = np.stack([np.linalg.matrix_power(iteration_matrix, i) @ solution for i in sweeps])
+    return SweepHistory(tuple(sweeps), errors, modes(iteration_matrix).coefficients(errors))
+
+
+def compare_grids(contact=None, omega=1.0, numbers=PAPER_MODES, smooth=SMOOTH_MODES):
+    """Gauss-Seidel modes on a grid and on the one with half as many cells, Fig. 7.
+
+    Not collective. A smooth mode has its partner at the same place in the order of moduli.
+
+    Parameters
+    ----------
+    contact : LineContact, optional
+        Fine grid, an even number of cells; default: the paper's 32.
+    omega : float
+        Damping factor.
+    numbers : sequence of int
+        The paper's numbers of the modes wanted.
+    smooth : sequence of int
+        Those of them to pair with a coarse mode.
+
+    Returns
+    -------
+    list of ModePair
+
+    Raises
+    ------
+    ValueError
+        If the number of cells is odd, or a mode number is not on the grid.
+    """
+    contact = contact or LineContact()
+    if contact.cells % 2:
+        raise ValueError(f"line contact of {contact.cells} cells: need an even number to halve")
+    half = LineContact(contact.cells // 2, contact.half_width, contact.half_length, contact.material)
+    fine, coarse = (modes(gauss_seidel(c.matrix(), omega)) for c in (contact, half))
+    pairs = []
+    for number in numbers:
+        j = paper_mode(number, contact.cells)
+        v = fine.vectors[:, j]
+        partner = {}
+        if number in smooth:
+            j_coarse = paper_mode(number, half.cells)
+            w = coarse.vectors[:, j_coarse]
+            averaged = v.reshape(-1, 2).mean(axis=1)
+            overlap = np.vdot(w, averaged)
+            partner = {
+                "coarse_x": half.grid.x(),
+                "coarse_vector": w * overlap / np.abs(overlap),
+                "coarse_value": coarse.values[j_coarse],
+                "agreement": float(np.abs(overlap) / (np.linalg.norm(w) * np.linalg.norm(averaged))),
+            }
+        pairs.append(ModePair(number, contact.grid.x(), v, fine.values[j], **partner))
+    return pairs

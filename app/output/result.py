@@ -1,0 +1,423 @@
+"""Result file (HDF5): the solution, the history of the iteration and how the run was made.
+
+=========================  ==========  =======  =====  ==========================================
+dataset                    shape       type     unit   meaning (symbol of the paper)
+=========================  ==========  =======  =====  ==========================================
+``pressure``               (ny, nx)    float64  N/mm2  p
+``gap``                    (ny, nx)    float64  mm     deformed distance e = h + u, (2.3)
+``displacement``           (ny, nx)    float64  mm     u = A p, (2.7)
+``undeformed_distance``    (ny, nx)    float64  mm     h
+``contact``                (ny, nx)    uint8    1      1 on the contact set C, else 0
+``x``, ``y``               (nx), (ny)  float64  mm     cell centres
+``history/<column>``       (k)                         one entry per outer iteration
+=========================  ==========  =======  =====  ==========================================
+
+`gap` and `undeformed_distance` are NaN in inadmissible cells (contact impossible). The last entry of
+``history/level`` belongs to the target grid; numbers that differ by one are neighbouring grids.
+
+Root attributes are Python numbers, strings or small numeric arrays: lengths and `approach` in mm,
+`load` in N, `max_pressure` and moduli in N/mm2, times in s; `residual` is (5.1), without unit.
+Datasets and attributes beyond the required ones are kept.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import uuid
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+SUFFIXES = (".h5", ".hdf5")
+METADATA_BYTES = 1 << 16  # more than HDF5 needs for the names and layout of a few dozen datasets
+
+FIELDS = {
+    "pressure": np.float64,
+    "gap": np.float64,
+    "displacement": np.float64,
+    "undeformed_distance": np.float64,
+    "contact": np.uint8,
+}
+AXES = {"x": np.float64, "y": np.float64}
+UNITS = {
+    "pressure": "N/mm2",
+    "gap": "mm",
+    "displacement": "mm",
+    "undeformed_distance": "mm",
+    "contact": "1",
+    "x": "mm",
+    "y": "mm",
+}
+HISTORY = {
+    "level": np.int64,
+    "contact_cells": np.int64,
+    "changed_cells": np.int64,
+    "residual": np.float64,
+    "inner_iterations": np.int64,
+    "work_units": np.float64,
+}
+ATTRIBUTES = (
+    "converged",
+    "reason",
+    "active_set_iterations",
+    "work_units",
+    "operator_applications",
+    "inner_iterations",
+    "residual",
+    "load",
+    "approach",
+    "max_pressure",
+    "contact_cells",
+    "contact_fraction",
+    "solve_seconds",
+    "setup_seconds",
+    "ranks",
+    "options",
+    "command_line",
+    "version",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A result file in memory; names, shapes and units as in the module's table.
+
+    Attributes
+    ----------
+    pressure, gap, displacement, undeformed_distance : ndarray of float64, shape (ny, nx)
+    contact : ndarray of uint8, shape (ny, nx)
+    x, y : ndarray of float64, shapes (nx,) and (ny,)
+    attributes : dict
+        Root attributes as Python bool, int, float, str or ndarray.
+    history : dict of str to ndarray, shape (k,)
+    extra : dict of str to ndarray
+        Datasets of the file's root that are not in the table.
+    units : dict of str to str
+        Unit of every dataset that states one.
+    """
+
+    pressure: np.ndarray
+    gap: np.ndarray
+    displacement: np.ndarray
+    undeformed_distance: np.ndarray
+    contact: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    attributes: dict
+    history: dict
+    extra: dict = field(default_factory=dict)
+    units: dict = field(default_factory=dict)
+
+
+def check_output_path(path):
+    """Refuse a path to which no result can be written, before any work is done.
+
+    Not collective (looks at the file system of the calling rank).
+
+    Parameters
+    ----------
+    path : str or Path
+        Result file to be; it may exist and is then replaced later.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    ValueError
+        If the suffix is unknown, the path is not a regular file, or its folder is missing or
+        read-only.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise ValueError(f"result file {path}: the name must end in {' or '.join(SUFFIXES)}")
+    if path.exists() and not path.is_file():
+        raise ValueError(f"result file {path}: exists and is not a regular file")
+    if not path.parent.is_dir():
+        raise ValueError(f"result file {path}: folder {path.parent} does not exist")
+    try:
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise ValueError(f"result file {path}: cannot write in {path.parent} ({error.strerror})") from error
+    return path
+
+
+@contextmanager
+def whole_file(path):
+    """Yield a temporary path whose file takes the place of `path` when the block succeeds.
+
+    Not collective. A block that raises, or a killed process, leaves an existing `path` as it was.
+    """
+    temporary = _temporary(Path(path))
+    try:
+        yield temporary
+        _publish(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def write_result(path, comm, slabs, fields, x, y, attributes, history, units=None):
+    """Write a result file; it appears whole or not at all.
+
+    Collective. `path`, `x`, `y`, `attributes`, `history` and `units` are those of rank 0 (a measured
+    time need not be the same everywhere). An error on any rank is raised on all of them.
+
+    Parameters
+    ----------
+    path : str or Path
+        Ends in ``.h5`` or ``.hdf5``; an existing file is replaced at the very end.
+    comm : mpi4py.MPI.Comm
+        Written by the MPI-IO driver if it has more than one rank.
+    slabs : app.halfspace.grid.Slabs
+        Distribution of the rows; ranks may own none.
+    fields : mapping of str to array_like, shape (slabs.local, nx)
+        This rank's rows of all of `FIELDS`, and of any others to be stored.
+    x, y : array_like, shapes (nx,) and (ny,), [mm]
+        Cell centres of the whole grid.
+    attributes : mapping
+        All of `ATTRIBUTES` and any others: bool, int, float, str or numeric arrays.
+    history : mapping of str to array_like, shape (k,)
+        All of `HISTORY` and any other numeric columns; empty if there was no iteration.
+    units : mapping of str to str, optional
+        Units of the fields that are not in `FIELDS`; ``"1"`` if not given.
+
+    Raises
+    ------
+    ValueError
+        If something is missing or has the wrong shape or type, or `path` is of no use.
+    OSError
+        If writing fails.
+    """
+    path, plan = comm.bcast(
+        _together(
+            comm,
+            ValueError,
+            lambda: (
+                check_output_path(path).absolute(),
+                _plan(slabs, fields, x, y, attributes, history, units),
+            ),
+            only_root=True,
+        )
+    )
+    rows = _together(comm, ValueError, lambda: _local_rows(comm, slabs, fields, plan))
+    temporary = comm.bcast(_temporary(path))
+    try:
+        # With HDF5 on MPI-IO the ranks share the writing of metadata, and an error in it, or in opening
+        # the file, on one rank leaves the others waiting for ever. So rank 0 alone writes all metadata,
+        # every rank tries to open the file (folder not shared, too many open files), and only rows of
+        # data go through MPI-IO.
+        _together(comm, OSError, lambda: _lay_out(temporary, plan), only_root=True)
+        _together(comm, OSError, lambda: temporary.open("r+b").close())
+        _together(comm, OSError, lambda: _write_rows(temporary, comm, slabs, rows))
+        _together(comm, OSError, lambda: _publish(temporary, path), only_root=True)
+    except OSError:
+        if comm.rank == 0:
+            temporary.unlink(missing_ok=True)
+        comm.Barrier()  # the file is gone when the error appears, on every rank
+        raise
+
+
+def read_result(path):
+    """Read a result file.
+
+    Not collective: the calling rank reads the whole grid.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    ValueError
+        If there is no such file, or it is not a result file (the message names what is missing).
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise ValueError(f"result file {path}: no such file")
+    try:
+        with h5py.File(path, "r") as file:
+            return _read_hdf5(file)
+    except ValueError as error:
+        raise ValueError(f"result file {path}: {error}") from error
+    except OSError as error:
+        raise ValueError(f"result file {path}: not a readable HDF5 file ({_one_line(error)})") from error
+
+
+def _plan(slabs, fields, x, y, attributes, history, units):
+    """Check what rank 0 gives and return it as dict, ready to be written."""
+    axes = {name: np.asarray(values, AXES[name]) for name, values in (("x", x), ("y", y))}
+    if axes["x"].ndim != 1 or axes["y"].shape != (slabs.ny,):
+        raise ValueError(
+            f"cell centres have shapes {axes['x'].shape}, {axes['y'].shape}, rows are {slabs.ny}"
+        )
+    _require(fields, FIELDS, "field")
+    _require(attributes, ATTRIBUTES, "attribute")
+    history = history or dict.fromkeys(HISTORY, ())
+    _require(history, HISTORY, "history column")
+    for name in fields:
+        if name in axes or name == "history" or "/" in name:
+            raise ValueError(f"field {name!r}: name is reserved")
+    for name, value in attributes.items():
+        value = np.asarray(value)
+        if value.dtype.kind not in ("biufU" if value.ndim == 0 else "biuf"):
+            raise ValueError(f"attribute {name}: {value.dtype} is not a number, string or numeric array")
+    columns = {name: np.asarray(values, HISTORY.get(name)) for name, values in history.items()}
+    shape = columns["level"].shape
+    for name, column in columns.items():
+        if column.ndim != 1 or column.shape != shape or column.dtype.kind not in "biuf":
+            raise ValueError(
+                f"history column {name}: shape {column.shape}, type {column.dtype}; level has {shape}"
+            )
+    types = {name: np.dtype(FIELDS.get(name) or np.asarray(values).dtype) for name, values in fields.items()}
+    for name, dtype in types.items():
+        if dtype.kind not in "biuf":
+            raise ValueError(f"field {name}: {dtype} is not numeric")
+    return {
+        "types": types,
+        "units": {**dict.fromkeys(types, "1"), **(units or {}), **UNITS},
+        "axes": axes,
+        "attributes": dict(attributes),
+        "history": columns,
+    }
+
+
+def _local_rows(comm, slabs, fields, plan):
+    """Return this rank's rows of every field in the type they have in the file."""
+    if (slabs.size, slabs.rank) != (comm.size, comm.rank):
+        raise ValueError(f"slabs of rank {slabs.rank} of {slabs.size} on rank {comm.rank} of {comm.size}")
+    if fields.keys() != plan["types"].keys():
+        raise ValueError(f"fields {sorted(fields)}, but rank 0 has {sorted(plan['types'])}")
+    rows = {name: np.asarray(fields[name]) for name in plan["types"]}
+    shape = slabs.local, plan["axes"]["x"].size
+    for name, values in rows.items():
+        if values.shape != shape:
+            raise ValueError(f"field {name}: shape {values.shape}, rows and columns of this rank are {shape}")
+        rows[name] = _cast(f"field {name}", values, plan["types"][name])
+    return rows
+
+
+def _lay_out(path, plan):
+    """Write everything except the rows of the fields, for which space is kept. Rank 0 only."""
+    early = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    early.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+    shape = plan["axes"]["y"].size, plan["axes"]["x"].size
+    # A full disk must show up here, in plain system calls: HDF5 cannot even close a file that it failed
+    # to write. The space is taken twice because HDF5 starts from an empty file.
+    size = sum(axis.nbytes for axis in (*plan["axes"].values(), *plan["history"].values()))
+    size += sum(len(str(value).encode(errors="replace")) for value in plan["attributes"].values())
+    size += shape[0] * shape[1] * sum(dtype.itemsize for dtype in plan["types"].values()) + METADATA_BYTES
+    _reserve(path, size, "xb")
+    with h5py.File(path, "w") as file:
+        for name, value in plan["attributes"].items():
+            file.attrs[name] = value
+        for name, column in plan["history"].items():
+            file[f"history/{name}"] = column
+        for name, axis in plan["axes"].items():
+            file[name] = axis
+        for name, dtype in plan["types"].items():
+            file.create_dataset(name, shape, dtype, dcpl=early)
+        for name in (*plan["axes"], *plan["types"]):
+            file[name].attrs["unit"] = plan["units"][name]
+    _reserve(path, path.stat().st_size, "r+b")
+
+
+def _reserve(path, size, mode):
+    with path.open(mode) as file:
+        os.posix_fallocate(file.fileno(), 0, size)
+
+
+def _write_rows(path, comm, slabs, rows):
+    """Write this rank's rows of the fields. Collective in opening and closing, not in between."""
+    driver = {"driver": "mpio", "comm": comm} if comm.size > 1 else {}
+    with h5py.File(path, "r+", **driver) as file:
+        if slabs.local:
+            for name, values in rows.items():
+                file[name][slabs.rows] = values
+
+
+def _read_hdf5(file):
+    _require(file.attrs, ATTRIBUTES, "attribute")
+    data = {name: _dataset(file, name, dtype) for name, dtype in (FIELDS | AXES).items()}
+    shape = data["y"].size, data["x"].size
+    for name in FIELDS:
+        if data[name].shape != shape:
+            raise ValueError(f"dataset {name}: shape {data[name].shape}, but y and x say {shape}")
+    history = {name: _dataset(file, f"history/{name}", dtype) for name, dtype in HISTORY.items()}
+    history |= {name: item[()] for name, item in file["history"].items() if name not in history}
+    extra = {
+        name: item[()] for name, item in file.items() if name not in data and isinstance(item, h5py.Dataset)
+    }
+    units = {name: file[name].attrs["unit"] for name in (*data, *extra) if "unit" in file[name].attrs}
+    attributes = {
+        name: value.item() if isinstance(value, np.generic) else value for name, value in file.attrs.items()
+    }
+    return Result(**data, attributes=attributes, history=history, extra=extra, units=units)
+
+
+def _dataset(file, name, dtype):
+    item = file.get(name)
+    if not isinstance(item, h5py.Dataset):
+        raise ValueError(f"dataset {name} is missing")
+    return _cast(f"dataset {name}", item[()], dtype)
+
+
+def _cast(name, values, dtype):
+    if not np.can_cast(values.dtype, dtype, "same_kind"):
+        raise ValueError(f"{name}: type {values.dtype} where {np.dtype(dtype)} is needed")
+    return values.astype(dtype, copy=False)
+
+
+def _require(found, names, kind):
+    missing = [name for name in names if name not in found]
+    if missing:
+        raise ValueError(f"{kind} {', '.join(missing)} is missing")
+
+
+def _together(comm, kind, step, only_root=False):
+    """Run `step` on all ranks (or rank 0) and return its value; if it fails on any, raise `kind` on all."""
+    value = failure = None
+    try:
+        if comm.rank == 0 or not only_root:
+            value = step()
+    except Exception as error:
+        failure = error
+    messages = comm.allgather(None if failure is None else _one_line(failure))
+    for rank, message in enumerate(messages):
+        if message is not None:
+            raise kind(message if comm.size == 1 else f"rank {rank}: {message}") from failure
+    return value
+
+
+def _one_line(error):
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _temporary(path):
+    """Return an unused name in the folder of `path`, so that the later rename stays in one file system."""
+    return path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
+
+
+def _publish(temporary, path):
+    """Bring the file to disk, then give it its name: a crash leaves the old file or the new one."""
+    _to_disk(temporary)
+    temporary.replace(path)
+    _to_disk(temporary.parent)
+
+
+def _to_disk(path):
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,203 @@
+"""Statistics of a surface sampled in the cells of a grid: moments, slopes, power spectrum, normal plot.
+
+Heights are taken about their mean. Convention of the Fourier transform of heights z on n_y x n_x cells:
+
+``Z(q) = dx dy sum_j z_j exp(-i q . x_j)``, and power spectral density ``C(q) = |Z(q)|^2 / (l_x l_y)``, so
+that ``<z^2> = 1/(l_x l_y) sum_q C(q) = 1/(2 pi)^2 integral of C``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+from scipy.special import ndtri
+
+
+@dataclass(frozen=True)
+class Roughness:
+    """Moments of height and slope.
+
+    Attributes
+    ----------
+    rms_height : float
+        Standard deviation of the height [mm].
+    rms_slope_x, rms_slope_y, rms_slope : float
+        Root mean square of dz/dx, dz/dy and of the gradient's length.
+    skewness, kurtosis : float
+        Third and fourth standardised moments (0 and 3 for Gaussian heights); NaN for a flat surface.
+    """
+
+    rms_height: float
+    rms_slope_x: float
+    rms_slope_y: float
+    rms_slope: float
+    skewness: float
+    kurtosis: float
+
+
+@dataclass(frozen=True)
+class RadialSpectrum:
+    """Power spectral density averaged over rings of wave vectors.
+
+    Attributes
+    ----------
+    wave_number : ndarray, shape (rings,), [1/mm]
+        Mean of |q| = 2 pi / wavelength in the ring.
+    density : ndarray, shape (rings,), [mm^4]
+        Mean of C(q) in the ring.
+    count : ndarray of int, shape (rings,)
+        Number of wave vectors in the ring.
+    """
+
+    wave_number: np.ndarray
+    density: np.ndarray
+    count: np.ndarray
+
+
+@dataclass(frozen=True)
+class NormalPlot:
+    """Normal probability plot: points on a straight line mean Gaussian heights.
+
+    Attributes
+    ----------
+    quantile : ndarray, shape (n,)
+        Standard normal quantiles of the probabilities (i - 1/2) / n.
+    height : ndarray, shape (n,), [mm]
+        Heights in increasing order.
+    correlation : float
+        Correlation coefficient of the two; NaN for a flat surface.
+    """
+
+    quantile: np.ndarray
+    height: np.ndarray
+    correlation: float
+
+
+def _finite(height):
+    height = np.asarray(height, dtype=float)
+    if not np.isfinite(height).all():
+        raise ValueError("heights must be finite; cut out a part without NaN")
+    return height
+
+
+def _field(height, cells):
+    height = _finite(height)
+    if height.ndim != 2 or min(height.shape) < cells:
+        raise ValueError(f"heights of shape {height.shape}: need (ny, nx), at least {cells} x {cells}")
+    return height
+
+
+def roughness(height, dx, dy):
+    """Moments of height and slope.
+
+    Not collective. Slopes are central differences across the faces between neighbouring cells; a wave q in x
+    therefore counts with the factor sin(q dx / 2) / (q dx / 2).
+
+    Parameters
+    ----------
+    height : ndarray, shape (ny, nx), [mm]
+        At least 2 x 2.
+    dx, dy : float
+        Size of a cell [mm].
+
+    Returns
+    -------
+    Roughness
+
+    Raises
+    ------
+    ValueError
+        If there are fewer cells, or heights that are not finite.
+    """
+    height = _field(height, cells=2)
+    deviation = height - height.mean()
+    rms_height = np.sqrt(np.mean(deviation**2))
+    slope_x = np.sqrt(np.mean((np.diff(height, axis=1) / dx) ** 2))
+    slope_y = np.sqrt(np.mean((np.diff(height, axis=0) / dy) ** 2))
+    flat = np.ptp(height) == 0  # not rms_height: the mean of equal numbers may be off by round-off
+    skewness, kurtosis = (np.nan if flat else np.mean((deviation / rms_height) ** k) for k in (3, 4))
+    return Roughness(
+        float(rms_height),
+        float(slope_x),
+        float(slope_y),
+        float(np.hypot(slope_x, slope_y)),
+        float(skewness),
+        float(kurtosis),
+    )
+
+
+def radial_spectrum(height, dx, dy, window=False):
+    """Radially averaged power spectral density.
+
+    Not collective. Rings are as wide as the coarser spacing of the wave vectors and end below the smaller
+    Nyquist wave number, beyond which they would not be closed.
+
+    Parameters
+    ----------
+    height : ndarray, shape (ny, nx), [mm]
+        At least 4 x 4.
+    dx, dy : float
+        Size of a cell [mm].
+    window : bool
+        Multiply by a Hann window (with its mean square divided out) first: for patches that are not periodic,
+        whose edges would otherwise add a spectrum of their own.
+
+    Returns
+    -------
+    RadialSpectrum
+
+    Raises
+    ------
+    ValueError
+        If there are fewer cells, or heights that are not finite.
+    """
+    height = _field(height, cells=4)
+    height = height - height.mean()
+    ny, nx = height.shape
+    if window:
+        weight = np.outer(_hann(ny), _hann(nx))
+        height *= weight / np.sqrt(np.mean(weight**2))
+    density = np.abs(dx * dy * scipy.fft.fft2(height)) ** 2 / (nx * dx * ny * dy)
+    qx, qy = 2 * np.pi * scipy.fft.fftfreq(nx, dx), 2 * np.pi * scipy.fft.fftfreq(ny, dy)
+    q = np.hypot(qx, qy[:, None])
+    width = 2 * np.pi / min(nx * dx, ny * dy)
+    rings = int(np.pi / max(dx, dy) / width * (1 + 1e-12) - 0.5)
+    ring = np.rint(q / width).astype(int).ravel()
+    count, q_sum, density_sum = (
+        np.bincount(ring, weights, rings + 1)[1 : rings + 1] for weights in (None, q.ravel(), density.ravel())
+    )
+    return RadialSpectrum(q_sum / count, density_sum / count, count)
+
+
+def _hann(n):
+    return np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
+
+
+def normal_plot(height):
+    """Sorted heights against normal quantiles, Fig. 12(d).
+
+    Not collective.
+
+    Parameters
+    ----------
+    height : ndarray, any shape, [mm]
+        At least 2 values.
+
+    Returns
+    -------
+    NormalPlot
+
+    Raises
+    ------
+    ValueError
+        If there are fewer heights, or heights that are not finite.
+    """
+    height = np.sort(_finite(height), axis=None)
+    if height.size < 2:
+        raise ValueError("a normal plot needs at least 2 heights")
+    quantile = ndtri((np.arange(height.size) + 0.5) / height.size)
+    flat = height[0] == height[-1]
+    correlation = np.nan if flat else float(np.corrcoef(quantile, height)[0, 1])
+    return NormalPlot(quantile, height, correlation)

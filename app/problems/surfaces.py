@@ -1,0 +1,356 @@
+"""Rough surfaces as functions of position: a sum of waves fixed by a seed, evaluated on any grid.
+
+Every grid level and every slab of rows samples the same function, so a coarse grid sees the true height in
+its cell centres (Sec. 5.2) and the number of ranks does not matter.
+
+=====================  ================================  ====  ==============
+paper                  here                              unit  where
+=====================  ================================  ====  ==============
+z(x, y)                ``height(x, y)``                  mm    (6.1)
+M, N                   ``modes``                         1     (6.1)
+a_mn, phi_mn, th_mn    ``WavySurface.coefficients``      mm    (6.1)
+gamma                  ``decay``                         1     appendix
+sigma                  ``sigma``                         mm    (6.2)
+l_x, l_y               ``extent``                        mm    (6.1)
+=====================  ================================  ====  ==============
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from numbers import Integral
+
+import numpy as np
+import scipy.fft
+
+_BLOCK = 32768  # values that stay in cache while the terms of a sum are added
+
+
+def _check_seed(seed):
+    if not (isinstance(seed, Integral) and seed >= 0):
+        raise ValueError(f"surface seed {seed!r}: must be an integer, 0 or more")
+
+
+def _check_lengths(name, lengths):
+    if not (len(lengths) == 2 and np.isfinite(lengths).all() and min(lengths) > 0):
+        raise ValueError(f"surface {name} {tuple(lengths)}: need two positive, finite lengths")
+
+
+def _check_origin(origin):
+    if not (len(origin) == 2 and np.isfinite(origin).all()):
+        raise ValueError(f"surface origin {tuple(origin)}: need two finite coordinates")
+
+
+def _product(left, right):
+    """Matrix product of which every element has the same bits whatever rows and columns come with it.
+
+    BLAS promises no such thing: its rounding depends on the shape. Here each term is one rounded product, and
+    the terms are added in order.
+    """
+    product = np.zeros((left.shape[0], right.shape[1]))
+    step = max(1, _BLOCK // max(1, right.shape[1]))
+    for start in range(0, len(product), step):
+        block = product[start : start + step]
+        for column, row in zip(left[start : start + step].T, right, strict=True):
+            block += column[:, None] * row
+    return product
+
+
+@dataclass(frozen=True)
+class WavySurface:
+    """Sum of M x N products of cosines with random amplitudes and phases, (6.1), (6.2) [1]_.
+
+    The random numbers come from ``numpy.random.default_rng(seed)`` in the order a, phi, theta, each (M, N).
+
+    Parameters
+    ----------
+    modes : tuple of int
+        M, N: number of waves in x and y, 1 or more.
+    decay : float
+        gamma, 0 < gamma <= 1: amplitudes are uniform on [0, gamma^(m+n-2)) before scaling.
+    sigma : float
+        Standard deviation of the height over the patch [mm]. Exact: the amplitudes are scaled to it.
+    seed : int
+    extent : tuple of float
+        l_x, l_y: sides of the patch [mm].
+    origin : tuple of float
+        Lower left corner of the patch [mm]; x and y of (6.1) start there.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is outside its range.
+
+    References
+    ----------
+    .. [1] J. Zhao, E.A.H. Vollebregt, C.W. Oosterlee, Math. Model. Anal. 19 (2014), appendix; after
+       J.J. Kalker, F.M. Dekking, E.A.H. Vollebregt, J. Appl. Mech. 64 (1997).
+
+    Examples
+    --------
+    >>> surface = WavySurface((12, 10), decay=0.8, sigma=0.1, seed=7, extent=(12.0, 10.0))
+    >>> x = (np.arange(64) + 0.5) * 12 / 64
+    >>> y = (np.arange(64) + 0.5) * 10 / 64
+    >>> round(float(surface.height(x, y).std()), 12)
+    0.1
+    """
+
+    modes: tuple[int, int]
+    decay: float
+    sigma: float
+    seed: int
+    extent: tuple[float, float]
+    origin: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self):
+        if not (len(self.modes) == 2 and all(isinstance(k, Integral) and k >= 1 for k in self.modes)):
+            raise ValueError(f"surface modes {tuple(self.modes)}: need two integers M, N, each 1 or more")
+        if not 0 < self.decay <= 1:
+            raise ValueError(f"surface decay {self.decay:g}: must be above 0 and at most 1")
+        if not (np.isfinite(self.sigma) and self.sigma >= 0):
+            raise ValueError(f"surface sigma {self.sigma:g}: must be 0 or more, and finite")
+        _check_seed(self.seed)
+        _check_lengths("extent", self.extent)
+        _check_origin(self.origin)
+
+    @cached_property
+    def coefficients(self):
+        """Amplitudes a [mm] and phases phi, theta, each of shape (M, N)."""
+        rng = np.random.default_rng(self.seed)
+        m, n = (np.arange(k) for k in self.modes)  # exponents m - 1 and n - 1 of the paper
+        a = rng.random(self.modes) * self.decay ** (m[:, None] + n)
+        phi = 2 * np.pi * rng.random(self.modes)
+        theta = 2 * np.pi * rng.random(self.modes)
+        return a * (self.sigma / np.sqrt(np.sum(a**2) / 4)), phi, theta
+
+    @cached_property
+    def _wave_numbers(self):
+        """2 pi m / l_x, shape (M,), and 2 pi n / l_y, shape (N,) [1/mm]."""
+        return tuple(
+            2 * np.pi * np.arange(1, k + 1) / l for k, l in zip(self.modes, self.extent, strict=True)
+        )
+
+    @property
+    def rms_height(self):
+        """Standard deviation of the height over the patch [mm], (6.2)."""
+        return float(np.sqrt(np.sum(self.coefficients[0] ** 2) / 4))
+
+    @property
+    def rms_slope(self):
+        """Root mean square of the gradient's length over the patch."""
+        qx, qy = self._wave_numbers
+        a = self.coefficients[0]
+        return float(np.sqrt(np.sum(a**2 * (qx[:, None] ** 2 + qy**2)) / 4))
+
+    def height(self, x, y):
+        """Height in the points of a rectangular lattice.
+
+        Not collective. A value depends on its own x and y only, to the bit. Costs O(M + N) per point: with
+        cos(a + b) = cos a cos b - sin a sin b the double sum over the modes becomes two matrix products.
+
+        Parameters
+        ----------
+        x, y : ndarray, shapes (nx,) and (ny,), [mm]
+
+        Returns
+        -------
+        ndarray, shape (ny, nx), [mm]
+        """
+        a, phi, theta = self.coefficients
+        qx, qy = self._wave_numbers
+        along_x = np.outer(qx, np.asarray(x) - self.origin[0])
+        along_y = np.outer(np.asarray(y) - self.origin[1], qy)
+        mixing = np.block(
+            [
+                [a * np.cos(phi) * np.cos(theta), -a * np.cos(phi) * np.sin(theta)],
+                [-a * np.sin(phi) * np.cos(theta), a * np.sin(phi) * np.sin(theta)],
+            ]
+        ).T
+        waves_x = np.vstack([np.cos(along_x), np.sin(along_x)])
+        waves_y = np.hstack([np.cos(along_y), np.sin(along_y)])
+        return _product(waves_y, _product(mixing, waves_x))
+
+
+def _samples_per_period(coordinates, period):
+    """Number of samples in a period if the coordinates are that equally spaced, else None.
+
+    The tolerance is the round-off of the coordinates themselves: no wave can tell the difference.
+    """
+    if len(coordinates) < 2 or coordinates[-1] <= coordinates[0]:
+        return None
+    n = round(period * (len(coordinates) - 1) / (coordinates[-1] - coordinates[0]))
+    if n < len(coordinates):
+        return None
+    lattice = coordinates[0] + np.arange(len(coordinates)) * (period / n)
+    tolerance = 8 * np.finfo(float).eps * max(period, np.abs(coordinates).max())
+    return n if np.abs(coordinates - lattice).max() <= tolerance else None
+
+
+def _synthesise(coefficients, first, coordinates, period):
+    """``sum_k c[k] exp(2 pi i (first + k) x / period)`` along axis 0, in every x of `coordinates`.
+
+    By FFT where the coordinates divide the period into equal parts, by a matrix product otherwise.
+    """
+    k = first + np.arange(len(coefficients))
+    n = _samples_per_period(coordinates, period)
+    if n is None:
+        return np.exp(2j * np.pi / period * np.outer(coordinates, k)) @ coefficients
+    shifted = coefficients * np.exp(2j * np.pi / period * coordinates[0] * k)[:, None]
+    folded = np.zeros((n, shifted.shape[1]), complex)
+    for start in range(0, len(k), n):  # waves that differ by n look the same in n points: aliasing
+        alias = shifted[start : start + n]
+        folded[: len(alias)] += alias
+    folded = np.roll(folded, first, axis=0)
+    return scipy.fft.ifft(folded, axis=0, norm="forward", overwrite_x=True)[: len(coordinates)]
+
+
+class SelfAffineSurface:
+    """Isotropic self-affine surface: a finite Fourier sum with random phases.
+
+    ``z = sum_k a_k cos(q_k . (x, y) + phi_k)``, q_k = 2 pi (k_x / l_x, k_y / l_y), one wave of each pair
+    +-q_k, phases uniform on [0, 2 pi), amplitudes a_k^2 proportional to the power spectrum [1]_
+
+    - q^(-2-2H) from the roll-off wavelength to the shortest one,
+    - constant from the longest wavelength to the roll-off wavelength, and zero elsewhere.
+
+    As a sum of many independent waves the height is Gaussian. The sum is periodic; use it on a patch
+    inside one period, on which nothing repeats. Phases are drawn from small to large wave numbers: a shorter
+    `shortest_wavelength` adds waves and leaves the others as they are, up to the common factor that meets the
+    rms value.
+
+    Parameters
+    ----------
+    hurst : float
+        Hurst exponent H, 0 < H <= 1.
+    rolloff_wavelength, shortest_wavelength : float
+        [mm]
+    period : tuple of float
+        l_x, l_y [mm].
+    seed : int
+        0 or more.
+    rms_height, rms_slope : float, optional
+        Exactly one: root mean square of the height [mm] or of the gradient's length, over the period.
+    longest_wavelength : float, optional
+        [mm]; default: whatever fits the period.
+    origin : tuple of float
+        Lower left corner of the patch [mm].
+
+    Raises
+    ------
+    ValueError
+        If a parameter is outside its range, or no wave of the period lies between the wavelengths.
+
+    Attributes
+    ----------
+    rms_height, rms_slope : float
+        Of this surface over the period, whichever was given [mm], [1].
+    wave_numbers : tuple of ndarray
+        k_x, shape (K_x + 1,), and k_y, shape (2 K_y + 1,).
+    amplitudes : ndarray, shape (2 K_y + 1, K_x + 1), [mm]
+
+    References
+    ----------
+    .. [1] T.D.B. Jacobs, T. Junge, L. Pastewka, Quantitative characterization of surface topography using
+       spectral analysis, Surf. Topogr.: Metrol. Prop. 5 (2017) 013001.
+    """
+
+    def __init__(
+        self,
+        hurst,
+        rolloff_wavelength,
+        shortest_wavelength,
+        period,
+        seed,
+        *,
+        rms_height=None,
+        rms_slope=None,
+        longest_wavelength=None,
+        origin=(0.0, 0.0),
+    ):
+        if not 0 < hurst <= 1:
+            raise ValueError(f"Hurst exponent {hurst:g}: must be above 0 and at most 1")
+        longest = np.inf if longest_wavelength is None else longest_wavelength
+        if not (0 < shortest_wavelength <= rolloff_wavelength <= longest and np.isfinite(rolloff_wavelength)):
+            raise ValueError(
+                f"surface wavelengths: shortest {shortest_wavelength:g}, roll-off {rolloff_wavelength:g},"
+                f" longest {longest:g}: must be positive and in this order"
+            )
+        _check_lengths("period", period)
+        _check_origin(origin)
+        _check_seed(seed)
+        if (rms_height is None) == (rms_slope is None):
+            raise ValueError("self-affine surface: give either its rms height or its rms slope")
+        target = rms_slope if rms_height is None else rms_height
+        if not (np.isfinite(target) and target >= 0):
+            raise ValueError(f"surface rms value {target:g}: must be 0 or more, and finite")
+        self.period, self.origin, self.seed = tuple(period), tuple(origin), seed
+
+        # A half-plane of integer wave vectors: k_x = 0 .. K_x and k_y = -K_y .. K_y.
+        largest_x, largest_y = (int(l / shortest_wavelength * (1 + 1e-12)) for l in period)
+        self.wave_numbers = np.arange(largest_x + 1), np.arange(-largest_y, largest_y + 1)
+        qx, qy = (2 * np.pi * k / l for k, l in zip(self.wave_numbers, period, strict=True))
+        q = np.hypot(qx, qy[:, None])
+        power = np.maximum(q * rolloff_wavelength / (2 * np.pi), 1) ** (-2 - 2 * hurst)
+        power[q * shortest_wavelength > 2 * np.pi * (1 + 1e-12)] = 0
+        if longest_wavelength is not None:
+            power[q * longest_wavelength < 2 * np.pi * (1 - 1e-12)] = 0
+        power[: largest_y + 1, 0] = 0  # q = 0, and -q of the waves kept on the line k_x = 0
+        if not power.any():
+            raise ValueError(
+                f"no wave of period {period[0]:g},{period[1]:g} is between {shortest_wavelength:g}"
+                f" and {longest:g} long"
+            )
+        # Parseval's theorem: a cosine has mean square 1/2.
+        height, slope = np.sqrt(np.sum(power) / 2), np.sqrt(np.sum(power * q**2) / 2)
+        factor = target / (slope if rms_height is None else height)
+        self.rms_height, self.rms_slope = float(factor * height), float(factor * slope)
+        self.amplitudes = factor * np.sqrt(power)
+
+    @cached_property
+    def coefficients(self):
+        """``a_k exp(i phi_k)`` [mm], shape (2 K_y + 1, K_x + 1); rows k_y, columns k_x."""
+        rng = np.random.default_rng(self.seed)
+        largest_x, largest_y = (k[-1] for k in self.wave_numbers)
+        # Square rings max(|k_x|, |k_y|) = s of 4 s vectors, each drawn in full: a wave gets the same phase
+        # whatever the cut-off.
+        size = max(largest_x, largest_y)
+        draws = np.zeros((2 * size + 1, size + 1))
+        for s in range(1, size + 1):
+            right, top, bottom = np.split(rng.random(4 * s), [2 * s + 1, 3 * s + 1])
+            draws[size - s : size + s + 1, s] = right
+            draws[size + s, :s] = top
+            draws[size - s, 1:s] = bottom
+        draws = draws[size - largest_y : size + largest_y + 1, : largest_x + 1]
+        return self.amplitudes * np.exp(2j * np.pi * draws)
+
+    def height(self, x, y):
+        """Height in the points of a rectangular lattice.
+
+        Not collective. Coordinates that divide the period into equal parts (cell centres of grids with whole
+        cells per period) cost an FFT, others a matrix product; the values agree to round-off.
+        Waves too short for the lattice are sampled as they are, not left out.
+
+        Parameters
+        ----------
+        x, y : ndarray, shapes (nx,) and (ny,), [mm]
+            Within less than a period.
+
+        Returns
+        -------
+        ndarray, shape (ny, nx), [mm]
+
+        Raises
+        ------
+        ValueError
+            If the points span a period or more: the surface would repeat itself.
+        """
+        x, y = np.asarray(x) - self.origin[0], np.asarray(y) - self.origin[1]
+        for name, points, period in (("x", x, self.period[0]), ("y", y, self.period[1])):
+            if len(points) and np.ptp(points) >= period * (1 - 1e-12):
+                raise ValueError(
+                    f"surface: points span {np.ptp(points):g} in {name}, its period is {period:g}"
+                )
+        kx, ky = self.wave_numbers
+        rows = _synthesise(self.coefficients, ky[0], y, self.period[1])
+        return np.ascontiguousarray(_synthesise(rows.T, kx[0], x, self.period[0]).T.real)

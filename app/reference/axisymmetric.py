@@ -1,0 +1,276 @@
+"""Axisymmetric contact: paraboloid, flat-ended cylinder, cone.
+
+References
+----------
+K. L. Johnson, Contact Mechanics, Cambridge 1985, Sec. 3.4, 4.2 and 5.2.
+I. N. Sneddon, Int. J. Engng. Sci. 3 (1965), 47-57.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import spherical_jn
+
+from app.reference.base import NormalContact, require_positive
+
+
+class AxisymmetricContact(NormalContact):
+    """Contact in a circle: the shape depends on r = sqrt(x^2 + y^2) only."""
+
+    @property
+    def b(self):
+        """Radius of the contact area [mm]."""
+        return self.a
+
+    @property
+    def stiffness(self):
+        """Derivative of the load with respect to the approach [N/mm]: that of a flat punch of radius a."""
+        return 2 * self.e_star * self.a
+
+    @abstractmethod
+    def _shape(self, r):
+        """Return the undeformed distance at zero approach."""
+
+    @abstractmethod
+    def _outer_displacement(self, r):
+        """Return the surface displacement at r >= a > 0."""
+
+    def undeformed_distance(self, x, y):
+        """Return the distance of the undeformed surfaces at zero approach [mm]; NaN: contact impossible."""
+        return self._shape(np.hypot(x, y))
+
+    def displacement(self, x, y):
+        """Return the normal surface displacement [mm], inside and outside the contact area."""
+        r = np.hypot(x, y)
+        if self.a == 0:
+            return np.zeros_like(r)
+        return np.where(
+            r < self.a, self.approach - self._shape(r), self._outer_displacement(np.maximum(r, self.a))
+        )
+
+
+@dataclass(frozen=True)
+class Sphere(AxisymmetricContact):
+    """Sphere, as the paraboloid r^2/(2 radius) of Hertz's theory.
+
+    Parameters
+    ----------
+    radius : float
+        Relative radius of curvature [mm].
+    e_star : float
+        Contact modulus [N/mm2].
+    approach : float
+        Approach [mm]; no contact if not positive.
+
+    Raises
+    ------
+    ValueError
+        If the radius or the modulus is not positive or a value not finite.
+    """
+
+    radius: float
+    e_star: float
+    approach: float
+    load_exponent = 1.5
+
+    @classmethod
+    def from_approach(cls, radius, e_star, approach):
+        """Return the contact at `approach` [mm]."""
+        return cls(radius, e_star, approach)
+
+    @classmethod
+    def from_load(cls, radius, e_star, load):
+        """Return the contact under `load` [N]; ValueError if it is negative."""
+        return cls(radius, e_star, 1.0)._at_load(load)
+
+    @property
+    def a(self):
+        """Radius of the contact area [mm]."""
+        return math.sqrt(self.radius * self._depth)
+
+    @property
+    def load(self):
+        """Normal force [N]."""
+        return 4 / 3 * self.e_star * self.a * self._depth
+
+    @property
+    def max_pressure(self):
+        """Pressure at the centre [N/mm2]."""
+        return 1.5 * self.mean_pressure
+
+    def pressure(self, x, y):
+        """Return the contact pressure at points [N/mm2]."""
+        return self.max_pressure * np.sqrt(np.maximum(1 - self._radius2(x, y), 0))
+
+    def _shape(self, r):
+        return r**2 / (2 * self.radius)
+
+    def _outer_displacement(self, r):
+        # Johnson, Sec. 3.4: ((2 a^2 - r^2) asin(a/r) + a sqrt(r^2 - a^2)) / (pi R). With t = 2 asin(a/r) the
+        # bracket is r^2/2 (sin t - t cos t) = r^2/2 t^2 j1(t), which does not cancel far away.
+        t = 2 * np.arcsin(self.a / r)
+        return (r * t) ** 2 * spherical_jn(1, t) / (2 * math.pi * self.radius)
+
+
+@dataclass(frozen=True)
+class FlatCircularPunch(AxisymmetricContact):
+    """Rigid flat-ended cylinder; the pressure has an integrable singularity at the rim.
+
+    Parameters
+    ----------
+    radius : float
+        Radius of the punch and, at positive approach, of the contact area [mm].
+    e_star : float
+        Contact modulus [N/mm2].
+    approach : float
+        Approach [mm]; no contact if not positive.
+
+    Raises
+    ------
+    ValueError
+        If the radius or the modulus is not positive or a value not finite.
+    """
+
+    radius: float
+    e_star: float
+    approach: float
+    load_exponent = 1.0
+
+    @classmethod
+    def from_approach(cls, radius, e_star, approach):
+        """Return the contact at `approach` [mm]."""
+        return cls(radius, e_star, approach)
+
+    @classmethod
+    def from_load(cls, radius, e_star, load):
+        """Return the contact under `load` [N]; ValueError if it is negative."""
+        return cls(radius, e_star, 1.0)._at_load(load)
+
+    @property
+    def a(self):
+        """Radius of the contact area [mm]."""
+        return self.radius if self.approach > 0 else 0.0
+
+    @property
+    def load(self):
+        """Normal force [N]."""
+        return 2 * self.e_star * self.a * self._depth
+
+    @property
+    def max_pressure(self):
+        """Infinite (at the rim); 0 without contact."""
+        return math.inf if self.a else 0.0
+
+    def pressure(self, x, y):
+        """Return the contact pressure at points [N/mm2]."""
+        s = self._radius2(x, y)
+        inside = s < 1
+        return np.where(inside, self.mean_pressure / 2 / np.sqrt(1 - np.where(inside, s, 0)), 0)
+
+    def mean_pressure_on_cell(self, x, y, dx, dy):
+        """Return the mean pressure on rectangles, exactly, also where they reach over the rim [N/mm2].
+
+        Parameters
+        ----------
+        x, y : array_like
+            Centres of the rectangles [mm].
+        dx, dy : float
+            Their sides [mm].
+
+        Raises
+        ------
+        ValueError
+            If a side is not positive and finite.
+        """
+        require_positive(dx=dx, dy=dy)
+        x, y = np.asarray(x), np.asarray(y)
+        if self.a == 0:
+            return np.zeros(np.broadcast(x, y).shape)
+        left, right = (np.clip((x + s * dx) / self.a, -1, 1) for s in (-0.5, 0.5))
+        lower, upper = (np.clip((y + s * dy) / self.a, -1, 1) for s in (-0.5, 0.5))
+
+        def from_origin(x, y):
+            """Integrate 1/sqrt(1 - x^2 - y^2) over the part inside the unit circle of [0, x] x [0, y]."""
+            root = np.sqrt(np.maximum(1 - x**2 - y**2, 0))
+            return x * np.arctan2(y, root) + y * np.arctan2(x, root) - np.arctan2(x * y, root)
+
+        integral = (
+            from_origin(right, upper)
+            - from_origin(left, upper)
+            - from_origin(right, lower)
+            + from_origin(left, lower)
+        )
+        return self.mean_pressure / 2 * self.a**2 / (dx * dy) * integral
+
+    def _shape(self, r):
+        return np.where(r <= self.radius, 0.0, np.nan)
+
+    def _outer_displacement(self, r):
+        return 2 * self.approach / math.pi * np.arcsin(self.a / r)
+
+
+@dataclass(frozen=True)
+class Cone(AxisymmetricContact):
+    """Cone of undeformed distance slope * r; the pressure has a logarithmic singularity at the tip.
+
+    Parameters
+    ----------
+    slope : float
+        Tangent of the angle between the cone and the half-space.
+    e_star : float
+        Contact modulus [N/mm2].
+    approach : float
+        Approach [mm]; no contact if not positive.
+
+    Raises
+    ------
+    ValueError
+        If the slope or the modulus is not positive or a value not finite.
+    """
+
+    slope: float
+    e_star: float
+    approach: float
+    load_exponent = 2.0
+
+    @classmethod
+    def from_approach(cls, slope, e_star, approach):
+        """Return the contact at `approach` [mm]."""
+        return cls(slope, e_star, approach)
+
+    @classmethod
+    def from_load(cls, slope, e_star, load):
+        """Return the contact under `load` [N]; ValueError if it is negative."""
+        return cls(slope, e_star, 1.0)._at_load(load)
+
+    @property
+    def a(self):
+        """Radius of the contact area [mm]."""
+        return 2 * self._depth / (math.pi * self.slope)
+
+    @property
+    def load(self):
+        """Normal force [N]."""
+        return self.e_star * self.a * self._depth
+
+    @property
+    def max_pressure(self):
+        """Infinite (at the tip); 0 without contact."""
+        return math.inf if self.a else 0.0
+
+    def pressure(self, x, y):
+        """Return the contact pressure at points [N/mm2]."""
+        with np.errstate(divide="ignore"):  # the tip
+            return self.mean_pressure * np.arccosh(np.maximum(1 / np.sqrt(self._radius2(x, y)), 1))
+
+    def _shape(self, r):
+        return self.slope * r
+
+    def _outer_displacement(self, r):
+        # sqrt(r^2 - a^2) - r, without cancellation far away
+        drop = self.a**2 / (r + np.sqrt(r**2 - self.a**2))
+        return self.slope * (self.a * np.arcsin(self.a / r) - drop)

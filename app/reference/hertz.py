@@ -1,0 +1,135 @@
+"""Elliptic contact of smooth bodies (Hertz 1882), in Carlson's symmetric elliptic integrals.
+
+The pressure p_max sqrt(1 - x^2/a^2 - y^2/b^2) displaces the surface by
+
+    u = p_max a b / (2 E*) * int_lam^inf (1 - x^2/(a^2 + w) - y^2/(b^2 + w)) / sqrt((a^2 + w) (b^2 + w) w) dw
+      = p_max a b / E* * (R_F(A, B, lam) - x^2/3 R_D(B, lam, A) - y^2/3 R_D(A, lam, B)),
+
+where A = a^2 + lam, B = b^2 + lam; lam is 0 inside the contact area and outside the positive root of
+x^2/A + y^2/B = 1. Inside, u = delta - x^2/(2 Rx) - y^2/(2 Ry) gives b/a, a and p_max.
+
+References
+----------
+K. L. Johnson, Contact Mechanics, Cambridge 1985, Sec. 3.5 and 4.2. DLMF, Sec. 19.16 (R_F, R_D).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.special import elliprd, elliprf
+
+from app.reference.base import NormalContact
+
+
+def axis_ratio(rx, ry):
+    """Return b/a of the contact ellipse of bodies with relative radii of curvature `rx`, `ry` > 0."""
+    log_radii = math.log(rx) - math.log(ry)
+
+    def excess(log_k):
+        k2 = math.exp(2 * log_k)
+        return math.log(elliprd(1.0, 0.0, k2) / elliprd(k2, 0.0, 1.0)) - log_radii
+
+    # rx/ry falls from infinity to 0 as b/a grows, like (b/a)^-1.5 near 1 and faster elsewhere: b/a lies
+    # between 1 and ry/rx.
+    if log_radii == 0:
+        return 1.0
+    return math.exp(brentq(excess, -log_radii, 0.0, xtol=1e-15, rtol=1e-15))
+
+
+@dataclass(frozen=True)
+class EllipticHertz(NormalContact):
+    """Two paraboloids with parallel principal axes: undeformed distance x^2/(2 rx) + y^2/(2 ry).
+
+    Parameters
+    ----------
+    rx, ry : float
+        Principal relative radii of curvature [mm], in any order of size.
+    e_star : float
+        Contact modulus [N/mm2].
+    approach : float
+        Approach [mm]; no contact if not positive.
+
+    Raises
+    ------
+    ValueError
+        If a radius or the modulus is not positive or a value not finite.
+    """
+
+    rx: float
+    ry: float
+    e_star: float
+    approach: float
+    load_exponent = 1.5
+
+    @classmethod
+    def from_approach(cls, rx, ry, e_star, approach):
+        """Return the contact at `approach` [mm]."""
+        return cls(rx, ry, e_star, approach)
+
+    @classmethod
+    def from_load(cls, rx, ry, e_star, load):
+        """Return the contact under `load` [N]; ValueError if it is negative."""
+        return cls(rx, ry, e_star, 1.0)._at_load(load)
+
+    @cached_property
+    def _ratio(self):
+        return axis_ratio(self.rx, self.ry)
+
+    @cached_property
+    def _rf(self):
+        """R_F of the ellipse with a = 1, the approach in units of p_max b / E*."""
+        return float(elliprf(1.0, self._ratio**2, 0.0))
+
+    @cached_property
+    def a(self):
+        """Semi-axis of the contact area along x [mm]."""
+        rd = float(elliprd(self._ratio**2, 0.0, 1.0))
+        return math.sqrt(2 * self.rx * self._depth * rd / (3 * self._rf))
+
+    @property
+    def b(self):
+        """Semi-axis of the contact area along y [mm]."""
+        return self._ratio * self.a
+
+    @property
+    def load(self):
+        """Normal force [N]."""
+        return 2 * self._depth * self.stiffness / 3
+
+    @property
+    def max_pressure(self):
+        """Pressure at the origin [N/mm2]."""
+        return self.e_star * self._depth / (self.b * self._rf) if self.a else 0.0
+
+    @property
+    def stiffness(self):
+        """Derivative of the load with respect to the approach [N/mm]."""
+        return math.pi * self.e_star * self.a / self._rf
+
+    def pressure(self, x, y):
+        """Return the contact pressure at points [N/mm2]."""
+        return self.max_pressure * np.sqrt(np.maximum(1 - self._radius2(x, y), 0))
+
+    def undeformed_distance(self, x, y):
+        """Return the distance of the undeformed surfaces at zero approach [mm]."""
+        return np.asarray(x) ** 2 / (2 * self.rx) + np.asarray(y) ** 2 / (2 * self.ry)
+
+    def displacement(self, x, y):
+        """Return the normal surface displacement [mm], inside and outside the contact area."""
+        if self.a == 0:
+            return np.zeros(np.broadcast(x, y).shape)
+        # Lengths in units of a.
+        x2, y2, k2 = (np.asarray(x) / self.a) ** 2, (np.asarray(y) / self.a) ** 2, self._ratio**2
+        # lam is the positive root of lam^2 + 2 half lam = c, written without cancellation for either sign.
+        half = (1 + k2 - x2 - y2) / 2
+        c = np.maximum(x2 * k2 + y2 - k2, 0)
+        root = np.sqrt(half**2 + c)
+        lam = np.where(half > 0, c / (root + np.abs(half)), root - half)
+        ax, by = 1 + lam, k2 + lam
+        integral = elliprf(ax, by, lam) - x2 / 3 * elliprd(by, lam, ax) - y2 / 3 * elliprd(ax, lam, by)
+        return self._depth / self._rf * integral

@@ -1,0 +1,397 @@
+"""Rough surfaces and their statistics."""
+
+import numpy as np
+import pytest
+import scipy.fft
+from scipy.special import ndtri
+
+from app.halfspace.grid import Grid
+from app.problems.statistics import normal_plot, radial_spectrum, roughness
+from app.problems.surfaces import SelfAffineSurface, WavySurface
+
+DOMAIN = (-6.0, 6.0, -5.0, 5.0)
+
+
+def wavy(**changes):
+    """Return the paper's surface, Fig. 12(b), with changes."""
+    data = {"modes": (12, 10), "decay": 0.8, "sigma": 0.1, "seed": 7, "extent": (12.0, 10.0)}
+    return WavySurface(**{**data, "origin": (-6.0, -5.0), **changes})
+
+
+def self_affine(**changes):
+    data = {
+        "hurst": 0.8,
+        "rolloff_wavelength": 4.0,
+        "shortest_wavelength": 0.5,
+        "period": (12.0, 10.0),
+        "seed": 3,
+        "rms_height": 0.1,
+        "origin": (-6.0, -5.0),
+    }
+    return SelfAffineSurface(**{**data, **changes})
+
+
+def sampled(surface, nx, ny, domain=DOMAIN):
+    grid = Grid.from_domain(nx, ny, domain)
+    return surface.height(grid.x(), grid.y())
+
+
+def every_wave(surface, x, y):
+    """Sum the waves of a self-affine surface one by one."""
+    total = 0
+    for kx in surface.wave_numbers[0]:
+        for ky in surface.wave_numbers[1]:
+            c = surface.coefficients[ky + surface.wave_numbers[1][-1], kx]
+            phase_x = kx * (x - surface.origin[0]) / surface.period[0]
+            phase_y = ky * (y - surface.origin[1]) / surface.period[1]
+            total = total + (c * np.exp(2j * np.pi * (phase_x + phase_y[:, None]))).real
+    return total
+
+
+# ------------------------------------------------------------------------------------------- wavy surface
+
+
+@pytest.mark.parametrize("decay", [0.5, 0.8, 0.95, 1.0])
+@pytest.mark.parametrize("modes", [(1, 1), (12, 10), (3, 17)])
+def test_wavy_sigma_is_exact_whatever_modes_and_decay(modes, decay):
+    surface = wavy(modes=modes, decay=decay)
+    assert surface.rms_height == pytest.approx(0.1, rel=1e-14)
+    # Distinct waves are orthogonal on a grid that resolves them, so the sampled value is exact, too.
+    height = sampled(surface, 40, 48)
+    assert height.std() == pytest.approx(0.1, rel=1e-12)
+    assert height.mean() == pytest.approx(0, abs=1e-14)
+
+
+def test_wavy_height_is_the_double_sum_of_6_1():
+    surface = wavy()
+    rng = np.random.default_rng(1)
+    x, y = rng.uniform(-6, 6, 7), rng.uniform(-5, 5, 5)
+    a, phi, theta = surface.coefficients
+    expected = sum(
+        a[m - 1, n - 1]
+        * np.cos(2 * np.pi * m * (x + 6) / 12 + phi[m - 1, n - 1])
+        * np.cos(2 * np.pi * n * (y[:, None] + 5) / 10 + theta[m - 1, n - 1])
+        for m in range(1, 13)
+        for n in range(1, 11)
+    )
+    np.testing.assert_allclose(surface.height(x, y), expected, rtol=0, atol=1e-14)
+
+
+def test_wavy_random_numbers_come_as_amplitudes_then_phases():
+    surface = wavy()
+    rng = np.random.default_rng(7)
+    a, phi, theta = (
+        rng.random((12, 10)),
+        rng.uniform(0, 2 * np.pi, (12, 10)),
+        rng.uniform(0, 2 * np.pi, (12, 10)),
+    )
+    a *= 0.8 ** np.add.outer(np.arange(12), np.arange(10))
+    np.testing.assert_allclose(
+        surface.coefficients[0] / surface.coefficients[0][0, 0], a / a[0, 0], rtol=1e-14
+    )
+    np.testing.assert_array_equal(surface.coefficients[1:], (phi, theta))
+
+
+@pytest.mark.parametrize("rows", [slice(0, 1), slice(3, 4), slice(7, 60), slice(63, 64), slice(5, 5)])
+@pytest.mark.parametrize("columns", [slice(None), slice(2, 3), slice(11, 50)])
+def test_wavy_values_do_not_depend_on_what_is_asked_together(rows, columns):
+    grid = Grid.from_domain(70, 64, DOMAIN)
+    whole = wavy().height(grid.x(), grid.y())
+    part = wavy().height(grid.x()[columns], grid.y(rows))
+    np.testing.assert_array_equal(part, whole[rows, columns])
+
+
+@pytest.mark.parametrize("surface", [wavy(), self_affine()], ids=["wavy", "self-affine"])
+def test_nested_grids_sample_the_same_function(surface):
+    # With three fine cells per coarse one every coarse centre is a fine centre.
+    coarse, fine = sampled(surface, 20, 14), sampled(surface, 60, 42)
+    np.testing.assert_allclose(coarse, fine[1::3, 1::3], rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("surface", [wavy(), self_affine()], ids=["wavy", "self-affine"])
+def test_rms_slope_is_the_limit_of_differences(surface):
+    errors = []
+    for n in (128, 256):
+        grid = Grid.from_domain(n, n, DOMAIN)
+        errors.append(roughness(sampled(surface, n, n), grid.dx, grid.dy).rms_slope / surface.rms_slope - 1)
+    assert abs(errors[0]) < 0.03
+    assert abs(errors[1]) < 0.5 * abs(errors[0])
+
+
+def test_wavy_height_is_proportional_to_sigma():
+    reference = sampled(wavy(), 16, 16)
+    np.testing.assert_allclose(sampled(wavy(sigma=0.3), 16, 16), 3 * reference, rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(sampled(wavy(sigma=0.0), 16, 16), 0)
+    assert np.abs(sampled(wavy(seed=8), 16, 16) - reference).max() > 0.1
+
+
+def test_wavy_asperity_density_grows_with_decay_factor():
+    slopes = [wavy(decay=decay).rms_slope for decay in (0.5, 0.8, 0.95)]
+    assert slopes[0] < slopes[1] < slopes[2]
+
+
+def test_wavy_heights_become_gaussian_with_many_modes():
+    assert normal_plot(sampled(wavy(), 64, 64)).correlation > 0.99
+    one = roughness(sampled(wavy(modes=(1, 1)), 64, 64), 1, 1)
+    many = roughness(sampled(wavy(modes=(30, 30), decay=1.0), 128, 128), 1, 1)
+    assert one.kurtosis == pytest.approx(9 / 4)  # <cos^4>^2 / <cos^2>^4
+    assert many.kurtosis == pytest.approx(3, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"modes": (0, 10)}, "modes"),
+        ({"modes": (12, 1.5)}, "modes"),
+        ({"decay": 0.0}, "decay 0: must be above 0 and at most 1"),
+        ({"decay": 1.01}, "decay"),
+        ({"decay": np.nan}, "decay"),
+        ({"sigma": -0.1}, "sigma"),
+        ({"sigma": np.inf}, "sigma"),
+        ({"seed": -1}, "seed"),
+        ({"seed": 1.5}, "seed"),
+        ({"extent": (12.0, 0.0)}, "extent"),
+        ({"origin": (np.nan, 0.0)}, "origin"),
+    ],
+)
+def test_wavy_rejects(changes, message):
+    with pytest.raises(ValueError, match=message):
+        wavy(**changes)
+
+
+# ------------------------------------------------------------------------------------ self-affine surface
+
+
+def test_self_affine_rms_height_is_exact_over_the_period():
+    surface = self_affine()
+    height = sampled(surface, 64, 50)  # more than two cells per wave
+    assert surface.rms_height == pytest.approx(0.1, rel=1e-14)
+    assert height.std() == pytest.approx(0.1, rel=1e-12)
+    assert height.mean() == pytest.approx(0, abs=1e-14)
+
+
+def test_self_affine_rms_slope_is_exact_over_the_period():
+    surface = self_affine(rms_height=None, rms_slope=0.2)
+    height = sampled(surface, 64, 50)
+    qx, qy = 2 * np.pi * scipy.fft.fftfreq(64, 12 / 64), 2 * np.pi * scipy.fft.fftfreq(50, 10 / 50)
+    q_squared = qx**2 + qy[:, None] ** 2
+    slope = np.sqrt(np.sum(np.abs(scipy.fft.fft2(height)) ** 2 * q_squared)) / height.size
+    assert slope == pytest.approx(0.2, rel=1e-12)
+
+
+def test_self_affine_height_and_slope_targets_are_two_ways_to_say_the_same():
+    by_height = self_affine()
+    by_slope = self_affine(rms_height=None, rms_slope=by_height.rms_slope)
+    assert by_slope.rms_height == pytest.approx(0.1, rel=1e-14)
+    np.testing.assert_allclose(sampled(by_slope, 20, 20), sampled(by_height, 20, 20), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("shape", [(64, 50), (17, 11), (4, 4)])  # resolved, aliased, aliased many times
+def test_self_affine_fft_samples_the_sum_of_waves(shape):
+    surface = self_affine()
+    grid = Grid.from_domain(*shape, DOMAIN)
+    expected = every_wave(surface, grid.x(), grid.y())
+    np.testing.assert_allclose(surface.height(grid.x(), grid.y()), expected, rtol=0, atol=1e-13)
+
+
+def test_self_affine_fft_and_matrix_products_agree():
+    surface = self_affine(shortest_wavelength=0.1)
+    grid = Grid.from_domain(48, 40, (-6.0, 2.0, -5.0, 3.0))  # 72 x 50 cells per period: FFT
+    x, y = grid.x(), grid.y()
+    by_fft = surface.height(x, y)
+    irregular_x, irregular_y = np.append(x, 2.345), np.append(y, 3.456)
+    np.testing.assert_allclose(surface.height(irregular_x, irregular_y)[:-1, :-1], by_fft, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(surface.height(irregular_x, y)[:, :-1], by_fft, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(surface.height(x[4:5], y[7:8]), by_fft[7:8, 4:5], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("rows", [slice(0, 25), slice(25, 50), slice(10, 11), slice(5, 5)])
+def test_self_affine_slabs_agree(rows):
+    grid = Grid.from_domain(64, 50, DOMAIN)
+    surface = self_affine()
+    whole = surface.height(grid.x(), grid.y())
+    np.testing.assert_allclose(surface.height(grid.x(), grid.y(rows)), whole[rows], rtol=0, atol=1e-13)
+
+
+def test_self_affine_is_periodic():
+    surface = self_affine()
+    x, y = np.linspace(-6, 5, 9), np.linspace(-5, 4, 8)
+    np.testing.assert_allclose(surface.height(x + 12, y - 10), surface.height(x, y), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("period", [(12.0, 10.0), (12.0, 3.0)])
+def test_shorter_cut_off_keeps_the_long_waves(period):
+    coarse = self_affine(period=period)
+    fine = self_affine(period=period, shortest_wavelength=0.25)
+    kx, ky = (k[-1] for k in coarse.wave_numbers)
+    middle = fine.wave_numbers[1][-1]
+    common = fine.coefficients[middle - ky : middle + ky + 1, : kx + 1][coarse.amplitudes > 0]
+    factor = fine.rms_height / coarse.rms_height * common / coarse.coefficients[coarse.amplitudes > 0]
+    np.testing.assert_allclose(factor, factor[0], rtol=1e-12)
+    assert 0 < factor[0].real < 1  # the short waves take their share of the rms height
+    assert abs(factor[0].imag) < 1e-14
+
+
+def test_each_wave_is_drawn_once():
+    surface = self_affine(period=(12.0, 12.0))
+    phases = np.angle(surface.coefficients[surface.amplitudes > 0])
+    assert len(np.unique(phases)) == len(phases)
+    # Waves of the half-plane: about half the lattice points in the circle of radius period / shortest.
+    assert len(phases) == pytest.approx(np.pi * 24**2 / 2, rel=0.02)
+
+
+@pytest.mark.parametrize("hurst", [0.3, 0.8, 1.0])
+def test_self_affine_spectrum_has_slope_minus_2_minus_2h_and_a_plateau(hurst):
+    n, length, rolloff, shortest = 256, 10.0, 1.0, 0.1
+    surface = SelfAffineSurface(hurst, rolloff, shortest, (length, length), 5, rms_height=0.1)
+    height = sampled(surface, n, n, (0, length, 0, length))
+    spectrum = radial_spectrum(height, length / n, length / n)
+    q = spectrum.wave_number
+    tail = (q > 1.2 * 2 * np.pi / rolloff) & (q < 0.98 * 2 * np.pi / shortest)
+    plateau = q < 0.9 * 2 * np.pi / rolloff
+    slope = np.polyfit(np.log(q[tail]), np.log(spectrum.density[tail]), 1)[0]
+    assert slope == pytest.approx(-2 - 2 * hurst, abs=0.02)
+    np.testing.assert_allclose(spectrum.density[plateau], spectrum.density[0], rtol=1e-10)
+    beyond = q > 1.02 * 2 * np.pi / shortest
+    assert beyond.any()
+    assert spectrum.density[beyond].max() < 1e-20 * spectrum.density[0]
+
+
+def test_longest_wavelength_removes_the_longer_waves():
+    n, length = 64, 10.0
+    surface = SelfAffineSurface(0.8, 1.0, 0.5, (length, length), 5, rms_height=0.1, longest_wavelength=2.0)
+    spectrum = radial_spectrum(sampled(surface, n, n, (0, length, 0, length)), length / n, length / n)
+    removed = spectrum.wave_number < 0.85 * 2 * np.pi / 2.0
+    assert spectrum.density[removed].max() < 1e-20 * spectrum.density.max()
+
+
+def test_self_affine_heights_are_gaussian():
+    surface = SelfAffineSurface(0.8, 0.5, 0.1, (10.0, 10.0), 11, rms_height=0.1)
+    height = sampled(surface, 256, 256, (0, 10, 0, 10))
+    moments = roughness(height, 10 / 256, 10 / 256)
+    assert normal_plot(height).correlation > 0.999
+    assert moments.kurtosis == pytest.approx(3, abs=0.2)
+    assert moments.skewness == pytest.approx(0, abs=0.2)
+
+
+def test_self_affine_is_isotropic():
+    surface = SelfAffineSurface(0.8, 1.0, 0.2, (10.0, 8.0), 11, rms_height=0.1)
+    moments = roughness(sampled(surface, 400, 320, (0, 10, 0, 8)), 0.025, 0.025)
+    assert moments.rms_slope_x == pytest.approx(moments.rms_slope_y, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"hurst": 0.0}, "Hurst exponent 0: must be above 0 and at most 1"),
+        ({"hurst": 1.1}, "Hurst"),
+        ({"shortest_wavelength": 5.0}, "in this order"),
+        ({"shortest_wavelength": 0.0}, "positive"),
+        ({"longest_wavelength": 3.0}, "in this order"),
+        ({"period": (12.0, -1.0)}, "period"),
+        ({"rms_slope": 0.1}, "either"),
+        ({"rms_height": None}, "either"),
+        ({"rms_height": -1.0}, "rms value"),
+        ({"seed": -1}, "seed"),
+        ({"rolloff_wavelength": 40.0, "shortest_wavelength": 30.0}, "no wave"),
+    ],
+)
+def test_self_affine_rejects(changes, message):
+    with pytest.raises(ValueError, match=message):
+        self_affine(**changes)
+
+
+def test_self_affine_refuses_to_repeat_itself():
+    x = np.linspace(-6, 6, 13)
+    with pytest.raises(ValueError, match="span 12 in x, its period is 12"):
+        self_affine().height(x, x[:3])
+
+
+# ----------------------------------------------------------------------------------------------- statistics
+
+
+def test_roughness_of_a_wave():
+    n, dx, dy, amplitude = 60, 0.1, 0.2, 0.3
+    q = 2 * np.pi * 4 / (n * dx)
+    height = 5 + amplitude * np.cos(q * np.arange(n) * dx) * np.ones((7, 1))
+    moments = roughness(height, dx, dy)
+    assert moments.rms_height == pytest.approx(amplitude / np.sqrt(2), rel=1e-12)
+    assert moments.skewness == pytest.approx(0, abs=1e-12)
+    assert moments.kurtosis == pytest.approx(1.5, rel=1e-12)
+    assert moments.rms_slope_y == 0
+    expected = q * amplitude / np.sqrt(2) * np.sin(q * dx / 2) / (q * dx / 2)
+    assert moments.rms_slope_x == pytest.approx(expected, rel=0.01)  # one face less than cells
+
+
+def test_roughness_of_a_plane():
+    x, y = np.arange(5) * 0.5, np.arange(4) * 0.25
+    moments = roughness(3 * x + 4 * y[:, None], 0.5, 0.25)
+    assert (moments.rms_slope_x, moments.rms_slope_y, moments.rms_slope) == pytest.approx(
+        (3, 4, 5), rel=1e-12
+    )
+
+
+def test_roughness_under_shift_scaling_and_reflection():
+    height = np.random.default_rng(2).exponential(size=(30, 20))
+    base, other = roughness(height, 1, 1), roughness(7 - 2 * height, 1, 1)
+    assert other.rms_height == pytest.approx(2 * base.rms_height)
+    assert other.rms_slope == pytest.approx(2 * base.rms_slope)
+    assert other.skewness == pytest.approx(-base.skewness)
+    assert other.kurtosis == pytest.approx(base.kurtosis)
+    assert base.skewness > 1
+
+
+def test_a_flat_surface_has_no_shape():
+    moments = roughness(np.full((4, 4), 0.1), 1, 1)
+    assert moments.rms_slope == 0
+    assert np.isnan([moments.skewness, moments.kurtosis, normal_plot(np.full(9, 0.1)).correlation]).all()
+
+
+def test_spectrum_adds_up_to_the_variance():
+    height = sampled(self_affine(), 100, 90)  # no wave beyond the last ring
+    spectrum = radial_spectrum(height, 12 / 100, 10 / 90)
+    assert np.sum(spectrum.count * spectrum.density) / 120 == pytest.approx(height.var(), rel=1e-12)
+
+
+@pytest.mark.parametrize("window", [False, True])
+def test_spectrum_of_white_noise_is_variance_times_cell_area(window):
+    dx, dy = 0.1, 0.3
+    height = np.random.default_rng(4).normal(scale=0.2, size=(128, 384))
+    spectrum = radial_spectrum(height, dx, dy, window)
+    mean = np.average(spectrum.density, weights=spectrum.count)
+    assert mean == pytest.approx(0.2**2 * dx * dy, rel=0.03)
+
+
+def test_spectrum_rings_are_closed():
+    count = radial_spectrum(np.eye(64), 1, 1).count
+    assert len(count) == 31
+    np.testing.assert_allclose(count[9:], 2 * np.pi * np.arange(10, 32), rtol=0.15)
+
+
+def test_window_suppresses_the_edges_of_a_tilted_patch():
+    x = np.arange(64) / 64
+    height = np.tile(x, (64, 1))  # not periodic: without a window its jump leaks into all wave numbers
+    plain, windowed = (radial_spectrum(height, 1 / 64, 1 / 64, window) for window in (False, True))
+    assert windowed.density[-1] < 1e-3 * plain.density[-1]
+
+
+def test_normal_plot_of_normal_quantiles_is_a_straight_line():
+    quantiles = ndtri((np.arange(50) + 0.5) / 50)
+    plot = normal_plot(np.random.default_rng(6).permutation(2 + 3 * quantiles).reshape(5, 10))
+    assert plot.correlation == pytest.approx(1, abs=1e-14)
+    np.testing.assert_allclose(plot.height, 2 + 3 * plot.quantile, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("function", "message"),
+    [
+        (lambda: roughness(np.zeros((1, 5)), 1, 1), "at least 2 x 2"),
+        (lambda: roughness(np.zeros(5), 1, 1), "need \\(ny, nx\\)"),
+        (lambda: roughness(np.full((3, 3), np.nan), 1, 1), "finite"),
+        (lambda: radial_spectrum(np.zeros((4, 3)), 1, 1), "at least 4 x 4"),
+        (lambda: normal_plot([1.0]), "at least 2 heights"),
+    ],
+)
+def test_statistics_reject(function, message):
+    with pytest.raises(ValueError, match=message):
+        function()
