@@ -42,7 +42,7 @@ def main():
         )  # fmt: skip
     solve_seconds = time.perf_counter() - started
     for listener in setup.listeners:
-        listener(None)
+        listener.end()
 
     facts = _facts(setup, state, outcome, history, comm)
     facts.update(setup_seconds=setup_seconds, solve_seconds=solve_seconds, ranks=comm.size)

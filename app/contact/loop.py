@@ -18,6 +18,19 @@ class Controls:
     max_it: int = 100
 
 
+class Listener:
+    """Hears of the iteration while it runs; called on the ranks that take part in a grid."""
+
+    def start(self, state, level):
+        """Hear of a grid whose first contact set is in ``state.contact``."""
+
+    def iteration(self, entry, state):
+        """Hear of an active set iteration: its entry in the history, and the state after it."""
+
+    def end(self):
+        """Hear that all is over."""
+
+
 @dataclass
 class History:
     """One entry per active set iteration on any grid, and who wants to hear of it."""
@@ -25,14 +38,14 @@ class History:
     listeners: list = field(default_factory=list)
     entries: list = field(default_factory=list)
 
-    def add(self, **entry):
+    def add(self, state, **entry):
         """Record an iteration. Not collective."""
         self.entries.append(entry)
         for listener in self.listeners:
-            listener(entry)
+            listener.iteration(entry, state)
 
     def columns(self):
-        """The entries as name -> list. Not collective."""
+        """Return the entries as name -> list. Not collective."""
         return (
             {name: [entry[name] for entry in self.entries] for name in self.entries[0]}
             if self.entries
@@ -80,6 +93,8 @@ def iterate(state, solver, controls, history, target=True):
         relative = residual / gap_norm if gap_norm > 0 else residual
         return Outcome(converged, reason, iterations, inner, relative)
 
+    for listener in history.listeners:
+        listener.start(state, solver.level)
     if state.sum([state.contact.sum()])[0] == 0:
         state.pressure.set(0)
         state.u[...] = 0
@@ -93,6 +108,7 @@ def iterate(state, solver, controls, history, target=True):
         change = state.update()
         residual = change.residual
         history.add(
+            state,
             level=solver.level,
             iteration=iteration,
             contact_cells=change.cells,

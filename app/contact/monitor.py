@@ -6,21 +6,23 @@ import math
 
 from mpi4py import MPI
 
+from app.contact.loop import Listener
+
 _HEADER = (
     "level   it inner   contact   added dropped   residual    work       load [N]  approach [mm]  time [s]"
 )
 
 
-class Monitor:
+class Monitor(Listener):
     """-lcp_monitor: a line per active set iteration, the header repeated for every grid."""
 
     def __init__(self):
         self._level = None
         self._work = 0.0
 
-    def __call__(self, entry):
-        """Print an entry of the history; None at the end."""
-        if entry is None or MPI.COMM_WORLD.rank:
+    def iteration(self, entry, state):
+        """Print an entry of the history."""
+        if MPI.COMM_WORLD.rank:
             return
         if entry["level"] != self._level:
             print(_HEADER)
@@ -34,7 +36,7 @@ class Monitor:
         )
 
 
-class Progress:
+class Progress(Listener):
     """A bar on the terminal: how many of the decades to the wanted residual are done on this grid."""
 
     def __init__(self, rtol):
@@ -46,11 +48,12 @@ class Progress:
         )
         self._best = 0
 
-    def __call__(self, entry):
-        """Show an entry of the history; None closes the bar."""
-        if entry is None:
-            self._bar.close()
-            return
+    def end(self):
+        """Close the bar."""
+        self._bar.close()
+
+    def iteration(self, entry, state):
+        """Show an entry of the history."""
         residual = min(max(entry["residual"], self._rtol), 1.0)
         share = 100 * math.log(residual) / math.log(self._rtol) if self._rtol < 1 else 100
         self._bar.n = round(share)
