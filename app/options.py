@@ -132,6 +132,7 @@ TABLE = [
     Option("surface_decay", real("above 0, at most 1", above=0, highest=1), 0.8, "gamma: fall of its amplitudes"),
     Option("surface_modes", grid_size, (12, 10), "M,N: frequencies in x and y"),
     Option("gap_file", word, REQUIRED, "undeformed distance (ny, nx): .npy, .h5[:/dataset] or text; NaN: no contact"),
+    Option("lcp_type", choice("active_set", "tao", "snesvi"), "active_set", "around a KSP, or PETSc's own"),
     Option("lcp_nested", flag, False, "nested iteration (FMG): solve on coarser grids first"),
     Option("lcp_rtol", _positive, 1e-6, "||r|| / ||h|| at which the pressure is accepted, eq. (5.1)"),
     Option("lcp_max_it", _count, 100, "active set iterations on one grid"),

