@@ -7,6 +7,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 from mpi4py import MPI
 
 from app import __version__, session
@@ -62,6 +63,7 @@ class prepare:
     """Everything that can be refused before any work: problem, grids, solver, output. Collective."""
 
     def __init__(self, options, comm):
+        from app.contact.loading import PrescribedApproach, PrescribedLoad
         from app.contact.loop import Controls
         from app.contact.monitor import Monitor, Progress
         from app.multigrid.hierarchy import Hierarchy
@@ -71,10 +73,7 @@ class prepare:
         if self.output:
             session.agree(comm, check_output_path, self.output)
         self.problem = session.agree(comm, make_problem, options, comm)
-        kind, value = loading(options)
-        if kind == "load":
-            raise InputError("-load: load control is not available yet; prescribe -approach [mm]")
-        self.approach = value
+        self.loading = make_loading(*loading(options))
         self.controls = Controls(options["lcp_rtol"], options["lcp_max_it"])
         self.type = options["lcp_type"]
         if self.type == "active_set":
@@ -84,7 +83,10 @@ class prepare:
         if not self.listeners and comm.rank == 0 and sys.stderr.isatty():
             self.listeners.append(Progress(self.controls.rtol))
 
-        multilevel = self.type == "active_set" and (self.nested or options.text("pc_type") == "mg")
+        by_load = isinstance(self.loading, PrescribedLoad)
+        if by_load and self.type != "active_set":
+            raise InputError(f"-lcp_type {self.type}: works with -approach only, not with -load")
+        multilevel = self.type == "active_set" and (self.nested or by_load or options.text("pc_type") == "mg")
         material = self.problem.material
         self.hierarchy = Hierarchy(
             self.problem.grid, material.compliance, comm, options["lcp_coarsest"], options["lcp_replicate"] ** 2,
@@ -97,6 +99,10 @@ class prepare:
                 f"unknown or unused option{'s'[: len(unused) > 1]}: -{', -'.join(sorted(unused))}"
             )
         self.shapes = self.hierarchy.shapes(self.problem)
+        if by_load and self.loading.load == 0:
+            # The approach is not unique: the one at which the bodies just touch.
+            lowest = np.nanmin(self.shapes[-1], initial=np.inf)
+            self.loading = PrescribedApproach(comm.allreduce(float(lowest), MPI.MIN))
         self.options_text = options.summary()
 
 
@@ -133,6 +139,19 @@ def make_problem(options, comm):
     return Punch(grid, material, options["punch_diameter"], surface)
 
 
+def make_loading(kind, value):
+    """Turn what the options prescribe into a loading."""
+    from app.contact.loading import PrescribedApproach, PrescribedLoad
+
+    if kind == "approach":
+        return PrescribedApproach(value)
+    if value < 0:
+        raise InputError(
+            f"-load {value:g}: the bodies do not stick together; allowed: a force of at least 0 N"
+        )
+    return PrescribedLoad(value)
+
+
 def use_default_method(options):
     """Take the solver of fast.opts if the options choose none."""
     if options.given("ksp_type") or options.given("pc_type"):
@@ -164,12 +183,13 @@ def _solve(setup, history):
 
     if setup.type != "active_set":
         target = setup.hierarchy.target
-        state = ContactGrid(target, setup.shapes[-1], target.comm, setup.approach)
+        state = ContactGrid(target, setup.shapes[-1], target.comm)
+        setup.loading.start(state)
         return state, setup.solver.solve(state, history)
     return nested.solve(
         setup.hierarchy,
         setup.shapes,
-        setup.approach,
+        setup.loading,
         setup.controls,
         history,
         nested=setup.nested,
@@ -205,8 +225,6 @@ def _facts(setup, state, outcome, history, comm):
 
 
 def _write(setup, state, facts, history, comm):
-    import numpy as np
-
     from app.output.result import write_result
 
     grid, slabs = setup.problem.grid, setup.hierarchy.slabs

@@ -43,7 +43,7 @@ class ContactGrid:
         The ranks that share the rows; None if this rank has them all.
     """
 
-    def __init__(self, operator, shape, comm=None, approach=0.0):
+    def __init__(self, operator, shape, comm=None):
         self.operator, self.grid, self.comm = operator, operator.grid, comm
         self.admissible = ~np.isnan(shape)
         self.shape = np.where(self.admissible, shape, 0.0)
@@ -53,8 +53,13 @@ class ContactGrid:
         self.right = self.pressure.duplicate()
         self.u = np.zeros(shape.shape)
         self.contact = operator.mask  # the very array the operator uses
-        self.approach = approach
-        self.admissible_cells = int(self.sum([np.count_nonzero(self.admissible)])[0])
+        self.approach = 0.0
+        self.unit = None  # q with A q = 1 on C, if the load is prescribed: see `loading`
+        cells, total = self.sum([np.count_nonzero(self.admissible), self.shape.sum()])
+        self.admissible_cells = int(cells)
+        self._mean_shape = float(total / cells)
+        deviation = self.shape[self.admissible] - self._mean_shape
+        self._deviation = float(self.sum([deviation @ deviation])[0])
 
     def sum(self, values):
         """Sum a few numbers over the ranks. Collective."""
@@ -71,9 +76,28 @@ class ContactGrid:
         return values
 
     def gap_norm(self):
-        """||h||_2 over the admissible cells [mm], eq. (5.1). Collective."""
-        h = self.shape[self.admissible] - self.approach
-        return float(np.sqrt(self.sum([h @ h])[0]))
+        """||h||_2 over the admissible cells [mm], eq. (5.1). Not collective."""
+        return float(
+            np.sqrt(self._deviation + self.admissible_cells * (self._mean_shape - self.approach) ** 2)
+        )
+
+    def mean_shape(self):
+        """Mean undeformed distance at zero approach over the admissible cells [mm]. Not collective."""
+        return self._mean_shape
+
+    def make_unit(self):
+        """Make the vector q. Collective."""
+        self.unit = self.pressure.duplicate()
+
+    def touch(self):
+        """Make sure that there is contact: press until the first cell touches. Collective; returns if it had to."""
+        if self.sum([self.contact.sum()])[0] > 0:
+            return False
+        gap = self.shape + self.u
+        self.approach = float(self.minimum(gap[self.admissible].min(initial=np.inf)))
+        np.less_equal(gap, self.approach, out=self.contact)
+        self.contact &= self.admissible
+        return True
 
     def start_from_interpenetration(self):
         """Step 1: C = {h <= 0}, p = 0. Not collective."""
@@ -135,5 +159,6 @@ class ContactGrid:
 
     def destroy(self):
         """Free the vectors. Collective."""
-        self.pressure.destroy()
-        self.right.destroy()
+        for vec in (self.pressure, self.right, self.unit):
+            if vec is not None:
+                vec.destroy()

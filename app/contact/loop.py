@@ -17,6 +17,10 @@ class Controls:
     rtol: float = 1e-6
     max_it: int = 100
 
+    def load_tolerance(self, target):
+        """Relative error of a prescribed load that is small enough."""
+        return 0.1 * self.rtol if target else max(1e-3, self.rtol)
+
 
 class Listener:
     """Hears of the iteration while it runs; called on the ranks that take part in a grid."""
@@ -64,7 +68,7 @@ class Outcome:
     residual: float  # ||r|| / ||h||, eq. (5.1)
 
 
-def iterate(state, solver, controls, history, target=True):
+def iterate(state, solver, loading, controls, history, first=True, target=True):
     """Solve the problem of one grid from the contact set and pressure in `state`.
 
     Collective over the ranks of `state`.
@@ -72,27 +76,28 @@ def iterate(state, solver, controls, history, target=True):
     Parameters
     ----------
     state : ContactGrid
-    solver : LinearSolver
+    solver : LinearSolver or DirectSolver
         On the same operator.
+    loading : PrescribedApproach or PrescribedLoad
     controls : Controls
     history : History
-    target : bool
-        On coarser grids of a nested iteration an unchanged contact set is enough.
+    first, target : bool
+        Whether this is the first and the target grid. On coarser grids than the target an unchanged contact
+        set is enough.
 
     Returns
     -------
     Outcome
     """
     started = time.perf_counter()
-    gap_norm = state.gap_norm()
-    allowed = controls.rtol * gap_norm
     inner = 0
     residual = 0.0
+    work = solver.work_units
 
     def end(converged, reason, iterations):
-        relative = residual / gap_norm if gap_norm > 0 else residual
-        return Outcome(converged, reason, iterations, inner, relative)
+        return Outcome(converged, reason, iterations, inner, residual)
 
+    loading.begin(state, solver, first, target)
     for listener in history.listeners:
         listener.start(state, solver.level)
     if state.sum([state.contact.sum()])[0] == 0:
@@ -100,13 +105,20 @@ def iterate(state, solver, controls, history, target=True):
         state.u[...] = 0
         return end(True, "the bodies do not touch", 0)
     for iteration in range(1, controls.max_it + 1):
+        gap_norm = state.gap_norm() or 1.0
         state.set_right_hand_side()
         solver.contact_changed()
-        work_before = solver.work_units
-        inner_now, failure = solver.solve(state.right, state.pressure, allowed)
+        inner_now, failure = solver.solve(state.right, state.pressure, controls.rtol * gap_norm)
         inner += inner_now
         change = state.update()
-        residual = change.residual
+        residual = change.residual / gap_norm
+        load_error = loading.measure(state)
+        done = change.changed == 0 and load_error <= controls.load_tolerance(target)
+        done &= not target or residual <= controls.rtol
+        load, approach = state.load, state.approach
+        if not done and not failure:
+            loading.adjust(state, solver, solved=residual <= controls.rtol)
+        work, work_before = solver.work_units, work
         history.add(
             state,
             level=solver.level,
@@ -115,17 +127,17 @@ def iterate(state, solver, controls, history, target=True):
             added_cells=change.added,
             dropped_cells=change.dropped,
             changed_cells=change.changed,
-            residual=residual / gap_norm if gap_norm > 0 else residual,
+            residual=residual,
             inner_iterations=inner_now,
-            work_units=solver.work_units - work_before,
-            load=state.load,
-            approach=state.approach,
+            work_units=work - work_before,
+            load=load,
+            approach=approach,
             seconds=time.perf_counter() - started,
         )
         if failure:
             return end(False, f"the linear solver failed: {failure}", iteration)
         if not residual < float("inf"):
             return end(False, "the residual is not a finite number", iteration)
-        if change.changed == 0 and (not target or residual <= allowed):
+        if done:
             return end(True, "contact area unchanged and residual small enough", iteration)
     return end(False, f"{controls.max_it} active set iterations were not enough", controls.max_it)

@@ -6,11 +6,13 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.contact.active_set import ContactGrid
+from app.contact.loading import PrescribedApproach
 from app.contact.loop import iterate
 from app.multigrid.linear_solver import DirectSolver, LinearSolver
+from app.multigrid.pcmg import LARGEST_DIRECT
 
 
-def solve(hierarchy, shapes, approach, controls, history, nested=False, beta=0.003, target_solver=None):
+def solve(hierarchy, shapes, loading, controls, history, nested=False, beta=0.003, target_solver=None):
     """Solve the contact problem on the target grid of a hierarchy.
 
     Collective. Replicated grids are solved by rank 0, which tells the others.
@@ -20,8 +22,7 @@ def solve(hierarchy, shapes, approach, controls, history, nested=False, beta=0.0
     hierarchy : Hierarchy
     shapes : list of ndarray
         Undeformed distance at zero approach on each level (see `Hierarchy.shapes`) [mm].
-    approach : float
-        [mm]
+    loading : PrescribedApproach or PrescribedLoad
     controls : Controls
     history : History
     nested : bool
@@ -37,19 +38,29 @@ def solve(hierarchy, shapes, approach, controls, history, nested=False, beta=0.0
         State of the target grid.
     """
     last = len(hierarchy.levels) - 1
-    below = None
-    for number in range(0 if nested else last, last + 1):
+    route = range(last + 1) if nested else _direct_route(hierarchy, loading)
+    below = outcome = None
+    for place, number in enumerate(route):
         operator = hierarchy.levels[number]
         here = operator.comm is not None or hierarchy.comm.rank == 0 or number == last
-        state = ContactGrid(operator, shapes[number], operator.comm, approach)
+        state = ContactGrid(operator, shapes[number], operator.comm)
         if below is None:
-            state.start_from_interpenetration()
-        else:
+            loading.start(state)
+        elif nested:
             _prolong(hierarchy.transfers[number], below, state, beta)
-        outcome = None
+        else:
+            state.approach = below.approach
+            state.start_from_interpenetration()
+            state.make_unit()
+            _copy_up(hierarchy, route[place - 1], number, below.unit, state.unit)
         if here:
-            solver = target_solver if number == last and target_solver else _solver(hierarchy, number, nested)
-            outcome = iterate(state, solver, controls, history, target=number == last)
+            if number == last and target_solver:
+                solver = target_solver
+            elif below is None and number < last:
+                solver = DirectSolver(operator, number)
+            else:
+                solver = LinearSolver(hierarchy, number, _petsc_comm(operator))
+            outcome = iterate(state, solver, loading, controls, history, below is None, number == last)
             if solver is not target_solver:
                 solver.destroy()
         if operator.comm is None and hierarchy.comm.size > 1 and number < last:
@@ -60,12 +71,31 @@ def solve(hierarchy, shapes, approach, controls, history, nested=False, beta=0.0
     return state, outcome
 
 
-def _solver(hierarchy, number, nested):
-    operator = hierarchy.levels[number]
-    comm = PETSc.COMM_SELF if operator.comm is None else PETSc.Comm(operator.comm)
-    if nested and number == 0:
-        return DirectSolver(operator, comm)
-    return LinearSolver(hierarchy, number, comm)
+def _petsc_comm(operator):
+    return PETSc.COMM_SELF if operator.comm is None else PETSc.Comm(operator.comm)
+
+
+def _direct_route(hierarchy, loading):
+    """Levels visited without nested iteration: the target; to find an approach, a grid small enough first."""
+    last = len(hierarchy.levels) - 1
+    if isinstance(loading, PrescribedApproach):
+        return [last]
+    small = [
+        n
+        for n in range(last)
+        if hierarchy.levels[n].comm is None and hierarchy.levels[n].grid.n <= LARGEST_DIRECT
+    ]
+    return [*small[-1:], last]
+
+
+def _copy_up(hierarchy, first, last, coarse, fine):
+    """Copy values of a coarse grid to all their descendants on a finer one."""
+    values = coarse.getArray(readonly=True).reshape(hierarchy.levels[first].local_shape)
+    for number in range(first + 1, last + 1):
+        finer = np.zeros(hierarchy.levels[number].local_shape)
+        hierarchy.transfers[number].copy(values, finer)
+        values = finer
+    fine.setArray(values.reshape(-1))
 
 
 def _tell(comm, state):
@@ -74,10 +104,17 @@ def _tell(comm, state):
         comm.Bcast(p)
     comm.Bcast(state.u)
     comm.Bcast(state.contact)
+    state.approach = comm.bcast(state.approach)
+    if comm.bcast(state.unit is not None):
+        if state.unit is None:
+            state.make_unit()
+        with state.unit as q:
+            comm.Bcast(q)
 
 
 def _prolong(transfer, below, state, beta):
     """Step 2 and (3.a): p by copy, u bilinear, C = {h + u <= beta max(u)}, p = 0 outside."""
+    state.approach = below.approach
     coarse = below.pressure.getArray(readonly=True).reshape(below.u.shape)
     transfer.interpolate(below.u, state.u)
     highest = -float(state.minimum(-state.u.max(initial=-np.inf)))
@@ -89,3 +126,9 @@ def _prolong(transfer, below, state, beta):
         p = values.reshape(state.u.shape)
         transfer.copy(coarse, p)
         p *= state.contact
+    if below.unit is not None:
+        state.make_unit()
+        with state.unit as values:
+            transfer.copy(
+                below.unit.getArray(readonly=True).reshape(below.u.shape), values.reshape(state.u.shape)
+            )

@@ -47,6 +47,8 @@ class Material:
             raise ValueError(f"shear modulus {self.shear_modulus:g}: must be positive and finite")
         if not 0 <= self.poisson_ratio <= 0.5:
             raise ValueError(f"Poisson ratio {self.poisson_ratio:g}: must be from 0 to 0.5")
+        if not np.isfinite(self.compliance):
+            raise ValueError(f"shear modulus {self.shear_modulus:g}: too small, its reciprocal is infinite")
 
     @property
     def compliance(self):

@@ -6,9 +6,11 @@ Whatever PETSc offers for a matrix that can be multiplied can be chosen: ``-ksp_
 
 from __future__ import annotations
 
+import numpy as np
 from petsc4py import PETSc
+from scipy.linalg import cho_factor, cho_solve
 
-from app.multigrid.pcmg import SMOOTHER_DEFAULTS, MaskedMatrix, Multigrid, defaults
+from app.multigrid.pcmg import SMOOTHER_DEFAULTS, Multigrid, defaults, replicated_matrix
 
 
 def reason_names(reasons):
@@ -35,6 +37,8 @@ class LinearSolver:
     prefix : str
         Of the options.
     """
+
+    exact = False
 
     def __init__(self, hierarchy, level=-1, comm=None, prefix=""):
         self.level = range(len(hierarchy.levels))[level]
@@ -113,31 +117,36 @@ class LinearSolver:
 
 
 class DirectSolver:
-    """The same for the coarsest grid of a nested iteration: factorises the assembled matrix.
+    """The same on a small replicated grid, by Cholesky factorisation of A on C. Not collective.
 
-    Collective over `comm`.
+    Parameters
+    ----------
+    operator : InfluenceOperator
+        On a grid of at most `LARGEST_DIRECT` cells.
+    level : int
+        Its number in the hierarchy.
     """
 
+    exact = True
     work_units = 0.0
 
-    def __init__(self, operator, comm):
-        self.level, self.operator = 0, operator
-        self._matrix = MaskedMatrix(operator, comm)
-        self.ksp = PETSc.KSP().create(comm)
-        self.ksp.setOperators(self._matrix.mat)
-        self.ksp.setType(PETSc.KSP.Type.PREONLY)
-        self.ksp.getPC().setType(PETSc.PC.Type.LU)
+    def __init__(self, operator, level=0):
+        self.level, self.operator = level, operator
+        self._matrix = replicated_matrix(operator)
+        self._factors = None
 
     def contact_changed(self):
         """See `LinearSolver.contact_changed`."""
-        self._matrix.update()
+        self._inside = self.operator.mask.reshape(-1).copy()
+        self._factors = cho_factor(self._matrix[np.ix_(self._inside, self._inside)], overwrite_a=True)
 
     def solve(self, b, p, allowed):
         """See `LinearSolver.solve`."""
-        self.ksp.solve(b, p)
+        right = b.getArray(readonly=True)[self._inside]
+        with p as solution:
+            solution[...] = 0
+            solution[self._inside] = cho_solve(self._factors, right)
         return 1, ""
 
     def destroy(self):
-        """Free the factors. Collective."""
-        self.ksp.destroy()
-        self._matrix.destroy()
+        """Nothing of PETSc's to free."""

@@ -28,6 +28,17 @@ _DIRECT = {
 }
 
 
+def replicated_matrix(operator):
+    """Dense A of a replicated level of at most `LARGEST_DIRECT` cells. Not collective."""
+    grid = operator.grid
+    if grid.n > LARGEST_DIRECT or operator.comm is not None:
+        raise ValueError(
+            f"a coarsest grid of {grid.nx} x {grid.ny} cells is too large for a direct "
+            f"solve; allowed: {LARGEST_DIRECT} cells in all, on a replicated level"
+        )
+    return dense_matrix(grid, operator.compliance)
+
+
 class MaskedMatrix:
     """Assembled ``C A C + d (I - C)`` of a replicated coarse level: one copy per rank on the diagonal.
 
@@ -39,14 +50,9 @@ class MaskedMatrix:
     """
 
     def __init__(self, operator, comm):
-        n = operator.grid.n
-        if n > LARGEST_DIRECT or operator.comm is not None:
-            raise ValueError(
-                f"a coarsest grid of {operator.grid.nx} x {operator.grid.ny} cells is too large for a direct "
-                f"solve; allowed: {LARGEST_DIRECT} cells in all, on a replicated level"
-            )
         self.operator = operator
-        self._full = dense_matrix(operator.grid, operator.compliance)
+        self._full = replicated_matrix(operator)
+        n = operator.grid.n
         self.mat = PETSc.Mat().createAIJ(((n, PETSc.DETERMINE),) * 2, nnz=n, comm=comm)
         first, last = self.mat.getOwnershipRange()
         self._index = np.arange(first, last, dtype=PETSc.IntType)
