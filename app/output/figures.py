@@ -106,8 +106,8 @@ def section_figure(result, reference=None, at=None):
     reference : Reference, optional
         Drawn over the computed pressure.
     at : (float, float), optional
-        The point (x, y) [mm], moved to the nearest cell centre; default: the highest pressure, or the
-        middle of the patch if there is none.
+        The point (x, y) [mm], moved to the nearest cell centre; default: the row and the column that
+        carry most, or the middle of the patch if there is no pressure.
     """
     figure = _figure(result, (7.0, 7.2))
     row, column = _cell(result, at)
@@ -269,16 +269,30 @@ def _draw_contact(axes, result):
 def _draw_pressure(axes, result):
     pressure = _finite(result.pressure)
     highest = float(pressure.max()) or 1.0
+    extend = "neither"
+    if pressure.any():
+        # Singular pressure on a few cells at an edge must not leave the rest in the dark.
+        most = 1.5 * float(np.quantile(pressure[pressure > 0], 0.99))
+        if most < highest:
+            highest, extend = most, "max"
     _draw_map(
-        axes, result, pressure, PRESSURE_MAP, "pressure p  [N/mm²]", hide_zero=True, vmin=0, vmax=highest
+        axes,
+        result,
+        pressure,
+        PRESSURE_MAP,
+        "pressure p  [N/mm²]",
+        extend=extend,
+        hide_zero=True,
+        vmin=0,
+        vmax=highest,
     )
 
 
-def _draw_map(axes, result, field, colours, label, **options):
+def _draw_map(axes, result, field, colours, label, extend="neither", **options):
     _draw_background(axes, result)
     field = np.where(_inadmissible(result), np.nan, field)
     image = _image(axes, result, field, colours, **options)
-    bar = axes.figure.colorbar(image, cax=axes.inset_axes([1.03, 0, 0.035, 1]))
+    bar = axes.figure.colorbar(image, cax=axes.inset_axes([1.03, 0, 0.035, 1]), extend=extend)
     bar.set_label(label)
     bar.outline.set_linewidth(0.8)
 
@@ -289,8 +303,7 @@ def _cell(result, at=None):
         return int(np.argmin(abs(result.y - at[1]))), int(np.argmin(abs(result.x - at[0])))
     pressure = _finite(result.pressure)
     if pressure.any():
-        row, column = np.unravel_index(np.argmax(pressure), pressure.shape)
-        return int(row), int(column)
+        return int(np.argmax(pressure.sum(axis=1))), int(np.argmax(pressure.sum(axis=0)))
     return result.y.size // 2, result.x.size // 2
 
 
@@ -328,6 +341,8 @@ def _draw_residual(axes, result):
     if "lcp_rtol" in result.attributes:
         axes.axhline(result.attributes["lcp_rtol"], color=ORANGE, linestyle=(0, (5, 2)), label="tolerance")
         axes.legend(loc="lower left")
+        # Direct solves on the coarsest grid go down to round-off; that is not what the picture is about.
+        axes.set_ylim(bottom=max(axes.get_ylim()[0], 1e-3 * result.attributes["lcp_rtol"]))
     axes.set(xlabel="outer iteration", ylabel="residual  ‖r‖ / ‖h‖")
 
 
