@@ -68,6 +68,14 @@ CHECKS = ("worst_negative_gap", "worst_negative_pressure", "complementarity")
 OUTCOME = ("exit_status", "message", *ATTRIBUTES, *CHECKS)
 SUFFIXES = (".csv", ".md", ".txt", ".h5", ".hdf5")
 LEFT_OUT = "~"
+_SHOWN = (
+    "active_set_iterations",
+    "inner_iterations",
+    "work_units",
+    "residual",
+    "contact_fraction",
+    "solve_seconds",
+)
 REASONED = (0, 2, 3)  # exit statuses of app.solve; any other is a crash, and worth another try
 
 _ROOT = Path(__file__).resolve().parents[1]
@@ -91,14 +99,15 @@ class InputError(Exception):
 def collect_result(path):
     """Numbers of a result file for a row of the table: `ATTRIBUTES` and `CHECKS`, name -> value."""
     result = read_result(path)
-    p, e = result.pressure, result.gap
-    scale = p.max() * np.nanmax(np.abs(result.undeformed_distance), initial=0.0)
-    product = np.nanmax(np.abs(p * e), initial=0.0)
+    admissible = ~np.isnan(result.undeformed_distance)
+    p, e, h = (field[admissible] for field in (result.pressure, result.gap, result.undeformed_distance))
+    scale = p.max(initial=0.0) * np.abs(h).max(initial=0.0)
+    product = np.abs(p * e).max(initial=0.0)
     return {
         **{name: result.attributes[name] for name in ATTRIBUTES},
-        "worst_negative_gap": min(0.0, float(np.nanmin(e, initial=0.0))),
-        "worst_negative_pressure": min(0.0, float(p.min())),
-        "complementarity": float(product / scale) if scale > 0 else 0.0,
+        "worst_negative_gap": float(e.min(initial=0.0)),
+        "worst_negative_pressure": float(result.pressure.min(initial=0.0)),
+        "complementarity": float(product / scale) if scale != 0 else 0.0,  # NaN stays NaN
     }
 
 
@@ -248,9 +257,12 @@ def perform(run, output, processes, ranks=1, timeout=None):
     lines = [line.strip() for line in errors.splitlines() if line.strip()]
     outcome = {"exit_status": status, "message": " ".join(x for x in lines if x.startswith("warning: "))}
     if status in (0, 3) and output.is_file():
-        outcome |= run.collect(output)
+        try:
+            outcome |= run.collect(output)
+        except (ValueError, OSError) as error:
+            outcome["message"] = str(error)
         if status == 3:
-            outcome["message"] = f"not converged. {outcome['message']}".strip()
+            outcome["message"] = f"not converged {outcome['message']}".strip()
     else:
         told = [line for line in lines if line.startswith("error: ")] or lines or ["no result file"]
         outcome["message"] = told[-1] if status >= 0 else f"ended by {signal.Signals(-status).name}"
@@ -276,7 +288,10 @@ class Journal:
     """
 
     def __init__(self, path, resume=False):
-        self._file = path.open("a+", encoding="utf-8")
+        try:
+            self._file = path.open("a+", encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {error.strerror}") from None
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -310,9 +325,7 @@ def _plain(value):
     return value.tolist()  # numpy scalars and arrays
 
 
-def run_all(
-    runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None, description="runs", redo_crashed=True
-):
+def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None, description="runs"):
     """Perform runs, several at a time; those that are in the journal count as done.
 
     Parameters
@@ -325,7 +338,7 @@ def run_all(
     jobs, ranks : int
         Runs at a time, and ranks of each.
     keep : bool
-        Keep the files, as ``KEY.h5`` with the key of the run; runs whose file is missing are performed again.
+        Keep the files; runs whose file is missing are performed again.
     timeout : float, optional
         For each run [s].
     description : str
@@ -334,39 +347,41 @@ def run_all(
     Returns
     -------
     list of dict or None
-        Outcome of each run; None for those that an interrupt (Ctrl-C) left undone. After one the journal has
-        all that is finished.
+        Outcome of each run (see `perform`), with the path of its file as `result` if it is kept; None if an
+        interrupt (Ctrl-C) left it undone.
     bool
         Whether there was an interrupt.
     """
     keys = [run.key(ranks) for run in runs]
+    files = {key: folder / f"{key}.h5" for key in keys}
     todo = {}
     for key, run in zip(keys, runs, strict=True):
-        done = journal.outcomes.get(key)
-        fresh = done and done["exit_status"] in REASONED and not (keep and not _file(folder, key).is_file())
-        if not fresh:
+        status = journal.outcomes.get(key, {}).get("exit_status")
+        if status not in REASONED or (keep and status != 2 and not files[key].is_file()):
             journal.outcomes.pop(key, None)
             todo[key] = run
     folder.mkdir(exist_ok=True)
     processes = Processes()
     interrupted = False
+    failed = 0
 
     def work(key, run):
-        output = _file(folder, key)
         try:
-            return perform(run, output, processes, ranks, timeout)
+            return perform(run, files[key], processes, ranks, timeout)
         finally:
             if not keep:
-                output.unlink(missing_ok=True)
+                files[key].unlink(missing_ok=True)
 
-    bar = tqdm(
-        total=len(set(keys)), initial=len(set(keys)) - len(todo), desc=description, unit="run", disable=None
-    )
+    total = len(files)
+    bar = tqdm(total=total, initial=total - len(todo), desc=description, unit="run", disable=None)
     with bar, ThreadPoolExecutor(jobs) as pool:
         futures = {pool.submit(work, key, run): key for key, run in todo.items()}
         try:
             for future in as_completed(futures):
-                journal.add(futures[future], future.result())
+                outcome = future.result()
+                journal.add(futures[future], outcome)
+                failed += outcome["exit_status"] != 0
+                bar.set_postfix_str(f"{failed} failed" if failed else "", refresh=False)
                 bar.update()
         except BaseException as error:
             pool.shutdown(wait=False, cancel_futures=True)
@@ -374,13 +389,15 @@ def run_all(
             interrupted = isinstance(error, KeyboardInterrupt)
             if not interrupted:
                 raise
-    if not keep and not any(folder.iterdir()):
+    if not any(folder.iterdir()):
         folder.rmdir()
-    return [journal.outcomes.get(key) for key in keys], interrupted
 
+    def told(key):
+        outcome = journal.outcomes.get(key)
+        kept = {"result": str(files[key])} if keep and files[key].is_file() else {}
+        return outcome and {**outcome, **kept}
 
-def _file(folder, key):
-    return folder / f"{key}.h5"
+    return [told(key) for key in keys], interrupted
 
 
 # -- the sweep file ----------------------------------------------------------------------------------------
@@ -542,13 +559,14 @@ def _number(value):
 
 
 def rows_of(runs, outcomes):
-    """Rows of the table: labels and outcome of every run that is done; an option goes before a result's name."""
+    """Rows of the table: labels and outcome of every run that is done.
+
+    A column of the outcome that has the name of a varied option is called ``result_NAME``.
+    """
     taken = {name for run in runs for name in run.labels}
+    columns = {name: f"result_{name}" if name in taken else name for name in (*OUTCOME, "result")}
     return [
-        {
-            **run.labels,
-            **{f"result_{name}" if name in taken else name: outcome.get(name) for name in OUTCOME},
-        }
+        {**run.labels, **{column: outcome.get(name) for name, column in columns.items()}}
         for run, outcome in zip(runs, outcomes, strict=True)
         if outcome is not None
     ]
@@ -637,26 +655,22 @@ def _main(argv):
     runs = read_sweep(arguments.sweep)
     journal = Journal(output.with_suffix(".runs.jsonl"), arguments.resume)
     try:
-        folder = output.with_suffix(".runs")
         outcomes, interrupted = run_all(
-            runs, folder, journal, jobs=arguments.jobs, ranks=arguments.ranks, keep=arguments.keep,
-            timeout=arguments.timeout, description=arguments.sweep.stem,
+            runs, output.with_suffix(".runs"), journal, jobs=arguments.jobs, ranks=arguments.ranks,
+            keep=arguments.keep, timeout=arguments.timeout, description=arguments.sweep.stem,
         )  # fmt: skip
     finally:
         journal.close()
     rows = rows_of(runs, outcomes)
-    if arguments.keep:
-        for row, run in zip(rows, (r for r, o in zip(runs, outcomes, strict=True) if o), strict=True):
-            file = _file(folder, run.key(arguments.ranks))
-            row["result"] = str(file) if file.is_file() else None
-    columns = dict.fromkeys(
-        [*(name for run in runs for name in run.labels), *(name for r in rows for name in r)]
-    )
-    write_table(output, rows, list(columns))
-    shown = [
-        name for name in columns if name not in ("approach", "max_pressure", "message", *CHECKS, "result")
-    ]
-    print(text(rows, shown, {name: ".4g" for name in shown}), end="")
+    varied = dict.fromkeys(name for run in runs for name in run.labels)
+    columns = [name for name in rows[0] if name != "result" or arguments.keep] if rows else list(varied)
+    write_table(output, rows, columns)
+    shown = [*varied, "exit_status", *_SHOWN]
+    print(text(rows, shown, {name: ".4g" for name in _SHOWN}), end="")
+    for row in rows:
+        if row["message"]:
+            which = ", ".join(f"{name} {row[name]}" for name in varied if row[name] is not None)
+            print(f"{which}: {row['message']}")
     print(f"{len(rows)} of {len(runs)} runs in {output}")
     return 130 if interrupted else 0
 

@@ -51,7 +51,9 @@ class ContactGrid:
         size = (shape.size, PETSc.DETERMINE)
         self.pressure = PETSc.Vec().createMPI(size, comm=petsc_comm)
         self.right = self.pressure.duplicate()
+        self.correction = self.pressure.duplicate()
         self.u = np.zeros(shape.shape)
+        self.current = True  # u is A p, not only near it
         self.contact = operator.mask  # the very array the operator uses
         self.approach = 0.0
         self.unit = None  # q with A q = 1 on C, if the load is prescribed: see `loading`
@@ -107,11 +109,19 @@ class ContactGrid:
         self.u[...] = 0
 
     def set_right_hand_side(self):
-        """Step 2: b = -h on C, eq. (2.11). Not collective."""
+        """Step 2: eq. (2.11) for the correction of the pressure, right = -(h + A p) on C. Collective."""
+        if not self.current:
+            self.displace()
         with self.right as right:
-            b = right.reshape(self.u.shape)
-            np.subtract(self.approach, self.shape, out=b)
-            b *= self.contact
+            r = right.reshape(self.u.shape)
+            np.subtract(self.approach, self.shape, out=r)
+            r -= self.u
+            r *= self.contact
+
+    def displace(self):
+        """Compute u = A p. Collective."""
+        self.operator.displacement(self.pressure.getArray(readonly=True).reshape(self.u.shape), self.u)
+        self.current = True
 
     def update(self):
         """Step 4 in the one order that converges: zero first, then u = A p, then look for new contact.
@@ -130,7 +140,7 @@ class ContactGrid:
             tensile = p < 0
             tensile &= contact
             p[tensile] = 0
-            self.operator.displacement(p, self.u)
+        self.displace()
         # (4b) cells that overlap enter it, those that have just left among them
         overlap = self.shape - self.approach
         overlap += self.u
@@ -159,6 +169,6 @@ class ContactGrid:
 
     def destroy(self):
         """Free the vectors. Collective."""
-        for vec in (self.pressure, self.right, self.unit):
+        for vec in (self.pressure, self.right, self.correction, self.unit):
             if vec is not None:
                 vec.destroy()

@@ -33,7 +33,7 @@ class PrescribedApproach:
         """Return the relative error of the load: none is prescribed."""
         return 0.0
 
-    def adjust(self, state, solver, solved):
+    def adjust(self, state, solver, change, solved):
         """Keep the approach."""
 
 
@@ -48,6 +48,7 @@ class PrescribedLoad:
 
     # A Newton step is expected to leave less than this share of the load error; otherwise q is too bad.
     _expected = 0.25
+    _settled = 0.02  # share of changed cells
 
     def __init__(self, load):
         self.load = float(load)
@@ -71,6 +72,7 @@ class PrescribedLoad:
             self._improve(state, solver)
             state.set_right_hand_side()
             solver.solve(state.right, state.pressure, 0.01 * state.gap_norm())
+            state.current = False
             self._step(state, solved=True)
         elif not target or not self._sums(state, True)[1] > 0:
             state.touch()
@@ -81,13 +83,15 @@ class PrescribedLoad:
         """Return the relative error of the load. Collective."""
         return abs(state.load - self.load) / self.load
 
-    def adjust(self, state, solver, solved):
+    def adjust(self, state, solver, change, solved):
         """Take a Newton step for the approach.
 
         Collective.
 
         Parameters
         ----------
+        change : Change
+            What the last update of the contact set did.
         solved : bool
             The defect is small enough: what is left of it is not to be waited for.
         """
@@ -107,10 +111,15 @@ class PrescribedLoad:
 
     def _improve(self, state, solver):
         """Let the linear solver work on A q = 1 on C."""
-        with state.unit as q:
-            q *= state.contact.reshape(-1)
-        state.right.setArray(state.contact.reshape(-1).astype(float))
-        solver.solve(state.right, state.unit, 0.02 * np.sqrt(state.sum([state.contact.sum()])[0]))
+        inside = state.contact.reshape(-1)
+        with state.unit as q, state.right as right:
+            q *= inside
+            state.operator.product.apply(
+                q.reshape(state.u.shape), right.reshape(state.u.shape), state.contact
+            )
+            np.subtract(inside, right, out=right)
+        solver.solve(state.right, state.correction, 0.02 * np.sqrt(state.sum([inside.sum()])[0]))
+        state.unit.axpy(1.0, state.correction)
 
     def _sums(self, state, solved):
         """Return the approximations of F and dF/d delta per cell area, and what F lacks."""
@@ -129,3 +138,4 @@ class PrescribedLoad:
         state.approach += step
         with state.pressure as p:
             p += step * (state.unit.getArray(readonly=True) * state.contact.reshape(-1))
+        state.current = False

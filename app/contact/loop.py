@@ -108,7 +108,8 @@ def iterate(state, solver, loading, controls, history, first=True, target=True):
         gap_norm = state.gap_norm() or 1.0
         state.set_right_hand_side()
         solver.contact_changed()
-        inner_now, failure = solver.solve(state.right, state.pressure, controls.rtol * gap_norm)
+        inner_now, failure = solver.solve(state.right, state.correction, controls.rtol * gap_norm)
+        state.pressure.axpy(1.0, state.correction)
         inner += inner_now
         change = state.update()
         residual = change.residual / gap_norm
@@ -117,7 +118,7 @@ def iterate(state, solver, loading, controls, history, first=True, target=True):
         done &= not target or residual <= controls.rtol
         load, approach = state.load, state.approach
         if not done and not failure:
-            loading.adjust(state, solver, solved=residual <= controls.rtol)
+            loading.adjust(state, solver, change, solved=residual <= controls.rtol)
         work, work_before = solver.work_units, work
         history.add(
             state,

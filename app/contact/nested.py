@@ -117,6 +117,7 @@ def _prolong(transfer, below, state, beta):
     state.approach = below.approach
     coarse = below.pressure.getArray(readonly=True).reshape(below.u.shape)
     transfer.interpolate(below.u, state.u)
+    state.current = False
     highest = -float(state.minimum(-state.u.max(initial=-np.inf)))
     overlap = state.shape - state.approach
     overlap += state.u

@@ -49,7 +49,6 @@ class LinearSolver:
         self.ksp = ksp = PETSc.KSP().create(comm)
         ksp.setOptionsPrefix(prefix)
         ksp.setOperators(self.mat)
-        ksp.setInitialGuessNonzero(True)
         options = PETSc.Options(prefix)
         self.multigrid = None
         if options.getString("pc_type", "") == "mg":
@@ -83,7 +82,7 @@ class LinearSolver:
         return float(sum(share * (op.products + op.sweeps) for op, share in counted))
 
     def solve(self, b, p, allowed):
-        """Improve p.
+        """Solve C A C p = b from p = 0, as far as the options go.
 
         Collective.
 

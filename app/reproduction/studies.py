@@ -1,0 +1,184 @@
+"""Beyond the paper's tables: other random surfaces, self-affine surfaces, larger grids."""
+
+from __future__ import annotations
+
+import itertools
+
+import h5py
+import numpy as np
+
+from app.halfspace.grid import Grid
+from app.halfspace.influence import Material
+from app.problems.statistics import roughness
+from app.problems.surfaces import SelfAffineSurface
+from app.reproduction.item import CASES, Item, solver_run
+from app.reproduction.tables import counts, inexact_counts
+from app.sweep import Run
+
+SEEDS = (1, 2, 3, 4, 5, 6, 8, 9, 10, 11)  # 7 is the one of the tables
+SEED_SIZES = (64, 256)
+
+
+def spread(values):
+    """``[min, median, max]`` of some numbers, None among them left out; None if there are none."""
+    values = [value for value in values if value is not None]
+    return [round(float(f(values)), 4) for f in (min, np.median, max)] if values else None
+
+
+def _plan_seeds(limits, scratch):
+    methods = {"V11": "fmg_v11", "norm_cg": "norm"}
+    return {
+        (str(case), str(n), name, str(seed)): solver_run(
+            "punch", method, n, approach=CASES[case], surface_seed=seed
+        )
+        for case in CASES
+        for n in limits.sizes(*SEED_SIZES)
+        for name, method in methods.items()
+        for seed in SEEDS[: limits.seeds]
+    }
+
+
+def _evaluate_seeds(outcomes):
+    rows = []
+    for (case, n, method), group in itertools.groupby(outcomes.items(), key=lambda item: item[0][:3]):
+        found = [outcome for _, outcome in group]
+        pairs = [counts(o, "inner_iterations" if method == "norm_cg" else "work_units") for o in found]
+        solved = [pair for pair in pairs if pair]
+        rows.append({
+            "case": int(case),
+            "grid": int(n),
+            "method": method,
+            "surfaces": len(found),
+            "not_solved": len(found) - len(solved),
+            "contact": spread([outcome.get("contact_fraction") for outcome in found]),
+            "iterations": spread([pair[0] for pair in solved]),
+            "work_units": spread([pair[1] for pair in solved]),
+        })  # fmt: skip
+    return {"rows": rows}
+
+
+def _plan_inexact(limits, scratch):
+    n = min(256, limits.largest)
+    return {
+        (str(k), str(seed)): solver_run("punch", "norm", n, approach=CASES[3], ksp_max_it=k, surface_seed=seed)
+        for k in (5, 4, 3)
+        for seed in SEEDS[: limits.seeds]
+    }
+
+
+def _evaluate_inexact(outcomes):
+    rows = []
+    for k, group in itertools.groupby(outcomes.items(), key=lambda item: item[0][0]):
+        pairs = [inexact_counts(outcome, int(k)) for _, outcome in group]
+        solved = [pair for pair in pairs if pair]
+        rows.append({
+            "cg_iterations": int(k),
+            "surfaces": len(pairs),
+            "not_solved": len(pairs) - len(solved),
+            "iterations": spread([pair[0] for pair in solved]),
+            "work_units": spread([pair[1] for pair in solved]),
+        })  # fmt: skip
+    return {"rows": rows}
+
+
+# Self-affine surface on a square patch of side 1 mm, half its period: nothing on the patch repeats.
+SIDE, PERIOD, HURST, SLOPE = 1.0, 2.0, 0.8, 0.1
+ROLLOFF, SHORTEST = SIDE / 4, SIDE / 16
+MATERIAL = Material(80000.0, 0.28)
+LOADS = (0.0025, 0.005, 0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.12, 0.16)  # mean pressure / (E* rms slope)
+
+
+def _plan_selfaffine(limits, scratch):
+    n = min(512, 4 * limits.largest)
+    grid = Grid.from_domain(n, n, (0.0, SIDE, 0.0, SIDE))
+    runs = {}
+    for seed in range(max(2, limits.seeds // 2)):
+        surface = SelfAffineSurface(
+            HURST, ROLLOFF, SHORTEST, (PERIOD, PERIOD), seed, rms_slope=SLOPE, origin=(0.0, 0.0)
+        )
+        height = surface.height(grid.x(), grid.y())
+        slope = roughness(height, grid.dx, grid.dy).rms_slope
+        file = scratch / f"selfaffine-{seed}.npy"
+        np.save(file, -height)
+        for load in LOADS if limits.largest > 64 else LOADS[2:5]:
+            options = {
+                "problem": "file",
+                "gap_file": str(file),
+                "domain": f"0,{SIDE:g},0,{SIDE:g}",
+                "shear_modulus": f"{MATERIAL.shear_modulus:g}",
+                "poisson_ratio": f"{MATERIAL.poisson_ratio:g}",
+                "load": repr(load * MATERIAL.contact_modulus * slope * SIDE**2),
+            }
+            runs[str(load), str(seed), repr(slope)] = Run((), options, collect=collect_patch)
+    return runs
+
+
+def collect_patch(path):
+    """Contact share and mean pressure [N/mm2] of the patch and of its middle half by half."""
+    with h5py.File(path) as file:
+        contact, pressure = file["contact"][()], file["pressure"][()]
+        facts = {name: file.attrs[name].item() for name in ("converged", "load", "residual")}
+    middle = tuple(slice(n // 4, n - n // 4) for n in contact.shape)
+    return facts | {
+        "share": float(contact.mean()),
+        "mean_pressure": float(pressure.mean()),
+        "middle_share": float(contact[middle].mean()),
+        "middle_mean_pressure": float(pressure[middle].mean()),
+    }
+
+
+def _evaluate_selfaffine(outcomes):
+    points = []
+    for (load, seed, slope), outcome in outcomes.items():
+        if outcome.get("converged"):
+            unit = MATERIAL.contact_modulus * float(slope)
+            points.append({
+                "load": float(load),
+                "seed": int(seed),
+                "share": outcome["share"],
+                "pressure": outcome["mean_pressure"] / unit,
+                "middle_share": outcome["middle_share"],
+                "middle_pressure": outcome["middle_mean_pressure"] / unit,
+            })  # fmt: skip
+    rows = []
+    for load, group in itertools.groupby(points, key=lambda point: point["load"]):
+        group = list(group)
+        rows.append({
+            "load": load,
+            "surfaces": len(group),
+            "share": spread([point["share"] for point in group]),
+            "kappa": round(kappa(group), 3),
+            "middle_share": spread([point["middle_share"] for point in group]),
+            "middle_kappa": round(kappa(group, "middle_"), 3),
+        })  # fmt: skip
+    return {"rows": rows, "points": points}
+
+
+def kappa(points, where=""):
+    """Slope (A / A0) E* rms slope / mean pressure of some surfaces together."""
+    return sum(p[f"{where}share"] for p in points) / sum(p[f"{where}pressure"] for p in points)
+
+
+def _plan_beyond(limits, scratch):
+    return {
+        (str(n), method): solver_run("hertz", method, n)
+        for n in (512, 1024)
+        for method in ("fmg_v11", "fast")
+        if n <= 4 * limits.largest
+    }
+
+
+def _evaluate_beyond(outcomes):
+    rows = [
+        {
+            "grid": int(n),
+            "method": method,
+            "iterations": outcome.get("active_set_iterations"),
+            "work_units": outcome.get("work_units"),
+            "operator_applications": outcome.get("operator_applications"),
+            "solve_seconds": outcome.get("solve_seconds"),
+            "load": outcome.get("load"),
+        }
+        for (n, method), outcome in outcomes.items()
+    ]
+    return {"rows": rows}

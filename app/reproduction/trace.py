@@ -1,0 +1,111 @@
+"""app.solve that writes down every active set iteration on the target grid, for Tables 1 and 4 and Figures 8 and 11.
+
+``python -m app.reproduction.trace [options of app.solve] -output TRACE.h5``, on one rank. The file:
+
+======================  ================  =====  ==================================================================
+dataset                 shape             unit   meaning
+======================  ================  =====  ==================================================================
+``pressure``            (k + 1, ny, nx)   N/mm2  p before iteration 1, and after each of the k iterations
+``contact``             (k + 1, ny, nx)   1      C likewise, uint8
+``linear_residuals``    (m + 1)           1      ||r|| / ||h|| in the KSP of the last system, if it computes norms
+``exact_pressure``      (ny, nx)          N/mm2  analytic solution at the cell centres, if there is one
+``admissible``          (ny, nx)          1      where contact is possible, uint8
+``x``, ``y``            (nx), (ny)        mm     cell centres
+======================  ================  =====  ==================================================================
+"""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+from mpi4py import MPI
+
+from app import session
+from app.contact.loop import History, Listener
+from app.options import Options
+from app.output.result import whole_file
+from app.solve import prepare
+
+
+class Recorder(Listener):
+    """Keeps pressure and contact set of one level before and after every iteration."""
+
+    def __init__(self, level):
+        self.level = level
+        self.pressure, self.contact = [], []
+
+    def start(self, state, level):
+        """Keep the first contact set."""
+        if level == self.level:
+            self._keep(state)
+
+    def iteration(self, entry, state):
+        """Keep the state after an iteration."""
+        if entry["level"] == self.level:
+            self._keep(state)
+
+    def _keep(self, state):
+        self.pressure.append(state.pressure.getArray(readonly=True).reshape(state.u.shape).copy())
+        self.contact.append(state.contact.astype(np.uint8))
+
+
+def main():
+    """Solve and write; return the exit status."""
+    from app.contact import nested
+
+    setup = prepare(Options(), MPI.COMM_WORLD)
+    if MPI.COMM_WORLD.size > 1 or not setup.output:
+        raise session.InputError("a trace needs one rank and -output")
+    recorder = Recorder(setup.solver.level)
+    setup.solver.ksp.setConvergenceHistory()
+    state, outcome = nested.solve(
+        setup.hierarchy, setup.shapes, setup.loading, setup.controls, History([recorder]),
+        nested=setup.nested, beta=setup.beta, target_solver=setup.solver,
+    )  # fmt: skip
+    grid, exact = setup.problem.grid, setup.problem.reference(state.approach)
+    with whole_file(setup.output) as temporary, h5py.File(temporary, "w") as file:
+        file["pressure"] = np.stack(recorder.pressure)
+        file["contact"] = np.stack(recorder.contact)
+        file["linear_residuals"] = setup.solver.ksp.getConvergenceHistory() / state.gap_norm()
+        file["admissible"] = state.admissible.astype(np.uint8)
+        file["x"], file["y"] = grid.x(), grid.y()
+        if exact is not None:
+            file["exact_pressure"] = exact.pressure(grid.x(), grid.y()[:, None])
+    setup.solver.destroy()
+    setup.hierarchy.destroy()
+    state.destroy()
+    return 0 if outcome.converged else 3
+
+
+def collect_cycles(path):
+    """Residuals of the last linear system: ``{"linear_residuals": [...]}``."""
+    with h5py.File(path) as file:
+        return {"linear_residuals": file["linear_residuals"][()].tolist()}
+
+
+def collect_errors(path):
+    """Root mean square of p minus the analytic pressure over the cells of the last contact set, Table 4.
+
+    Returns
+    -------
+    dict
+        `errors` before iteration 1 and after each [N/mm2]; `changed`: whether C changed in each iteration.
+    """
+    with h5py.File(path) as file:
+        p, contact, exact = (file[name][()] for name in ("pressure", "contact", "exact_pressure"))
+    inside = contact[-1] == 1
+    errors = np.sqrt(np.mean((p - exact)[:, inside] ** 2, axis=1))
+    changed = (contact[1:] != contact[:-1]).any(axis=(1, 2))
+    return {"errors": errors.tolist(), "changed": changed.tolist()}
+
+
+def collect_contact(path):
+    """First and last contact set, and where contact is possible, as rows of 0 and 1; cell centres."""
+    with h5py.File(path) as file:
+        fields = {"first": file["contact"][0], "last": file["contact"][-1], "admissible": file["admissible"][()]}
+        axes = {"x": file["x"][()], "y": file["y"][()]}
+    return {name: values.tolist() for name, values in (fields | axes).items()}
+
+
+if __name__ == "__main__":
+    session.run(main)
