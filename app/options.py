@@ -10,11 +10,15 @@ import os
 import shlex
 import sys
 from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
-from app.session import InputError
+from app.session import OPTION_FILES, InputError, option_names
+
+
+LARGEST = 1e50  # and 1 / LARGEST the smallest number besides 0: neither squares nor quotients overflow
 
 
 @dataclass(frozen=True)
@@ -27,23 +31,21 @@ class Option:
     meaning: str
 
 
-def _real(text, lowest=-np.inf, above=-np.inf, highest=np.inf, allowed="a number"):
-    value = float(text)
-    if not (np.isfinite(value) and value >= lowest and value > above and value <= highest):
+def _real(text, lowest=-np.inf, above=-np.inf, highest=np.inf, allowed="a finite number"):
+    try:
+        value = float(text)
+    except ValueError:
+        raise ValueError(allowed) from None
+    if not (np.isfinite(value) and lowest <= value <= highest and value > above):
         raise ValueError(allowed)
+    if value and not 1 / LARGEST <= abs(value) <= LARGEST:
+        raise ValueError(f"{allowed}, of size {1 / LARGEST:g} to {LARGEST:g}")
     return value
 
 
 def real(allowed="a finite number", **limits):
     """Kind: one finite real number within limits."""
-
-    def parse(text):
-        try:
-            return _real(text, allowed=allowed, **limits)
-        except ValueError:
-            raise ValueError(allowed) from None
-
-    return parse
+    return partial(_real, allowed=allowed, **limits)
 
 
 def integer(lowest, allowed):
@@ -90,12 +92,15 @@ def word(text):
 
 def grid_size(text):
     """Kind: ``nx,ny``, or ``n`` for both."""
-    allowed = "nx,ny or n, whole numbers of at least 1"
+    from petsc4py import PETSc
+
+    most = np.iinfo(PETSc.IntType).max
+    allowed = f"nx,ny or n, whole numbers of at least 1, and at most {most} cells"
     try:
         sizes = [int(part) for part in text.split(",")]
     except ValueError:
         raise ValueError(allowed) from None
-    if len(sizes) not in (1, 2) or min(sizes) < 1:
+    if len(sizes) not in (1, 2) or min(sizes) < 1 or sizes[0] * sizes[-1] > most:
         raise ValueError(allowed)
     return sizes[0], sizes[-1]
 
@@ -115,6 +120,7 @@ def domain(text):
 _positive = real("a positive number", above=0)
 REQUIRED = object()
 
+_from_zero = real("a number from 0", lowest=0)
 _count = integer(1, "a whole number of at least 1")
 TABLE = [
     Option("problem", choice("hertz", "punch", "file"), REQUIRED, "what is pressed together"),
@@ -128,7 +134,7 @@ TABLE = [
     Option("hertz_ry", _positive, REQUIRED, "relative radius of curvature in y [mm]"),
     Option("punch_diameter", _positive, REQUIRED, "diameter of the flat punch [mm]"),
     Option("surface_seed", integer(0, "a whole number from 0"), 7, "seed of the random surface"),
-    Option("surface_sigma", real("a number from 0", lowest=0), 0.1, "standard deviation of its heights [mm]"),
+    Option("surface_sigma", _from_zero, 0.1, "standard deviation of its heights [mm]"),
     Option("surface_decay", real("above 0, at most 1", above=0, highest=1), 0.8, "gamma: fall of its amplitudes"),
     Option("surface_modes", grid_size, (12, 10), "M,N: frequencies in x and y"),
     Option("gap_file", word, REQUIRED, "undeformed distance (ny, nx): .npy, .h5[:/dataset] or text; NaN: no contact"),
@@ -136,7 +142,10 @@ TABLE = [
     Option("lcp_nested", flag, False, "nested iteration (FMG): solve on coarser grids first"),
     Option("lcp_rtol", _positive, 1e-6, "||r|| / ||h|| at which the pressure is accepted, eq. (5.1)"),
     Option("lcp_max_it", _count, 100, "active set iterations on one grid"),
-    Option("lcp_beta", real("a number from 0", lowest=0), 0.003, "start set after prolongation, eq. (4.1)"),
+    Option("lcp_coarse_rtol", _from_zero, 0.0, "tracking KSPs: residual that is enough on coarser grids"),
+    Option("lcp_merge", _from_zero, 0.0, "tracking KSPs: step of a correction when cells are dropped"),
+    Option("lcp_prolongation", choice("copy", "lift"), "copy", "of the pressure: the paper's, or by the FFT preconditioner"),
+    Option("lcp_beta", _from_zero, 0.003, "start set after prolongation, eq. (4.1)"),
     Option("lcp_coarsest", _count, 4, "directions of up to this many cells are not coarsened"),
     Option("lcp_replicate", _count, 64, "grids of up to this many cells squared are held by all ranks"),
     Option("lcp_monitor", flag, False, "a line for each active set iteration"),
@@ -223,22 +232,10 @@ def loading(options, argv=None):
 def _places(argv):
     """Yield (description, option names) of every place that sets options, in the order PETSc reads them."""
     yield "in PETSC_OPTIONS", shlex.split(os.environ.get("PETSC_OPTIONS", ""))
-    command_line = []
-    skip = False
-    for token, following in zip(argv[1:], [*argv[2:], ""], strict=True):
-        if skip:
-            skip = False
-        elif token in ("-options_file", "-options_file_yaml"):
-            text = Path(following).read_text()
-            if token.endswith("yaml") or following.endswith((".yml", ".yaml")):
-                tokens = ["-" + line.split(":")[0].strip() for line in text.splitlines() if ":" in line]
-            else:
-                tokens = [line.split()[0] for line in text.splitlines() if line.strip()]
-            yield f"in {following}", tokens
-            skip = True
-        else:
-            command_line.append(token)
-    yield "on the command line", command_line
+    for before, word in pairwise(argv):
+        if before in OPTION_FILES:
+            yield f"in {word}", option_names(word, before)
+    yield "on the command line", argv
 
 
 def help_text():

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import ctypes
 import itertools
-import os
 import re
+import shlex
 import sys
 import traceback
 from pathlib import Path
@@ -20,10 +20,12 @@ from mpi4py import MPI
 
 # Options that PETSc looks up only while solving or at the end, or never marks as used.
 _READ_LATE = re.compile(
-    r"options_(left|view)|log_|malloc|memory_view|info|help|version|citations|on_error|error_output|fp_trap|checkstack"
-    r"|objects_dump|get_total_flops|python|skip_petscrc|nox"
-    r"|(\w+_)?ksp_(view|converged_rea|converged_rate|error_if)|(\w+_)?(pc|mat|vec)_view"
+    r"options_left|options_view|citations|checkstack|get_total_flops|nox"
+    r"|(\w+_)?(ksp|snes|tao)_converged_reason|(\w+_)?(ksp|pc|mat|vec|snes|tao)_view\w*"
 )
+
+
+OPTION_FILES = "-options_file", "-options_file_yaml"
 
 
 class InputError(Exception):
@@ -38,20 +40,74 @@ def start(argv):
     InputError
         If an option file cannot be read or is not one.
     """
-    for flag, value in itertools.pairwise(argv):
-        if flag in ("-options_file", "-options_file_yaml"):
-            path = Path(value)
-            if not path.is_file():
-                raise InputError(f"option file {value}: no such file")
-            if not os.access(path, os.R_OK):
-                raise InputError(f"option file {value}: not readable")
-    if argv[-1] in ("-options_file", "-options_file_yaml"):
+    for before, word in itertools.pairwise(argv):
+        if before in OPTION_FILES:
+            option_names(word, before)
+        elif not (_is_option(before) or _is_option(word)):
+            raise InputError(f"{word}: neither an option nor the value of one")
+    if argv[-1] in OPTION_FILES:
         raise InputError(f"{argv[-1]}: a file name must follow")
     petsc4py.init(argv)
     try:
         from petsc4py import PETSc  # noqa: F401
     except Exception as error:
         raise InputError(f"PETSc does not accept the options: {petsc_message(error)}") from error
+
+
+def _is_option(word):
+    return re.match("--?[A-Za-z]", word) is not None
+
+
+def option_names(path, flag="-options_file"):
+    """Names of the options in a file, each with its dash; those in groups of a YAML file are left out.
+
+    Not collective. PETSc reads option files on the first rank, and leaves the others waiting if it finds a mistake.
+
+    Parameters
+    ----------
+    path : str
+    flag : str
+        One of `OPTION_FILES`.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is not an option file.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"option file {path}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"option file {path}: is not a text file") from None
+    if flag == "-options_file_yaml" or path.endswith((".yml", ".yaml")):
+        return _names_in_yaml(path, text)
+    names = []
+    for number, line in enumerate(text.splitlines(), 1):
+        try:
+            words = shlex.split(line, comments=True)
+        except ValueError as error:
+            raise InputError(f"option file {path}, line {number}: {error}") from None
+        if not words:
+            continue
+        if not _is_option(words[0]) or len(words) > 2 or _is_option(words[-1]) != (len(words) == 1):
+            raise InputError(
+                f"option file {path}, line {number}: {line.strip()}: needed: -option, or -option value"
+            )
+        names.append(words[0])
+    return names
+
+
+def _names_in_yaml(path, text):
+    import yaml
+
+    try:
+        content = yaml.safe_load(text) or {}
+    except yaml.YAMLError as error:
+        raise InputError(f"option file {path}: {error}") from None
+    if not isinstance(content, dict):
+        raise InputError(f"option file {path}: needed: a line 'option: value' for each option")
+    return [f"-{name}" for name in content]
 
 
 def petsc_message(error):
@@ -73,7 +129,7 @@ def unused_options():
     lib.PetscOptionsLeftGet(None, ctypes.byref(count), ctypes.byref(names), ctypes.byref(values))
     unused = [names[i].decode() for i in range(count.value)]
     lib.PetscOptionsLeftRestore(None, ctypes.byref(count), ctypes.byref(names), ctypes.byref(values))
-    return [name for name in unused if not _READ_LATE.match(name)]
+    return [name for name in unused if not _READ_LATE.fullmatch(name)]
 
 
 def agree(comm, function, *args):

@@ -74,11 +74,14 @@ class prepare:
             session.agree(comm, check_output_path, self.output)
         self.problem = session.agree(comm, make_problem, options, comm)
         self.loading = make_loading(*loading(options))
-        self.controls = Controls(options["lcp_rtol"], options["lcp_max_it"])
         self.type = options["lcp_type"]
         if self.type == "active_set":
             use_default_method(options)
+        self.controls = Controls(
+            options["lcp_rtol"], options["lcp_max_it"], options["lcp_coarse_rtol"], options["lcp_merge"]
+        )
         self.nested, self.beta = options["lcp_nested"], options["lcp_beta"]
+        self.prolongation = options["lcp_prolongation"]
         self.listeners = [Monitor()] if options["lcp_monitor"] else []
         if not self.listeners and comm.rank == 0 and sys.stderr.isatty():
             self.listeners.append(Progress(self.controls.rtol))
@@ -194,6 +197,7 @@ def _solve(setup, history):
         history,
         nested=setup.nested,
         beta=setup.beta,
+        prolongation=setup.prolongation,
         target_solver=setup.solver,
     )
 

@@ -18,6 +18,8 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from app.contact import kernels
+
 
 @dataclass(frozen=True)
 class Change:
@@ -28,7 +30,6 @@ class Change:
     dropped: int
     changed: int  # in the new set and not in the old, or the other way round
     residual: float  # ||h + u||_2 over the new set [mm]
-    smallest_pressure: float  # before negative pressures were set to zero
 
 
 class ContactGrid:
@@ -51,8 +52,8 @@ class ContactGrid:
         size = (shape.size, PETSc.DETERMINE)
         self.pressure = PETSc.Vec().createMPI(size, comm=petsc_comm)
         self.right = self.pressure.duplicate()
-        self.correction = self.pressure.duplicate()
         self.u = np.zeros(shape.shape)
+        self._dropped = np.zeros(shape.shape, bool)
         self.current = True  # u is A p, not only near it
         self.contact = operator.mask  # the very array the operator uses
         self.approach = 0.0
@@ -83,6 +84,10 @@ class ContactGrid:
             np.sqrt(self._deviation + self.admissible_cells * (self._mean_shape - self.approach) ** 2)
         )
 
+    def gap_norm_in_contact(self):
+        """||h||_2 over C [mm]. Collective."""
+        return float(np.sqrt(self.sum([kernels.norm_on(self.shape, self.approach, self.contact)])[0]))
+
     def mean_shape(self):
         """Mean undeformed distance at zero approach over the admissible cells [mm]. Not collective."""
         return self._mean_shape
@@ -91,9 +96,13 @@ class ContactGrid:
         """Make the vector q. Collective."""
         self.unit = self.pressure.duplicate()
 
+    def in_contact(self):
+        """Whether any cell is in the contact set. Collective."""
+        return self.sum([kernels.any_true(self.contact)])[0] > 0
+
     def touch(self):
         """Make sure that there is contact: press until the first cell touches. Collective; returns if it had to."""
-        if self.sum([self.contact.sum()])[0] > 0:
+        if self.in_contact():
             return False
         gap = self.shape + self.u
         self.approach = float(self.minimum(gap[self.admissible].min(initial=np.inf)))
@@ -108,59 +117,62 @@ class ContactGrid:
         self.pressure.set(0)
         self.u[...] = 0
 
-    def set_right_hand_side(self):
-        """Step 2: eq. (2.11) for the correction of the pressure, right = -(h + A p) on C. Collective."""
-        if not self.current:
-            self.displace()
-        with self.right as right:
-            r = right.reshape(self.u.shape)
-            np.subtract(self.approach, self.shape, out=r)
-            r -= self.u
-            r *= self.contact
+    @property
+    def p(self):
+        """The local pressure as array (rows, nx), to read. Not collective."""
+        return self.pressure.getArray(readonly=True).reshape(self.u.shape)
+
+    def defect_to(self, right):
+        """Step 2: eq. (2.11) for the correction of the pressure, right = -(h + u) on C. Not collective."""
+        with right as values:
+            kernels.defect(self.shape, self.u, self.approach, self.contact, values.reshape(self.u.shape))
+
+    def right_hand_side_to(self, right):
+        """Step 2: eq. (2.11) itself, right = -h on C. Not collective."""
+        with right as values:
+            b = values.reshape(self.u.shape)
+            np.subtract(self.approach, self.shape, out=b)
+            b *= self.contact
 
     def displace(self):
         """Compute u = A p. Collective."""
-        self.operator.displacement(self.pressure.getArray(readonly=True).reshape(self.u.shape), self.u)
+        self.operator.displacement(self.p, self.u)
         self.current = True
 
-    def update(self):
-        """Step 4 in the one order that converges: zero first, then u = A p, then look for new contact.
+    def drop(self):
+        """(4a) Cells that would have to be pulled leave the contact area, and p = 0 there. Collective.
 
-        Collective.
+        Returns
+        -------
+        cells : int
+        tension : float
+            Sum of the pressures that were set to zero, as a share of those that were not.
+        """
+        with self.pressure as values:
+            p = values.reshape(self.u.shape)
+            cells, tension = kernels.drop(p, self.contact, self._dropped)
+            cells, tension, kept = self.sum([cells, tension, p.sum()])
+        self.current = self.current and not cells
+        return int(cells), tension / kept if kept > 0 else tension
+
+    def admit(self):
+        """(4b) Cells that overlap enter the contact area, those that have just left among them. Collective.
 
         Returns
         -------
         Change
+            Since before `drop`.
         """
-        contact = self.contact
-        with self.pressure as values:
-            p = values.reshape(self.u.shape)
-            smallest = float(p.min(initial=0.0))
-            # (4a) cells that would have to be pulled leave the contact area
-            tensile = p < 0
-            tensile &= contact
-            p[tensile] = 0
-        self.displace()
-        # (4b) cells that overlap enter it, those that have just left among them
-        overlap = self.shape - self.approach
-        overlap += self.u
-        entering = overlap <= 0
-        entering &= self.admissible
-        entering &= ~contact | tensile
-        kept = contact & ~tensile
-        changed = np.count_nonzero(entering ^ tensile)
-        added = np.count_nonzero(entering & ~tensile)
-        np.logical_or(kept, entering, out=contact)
-        defect = overlap[contact]
-        counts = self.sum([np.count_nonzero(contact), added, changed - added, changed, defect @ defect])
-        return Change(
-            cells=int(counts[0]),
-            added=int(counts[1]),
-            dropped=int(counts[2]),
-            changed=int(counts[3]),
-            residual=float(np.sqrt(counts[4])),
-            smallest_pressure=float(self.minimum(smallest)),
+        counts = self.sum(
+            kernels.admit(self.shape, self.u, self.approach, self.admissible, self.contact, self._dropped)
         )
+        cells, added, lost, changed = (int(count) for count in counts[:4])
+        return Change(cells, added, lost, changed, residual=float(np.sqrt(counts[4])))
+
+    def fingerprint(self):
+        """Return a number that tells contact sets apart. Collective."""
+        rank = 0 if self.comm is None else self.comm.rank
+        return float(self.sum([kernels.crc(self.contact) * (1 + rank % 97)])[0])
 
     @property
     def load(self):
@@ -169,6 +181,6 @@ class ContactGrid:
 
     def destroy(self):
         """Free the vectors. Collective."""
-        for vec in (self.pressure, self.right, self.correction, self.unit):
+        for vec in (self.pressure, self.right, self.unit):
             if vec is not None:
                 vec.destroy()

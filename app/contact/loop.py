@@ -12,10 +12,12 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Controls:
-    """How long to iterate: options -lcp_rtol, -lcp_max_it."""
+    """How long and how to iterate; see the options -lcp_*."""
 
     rtol: float = 1e-6
     max_it: int = 100
+    coarse_rtol: float = 0.0  # 0: iterate on coarser grids until the contact set is unchanged
+    merge: float = 0.0  # step of the correction that shares a product with the dropping of cells
 
     def load_tolerance(self, target):
         """Relative error of a prescribed load that is small enough."""
@@ -93,6 +95,8 @@ def iterate(state, solver, loading, controls, history, first=True, target=True):
     inner = 0
     residual = 0.0
     work = solver.work_units
+    policy = _Policy(controls)
+    resume = False
 
     def end(converged, reason, iterations):
         return Outcome(converged, reason, iterations, inner, residual)
@@ -100,22 +104,26 @@ def iterate(state, solver, loading, controls, history, first=True, target=True):
     loading.begin(state, solver, first, target)
     for listener in history.listeners:
         listener.start(state, solver.level)
-    if state.sum([state.contact.sum()])[0] == 0:
+    if not state.in_contact():
         state.pressure.set(0)
         state.u[...] = 0
         return end(True, "the bodies do not touch", 0)
     for iteration in range(1, controls.max_it + 1):
         gap_norm = state.gap_norm() or 1.0
-        state.set_right_hand_side()
+        allowed = controls.rtol * gap_norm
+        loose = controls.coarse_rtol > 0 and solver.tracks and not target
+        if loose:
+            allowed = controls.coarse_rtol * min(gap_norm, state.gap_norm_in_contact())
         solver.contact_changed()
-        inner_now, failure = solver.solve(state.right, state.correction, controls.rtol * gap_norm)
-        state.pressure.axpy(1.0, state.correction)
+        inner_now, failure, norm = _advance(state, solver, loading, allowed, resume)
         inner += inner_now
-        change = state.update()
+        change, enough = policy.update(state, solver, loading, norm, allowed, loose)
         residual = change.residual / gap_norm
         load_error = loading.measure(state)
         done = change.changed == 0 and load_error <= controls.load_tolerance(target)
         done &= not target or residual <= controls.rtol
+        done |= enough
+        resume = change.changed == 0
         load, approach = state.load, state.approach
         if not done and not failure:
             loading.adjust(state, solver, change, solved=residual <= controls.rtol)
@@ -142,3 +150,84 @@ def iterate(state, solver, loading, controls, history, first=True, target=True):
         if done:
             return end(True, "contact area unchanged and residual small enough", iteration)
     return end(False, f"{controls.max_it} active set iterations were not enough", controls.max_it)
+
+
+def _advance(state, solver, loading, allowed, resume):
+    """Steps 2 and 3: let the linear solver improve the pressure on C.
+
+    Returns
+    -------
+    iterations : int
+    failure : str
+    norm : float
+        Of the residual afterwards, if the solver tells [mm].
+    """
+    if not state.current:
+        state.displace()
+    if solver.tracks:
+        state.right_hand_side_to(state.right)
+        balance = loading.prescribes_load
+        iterations, failure, norm, shift = solver.track(
+            state.right, state.pressure, state.u, allowed, balance
+        )
+        state.approach += shift
+        return iterations, failure, norm
+    state.defect_to(state.right)
+    iterations, failure = solver.solve(state.right, solver.work, allowed)
+    state.pressure.axpy(1.0, solver.work)
+    state.current = False
+    return iterations, failure, float("inf")
+
+
+class _Policy:
+    """Step 4, and what keeps it cheap and safe: the product that dropped cells cost also carries a correction."""
+
+    _merges = 12  # on one grid; after that dropped cells get a product of their own
+    _blow_up = 4.0
+    _shortest = 0.1
+    _little = 0.01  # of the load may be dropped on a coarse grid without a product
+
+    def __init__(self, controls):
+        self.step = controls.merge
+        self.merges = 0
+        self.seen = set()
+
+    def update(self, state, solver, loading, norm, allowed, loose):
+        """Update the contact set after the linear solver left a residual of `norm`.
+
+        Collective.
+
+        Returns
+        -------
+        change : Change
+        enough : bool
+            On a coarse grid: nothing more to do, although u is not up to date.
+        """
+        dropped, tension = state.drop()
+        if loose and norm <= allowed and tension <= self._little:
+            return state.admit(), True
+        merged = False
+        if dropped:
+            merged = self.step > 0 and solver.tracks and norm > allowed and self.merges < self._merges
+            if merged:
+                self._correct(state, solver)
+            loading.rescale(state)
+        if not state.current:
+            state.displace()
+        change = state.admit()
+        if merged and change.residual > self._blow_up * norm and change.residual > allowed:
+            self.step = max(0.5 * self.step, self._shortest)
+        if change.changed and solver.tracks:
+            fingerprint = state.fingerprint()
+            if dropped and fingerprint in self.seen:
+                solver.tighten()
+            self.seen.add(fingerprint)
+        return change, False
+
+    def _correct(self, state, solver):
+        """p += step M r on what is left of C; r still knows nothing of what was dropped."""
+        solver.contact_changed()
+        state.defect_to(state.right)
+        solver.precondition(state.right, solver.work)
+        state.pressure.axpy(self.step, solver.work)
+        self.merges += 1

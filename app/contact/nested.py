@@ -8,11 +8,22 @@ from petsc4py import PETSc
 from app.contact.active_set import ContactGrid
 from app.contact.loading import PrescribedApproach
 from app.contact.loop import iterate
+from app.multigrid.circulant import circulant_of
 from app.multigrid.linear_solver import DirectSolver, LinearSolver
 from app.multigrid.pcmg import LARGEST_DIRECT
 
 
-def solve(hierarchy, shapes, loading, controls, history, nested=False, beta=0.003, target_solver=None):
+def solve(
+    hierarchy,
+    shapes,
+    loading,
+    controls,
+    history,
+    nested=False,
+    beta=0.003,
+    prolongation="copy",
+    target_solver=None,
+):
     """Solve the contact problem on the target grid of a hierarchy.
 
     Collective. Replicated grids are solved by rank 0, which tells the others.
@@ -29,6 +40,8 @@ def solve(hierarchy, shapes, loading, controls, history, nested=False, beta=0.00
         Start on the coarsest grid, else from C = {h <= 0} on the target grid.
     beta : float
         Eq. (4.1).
+    prolongation : {"copy", "lift"}
+        The paper's, or `_lift`.
     target_solver : LinearSolver, optional
         Solver of the target grid, if there is one already.
 
@@ -47,12 +60,13 @@ def solve(hierarchy, shapes, loading, controls, history, nested=False, beta=0.00
         if below is None:
             loading.start(state)
         elif nested:
-            _prolong(hierarchy.transfers[number], below, state, beta)
+            _prolong(hierarchy.transfers[number], below, state, beta, prolongation)
         else:
             state.approach = below.approach
             state.start_from_interpenetration()
-            state.make_unit()
-            _copy_up(hierarchy, route[place - 1], number, below.unit, state.unit)
+            if below.unit is not None:
+                state.make_unit()
+                _copy_up(hierarchy, route[place - 1], number, below.unit, state.unit)
         if here:
             if number == last and target_solver:
                 solver = target_solver
@@ -112,12 +126,23 @@ def _tell(comm, state):
             comm.Bcast(q)
 
 
-def _prolong(transfer, below, state, beta):
-    """Step 2 and (3.a): p by copy, u bilinear, C = {h + u <= beta max(u)}, p = 0 outside."""
+def _prolong(transfer, below, state, beta, prolongation):
+    """Steps 2 and (3.a): contact set, pressure and displacement from the coarser grid."""
     state.approach = below.approach
-    coarse = below.pressure.getArray(readonly=True).reshape(below.u.shape)
-    transfer.interpolate(below.u, state.u)
     state.current = False
+    transfer.interpolate(below.u, state.u)
+    if prolongation == "copy" or not _lift(transfer, below, state):
+        _copy(transfer, below, state, beta)
+    if below.unit is not None:
+        state.make_unit()
+        with state.unit as values:
+            transfer.copy(
+                below.unit.getArray(readonly=True).reshape(below.u.shape), values.reshape(state.u.shape)
+            )
+
+
+def _copy(transfer, below, state, beta):
+    """Take p by copy, u bilinear, C = {h + u <= beta max(u)}, p = 0 outside."""
     highest = -float(state.minimum(-state.u.max(initial=-np.inf)))
     overlap = state.shape - state.approach
     overlap += state.u
@@ -125,11 +150,40 @@ def _prolong(transfer, below, state, beta):
     state.contact &= state.admissible
     with state.pressure as values:
         p = values.reshape(state.u.shape)
-        transfer.copy(coarse, p)
+        transfer.copy(below.p, p)
         p *= state.contact
-    if below.unit is not None:
-        state.make_unit()
-        with state.unit as values:
-            transfer.copy(
-                below.unit.getArray(readonly=True).reshape(below.u.shape), values.reshape(state.u.shape)
-            )
+
+
+def _lift(transfer, below, state):
+    """Take p as the pressure that would displace the cells so in a periodic world.
+
+    With the circulant matrix B^-1 for A, a displacement T that is known everywhere gives p = B T at the cost of an FFT:
+    on C it is -h, elsewhere the interpolated one of the coarse grid, both plus what the coarse grid says
+    is the difference of periodic and true displacement. Start set: the coarse one and {h + u <= 0}, where p > 0.
+
+    Returns
+    -------
+    bool
+        False if the load came out so different that the coarse grid cannot be trusted.
+    """
+    periodic = np.empty_like(below.u)
+    circulant_of(below.operator).apply_inverse(below.p, periodic)
+    contact = np.empty(state.contact.shape, bool)
+    transfer.copy(below.contact, contact)
+    overlap = state.shape - state.approach
+    overlap += state.u
+    contact |= overlap <= 0
+    contact &= state.admissible
+    with state.pressure as values:
+        target = values.reshape(state.u.shape)
+        transfer.interpolate(periodic, target)
+        np.subtract(target, overlap, out=target, where=contact)
+        circulant_of(state.operator).apply(target, target)
+        contact &= target > 0
+        target *= contact
+    state.contact[...] = contact
+    before = transfer.fy * transfer.fx * below.pressure.sum()
+    after = state.pressure.sum()
+    if below.operator.comm is None and state.operator.comm is not None:
+        before /= state.comm.size  # every rank holds a copy of the coarse grid
+    return 0.05 * before < after < 20 * before

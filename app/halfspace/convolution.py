@@ -51,6 +51,18 @@ def _scale_by_even_spectrum(columns, spectrum, count):
 
 
 @numba.njit(cache=True)
+def _divide_by_even_spectrum(columns, spectrum, count, scale):
+    """columns[c, k] *= scale / spectrum[c, min(k, N - k)] for the first `count` columns."""
+    length = columns.shape[1]
+    half = spectrum.shape[1]
+    for c in range(count):
+        for k in range(half):
+            columns[c, k] *= scale / spectrum[c, k]
+        for k in range(half, length):
+            columns[c, k] *= scale / spectrum[c, length - k]
+
+
+@numba.njit(cache=True)
 def _store_rows(rows, count, transformed, first):
     """transformed[c, first + r] = rows[r, c] for the first `count` rows."""
     for c in range(transformed.shape[0]):
@@ -101,6 +113,8 @@ class EvenMultiplier:
         self._columns = columns = nx_fft // 2 + 1
         self._groups = self._deal_columns(columns, complex_type.itemsize)
         self._spectrum = None
+        self._inverse = False
+        self._inverse_scale = 1.0 / (float(periods[0]) * periods[1]) ** 2
 
         self._transformed = np.zeros((columns, self.slabs.local), complex_type)
         self._received = None
@@ -194,6 +208,14 @@ class EvenMultiplier:
         )
         return sum(a.nbytes for a in arrays if a is not None)
 
+    def apply_inverse(self, p, out):
+        """Multiply p by the inverse of the periodic operator; only for fields as large as the periods. Collective."""
+        self._inverse = True
+        try:
+            self.apply(p, out)
+        finally:
+            self._inverse = False
+
     def apply(self, p, out, mask=None):
         """Multiply p by the operator A of this object: out = A p, or out = C A C p.
 
@@ -249,7 +271,11 @@ class EvenMultiplier:
                 column[:w, a:b] = block[first:last]
             column[:, ny:] = 0
             self._column_forward()
-            _scale_by_even_spectrum(column, self._spectrum[done + first : done + last], w)
+            spectrum = self._spectrum[done + first : done + last]
+            if self._inverse:
+                _divide_by_even_spectrum(column, spectrum, w, self._spectrum.dtype.type(self._inverse_scale))
+            else:
+                _scale_by_even_spectrum(column, spectrum, w)
             self._column_backward()
             for block, (a, b) in zip(blocks, group.row_ranges, strict=True):
                 block[first:last] = column[:w, a:b]

@@ -52,17 +52,22 @@ def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64)
     return inverse
 
 
+def circulant_of(operator):
+    """Inverse circulant of an `InfluenceOperator`, made when first asked for. Collective over its ranks."""
+    if operator.circulant is None:
+        operator.circulant = circulant_inverse(
+            operator.grid, operator.compliance, operator.slabs, operator.comm, operator.dtype
+        )
+    return operator.circulant
+
+
 class Circulant:
     """PC context; its operator must be an `InfluenceOperator`. No options."""
 
     def setUp(self, pc):
         """Find the operator; the multiplier is made once per grid."""
-        operator = pc.getOperators()[1].getPythonContext()
-        if operator.circulant is None:
-            operator.circulant = circulant_inverse(
-                operator.grid, operator.compliance, operator.slabs, operator.comm, operator.dtype
-            )
-        self.operator = operator
+        self.operator = pc.getOperators()[1].getPythonContext()
+        circulant_of(self.operator)
 
     def apply(self, pc, x, y):
         """Compute y = C F^-1 (1/lambda) F C x."""

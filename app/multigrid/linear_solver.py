@@ -10,6 +10,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.linalg import cho_factor, cho_solve
 
+from app.multigrid.krylov import TrackingCG
 from app.multigrid.pcmg import SMOOTHER_DEFAULTS, Multigrid, defaults, replicated_matrix
 
 
@@ -62,6 +63,9 @@ class LinearSolver:
                 ksp.setTolerances(rtol=0, atol=0)  # otherwise PETSc spends a product on a norm nobody reads
             ksp.setUp()
         self._own_atol = options.hasName("ksp_atol")
+        context = ksp.getPythonContext() if ksp.getType() == PETSc.KSP.Type.PYTHON else None
+        self._tracking = context if isinstance(context, TrackingCG) else None
+        self._work = None
 
     def contact_changed(self):
         """Take over the contact set that is in the operator's mask now. Collective."""
@@ -81,14 +85,28 @@ class LinearSolver:
         )
         return float(sum(share * (op.products + op.sweeps) for op, share in counted))
 
-    def solve(self, b, p, allowed):
-        """Solve C A C p = b from p = 0, as far as the options go.
+    @property
+    def tracks(self):
+        """Whether `track` is available: the KSP keeps u = A p up to date."""
+        return self._tracking is not None
+
+    @property
+    def work(self):
+        """A Vec that is free between solves."""
+        if self._tracking:
+            return self._tracking.work
+        if self._work is None:
+            self._work = self.mat.createVecRight()
+        return self._work
+
+    def solve(self, b, x, allowed):
+        """Solve C A C x = b from x = 0, as far as the options go.
 
         Collective.
 
         Parameters
         ----------
-        b, p : Vec
+        b, x : Vec
         allowed : float
             Norm of the residual that is small enough [mm]; the absolute tolerance of Krylov methods that
             monitor the true residual, unless -ksp_atol is given.
@@ -100,10 +118,54 @@ class LinearSolver:
             Empty, or why the solver cannot go on. Running out of iterations is no failure: one cycle, or a
             few steps of CG, are what an active set iteration wants.
         """
+        self.ksp.setInitialGuessNonzero(False)
+        if self._tracking:
+            self._tracking.displacement = np.zeros(self.operator.local_shape)
+            self._tracking.balance = self._tracking.resume = False
+        return self._solve(b, x, allowed)
+
+    def track(self, b, x, u, allowed, balance=False, resume=False):
+        """Improve x and u = A x towards C A C x = b; `b` holds the residual on exit.
+
+        Collective. For solvers that `tracks`.
+
+        Parameters
+        ----------
+        b, x : Vec
+        u : ndarray, shape (local rows, nx)
+        allowed : float
+        balance : bool
+            Keep the sum of x and shift b instead.
+        resume : bool
+            Nothing has changed since the last call.
+
+        Returns
+        -------
+        iterations : int
+        failure : str
+            As of `solve`.
+        residual, shift : float
+        """
+        tracking = self._tracking
+        self.ksp.setInitialGuessNonzero(True)
+        tracking.displacement, tracking.balance, tracking.resume = u, balance, resume
+        iterations, failure = self._solve(b, x, allowed)
+        return iterations, failure, tracking.residual, tracking.shift
+
+    def precondition(self, r, z):
+        """Apply the preconditioner: z = M r. Collective."""
+        self.ksp.getPC().apply(r, z)
+
+    def tighten(self):
+        """Ask for ten times the relative accuracy from now on. Not collective."""
+        rtol = self.ksp.getTolerances()[0]
+        self.ksp.setTolerances(rtol=max(0.1 * rtol, 1e-12))
+
+    def _solve(self, b, x, allowed):
         if not self._own_atol and self.ksp.getNormType() in _KRYLOV_RESIDUAL_IS_TRUE:
             # A hair below: what passes here must pass the same test on the recomputed residual.
             self.ksp.setTolerances(atol=allowed * (1 - 1e-9))
-        self.ksp.solve(b, p)
+        self.ksp.solve(b, x)
         reason = self.ksp.getConvergedReason()
         failed = reason < 0 and reason != PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
         return self.ksp.getIterationNumber(), _REASONS.get(reason, str(reason)) if failed else ""
@@ -111,6 +173,8 @@ class LinearSolver:
     def destroy(self):
         """Free the KSP. Collective."""
         self.ksp.destroy()
+        if self._work is not None:
+            self._work.destroy()
         if self.multigrid:
             self.multigrid.destroy()
 
@@ -127,12 +191,14 @@ class DirectSolver:
     """
 
     exact = True
+    tracks = False
     work_units = 0.0
 
     def __init__(self, operator, level=0):
         self.level, self.operator = level, operator
         self._matrix = replicated_matrix(operator)
         self._factors = None
+        self.work = PETSc.Vec().createSeq(operator.grid.n)
 
     def contact_changed(self):
         """See `LinearSolver.contact_changed`."""
@@ -148,4 +214,5 @@ class DirectSolver:
         return 1, ""
 
     def destroy(self):
-        """Nothing of PETSc's to free."""
+        """Free the work vector."""
+        self.work.destroy()

@@ -38,6 +38,8 @@ class GapArray:
         try:
             if suffix == ".npy":
                 self._rows = np.load(self.path, mmap_mode="r", allow_pickle=False)
+                if not isinstance(self._rows, np.ndarray):
+                    raise ValueError("it is an archive of arrays, not one array")
             elif suffix in (".h5", ".hdf5"):
                 self._rows = self._open_hdf5()
             else:

@@ -7,7 +7,7 @@ dataset                 shape             unit   meaning
 ======================  ================  =====  ==================================================================
 ``pressure``            (k + 1, ny, nx)   N/mm2  p before iteration 1, and after each of the k iterations
 ``contact``             (k + 1, ny, nx)   1      C likewise, uint8
-``linear_residuals``    (m + 1)           1      ||r|| / ||h|| in the KSP of the last system, if it computes norms
+``linear_residuals``    (m + 1)           1      norms of the KSP in the last system, over ||h||
 ``exact_pressure``      (ny, nx)          N/mm2  analytic solution at the cell centres, if there is one
 ``admissible``          (ny, nx)          1      where contact is possible, uint8
 ``x``, ``y``            (nx), (ny)        mm     cell centres
@@ -57,7 +57,14 @@ def main():
     if MPI.COMM_WORLD.size > 1 or not setup.output:
         raise session.InputError("a trace needs one rank and -output")
     recorder = Recorder(setup.solver.level)
-    setup.solver.ksp.setConvergenceHistory()
+    residuals = []
+
+    def listen(ksp, iteration, norm):
+        if iteration == 0:
+            residuals.clear()
+        residuals.append(norm)
+
+    setup.solver.ksp.setMonitor(listen)  # PETSc's own history stays empty if the PC iterates, as PCMG does
     state, outcome = nested.solve(
         setup.hierarchy, setup.shapes, setup.loading, setup.controls, History([recorder]),
         nested=setup.nested, beta=setup.beta, target_solver=setup.solver,
@@ -66,7 +73,7 @@ def main():
     with whole_file(setup.output) as temporary, h5py.File(temporary, "w") as file:
         file["pressure"] = np.stack(recorder.pressure)
         file["contact"] = np.stack(recorder.contact)
-        file["linear_residuals"] = setup.solver.ksp.getConvergenceHistory() / state.gap_norm()
+        file["linear_residuals"] = np.array(residuals) / state.gap_norm()
         file["admissible"] = state.admissible.astype(np.uint8)
         file["x"], file["y"] = grid.x(), grid.y()
         if exact is not None:
@@ -102,7 +109,11 @@ def collect_errors(path):
 def collect_contact(path):
     """First and last contact set, and where contact is possible, as rows of 0 and 1; cell centres."""
     with h5py.File(path) as file:
-        fields = {"first": file["contact"][0], "last": file["contact"][-1], "admissible": file["admissible"][()]}
+        fields = {
+            "first": file["contact"][0],
+            "last": file["contact"][-1],
+            "admissible": file["admissible"][()],
+        }
         axes = {"x": file["x"][()], "y": file["y"][()]}
     return {name: values.tolist() for name, values in (fields | axes).items()}
 

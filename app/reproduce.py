@@ -1,0 +1,228 @@
+"""The paper's tables and figures from real runs: ``python -m app.reproduce [table1 fig8 ...|all] -o DIR``.
+
+Items: table1 .. table8, the figures fig2, fig5, fig6, fig7, fig8, fig10, fig11, fig12, the studies seeds, inexact,
+selfaffine with their pictures work and kappa; `tables`, `figures`, `studies` and `all` (default) name several;
+`beyond` (512 and 1024 cells squared) only runs when asked for. In DIR:
+
+- ``tables.json``: our numbers under the keys of the paper's; ``report.json``: the studies, and the checks;
+- ``tables.md``, ``report.html``: the paper's numbers beside ours; ``fig8.png`` ...: the pictures;
+- ``runs/table1.csv`` ...: every run with its options; ``runs.jsonl``: what is done, so that a second call goes on.
+
+A call adds its items to what is there already. Exit status: 0 done; 1 a run crashed or was refused, and its item is
+left out; 2 bad input; 130 interrupted, items that are complete are there.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+import os
+import shutil
+import sys
+import time
+from pathlib import Path
+
+from app import __version__
+from app.output.figures import save_figure
+from app.output.result import whole_file
+from app.output.table import write_table
+from app.reproduction import report
+from app.reproduction.item import FULL, QUICK
+from app.reproduction.pictures import FIGURES
+from app.reproduction.studies import STUDIES
+from app.reproduction.tables import PAPER, TABLES
+from app.sweep import CHECKS, OUTCOME, InputError, Journal, Parser, count, interruptible, run_all
+
+ITEMS = {item.name: item for item in (*TABLES, *FIGURES, *STUDIES)}
+GROUPS = {
+    "tables": TABLES,
+    "figures": FIGURES,
+    "studies": [item for item in STUDIES if not item.optional],
+    "all": [item for item in ITEMS.values() if not item.optional],
+}
+
+
+def main(argv=None):
+    """Run the command and return its exit status."""
+    return interruptible(_main, argv)
+
+
+def _main(argv):
+    parser = Parser(
+        prog="python -m app.reproduce", description="The paper's tables and figures from real runs."
+    )
+    parser.add_argument(
+        "items", nargs="*", metavar="ITEM", help=f"{', '.join([*ITEMS, *GROUPS])}; default: all"
+    )
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder to write to")
+    jobs = len(os.sched_getaffinity(0))
+    parser.add_argument(
+        "--jobs", type=count, default=jobs, metavar="N", help="runs at a time; default: all cores"
+    )
+    parser.add_argument("--quick", action="store_true", help="small grids and few surfaces only")
+    parser.add_argument("--fresh", action="store_true", help="do all runs again")
+    arguments = parser.parse_args(argv)
+    items = select(arguments.items or ["all"])
+    folder = arguments.output
+    _check_folder(folder)
+    folder.mkdir(exist_ok=True)
+    tables, rest = _read(folder / "tables.json"), _read(folder / "report.json")
+    scratch = folder / "work"
+    scratch.mkdir(exist_ok=True)
+    journal = Journal(folder / "runs.jsonl", resume=not arguments.fresh)
+    started = time.perf_counter()
+    try:
+        plans = {item.name: item.plan(QUICK if arguments.quick else FULL, scratch) for item in items}
+        cases = [(name, case) for name, plan in plans.items() for case in plan]
+        runs = [plans[name][case] for name, case in cases]
+        outcomes, interrupted = run_all(runs, scratch, journal, jobs=arguments.jobs, description="reproduce")
+    finally:
+        journal.close()
+        shutil.rmtree(scratch, ignore_errors=True)
+    found = {name: {} for name in plans}
+    for (name, case), outcome in zip(cases, outcomes, strict=True):
+        found[name][case] = outcome
+    done = [item for item in items if all(map(_usable, found[item.name].values()))]
+    _write(folder, tables, rest, done, plans, found, arguments.quick, time.perf_counter() - started)
+    failures = {
+        outcome["message"] for outcome in outcomes if outcome and outcome["exit_status"] not in (0, 3)
+    }
+    for message in sorted(failures):
+        print(f"failed: {message}", file=sys.stderr)
+    return 130 if interrupted else int(bool(failures))
+
+
+def _usable(outcome):
+    """Whether a run came to a result, converged or not: anything else must not pass for divergence."""
+    return outcome is not None and outcome["exit_status"] in (0, 3)
+
+
+def select(names):
+    """Return the items of these names and groups, in the order of the report, each once.
+
+    Raises
+    ------
+    InputError
+        If a name is none.
+    """
+    chosen = set()
+    for name in names:
+        if name not in ITEMS and name not in GROUPS:
+            raise InputError(f"item {name}: unknown; allowed: {', '.join([*ITEMS, *GROUPS])}")
+        chosen |= {item.name for item in GROUPS.get(name, [ITEMS.get(name)])}
+    return [item for item in ITEMS.values() if item.name in chosen]
+
+
+def _check_folder(folder):
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"-o {folder}: exists and is not a folder")
+    if not folder.parent.is_dir():
+        raise InputError(f"-o {folder}: folder {folder.parent} does not exist")
+    if not os.access(folder if folder.exists() else folder.parent, os.W_OK):
+        raise InputError(f"-o {folder}: cannot be written to")
+
+
+def _write(folder, tables, rest, items, plans, found, quick, seconds):
+    """Add the items to what is in the folder, and tell the terminal."""
+    studies, checks, made = (rest.setdefault(name, {}) for name in ("studies", "checks", "made"))
+    tables["source"] = f"app.reproduce {__version__}, after {PAPER['source']}"
+    (folder / "runs").mkdir(exist_ok=True)
+    today = datetime.date.today().isoformat()
+    for item in items:
+        outcomes = found[item.name]
+        result = item.evaluate(outcomes)
+        if item.kind == "figure":
+            save_figure(result, folder / f"{item.name}.png", dpi=130)
+            print(f"{item.name}  {item.title}: {folder / item.name}.png")
+        elif item.kind == "table":
+            tables[item.name] = {"what": item.title, **result}
+            print(report.table_text(item, result))
+        else:
+            studies[item.name] = result
+            print(report.study_text(item, result))
+        made[item.name] = {"version": __version__, "date": today, "quick": quick, "runs": len(outcomes)}
+        worst = check(outcomes.values())
+        if worst:
+            checks[item.name] = worst
+        if outcomes and item.kind != "figure":
+            rows = [
+                {
+                    "case": " ".join(case),
+                    **{name: outcome.get(name) for name in OUTCOME},
+                    "arguments": " ".join(plans[item.name][case].arguments()),
+                }
+                for case, outcome in outcomes.items()
+            ]
+            write_table(folder / "runs" / f"{item.name}.csv", rows)
+    _dump(folder / "tables.json", _in_order(tables, ["source", *ITEMS]))
+    _dump(folder / "report.json", rest)
+    numbers = {name: _without_title(data) for name, data in tables.items() if name != "source"}
+    _put(folder / "tables.md", _markdown(numbers, studies, checks))
+    pictures = {
+        name: (folder / f"{name}.png").read_bytes() for name in ITEMS if (folder / f"{name}.png").is_file()
+    }
+    facts = {"version": __version__, "date": today, "this call": f"{seconds:.0f} s"}
+    if any(entry["quick"] for entry in made.values()):
+        facts["note:"] = "some items were made with --quick, on small grids only"
+    _put(folder / "report.html", report.web_page(_reading_order(), numbers, studies, pictures, checks, facts))
+    print(f"report: {folder / 'report.html'}")
+
+
+def check(outcomes):
+    """Worst complementarity conditions of some runs of app.solve; None if there are none."""
+    solved = [outcome for outcome in outcomes if all(name in outcome for name in CHECKS)]
+    if not solved:
+        return None
+    good = [outcome for outcome in solved if outcome["converged"]]
+    worst = {name: min((outcome[name] for outcome in good), default=0.0) for name in CHECKS[:2]}
+    worst["complementarity"] = max((outcome["complementarity"] for outcome in good), default=0.0)
+    return {"runs": len(solved), "not_converged": len(solved) - len(good), **worst}
+
+
+def _reading_order():
+    """Tables with the figures that belong to them."""
+    behind = {"table1": ["fig2", "fig5", "fig6", "fig7"], "table3": ["fig8"], "table4": ["fig12", "fig10"],
+              "table8": ["fig11", "work", "seeds", "inexact", "selfaffine", "kappa", "beyond"]}  # fmt: skip
+    return [ITEMS[name] for item in TABLES for name in (item.name, *behind.get(item.name, []))]
+
+
+def _markdown(numbers, studies, checks):
+    parts = [
+        f"# Tables: the paper's numbers and ours\n\nPaper: {PAPER['source']}. In brackets: work units.\n"
+    ]
+    for item in _reading_order():
+        if item.name in numbers:
+            parts.append(report.table_markdown(item, numbers[item.name]))
+        elif item.name in studies:
+            parts.append(report.study_markdown(item, studies[item.name]))
+    if checks:
+        parts.append(report.checks_markdown(checks))
+    return "\n".join(parts)
+
+
+def _without_title(data):
+    return {key: value for key, value in data.items() if key != "what"}
+
+
+def _in_order(mapping, order):
+    return {name: mapping[name] for name in order if name in mapping}
+
+
+def _read(path):
+    try:
+        return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    except ValueError as error:
+        raise InputError(f"{path}: is not JSON ({error}); remove it") from None
+
+
+def _dump(path, data):
+    _put(path, json.dumps(data, indent=1) + "\n")
+
+
+def _put(path, content):
+    with whole_file(path) as temporary:
+        temporary.write_text(content, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,384 @@
+"""Figures 2, 5, 6, 7, 8, 10, 11, 12 of the paper in content, and a picture of each study."""
+
+from __future__ import annotations
+
+from functools import wraps
+
+import matplotlib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import ListedColormap, LogNorm
+from matplotlib.figure import Figure
+
+from app.analysis import smoothers
+from app.halfspace.grid import Grid
+from app.halfspace.influence import Material, influence_quadrant
+from app.output.figures import BLUE, GREY, LENGTH_MAP, ORANGE, STYLE
+from app.problems.statistics import normal_plot
+from app.problems.surfaces import WavySurface
+from app.reproduction import studies, trace
+from app.reproduction.item import CASES, Item, solver_run
+from app.reproduction.tables import HEADINGS, PAPER, evaluate_methods, traced
+
+GREEN = "#009e73"  # the third colour that colour-blind readers tell from BLUE and ORANGE
+HERTZ_DOMAIN = (-10.0, 10.0, -6.0, 6.0)
+PUNCH_DOMAIN = (-6.0, 6.0, -5.0, 5.0)
+_MARKERS = ((BLUE, "o", "-"), (ORANGE, "s", "--"), (GREEN, "^", ":"))
+
+
+def _nothing(limits, scratch):
+    return {}
+
+
+def _styled(draw):
+    @wraps(draw)
+    def styled(outcomes):
+        with matplotlib.rc_context(STYLE):
+            return draw(outcomes)
+
+    return styled
+
+
+def _figure(width, height):
+    figure = Figure(figsize=(width, height))
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _letter(axes, text):
+    for letter, panel in zip("abcdefghi", np.ravel(axes), strict=False):
+        panel.set_title(f"({letter}) {text[letter]}" if letter in text else f"({letter})", loc="left")
+
+
+# -- Section 2: influence coefficients -----------------------------------------------------------------------
+
+
+@_styled
+def _figure2(outcomes):
+    material = Material(82000.0, 0.28)
+    grid = Grid.from_domain(32, 32, HERTZ_DOMAIN)
+    quadrant = material.shear_modulus * influence_quadrant(grid, material.compliance, slice(0, 17))[:, :17]
+    whole = np.block([[quadrant[:0:-1, :0:-1], quadrant[:0:-1]], [quadrant[:, :0:-1], quadrant]])
+    figure = _figure(10.0, 4.4)
+    left, right = figure.subplots(1, 2)
+    half = 16.5
+    image = left.imshow(
+        whole, cmap=LENGTH_MAP, origin="lower", norm=LogNorm(), extent=(-half, half, -half, half)
+    )
+    left.set(xlabel="jx − ix  [cells]", ylabel="jy − iy  [cells]")
+    figure.get_layout_engine().set(wspace=0.08)
+    figure.colorbar(image, ax=left, shrink=0.9).set_label("G A  [mm]")
+    cells = np.arange(17)
+    distance = np.maximum(cells * grid.dx, 1e-300)
+    point = (1 - material.poisson_ratio) / np.pi * grid.cell_area / distance
+    right.semilogy(cells * grid.dx, quadrant[0], "o-", color=BLUE, label="cell under unit pressure")
+    right.semilogy(cells[1:] * grid.dx, point[1:], "--", color=ORANGE, label="point force, 1/ρ")
+    right.set(xlabel="distance along x  [mm]", ylabel="G A  [mm]")
+    right.legend()
+    _letter([left, right], {"a": "all neighbours", "b": "along a row"})
+    return figure
+
+
+# -- Section 4.4: smoothers ----------------------------------------------------------------------------------
+
+
+def _unit_circle(axes):
+    angle = np.linspace(0, 2 * np.pi, 200)
+    axes.plot(np.cos(angle), np.sin(angle), color=GREY, linewidth=1.2, zorder=0)
+
+
+@_styled
+def _figure5(outcomes):
+    matrix = smoothers.LineContact().matrix()
+    jacobi = np.sort(smoothers.modes(smoothers.jacobi(matrix)).values.real)
+    values = smoothers.modes(smoothers.gauss_seidel(matrix)).values
+    order = [smoothers.paper_mode(j, 32) for j in range(1, 33)]
+    figure = _figure(12.0, 4.2)
+    first, second, third = figure.subplots(1, 3)
+    number = np.arange(1, 33)
+    first.plot(number, jacobi[::-1], "o", color=BLUE)
+    first.axhspan(-1, 1, color="0.9", linewidth=0, zorder=0)
+    first.text(2, -2.4, "|λ| < 1", color="0.35")
+    first.annotate(f"−{abs(jacobi[0]):.1f}", (32, jacobi[0]), (-44, 6), textcoords="offset points")
+    first.set(xlabel="number j", ylabel="eigenvalue λ")
+    _unit_circle(second)
+    second.plot(values.real, values.imag, "o", color=BLUE)
+    second.set(xlabel="Re λ", ylabel="Im λ", aspect="equal", xlim=(-1.1, 1.1), ylim=(-1.1, 1.1))
+    third.plot(number, np.abs(values[order]), "o", color=BLUE)
+    third.axhline(1, color=GREY, linewidth=1.2)
+    third.set(xlabel="mode j", ylabel="|λ|", ylim=(-0.03, 1.1))
+    _letter([first, second, third], {"a": "Jacobi", "b": "Gauss–Seidel", "c": "Gauss–Seidel, moduli"})
+    return figure
+
+
+@_styled
+def _figure6(outcomes):
+    contact = smoothers.LineContact()
+    iteration = smoothers.gauss_seidel(contact.matrix())
+    history = smoothers.sweep_history(iteration, contact.pressure())
+    order = [smoothers.paper_mode(j, contact.cells) for j in range(1, contact.cells + 1)]
+    figure = _figure(11.0, 4.4)
+    left, right = figure.subplots(1, 2)
+    for i, error, c, (colour, marker, line) in zip(
+        history.sweeps, history.errors, history.coefficients, _MARKERS, strict=True
+    ):
+        style = {"color": colour, "marker": marker, "linestyle": line, "label": f"after {i} sweeps"}
+        left.plot(contact.grid.x(), np.abs(error), **style)
+        right.plot(np.arange(1, contact.cells + 1), np.abs(c[order]), **style)
+    left.set(xlabel="x  [mm]", ylabel=r"error $|p - p^i|\ /\ \max\,p$", ylim=(0, 1.9))
+    left.legend(loc="upper right")
+    # The mode that the first sweep removes would flatten all others.
+    first = np.abs(history.coefficients[0, order[0]])
+    right.set(xlabel="mode j", ylabel=r"coefficient $|c_j|$", ylim=(0, 1.6))
+    right.annotate(
+        f"mode 1, no sweep: {first:.1f}", (1, 1.6), (2.5, 1.45), arrowprops={"arrowstyle": "->"}, va="center"
+    )
+    right.legend(loc="center right", bbox_to_anchor=(1, 0.5))
+    _letter([left, right], {"a": "error of Gauss–Seidel", "b": "in its eigenvectors"})
+    return figure
+
+
+@_styled
+def _figure7(outcomes):
+    figure = _figure(11.0, 8.0)
+    panels = figure.subplots(2, 3).ravel()
+    for letter, axes, pair in zip("abcdef", panels, smoothers.compare_grids(), strict=True):
+        axes.plot(pair.vector.real, pair.vector.imag, "o", color=ORANGE, label="32 cells")
+        told = f"|λ| = {abs(pair.value):.2f}"
+        if pair.coarse_vector is not None:
+            coarse = pair.coarse_vector
+            axes.plot(
+                coarse.real, coarse.imag, "o", color=BLUE, markersize=10, markerfacecolor="none", label="16 cells"
+            )
+            told += f", {abs(pair.coarse_value):.2f} on 16 cells"
+        reach = 1.15 * np.abs(pair.vector).max()
+        axes.set(xlabel="Re v", ylabel="Im v", xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
+        axes.set_title(f"({letter}) mode {pair.number}\n{told}", loc="left")
+    panels[0].legend(loc="upper right")
+    return figure
+
+
+# -- Section 5: contact areas --------------------------------------------------------------------------------
+
+
+def _contact_panel(axes, fields, which):
+    contact, admissible = np.array(fields[which]), np.array(fields["admissible"])
+    x, y = np.array(fields["x"]), np.array(fields["y"])
+    dx, dy = x[1] - x[0], y[1] - y[0]
+    shown = np.where(admissible == 0, 2, contact)
+    edges_x, edges_y = np.append(x - dx / 2, x[-1] + dx / 2), np.append(y - dy / 2, y[-1] + dy / 2)
+    colours = ListedColormap(["white", BLUE, GREY])
+    # Thin lines between the cells: on a coarse grid one wants to count them.
+    axes.pcolormesh(
+        edges_x, edges_y, shown, cmap=colours, vmin=-0.5, vmax=2.5, edgecolors="0.85", linewidth=0.3
+    )
+    axes.set_aspect("equal")
+    for spine in axes.spines.values():
+        spine.set_visible(True)
+
+
+_CONTACT_COLUMNS = (("norm", "first", "start: h ≤ 0"), ("fmg_v11", "first", "start: full multigrid"),
+                    ("fmg_v11", "last", "converged"))  # fmt: skip
+
+
+def _plan_contact(problem, cases):
+    def plan(limits, scratch):
+        return {
+            (str(case), method): traced(
+                problem, method, 32, trace.collect_contact, **({"approach": approach} if approach else {})
+            )
+            for case, approach in cases.items()
+            for method in ("norm", "fmg_v11")
+        }
+
+    return plan
+
+
+def _contact_panels(figure, outcomes, cases, names):
+    panels = figure.subplots(len(cases), 3, sharex=True, sharey=True, squeeze=False)
+    for number, (row, case) in enumerate(zip(panels, cases, strict=True)):
+        converged = np.array(outcomes[str(case), "fmg_v11"]["last"])
+        for axes, (method, which, title) in zip(row, _CONTACT_COLUMNS, strict=True):
+            fields = outcomes[str(case), method]
+            _contact_panel(axes, fields, which)
+            contact = np.array(fields[which])
+            different = int((contact != converged).sum())
+            told = f"{int(contact.sum())} cells" + (f", {different} differ from the last" if which == "first" else "")
+            axes.set_title(f"{title}\n{told}" if number == 0 else told, loc="left")
+        row[0].set_ylabel(f"{names[case]}\ny  [mm]" if names else "y  [mm]")
+    for axes in panels[-1]:
+        axes.set_xlabel("x  [mm]")
+
+
+@_styled
+def _figure8(outcomes):
+    figure = _figure(11.0, 3.6)
+    _contact_panels(figure, outcomes, [1], {})
+    return figure
+
+
+@_styled
+def _figure11(outcomes):
+    figure = _figure(11.0, 9.6)
+    names = {case: f"case {case} ({approach.replace('-', '−')} mm)" for case, approach in CASES.items()}
+    _contact_panels(figure, outcomes, list(CASES), names)
+    return figure
+
+
+# -- rough surfaces ------------------------------------------------------------------------------------------
+
+
+def _surface(decay=0.8):
+    x0, x1, y0, y1 = PUNCH_DOMAIN
+    return WavySurface((12, 10), decay, 0.1, 7, extent=(x1 - x0, y1 - y0), origin=(x0, y0))
+
+
+def _height_map(axes, n, surface, limit):
+    grid = Grid.from_domain(n, n, PUNCH_DOMAIN)
+    height = surface.height(grid.x(), grid.y())
+    x0, x1, y0, y1 = PUNCH_DOMAIN
+    image = axes.imshow(
+        height, cmap=LENGTH_MAP, origin="lower", extent=(x0, x1, y0, y1), vmin=-limit, vmax=limit
+    )
+    axes.set(xlabel="x  [mm]", ylabel="y  [mm]")
+    return height, image
+
+
+@_styled
+def _figure10(outcomes):
+    figure = _figure(10.0, 7.6)
+    panels = figure.subplots(2, 2, sharex=True, sharey=True)
+    for axes, n in zip(panels.ravel(), (16, 32, 64, 128), strict=True):
+        _, image = _height_map(axes, n, _surface(), 0.3)
+        axes.label_outer()
+    figure.colorbar(image, ax=panels, shrink=0.8, extend="both").set_label("height z  [mm]")
+    _letter(panels, {letter: f"{n} × {n} cells" for letter, n in zip("abcd", (16, 32, 64, 128), strict=True)})
+    return figure
+
+
+@_styled
+def _figure12(outcomes):
+    figure = _figure(10.0, 7.6)
+    panels = figure.subplots(2, 2)
+    heights = {}
+    for axes, decay in zip(panels.ravel(), (0.5, 0.8, 0.95), strict=False):
+        heights[decay], image = _height_map(axes, 64, _surface(decay), 0.3)
+    figure.colorbar(image, ax=panels[:, 0], location="left", shrink=0.6, extend="both").set_label(
+        "height z  [mm]"
+    )
+    plot = normal_plot(heights[0.8])
+    axes = panels[1, 1]
+    axes.plot(plot.height, plot.quantile, ".", color=BLUE, markersize=3, rasterized=True)
+    line = np.array([plot.quantile[0], plot.quantile[-1]])
+    axes.plot(
+        heights[0.8].mean() + line * heights[0.8].std(), line, color=ORANGE, linestyle="--", label="Gaussian"
+    )
+    probabilities = {
+        0.001: -3.0902,
+        0.02: -2.0537,
+        0.16: -0.9945,
+        0.5: 0.0,
+        0.84: 0.9945,
+        0.98: 2.0537,
+        0.999: 3.0902,
+    }
+    axes.set_box_aspect(10 / 12)
+    axes.set_yticks(list(probabilities.values()), [f"{p:g}" for p in probabilities])
+    axes.set(xlabel="height z  [mm]", ylabel="probability")
+    axes.legend(loc="upper left")
+    _letter(panels, {"a": "γ = 0.5", "b": "γ = 0.8", "c": "γ = 0.95", "d": "heights of (b), normal plot"})
+    return figure
+
+
+# -- the studies ---------------------------------------------------------------------------------------------
+
+
+_WORK = {
+    "Hertz": ("table3", "hertz", None),
+    **{f"rough, case {case}": (f"table{4 + case}", "punch", approach) for case, approach in CASES.items()},
+}
+_WORK_METHODS = {"norm_cg": "norm", "V11": "fmg_v11"}
+
+
+def _plan_work(limits, scratch):
+    return {
+        (title, str(n), name): solver_run(problem, method, n, approach=approach)
+        for title, (_, problem, approach) in _WORK.items()
+        for n in limits.sizes(32, 64, 128, 256)
+        for name, method in _WORK_METHODS.items()
+    }
+
+
+@_styled
+def _figure_work(outcomes):
+    figure = _figure(11.5, 4.4)
+    panels = figure.subplots(1, len(_WORK), sharey=True)
+    for axes, (title, (table, *_)) in zip(panels, _WORK.items(), strict=True):
+        data = evaluate_methods({case[1:]: found for case, found in outcomes.items() if case[0] == title})
+        sizes = [int(n) for n in data]
+        for name, (colour, marker, line) in zip(_WORK_METHODS, _MARKERS, strict=False):
+            ours = [row[name][1] if row[name] else np.nan for row in data.values()]
+            source = PAPER["table2" if (table, name) == ("table3", "norm_cg") else table]
+            theirs = [source[n][name][1] for n in data]
+            axes.plot(sizes, ours, color=colour, marker=marker, linestyle=line, label=HEADINGS[name])
+            axes.plot(sizes, theirs, color=colour, marker="x", markersize=9, linestyle="none")
+        axes.set_xscale("log", base=2)
+        axes.set_yscale("log")
+        axes.set_xticks(sizes, [str(n) for n in sizes])
+        axes.set_yticks([20, 30, 50, 100, 200], ["20", "30", "50", "100", "200"])
+        axes.minorticks_off()
+        axes.set_xlabel("cells per side")
+        axes.set_title(title, loc="left")
+    panels[0].set_ylabel("work units")
+    panels[0].plot([], [], color="0.3", marker="x", linestyle="none", markersize=9, label="the paper's")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncol=3)
+    return figure
+
+
+@_styled
+def _figure_selfaffine(outcomes):
+    points = studies.evaluate_selfaffine(outcomes)["points"]
+    figure = _figure(11.0, 4.6)
+    left, right = figure.subplots(1, 2)
+    for where, label, (colour, marker, _) in zip(
+        ("", "middle_"), ("whole patch", "middle"), _MARKERS, strict=False
+    ):
+        pressure = np.array([point[f"{where}pressure"] for point in points])
+        share = np.array([point[f"{where}share"] for point in points])
+        left.plot(pressure, share, marker, color=colour, markerfacecolor="none", label=label)
+        loads = np.array([point["load"] for point in points])
+        groups = [[p for p in points if p["load"] == load] for load in np.unique(loads)]
+        mean = [np.mean([p[f"{where}pressure"] for p in group]) for group in groups]
+        slopes = [studies.kappa(group, where) for group in groups]
+        right.plot(mean, slopes, marker=marker, color=colour, label=label)
+        right.plot(pressure, share / pressure, marker, color=colour, markersize=3, alpha=0.5)
+    reach = np.array([0, 1.05 * max(point["pressure"] for point in points)])
+    for axes, low, high in ((left, 2.0 * reach, 2.2 * reach), (right, [2.0, 2.0], [2.2, 2.2])):
+        axes.fill_between(reach, low, high, color="0.8", linewidth=0, label="2.0 to 2.2", zorder=0)
+    left.set(
+        xlabel="mean pressure / (E* rms slope)", ylabel="contact share A / A₀", xlim=(0, None), ylim=(0, None)
+    )
+    right.set(xlabel="mean pressure / (E* rms slope)", ylabel="slope κ", ylim=(1.4, 3.6))
+    right.set_xscale("log")
+    left.legend(loc="upper left")
+    _letter([left, right], {"a": "", "b": ""})
+    return figure
+
+
+FIGURES = [
+    Item("fig2", "figure", "Influence coefficients of the Hertz problem, 32 × 32 cells", _nothing, _figure2),
+    Item("fig5", "figure", "Eigenvalues of Jacobi and Gauss–Seidel, line contact of 32 cells", _nothing, _figure5),
+    Item("fig6", "figure", "Gauss–Seidel on the line contact: error, and its expansion in eigenvectors",
+         _nothing, _figure6),
+    Item("fig7", "figure", "Eigenvectors of Gauss–Seidel on 32 and 16 cells", _nothing, _figure7),
+    Item("fig8", "figure", "Hertz, 32 × 32 cells: contact area at the start and at the end",
+         _plan_contact("hertz", {1: None}), _figure8),
+    Item("fig10", "figure", "The rough surface on four successive grids", _nothing, _figure10),
+    Item("fig11", "figure", "Rough punch, 32 × 32 cells: contact area at the start and at the end",
+         _plan_contact("punch", CASES), _figure11),
+    Item("fig12", "figure", "Rough surfaces with different decay, and normal probability plot", _nothing, _figure12),
+    Item("work", "figure", "Work against grid size: full multigrid and active set + CG, ours and the paper's",
+         _plan_work, _figure_work),
+    Item("kappa", "figure", "Self-affine surfaces: contact share against load",
+         studies.plan_selfaffine, _figure_selfaffine),
+]  # fmt: skip
