@@ -17,7 +17,6 @@ import numpy as np
 
 from app.session import OPTION_FILES, InputError, option_names
 
-
 LARGEST = 1e50  # and 1 / LARGEST the smallest number besides 0: neither squares nor quotients overflow
 
 
@@ -144,10 +143,11 @@ TABLE = [
     Option("lcp_max_it", _count, 100, "active set iterations on one grid"),
     Option("lcp_coarse_rtol", _from_zero, 0.0, "tracking KSPs: residual that is enough on coarser grids"),
     Option("lcp_merge", _from_zero, 0.0, "tracking KSPs: step of a correction when cells are dropped"),
-    Option("lcp_prolongation", choice("copy", "lift"), "copy", "of the pressure: the paper's, or by the FFT preconditioner"),
+    Option("lcp_prolongation", choice("copy", "lift"), "copy", "of p: the paper's, or by an FFT"),
     Option("lcp_beta", _from_zero, 0.003, "start set after prolongation, eq. (4.1)"),
     Option("lcp_coarsest", _count, 4, "directions of up to this many cells are not coarsened"),
     Option("lcp_replicate", _count, 64, "grids of up to this many cells squared are held by all ranks"),
+    Option("lcp_precision", choice("double", "single"), "double", "of products; answers are checked in double"),
     Option("lcp_monitor", flag, False, "a line for each active set iteration"),
     Option("output", word, None, "result file (HDF5)"),
 ]  # fmt: skip

@@ -63,9 +63,11 @@ class prepare:
     """Everything that can be refused before any work: problem, grids, solver, output. Collective."""
 
     def __init__(self, options, comm):
+        from app.contact import kernels
         from app.contact.loading import PrescribedApproach, PrescribedLoad
         from app.contact.loop import Controls
         from app.contact.monitor import Monitor, Progress
+        from app.multigrid.circulant import circulant_of
         from app.multigrid.hierarchy import Hierarchy
         from app.output.result import check_output_path
 
@@ -94,8 +96,13 @@ class prepare:
         self.hierarchy = Hierarchy(
             self.problem.grid, material.compliance, comm, options["lcp_coarsest"], options["lcp_replicate"] ** 2,
             single=not multilevel,
+            dtype=np.float32 if options["lcp_precision"] == "single" else np.float64,
         )  # fmt: skip
         self.solver = make_solver(self.type, self.hierarchy, self.controls)
+        kernels.load()
+        if self.prolongation == "lift" and self.nested:
+            for operator in self.hierarchy.levels:
+                circulant_of(operator)
         unused = session.unused_options()
         if unused:
             raise InputError(

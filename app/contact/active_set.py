@@ -139,6 +139,11 @@ class ContactGrid:
         self.operator.displacement(self.p, self.u)
         self.current = True
 
+    def displace_exactly(self):
+        """Compute u = A p in double precision. Collective."""
+        self.operator.exact_displacement(self.p, self.u)
+        self._dropped[...] = False
+
     def drop(self):
         """(4a) Cells that would have to be pulled leave the contact area, and p = 0 there. Collective.
 

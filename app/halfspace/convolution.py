@@ -95,6 +95,8 @@ class EvenMultiplier:
         Ranks that share the grid; default: this one alone.
     dtype : numpy real type
         float64, or float32 for half the time and memory at single precision.
+    partner : EvenMultiplier, optional
+        One of the same shape and periods whose working storage may be shared.
 
     Attributes
     ----------
@@ -102,7 +104,7 @@ class EvenMultiplier:
         Products computed so far.
     """
 
-    def __init__(self, shape, periods, slabs=None, comm=None, dtype=np.float64):
+    def __init__(self, shape, periods, slabs=None, comm=None, dtype=np.float64, partner=None):
         self.shape, self.periods = shape, periods
         self.slabs = slabs or Slabs(shape[0])
         self.comm = comm if comm is not None and comm.size > 1 else None
@@ -116,7 +118,11 @@ class EvenMultiplier:
         self._inverse = False
         self._inverse_scale = 1.0 / (float(periods[0]) * periods[1]) ** 2
 
-        self._transformed = np.zeros((columns, self.slabs.local), complex_type)
+        store = (columns, self.slabs.local)
+        if partner is None:
+            self._transformed = np.zeros(store, complex_type)
+        else:
+            self._transformed = np.ndarray(store, complex_type, partner._transformed.data)
         self._received = None
         if self.comm is not None:
             largest = max(g.mine.stop - g.mine.start for g in self._groups) * shape[0]
@@ -194,6 +200,10 @@ class EvenMultiplier:
         """Replace the spectrum by ``function(spectrum)`` and fold in the scale of the inverse transform."""
         self._spectrum[...] = function(self._spectrum)
         self._spectrum *= 1.0 / (self.periods[0] * self.periods[1])
+        # Load the compiled loops now, not in the first product.
+        _store_rows(self._row_complex, 0, self._transformed, 0)
+        _load_rows(self._row_complex, 0, self._transformed, 0)
+        _scale_by_even_spectrum(self._column, self._spectrum[:0], 0)
 
     @property
     def memory(self):
@@ -308,13 +318,13 @@ class Convolution(EvenMultiplier):
     ----------
     quadrant_rows : callable
         ``quadrant_rows(slice) -> ndarray (rows, nx)``: influence coefficients, a few rows at a time.
-    shape, slabs, comm, dtype
+    shape, slabs, comm, dtype, partner
         See `EvenMultiplier`.
     """
 
-    def __init__(self, quadrant_rows, shape, slabs=None, comm=None, dtype=np.float64):
+    def __init__(self, quadrant_rows, shape, slabs=None, comm=None, dtype=np.float64, partner=None):
         ny, nx = shape
-        super().__init__(shape, (transform_length(ny), transform_length(nx)), slabs, comm, dtype)
+        super().__init__(shape, (transform_length(ny), transform_length(nx)), slabs, comm, dtype, partner)
         self.set_kernel(quadrant_rows, ny, nx)
         self.scale_spectrum(lambda spectrum: spectrum)
 

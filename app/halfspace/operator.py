@@ -36,6 +36,8 @@ class InfluenceOperator:
         Ranks that share the rows; None on a replicated level.
     dtype : numpy real type
         Precision of the products (vectors are always float64).
+    exact : bool
+        Keep a double precision product beside a single precision one.
 
     Attributes
     ----------
@@ -46,15 +48,21 @@ class InfluenceOperator:
         `product.count` has all products, those inside sweeps and of `displacement` too.
     """
 
-    def __init__(self, grid, compliance, slabs=None, comm=None, dtype=np.float64):
+    def __init__(self, grid, compliance, slabs=None, comm=None, dtype=np.float64, exact=True):
         self.grid, self.compliance = grid, compliance
         self.comm = comm if slabs is not None else None
         self.slabs = slabs or Slabs(grid.ny)
         if grid.n <= DenseProduct.largest and self.comm is None:
-            self.product = DenseProduct(dense_matrix(grid, compliance), grid.shape)
+            self.product = self.exact_product = DenseProduct(dense_matrix(grid, compliance), grid.shape)
         else:
             quadrant = partial(influence_quadrant, grid, compliance)
-            self.product = Convolution(quadrant, grid.shape, self.slabs, self.comm, dtype)
+            arguments = quadrant, grid.shape, self.slabs, self.comm
+            self.exact_product = None
+            if exact and dtype != np.float64:
+                self.exact_product = Convolution(*arguments)
+            self.product = Convolution(*arguments, dtype, self.exact_product)
+            if dtype == np.float64:
+                self.exact_product = self.product
         self.dtype = self.product.dtype
         self.circulant = None  # made by the preconditioner of that name when it is first used here
         self.diagonal = float(influence_quadrant(grid, compliance, slice(0, 1))[0, 0])
@@ -95,8 +103,14 @@ class InfluenceOperator:
             self.product.apply(p, u)
 
     def exact_displacement(self, p, u):
-        """Compute u = A p in double precision whatever the precision of the products. Collective."""
-        self.displacement(p, u)
+        """Compute u = A p in double precision whatever that of the other products. Collective."""
+        with _mult_event:
+            self.exact_product.apply(p, u)
+
+    @property
+    def single(self):
+        """Whether products are computed in single precision."""
+        return self.product is not self.exact_product
 
     # -- what PETSc calls --------------------------------------------------------------------------------
 
@@ -159,6 +173,8 @@ class InfluenceOperator:
     def equivalent_products(self):
         """Everything computed here so far, in products on this grid (a sweep by its flops)."""
         total = self.product.count
+        if self.exact_product is not None and self.single:
+            total += self.exact_product.count
         if self._relaxation:
             total += self.sweeps * self._relaxation.products_per_sweep
         if self.circulant:

@@ -28,9 +28,11 @@ class Hierarchy:
         Grids of at most this many cells are replicated on every rank.
     single : bool
         Only the target grid is needed.
+    dtype : numpy real type
+        Precision of the products; float32 has a double precision one beside it on the target grid.
     """
 
-    def __init__(self, grid, compliance, comm, coarsest=4, replicate=64 * 64, single=False):
+    def __init__(self, grid, compliance, comm, coarsest=4, replicate=64 * 64, single=False, dtype=float):
         self.comm = comm
         grids, factors = [grid], []
         while not single and (coarser := grids[-1].coarsen(coarsest)) is not None:
@@ -48,7 +50,7 @@ class Hierarchy:
             if number:
                 slabs = slabs.coarsen(factors[number - 1][0])
             spread = (slabs, comm) if distributed else (None, None)
-            self.levels.insert(0, InfluenceOperator(level, compliance, *spread))
+            self.levels.insert(0, InfluenceOperator(level, compliance, *spread, dtype, exact=number == 0))
             if number:
                 fine, coarse = self.levels[1], self.levels[0]
                 self.transfers.insert(1, Transfer(fine, coarse, factors[number - 1]))

@@ -125,6 +125,13 @@ class TrackingCG:
         self._ones = None
         self._ones_cells = 0
         self._previous = 0.0
+        # Load the compiled loops now, not in the first iteration.
+        field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
+        _advance(field, field, field, field, field, mask, 0.0)
+        _direction(field, field, 0.0)
+        _dots(field, field, field, mask)
+        _first_residual(field, field, mask)
+        _shift(field, 0.0, mask)
 
     def solve(self, ksp, b, x):
         """Improve x."""

@@ -47,6 +47,8 @@ class Item:
         Not part of "all".
     note : str
         What a reader should know about it.
+    why : str
+        Why our numbers differ noticeably from the paper's, if they do.
     """
 
     name: str
@@ -56,6 +58,7 @@ class Item:
     evaluate: Callable
     optional: bool = False
     note: str = ""
+    why: str = ""
 
 
 def solver_run(problem, method, n, **options):

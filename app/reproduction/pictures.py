@@ -148,7 +148,13 @@ def _figure7(outcomes):
         if pair.coarse_vector is not None:
             coarse = pair.coarse_vector
             axes.plot(
-                coarse.real, coarse.imag, "o", color=BLUE, markersize=10, markerfacecolor="none", label="16 cells"
+                coarse.real,
+                coarse.imag,
+                "o",
+                color=BLUE,
+                markersize=10,
+                markerfacecolor="none",
+                label="16 cells",
             )
             told += f", {abs(pair.coarse_value):.2f} on 16 cells"
         reach = 1.15 * np.abs(pair.vector).max()
@@ -203,7 +209,9 @@ def _contact_panels(figure, outcomes, cases, names):
             _contact_panel(axes, fields, which)
             contact = np.array(fields[which])
             different = int((contact != converged).sum())
-            told = f"{int(contact.sum())} cells" + (f", {different} differ from the last" if which == "first" else "")
+            told = f"{int(contact.sum())} cells" + (
+                f", {different} differ from the last" if which == "first" else ""
+            )
             axes.set_title(f"{title}\n{told}" if number == 0 else told, loc="left")
         row[0].set_ylabel(f"{names[case]}\ny  [mm]" if names else "y  [mm]")
     for axes in panels[-1]:

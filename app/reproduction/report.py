@@ -141,8 +141,8 @@ def _heading(item):
 
 
 def _comment(item, found):
-    noted = item.note if any(entry.noticeable for entry in found) else ""
-    return f"{verdict(found)} {noted}".strip()
+    why = item.why if any(entry.noticeable for entry in found) else ""
+    return " ".join(filter(None, (item.note, verdict(found), why)))
 
 
 def _long_rows(found):

@@ -7,7 +7,7 @@ dataset                 shape             unit   meaning
 ======================  ================  =====  ==================================================================
 ``pressure``            (k + 1, ny, nx)   N/mm2  p before iteration 1, and after each of the k iterations
 ``contact``             (k + 1, ny, nx)   1      C likewise, uint8
-``linear_residuals``    (m + 1)           1      norms of the KSP in the last system, over ||h||
+``linear_residuals``    (m + 1)           mm     norms of the defect in the KSP of the last system
 ``exact_pressure``      (ny, nx)          N/mm2  analytic solution at the cell centres, if there is one
 ``admissible``          (ny, nx)          1      where contact is possible, uint8
 ``x``, ``y``            (nx), (ny)        mm     cell centres
@@ -73,7 +73,7 @@ def main():
     with whole_file(setup.output) as temporary, h5py.File(temporary, "w") as file:
         file["pressure"] = np.stack(recorder.pressure)
         file["contact"] = np.stack(recorder.contact)
-        file["linear_residuals"] = np.array(residuals) / state.gap_norm()
+        file["linear_residuals"] = np.array(residuals)
         file["admissible"] = state.admissible.astype(np.uint8)
         file["x"], file["y"] = grid.x(), grid.y()
         if exact is not None:
@@ -85,7 +85,7 @@ def main():
 
 
 def collect_cycles(path):
-    """Residuals of the last linear system: ``{"linear_residuals": [...]}``."""
+    """Norms of the defect in the last linear system [mm]: ``{"linear_residuals": [...]}``."""
     with h5py.File(path) as file:
         return {"linear_residuals": file["linear_residuals"][()].tolist()}
 
