@@ -204,6 +204,7 @@ class EvenMultiplier:
         _store_rows(self._row_complex, 0, self._transformed, 0)
         _load_rows(self._row_complex, 0, self._transformed, 0)
         _scale_by_even_spectrum(self._column, self._spectrum[:0], 0)
+        _divide_by_even_spectrum(self._column, self._spectrum[:0], 0, self.dtype.type(1))
 
     @property
     def memory(self):

@@ -7,6 +7,7 @@ slab in `interpolate`, need communication.
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 from petsc4py import PETSc
 
@@ -121,9 +122,7 @@ class Transfer:
             return
         a, b, weight = _neighbours(np.arange(rows.start, rows.stop), self.coarse.grid.ny, self.fy)
         c, d, weight_x = _neighbours(np.arange(self.fine.grid.nx), self.coarse.grid.nx, self.fx)
-        in_x = coarse[:, c] * weight_x + coarse[:, d] * (1 - weight_x)
-        np.multiply(in_x[a - first], weight[:, None], out=fine)
-        fine += in_x[b - first] * (1 - weight)[:, None]
+        _bilinear(coarse, fine, a - first, b - first, weight, c, d, weight_x)
 
     # -- as PETSc's matrices -----------------------------------------------------------------------------
 
@@ -134,6 +133,18 @@ class Transfer:
     def interpolation_mat(self, comm):
         """Mat (fine x coarse) of the masked copy prolongation. Collective."""
         return _transfer_mat(_Prolongation(self), self.fine, self.coarse, comm)
+
+
+@numba.njit(cache=True)
+def _bilinear(coarse, fine, a, b, weight_y, c, d, weight_x):
+    """fine[j, i] from the four coarse cells in rows a, b and columns c, d."""
+    row = np.empty(coarse.shape[1])
+    for j in range(fine.shape[0]):
+        w = weight_y[j]
+        for i in range(coarse.shape[1]):
+            row[i] = w * coarse[a[j], i] + (1 - w) * coarse[b[j], i]
+        for i in range(fine.shape[1]):
+            fine[j, i] = weight_x[i] * row[c[i]] + (1 - weight_x[i]) * row[d[i]]
 
 
 def _neighbours(index, count, factor):
