@@ -196,6 +196,25 @@ class EvenMultiplier:
         smallest = float(self._spectrum.min(initial=np.inf))
         return smallest if self.comm is None else self.comm.allreduce(smallest, MPI.MIN)
 
+    def centre(self):
+        """Entries of the operator between a cell and its eight neighbours, shape (3, 3). Collective."""
+        ny_fft, nx_fft = self.periods
+        columns = np.concatenate([np.arange(g.mine.start, g.mine.stop) for g in self._groups])
+        rows = np.arange(ny_fft // 2 + 1)
+
+        def weights(index, period):
+            """Cosines at offsets 0 and 1; all but the constant and the highest frequency stand for two."""
+            twice = np.where((index > 0) & (2 * index < period), 2.0, 1.0)
+            return twice * np.cos(2 * np.pi * index * np.arange(2)[:, None] / period)
+
+        quarter = weights(columns, nx_fft) @ (
+            self._spectrum @ weights(rows, ny_fft).T
+        )  # [x offset, y offset]
+        if self.comm is not None:
+            quarter = self.comm.allreduce(quarter)
+        offsets = np.abs(np.arange(-1, 2))
+        return quarter.T[np.ix_(offsets, offsets)]
+
     def scale_spectrum(self, function):
         """Replace the spectrum by ``function(spectrum)`` and fold in the scale of the inverse transform."""
         self._spectrum[...] = function(self._spectrum)

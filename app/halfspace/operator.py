@@ -43,6 +43,8 @@ class InfluenceOperator:
     ----------
     mask : ndarray of bool, shape (local rows, nx)
         The contact set C. Change it in place and then call `mask_changed`.
+    contact_number : int
+        Tells contact sets apart: goes up with every `mask_changed`.
     products, sweeps : int
         Products of the Mat asked for by PETSc, and Gauss-Seidel sweeps: the paper's work units.
         `product.count` has all products, those inside sweeps and of `displacement` too.
@@ -69,6 +71,7 @@ class InfluenceOperator:
         self.local_shape = (self.slabs.local, grid.nx)
         self.mask = np.zeros(self.local_shape, bool)
         self.products = self.sweeps = 0
+        self.contact_number = 0
         self._mats = []
         self._relaxation = None
 
@@ -86,6 +89,7 @@ class InfluenceOperator:
 
     def mask_changed(self):
         """Tell PETSc that the matrix is another one now. Not collective."""
+        self.contact_number += 1
         for mat in self._mats:
             mat.stateIncrease()
 

@@ -4,7 +4,8 @@ The influence coefficients, wrapped around periodically on the *unpadded* grid, 
 eigenvalues ``lambda = rfft2(K wrapped)`` are positive; ``C F^-1 (1/lambda) F C`` costs about a quarter of a product.
 (The periodic matrix of the padded grid has negative eigenvalues and is of no use.)
 
-Usable wherever PETSc takes a PC, on the target grid and as a multigrid smoother::
+The residual may be extended over the rim of the contact set first, see `Circulant`. Usable wherever PETSc takes a PC,
+on the target grid and as a multigrid smoother::
 
     -pc_type python -pc_python_type app.multigrid.circulant.Circulant
     -mg_levels_pc_type python -mg_levels_pc_python_type app.multigrid.circulant.Circulant
@@ -20,6 +21,7 @@ from scipy.fft import next_fast_len
 
 from app.halfspace.convolution import EvenMultiplier
 from app.halfspace.influence import influence_quadrant
+from app.multigrid.extension import RimExtension
 
 _event = PETSc.Log.Event("CirculantPC")
 
@@ -62,19 +64,42 @@ def circulant_of(operator):
 
 
 class Circulant:
-    """PC context; its operator must be an `InfluenceOperator`. No options."""
+    """PC context ``C E^T B E C``; its operator must be an `InfluenceOperator`.
+
+    B takes the residual for zero outside the contact set, which it is not; E extends it over the rim by k Jacobi steps
+    with the 3 x 3 centre of B (see `extension`).
+
+    Options: ``-pc_circulant_extend k`` (default 0: E = 1).
+    """
 
     def setUp(self, pc):
         """Find the operator; the multiplier is made once per grid."""
-        self.operator = pc.getOperators()[1].getPythonContext()
-        circulant_of(self.operator)
+        self.operator = operator = pc.getOperators()[1].getPythonContext()
+        circulant = circulant_of(operator)
+        steps = PETSc.Options(pc.getOptionsPrefix()).getInt("pc_circulant_extend", 0)
+        self.extension = None
+        if steps:
+            self.extension = RimExtension(operator.local_shape, operator.slabs, operator.comm, steps)
+            self.extension.set_stencil(circulant.centre())
+        self._contact = -1
 
     def apply(self, pc, x, y):
-        """Compute y = C F^-1 (1/lambda) F C x."""
+        """Compute y = C E^T B E C x."""
         operator = self.operator
         with _event, y as out:
             r = x.getArray(readonly=True).reshape(operator.local_shape)
-            operator.circulant.apply(r, out.reshape(operator.local_shape), operator.mask)
+            z = out.reshape(operator.local_shape)
+            if self.extension is None:
+                operator.circulant.apply(r, z, operator.mask)
+                return
+            if self._contact != operator.contact_number:
+                self.extension.set_contact(operator.mask)
+                self._contact = operator.contact_number
+            np.multiply(r, operator.mask, out=z)
+            self.extension.extend(z)
+            operator.circulant.apply(z, z)
+            self.extension.restrict(z)
+            z *= operator.mask
 
     applyTranspose = apply
 
@@ -82,4 +107,7 @@ class Circulant:
         """Describe the preconditioner for -ksp_view."""
         if viewer.getType() == PETSc.Viewer.Type.ASCII:
             ny, nx = self.operator.circulant.periods
-            viewer.printfASCII(f"  inverse of the Strang circulant, periods {nx} x {ny}\n")
+            steps = self.extension.steps if self.extension else 0
+            viewer.printfASCII(
+                f"  inverse of the Strang circulant, periods {nx} x {ny}, extended by {steps} cells\n"
+            )

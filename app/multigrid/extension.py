@@ -1,0 +1,260 @@
+"""A residual extended over the rim of the contact set, and the transpose of this, for ``C E^T B E C``.
+
+`B`, an inverse circulant, takes the residual for zero outside the contact set. `E` puts there what `B` would
+rather see: `k` Jacobi steps with the 3 x 3 centre of `B` on the cells outside, starting from zero. With `N` the
+weights of the eight neighbours over that of the cell itself, `c` the contact set and `o` the cells outside,
+
+    E r:    x_c = r,      x_o = 0,     k times      x_o <- -N_oc r - N_oo x_o;
+    E^T b:  s_o = b_o,                 k - 1 times  s_o <- b_o - N_oo s_o,     then  b_c - N_co s_o.
+
+Both are the same sweep over a list of cells, ``x <- source - N x``. Only the *band* takes part, the cells up to `k`
+away from contact (diagonal steps count one): in step i the layers 1 to i, since a value further out is zero still, or
+without influence any more.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from mpi4py import MPI
+
+# Kinds of cells while the lists are made; layer i of the band is LAYER + i, i = 1, 2, ...
+OUTSIDE_PATCH, FREE, CONTACT, RIM, SECOND, LAYER = range(6)
+MAX_STEPS = 255 - LAYER
+
+
+class RimExtension:
+    """``E`` and ``E^T`` on one grid; arrays hold this rank's rows.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Local rows and columns.
+    slabs : Slabs
+        Distribution of the rows; not used if `comm` is None.
+    comm : mpi4py.MPI.Comm or None
+        Ranks that share the grid; None if this rank holds all of it.
+    steps : int
+        Jacobi steps `k`; with none, `E` is the identity.
+
+    Raises
+    ------
+    ValueError
+        If `steps` is negative or above 250, or there are too many cells for 32-bit indices.
+    """
+
+    def __init__(self, shape, slabs, comm, steps=3):
+        rows, nx = shape
+        if not 0 <= steps <= MAX_STEPS:
+            raise ValueError(f"rim extension: {steps} steps; 0 to {MAX_STEPS} are possible")
+        if rows * nx > np.iinfo(np.int32).max:
+            raise ValueError(
+                f"rim extension: {rows} x {nx} cells on a rank need indices of more than 32 bits"
+            )
+        self.shape, self.steps = (rows, nx), steps
+        self._comm = comm if rows and comm is not None and comm.size > 1 else None
+        if self._comm is not None:
+            before = [rank for rank in range(comm.rank) if slabs.counts[rank]]
+            after = [rank for rank in range(comm.rank + 1, comm.size) if slabs.counts[rank]]
+            self._before, self._after = (before or [MPI.PROC_NULL])[-1], (after or [MPI.PROC_NULL])[0]
+        self._kinds = np.full((rows + 2, nx + 2), OUTSIDE_PATCH, np.uint8)
+        self._band = self._inner = np.empty(0, np.int32)
+        self._sizes, self._rim = [0] * steps, 0
+        self._weights = 0.0, 0.0, 0.0
+
+    def set_stencil(self, stencil):
+        """Take the 3 x 3 centre of `B`, in any unit. Not collective.
+
+        Raises
+        ------
+        ValueError
+            If its centre is not positive, or it is not even in x and in y.
+        """
+        stencil = np.asarray(stencil, float)
+        if stencil.shape != (3, 3) or not stencil[1, 1] > 0:
+            raise ValueError("rim extension: the stencil must be 3 x 3 with a positive centre")
+        even = (stencil + stencil[::-1] + stencil[:, ::-1] + stencil[::-1, ::-1]) / 4
+        if not np.allclose(stencil, even, rtol=0, atol=1e-5 * stencil[1, 1]):
+            raise ValueError("rim extension: the stencil must be even in x and in y")
+        even /= stencil[1, 1]
+        self._weights = float(even[1, 0]), float(even[0, 1]), float(even[0, 0])
+
+    def set_contact(self, mask):
+        """List the cells that take part. Collective.
+
+        Parameters
+        ----------
+        mask : ndarray of bool, shape (local rows, nx)
+            The contact set.
+        """
+        if mask.shape != self.shape:
+            raise ValueError(f"rim extension: contact set of shape {mask.shape} on cells {self.shape}")
+        if not self.steps:
+            return
+        kinds = self._kinds
+        np.add(mask.view(np.uint8), np.uint8(FREE), out=kinds[1:-1, 1:-1])
+        layers, near = [], CONTACT
+        for i in range(1, self.steps + 1):
+            layers.append(self._mark(LAYER + i, FREE, near))
+            near = LAYER + i
+        self._band, self._sizes = np.concatenate(layers), np.cumsum([len(layer) for layer in layers])
+        # Contact cells beside the band get -N_co s_o; they and those behind them are zero while it is formed.
+        rim = self._mark(RIM, CONTACT, LAYER + 1)
+        self._inner, self._rim = np.concatenate([rim, self._mark(SECOND, CONTACT, RIM)]), len(rim)
+
+    def extend(self, x):
+        """Apply E in place. Collective.
+
+        Parameters
+        ----------
+        x : ndarray of float64 or float32, shape (local rows, nx), C-contiguous
+            On entry the residual on the contact set and zero elsewhere; on exit extended over the band.
+        """
+        flat = self._flat(x)
+        for size in self._sizes:
+            band = self._band[:size]
+            _sweep(flat, *self._rows_beside(x), band, np.zeros(size, x.dtype), self._weights)
+
+    def restrict(self, x):
+        """Apply E^T in place. Collective.
+
+        Parameters
+        ----------
+        x : ndarray of float64 or float32, shape (local rows, nx), C-contiguous
+            On entry any field; on exit its restriction on the contact set, and anything elsewhere.
+        """
+        if not self.steps:
+            return
+        flat = self._flat(x)
+        inner = _take(flat, self._inner)
+        _put(flat, self._inner, np.zeros_like(inner))
+        sizes = self._sizes[:-1]
+        source = _take(flat, self._band[: sizes[-1]]) if len(sizes) else None
+        for size in sizes[::-1]:
+            _sweep(flat, *self._rows_beside(x), self._band[:size], source, self._weights)
+        rim = self._rim
+        _sweep(flat, *self._rows_beside(x), self._inner[:rim], inner, self._weights)
+        _put(flat, self._inner[rim:], inner[rim:])
+
+    def _flat(self, x):
+        if x.shape != self.shape or not x.flags.c_contiguous:
+            raise ValueError(f"rim extension: a C-contiguous field of shape {self.shape} is needed")
+        return x.reshape(-1)
+
+    def _mark(self, kind, of, near):
+        """Cells of kind `of` beside one of kind `near` become `kind`; return them. Collective."""
+        kinds = self._kinds
+        if self._comm is not None:
+            self._exchange(kinds[1], kinds[-2], kinds[0], kinds[-1])
+        cells = np.empty(self.shape[0] * self.shape[1] + 1, np.int32)  # only the pages in use become memory
+        return cells[: _mark(kinds, kind, of, near, cells)].copy()
+
+    def _rows_beside(self, x):
+        """Rows of the neighbour ranks above and below these, zero at the end of the patch. Collective."""
+        above, below = np.zeros((2, self.shape[1]), x.dtype)
+        if self._comm is not None:
+            self._exchange(x[0], x[-1], above, below)
+        return above, below
+
+    def _exchange(self, first, last, above, below):
+        """Send the outer rows to the neighbour ranks and receive theirs; no neighbour: nothing changes."""
+        self._comm.Sendrecv(first, self._before, recvbuf=below, source=self._after)
+        self._comm.Sendrecv(last, self._after, recvbuf=above, source=self._before)
+
+
+# In the lists ~j stands for cell j if a neighbour may lie in another row array or outside the patch.
+
+
+@numba.njit(cache=True)
+def _any_near(upper, middle, lower, near, out):
+    some = np.uint8(0)
+    for i in range(out.size):
+        out[i] = (upper[i] == near) | (middle[i] == near) | (lower[i] == near)
+        some |= out[i]
+    return some
+
+
+@numba.njit(cache=True)
+def _find(left, centre, right, kinds, of, kind, found):
+    for i in range(kinds.size):
+        found[i] = (left[i] | centre[i] | right[i]) & (kinds[i] == of)
+        kinds[i] = kind if found[i] else kinds[i]
+
+
+@numba.njit(cache=True)
+def _mark(kinds, kind, of, near, cells):
+    """Mark cells of kind `of` that have a neighbour of kind `near`; write them to `cells`, return how many."""
+    rows, width = kinds.shape[0] - 2, kinds.shape[1]
+    nx, count = width - 2, 0
+    in_column, found = np.empty(width, np.uint8), np.zeros(-(-nx // 8) * 8, np.uint8)
+    words = found.view(np.uint64)
+    for row in range(rows):
+        middle = kinds[row + 1]
+        if not _any_near(kinds[row], middle, kinds[row + 2], np.uint8(near), in_column):
+            continue
+        _find(
+            in_column[:-2], in_column[1:-1], in_column[2:], middle[1:-1], np.uint8(of), np.uint8(kind), found
+        )
+        first, start = row * nx, count
+        flip = np.int64(-1 if row == 0 or row == rows - 1 else 0)
+        for word in range(words.size):
+            if words[word]:
+                for i in range(8 * word, 8 * word + 8):  # without branches: none could be predicted
+                    cells[count] = (first + i) ^ flip
+                    count += found[i]
+        if found[0]:
+            cells[start] = ~first
+        if found[nx - 1]:
+            cells[count - 1] = ~(first + nx - 1)
+    return count
+
+
+@numba.njit(cache=True)
+def _take(x, cells):
+    values = np.empty(cells.size, x.dtype)
+    for m in range(cells.size):
+        values[m] = x[max(cells[m], ~cells[m])]
+    return values
+
+
+@numba.njit(cache=True)
+def _put(x, cells, values):
+    for m in range(cells.size):
+        x[max(cells[m], ~cells[m])] = values[m]
+
+
+@numba.njit(cache=True)
+def _sweep(x, above, below, cells, source, weights):
+    """x <- source - N x on the listed cells, all from the old values."""
+    wx, wy, wd = weights
+    new = np.empty(cells.size, x.dtype)
+    nx = np.int64(above.size)
+    for m in range(cells.size):
+        j = np.int64(cells[m])
+        if j >= 0:
+            a, b = j - nx, j + nx
+            in_x, in_y = x[j - 1] + x[j + 1], x[a] + x[b]
+            diagonal = (x[a - 1] + x[a + 1]) + (x[b - 1] + x[b + 1])
+        else:
+            row, i = ~j // nx, ~j % nx
+            in_x = _value(x, above, below, row, i - 1) + _value(x, above, below, row, i + 1)
+            in_y = _value(x, above, below, row - 1, i) + _value(x, above, below, row + 1, i)
+            diagonal = (_value(x, above, below, row - 1, i - 1) + _value(x, above, below, row - 1, i + 1)) + (
+                _value(x, above, below, row + 1, i - 1) + _value(x, above, below, row + 1, i + 1)
+            )
+        new[m] = source[m] - (wx * in_x + wy * in_y + wd * diagonal)
+    for m in range(cells.size):
+        x[max(cells[m], ~cells[m])] = new[m]
+
+
+@numba.njit(cache=True)
+def _value(x, above, below, row, i):
+    """x in row `row` and column `i`, of which one may be just outside this rank's rows or the patch."""
+    nx = above.size
+    if i < 0 or i >= nx:
+        return x.dtype.type(0)
+    if row < 0:
+        return above[i]
+    if row * nx >= x.size:
+        return below[i]
+    return x[row * nx + i]
