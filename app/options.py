@@ -147,6 +147,7 @@ TABLE = [
     Option("lcp_beta", _from_zero, 0.003, "start set after prolongation, eq. (4.1)"),
     Option("lcp_coarsest", _count, 4, "directions of up to this many cells are not coarsened"),
     Option("lcp_replicate", _count, 64, "grids of up to this many cells squared are held by all ranks"),
+    Option("lcp_cheap", flag, False, "stop at the discretisation error (nested iteration only)"),
     Option("lcp_precision", choice("double", "single"), "double", "of products; answers are checked in double"),
     Option("lcp_monitor", flag, False, "a line for each active set iteration"),
     Option("output", word, None, "result file (HDF5)"),

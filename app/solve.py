@@ -80,10 +80,16 @@ class prepare:
         if self.type == "active_set":
             use_default_method(options)
         self.controls = Controls(
-            options["lcp_rtol"], options["lcp_max_it"], options["lcp_coarse_rtol"], options["lcp_merge"]
+            rtol=options["lcp_rtol"],
+            max_it=options["lcp_max_it"],
+            coarse_rtol=options["lcp_coarse_rtol"],
+            merge=options["lcp_merge"],
+            cheap=options["lcp_cheap"],
         )
         self.nested, self.beta = options["lcp_nested"], options["lcp_beta"]
         self.prolongation = options["lcp_prolongation"]
+        if self.controls.cheap and not self.nested:
+            raise InputError("-lcp_cheap: estimates errors from two grids; allowed with -lcp_nested only")
         self.listeners = [Monitor()] if options["lcp_monitor"] else []
         if not self.listeners and comm.rank == 0 and sys.stderr.isatty():
             self.listeners.append(Progress(self.controls.rtol))
@@ -222,6 +228,7 @@ def _facts(setup, state, outcome, history, comm):
         "work_units": sum(entry["work_units"] for entry in history.entries),
         "operator_applications": setup.hierarchy.operator_applications(),
         "residual": outcome.residual,
+        "discretisation_error": outcome.discretisation_error,
         "load": state.load,
         "approach": state.approach,
         "max_pressure": p.max()[1],
@@ -271,6 +278,11 @@ def _report(setup, facts):
         f"largest penetration {facts['largest_penetration']:.2g} mm\n"
         f"  residual {facts['residual']:.3g}, {facts['solve_seconds']:.3g} s on {facts['ranks']} rank"
         f"{'s'[: facts['ranks'] > 1]} (set-up {facts['setup_seconds']:.3g} s)"
+        + (
+            f"\n  discretisation error of the pressure about {facts['discretisation_error']:.2g} (from two grids)"
+            if setup.nested
+            else ""
+        )
         + (f"\n  result in {setup.output}" if setup.output else "")
     )
 

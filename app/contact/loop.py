@@ -18,6 +18,17 @@ class Controls:
     max_it: int = 100
     coarse_rtol: float = 0.0  # 0: iterate on coarser grids until the contact set is unchanged
     merge: float = 0.0  # step of the correction that shares a product with the dropping of cells
+    cheap: bool = False  # stop on the target grid too as soon as the discretisation error dominates
+
+    # Of the discretisation error as estimated from two grids, the share that iterating may leave; and at most.
+    _cheap_share = 0.3
+    _cheap_most = 2e-3
+
+    def loose(self, target, tracks, discretisation_error):
+        """Residual over ||h|| on C that is enough on this grid; 0 if only (5.1) or an unchanged set will do."""
+        if target and self.cheap:
+            return min(self._cheap_share * discretisation_error, self._cheap_most)
+        return 0.0 if target or not tracks else self.coarse_rtol
 
     def load_tolerance(self, target):
         """Relative error of a prescribed load that is small enough."""
@@ -71,9 +82,10 @@ class Outcome:
     iterations: int
     inner_iterations: int
     residual: float  # ||r|| / ||h||, eq. (5.1)
+    discretisation_error: float = float("nan")  # of the pressure, relative, estimated from two grids
 
 
-def iterate(state, solver, loading, controls, history, first=True, target=True):
+def iterate(state, solver, loading, controls, history, first=True, target=True, discretisation_error=0.0):
     """Solve the problem of one grid from the contact set and pressure in `state`.
 
     Collective over the ranks of `state`.
@@ -89,6 +101,8 @@ def iterate(state, solver, loading, controls, history, first=True, target=True):
     first, target : bool
         Whether this is the first and the target grid. On coarser grids than the target an unchanged contact
         set is enough.
+    discretisation_error : float
+        Expected on this grid, relative; for ``controls.cheap``.
 
     Returns
     -------
@@ -114,9 +128,9 @@ def iterate(state, solver, loading, controls, history, first=True, target=True):
     for iteration in range(1, controls.max_it + 1):
         gap_norm = state.gap_norm() or 1.0
         allowed = controls.rtol * gap_norm * (_SINGLE_MARGIN if state.operator.single and target else 1.0)
-        loose = controls.coarse_rtol > 0 and solver.tracks and not target
+        loose = controls.loose(target, solver.tracks, discretisation_error)
         if loose:
-            allowed = controls.coarse_rtol * min(gap_norm, state.gap_norm_in_contact())
+            allowed = max(allowed, loose * min(gap_norm, state.gap_norm_in_contact()))
         solver.contact_changed()
         inner_now, failure, norm = _advance(state, solver, loading, allowed, resume)
         inner += inner_now
@@ -125,8 +139,11 @@ def iterate(state, solver, loading, controls, history, first=True, target=True):
         load_error = loading.measure(state)
         done = change.changed == 0 and load_error <= controls.load_tolerance(target)
         done &= not target or residual <= controls.rtol
+        if enough and target:
+            state.displace_exactly()
+            residual = state.admit().residual / gap_norm
         done |= enough
-        if done and target and state.operator.single:
+        if done and not enough and target and state.operator.single:
             # What single precision says is a proposal: only a double precision product can accept it.
             state.displace_exactly()
             change = state.admit()
@@ -157,7 +174,8 @@ def iterate(state, solver, loading, controls, history, first=True, target=True):
         if not residual < float("inf"):
             return end(False, "the residual is not a finite number", iteration)
         if done:
-            return end(True, "contact area unchanged and residual small enough", iteration)
+            reason = "contact area unchanged and residual small enough"
+            return end(True, "discretisation error reached" if enough and target else reason, iteration)
     return end(False, f"{controls.max_it} active set iterations were not enough", controls.max_it)
 
 
@@ -210,7 +228,7 @@ class _Policy:
         -------
         change : Change
         enough : bool
-            On a coarse grid: nothing more to do, although u is not up to date.
+            Nothing more to do where `loose` accuracy is enough; u may not be up to date.
         """
         dropped, tension = state.drop()
         if loose and norm <= allowed and tension <= self._little:
@@ -231,7 +249,7 @@ class _Policy:
             if dropped and fingerprint in self.seen:
                 solver.tighten()
             self.seen.add(fingerprint)
-        return change, False
+        return change, bool(loose) and change.residual <= allowed and tension <= self._little
 
     def _correct(self, state, solver):
         """p += step M r on what is left of C; r still knows nothing of what was dropped."""

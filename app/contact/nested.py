@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from petsc4py import PETSc
 
@@ -53,6 +55,7 @@ def solve(
     last = len(hierarchy.levels) - 1
     route = range(last + 1) if nested else _direct_route(hierarchy, loading)
     below = outcome = None
+    difference = float("nan")
     for place, number in enumerate(route):
         operator = hierarchy.levels[number]
         here = operator.comm is not None or hierarchy.comm.rank == 0 or number == last
@@ -74,15 +77,31 @@ def solve(
                 solver = DirectSolver(operator, number)
             else:
                 solver = LinearSolver(hierarchy, number, _petsc_comm(operator))
-            outcome = iterate(state, solver, loading, controls, history, below is None, number == last)
+            # First order: half the error of the grid below, which is the difference to the one below that.
+            expected = 0.5 * difference if difference > 0 else 0.0
+            outcome = iterate(
+                state, solver, loading, controls, history, below is None, number == last, expected
+            )
             if solver is not target_solver:
                 solver.destroy()
         if operator.comm is None and hierarchy.comm.size > 1 and number < last:
             _tell(hierarchy.comm, state)
         if below is not None:
+            if nested:
+                difference = _difference(hierarchy.transfers[number], below, state)
             below.destroy()
         below = state
-    return state, outcome
+    return state, replace(outcome, discretisation_error=difference)
+
+
+def _difference(transfer, below, state):
+    """Return the rms difference of the pressures on two grids over that of the pressure. Collective."""
+    coarse = below.p
+    change = transfer.restrict_defect(state.p) - coarse
+    squares = np.array([np.vdot(change, change), np.vdot(coarse, coarse)])
+    if below.comm is not None:
+        squares = below.sum(squares)
+    return float(np.sqrt(squares[0] / squares[1])) if squares[1] > 0 else float("nan")
 
 
 def _petsc_comm(operator):

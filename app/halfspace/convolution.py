@@ -63,6 +63,16 @@ def _divide_by_even_spectrum(columns, spectrum, count, scale):
 
 
 @numba.njit(cache=True)
+def _any(block):
+    """Whether anything is not zero; stops at the first."""
+    for j in range(block.shape[0]):
+        for i in range(block.shape[1]):
+            if block[j, i]:
+                return True
+    return False
+
+
+@numba.njit(cache=True)
 def _store_rows(rows, count, transformed, first):
     """transformed[c, first + r] = rows[r, c] for the first `count` rows."""
     for c in range(transformed.shape[0]):
@@ -224,6 +234,8 @@ class EvenMultiplier:
         _load_rows(self._row_complex, 0, self._transformed, 0)
         _scale_by_even_spectrum(self._column, self._spectrum[:0], 0)
         _divide_by_even_spectrum(self._column, self._spectrum[:0], 0, self.dtype.type(1))
+        _any(np.zeros((0, 0)))
+        _any(np.zeros((0, 0), bool))
 
     @property
     def memory(self):
@@ -273,7 +285,7 @@ class EvenMultiplier:
             block = p[i : i + _ROWS_AT_ONCE]
             inside = block if mask is None else mask[i : i + _ROWS_AT_ONCE]
             w = len(block)
-            if not inside.any():
+            if not _any(inside):
                 self._transformed[:, i : i + w] = 0
                 continue
             if mask is None:
@@ -318,7 +330,7 @@ class EvenMultiplier:
         for i in range(0, len(out), _ROWS_AT_ONCE):
             w = min(_ROWS_AT_ONCE, len(out) - i)
             inside = None if mask is None else mask[i : i + w]
-            if inside is not None and not inside.any():
+            if inside is not None and not _any(inside):
                 out[i : i + w] = 0
                 continue
             _load_rows(cplx, w, self._transformed, i)

@@ -21,7 +21,7 @@ the kernel is even.
 
 Memory: the rows of one half of the leaves (the second half re-uses the storage of the first, whose effect
 has been transferred by then), n; the spectra of the kernel for all lengths of transfers, 2 n; the kernel
-inside leaves, 64/ny n.
+inside leaves, some 70 nx.
 
 Distribution: frequencies are dealt to the ranks in chunks, so transfers run on all ranks at once; the rows
 of a leaf are solved by the rank that owns them, which collects the leaf from all ranks and deals it back.
@@ -607,11 +607,9 @@ class GaussSeidel:
                 level = (m & -m).bit_length() - 1
                 source = slice(leaves[m - (1 << level)].start, leaf.stop)
                 target = slice(leaf.stop, leaves[min(m + (1 << level), len(leaves)) - 1].stop)
-                untouched = m & (m - 1) == 0
                 if occupied[source].any() and occupied[target].any():
+                    untouched = m == 1 << level  # the source begins with the first leaf
                     self._transfer(place(source), place(target), untouched, level)
-                elif untouched:
-                    self._stored[:, place(target)] = 0
 
     def _solve(self, block, slot, leaf, occupied, r, mask, omega, d, backward):
         """Solve the rows of a leaf of this rank."""

@@ -87,12 +87,12 @@ class RimExtension:
         mask : ndarray of bool, shape (local rows, nx)
             The contact set.
         """
-        if mask.shape != self.shape:
-            raise ValueError(f"rim extension: contact set of shape {mask.shape} on cells {self.shape}")
+        if mask.shape != self.shape or mask.dtype != bool:
+            raise ValueError(f"rim extension: the contact set must be bool, of shape {self.shape}")
         if not self.steps:
             return
         kinds = self._kinds
-        np.add(mask.view(np.uint8), np.uint8(FREE), out=kinds[1:-1, 1:-1])
+        np.add(mask.view(np.uint8), np.uint8(FREE), out=kinds[1:-1, 1:-1])  # CONTACT = FREE + 1
         layers, near = [], CONTACT
         for i in range(1, self.steps + 1):
             layers.append(self._mark(LAYER + i, FREE, near))

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap, LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import MultipleLocator
 
 from app.analysis import smoothers
 from app.halfspace.grid import Grid
@@ -18,7 +19,7 @@ from app.problems.statistics import normal_plot
 from app.problems.surfaces import WavySurface
 from app.reproduction import studies, trace
 from app.reproduction.item import CASES, Item, solver_run
-from app.reproduction.tables import HEADINGS, PAPER, evaluate_methods, traced
+from app.reproduction.tables import PAPER, evaluate_methods, traced
 
 GREEN = "#009e73"  # the third colour that colour-blind readers tell from BLUE and ORANGE
 HERTZ_DOMAIN = (-10.0, 10.0, -6.0, 6.0)
@@ -122,7 +123,12 @@ def _figure6(outcomes):
     for i, error, c, (colour, marker, line) in zip(
         history.sweeps, history.errors, history.coefficients, _MARKERS, strict=True
     ):
-        style = {"color": colour, "marker": marker, "linestyle": line, "label": f"after {i} sweeps"}
+        style = {
+            "color": colour,
+            "marker": marker,
+            "linestyle": line,
+            "label": f"after {i} sweeps" if i else "start",
+        }
         left.plot(contact.grid.x(), np.abs(error), **style)
         right.plot(np.arange(1, contact.cells + 1), np.abs(c[order]), **style)
     left.set(xlabel="x  [mm]", ylabel=r"error $|p - p^i|\ /\ \max\,p$", ylim=(0, 1.9))
@@ -131,7 +137,11 @@ def _figure6(outcomes):
     first = np.abs(history.coefficients[0, order[0]])
     right.set(xlabel="mode j", ylabel=r"coefficient $|c_j|$", ylim=(0, 1.6))
     right.annotate(
-        f"mode 1, no sweep: {first:.1f}", (1, 1.6), (2.5, 1.45), arrowprops={"arrowstyle": "->"}, va="center"
+        f"mode 1 at the start: {first:.1f}",
+        (1, 1.6),
+        (2.5, 1.45),
+        arrowprops={"arrowstyle": "->"},
+        va="center",
     )
     right.legend(loc="center right", bbox_to_anchor=(1, 0.5))
     _letter([left, right], {"a": "error of Gauss–Seidel", "b": "in its eigenvectors"})
@@ -210,7 +220,7 @@ def _contact_panels(figure, outcomes, cases, names):
             contact = np.array(fields[which])
             different = int((contact != converged).sum())
             told = f"{int(contact.sum())} cells" + (
-                f", {different} differ from the last" if which == "first" else ""
+                f", {different} unlike the last" if which == "first" else ""
             )
             axes.set_title(f"{title}\n{told}" if number == 0 else told, loc="left")
         row[0].set_ylabel(f"{names[case]}\ny  [mm]" if names else "y  [mm]")
@@ -306,6 +316,7 @@ _WORK = {
     **{f"rough, case {case}": (f"table{4 + case}", "punch", approach) for case, approach in CASES.items()},
 }
 _WORK_METHODS = {"norm_cg": "norm", "V11": "fmg_v11"}
+_WORK_LABELS = {"norm_cg": "active set + CG", "V11": "full multigrid"}
 
 
 def _plan_work(limits, scratch):
@@ -328,7 +339,7 @@ def _figure_work(outcomes):
             ours = [row[name][1] if row[name] else np.nan for row in data.values()]
             source = PAPER["table2" if (table, name) == ("table3", "norm_cg") else table]
             theirs = [source[n][name][1] for n in data]
-            axes.plot(sizes, ours, color=colour, marker=marker, linestyle=line, label=HEADINGS[name])
+            axes.plot(sizes, ours, color=colour, marker=marker, linestyle=line, label=_WORK_LABELS[name])
             axes.plot(sizes, theirs, color=colour, marker="x", markersize=9, linestyle="none")
         axes.set_xscale("log", base=2)
         axes.set_yscale("log")
@@ -339,7 +350,8 @@ def _figure_work(outcomes):
         axes.set_title(title, loc="left")
     panels[0].set_ylabel("work units")
     panels[0].plot([], [], color="0.3", marker="x", linestyle="none", markersize=9, label="the paper's")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncol=3)
+    panels[0].set_ylim(17, 700)
+    panels[0].legend(loc="upper left")
     return figure
 
 
@@ -362,14 +374,16 @@ def _figure_selfaffine(outcomes):
         right.plot(pressure, share / pressure, marker, color=colour, markersize=3, alpha=0.5)
     reach = np.array([0, 1.05 * max(point["pressure"] for point in points)])
     for axes, low, high in ((left, 2.0 * reach, 2.2 * reach), (right, [2.0, 2.0], [2.2, 2.2])):
-        axes.fill_between(reach, low, high, color="0.8", linewidth=0, label="2.0 to 2.2", zorder=0)
+        axes.fill_between(reach, low, high, color="0.8", linewidth=0, label="κ = 2.0 to 2.2", zorder=0)
     left.set(
         xlabel="mean pressure / (E* rms slope)", ylabel="contact share A / A₀", xlim=(0, None), ylim=(0, None)
     )
-    right.set(xlabel="mean pressure / (E* rms slope)", ylabel="slope κ", ylim=(1.4, 3.6))
+    right.set(xlabel="mean pressure / (E* rms slope)", ylabel="slope κ", xlim=(1e-3, 0.25), ylim=(1.4, 3.6))
     right.set_xscale("log")
+    right.legend(loc="upper right")
     left.legend(loc="upper left")
-    _letter([left, right], {"a": "", "b": ""})
+    left.xaxis.set_major_locator(MultipleLocator(0.05))
+    _letter([left, right], {"a": "contact share", "b": "its slope κ"})
     return figure
 
 

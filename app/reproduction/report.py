@@ -16,7 +16,7 @@ _STUDY_HEADINGS = {
     "grid": "grid",
     "method": "method",
     "cg_iterations": "CG iterations",
-    "load": "load",
+    "load": "mean pressure / (E* slope)",
     "surfaces": "surfaces",
     "not_solved": "not solved",
     "contact": "contact share",

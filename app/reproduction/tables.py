@@ -137,5 +137,7 @@ TABLES = [
            partial(plan_methods, "punch", "fmg", True, approach=approach), evaluate_methods, why=_SURFACE)
       for case, approach in CASES.items()),
     Item("table8", "table", "Rough punch, case 3: a fixed number of CG iterations for each contact set",
-         _plan_table8, _evaluate_table8, why=_SURFACE),
+         _plan_table8, _evaluate_table8,
+         note="Work units: active set iterations times CG iterations plus two.",
+         why=f"{_SURFACE} How few CG iterations are too few, on ten more surfaces: see below."),
 ]  # fmt: skip
