@@ -86,6 +86,11 @@ class RimExtension:
         ----------
         mask : ndarray of bool, shape (local rows, nx)
             The contact set.
+
+        Raises
+        ------
+        ValueError
+            If its shape or type is another one.
         """
         if mask.shape != self.shape or mask.dtype != bool:
             raise ValueError(f"rim extension: the contact set must be bool, of shape {self.shape}")
@@ -109,6 +114,11 @@ class RimExtension:
         ----------
         x : ndarray of float64 or float32, shape (local rows, nx), C-contiguous
             On entry the residual on the contact set and zero elsewhere; on exit extended over the band.
+
+        Raises
+        ------
+        ValueError
+            If its shape is another one, or it is not C-contiguous.
         """
         flat = self._flat(x)
         for size in self._sizes:
@@ -122,6 +132,11 @@ class RimExtension:
         ----------
         x : ndarray of float64 or float32, shape (local rows, nx), C-contiguous
             On entry any field; on exit its restriction on the contact set, and anything elsewhere.
+
+        Raises
+        ------
+        ValueError
+            If its shape is another one, or it is not C-contiguous.
         """
         if not self.steps:
             return
