@@ -161,11 +161,11 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
     pictures = {
         name: (folder / f"{name}.png").read_bytes() for name in ITEMS if (folder / f"{name}.png").is_file()
     }
-    facts = {"version": __version__, "date": today, "this call": f"{seconds:.0f} s"}
+    facts = {"version": __version__, "date": today, "runs": sum(entry["runs"] for entry in made.values())}
     if any(entry["quick"] for entry in made.values()):
         facts["note:"] = "some items were made with --quick, on small grids only"
     _put(folder / "report.html", report.web_page(_reading_order(), numbers, studies, pictures, checks, facts))
-    print(f"report: {folder / 'report.html'}")
+    print(f"report: {folder / 'report.html'} ({seconds:.0f} s)")
 
 
 def check(outcomes):

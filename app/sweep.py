@@ -29,6 +29,7 @@ from __future__ import annotations
 import argparse
 import fcntl
 import hashlib
+import inspect
 import itertools
 import json
 import os
@@ -97,14 +98,14 @@ class InputError(Exception):
 
 
 def collect_result(path):
-    """Numbers of a result file for a row of the table: `ATTRIBUTES` and `CHECKS`, name -> value."""
+    """Numbers of a result file for a row of the table: `ATTRIBUTES`, `CHECKS` and `reason`, name -> value."""
     result = read_result(path)
     admissible = ~np.isnan(result.undeformed_distance)
     p, e, h = (field[admissible] for field in (result.pressure, result.gap, result.undeformed_distance))
     scale = p.max(initial=0.0) * np.abs(h).max(initial=0.0)
     product = np.abs(p * e).max(initial=0.0)
     return {
-        **{name: result.attributes[name] for name in ATTRIBUTES},
+        **{name: result.attributes[name] for name in (*ATTRIBUTES, "reason")},
         "worst_negative_gap": float(e.min(initial=0.0)),
         "worst_negative_pressure": float(result.pressure.min(initial=0.0)),
         "complementarity": float(product / scale) if scale != 0 else 0.0,  # NaN stays NaN
@@ -146,8 +147,9 @@ class Run:
         """Return a digest of all that the outcome depends on: options, files, program, number of ranks."""
         gap_file = str(self.options.get("gap_file", "")).partition(":/")[0]
         contents = [_digest(Path(file)) for file in (*self.files, gap_file) if Path(file).is_file()]
-        program = [_program_digest(), _digest(_ROOT.joinpath(*self.module.split(".")).with_suffix(".py"))]
-        what = [self.module, self.arguments(), contents, ranks, program, self.collect.__name__]
+        module = _ROOT.joinpath(*self.module.split(".")).with_suffix(".py")
+        program = [_program_digest(), _digest(module), inspect.getsource(self.collect)]
+        what = [self.module, self.arguments(), contents, ranks, program]
         return hashlib.sha256(json.dumps(what).encode()).hexdigest()[:16]
 
 
@@ -262,7 +264,8 @@ def perform(run, output, processes, ranks=1, timeout=None):
         except (ValueError, OSError) as error:
             outcome["message"] = str(error)
         if status == 3:
-            outcome["message"] = f"not converged {outcome['message']}".strip()
+            why = outcome.get("reason", "not converged")
+            outcome["message"] = f"{why}. {outcome['message']}".strip(". ")
     else:
         told = [line for line in lines if line.startswith("error: ")] or lines or ["no result file"]
         outcome["message"] = told[-1] if status >= 0 else f"ended by {signal.Signals(-status).name}"

@@ -16,7 +16,7 @@ _STUDY_HEADINGS = {
     "grid": "grid",
     "method": "method",
     "cg_iterations": "CG iterations",
-    "load": "mean pressure / (E* slope)",
+    "relative_load": "mean pressure / (E* slope)",
     "surfaces": "surfaces",
     "not_solved": "not solved",
     "contact": "contact share",
@@ -28,7 +28,11 @@ _STUDY_HEADINGS = {
     "work_units": "work units",
     "operator_applications": "operator applications",
     "solve_seconds": "seconds",
+    "load": "load [N]",
 }
+_METHODS = HEADINGS | {"fmg_v11": "full multigrid V(1,1)", "fast": "fast.opts"}
+_FORMATS = {"work_units": ".4g", "operator_applications": ".4g", "solve_seconds": ".3g", "load": ".8g"}
+_TRIPLES = "Triples are minimum · median · maximum over the surfaces."
 
 
 @dataclass(frozen=True)
@@ -82,9 +86,16 @@ def entries(name, ours):
                 for i, (p, q) in enumerate(zip(theirs, value or [None] * len(theirs), strict=False)):
                     paired.append(Entry(grid, f"before iteration {i + 1}", p, q))
             else:
-                heading = {"discrete": "discretisation"}.get(column) or HEADINGS.get(column, column)
-                paired.append(Entry(grid, heading, theirs, value))
+                paired.append(Entry(grid, _column(name, column), theirs, value))
     return paired
+
+
+def _column(name, column):
+    if name == "table1":
+        return f"ω = {column}"
+    if name == "table8":
+        return f"{column} iterations"
+    return {**HEADINGS, "discrete": "discretisation"}[column]
 
 
 def verdict(found):
@@ -117,7 +128,7 @@ def study_text(item, data):
 
 def study_markdown(item, data):
     """Table of a study in Markdown."""
-    return f"## {_heading(item)}\n\n{markdown(_study_rows(data))}\n{item.note}\n"
+    return f"## {_heading(item)}\n\n{markdown(_study_rows(data))}\n{_study_comment(item, data)}\n"
 
 
 def checks_markdown(checks):
@@ -145,6 +156,11 @@ def _comment(item, found):
     return " ".join(filter(None, (item.note, verdict(found), why)))
 
 
+def _study_comment(item, data):
+    triples = any(isinstance(value, list) for row in data["rows"] for value in row.values())
+    return " ".join(filter(None, (item.note, _TRIPLES if triples else "")))
+
+
 def _long_rows(found):
     return [
         {
@@ -167,13 +183,11 @@ def _study_rows(data):
 
 def _study_cell(name, value):
     if name == "method":
-        return HEADINGS.get(value, value)
+        return _METHODS[value]
     if isinstance(value, list):
-        low, middle, high = (
-            f"{v:.2%}" if name in ("share", "contact", "middle_share") else f"{v:.3g}" for v in value
-        )
-        return f"{low} · {middle} · {high}"
-    return round(value, 4) if isinstance(value, float) else value
+        spec = ".2%" if name.endswith(("share", "contact")) else ".3g"
+        return " · ".join(format(number, spec) for number in value)
+    return "" if value is None else format(value, _FORMATS.get(name, ""))
 
 
 def _check_rows(checks):
@@ -264,6 +278,14 @@ def web_page(items, tables, studies, pictures, checks, facts):
     )
 
 
+_SHORT = {
+    "work": "Work",
+    "seeds": "Other surfaces",
+    "inexact": "Few CG iterations",
+    "selfaffine": "Self-affine surfaces",
+    "kappa": "Contact share",
+    "beyond": "Larger grids",
+}
 _TITLE = "A full multigrid method for elastic contact: tables and figures from real runs"
 _LEGEND = (
     "In the tables our number stands above, the paper's below it in grey; what differs noticeably (by "
@@ -272,9 +294,7 @@ _LEGEND = (
 
 
 def _short(item):
-    return (
-        _heading(item).partition(":")[0] if item.name.startswith(("table", "fig")) else item.name.capitalize()
-    )
+    return _SHORT.get(item.name) or _heading(item).partition(":")[0]
 
 
 def _section(item, tables, studies, pictures):
@@ -282,7 +302,8 @@ def _section(item, tables, studies, pictures):
         found = entries(item.name, tables[item.name])
         return f"{_paired_table(found)}\n{_paragraph(_comment(item, found))}"
     if item.name in studies:
-        return f"{_plain_table(_study_rows(studies[item.name]))}\n{_paragraph(item.note)}"
+        data = studies[item.name]
+        return f"{_plain_table(_study_rows(data))}\n{_paragraph(_study_comment(item, data))}"
     if item.name in pictures:
         data = base64.b64encode(pictures[item.name]).decode()
         picture = f'<img alt="{html.escape(item.title)}" src="data:image/png;base64,{data}">'

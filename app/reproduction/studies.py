@@ -13,7 +13,7 @@ from app.problems.statistics import roughness
 from app.problems.surfaces import SelfAffineSurface
 from app.reproduction.item import CASES, QUICK, Item, solver_run
 from app.reproduction.tables import counts, inexact_counts
-from app.sweep import Run
+from app.sweep import Run, collect_result
 
 SEEDS = (1, 2, 3, 4, 5, 6, 8, 9, 10, 11)  # 7 is the one of the tables
 SEED_SIZES = (64, 256)
@@ -124,12 +124,12 @@ def _gap_file(scratch, seed):
 
 
 def collect_patch(path):
-    """Contact share and mean pressure [N/mm2] of the patch and of its middle half by half."""
+    """Like `collect_result`, and contact share and mean pressure [N/mm2] of the patch and of its middle."""
     with h5py.File(path) as file:
         contact, pressure = file["contact"][()], file["pressure"][()]
-        facts = {name: file.attrs[name].item() for name in ("converged", "load", "residual")}
     middle = tuple(slice(n // 4, n - n // 4) for n in contact.shape)
-    return facts | {
+    return {
+        **collect_result(path),
         "share": float(contact.mean()),
         "mean_pressure": float(pressure.mean()),
         "middle_share": float(contact[middle].mean()),
@@ -155,7 +155,7 @@ def evaluate_selfaffine(outcomes):
     for load, group in itertools.groupby(points, key=lambda point: point["load"]):
         group = list(group)
         rows.append({
-            "load": load,
+            "relative_load": load,
             "surfaces": len(group),
             "share": spread([point["share"] for point in group]),
             "kappa": round(kappa(group), 3),

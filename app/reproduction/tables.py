@@ -126,13 +126,12 @@ TABLES = [
          partial(plan_methods, "hertz", "mg", True), evaluate_methods),
     Item("table3", "table", "Hertz, full multigrid: active set iterations on the target grid, and work units",
          partial(plan_methods, "hertz", "fmg", False), evaluate_methods,
-         why="The paper leaves open how u is interpolated at the rim of the patch. That moves the first contact set by "
-             "a few cells, and each that comes late costs an iteration."),
+         why="A cell that enters or leaves the contact set late costs an iteration; the paper leaves details of the "
+             "interpolation open that decide about single cells."),
     Item("table4", "table", "Hertz, full multigrid with V(1,1): rms pressure error on the contact area [N/mm²]",
          _plan_table4, _evaluate_table4,
          note="Root mean square over the cells of the converged contact area.",
-         why="The error is largest in the few cells that the rim of the contact ellipse cuts; which of them are in "
-             "contact decides."),
+         why="Nearly all of the error sits in the outermost cells of the contact area; which cells these are decides."),
     *(Item(f"table{4 + case}", "table", _CASE_TITLE.format(case, approach.replace("-", "−")),
            partial(plan_methods, "punch", "fmg", True, approach=approach), evaluate_methods, why=_SURFACE)
       for case, approach in CASES.items()),

@@ -20,11 +20,10 @@ import h5py
 import numpy as np
 from mpi4py import MPI
 
-from app import session
+from app import session, solve
 from app.contact.loop import History, Listener
 from app.options import Options
 from app.output.result import whole_file
-from app.solve import prepare
 
 
 class Recorder(Listener):
@@ -51,9 +50,7 @@ class Recorder(Listener):
 
 def main():
     """Solve and write; return the exit status."""
-    from app.contact import nested
-
-    setup = prepare(Options(), MPI.COMM_WORLD)
+    setup = solve.prepare(Options(), MPI.COMM_WORLD)
     if MPI.COMM_WORLD.size > 1 or not setup.output:
         raise session.InputError("a trace needs one rank and -output")
     recorder = Recorder(setup.solver.level)
@@ -65,10 +62,7 @@ def main():
         residuals.append(norm)
 
     setup.solver.ksp.setMonitor(listen)  # PETSc's own history stays empty if the PC iterates, as PCMG does
-    state, outcome = nested.solve(
-        setup.hierarchy, setup.shapes, setup.loading, setup.controls, History([recorder]),
-        nested=setup.nested, beta=setup.beta, target_solver=setup.solver,
-    )  # fmt: skip
+    state, outcome = solve._solve(setup, History([recorder]))
     grid, exact = setup.problem.grid, setup.problem.reference(state.approach)
     with whole_file(setup.output) as temporary, h5py.File(temporary, "w") as file:
         file["pressure"] = np.stack(recorder.pressure)

@@ -1,0 +1,81 @@
+"""Gauss-Seidel on several ranks against one: ``mpiexec -n 3 python tests/mpi_gauss_seidel.py``."""
+
+from contextlib import contextmanager
+from unittest import mock
+
+import numpy as np
+from mpi4py import MPI
+
+from app.halfspace import gauss_seidel
+from app.halfspace.gauss_seidel import GaussSeidel
+from app.halfspace.grid import Grid, Slabs
+from app.halfspace.influence import influence_quadrant
+
+GRIDS = {
+    "prime": Grid(61, 97, 0.3, 0.2),
+    "wide": Grid(211, 13, 0.2, 0.2),
+    "one row": Grid(101, 1, 1.0, 1.0),
+    "one column": Grid(1, 101, 1.0, 1.0),
+    "three rows": Grid(70, 3, 1.0, 0.5),
+    "one cell": Grid(1, 1, 1.0, 1.0),
+    "even": Grid(32, 128, 1.0, 1.0),
+}
+
+
+@contextmanager
+def block_sizes(leaf_rows, segment_columns):
+    """Small blocks, so that small grids exercise every level of the scheme."""
+    with mock.patch.multiple(gauss_seidel, LEAF_ROWS=leaf_rows, SEGMENT_COLUMNS=segment_columns):
+        yield
+
+
+def make(grid, slabs=None, comm=None, dtype=float):
+    kernel = influence_quadrant(grid, 1.0)
+    return GaussSeidel(lambda first, last: kernel[first:last], grid.shape, slabs, comm, dtype)
+
+
+def random_problem(grid, share=0.4, seed=0):
+    rng = np.random.default_rng(seed)
+    mask = rng.random(grid.shape) < share
+    return mask, np.where(mask, rng.normal(size=grid.shape), 0.0)
+
+
+def empty_in_the_middle(grid):
+    mask, r = random_problem(grid)
+    mask[grid.ny // 5 : -grid.ny // 5] = False
+    return mask, r * mask
+
+
+def sweep(relaxation, r, mask, omega, backward=False):
+    d = np.full(r.shape, np.nan)
+    relaxation.sweep(r, mask, omega, d, backward=backward)
+    return d
+
+
+def check(comm, grid, slabs, problems):
+    alone, together = make(grid), make(grid, slabs, comm)
+    for mask, r in problems:
+        for backward in (False, True):
+            expected = sweep(alone, r, mask, 0.8, backward)
+            found = sweep(together, r[slabs.rows], mask[slabs.rows], 0.8, backward)
+            error = np.abs(found - expected[slabs.rows]).max(initial=0.0)
+            assert error <= 1e-12 * np.abs(expected).max(), (grid, slabs.counts, backward, error)
+    assert len(set(comm.allgather(together.products_per_sweep))) == 1
+
+
+def main():
+    comm = MPI.COMM_WORLD
+    for grid in GRIDS.values():
+        problems = [random_problem(grid), empty_in_the_middle(grid), random_problem(grid, share=0)]
+        for block in (1, 64):  # 64: some ranks own no rows
+            check(comm, grid, Slabs(grid.ny, comm.size, comm.rank, block), problems)
+        with block_sizes(5, 16):
+            check(comm, grid, Slabs(grid.ny, comm.size, comm.rank), problems[:2])
+        coarsened = Slabs(2 * grid.ny - 1, comm.size, comm.rank, 8).coarsen(2)
+        check(comm, grid, coarsened, problems[:1])
+    if comm.rank == 0:
+        print(f"passed on {comm.size} ranks")
+
+
+if __name__ == "__main__":
+    main()
