@@ -38,6 +38,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -81,7 +82,12 @@ REASONED = (0, 2, 3)  # exit statuses of app.solve; any other is a crash, and wo
 
 _ROOT = Path(__file__).resolve().parents[1]
 # What the outcome of a run depends on.
-_PROGRAM = ("solve.py", "session.py", "options.py", "contact", "halfspace", "multigrid", "problems")
+_PROGRAM = (
+    "app/solve.py", "app/session.py", "app/options.py", "app/contact", "app/halfspace", "app/multigrid",
+    "app/problems", "petsc_options/fast.opts",
+)  # fmt: skip
+# Ranks of several runs must not be bound to the same cores; a run without mpiexec needs no daemon of its own.
+_OPEN_MPI = {"OMPI_MCA_hwloc_base_binding_policy": "none", "OMPI_MCA_ess_singleton_isolated": "1"}
 _KEYS = ("description", "option_files", "options", "zip", "exclude")
 _RESERVED = {
     "output": "each run has its own",
@@ -149,7 +155,7 @@ class Run:
         contents = [_digest(Path(file)) for file in (*self.files, gap_file) if Path(file).is_file()]
         module = _ROOT.joinpath(*self.module.split(".")).with_suffix(".py")
         program = [_program_digest(), _digest(module), inspect.getsource(self.collect)]
-        what = [self.module, self.arguments(), contents, ranks, program]
+        what = [self.module, self.arguments(), contents, ranks, program, os.environ.get("PETSC_OPTIONS")]
         return hashlib.sha256(json.dumps(what).encode()).hexdigest()[:16]
 
 
@@ -159,7 +165,7 @@ def _digest(path):
 
 @cache
 def _program_digest():
-    parts = [_ROOT / "app" / name for name in _PROGRAM]
+    parts = [_ROOT / name for name in _PROGRAM]
     sources = [source for part in parts for source in (sorted(part.rglob("*.py")) or [part])]
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
 
@@ -185,27 +191,28 @@ class Processes:
         subprocess.TimeoutExpired
             After `timeout` seconds; the process is gone then.
         """
-        environment = {"OMP_NUM_THREADS": "1", **os.environ}
+        environment = {"OMP_NUM_THREADS": "1", **os.environ, **_OPEN_MPI}
         environment["PYTHONPATH"] = os.pathsep.join(filter(None, [str(_ROOT), os.environ.get("PYTHONPATH")]))
-        # Open MPI would bind the ranks of every run to the same cores.
-        environment["OMPI_MCA_hwloc_base_binding_policy"] = "none"
-        with self._lock:
-            if self._closed:
-                raise InterruptedError("no more processes are started")
-            process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-                text=True, errors="replace", env=environment, start_new_session=True,
-            )  # fmt: skip
-            self._running.add(process)
-        try:
-            errors = process.communicate(timeout=timeout)[1]
-        except subprocess.TimeoutExpired:
-            _end(process)
-            raise
-        finally:
+        # A file, not a pipe: a daemon that outlives the process would keep a pipe open.
+        with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as errors:
             with self._lock:
-                self._running.discard(process)
-        return process.returncode, errors
+                if self._closed:
+                    raise InterruptedError("no more processes are started")
+                process = subprocess.Popen(
+                    command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors,
+                    env=environment, start_new_session=True,
+                )  # fmt: skip
+                self._running.add(process)
+            try:
+                process.wait(timeout)
+            except subprocess.TimeoutExpired:
+                _end(process)
+                raise
+            finally:
+                with self._lock:
+                    self._running.discard(process)
+            errors.seek(0)
+            return process.returncode, errors.read()
 
     def close(self):
         """End all processes and start no more."""

@@ -116,6 +116,7 @@ class ContactGrid:
         self.contact &= self.admissible
         self.pressure.set(0)
         self.u[...] = 0
+        self.current = True
 
     @property
     def p(self):

@@ -122,9 +122,10 @@ def iterate(state, solver, loading, controls, history, first=True, target=True, 
     for listener in history.listeners:
         listener.start(state, solver.level)
     if not state.in_contact():
-        state.pressure.set(0)
-        state.u[...] = 0
-        return end(True, "the bodies do not touch", 0)
+        # A coarser grid may have missed it; without pressure the gap decides.
+        state.start_from_interpenetration()
+        if not state.in_contact():
+            return end(True, "the bodies do not touch", 0)
     for iteration in range(1, controls.max_it + 1):
         gap_norm = state.gap_norm() or 1.0
         allowed = controls.rtol * gap_norm * (_SINGLE_MARGIN if state.operator.single and target else 1.0)

@@ -11,7 +11,7 @@ from petsc4py import PETSc
 from scipy.linalg import cho_factor, cho_solve
 
 from app.multigrid.krylov import TrackingCG
-from app.multigrid.pcmg import SMOOTHER_DEFAULTS, Multigrid, defaults, replicated_matrix
+from app.multigrid.pcmg import SMOOTHER_DEFAULTS, Multigrid, options_set, replicated_matrix
 
 
 def reason_names(reasons):
@@ -54,8 +54,12 @@ class LinearSolver:
         self.multigrid = None
         if options.getString("pc_type", "") == "mg":
             levels, transfers = hierarchy.levels, hierarchy.transfers
-            self.multigrid = Multigrid(ksp, levels[: self.level + 1], transfers[: self.level + 1], comm)
-        with defaults(prefix, SMOOTHER_DEFAULTS if self.multigrid else {}):
+            self.multigrid = Multigrid(
+                ksp, levels[: self.level + 1], transfers[: self.level + 1], comm, len(levels)
+            )
+        # The grids of a nested iteration have fewer levels than the target grid may have been given.
+        forced = {"pc_mg_levels": str(len(self.multigrid.operators))} if self.multigrid else {}
+        with options_set(prefix, SMOOTHER_DEFAULTS if self.multigrid else {}, forced):
             ksp.setFromOptions()
             if self.multigrid:
                 self.multigrid.contact_changed()

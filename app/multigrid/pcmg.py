@@ -7,6 +7,8 @@ What is not chosen is the paper's: one sweep of forward Gauss-Seidel with omega 
 
 from __future__ import annotations
 
+from contextlib import contextmanager
+
 import numpy as np
 from petsc4py import PETSc
 
@@ -82,14 +84,17 @@ class Multigrid:
         With operators set; its options are read here.
     operators, transfers : lists
         Levels of a `Hierarchy`, coarsest first, up to the KSP's own grid.
+    most : int
+        Number of levels of the target grid: what -pc_mg_levels may ask for.
     comm : PETSc communicator
     """
 
-    def __init__(self, ksp, operators, transfers, comm):
+    def __init__(self, ksp, operators, transfers, comm, most):
         prefix = ksp.getOptionsPrefix() or ""
         wanted = PETSc.Options(prefix).getInt("pc_mg_levels", len(operators))
-        if not 1 <= wanted <= len(operators):
-            raise ValueError(f"-pc_mg_levels {wanted}: this grid allows 1 to {len(operators)}")
+        if not 1 <= wanted <= most:
+            raise ValueError(f"-pc_mg_levels {wanted}: this grid allows 1 to {most}")
+        wanted = min(wanted, len(operators))
         self.operators, self.transfers = operators[-wanted:], transfers[-wanted:]
         self.coarse = MaskedMatrix(self.operators[0], comm)
         pc = ksp.getPC()
@@ -122,21 +127,22 @@ class Multigrid:
             mat.destroy()
 
 
-class defaults:
-    """Options that hold inside the block where the user has not set them."""
-
-    def __init__(self, prefix, options):
-        self._database = PETSc.Options(prefix)
-        self._options = options
-
-    def __enter__(self):
-        self._set = [name for name in self._options if not self._database.hasName(name)]
-        for name in self._set:
-            self._database.setValue(name, self._options[name])
-
-    def __exit__(self, *error):
-        for name in self._set:
-            self._database.delValue(name)
+@contextmanager
+def options_set(prefix, defaults, forced):
+    """Set options inside the block: `defaults` where the user has not, `forced` in any case."""
+    database = PETSc.Options(prefix)
+    before = {name: database.getString(name) for name in forced if database.hasName(name)}
+    temporary = {name: text for name, text in defaults.items() if not database.hasName(name)} | forced
+    for name, text in temporary.items():
+        database.setValue(name, text)
+    try:
+        yield
+    finally:
+        for name in temporary:
+            database.delValue(name)
+        for name, text in before.items():
+            database.setValue(name, text)
+            database.getString(name)  # still an option that is used
 
 
 SMOOTHER_DEFAULTS = {**_SMOOTHER, **_DIRECT}
