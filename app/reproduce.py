@@ -80,15 +80,19 @@ def _main(argv):
         journal.close()
         shutil.rmtree(scratch, ignore_errors=True)
     found = {name: {} for name in plans}
+    failures = {}
     for (name, case), outcome in zip(cases, outcomes, strict=True):
         found[name][case] = outcome
+        if outcome and not _usable(outcome):
+            failures.setdefault(name, f"{' '.join(case)}: {outcome['message']}")
+    for name, message in failures.items():
+        # What an earlier call found says nothing about this program any more.
+        for data in (tables, *rest.values()):
+            data.pop(name, None)
+        (folder / f"{name}.png").unlink(missing_ok=True)
+        print(f"{name}: left out, because a run failed: {message}", file=sys.stderr)
     done = [item for item in items if all(map(_usable, found[item.name].values()))]
     _write(folder, tables, rest, done, plans, found, arguments.quick, time.perf_counter() - started)
-    failures = {
-        outcome["message"] for outcome in outcomes if outcome and outcome["exit_status"] not in (0, 3)
-    }
-    for message in sorted(failures):
-        print(f"failed: {message}", file=sys.stderr)
     return 130 if interrupted else int(bool(failures))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import resource
 import sys
 import time
@@ -14,6 +15,8 @@ from app import __version__, session
 from app.options import Options, help_text, loading
 from app.session import InputError
 
+_DOUBLES_PER_CELL = 12  # at the least, of memory
+_DOUBTFUL = 1e-2  # error bound of the certificate from which on the user should look twice
 METHODS = Path(__file__).resolve().parents[1] / "petsc_options"
 
 
@@ -53,6 +56,11 @@ def main():
     _report(setup, facts)
     if _touches_rim(state, comm):
         session.warn("contact reaches the rim of the patch: enlarge -domain if the bodies go on beyond it")
+    if outcome.converged and facts["error_bound"] > _DOUBTFUL and not setup.controls.cheap:
+        session.warn(
+            f"the certificate only proves the pressure to {facts['error_bound']:.1g}: contact is small against the "
+            "patch, or some cells are very far apart; a smaller -lcp_rtol is more accurate"
+        )
     setup.solver.destroy()
     setup.hierarchy.destroy()
     state.destroy()
@@ -75,6 +83,7 @@ class prepare:
         if self.output:
             session.agree(comm, check_output_path, self.output)
         self.problem = session.agree(comm, make_problem, options, comm)
+        check_memory(self.problem.grid, comm)
         self.loading = make_loading(*loading(options))
         self.type = options["lcp_type"]
         if self.type == "active_set":
@@ -115,6 +124,8 @@ class prepare:
                 f"unknown or unused option{'s'[: len(unused) > 1]}: -{', -'.join(sorted(unused))}"
             )
         self.shapes = self.hierarchy.shapes(self.problem)
+        if not comm.allreduce(int(np.count_nonzero(~np.isnan(self.shapes[-1])))):
+            raise InputError(f"-problem {self.problem.name}: contact is impossible in all cells")
         if by_load and self.loading.load == 0:
             # The approach is not unique: the one at which the bodies just touch.
             lowest = np.nanmin(self.shapes[-1], initial=np.inf)
@@ -153,6 +164,17 @@ def make_problem(options, comm):
         seed=options["surface_seed"], extent=(x1 - x0, y1 - y0), origin=(x0, y0),
     )  # fmt: skip
     return Punch(grid, material, options["punch_diameter"], surface)
+
+
+def check_memory(grid, comm):
+    """Refuse a grid that cannot fit, before trying."""
+    needed = _DOUBLES_PER_CELL * 8 * grid.n / comm.size
+    there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if needed > there:
+        raise InputError(
+            f"-grid {grid.nx},{grid.ny}: needs about {needed / 2**30:.0f} GiB on each of {comm.size} rank(s); "
+            f"this machine has {there / 2**30:.0f} GiB"
+        )
 
 
 def make_loading(kind, value):

@@ -227,7 +227,7 @@ def _end(process):
     for number in (signal.SIGTERM, signal.SIGKILL):
         try:
             os.killpg(process.pid, number)
-            process.wait(5)
+            process.wait(3)
             return
         except ProcessLookupError:
             return

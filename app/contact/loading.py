@@ -130,6 +130,7 @@ class PrescribedLoad:
         if total > 0:
             state.pressure.scale(wanted / total)
         else:
+            state.touch()
             cells = state.sum([state.contact.sum()])[0]
             state.pressure.setArray(state.contact.reshape(-1) * (wanted / cells))
         state.current = False

@@ -11,8 +11,8 @@ from app.contact.active_set import ContactGrid
 from app.contact.loading import PrescribedApproach
 from app.contact.loop import iterate
 from app.multigrid.circulant import circulant_of
+from app.multigrid.hierarchy import LARGEST_DIRECT
 from app.multigrid.linear_solver import DirectSolver, LinearSolver
-from app.multigrid.pcmg import LARGEST_DIRECT
 
 
 def solve(
@@ -73,7 +73,7 @@ def solve(
         if here:
             if number == last and target_solver:
                 solver = target_solver
-            elif below is None and number < last:
+            elif below is None and number < last and _direct(operator):
                 solver = DirectSolver(operator, number)
             else:
                 solver = LinearSolver(hierarchy, number, _petsc_comm(operator))
@@ -113,12 +113,13 @@ def _direct_route(hierarchy, loading):
     last = len(hierarchy.levels) - 1
     if isinstance(loading, PrescribedApproach):
         return [last]
-    small = [
-        n
-        for n in range(last)
-        if hierarchy.levels[n].comm is None and hierarchy.levels[n].grid.n <= LARGEST_DIRECT
-    ]
+    small = [number for number in range(last) if _direct(hierarchy.levels[number])]
     return [*small[-1:], last]
+
+
+def _direct(operator):
+    """Whether the grid is small enough, and here as a whole, to be solved directly."""
+    return operator.comm is None and operator.grid.n <= LARGEST_DIRECT
 
 
 def _copy_up(hierarchy, first, last, coarse, fine):

@@ -11,6 +11,8 @@ from app.halfspace.grid import Slabs
 from app.halfspace.operator import InfluenceOperator
 from app.multigrid.transfer import Transfer
 
+LARGEST_DIRECT = 1024  # cells of a grid whose matrix may be stored and factorised
+
 
 class Hierarchy:
     """Operators ``levels[0]`` (coarsest) to ``levels[-1]`` (target), ``transfers[l]`` from level l to l-1.
@@ -35,21 +37,30 @@ class Hierarchy:
     def __init__(self, grid, compliance, comm, coarsest=4, replicate=64 * 64, single=False, dtype=float):
         self.comm = comm
         grids, factors = [grid], []
+        if not single and grid.coarsen(coarsest) is None:
+            coarsest = 1  # a multigrid method needs two grids
         while not single and (coarser := grids[-1].coarsen(coarsest)) is not None:
             factors.append(grids[-1].coarsening(coarsest))
             grids.append(coarser)
+            if coarsest == 1:
+                break
+        # The target grid is cut into slabs, small grids are not, nor is the coarsest if it can be solved directly.
+        direct = grids[-1].n <= LARGEST_DIRECT
+        cut = [
+            comm.size > 1 and (g is grid or (g.n > replicate and not (g is grids[-1] and direct)))
+            for g in grids
+        ]
         block = 1
-        for finer, (fy, _) in zip(grids, factors, strict=False):
-            if finer is not grid and finer.n <= replicate:
+        for distributed, (fy, _) in zip(cut, factors, strict=False):
+            if not distributed:
                 break
             block *= fy
         slabs = Slabs(grid.ny, comm.size, comm.rank, block)
         self.levels, self.transfers = [], [None]
         for number, level in enumerate(grids):
-            distributed = comm.size > 1 and (number == 0 or level.n > replicate)
             if number:
                 slabs = slabs.coarsen(factors[number - 1][0])
-            spread = (slabs, comm) if distributed else (None, None)
+            spread = (slabs, comm) if cut[number] else (None, None)
             self.levels.insert(0, InfluenceOperator(level, compliance, *spread, dtype, exact=number == 0))
             if number:
                 fine, coarse = self.levels[1], self.levels[0]

@@ -13,8 +13,8 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.halfspace.influence import dense_matrix
+from app.multigrid.hierarchy import LARGEST_DIRECT
 
-LARGEST_DIRECT = 1024
 _SMOOTHER = {
     "mg_levels_ksp_type": "richardson",
     "mg_levels_ksp_max_it": "1",
@@ -95,6 +95,8 @@ class Multigrid:
         if not 1 <= wanted <= most:
             raise ValueError(f"-pc_mg_levels {wanted}: this grid allows 1 to {most}")
         wanted = min(wanted, len(operators))
+        if most == 1:
+            raise ValueError("multigrid needs a grid of at least 2 cells")
         self.operators, self.transfers = operators[-wanted:], transfers[-wanted:]
         self.coarse = MaskedMatrix(self.operators[0], comm)
         pc = ksp.getPC()

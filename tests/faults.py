@@ -1,0 +1,26 @@
+"""Preconditioners that go wrong, for ``-pc_type python -pc_python_type faults.X``."""
+
+import os
+import time
+from pathlib import Path
+
+from mpi4py import MPI
+
+
+class RaisesOnLastRank:
+    """Raises in the middle of a solve, on one rank only, while the others go on to the next reduction."""
+
+    def apply(self, pc, x, y):
+        """Fail."""
+        if MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1:
+            raise RuntimeError("this rank has a problem of its own")
+        x.copy(y)
+
+
+class TakesForEver:
+    """Tells by a file that the solve has begun, and does not come back."""
+
+    def apply(self, pc, x, y):
+        """Wait to be killed."""
+        Path(os.environ["SOLVE_HAS_BEGUN"]).touch()
+        time.sleep(600)
