@@ -145,10 +145,12 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
             studies[item.name] = result
             print(report.study_text(item, result))
         made[item.name] = {"version": __version__, "date": today, "quick": quick, "runs": len(outcomes)}
+        if item.kind == "figure":
+            continue  # its runs are those of a table or study, or traces
         worst = check(outcomes.values())
         if worst:
             checks[item.name] = worst
-        if outcomes and item.kind != "figure":
+        if outcomes:
             rows = [
                 {
                     "case": " ".join(case),
@@ -165,7 +167,7 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
     pictures = {
         name: (folder / f"{name}.png").read_bytes() for name in ITEMS if (folder / f"{name}.png").is_file()
     }
-    facts = {"version": __version__, "date": today, "runs": sum(entry["runs"] for entry in made.values())}
+    facts = {"version": __version__, "date": today}
     if any(entry["quick"] for entry in made.values()):
         facts["note:"] = "some items were made with --quick, on small grids only"
     _put(folder / "report.html", report.web_page(_reading_order(), numbers, studies, pictures, checks, facts))

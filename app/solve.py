@@ -125,7 +125,7 @@ class prepare:
             )
         self.shapes = self.hierarchy.shapes(self.problem)
         if not comm.allreduce(int(np.count_nonzero(~np.isnan(self.shapes[-1])))):
-            raise InputError(f"-problem {self.problem.name}: contact is impossible in all cells")
+            raise InputError(f"-problem {self.problem.name}: contact is impossible in all cells (NaN)")
         if by_load and self.loading.load == 0:
             # The approach is not unique: the one at which the bodies just touch.
             lowest = np.nanmin(self.shapes[-1], initial=np.inf)

@@ -16,7 +16,7 @@ from mpi4py import MPI  # noqa: E402
 from petsc4py import PETSc  # noqa: E402
 
 import app.solve  # noqa: E402
-from app.contact import nested  # noqa: E402
+from app.contact.certificate import certify  # noqa: E402
 from app.contact.loop import History  # noqa: E402
 from app.options import Options  # noqa: E402
 from app.problems.problem import Problem  # noqa: E402
@@ -96,34 +96,40 @@ class Solution:
     load: float
     outcome: object
     history: dict
+    approach: float
+    applications: float
+    certificate: object
 
     @property
     def gap(self):
         return self.h + self.u
 
 
-def solve(problem, approach, method="norm", **options):
+def solve(problem, approach, method="norm", load=None, **options):
     """Solve a problem in this process the way app.solve does, with a method of petsc_options and more options.
 
-    Collective over all ranks.
+    Collective over all ranks. A given `load` takes the place of the approach.
     """
-    options = {"approach": repr(approach), **{name: str(value) for name, value in options.items()}}
-    with petsc_options(method, **options), mock.patch.object(app.solve, "make_problem", return_value=problem):
+    loading = {"approach": repr(approach)} if load is None else {"load": repr(load)}
+    options = loading | {name: str(value) for name, value in options.items()}
+    files = (method,) if method else ()
+    with petsc_options(*files, **options), mock.patch.object(app.solve, "make_problem", return_value=problem):
         setup = app.solve.prepare(Options(), MPI.COMM_WORLD)
         history = History()
-        state, outcome = nested.solve(
-            setup.hierarchy, setup.shapes, setup.loading, setup.controls, history, nested=setup.nested,
-            beta=setup.beta, prolongation=setup.prolongation, target_solver=setup.solver,
-        )  # fmt: skip
+        state, outcome = app.solve._solve(setup, history)
+    applications = setup.hierarchy.operator_applications()
     shape = np.where(state.admissible, state.shape, np.nan)
     solution = Solution(
         pressure=state.pressure.getArray(readonly=True).reshape(shape.shape).copy(),
         contact=state.contact.copy(),
         u=state.u.copy(),
-        h=shape - approach,
+        h=shape - state.approach,
         load=state.load,
         outcome=outcome,
         history=history.columns(),
+        approach=state.approach,
+        applications=applications,
+        certificate=certify(state),
     )
     setup.solver.destroy()
     setup.hierarchy.destroy()

@@ -11,6 +11,7 @@ from app.reproduction.tables import HEADINGS, PAPER
 
 # What counts as a noticeable difference: iterations or cycles, share of the work or error, convergence factor.
 ITERATIONS, SHARE, FACTOR = 2, 0.1, 0.03
+_NAMED = 5  # differences that are named one by one
 _STUDY_HEADINGS = {
     "case": "case",
     "grid": "grid",
@@ -105,6 +106,8 @@ def verdict(found):
     told = f"{len(found)} entries, {same} of them equal in all digits printed"
     if not noticeable:
         return f"{told}; no noticeable difference."
+    if len(noticeable) > _NAMED:
+        return f"{told}; {len(noticeable)} noticeably different."
     names = ", ".join(f"{entry.row} {entry.column}" for entry in noticeable)
     return f"{told}; noticeably different: {names}."
 

@@ -1,0 +1,133 @@
+"""What the driver and an adapter tell each other. Runs in the environments of the peers: numpy only, Python 3.9 on.
+
+    python X_adapter.py describe
+    python X_adapter.py solve PROBLEM.npz WARMUP.npz ANSWER.npz VARIANT TOLERANCE BUDGET
+
+The first prints JSON: versions, variants and the features of the package. The second prepares, solves the small
+problem once unmeasured, then the problem itself, up to three times while the seconds of BUDGET last, and writes the
+pressure and the shortest time.
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+import sys
+import time
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+
+class Problem:
+    """A contact problem as the driver writes it; lengths mm, forces N, stresses N/mm2.
+
+    Attributes
+    ----------
+    gap : ndarray, shape (ny, nx)
+        Undeformed distance at zero approach; NaN where contact is impossible.
+    open_gap : ndarray, shape (ny, nx)
+        The same for packages that know no such cells: there the gap stays open at the prescribed approach,
+        because displacements are not negative. No larger than needed, so that it disturbs no coarser grids.
+    dx, dy, contact_modulus, shear_modulus, poisson_ratio, approach, load : float
+    """
+
+    def __init__(self, path):
+        with np.load(path) as data:
+            self.gap = data["gap"]
+            for name in (
+                "dx", "dy", "contact_modulus", "shear_modulus", "poisson_ratio", "approach", "load",
+            ):  # fmt: skip
+                setattr(self, name, float(data[name]))
+        deepest = self.approach - np.nanmin(self.gap)
+        self.open_gap = np.where(np.isnan(self.gap), self.approach + deepest, self.gap)
+        self.ny, self.nx = self.gap.shape
+
+    @property
+    def cell_area(self):
+        """Area of a cell [mm2]."""
+        return self.dx * self.dy
+
+    @property
+    def mean_pressure(self):
+        """Prescribed load over the area of the patch [N/mm2]."""
+        return self.load / (self.gap.size * self.cell_area)
+
+    @property
+    def interpenetrating(self):
+        """Cells that overlap undeformed: no other can be in contact."""
+        return self.open_gap < self.approach
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way to use a package: what it prescribes ("approach" or "load"), and its first tolerance."""
+
+    control: str
+    first_tolerance: float = 1e-5
+    note: str = ""
+
+
+@dataclass
+class Outcome:
+    """What one solve gave; a package that does not tell a number leaves it at -1."""
+
+    pressure: np.ndarray
+    iterations: int = -1
+    products: int = -1
+    converged: bool = True
+    setup_seconds: float = 0.0  # set-up that the package does inside its solve
+
+
+def peak_memory():
+    """Peak resident size of this process in bytes; `resource` would count its parent's before exec, too."""
+    status = Path("/proc/self/status").read_text().splitlines()
+    return 1024 * next(int(line.split()[1]) for line in status if line.startswith("VmHWM:"))
+
+
+def serve(distributions, variants, prepare, square=False):
+    """Do what the command line asks for.
+
+    Parameters
+    ----------
+    distributions : sequence of str
+        Installed distributions whose versions matter.
+    variants : dict of str to Variant
+    prepare : callable
+        ``prepare(problem, variant_name)`` sets up and returns ``solve(tolerance) -> Outcome``.
+    square : bool
+        Whether the package takes square patches of square cells only.
+    """
+    if sys.argv[1] == "describe":
+        versions = {name: version(name) for name in distributions}
+        versions["Python"] = platform.python_version()
+        ways = {name: asdict(variant) for name, variant in variants.items()}
+        print(json.dumps({"versions": versions, "variants": ways, "square": square}))
+        return
+    problem, warmup, answer, variant, tolerance, budget = sys.argv[2:]
+    tolerance, budget = float(tolerance), float(budget)
+    prepare(Problem(warmup), variant)(tolerance)
+    started = time.perf_counter()
+    solve = prepare(Problem(problem), variant)
+    setup = time.perf_counter() - started
+    seconds, spent = np.inf, 0.0
+    for _ in range(3):
+        started = time.perf_counter()
+        outcome = solve(tolerance)
+        elapsed = time.perf_counter() - started
+        seconds = min(seconds, elapsed - outcome.setup_seconds)
+        spent += elapsed
+        if spent + elapsed > budget:
+            break
+    np.savez(
+        answer,
+        pressure=np.asarray(outcome.pressure, dtype=float),
+        seconds=seconds,
+        setup_seconds=setup + outcome.setup_seconds,
+        iterations=outcome.iterations,
+        products=outcome.products,
+        converged=outcome.converged,
+        peak_memory=peak_memory(),
+    )

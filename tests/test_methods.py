@@ -1,0 +1,230 @@
+"""Multigrid, full multigrid and the fast path: counts of the paper, same answers, loads, certificates."""
+
+import numpy as np
+import pytest
+from mpi_norm import APPROACH, hertz
+from running import Sampled, assert_solves_lcp, solve
+
+from app.halfspace.grid import Grid
+from app.halfspace.influence import Material, dense_matrix
+from app.output.result import read_result
+from app.problems.punch import Punch
+from app.problems.surfaces import WavySurface
+
+SIZES = (32, 64, 128, 256)
+# Active set iterations on the target grid; the paper's Tables 2 and 3 differ by at most 2 everywhere.
+COUNTS = {
+    "mg_v11": (9, 9, 10, 12),
+    "mg_v10": (15, 15, 17, 21),
+    "mg_v01": (14, 15, 15, 19),
+    "fmg_v11": (6, 5, 4, 8),
+    "fmg_v10": (12, 10, 8, 8),
+    "fmg_v01": (14, 10, 8, 8),
+}
+PAPER_WORK = {
+    "mg_v11": (35, 36, 40, 48),
+    "mg_v10": (39, 43, 48, 56),
+    "mg_v01": (39, 43, 43, 53),
+}
+CASES = (-0.11, 0.01, 0.25)
+
+
+def punch(n):
+    """Rough contact of Sec. 5.2."""
+    surface = WavySurface((12, 10), 0.8, 0.1, 7, (12.0, 10.0), (-6.0, -5.0))
+    grid = Grid.from_domain(n, n, (-6.0, 6.0, -5.0, 5.0))
+    return Punch(grid, Material(80000.0, 0.28), 8.97, surface)
+
+
+@pytest.mark.parametrize("method", COUNTS)
+@pytest.mark.parametrize("size", range(len(SIZES)))
+def test_iterations_of_the_paper(method, size):
+    solution = solve(hertz(SIZES[size]), APPROACH, method)
+    assert_solves_lcp(solution)
+    exact = 0 if method == "mg_v11" else 1
+    assert abs(solution.outcome.iterations - COUNTS[method][size]) <= exact
+    if method in PAPER_WORK:
+        assert sum(solution.history["work_units"]) == pytest.approx(PAPER_WORK[method][size], rel=0.15)
+
+
+@pytest.mark.parametrize("approach", CASES)
+@pytest.mark.parametrize(("method", "most"), [("fmg_v11", 10), ("fmg_v10", 17), ("fmg_v01", 17)])
+def test_rough_contact_by_full_multigrid(approach, method, most):
+    counts = []
+    for n in (64, 128):
+        solution = solve(punch(n), approach, method)
+        assert_solves_lcp(solution)
+        counts.append(solution.outcome.iterations)
+    assert max(counts) <= most
+
+
+@pytest.mark.mpi(2, 3, 4)
+@pytest.mark.parametrize("grid", ["64", "52,37"])
+@pytest.mark.parametrize("method", ["mg_v11", "fmg_v10", "fast", "fmg_lift"])
+def test_any_number_of_ranks_iterates_alike(cli, ranks, method, grid, tmp_path):
+    # Small replicated levels, so that several levels are distributed; double precision to compare digits.
+    arguments = ("-grid", grid, "-lcp_replicate", "8", "-lcp_precision", "double", "-output")
+    for where, count in (("one.h5", None), ("many.h5", ranks)):
+        done = cli(*arguments, tmp_path / where, methods=("hertz", method), ranks=count)
+        assert done.returncode == 0, done.stderr
+    one, many = (read_result(tmp_path / name) for name in ("one.h5", "many.h5"))
+    assert list(one.history["contact_cells"]) == list(many.history["contact_cells"])
+    assert one.attributes["work_units"] == pytest.approx(many.attributes["work_units"])
+    np.testing.assert_allclose(many.pressure, one.pressure, rtol=0, atol=1e-10 * one.pressure.max())
+
+
+@pytest.mark.parametrize("method", ["mg_v11", "fmg_v10", "fmg_lift", "fast"])
+@pytest.mark.parametrize("problem", [hertz(45, 37), hertz(7, 90), punch(50)], ids=["odd", "thin", "rough"])
+def test_methods_agree(method, problem):
+    expected = solve(problem, 0.1, "norm", lcp_rtol=1e-10)
+    found = solve(problem, 0.1, method, lcp_rtol=1e-10, lcp_precision="double")
+    assert_solves_lcp(found, 1e-10)
+    assert (found.contact == expected.contact).all()
+    np.testing.assert_allclose(found.pressure, expected.pressure, rtol=0, atol=1e-7 * expected.pressure.max())
+
+
+@pytest.mark.parametrize("kind", ["tao", "snesvi"])
+def test_petscs_own_solvers_agree(kind):
+    expected = solve(punch(24), 0.1, "norm", lcp_rtol=1e-10)
+    found = solve(punch(24), 0.1, None, lcp_type=kind, lcp_rtol=1e-10)
+    assert_solves_lcp(found, 1e-10)
+    np.testing.assert_allclose(found.pressure, expected.pressure, rtol=0, atol=1e-6 * expected.pressure.max())
+
+
+@pytest.mark.parametrize(
+    ("problem", "approach", "most"),
+    [(hertz, APPROACH, 14), (punch, -0.11, 20), (punch, 0.01, 24), (punch, 0.25, 28)],
+)
+def test_fast_path_needs_few_products_on_any_grid(problem, approach, most):
+    for n in (64, 128, 256):
+        solution = solve(problem(n), approach, "fast")
+        assert_solves_lcp(solution)
+        assert solution.applications <= most
+
+
+@pytest.mark.parametrize("method", ["norm", "mg_v11", "fmg_v11", "fmg_v10", "fast"])
+@pytest.mark.parametrize(("problem", "approach"), [(hertz, APPROACH), (punch, 0.01)])
+def test_load_reproduces_approach(method, problem, approach):
+    by_approach = solve(problem(64), approach, method, lcp_rtol=1e-7)
+    by_load = solve(problem(64), None, method, load=by_approach.load, lcp_rtol=1e-7)
+    assert by_load.outcome.converged
+    assert by_load.load == pytest.approx(by_approach.load, rel=1e-7)
+    assert by_load.approach == pytest.approx(approach, abs=1e-6 * np.nanmax(abs(by_approach.h)))
+    np.testing.assert_allclose(
+        by_load.pressure, by_approach.pressure, rtol=0, atol=1e-3 * by_approach.pressure.max()
+    )
+
+
+@pytest.mark.mpi(2)
+@pytest.mark.parametrize("method", ["norm", "fmg_v11", "fast"])
+def test_load_on_two_ranks(cli, ranks, method, tmp_path):
+    for where, count in (("one.h5", None), ("many.h5", ranks)):
+        done = cli(
+            "-grid", "96", "-load", "5e4", "-output", tmp_path / where, methods=("punch", method), ranks=count
+        )
+        assert done.returncode == 0, done.stderr
+    one, many = (read_result(tmp_path / name).attributes for name in ("one.h5", "many.h5"))
+    assert many["load"] == pytest.approx(5e4, rel=1e-6)
+    assert many["approach"] == pytest.approx(one["approach"], abs=1e-6)
+
+
+@pytest.mark.parametrize("method", ["norm", "fast", "fmg_v11"])
+@pytest.mark.parametrize("load", [1e-6, 3.0, 1e3, 1e7])
+def test_load_from_one_cell_to_the_whole_punch(method, load):
+    solution = solve(punch(32), None, method, load=load)
+    assert_solves_lcp(solution)
+    assert solution.load == pytest.approx(load, rel=1e-6)
+    if load == 1e7:
+        assert solution.contact.sum() == (~np.isnan(solution.h)).sum()
+
+
+def test_no_load_just_touches():
+    solution = solve(punch(32), None, "fast", load=0.0)
+    assert solution.load == 0
+    assert np.nanmin(solution.h) == 0
+
+
+def test_load_grows_with_the_approach_and_is_convex():
+    loads = [solve(punch(32), approach, "fast").load for approach in np.linspace(-0.2, 0.4, 7)]
+    assert (np.diff(loads) > 0).all()
+    assert (np.diff(loads, 2) > 0).all()
+
+
+@pytest.mark.parametrize("rtol", [1e-2, 1e-4, 1e-6])
+def test_certificate_bounds_the_error(rtol):
+    exact = solve(punch(24), 0.1, "norm", lcp_rtol=1e-12)
+    rough = solve(punch(24), 0.1, "norm", lcp_rtol=rtol)
+    matrix = dense_matrix(punch(24).grid, punch(24).material.compliance)
+    error = (rough.pressure - exact.pressure).ravel()
+    energy = np.sqrt(error @ matrix @ error / (rough.pressure.ravel() @ matrix @ rough.pressure.ravel()))
+    found = rough.certificate
+    assert energy <= found.error_bound <= np.sqrt(rtol) * 30
+    assert found.smallest_pressure >= 0
+    admissible = ~np.isnan(rough.h)
+    assert found.largest_penetration == pytest.approx(max(0.0, -rough.gap[admissible].min()), abs=1e-15)
+
+
+def test_certificate_of_an_exact_solution_is_tight():
+    assert solve(punch(24), 0.1, "norm", lcp_rtol=1e-13).certificate.error_bound < 1e-5
+
+
+@pytest.mark.parametrize("method", ["fast", "fmg_v11"])
+def test_cheap_mode_reaches_the_discretisation_error(method):
+    errors, costs = {}, {}
+    problem = hertz(128)
+    exact = problem.reference(APPROACH).pressure(problem.grid.x()[None, :], problem.grid.y()[:, None])
+    for cheap in (True, False):
+        solution = solve(problem, APPROACH, method, lcp_cheap=cheap)
+        assert solution.outcome.converged
+        errors[cheap] = np.sqrt(np.mean((solution.pressure - exact)[solution.contact] ** 2))
+        costs[cheap] = solution.applications
+    assert costs[True] < 0.7 * costs[False]
+    assert errors[True] < 2 * errors[False]
+
+
+def test_discretisation_error_is_estimated_to_the_right_order():
+    estimates, errors = [], []
+    for n in (64, 128, 256):
+        problem = hertz(n)
+        solution = solve(problem, APPROACH, "fast")
+        exact = problem.reference(APPROACH).pressure(problem.grid.x()[None, :], problem.grid.y()[:, None])
+        errors.append(np.linalg.norm(solution.pressure - exact) / np.linalg.norm(exact))
+        estimates.append(solution.outcome.discretisation_error)
+    assert all(0.5 < estimate / error < 10 for estimate, error in zip(estimates, errors, strict=True))
+    assert estimates[0] > estimates[1] > estimates[2]
+
+
+def test_contact_that_the_coarse_grids_miss():
+    grid = Grid.from_domain(5, 1, (0.0, 5.0, 0.0, 0.7))
+    shape = np.array([[-2e-6, np.nan, 0.0, np.nan, np.nan]])
+    problem = Sampled(grid, Material(1000.0, 0.3), shape)
+    for method in ("fast", "fmg_v11", "fmg_lift", "norm"):
+        solution = solve(problem, 5e-7, method)
+        assert_solves_lcp(solution)
+        assert solution.contact.any()
+
+
+def test_shifting_the_pattern_does_not_matter():
+    turned = Sampled(
+        punch(48).grid, punch(48).material, punch(48).shape_on(punch(48).grid)[::-1, ::-1].copy()
+    )
+    straight = Sampled(punch(48).grid, punch(48).material, punch(48).shape_on(punch(48).grid))
+    one, other = (solve(problem, 0.1, "fast", lcp_rtol=1e-9) for problem in (straight, turned))
+    np.testing.assert_allclose(
+        other.pressure[::-1, ::-1], one.pressure, rtol=0, atol=1e-6 * one.pressure.max()
+    )
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"mg_levels_pc_sor_omega": 1.1},
+        {"pc_mg_cycle_type": "w"},
+        {"pc_mg_type": "full"},
+        {"pc_mg_levels": 3},
+        {"mg_levels_ksp_max_it": 2},
+        {"ksp_type": "cg", "ksp_max_it": 3, "ksp_norm_type": "natural", "mg_levels_pc_sor_symmetric": ""},
+    ],
+)
+def test_variants_by_petscs_options(options):
+    assert_solves_lcp(solve(hertz(64), APPROACH, "fmg_v11", **options))
