@@ -41,7 +41,7 @@ def main():
     history = History(setup.listeners)
     started = time.perf_counter()
     with PETSc.Log.Stage("Solve"):
-        state, outcome = _solve(setup, history)
+        state, outcome = solve(setup, history)
     solve_seconds = time.perf_counter() - started
     for listener in setup.listeners:
         listener.end()
@@ -215,7 +215,8 @@ def make_solver(kind, hierarchy, controls):
         raise InputError(f"solver options: {error}") from None
 
 
-def _solve(setup, history):
+def solve(setup, history):
+    """Solve the problem that was set up; return the state of the target grid and the outcome. Collective."""
     from app.contact import nested
     from app.contact.active_set import ContactGrid
 

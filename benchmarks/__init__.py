@@ -1,0 +1,1 @@
+"""Benchmarks: `run/bench` and `run/bench-peers`."""

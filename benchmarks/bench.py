@@ -19,7 +19,6 @@ import numpy as np
 from tqdm import tqdm
 
 from app.halfspace.grid import Grid
-from app.halfspace.influence import influence_quadrant
 from app.output.result import read_result
 from app.output.table import markdown
 from app.problems.surfaces import SelfAffineSurface
@@ -41,7 +40,9 @@ def main():
     parser.add_argument("--sizes", default="256,512,1024,2048", help="cells per side")
     parser.add_argument("--ranks", default="1,2")
     parser.add_argument("--problems", default=",".join(PROBLEMS))
-    parser.add_argument("--method", action="append", default=[], help="option file(s); default: the default method")
+    parser.add_argument(
+        "--method", action="append", default=[], help="option file(s); default: the default method"
+    )
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--no-kernels", action="store_true")
     parser.add_argument("-o", "--output", default=str(ROOT / "docs" / "benchmark.md"))
@@ -71,25 +72,31 @@ def head(options):
     """Date, machine, versions."""
     from petsc4py import PETSc
 
-    cpu = next((l.split(":")[1].strip() for l in open("/proc/cpuinfo") if l.startswith("model name")), "")  # noqa: SIM115
-    versions = f"PETSc {'.'.join(map(str, PETSc.Sys.getVersion()))}, numpy {np.__version__}, Python {platform.python_version()}"
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    cpu = next(
+        (line.split(":")[1].strip() for line in lines if line.startswith("model name")), "unknown processor"
+    )
+    petsc = ".".join(map(str, PETSc.Sys.getVersion()))
+    versions = f"PETSc {petsc}, numpy {np.__version__}, Python {platform.python_version()}"
+    threads = f"OMP_NUM_THREADS={os.environ.get('OMP_NUM_THREADS')}"
+    method = ", ".join(options.method) or "the default (fast.opts)"
     return (
         f"# Benchmark\n\nMade by `run/bench` on {datetime.date.today()}: {cpu}, {os.cpu_count()} cores; {versions}; "
-        f"OMP_NUM_THREADS={os.environ.get('OMP_NUM_THREADS')}. Method: {', '.join(options.method) or 'the default (fast.opts)'}.\n\n"
-        "The unit is one *plain product*: zero-padded `scipy.fft.rfft2`, multiply, `irfft2` on the same grid, one thread, "
-        "measured in the same run (shortest of several). Times are ratios to it; seconds are for orientation only.\n"
+        f"{threads}. Method: {method}.\n\nThe unit is one *plain product*: zero-padded `scipy.fft.rfft2`, multiply, "
+        "`irfft2` on the same grid, one thread, measured in the same run (shortest of several). Times are ratios; "
+        "seconds are for orientation only.\n"
     )
 
 
 KERNELS = """\
-`product`: our own, in plain products; on P ranks, of the same plain product on one. `memory`: everything a product needs
-beyond its vectors, in doubles per cell. `circulant`: one preconditioner application, `sweep`: one exact Gauss-Seidel sweep
-on the Hertz and a rough contact set, both in units of our own product on one rank.
+`product`: our own, in plain products; on P ranks, of the same plain product on one. `memory`: everything a product
+needs beyond its vectors, in doubles per cell. `circulant`: one preconditioner application, `sweep`: one exact
+Gauss-Seidel sweep on the Hertz and a rough contact set, both in units of our own product on one rank.
 """
 SOLVES = """\
-Approach prescribed, to ||r|| / ||h|| = 1e-6. `plain`: solve time in plain products (set-up apart). `applications`: everything
-computed, in products on the target grid. `memory`: peak resident size above that of the smallest run, per cell, in doubles.
-`residual`, `penetration` (over the largest |h|): checked from the result file by a plain product.
+Approach prescribed, to ||r|| / ||h|| = 1e-6. `plain`: solve time in plain products (set-up apart). `applications`:
+everything computed, in products on the target grid. `memory`: peak resident size above that of the smallest grid, per
+cell, in doubles. `residual`, `penetration` (over the largest |h|): checked from the result file by a plain product.
 """
 
 
@@ -153,9 +160,16 @@ def solve(name, size, count, options, folder):
     best = product = None
     plain = np.inf
     for _ in range(options.repeats):
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, env=dict(os.environ), check=False)
+        done = subprocess.run(
+            command, cwd=ROOT, capture_output=True, text=True, env=dict(os.environ), check=False
+        )
         if done.returncode:
-            return {"problem": name, "grid": f"{size}^2", "ranks": count, "note": done.stderr.strip().split("\n")[-1]}
+            return {
+                "problem": name,
+                "grid": f"{size}^2",
+                "ranks": count,
+                "note": done.stderr.strip().split("\n")[-1],
+            }
         result = read_result(output)
         if product is None:
             facts = result.attributes

@@ -1,4 +1,7 @@
-"""Seconds of the building blocks on one grid; started by `benchmarks.bench`:  mpiexec -n P python -m benchmarks.kernels N"""
+"""Seconds of the building blocks on one grid.
+
+Started by `benchmarks.bench` as ``mpiexec -n P python -m benchmarks.kernels N``.
+"""
 
 from __future__ import annotations
 

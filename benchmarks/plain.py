@@ -25,6 +25,7 @@ class PlainProduct:
         self.spectrum = scipy.fft.rfft2(kernel)
 
     def __call__(self, p):
+        """Return A p."""
         ny, nx = self.shape
         product = scipy.fft.rfft2(p, s=self.padded) * self.spectrum
         return scipy.fft.irfft2(product, s=self.padded)[:ny, :nx]

@@ -116,7 +116,7 @@ def solve(problem, approach, method="norm", load=None, **options):
     with petsc_options(*files, **options), mock.patch.object(app.solve, "make_problem", return_value=problem):
         setup = app.solve.prepare(Options(), MPI.COMM_WORLD)
         history = History()
-        state, outcome = app.solve._solve(setup, history)
+        state, outcome = app.solve.solve(setup, history)
     applications = setup.hierarchy.operator_applications()
     shape = np.where(state.admissible, state.shape, np.nan)
     solution = Solution(

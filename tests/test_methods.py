@@ -191,7 +191,7 @@ def test_discretisation_error_is_estimated_to_the_right_order():
         errors.append(np.linalg.norm(solution.pressure - exact) / np.linalg.norm(exact))
         estimates.append(solution.outcome.discretisation_error)
     assert all(0.5 < estimate / error < 10 for estimate, error in zip(estimates, errors, strict=True))
-    assert estimates[0] > estimates[1] > estimates[2]
+    assert max(estimates[1:]) < 0.5 * estimates[0]
 
 
 def test_contact_that_the_coarse_grids_miss():

@@ -20,9 +20,9 @@ class Controls:
     merge: float = 0.0  # step of the correction that shares a product with the dropping of cells
     cheap: bool = False  # stop on the target grid too as soon as the discretisation error dominates
 
-    # Of the discretisation error as estimated from two grids, the share that iterating may leave; and at most.
-    _cheap_share = 0.3
-    _cheap_most = 2e-3
+    # Residual per expected relative error of the pressure, which rough residuals exceed some twenty times; and at most.
+    _cheap_share = 0.02
+    _cheap_most = 2e-4
 
     def loose(self, target, tracks, discretisation_error):
         """Residual over ||h|| on C that is enough on this grid; 0 if only (5.1) or an unchanged set will do."""
@@ -135,7 +135,7 @@ def iterate(state, solver, loading, controls, history, first=True, target=True, 
         solver.contact_changed()
         inner_now, failure, norm = _advance(state, solver, loading, allowed, resume)
         inner += inner_now
-        change, enough = policy.update(state, solver, loading, norm, allowed, loose)
+        change, enough = policy.update(state, solver, loading, norm, allowed, loose, target)
         residual = change.residual / gap_norm
         load_error = loading.measure(state)
         done = change.changed == 0 and load_error <= controls.load_tolerance(target)
@@ -213,14 +213,14 @@ class _Policy:
     _merges = 12  # on one grid; after that dropped cells get a product of their own
     _blow_up = 4.0
     _shortest = 0.1
-    _little = 0.01  # of the load may be dropped on a coarse grid without a product
+    _little = 0.01  # of the load may be dropped, of the cells changed, where loose accuracy is enough
 
     def __init__(self, controls):
         self.step = controls.merge
         self.merges = 0
         self.seen = set()
 
-    def update(self, state, solver, loading, norm, allowed, loose):
+    def update(self, state, solver, loading, norm, allowed, loose, target):
         """Update the contact set after the linear solver left a residual of `norm`.
 
         Collective.
@@ -232,7 +232,7 @@ class _Policy:
             Nothing more to do where `loose` accuracy is enough; u may not be up to date.
         """
         dropped, tension = state.drop()
-        if loose and norm <= allowed and tension <= self._little:
+        if loose and not target and norm <= allowed and tension <= self._little:
             return state.admit(), True
         merged = False
         if dropped:
@@ -250,7 +250,8 @@ class _Policy:
             if dropped and fingerprint in self.seen:
                 solver.tighten()
             self.seen.add(fingerprint)
-        return change, bool(loose) and change.residual <= allowed and tension <= self._little
+        enough = bool(loose) and change.residual <= allowed and change.changed <= self._little * change.cells
+        return change, enough
 
     def _correct(self, state, solver):
         """p += step M r on what is left of C; r still knows nothing of what was dropped."""

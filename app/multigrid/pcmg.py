@@ -22,6 +22,7 @@ _SMOOTHER = {
     "mg_levels_pc_sor_forward": "",
     "mg_levels_pc_sor_omega": "0.8",
 }
+_OTHER_SWEEPS = ("symmetric", "backward", "local_symmetric", "local_backward", "local_forward")
 _DIRECT = {
     "mg_coarse_ksp_type": "preonly",
     "mg_coarse_pc_type": "bjacobi",
@@ -135,6 +136,8 @@ def options_set(prefix, defaults, forced):
     database = PETSc.Options(prefix)
     before = {name: database.getString(name) for name in forced if database.hasName(name)}
     temporary = {name: text for name, text in defaults.items() if not database.hasName(name)} | forced
+    if any(database.hasName(f"mg_levels_pc_sor_{kind}") for kind in _OTHER_SWEEPS):
+        temporary.pop("mg_levels_pc_sor_forward", None)
     for name, text in temporary.items():
         database.setValue(name, text)
     try:

@@ -62,7 +62,7 @@ def main():
         residuals.append(norm)
 
     setup.solver.ksp.setMonitor(listen)  # PETSc's own history stays empty if the PC iterates, as PCMG does
-    state, outcome = solve._solve(setup, History([recorder]))
+    state, outcome = solve.solve(setup, History([recorder]))
     grid, exact = setup.problem.grid, setup.problem.reference(state.approach)
     with whole_file(setup.output) as temporary, h5py.File(temporary, "w") as file:
         file["pressure"] = np.stack(recorder.pressure)
