@@ -47,6 +47,8 @@ def main():
         listener.end()
 
     facts = _facts(setup, state, outcome, history, comm)
+    setup.solver.destroy()
+    setup.hierarchy.keep_only_the_answer()
     facts |= certify(state).describe()
     peak = comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
     facts.update(setup_seconds=setup_seconds, solve_seconds=solve_seconds, ranks=comm.size, peak_memory=peak)
@@ -61,8 +63,6 @@ def main():
             f"the certificate only proves the pressure to {facts['error_bound']:.1g}: contact is small against the "
             "patch, or some cells are very far apart; a smaller -lcp_rtol is more accurate"
         )
-    setup.solver.destroy()
-    setup.hierarchy.destroy()
     state.destroy()
     return 0 if outcome.converged else 3
 

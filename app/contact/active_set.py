@@ -39,7 +39,7 @@ class ContactGrid:
     ----------
     operator : InfluenceOperator
     shape : ndarray, shape (local rows, nx), [mm]
-        Undeformed distance at zero approach; NaN in inadmissible cells.
+        Undeformed distance at zero approach; NaN in inadmissible cells. Taken over: the NaN become 0 in place.
     comm : mpi4py communicator or None
         The ranks that share the rows; None if this rank has them all.
     """
@@ -47,7 +47,8 @@ class ContactGrid:
     def __init__(self, operator, shape, comm=None):
         self.operator, self.grid, self.comm = operator, operator.grid, comm
         self.admissible = ~np.isnan(shape)
-        self.shape = np.where(self.admissible, shape, 0.0)
+        shape[~self.admissible] = 0.0
+        self.shape = shape
         petsc_comm = PETSc.COMM_SELF if comm is None else PETSc.Comm(comm)
         size = (shape.size, PETSc.DETERMINE)
         self.pressure = PETSc.Vec().createMPI(size, comm=petsc_comm)
@@ -61,8 +62,7 @@ class ContactGrid:
         cells, total = self.sum([np.count_nonzero(self.admissible), self.shape.sum()])
         self.admissible_cells = int(cells)
         self._mean_shape = float(total / cells)
-        deviation = self.shape[self.admissible] - self._mean_shape
-        self._deviation = float(self.sum([deviation @ deviation])[0])
+        self._deviation = float(self.sum([kernels.norm_on(shape, self._mean_shape, self.admissible)])[0])
 
     def sum(self, values):
         """Sum a few numbers over the ranks. Collective."""

@@ -144,16 +144,17 @@ def iterate(state, solver, loading, controls, history, first=True, target=True, 
             state.displace_exactly()
             residual = state.admit().residual / gap_norm
         done |= enough
-        if done and not enough and target and state.operator.single:
+        checked = done and not enough and target and state.operator.single
+        if checked:
             # What single precision says is a proposal: only a double precision product can accept it.
             state.displace_exactly()
             change = state.admit()
             residual = change.residual / gap_norm
             done = change.changed == 0 and residual <= controls.rtol
-        resume = change.changed == 0
         load, approach = state.load, state.approach
         if not done and not failure:
             loading.adjust(state, solver, change, solved=residual <= controls.rtol)
+        resume = change.changed == 0 and state.current and not checked  # the same system, further on
         work, work_before = solver.work_units, work
         history.add(
             state,
@@ -196,7 +197,7 @@ def _advance(state, solver, loading, allowed, resume):
         state.right_hand_side_to(state.right)
         balance = loading.prescribes_load
         iterations, failure, norm, shift = solver.track(
-            state.right, state.pressure, state.u, allowed, balance
+            state.right, state.pressure, state.u, allowed, balance, resume
         )
         state.approach += shift
         return iterations, failure, norm

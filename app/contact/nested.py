@@ -164,9 +164,10 @@ def _prolong(transfer, below, state, beta, prolongation):
 def _copy(transfer, below, state, beta):
     """Take p by copy, u bilinear, C = {h + u <= beta max(u)}, p = 0 outside."""
     highest = -float(state.minimum(-state.u.max(initial=-np.inf)))
-    overlap = state.shape - state.approach
-    overlap += state.u
-    np.less_equal(overlap, beta * highest, out=state.contact)
+    with state.right as scratch:
+        overlap = np.subtract(state.shape, state.approach, out=scratch.reshape(state.u.shape))
+        overlap += state.u
+        np.less_equal(overlap, beta * highest, out=state.contact)
     state.contact &= state.admissible
     with state.pressure as values:
         p = values.reshape(state.u.shape)
@@ -190,11 +191,11 @@ def _lift(transfer, below, state):
     circulant_of(below.operator).apply_inverse(below.p, periodic)
     contact = np.empty(state.contact.shape, bool)
     transfer.copy(below.contact, contact)
-    overlap = state.shape - state.approach
-    overlap += state.u
-    contact |= overlap <= 0
-    contact &= state.admissible
-    with state.pressure as values:
+    with state.pressure as values, state.right as scratch:
+        overlap = np.subtract(state.shape, state.approach, out=scratch.reshape(state.u.shape))
+        overlap += state.u
+        contact |= overlap <= 0
+        contact &= state.admissible
         target = values.reshape(state.u.shape)
         transfer.interpolate(periodic, target)
         np.subtract(target, overlap, out=target, where=contact)

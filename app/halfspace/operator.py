@@ -99,6 +99,11 @@ class InfluenceOperator:
             mat.destroy()
         self._mats.clear()
 
+    def free_solvers(self):
+        """Free what only solvers need: preconditioner, sweeps, single precision products. Not collective."""
+        self.circulant = self._relaxation = None
+        self.product = self.exact_product
+
     # -- numpy side --------------------------------------------------------------------------------------
 
     def displacement(self, p, u):

@@ -94,6 +94,13 @@ class Hierarchy:
         """Honest count: products and sweeps on all grids, as products on the target grid. Not collective."""
         return sum(self.share(level) * level.equivalent_products for level in self.levels)
 
+    def keep_only_the_answer(self):
+        """Free everything but the target's double precision product: the solvers are done. Collective."""
+        self.destroy()
+        del self.levels[:-1]
+        self.transfers = [None]
+        self.target.free_solvers()
+
     def destroy(self):
         """Free the Mats of all levels. Collective."""
         for level in self.levels:

@@ -113,6 +113,8 @@ class TrackingCG:
         Norm of the residual after the last solve.
     """
 
+    _restart = 1e-2  # a residual that grows this much says that the old direction is none: start again
+
     displacement = None
     balance = False
     resume = False
@@ -158,7 +160,7 @@ class TrackingCG:
             with b as right, z as preconditioned, d as direction:
                 r, s, v = (a.reshape(shape) for a in (right, preconditioned, direction))
                 rz = self._sum(_dots(r, s, s, contact)[:1])[0]
-                _direction(v, s, rz / self._previous if self._previous > 0 else 0.0)
+                _direction(v, s, rz / self._previous if self._previous > self._restart * rz else 0.0)
                 operator.products += 1
                 operator.displacement(v, s)  # z is free now: q = A d
                 dq, rd = self._sum(_dots(v, s, r, contact))
