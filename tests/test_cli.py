@@ -94,8 +94,11 @@ def refused(cli, tmp_path_factory, request):
         if "case" in getattr(getattr(item, "callspec", None), "params", ())
     }
 
+    # The factory is not made for several threads: all folders are made here.
+    folders = {key: tmp_path_factory.mktemp("case") for key in sorted(wanted, key=str)}
+
     def run_case(case, ranks):
-        folder = tmp_path_factory.mktemp("case")
+        folder = folders[case, ranks]
         arguments, _ = CASES[case]
         old = folder / RESULT
         old.write_bytes(b"an earlier result")
