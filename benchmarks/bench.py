@@ -190,7 +190,7 @@ def solve(name, size, count, options, folder):
         "inner": facts["inner_iterations"],
         "seconds": f"{facts['solve_seconds']:.3g}",
         "set-up": f"{facts['setup_seconds']:.2g}",
-        "memory": f"{memory(facts, size, count):.1f}",
+        "memory": memory(facts, size, count),
         "residual": f"{found['residual']:.1e}",
         "penetration": f"{found['penetration']:.1e}",
     }
@@ -204,9 +204,9 @@ def memory(facts, size, count):
     n, peak = size * size, facts["peak_memory"]
     if count not in _smallest or n <= _smallest[count][0]:
         _smallest[count] = n, peak
-        return float("nan")
+        return "-"
     n0, peak0 = _smallest[count]
-    return (peak - peak0) / 8 / (n - n0)
+    return f"{(peak - peak0) / 8 / (n - n0):.1f}"
 
 
 if __name__ == "__main__":

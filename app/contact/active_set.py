@@ -19,6 +19,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.contact import kernels
+from app.halfspace.convolution import any_nonzero
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ class ContactGrid:
 
     def in_contact(self):
         """Whether any cell is in the contact set. Collective."""
-        return self.sum([kernels.any_true(self.contact)])[0] > 0
+        return self.sum([any_nonzero(self.contact)])[0] > 0
 
     def touch(self):
         """Make sure that there is contact: press until the first cell touches. Collective; returns if it had to."""

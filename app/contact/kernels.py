@@ -8,6 +8,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from app.halfspace.convolution import any_nonzero
+
 
 @numba.njit(cache=True)
 def defect(shape, u, approach, contact, out):
@@ -77,16 +79,6 @@ def norm_on(shape, approach, contact):
     return total
 
 
-@numba.njit(cache=True)
-def any_true(mask):
-    """Whether any cell is set; stops at the first."""
-    for j in range(mask.shape[0]):
-        for i in range(mask.shape[1]):
-            if mask[j, i]:
-                return True
-    return False
-
-
 def crc(mask):
     """A fingerprint of a mask as a float that sums exactly over some thousand ranks."""
     import zlib
@@ -101,4 +93,4 @@ def load():
     drop(field, mask, mask)
     admit(field, field, 0.0, mask, mask, mask)
     norm_on(field, 0.0, mask)
-    any_true(mask)
+    any_nonzero(mask)

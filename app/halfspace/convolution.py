@@ -63,7 +63,7 @@ def _divide_by_even_spectrum(columns, spectrum, count, scale):
 
 
 @numba.njit(cache=True)
-def _any(block):
+def any_nonzero(block):
     """Whether anything is not zero; stops at the first."""
     for j in range(block.shape[0]):
         for i in range(block.shape[1]):
@@ -234,8 +234,8 @@ class EvenMultiplier:
         _load_rows(self._row_complex, 0, self._transformed, 0)
         _scale_by_even_spectrum(self._column, self._spectrum[:0], 0)
         _divide_by_even_spectrum(self._column, self._spectrum[:0], 0, self.dtype.type(1))
-        _any(np.zeros((0, 0)))
-        _any(np.zeros((0, 0), bool))
+        any_nonzero(np.zeros((0, 0)))
+        any_nonzero(np.zeros((0, 0), bool))
 
     @property
     def memory(self):
@@ -285,7 +285,7 @@ class EvenMultiplier:
             block = p[i : i + _ROWS_AT_ONCE]
             inside = block if mask is None else mask[i : i + _ROWS_AT_ONCE]
             w = len(block)
-            if not _any(inside):
+            if not any_nonzero(inside):
                 self._transformed[:, i : i + w] = 0
                 continue
             if mask is None:
@@ -330,7 +330,7 @@ class EvenMultiplier:
         for i in range(0, len(out), _ROWS_AT_ONCE):
             w = min(_ROWS_AT_ONCE, len(out) - i)
             inside = None if mask is None else mask[i : i + w]
-            if inside is not None and not _any(inside):
+            if inside is not None and not any_nonzero(inside):
                 out[i : i + w] = 0
                 continue
             _load_rows(cplx, w, self._transformed, i)
