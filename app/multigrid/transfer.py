@@ -89,21 +89,20 @@ class Transfer:
 
     def interpolate(self, coarse, fine):
         """Cell-centred bilinear interpolation, linear extrapolation at the rim of the patch. Collective."""
-        wide = self._with_neighbours(coarse)
-        first = self._first - (1 if self._first > 0 else 0)
+        wide, first = self._with_neighbours(coarse)
         rows = self.fine.slabs.rows
         self._interpolate(wide, fine, rows, first)
 
     def _with_neighbours(self, coarse):
-        """Coarse rows above this rank's fine rows, with one more on either side where there is one."""
+        """Return the coarse rows here, one more on either side where there is one, and the number of the first."""
         slabs = self.fine.slabs.coarsen(self.fy)
-        self._first = slabs.rows.start
+        first = max(slabs.rows.start - 1, 0)
         if self.coarse.comm is None:
             rows = slabs.rows
-            return coarse[max(rows.start - 1, 0) : rows.stop + 1]
+            return coarse[first : rows.stop + 1], first
         comm, counts = self.coarse.comm, slabs.counts
         if not counts[comm.rank]:
-            return coarse
+            return coarse, first
         before = max((r for r in range(comm.rank) if counts[r]), default=None)
         after = min((r for r in range(comm.rank + 1, comm.size) if counts[r]), default=None)
         requests, above, below = [], [], []
@@ -114,7 +113,7 @@ class Transfer:
                 requests.append(comm.Isend(np.ascontiguousarray(row), other))
         for request in requests:
             request.Wait()
-        return np.vstack([*above, coarse, *below])
+        return np.vstack([*above, coarse, *below]), first
 
     def _interpolate(self, coarse, fine, rows, first):
         """Interpolate to global fine rows `rows` from coarse rows that start at global row `first`."""
