@@ -47,7 +47,8 @@ def main():
         listener.end()
 
     facts = _facts(setup, state, outcome, history, comm)
-    setup.solver.destroy()
+    if setup.solver:
+        setup.solver.destroy()
     setup.hierarchy.keep_only_the_answer()
     facts |= certify(state).describe()
     peak = comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
@@ -76,7 +77,7 @@ class prepare:
         from app.contact.loop import Controls
         from app.contact.monitor import Monitor, Progress
         from app.multigrid.circulant import circulant_of
-        from app.multigrid.hierarchy import Hierarchy
+        from app.multigrid.hierarchy import Hierarchy, worth_a_window
         from app.output.result import check_output_path
 
         self.output = options["output"]
@@ -96,7 +97,11 @@ class prepare:
             cheap=options["lcp_cheap"],
         )
         self.nested, self.beta = options["lcp_nested"], options["lcp_beta"]
-        self.prolongation = options["lcp_prolongation"]
+        self.prolongation, self.margin = options["lcp_prolongation"], options["lcp_window"]
+        if self.margin and not self.nested:
+            raise InputError("-lcp_window: is found on coarser grids; allowed with -lcp_nested only")
+        if self.margin and options.text("pc_type") == "mg":
+            raise InputError("-lcp_window: the levels of -pc_type mg are whole grids; not allowed with it")
         if self.controls.cheap and not self.nested:
             raise InputError("-lcp_cheap: estimates errors from two grids; allowed with -lcp_nested only")
         self.listeners = [Monitor()] if options["lcp_monitor"] else []
@@ -112,12 +117,14 @@ class prepare:
             self.problem.grid, material.compliance, comm, options["lcp_coarsest"], options["lcp_replicate"] ** 2,
             single=not multilevel,
             dtype=np.float32 if options["lcp_precision"] == "single" else np.float64,
+            windows=self.margin > 0,
         )  # fmt: skip
-        self.solver = make_solver(self.type, self.hierarchy, self.controls)
+        self.solver = make_solver(self.type, self.hierarchy, self.controls, self.margin > 0)
         kernels.load()
         if self.prolongation == "lift" and self.nested:
             for operator in self.hierarchy.levels:
-                circulant_of(operator)
+                if not (self.margin and worth_a_window(operator.grid)):
+                    circulant_of(operator)
         unused = session.unused_options()
         if unused:
             raise InputError(
@@ -200,15 +207,34 @@ def use_default_method(options):
             options.set(name[1:], value.strip())
 
 
-def make_solver(kind, hierarchy, controls):
-    """Set up the solver of the target grid; what PETSc refuses is the user's to know."""
+def make_solver(kind, hierarchy, controls, windows=False):
+    """Set up the solver of the target grid; what PETSc refuses is the user's to know.
+
+    Returns
+    -------
+    LinearSolver or a competitor
+        None with `windows`, whose solvers are made when the windows are known: then the options have been tried on
+        a small grid.
+    """
     from petsc4py import PETSc
 
     from app.contact.competitors import COMPETITORS
+    from app.multigrid.hierarchy import worth_a_window
     from app.multigrid.linear_solver import LinearSolver
 
     try:
-        return LinearSolver(hierarchy) if kind == "active_set" else COMPETITORS[kind](hierarchy, controls)
+        if kind != "active_set":
+            return COMPETITORS[kind](hierarchy, controls)
+        if not windows:
+            return LinearSolver(hierarchy)
+        level = max(
+            (number for number, op in enumerate(hierarchy.levels) if not worth_a_window(op.grid)), default=0
+        )
+        operator = hierarchy.levels[level]
+        LinearSolver(
+            hierarchy, level, PETSc.COMM_SELF if operator.comm is None else PETSc.Comm(operator.comm)
+        ).destroy()
+        return None
     except PETSc.Error as error:
         raise InputError(f"solver options: {session.petsc_message(error)}") from None
     except (ValueError, ImportError, AttributeError) as error:
@@ -235,13 +261,14 @@ def solve(setup, history):
         beta=setup.beta,
         prolongation=setup.prolongation,
         target_solver=setup.solver,
+        margin=setup.margin,
     )
 
 
 def _facts(setup, state, outcome, history, comm):
     """Root attributes of the result file; complete on rank 0. Collective."""
     p = state.pressure
-    rows = [entry for entry in history.entries if entry["level"] == setup.solver.level]
+    rows = [entry for entry in history.entries if entry["level"] == len(setup.hierarchy.levels) - 1]
     cells = int(state.sum([state.contact.sum()])[0])
     return {
         "converged": outcome.converged,

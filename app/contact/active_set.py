@@ -13,6 +13,7 @@ r (defect on C)           ``h + u`` on C               mm
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -20,6 +21,7 @@ from petsc4py import PETSc
 
 from app.contact import kernels
 from app.halfspace.convolution import any_nonzero
+from app.halfspace.window import whole
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,30 @@ class Change:
     residual: float  # ||h + u||_2 over the new set [mm]
 
 
+class GapStatistics(NamedTuple):
+    """What the norm of h needs to know at any approach."""
+
+    cells: int  # admissible
+    mean: float  # of the undeformed distance at zero approach over them [mm]
+    deviation: float  # sum of squares of its differences from the mean [mm2]
+
+
+def sum_over(comm, values):
+    """Sum a few numbers over the ranks of `comm`, which may be None. Collective."""
+    values = np.asarray(values, dtype=float)
+    if comm is not None:
+        comm.Allreduce(values.copy(), values)
+    return values
+
+
+def gap_statistics(shape, admissible, comm=None):
+    """Statistics of the undeformed distance over the admissible cells. Collective."""
+    cells, total = sum_over(comm, [np.count_nonzero(admissible), np.sum(shape, where=admissible)])
+    mean = float(total / cells)
+    deviation = sum_over(comm, [kernels.norm_on(shape, mean, admissible)])[0]
+    return GapStatistics(int(cells), mean, float(deviation))
+
+
 class ContactGrid:
     """The complementarity problem (2.8)-(2.10) on one grid, and the current state of its solution.
 
@@ -43,9 +69,13 @@ class ContactGrid:
         Undeformed distance at zero approach; NaN in inadmissible cells. Taken over: the NaN become 0 in place.
     comm : mpi4py communicator or None
         The ranks that share the rows; None if this rank has them all.
+    window : Window, optional
+        Which cells of the level these are; default: all.
+    statistics : GapStatistics, optional
+        Of the whole level, if these are not all cells.
     """
 
-    def __init__(self, operator, shape, comm=None):
+    def __init__(self, operator, shape, comm=None, window=None, statistics=None):
         self.operator, self.grid, self.comm = operator, operator.grid, comm
         self.admissible = ~np.isnan(shape)
         shape[~self.admissible] = 0.0
@@ -60,17 +90,12 @@ class ContactGrid:
         self.contact = operator.mask  # the very array the operator uses
         self.approach = 0.0
         self.unit = None  # q with A q = 1 on C, if the load is prescribed: see `loading`
-        cells, total = self.sum([np.count_nonzero(self.admissible), self.shape.sum()])
-        self.admissible_cells = int(cells)
-        self._mean_shape = float(total / cells)
-        self._deviation = float(self.sum([kernels.norm_on(shape, self._mean_shape, self.admissible)])[0])
+        self.window = window or whole(operator.grid)
+        self.statistics = statistics or gap_statistics(shape, self.admissible, comm)
 
     def sum(self, values):
         """Sum a few numbers over the ranks. Collective."""
-        values = np.asarray(values, dtype=float)
-        if self.comm is not None:
-            self.comm.Allreduce(values.copy(), values)
-        return values
+        return sum_over(self.comm, values)
 
     def minimum(self, values):
         """Smallest of each of some numbers over the ranks. Collective."""
@@ -81,9 +106,8 @@ class ContactGrid:
 
     def gap_norm(self):
         """||h||_2 over the admissible cells [mm], eq. (5.1). Not collective."""
-        return float(
-            np.sqrt(self._deviation + self.admissible_cells * (self._mean_shape - self.approach) ** 2)
-        )
+        _, mean, deviation = self.statistics
+        return float(np.sqrt(deviation + self.admissible_cells * (mean - self.approach) ** 2))
 
     def gap_norm_in_contact(self):
         """||h||_2 over C [mm]. Collective."""
@@ -91,7 +115,12 @@ class ContactGrid:
 
     def mean_shape(self):
         """Mean undeformed distance at zero approach over the admissible cells [mm]. Not collective."""
-        return self._mean_shape
+        return self.statistics.mean
+
+    @property
+    def admissible_cells(self):
+        """Number of cells of the level where contact is possible. Not collective."""
+        return self.statistics.cells
 
     def make_unit(self):
         """Make the vector q. Collective."""

@@ -128,7 +128,9 @@ def iterate(state, solver, loading, controls, history, first=True, target=True, 
             return end(True, "the bodies do not touch", 0)
     for iteration in range(1, controls.max_it + 1):
         gap_norm = state.gap_norm() or 1.0
-        allowed = controls.rtol * gap_norm * (_SINGLE_MARGIN if state.operator.single and target else 1.0)
+        allowed = (
+            controls.rtol * gap_norm * (_SINGLE_MARGIN if state.operator.provisional and target else 1.0)
+        )
         loose = controls.loose(target, solver.tracks, discretisation_error)
         if loose:
             allowed = max(allowed, loose * min(gap_norm, state.gap_norm_in_contact()))
@@ -144,7 +146,7 @@ def iterate(state, solver, loading, controls, history, first=True, target=True, 
             state.displace_exactly()
             residual = state.admit().residual / gap_norm
         done |= enough
-        checked = done and not enough and target and state.operator.single
+        checked = done and not enough and target and state.operator.provisional
         if checked:
             # What single precision says is a proposal: only a double precision product can accept it.
             state.displace_exactly()

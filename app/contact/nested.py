@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 from petsc4py import PETSc
 
-from app.contact.active_set import ContactGrid
+from app.contact.active_set import sum_over
+from app.contact.framing import Frame
 from app.contact.loading import PrescribedApproach
 from app.contact.loop import iterate
 from app.multigrid.circulant import circulant_of
@@ -25,6 +26,7 @@ def solve(
     beta=0.003,
     prolongation="copy",
     target_solver=None,
+    margin=0.0,
 ):
     """Solve the contact problem on the target grid of a hierarchy.
 
@@ -46,6 +48,8 @@ def solve(
         The paper's, or `_lift`.
     target_solver : LinearSolver, optional
         Solver of the target grid, if there is one already.
+    margin : float
+        Of the windows around contact in a nested iteration (see `framing`); 0: all grids as a whole.
 
     Returns
     -------
@@ -57,13 +61,14 @@ def solve(
     below = outcome = None
     difference = float("nan")
     for place, number in enumerate(route):
-        operator = hierarchy.levels[number]
-        here = operator.comm is not None or hierarchy.comm.rank == 0 or number == last
-        state = ContactGrid(operator, shapes[number], operator.comm)
+        level = hierarchy.levels[number]
+        here = level.comm is not None or hierarchy.comm.rank == 0 or number == last
+        frame = Frame(hierarchy, number, shapes[number], below if nested else None, margin)
+        state = frame.state
         if below is None:
             loading.start(state)
         elif nested:
-            _prolong(hierarchy.transfers[number], below, state, beta, prolongation)
+            _prolong(frame, beta, prolongation)
         else:
             state.approach = below.approach
             state.start_from_interpenetration()
@@ -71,36 +76,50 @@ def solve(
                 state.make_unit()
                 _copy_up(hierarchy, route[place - 1], number, below.unit, state.unit)
         if here:
-            if number == last and target_solver:
-                solver = target_solver
-            elif below is None and number < last and _direct(operator):
-                solver = DirectSolver(operator, number)
-            else:
-                solver = LinearSolver(hierarchy, number, _petsc_comm(operator))
             # First order: half the error of the grid below, which is the difference to the one below that.
             expected = 0.5 * difference if difference > 0 else 0.0
-            outcome = iterate(
-                state, solver, loading, controls, history, below is None, number == last, expected
-            )
-            if solver is not target_solver:
-                solver.destroy()
-        if operator.comm is None and hierarchy.comm.size > 1 and number < last:
+            arguments = loading, controls, history, below is None, number == last, expected
+            if number == last and target_solver:
+                outcome = iterate(state, target_solver, *arguments)
+            else:
+                outcome = _iterate(hierarchy, number, state, *arguments)
+        if level.comm is None and hierarchy.comm.size > 1 and number < last:
             _tell(hierarchy.comm, state)
+        if nested and below is not None:
+            difference = _difference(frame.transfer, frame.below.p, state)
         if below is not None:
-            if nested:
-                difference = _difference(hierarchy.transfers[number], below, state)
             below.destroy()
+        frame.close()
         below = state
+        if number == last and frame.windowed:
+            state, complete = frame.everything(outcome.converged)
+            below.destroy()
+            if not complete:
+                again = _iterate(hierarchy, number, state, *arguments)
+                outcome = replace(
+                    again,
+                    iterations=outcome.iterations + again.iterations,
+                    inner_iterations=outcome.inner_iterations + again.inner_iterations,
+                )
     return state, replace(outcome, discretisation_error=difference)
 
 
-def _difference(transfer, below, state):
+def _iterate(hierarchy, number, state, loading, controls, history, first, target, expected):
+    """Solve on one grid with a solver of its own. Collective over the ranks of `state`."""
+    operator = state.operator
+    if first and not target and _direct(operator):
+        solver = DirectSolver(operator, number)
+    else:
+        solver = LinearSolver(hierarchy, number, _petsc_comm(operator), operator=operator)
+    outcome = iterate(state, solver, loading, controls, history, first, target, expected)
+    solver.destroy()
+    return outcome
+
+
+def _difference(transfer, coarse, state):
     """Return the rms difference of the pressures on two grids over that of the pressure. Collective."""
-    coarse = below.p
     change = transfer.restrict_defect(state.p) - coarse
-    squares = np.array([np.vdot(change, change), np.vdot(coarse, coarse)])
-    if below.comm is not None:
-        squares = below.sum(squares)
+    squares = sum_over(transfer.coarse.comm, [np.vdot(change, change), np.vdot(coarse, coarse)])
     return float(np.sqrt(squares[0] / squares[1])) if squares[1] > 0 else float("nan")
 
 
@@ -146,8 +165,9 @@ def _tell(comm, state):
             comm.Bcast(q)
 
 
-def _prolong(transfer, below, state, beta, prolongation):
+def _prolong(frame, beta, prolongation):
     """Steps 2 and (3.a): contact set, pressure and displacement from the coarser grid."""
+    transfer, below, state = frame.transfer, frame.below, frame.state
     state.approach = below.approach
     state.current = False
     transfer.interpolate(below.u, state.u)
@@ -156,9 +176,7 @@ def _prolong(transfer, below, state, beta, prolongation):
     if below.unit is not None:
         state.make_unit()
         with state.unit as values:
-            transfer.copy(
-                below.unit.getArray(readonly=True).reshape(below.u.shape), values.reshape(state.u.shape)
-            )
+            transfer.copy(below.unit, values.reshape(state.u.shape))
 
 
 def _copy(transfer, below, state, beta):
@@ -203,8 +221,4 @@ def _lift(transfer, below, state):
         contact &= target > 0
         target *= contact
     state.contact[...] = contact
-    before = transfer.fy * transfer.fx * below.pressure.sum()
-    after = state.pressure.sum()
-    if below.operator.comm is None and state.operator.comm is not None:
-        before /= state.comm.size  # every rank holds a copy of the coarse grid
-    return 0.05 * before < after < 20 * before
+    return 0.05 * below.load < state.load < 20 * below.load

@@ -123,7 +123,7 @@ class EvenMultiplier:
         self.count = 0
         ny_fft, nx_fft = periods
         self._columns = columns = nx_fft // 2 + 1
-        self._groups = self._deal_columns(columns, complex_type.itemsize)
+        self._groups = self._deal_columns(columns)
         self._spectrum = None
         self._inverse = False
         self._inverse_scale = 1.0 / (float(periods[0]) * periods[1]) ** 2
@@ -148,11 +148,11 @@ class EvenMultiplier:
         for work in (real, cplx, column):
             work[...] = 0
 
-    def _deal_columns(self, columns, itemsize):
-        """Split the columns into groups, each dealt to all ranks."""
+    def _deal_columns(self, columns):
+        """Split the columns into groups, each dealt to all ranks; the same in all precisions."""
         if self.comm is None:
             return [_ColumnGroup(0, columns, 1, 0, self.slabs.counts)]
-        largest = max(self.slabs.counts) * columns * itemsize
+        largest = max(self.slabs.counts) * columns * np.dtype(complex).itemsize
         groups = int(np.clip(largest // _GROUP_BYTES, 1, max(1, columns // self.comm.size)))
         edges = np.linspace(0, columns, groups + 1).astype(int)
         return [
@@ -350,15 +350,24 @@ class Convolution(EvenMultiplier):
     ----------
     quadrant_rows : callable
         ``quadrant_rows(slice) -> ndarray (rows, nx)``: influence coefficients, a few rows at a time.
-    shape, slabs, comm, dtype, partner
+    shape, slabs, comm, dtype
         See `EvenMultiplier`.
+    partner : Convolution, optional
+        The same in another precision, whose working storage is shared.
     """
 
     def __init__(self, quadrant_rows, shape, slabs=None, comm=None, dtype=np.float64, partner=None):
         ny, nx = shape
         super().__init__(shape, (transform_length(ny), transform_length(nx)), slabs, comm, dtype, partner)
+        if isinstance(partner, Convolution):
+            self._spectrum = partner._spectrum.astype(self.dtype)
+            return
         self.set_kernel(quadrant_rows, ny, nx)
         self.scale_spectrum(lambda spectrum: spectrum)
+
+    def in_precision(self, dtype):
+        """Return the same product in another precision, with the same working storage. Not collective."""
+        return Convolution(None, self.shape, self.slabs, self.comm, dtype, self)
 
 
 def _transform_even(samples, period):

@@ -7,12 +7,12 @@ vector that vanishes outside C stay there, so they solve the system (2.11) on C.
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from petsc4py import PETSc
 
-from app.halfspace.convolution import Convolution, DenseProduct
+from app.halfspace.convolution import Convolution, DenseProduct, transform_length
 from app.halfspace.grid import Slabs
 from app.halfspace.influence import dense_matrix, influence_quadrant
 
@@ -36,8 +36,8 @@ class InfluenceOperator:
         Ranks that share the rows; None on a replicated level.
     dtype : numpy real type
         Precision of the products (vectors are always float64).
-    exact : bool
-        Keep a double precision product beside a single precision one.
+    exact_product : optional
+        Whose ``apply(p, u)`` is the last word, if not that of a double precision product on this grid.
 
     Attributes
     ----------
@@ -50,22 +50,16 @@ class InfluenceOperator:
         `product.count` has all products, those inside sweeps and of `displacement` too.
     """
 
-    def __init__(self, grid, compliance, slabs=None, comm=None, dtype=np.float64, exact=True):
+    def __init__(self, grid, compliance, slabs=None, comm=None, dtype=np.float64, exact_product=None):
         self.grid, self.compliance = grid, compliance
         self.comm = comm if slabs is not None else None
         self.slabs = slabs or Slabs(grid.ny)
-        if grid.n <= DenseProduct.largest and self.comm is None:
-            self.product = self.exact_product = DenseProduct(dense_matrix(grid, compliance), grid.shape)
-        else:
-            quadrant = partial(influence_quadrant, grid, compliance)
-            arguments = quadrant, grid.shape, self.slabs, self.comm
-            self.exact_product = None
-            if exact and dtype != np.float64:
-                self.exact_product = Convolution(*arguments)
-            self.product = Convolution(*arguments, dtype, self.exact_product)
-            if dtype == np.float64:
-                self.exact_product = self.product
-        self.dtype = self.product.dtype
+        self._dense = grid.n <= DenseProduct.largest and self.comm is None
+        self.dtype = np.dtype(np.float64 if self._dense else dtype)
+        if exact_product is not None:
+            self.exact_product = exact_product
+        # Whether what `product` says must be checked by the exact one.
+        self.provisional = exact_product is not None or self.dtype != np.float64
         self.circulant = None  # made by the preconditioner of that name when it is first used here
         self.diagonal = float(influence_quadrant(grid, compliance, slice(0, 1))[0, 0])
         self.local_shape = (self.slabs.local, grid.nx)
@@ -74,6 +68,34 @@ class InfluenceOperator:
         self.contact_number = 0
         self._mats = []
         self._relaxation = None
+
+    # -- products, made when first asked for ---------------------------------------------------------------
+
+    def prepare(self, *products):
+        """Make "product", "exact_product" now. Collective."""
+        for name in products:
+            getattr(self, name)
+
+    @cached_property
+    def product(self):
+        """The product of this operator. Collective when first asked for."""
+        if self._dense:
+            return DenseProduct(dense_matrix(self.grid, self.compliance), self.grid.shape)
+        if not self.provisional:
+            return self.exact_product
+        exact = vars(self).get("exact_product")
+        if isinstance(exact, Convolution):
+            return exact.in_precision(self.dtype)
+        return self._convolution(self.dtype)
+
+    @cached_property
+    def exact_product(self):
+        """A product in double precision. Collective when first asked for."""
+        return self.product if self._dense else self._convolution(np.float64)
+
+    def _convolution(self, dtype):
+        quadrant = partial(influence_quadrant, self.grid, self.compliance)
+        return Convolution(quadrant, self.grid.shape, self.slabs, self.comm, dtype)
 
     # -- set-up ------------------------------------------------------------------------------------------
 
@@ -103,6 +125,7 @@ class InfluenceOperator:
         """Free what only solvers need: preconditioner, sweeps, single precision products. Not collective."""
         self.circulant = self._relaxation = None
         self.product = self.exact_product
+        self.provisional = False
 
     # -- numpy side --------------------------------------------------------------------------------------
 
@@ -115,11 +138,6 @@ class InfluenceOperator:
         """Compute u = A p in double precision whatever that of the other products. Collective."""
         with _mult_event:
             self.exact_product.apply(p, u)
-
-    @property
-    def single(self):
-        """Whether products are computed in single precision."""
-        return self.product is not self.exact_product
 
     # -- what PETSc calls --------------------------------------------------------------------------------
 
@@ -181,14 +199,15 @@ class InfluenceOperator:
     @property
     def equivalent_products(self):
         """Everything computed here so far, in products on this grid (a sweep by its flops)."""
-        total = self.product.count
-        if self.exact_product is not None and self.single:
-            total += self.exact_product.count
+        made = vars(self)
+        products = {id(made[name]): made[name] for name in ("product", "exact_product") if name in made}
+        total = sum(product.count for product in products.values())
         if self._relaxation:
             total += self.sweeps * self._relaxation.products_per_sweep
         if self.circulant:
-            padded, unpadded = self.product.periods, self.circulant.periods
-            total += self.circulant.count * (unpadded[0] * unpadded[1]) / (padded[0] * padded[1])
+            ny, nx = self.circulant.periods
+            padded = transform_length(self.grid.ny) * transform_length(self.grid.nx)
+            total += self.circulant.count * ny * nx / padded
         return total
 
     def view(self, mat, viewer):

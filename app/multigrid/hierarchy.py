@@ -14,6 +14,11 @@ from app.multigrid.transfer import Transfer
 LARGEST_DIRECT = 1024  # cells of a grid whose matrix may be stored and factorised
 
 
+def worth_a_window(grid):
+    """Whether a grid is so large that it pays to leave cells out."""
+    return grid.n > 64 * 64
+
+
 class Hierarchy:
     """Operators ``levels[0]`` (coarsest) to ``levels[-1]`` (target), ``transfers[l]`` from level l to l-1.
 
@@ -32,10 +37,15 @@ class Hierarchy:
         Only the target grid is needed.
     dtype : numpy real type
         Precision of the products; float32 has a double precision one beside it on the target grid.
+    windows : bool
+        Large grids will be worked on in windows: make products on all of their cells only when somebody asks.
     """
 
-    def __init__(self, grid, compliance, comm, coarsest=4, replicate=64 * 64, single=False, dtype=float):
-        self.comm = comm
+    def __init__(
+        self, grid, compliance, comm, coarsest=4, replicate=64 * 64, single=False, dtype=float, windows=False
+    ):
+        self.comm, self.compliance, self.dtype = comm, compliance, dtype
+        self._spent = 0.0  # in windows that are gone
         grids, factors = [grid], []
         if not single and grid.coarsen(coarsest) is None:
             coarsest = 1  # a multigrid method needs two grids
@@ -61,11 +71,15 @@ class Hierarchy:
             if number:
                 slabs = slabs.coarsen(factors[number - 1][0])
             spread = (slabs, comm) if cut[number] else (None, None)
-            self.levels.insert(0, InfluenceOperator(level, compliance, *spread, dtype, exact=number == 0))
+            self.levels.insert(0, InfluenceOperator(level, compliance, *spread, dtype))
             if number:
                 fine, coarse = self.levels[1], self.levels[0]
                 self.transfers.insert(1, Transfer(fine, coarse, factors[number - 1]))
         self.slabs = self.levels[-1].slabs
+        self.target.prepare("exact_product")
+        for level in self.levels:
+            if not (windows and worth_a_window(level.grid)):
+                level.prepare("product")
 
     @property
     def target(self):
@@ -92,7 +106,11 @@ class Hierarchy:
 
     def operator_applications(self):
         """Honest count: products and sweeps on all grids, as products on the target grid. Not collective."""
-        return sum(self.share(level) * level.equivalent_products for level in self.levels)
+        return self._spent + sum(self.share(level) * level.equivalent_products for level in self.levels)
+
+    def spent(self, operator):
+        """Count what was computed in a window that will not be used any more. Not collective."""
+        self._spent += self.share(operator) * operator.equivalent_products
 
     def keep_only_the_answer(self):
         """Free everything but the target's double precision product: the solvers are done. Collective."""

@@ -37,14 +37,19 @@ class LinearSolver:
         Default: that of the hierarchy.
     prefix : str
         Of the options.
+    operator : InfluenceOperator, optional
+        In place of that level's: the same in a window. Not with -pc_type mg.
     """
 
     exact = False
 
-    def __init__(self, hierarchy, level=-1, comm=None, prefix=""):
+    def __init__(self, hierarchy, level=-1, comm=None, prefix="", operator=None):
         self.level = range(len(hierarchy.levels))[level]
-        self.operator = hierarchy.levels[level]
-        self._weights = [(op, hierarchy.share(op)) for op in hierarchy.levels[: self.level + 1]]
+        operators = hierarchy.levels[: self.level + 1]
+        if operator not in (None, operators[-1]):
+            operators = [operator]
+        self.operator = operators[-1]
+        self._weights = [(op, hierarchy.share(op)) for op in operators]
         comm = comm or PETSc.Comm(hierarchy.comm)
         self.mat = self.operator.mat(comm)
         self.ksp = ksp = PETSc.KSP().create(comm)
