@@ -15,16 +15,18 @@ A_(0,0),(i,j)             ``quadrant[j, i]``           mm / (N/mm2)
 
 from __future__ import annotations
 
-import itertools
+import math
 from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
 
+import numba
 import numpy as np
 
-# The closed form subtracts numbers that are (rho/cell)^2 times larger than their difference. From 8 cells
-# on Gauss quadrature of 1/rho over the cell is exact to round-off with ever fewer points, and cancels nothing:
-# its relative error is (q!)^4 / ((2q+1) (2q)!^2) (cell/rho)^(2q).
+# The closed form subtracts numbers that are up to rho/cell times larger than their difference. From 8 cells on a
+# Taylor series about the centre of the cell cancels nothing; its terms beyond order 12 sum up to less than 4e-17.
 _CLOSED_FORM_UP_TO = 8.0
-_GAUSS_POINTS_FROM = ((8.0, 6), (16.0, 5), (32.0, 4), (128.0, 3), (2048.0, 2))
+_ORDER = 12
 
 
 @dataclass(frozen=True)
@@ -61,18 +63,86 @@ class Material:
         return self.shear_modulus / (1 - self.poisson_ratio)
 
 
-def _love(a, b):
-    """Potential whose alternating sum over the corners of a rectangle is the integral of 1/rho over it."""
-    return a * np.arcsinh(b / np.abs(a)) + b * np.arcsinh(a / np.abs(b))
+@lru_cache(maxsize=64)
+def _taylor_series(dx, dy):
+    """Mean of 1/rho over a cell whose centre is at (x, y); lengths in units of the longer side.
+
+    Returns
+    -------
+    (float, float), (float, float)
+        Sides of the cell, and their squares, both correctly rounded.
+    ndarray, shape (_ORDER / 2 + 1, _ORDER / 2 + 1)
+        c with ``mean = sum_nk c[n, k] y^2k r^-(2n+2k+1)``, ``r^2 = x^2 + y^2``; order 2n of the series in row n.
+    """
+    sides = [Fraction(side) / Fraction(max(dx, dy)) for side in (dx, dy)]
+    n, k = np.indices((_ORDER // 2 + 1,) * 2)
+    s = 2 * (n + k) + 1
+    # The second derivative of y^2k r^-s in x, and in y: factors of y^(2k+2q) r^-(s+2+2q), q = -1, 0, 1.
+    in_x = 0 * s, s * (s + 1), -s * (s + 2)
+    in_y = 2 * k * (2 * k - 1), -s * (4 * k + 1), s * (s + 2)
+    mean = np.zeros(s.shape)
+    mean[0, 0] = 1
+    for side, (before, same, after) in zip(sides, (in_x, in_y), strict=True):
+        term = mean
+        for p in range(1, len(mean)):
+            derivative = np.zeros(s.shape)
+            derivative[1:, :-1] = (before * term)[:-1, 1:]
+            derivative[1:] += (same * term)[:-1]
+            derivative[1:, 1:] += (after * term)[:-1, :-1]
+            term = derivative * float(side**2 / (8 * p * (2 * p + 1)))
+            mean = mean + term
+    return tuple(map(float, sides)), tuple(float(side**2) for side in sides), mean
 
 
-def _closed_form(x, y, dx, dy):
-    west, east = x - dx / 2, x + dx / 2
-    south, north = y - dy / 2, y + dy / 2
-    return _love(east, north) - _love(west, north) - _love(east, south) + _love(west, south)
+@numba.njit(cache=True)
+def _edge(distance, i, length):
+    """Integral of 1/rho along an edge, from i - 1/2 to i + 1/2 lengths on a line at a distance from the origin."""
+    low, high = (i - 0.5) * length, (i + 0.5) * length
+    if i == 0:
+        return 2 * math.asinh(high / abs(distance))
+    r_low, r_high = math.sqrt(distance**2 + low**2), math.sqrt(distance**2 + high**2)
+    return math.log1p(length * (1 + 2 * i * length / (r_low + r_high)) / (low + r_low))
 
 
-def influence_quadrant(grid, compliance, rows=slice(None)):
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+def _fill(quadrant, offsets, sides, squares, series, near, far):
+    """Rows `offsets` of the quadrant: `near` times the integral of 1/rho, or `far` times the mean.
+
+    The integral is that of ``div(r / rho)``: a sum over edges, their signed distance times the integral of 1/rho.
+    """
+    columns = quadrant.shape[1]
+    dx, dy = sides
+    x_squared = squares[0] * np.arange(columns) ** 2
+    coefficients = np.empty(_ORDER + 1)
+    for index in range(len(offsets)):
+        j, row = offsets[index], quadrant[index]
+        y_squared = squares[1] * j**2
+        south, north = (j - 0.5) * dy, (j + 0.5) * dy
+        west = -0.5 * dx * _edge(0.5 * dx, j, dy)
+        i = 0
+        while i < columns and x_squared[i] + y_squared < _CLOSED_FORM_UP_TO**2:
+            x = (i + 0.5) * dx
+            east = x * _edge(x, j, dy)
+            row[i] = near * (east - west + north * _edge(north, i, dx) - south * _edge(south, i, dx))
+            west = east
+            i += 1
+        # Along a row the series is a polynomial of 1/r^2.
+        coefficients[:] = 0
+        for n in range(len(series)):
+            y_power = far
+            for k in range(n + 1):
+                coefficients[n + k] += series[n, k] * y_power
+                y_power *= y_squared
+        x_rest, rest = x_squared[i:], row[i:]
+        for m in range(len(rest)):
+            inverse = 1 / math.sqrt(x_rest[m] + y_squared)
+            total = coefficients[_ORDER]
+            for n in range(_ORDER - 1, -1, -1):
+                total = total * (inverse * inverse) + coefficients[n]
+            rest[m] = total * inverse
+
+
+def influence_quadrant(grid, compliance, rows=slice(None), columns=None):
     """Influence coefficients at all offsets with non-negative components.
 
     Not collective.
@@ -84,37 +154,18 @@ def influence_quadrant(grid, compliance, rows=slice(None)):
         (1 - nu) / (pi G) [mm2/N].
     rows : slice
         Offsets in y to compute, out of 0 .. ny-1.
+    columns : int, optional
+        Number of offsets in x to compute, from 0 on; default: nx.
 
     Returns
     -------
-    ndarray, shape (number of rows, nx), [mm / (N/mm2)]
+    ndarray, shape (number of rows, columns), [mm / (N/mm2)]
     """
-    dx, dy = grid.dx, grid.dy
-    cell = max(dx, dy)
-    x = np.arange(grid.nx) * dx
-    limits = [r for r, _ in _GAUSS_POINTS_FROM] + [np.inf]
-    rules = []
-    for _, q in _GAUSS_POINTS_FROM:
-        nodes, weights = np.polynomial.legendre.leggauss(q)
-        rules.append((nodes * dy / 2, weights * dy / 2, (x + nodes[:, None] * dx / 2) ** 2, weights * dx / 2))
     offsets = np.arange(grid.ny)[rows]
-    quadrant = np.empty((len(offsets), grid.nx))
-    for row, j in zip(quadrant, offsets, strict=True):
-        y = j * dy
-        distance = np.hypot(x, y) / cell  # increases along the row: each rule holds on one stretch of it
-        edges = np.searchsorted(distance, limits)
-        row[: edges[0]] = _closed_form(x[: edges[0]], y, dx, dy)
-        for (start, stop), (y_nodes, y_weights, x_squared, x_weights) in zip(
-            itertools.pairwise(edges), rules, strict=True
-        ):
-            if start == stop:
-                continue
-            row[start:stop] = 0
-            for node, weight in zip(y_nodes, y_weights, strict=True):
-                row[start:stop] += weight * (
-                    x_weights @ (1 / np.sqrt(x_squared[:, start:stop] + (y + node) ** 2))
-                )
-    quadrant *= compliance
+    quadrant = np.empty((len(offsets), grid.nx if columns is None else columns))
+    sides, squares, series = _taylor_series(grid.dx, grid.dy)
+    scales = float(compliance * max(grid.dx, grid.dy)), float(compliance * min(grid.dx, grid.dy))
+    _fill(quadrant, offsets, sides, squares, series, *scales)
     return quadrant
 
 

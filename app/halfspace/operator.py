@@ -61,7 +61,7 @@ class InfluenceOperator:
         # Whether what `product` says must be checked by the exact one.
         self.provisional = exact_product is not None or self.dtype != np.float64
         self.circulant = None  # made by the preconditioner of that name when it is first used here
-        self.diagonal = float(influence_quadrant(grid, compliance, slice(0, 1))[0, 0])
+        self.diagonal = float(influence_quadrant(grid, compliance, slice(0, 1), 1)[0, 0])
         self.local_shape = (self.slabs.local, grid.nx)
         self.mask = np.zeros(self.local_shape, bool)
         self.products = self.sweeps = 0

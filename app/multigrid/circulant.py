@@ -44,7 +44,7 @@ def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64)
     periods = next_fast_len(ny, real=True), next_fast_len(nx, real=True)
     inverse = EvenMultiplier(grid.shape, periods, slabs, comm, dtype)
     rows, columns = (min(period // 2 + 1, n) for period, n in zip(periods, grid.shape, strict=True))
-    inverse.set_kernel(partial(influence_quadrant, grid, compliance), rows, columns)
+    inverse.set_kernel(partial(influence_quadrant, grid, compliance, columns=columns), rows, columns)
     smallest = inverse.smallest_eigenvalue()
     if not smallest > 0:
         raise ValueError(
