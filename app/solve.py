@@ -47,8 +47,7 @@ def main():
         listener.end()
 
     facts = _facts(setup, state, outcome, history, comm)
-    if setup.solver:
-        setup.solver.destroy()
+    setup.free_solver()
     setup.hierarchy.keep_only_the_answer()
     facts |= certify(state).describe()
     peak = comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
@@ -138,6 +137,11 @@ class prepare:
             lowest = np.nanmin(self.shapes[-1], initial=np.inf)
             self.loading = PrescribedApproach(comm.allreduce(float(lowest), MPI.MIN))
         self.options_text = options.summary()
+
+    def free_solver(self):
+        """Free the solver of the target grid, if there is one. Collective."""
+        if self.solver:
+            self.solver.destroy()
 
 
 def make_problem(options, comm):

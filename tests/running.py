@@ -131,7 +131,7 @@ def solve(problem, approach, method="norm", load=None, **options):
         applications=applications,
         certificate=certify(state),
     )
-    setup.solver.destroy()
+    setup.free_solver()
     setup.hierarchy.destroy()
     state.destroy()
     return solution
