@@ -1,0 +1,76 @@
+"""Windows on several ranks: ``mpiexec -n 3 python tests/mpi_window.py``."""
+
+import numpy as np
+from mpi4py import MPI
+from running import Sampled, assert_solves_lcp, solve
+
+from app.halfspace.grid import Grid, Slabs
+from app.halfspace.influence import Material
+from app.halfspace.window import Passage, Window, bounding_box
+
+WINDOWS = [(0, 20, 0, 9), (3, 4, 2, 3), (0, 1, 0, 9), (15, 20, 1, 8), (2, 19, 4, 5)]
+
+
+def check_passage(comm):
+    """Fields get into a window and out again whatever the slabs; masks too."""
+    ny, nx = 20, 9
+    outer = Slabs(ny, comm.size, comm.rank, 2)
+    numbers = np.arange(ny * nx, dtype=float).reshape(ny, nx)
+    for y0, y1, x0, x1 in WINDOWS:
+        for block in (1, 2, 8):
+            inner = Slabs(y1 - y0, comm.size, comm.rank, block)
+            passage = Passage(Window(y0, y1, x0, x1), outer, inner, comm)
+            for field in (numbers, numbers % 3 == 0):
+                part = passage.enter(field[outer.rows])
+                np.testing.assert_array_equal(part, field[y0:y1, x0:x1][inner.rows])
+                assert part.dtype == field.dtype
+                back = np.zeros_like(field)[outer.rows]
+                passage.leave(part, back)
+                expected = np.zeros_like(field)
+                expected[y0:y1, x0:x1] = field[y0:y1, x0:x1]
+                np.testing.assert_array_equal(back, expected[outer.rows])
+
+
+def check_box(comm):
+    """The bounding box is the same on all ranks and holds every cell."""
+    slabs = Slabs(20, comm.size, comm.rank)
+    mask = np.zeros((20, 9), bool)
+    assert bounding_box(mask[slabs.rows], slabs, comm) is None
+    mask[4, 2] = mask[17, 5] = True
+    assert bounding_box(mask[slabs.rows], slabs, comm) == Window(4, 18, 2, 6)
+
+
+def spiked(n):
+    """A ball, and one cell far from it that no coarse grid can see."""
+    grid = Grid.from_domain(n, n, (-1.0, 1.0, -1.0, 1.0))
+    x, y = np.meshgrid(grid.x(), grid.y())
+    shape = (x**2 + y**2) / 2
+    shape[3, n - 5] = 0.005
+    return Sampled(grid, Material(80000.0, 0.3), shape)
+
+
+def check_spike(comm):
+    """What lies outside the window is not forgotten."""
+    everywhere = solve(spiked(128), 0.02, "fast", lcp_window=0, lcp_rtol=1e-9)
+    for load in (None, everywhere.load):
+        solution = solve(spiked(128), 0.02, "fast", load, lcp_rtol=1e-9)
+        assert solution.outcome.converged, solution.outcome
+        assert comm.allreduce(int(solution.contact.sum())) == comm.allreduce(int(everywhere.contact.sum()))
+        highest = comm.allreduce(everywhere.pressure.max(initial=0.0), MPI.MAX)
+        np.testing.assert_allclose(solution.pressure, everywhere.pressure, rtol=0, atol=1e-4 * highest)
+    if comm.size == 1:
+        assert solution.contact[3, -5]
+        assert_solves_lcp(solution)
+
+
+def main():
+    comm = MPI.COMM_WORLD
+    check_passage(comm)
+    check_box(comm)
+    check_spike(comm)
+    if comm.rank == 0:
+        print(f"passed on {comm.size} ranks")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,72 @@
+"""Working in a window around contact: same answers, less work."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from mpi_norm import APPROACH, hertz
+from mpi_window import check_box, check_passage, check_spike
+from running import Sampled, assert_solves_lcp, run, solve, solve_arguments
+
+from app.halfspace.grid import Grid
+from app.halfspace.influence import Material
+from app.problems.punch import Punch
+from app.problems.surfaces import WavySurface
+
+
+def test_fields_pass_and_nothing_outside_is_forgotten():
+    for check in (check_passage, check_box, check_spike):
+        check(MPI.COMM_SELF)
+
+
+@pytest.mark.mpi(2, 3, 5)
+def test_several_ranks_do_what_one_does(mpiexec, ranks):
+    assert f"passed on {ranks} ranks" in mpiexec(ranks, "mpi_window.py")
+
+
+def punch(nx, ny):
+    surface = WavySurface((12, 10), 0.8, 0.1, 7, (12.0, 10.0), (-6.0, -5.0))
+    grid = Grid.from_domain(nx, ny, (-6.0, 6.0, -5.0, 5.0))
+    return Punch(grid, Material(80000.0, 0.28), 8.97, surface)
+
+
+@pytest.mark.parametrize(
+    ("problem", "approach"), [(hertz(200), APPROACH), (punch(163, 140), 0.01)], ids=["hertz", "rough"]
+)
+@pytest.mark.parametrize(
+    ("method", "options"),
+    [
+        ("fast", {}),
+        ("fast", {"lcp_precision": "double"}),
+        ("fast", {"lcp_window": 0.5}),
+        ("norm", {"lcp_nested": True, "lcp_window": 0.1}),
+    ],
+    ids=["default", "double", "wide", "norm"],
+)
+def test_the_answer_is_that_without_a_window(problem, approach, method, options):
+    everywhere = solve(problem, approach, "fast", lcp_window=0, lcp_rtol=1e-9)
+    for load in (None, everywhere.load):
+        solution = solve(problem, approach, method, load, **(options | {"lcp_rtol": 1e-9}))
+        assert_solves_lcp(solution)
+        assert solution.approach == pytest.approx(approach, rel=1e-6)
+        assert solution.load == pytest.approx(everywhere.load, rel=1e-6)
+        highest = everywhere.pressure.max()
+        np.testing.assert_allclose(solution.pressure, everywhere.pressure, rtol=0, atol=1e-5 * highest)
+        np.testing.assert_allclose(solution.u, everywhere.u, rtol=0, atol=1e-6 * everywhere.u.max())
+
+
+def test_small_contact_in_a_large_patch_is_cheap():
+    """All but the last word, one product, is done around the contact."""
+    grid = Grid.from_domain(512, 512, (-1.0, 1.0, -1.0, 1.0))
+    ball = Sampled(grid, Material(80000.0, 0.3), lambda x, y: ((x - 0.6) ** 2 + (y + 0.3) ** 2) / 2)
+    solution = solve(ball, 0.01, "fast")
+    assert_solves_lcp(solution)
+    assert solution.applications < 2
+
+
+def test_windows_are_refused_where_they_mean_nothing():
+    common = (*solve_arguments("hertz"), "-grid", "32", "-lcp_window", "0.1", "-ksp_type", "cg")
+    for more, why in ((("-lcp_nested", "false"), "-lcp_nested"), (("-lcp_nested", "-pc_type", "mg"), "mg")):
+        done = run(*common, *more)
+        assert done.returncode == 2
+        assert "-lcp_window" in done.stderr
+        assert why in done.stderr
