@@ -24,7 +24,7 @@ from scipy.fft import dct, next_fast_len, rfft
 
 from app.halfspace.grid import Slabs
 
-_ROWS_AT_ONCE = 32
+_ROWS_AT_ONCE = 32  # even: rows are transformed in pairs
 _COLUMNS_AT_ONCE = 16
 _GROUP_BYTES = 1 << 22
 _FLAGS = (fftw.FFTW_ESTIMATE,)  # deterministic, and as fast as measured plans here
@@ -38,54 +38,145 @@ def transform_length(n):
     return length
 
 
+# Unsigned indices are not tested for being negative, complex numbers put together from real products not for NaN:
+# only so do the loops below become vector instructions.
+
+
 @numba.njit(cache=True)
 def _scale_by_even_spectrum(columns, spectrum, count):
     """columns[c, k] *= spectrum[c, min(k, N - k)] for the first `count` columns."""
-    length = columns.shape[1]
-    half = spectrum.shape[1]
+    length, half = np.uint64(columns.shape[1]), np.uint64(spectrum.shape[1])
     for c in range(count):
+        column, factor = columns[c], spectrum[c]
         for k in range(half):
-            columns[c, k] *= spectrum[c, k]
+            column[k] = complex(column[k].real * factor[k], column[k].imag * factor[k])
         for k in range(half, length):
-            columns[c, k] *= spectrum[c, length - k]
+            column[k] = complex(column[k].real * factor[length - k], column[k].imag * factor[length - k])
 
 
 @numba.njit(cache=True)
 def _divide_by_even_spectrum(columns, spectrum, count, scale):
     """columns[c, k] *= scale / spectrum[c, min(k, N - k)] for the first `count` columns."""
-    length = columns.shape[1]
-    half = spectrum.shape[1]
+    length, half = np.uint64(columns.shape[1]), np.uint64(spectrum.shape[1])
     for c in range(count):
-        for k in range(half):
-            columns[c, k] *= scale / spectrum[c, k]
-        for k in range(half, length):
-            columns[c, k] *= scale / spectrum[c, length - k]
+        column = columns[c]
+        for k in range(length):
+            factor = scale / spectrum[c, k if k < half else length - k]
+            column[k] = complex(column[k].real * factor, column[k].imag * factor)
 
 
 @numba.njit(cache=True)
 def any_nonzero(block):
-    """Whether anything is not zero; stops at the first."""
+    """Whether anything is not zero; stops at the first row with something."""
     for j in range(block.shape[0]):
+        some = False
         for i in range(block.shape[1]):
-            if block[j, i]:
-                return True
+            some |= block[j, i] != 0
+        if some:
+            return True
     return False
 
 
-@numba.njit(cache=True)
-def _store_rows(rows, count, transformed, first):
-    """transformed[c, first + r] = rows[r, c] for the first `count` rows."""
-    for c in range(transformed.shape[0]):
-        for r in range(count):
-            transformed[c, first + r] = rows[r, c]
+# Two real rows a, b are transformed as one complex row a + i b. An odd last row is paired with itself.
 
 
 @numba.njit(cache=True)
-def _load_rows(rows, count, transformed, first):
-    """rows[r, c] = transformed[c, first + r] for the first `count` rows."""
-    for c in range(transformed.shape[0]):
-        for r in range(count):
-            rows[r, c] = transformed[c, first + r]
+def _pair(p, mask, pairs):
+    """pairs[m, :nx] = p[2 m] + i p[2 m + 1], on C if there is a mask; zero beyond."""
+    last = p.shape[0] - 1
+    for m in range((last + 2) // 2):
+        j, l = 2 * m, min(2 * m + 1, last)
+        a, b, row = p[j], p[l], pairs[m]
+        if mask is None:
+            for k in range(p.shape[1]):
+                row[k] = complex(a[k], b[k])
+        else:
+            for k in range(p.shape[1]):
+                row[k] = complex(a[k] if mask[j, k] else 0, b[k] if mask[l, k] else 0)
+        row[p.shape[1] :] = 0
+
+
+@numba.njit(cache=True)
+def _unpair(pairs, mask, out):
+    """Undo `_pair`."""
+    last = out.shape[0] - 1
+    for m in range((last + 2) // 2):
+        j, l = 2 * m, min(2 * m + 1, last)
+        a, b, row = out[j], out[l], pairs[m]
+        for k in range(out.shape[1]):
+            a[k] = row[k].real
+            b[k] = row[k].imag
+        if mask is not None:
+            a *= mask[j]
+            b *= mask[l]
+
+
+@numba.njit(cache=True)
+def _store(pairs, first, rows):
+    """rows[:, c] = the transforms of the real rows, at frequency ``first + c``, from those of the pairs."""
+    length, start, width = np.uint64(pairs.shape[1]), np.uint64(first), np.uint64(rows.shape[1])
+    last, half = rows.shape[0] - 1, pairs.real.dtype.type(0.5)
+    for m in range((last + 2) // 2):
+        a, b, pair = rows[2 * m], rows[min(2 * m + 1, last)], pairs[m]
+        for c in range(np.uint64(first == 0), width):
+            x, y = pair[start + c], pair[length - start - c]
+            a[c] = complex(half * (x.real + y.real), half * (x.imag - y.imag))
+            b[c] = complex(half * (x.imag + y.imag), half * (y.real - x.real))
+        if first == 0 and width:
+            x = pair[0]
+            a[0], b[0] = x.real, x.imag
+
+
+@numba.njit(cache=True)
+def _load(pairs, first, rows):
+    """Undo `_store`."""
+    length, start, width = np.uint64(pairs.shape[1]), np.uint64(first), np.uint64(rows.shape[1])
+    last = rows.shape[0] - 1
+    for m in range((last + 2) // 2):
+        a, b, pair = rows[2 * m], rows[min(2 * m + 1, last)], pairs[m]
+        for c in range(width):
+            x, y = a[c], b[c]
+            pair[start + c] = complex(x.real - y.imag, x.imag + y.real)
+        for c in range(np.uint64(first == 0), width):
+            x, y = a[c], b[c]
+            pair[length - start - c] = complex(x.real + y.imag, y.real - x.imag)
+
+
+_TILE = 8  # complex singles are a cache line
+
+
+@numba.njit(cache=True)
+def _gather(rows, first, count, columns, start):
+    """columns[c, start + r] = rows[r, first + c] for `count` columns, a tile at a time."""
+    height, width, tile = np.uint64(rows.shape[0]), np.uint64(count), np.uint64(_TILE)
+    x, y = np.uint64(first), np.uint64(start)
+    for a in range(np.uint64(0), height, tile):
+        for b in range(np.uint64(0), width, tile):
+            if a + tile <= height and b + tile <= width:
+                for c in range(tile):
+                    for r in range(tile):
+                        columns[b + c, y + a + r] = rows[a + r, x + b + c]
+            else:
+                for c in range(b, min(b + tile, width)):
+                    for r in range(a, min(a + tile, height)):
+                        columns[c, y + r] = rows[r, x + c]
+
+
+@numba.njit(cache=True)
+def _scatter(rows, first, count, columns, start):
+    """rows[r, first + c] = columns[c, start + r] for `count` columns, a tile at a time."""
+    height, width, tile = np.uint64(rows.shape[0]), np.uint64(count), np.uint64(_TILE)
+    x, y = np.uint64(first), np.uint64(start)
+    for a in range(np.uint64(0), height, tile):
+        for b in range(np.uint64(0), width, tile):
+            if a + tile <= height and b + tile <= width:
+                for r in range(tile):
+                    for c in range(tile):
+                        rows[a + r, x + b + c] = columns[b + c, y + a + r]
+            else:
+                for r in range(a, min(a + tile, height)):
+                    for c in range(b, min(b + tile, width)):
+                        rows[r, x + c] = columns[c, y + r]
 
 
 class EvenMultiplier:
@@ -128,24 +219,24 @@ class EvenMultiplier:
         self._inverse = False
         self._inverse_scale = 1.0 / (float(periods[0]) * periods[1]) ** 2
 
-        store = (columns, self.slabs.local)
+        size = columns * self.slabs.local
         if partner is None:
-            self._transformed = np.zeros(store, complex_type)
+            self._transformed = np.zeros(size, complex_type)
         else:
-            self._transformed = np.ndarray(store, complex_type, partner._transformed.data)
+            self._transformed = np.ndarray(size, complex_type, partner._transformed.data)
+        self._pieces = [piece for group in self._groups for piece in group.pieces(self._transformed)]
         self._received = None
         if self.comm is not None:
             largest = max(g.mine.stop - g.mine.start for g in self._groups) * shape[0]
             self._received = np.zeros(largest, complex_type)
 
-        self._row_real = real = fftw.aligned((_ROWS_AT_ONCE, nx_fft), dtype=self.dtype)
-        self._row_complex = cplx = fftw.aligned((_ROWS_AT_ONCE, columns), dtype=complex_type)
+        self._pairs = pairs = fftw.aligned((_ROWS_AT_ONCE // 2, nx_fft), dtype=complex_type)
         self._column = column = fftw.aligned((_COLUMNS_AT_ONCE, ny_fft), dtype=complex_type)
-        self._row_forward = fftw.rfftn(real, None, (1,), 1, _FLAGS, cplx)
-        self._row_backward = fftw.irfftn(cplx, (nx_fft,), (1,), 1, _FLAGS, real)
+        self._row_forward = fftw.fftn(pairs, None, (1,), 1, _FLAGS, pairs)
+        self._row_backward = fftw.ifftn(pairs, None, (1,), 1, _FLAGS, pairs)
         self._column_forward = fftw.fftn(column, None, (1,), 1, _FLAGS, column)
         self._column_backward = fftw.ifftn(column, None, (1,), 1, _FLAGS, column)
-        for work in (real, cplx, column):
+        for work in (pairs, column):
             work[...] = 0
 
     def _deal_columns(self, columns):
@@ -176,27 +267,28 @@ class EvenMultiplier:
         half_x, half_y = nx_fft // 2, ny_fft // 2
         size, rank = (1, 0) if self.comm is None else (self.comm.size, self.comm.rank)
         mine = Slabs(rows, size, rank)  # the work of this transform; not the slabs of the fields
-        in_x = np.empty((half_x + 1, mine.local))
+        in_x = np.empty((mine.local, half_x + 1))
         for start in range(mine.rows.start, mine.rows.stop, _ROWS_AT_ONCE):
             stop = min(start + _ROWS_AT_ONCE, mine.rows.stop)
             block = np.zeros((stop - start, half_x + 1))
             block[:, :columns] = kernel_rows(slice(start, stop))[:, :columns]
-            in_x[:, start - mine.rows.start : stop - mine.rows.start] = _transform_even(block, nx_fft).T
+            in_x[start - mine.rows.start : stop - mine.rows.start] = _transform_even(block, nx_fft)
         spectrum = np.empty((sum(g.mine.stop - g.mine.start for g in self._groups), half_y + 1), self.dtype)
         done = 0
         for of_fields in self._groups:
-            group = _ColumnGroup(of_fields.span.start, of_fields.span.stop, size, rank, mine.counts)
+            group = _ColumnGroup(of_fields.edges[0], of_fields.edges[-1], size, rank, mine.counts)
             count = group.mine.stop - group.mine.start
-            blocks = [in_x[group.span]]
+            blocks = [in_x]
             if self.comm is not None:
+                sent = np.concatenate([in_x[:, a:b].reshape(-1) for a, b in itertools.pairwise(group.edges)])
                 received = np.empty(count * rows)
-                self.comm.Alltoallv([in_x[group.span], group.by_column], [received, group.by_row])
+                self.comm.Alltoallv([sent, group.by_column], [received, group.by_row])
                 blocks = group.blocks(received)
             for first in range(0, count, _COLUMNS_AT_ONCE):
                 last = min(first + _COLUMNS_AT_ONCE, count)
                 column = np.zeros((last - first, half_y + 1))
                 for block, (a, b) in zip(blocks, group.row_ranges, strict=True):
-                    column[:, a:b] = block[first:last]
+                    column[:, a:b] = block[:, first:last].T
                 spectrum[done + first : done + last] = _transform_even(column, ny_fft)
             done += count
         self._spectrum = spectrum
@@ -230,12 +322,19 @@ class EvenMultiplier:
         self._spectrum[...] = function(self._spectrum)
         self._spectrum *= 1.0 / (self.periods[0] * self.periods[1])
         # Load the compiled loops now, not in the first product.
-        _store_rows(self._row_complex, 0, self._transformed, 0)
-        _load_rows(self._row_complex, 0, self._transformed, 0)
+        field, nothing = np.zeros((0, self.shape[1])), self._transformed[:0].reshape(0, 1)
+        for real in (field, field.astype(self.dtype)):
+            for mask in (None, field.astype(bool)):
+                _pair(real, mask, self._pairs)
+                _unpair(self._pairs, mask, real)
+            any_nonzero(real)
+        any_nonzero(field.astype(bool))
+        _store(self._pairs, 0, nothing)
+        _load(self._pairs, 0, nothing)
+        _gather(nothing, 0, 0, self._column, 0)
+        _scatter(nothing, 0, 0, self._column, 0)
         _scale_by_even_spectrum(self._column, self._spectrum[:0], 0)
         _divide_by_even_spectrum(self._column, self._spectrum[:0], 0, self.dtype.type(1))
-        any_nonzero(np.zeros((0, 0)))
-        any_nonzero(np.zeros((0, 0), bool))
 
     @property
     def memory(self):
@@ -244,8 +343,7 @@ class EvenMultiplier:
             self._spectrum,
             self._transformed,
             self._received,
-            self._row_real,
-            self._row_complex,
+            self._pairs,
             self._column,
         )
         return sum(a.nbytes for a in arrays if a is not None)
@@ -279,28 +377,25 @@ class EvenMultiplier:
         self._rows_backward(out, mask)
 
     def _rows_forward(self, p, mask):
-        real, cplx, nx = self._row_real, self._row_complex, self.shape[1]
-        real[:, nx:] = 0
         for i in range(0, len(p), _ROWS_AT_ONCE):
             block = p[i : i + _ROWS_AT_ONCE]
-            inside = block if mask is None else mask[i : i + _ROWS_AT_ONCE]
-            w = len(block)
-            if not any_nonzero(inside):
-                self._transformed[:, i : i + w] = 0
+            inside = None if mask is None else mask[i : i + _ROWS_AT_ONCE]
+            rows = slice(i, i + len(block))
+            if not any_nonzero(block if mask is None else inside):
+                for _, piece in self._pieces:
+                    piece[rows] = 0
                 continue
-            if mask is None:
-                real[:w, :nx] = block
-            else:
-                np.multiply(block, inside, out=real[:w, :nx])
+            _pair(block, inside, self._pairs)
             self._row_forward()
-            _store_rows(cplx, w, self._transformed, i)
+            for first, piece in self._pieces:
+                _store(self._pairs, first, piece[rows])
 
     def _columns_of(self, group, done):
         """Convolve the columns of a group in y; `done` columns of the spectrum belong to earlier groups."""
-        part = self._transformed[group.span]
+        part = group.part(self._transformed)
         count = group.mine.stop - group.mine.start
         if self.comm is None:
-            blocks = [part]
+            blocks = group.blocks(part)
         else:
             received = self._received[: count * self.shape[0]]
             self.comm.Alltoallv([part, group.by_column], [received, group.by_row])
@@ -309,8 +404,8 @@ class EvenMultiplier:
         for first in range(0, count, _COLUMNS_AT_ONCE):
             last = min(first + _COLUMNS_AT_ONCE, count)
             w = last - first
-            for block, (a, b) in zip(blocks, group.row_ranges, strict=True):
-                column[:w, a:b] = block[first:last]
+            for block, (start, _) in zip(blocks, group.row_ranges, strict=True):
+                _gather(block, first, w, column, start)
             column[:, ny:] = 0
             self._column_forward()
             spectrum = self._spectrum[done + first : done + last]
@@ -319,26 +414,23 @@ class EvenMultiplier:
             else:
                 _scale_by_even_spectrum(column, spectrum, w)
             self._column_backward()
-            for block, (a, b) in zip(blocks, group.row_ranges, strict=True):
-                block[first:last] = column[:w, a:b]
+            for block, (start, _) in zip(blocks, group.row_ranges, strict=True):
+                _scatter(block, first, w, column, start)
         if self.comm is not None:
             self.comm.Alltoallv([received, group.by_row], [part, group.by_column])
         return done + count
 
     def _rows_backward(self, out, mask):
-        real, cplx, nx = self._row_real, self._row_complex, self.shape[1]
         for i in range(0, len(out), _ROWS_AT_ONCE):
-            w = min(_ROWS_AT_ONCE, len(out) - i)
-            inside = None if mask is None else mask[i : i + w]
+            block = out[i : i + _ROWS_AT_ONCE]
+            inside = None if mask is None else mask[i : i + _ROWS_AT_ONCE]
             if inside is not None and not any_nonzero(inside):
-                out[i : i + w] = 0
+                block[...] = 0
                 continue
-            _load_rows(cplx, w, self._transformed, i)
-            self._row_backward(normalize=False)
-            if inside is None:
-                out[i : i + w] = real[:w, :nx]
-            else:
-                np.multiply(real[:w, :nx], inside, out=out[i : i + w])
+            for first, piece in self._pieces:
+                _load(self._pairs, first, piece[i : i + len(block)])
+            self._row_backward()
+            _unpair(self._pairs, inside, block)
 
 
 class Convolution(EvenMultiplier):
@@ -380,13 +472,15 @@ def _transform_even(samples, period):
 
 
 class _ColumnGroup:
-    """Columns [start, stop) dealt to `size` ranks, and the counts of the all-to-all that deals them."""
+    """Columns [start, stop) dealt to `size` ranks, and the counts of the all-to-all that deals them.
+
+    On either side lies one array (rows, columns) after the other.
+    """
 
     def __init__(self, start, stop, size, rank, row_counts):
         per_rank = [(stop - start) // size + (r < (stop - start) % size) for r in range(size)]
-        edges = start + np.concatenate([[0], np.cumsum(per_rank)])
-        self.span = slice(start, stop)
-        self.mine = slice(int(edges[rank]), int(edges[rank + 1]))
+        self.edges = [int(edge) for edge in start + np.concatenate([[0], np.cumsum(per_rank)])]
+        self.mine = slice(self.edges[rank], self.edges[rank + 1])
         row_edges = np.concatenate([[0], np.cumsum(row_counts)])
         self.row_ranges = [(int(a), int(b)) for a, b in itertools.pairwise(row_edges)]
         columns = per_rank[rank]
@@ -394,12 +488,23 @@ class _ColumnGroup:
         got = np.array(row_counts) * columns
         self.by_column = (sent, np.concatenate([[0], np.cumsum(sent)[:-1]]))
         self.by_row = (got, np.concatenate([[0], np.cumsum(got)[:-1]]))
-        self._columns = columns
+        self._columns, self._rows = columns, row_counts[rank]
+
+    def part(self, transformed):
+        """What is sent, in the array of all groups."""
+        return transformed[self._rows * self.edges[0] : self._rows * self.edges[-1]]
+
+    def pieces(self, transformed):
+        """First column of each rank, and views (rows here, its columns) of what is sent to it."""
+        return [
+            (a, transformed[self._rows * a : self._rows * b].reshape(self._rows, b - a))
+            for a, b in itertools.pairwise(self.edges)
+        ]
 
     def blocks(self, received):
-        """Views (columns here, rows of rank q) of the received data, one for each rank q."""
+        """Views (rows of rank q, columns here) of the received data, one for each rank q."""
         return [
-            received[self._columns * a : self._columns * b].reshape(self._columns, b - a)
+            received[self._columns * a : self._columns * b].reshape(b - a, self._columns)
             for a, b in self.row_ranges
         ]
 
