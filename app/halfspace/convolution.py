@@ -356,7 +356,7 @@ class EvenMultiplier:
         finally:
             self._inverse = False
 
-    def apply(self, p, out, mask=None):
+    def apply(self, p, out, mask=None, rows=None):
         """Multiply p by the operator A of this object: out = A p, or out = C A C p.
 
         Collective.
@@ -368,27 +368,29 @@ class EvenMultiplier:
             May be `p` itself.
         mask : ndarray of bool, shape (local rows, nx), optional
             The cells of C. Rows without any are not transformed.
+        rows : ndarray of bool, shape (local rows,), optional
+            The rows that are not zero in p and wanted in `out`; the others may hold anything afterwards.
         """
         self.count += 1
-        self._rows_forward(p, mask)
+        self._rows_forward(p, mask, rows)
         done = 0
         for group in self._groups:
             done = self._columns_of(group, done)
-        self._rows_backward(out, mask)
+        self._rows_backward(out, mask, rows)
 
-    def _rows_forward(self, p, mask):
+    def _rows_forward(self, p, mask, rows):
         for i in range(0, len(p), _ROWS_AT_ONCE):
             block = p[i : i + _ROWS_AT_ONCE]
             inside = None if mask is None else mask[i : i + _ROWS_AT_ONCE]
-            rows = slice(i, i + len(block))
-            if not any_nonzero(block if mask is None else inside):
+            here = slice(i, i + len(block))
+            if not (any_nonzero(block if mask is None else inside) if rows is None else rows[here].any()):
                 for _, piece in self._pieces:
-                    piece[rows] = 0
+                    piece[here] = 0
                 continue
             _pair(block, inside, self._pairs)
             self._row_forward()
             for first, piece in self._pieces:
-                _store(self._pairs, first, piece[rows])
+                _store(self._pairs, first, piece[here])
 
     def _columns_of(self, group, done):
         """Convolve the columns of a group in y; `done` columns of the spectrum belong to earlier groups."""
@@ -420,12 +422,14 @@ class EvenMultiplier:
             self.comm.Alltoallv([received, group.by_row], [part, group.by_column])
         return done + count
 
-    def _rows_backward(self, out, mask):
+    def _rows_backward(self, out, mask, rows):
         for i in range(0, len(out), _ROWS_AT_ONCE):
             block = out[i : i + _ROWS_AT_ONCE]
             inside = None if mask is None else mask[i : i + _ROWS_AT_ONCE]
             if inside is not None and not any_nonzero(inside):
                 block[...] = 0
+                continue
+            if rows is not None and not rows[i : i + len(block)].any():
                 continue
             for first, piece in self._pieces:
                 _load(self._pairs, first, piece[i : i + len(block)])

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from functools import partial
 
+import numba
 import numpy as np
 from petsc4py import PETSc
 from scipy.fft import next_fast_len
@@ -63,6 +64,20 @@ def circulant_of(operator):
     return operator.circulant
 
 
+@numba.njit(cache=True)
+def _copy_row(x, contact, out):
+    for i in range(x.size):
+        value = x[i]
+        out[i] = value if contact[i] else 0
+
+
+@numba.njit(cache=True)
+def _copy_on(x, contact, out):
+    """out = x on C, 0 elsewhere."""
+    for j in range(x.shape[0]):
+        _copy_row(x[j], contact[j], out[j])
+
+
 class Circulant:
     """PC context ``C E^T B E C``; its operator must be an `InfluenceOperator`.
 
@@ -72,9 +87,14 @@ class Circulant:
     Options: ``-pc_circulant_extend k`` (default 0: E = 1).
     """
 
+    operator = None
+
     def setUp(self, pc):
-        """Find the operator; the multiplier is made once per grid."""
-        self.operator = operator = pc.getOperators()[1].getPythonContext()
+        """Find the operator; what depends on the grid alone is made once, though PETSc calls for every contact set."""
+        operator = pc.getOperators()[1].getPythonContext()
+        if operator is self.operator:
+            return
+        self.operator = operator
         circulant = circulant_of(operator)
         steps = PETSc.Options(pc.getOptionsPrefix()).getInt("pc_circulant_extend", 0)
         self.extension = None
@@ -82,24 +102,40 @@ class Circulant:
             self.extension = RimExtension(operator.local_shape, operator.slabs, operator.comm, steps)
             self.extension.set_stencil(circulant.centre())
         self._contact = -1
+        field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
+        for low in (field, field.astype(operator.dtype)):  # load the compiled loop now
+            _copy_on(field, mask, low)
 
     def apply(self, pc, x, y):
         """Compute y = C E^T B E C x."""
+        shape = self.operator.local_shape
+        with y as out:
+            z = out.reshape(shape)
+            self.apply_to(x.getArray(readonly=True).reshape(shape), z)
+            _copy_on(z, self.operator.mask, z)
+
+    def apply_to(self, r, z):
+        """Compute z = E^T B E C r on C, and anything elsewhere.
+
+        Collective.
+
+        Parameters
+        ----------
+        r : ndarray of float64, shape (local rows, nx)
+        z : ndarray of float64 or float32, shape (local rows, nx)
+        """
         operator = self.operator
-        with _event, y as out:
-            r = x.getArray(readonly=True).reshape(operator.local_shape)
-            z = out.reshape(operator.local_shape)
+        with _event:
             if self.extension is None:
                 operator.circulant.apply(r, z, operator.mask)
                 return
             if self._contact != operator.contact_number:
                 self.extension.set_contact(operator.mask)
                 self._contact = operator.contact_number
-            np.multiply(r, operator.mask, out=z)
+            _copy_on(r, operator.mask, z)
             self.extension.extend(z)
-            operator.circulant.apply(z, z)
+            operator.circulant.apply(z, z, rows=self.extension.rows)
             self.extension.restrict(z)
-            z *= operator.mask
 
     applyTranspose = apply
 

@@ -37,6 +37,11 @@ class RimExtension:
     steps : int
         Jacobi steps `k`; with none, `E` is the identity.
 
+    Attributes
+    ----------
+    rows : ndarray of bool
+        Local rows with contact cells or cells of the band; the others are zero, or not looked at.
+
     Raises
     ------
     ValueError
@@ -59,6 +64,7 @@ class RimExtension:
             self._before, self._after = (before or [MPI.PROC_NULL])[-1], (after or [MPI.PROC_NULL])[0]
         self._kinds = np.full((rows + 2, nx + 2), OUTSIDE_PATCH, np.uint8)
         self._band = self._inner = np.empty(0, np.int32)
+        self.rows = np.zeros(rows, bool)
         self._sizes, self._rim = [0] * steps, 0
         self._weights = 0.0, 0.0, 0.0
 
@@ -95,6 +101,7 @@ class RimExtension:
         if mask.shape != self.shape or mask.dtype != bool:
             raise ValueError(f"rim extension: the contact set must be bool, of shape {self.shape}")
         if not self.steps:
+            np.any(mask, axis=1, out=self.rows)
             return
         kinds = self._kinds
         np.add(mask.view(np.uint8), np.uint8(FREE), out=kinds[1:-1, 1:-1])  # CONTACT = FREE + 1
@@ -103,6 +110,7 @@ class RimExtension:
             layers.append(self._mark(LAYER + i, FREE, near))
             near = LAYER + i
         self._band, self._sizes = np.concatenate(layers), np.cumsum([len(layer) for layer in layers])
+        np.any(kinds[1:-1] > FREE, axis=1, out=self.rows)
         # Contact cells beside the band get -N_co s_o; they and those behind them are zero while it is formed.
         rim = self._mark(RIM, CONTACT, LAYER + 1)
         self._inner, self._rim = np.concatenate([rim, self._mark(SECOND, CONTACT, RIM)]), len(rim)

@@ -13,81 +13,166 @@ import numba
 import numpy as np
 from petsc4py import PETSc
 
+from app.multigrid.circulant import Circulant
 
-@numba.njit(cache=True)
-def _advance(p, u, r, d, q, contact, alpha):
-    """p += alpha d, u += alpha q, and r -= alpha q on C; return r.r and the sum of r."""
+# r and d vanish outside C; z and q need not. What is done to a row, from its first to its last cell of C, is a
+# function of its own: loops within loops are not vectorised. Within a row sums may be taken in any
+# order; it is the same on any number of ranks.
+_any_order = numba.njit(cache=True, fastmath={"reassoc", "contract"})
+
+
+@_any_order
+def _add_row(a, scale, b):
+    for i in range(a.size):
+        a[i] += scale * b[i]
+
+
+@_any_order
+def _residual_row(r, scale, q, contact):
     squares, total = 0.0, 0.0
-    for j in range(p.shape[0]):
-        row, plain = 0.0, 0.0
-        for i in range(p.shape[1]):
-            u[j, i] += alpha * q[j, i]
-            if contact[j, i]:
-                p[j, i] += alpha * d[j, i]
-                r[j, i] -= alpha * q[j, i]
-                row += r[j, i] * r[j, i]
-                plain += r[j, i]
-        squares += row
-        total += plain
+    for i in range(r.size):
+        value = r[i] - scale * q[i]
+        value = value if contact[i] else 0.0
+        r[i] = value
+        squares += value * value
+        total += value
     return squares, total
 
 
-@numba.njit(cache=True)
-def _direction(d, z, beta):
-    """d = z + beta d."""
-    for j in range(d.shape[0]):
-        for i in range(d.shape[1]):
-            d[j, i] = z[j, i] + beta * d[j, i]
+@_any_order
+def _direction_row(d, z, beta, contact):
+    for i in range(d.size):
+        value = z[i] + beta * d[i]
+        d[i] = value if contact[i] else 0
 
 
-@numba.njit(cache=True)
-def _add_on(a, scale, b, contact):
-    """a += scale b on C."""
-    for j in range(a.shape[0]):
-        for i in range(a.shape[1]):
-            if contact[j, i]:
-                a[j, i] += scale * b[j, i]
+@_any_order
+def _dot_row(a, b, contact):
+    total = 0.0
+    for i in range(a.size):
+        value = a[i] * b[i]
+        total += value if contact[i] else 0.0
+    return total
 
 
-@numba.njit(cache=True)
-def _shift(r, shift, contact):
-    """r -= shift on C."""
-    for j in range(r.shape[0]):
-        for i in range(r.shape[1]):
-            if contact[j, i]:
-                r[j, i] -= shift
-
-
-@numba.njit(cache=True)
-def _dots(a, b, c, contact):
-    """a.b and a.c over C."""
+@_any_order
+def _dots_row(a, b, c):
     first, second = 0.0, 0.0
-    for j in range(a.shape[0]):
-        row, other = 0.0, 0.0
-        for i in range(a.shape[1]):
-            if contact[j, i]:
-                row += a[j, i] * b[j, i]
-                other += a[j, i] * c[j, i]
-        first += row
-        second += other
+    for i in range(a.size):
+        value = np.float64(a[i])
+        first += value * b[i]
+        second += value * c[i]
     return first, second
 
 
-@numba.njit(cache=True)
-def _first_residual(r, u, contact):
+@_any_order
+def _sum_row(a, contact):
+    total = 0.0
+    for i in range(a.size):
+        value = a[i]
+        total += value if contact[i] else 0.0
+    return total
+
+
+@_any_order
+def _shift_row(r, shift, contact):
+    for i in range(r.size):
+        r[i] -= shift if contact[i] else 0.0
+
+
+@_any_order
+def _advance(p, u, r, d, q, contact, spans, alpha):
+    """p += alpha d, u += alpha q, and r -= alpha q on C; return r.r and the sum of r."""
+    squares, total = 0.0, 0.0
+    for j in range(p.shape[0]):
+        _add_row(u[j], alpha, q[j])
+        span = slice(spans[j, 0], spans[j, 1])
+        _add_row(p[j, span], alpha, d[j, span])
+        here = _residual_row(r[j, span], alpha, q[j, span], contact[j, span])
+        squares += here[0]
+        total += here[1]
+    return squares, total
+
+
+@_any_order
+def _first_residual(r, u, contact, spans):
     """r -= u on C; return r.r, the sum of r and the number of cells."""
     squares, total, cells = 0.0, 0.0, 0
     for j in range(r.shape[0]):
-        row, plain = 0.0, 0.0
-        for i in range(r.shape[1]):
-            if contact[j, i]:
-                r[j, i] -= u[j, i]
-                row += r[j, i] * r[j, i]
-                plain += r[j, i]
-                cells += 1
-        squares += row
-        total += plain
+        span = slice(spans[j, 0], spans[j, 1])
+        here = _residual_row(r[j, span], 1.0, u[j, span], contact[j, span])
+        squares += here[0]
+        total += here[1]
+        cells += np.sum(contact[j, span])
     return squares, total, cells
+
+
+@_any_order
+def _direction(d, z, beta, contact, spans):
+    """d = z + beta d on C."""
+    for j in range(d.shape[0]):
+        span = slice(spans[j, 0], spans[j, 1])
+        _direction_row(d[j, span], z[j, span], beta, contact[j, span])
+
+
+@_any_order
+def _dot(a, b, contact, spans):
+    """a.b over C."""
+    total = 0.0
+    for j in range(a.shape[0]):
+        span = slice(spans[j, 0], spans[j, 1])
+        total += _dot_row(a[j, span], b[j, span], contact[j, span])
+    return total
+
+
+@_any_order
+def _dots(a, b, c, spans):
+    """a.b and a.c for an `a` that vanishes outside C."""
+    first, second = 0.0, 0.0
+    for j in range(a.shape[0]):
+        span = slice(spans[j, 0], spans[j, 1])
+        here = _dots_row(a[j, span], b[j, span], c[j, span])
+        first += here[0]
+        second += here[1]
+    return first, second
+
+
+@_any_order
+def _total(a, contact, spans):
+    """Sum of a over C."""
+    total = 0.0
+    for j in range(a.shape[0]):
+        span = slice(spans[j, 0], spans[j, 1])
+        total += _sum_row(a[j, span], contact[j, span])
+    return total
+
+
+@_any_order
+def _add_on(a, scale, b, spans):
+    """a += scale b, at least on C."""
+    for j in range(a.shape[0]):
+        span = slice(spans[j, 0], spans[j, 1])
+        _add_row(a[j, span], scale, b[j, span])
+
+
+@_any_order
+def _shift(r, shift, contact, spans):
+    """r -= shift on C."""
+    for j in range(r.shape[0]):
+        span = slice(spans[j, 0], spans[j, 1])
+        _shift_row(r[j, span], shift, contact[j, span])
+
+
+@numba.njit(cache=True)
+def _find_spans(contact, spans):
+    """First and last but one column of C in each row."""
+    for j in range(contact.shape[0]):
+        a, b = 0, contact.shape[1]
+        while b > 0 and not contact[j, b - 1]:
+            b -= 1
+        while a < b and not contact[j, a]:
+            a += 1
+        spans[j, 0], spans[j, 1] = a, b
 
 
 class TrackingCG:
@@ -122,28 +207,36 @@ class TrackingCG:
     residual = 0.0
 
     def setUp(self, ksp):
-        """Make two work vectors."""
-        self.work, self._d = ksp.getOperators()[0].createVecs()
+        """Make the work vectors: z and q, never needed at the same time, are one; d is in the operator's precision."""
+        mat = ksp.getOperators()[0]
+        operator = mat.getPythonContext()
+        self.work = mat.createVecRight()
+        self._d = np.zeros(operator.local_shape, operator.dtype)
+        self._spans = np.zeros((operator.local_shape[0], 2), np.int64)
         self._ones = None
         self._ones_cells = 0
         self._previous = 0.0
         # Load the compiled loops now, not in the first iteration.
-        field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
-        _advance(field, field, field, field, field, mask, 0.0)
-        _direction(field, field, 0.0)
-        _dots(field, field, field, mask)
-        _first_residual(field, field, mask)
-        _shift(field, 0.0, mask)
+        field, mask, spans = np.zeros((0, 0)), np.zeros((0, 0), bool), np.zeros((0, 2), np.int64)
+        low = field.astype(operator.dtype)
+        _find_spans(mask, spans)
+        _first_residual(field, field, mask, spans)
+        for z in (field, low):
+            _dot(field, z, mask, spans)
+            _direction(low, z, operator.dtype.type(0), mask, spans)
+        _dots(low, low, field, spans)
+        _advance(field, field, field, low, low, mask, spans, 0.0)
 
     def solve(self, ksp, b, x):
         """Improve x."""
         operator = ksp.getOperators()[0].getPythonContext()
         contact, shape, u = operator.mask, operator.local_shape, self.displacement
-        pc, z, d = ksp.getPC(), self.work, self._d
+        pc, d, spans = ksp.getPC(), self._d, self._spans
         rtol, atol, _, max_it = ksp.getTolerances()
         self._operator, self.shift = operator, 0.0
+        _find_spans(contact, spans)
         with b as right:
-            squares, total, cells = self._sum(_first_residual(right.reshape(shape), u, contact))
+            squares, total, cells = self._sum(_first_residual(right.reshape(shape), u, contact, spans))
         self._cells = max(cells, 1.0)
         if self.balance:
             squares = self._project(b, squares, total)
@@ -151,26 +244,26 @@ class TrackingCG:
         iteration = 0
         if not self.resume:
             self._previous = 0.0
+            d[...] = 0  # outside the new spans too
         ksp.its, ksp.norm = 0, norm
         ksp.monitor(0, norm)
         while norm > atol and (iteration == 0 or norm > rtol * first) and iteration < max_it:
-            pc.apply(b, z)
+            z = self._precondition(pc, b)
             if self.balance:
                 self._make_sum_zero(pc, z)
-            with b as right, z as preconditioned, d as direction:
-                r, s, v = (a.reshape(shape) for a in (right, preconditioned, direction))
-                rz = self._sum(_dots(r, s, s, contact)[:1])[0]
-                _direction(v, s, rz / self._previous if self._previous > self._restart * rz else 0.0)
+            with b as right, self.work as memory, x as solution:
+                r, p = right.reshape(shape), solution.reshape(shape)
+                rz = self._sum([_dot(r, z, contact, spans)])[0]
+                beta = rz / self._previous if self._previous > self._restart * rz else 0.0
+                _direction(d, z, d.dtype.type(beta), contact, spans)
                 operator.products += 1
-                operator.displacement(v, s)  # z is free now: q = A d
-                dq, rd = self._sum(_dots(v, s, r, contact))
+                q = self._low(memory)
+                operator.displacement(d, q)
+                dq, rd = self._sum(_dots(d, q, r, spans))
                 if not dq > 0:
                     ksp.setConvergedReason(PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT)
                     return
-                with x as solution:
-                    squares, total = self._sum(
-                        _advance(solution.reshape(shape), u, r, v, s, contact, rd / dq)
-                    )
+                squares, total = self._sum(_advance(p, u, r, d, q, contact, spans, rd / dq))
             if self.balance:
                 squares = self._project(b, squares, total)
             norm = np.sqrt(max(squares, 0.0))
@@ -187,32 +280,44 @@ class TrackingCG:
                 reasons.CONVERGED_RTOL if norm <= rtol * first else reasons.DIVERGED_MAX_IT
             )
 
+    def _low(self, memory):
+        """Return a field in the operator's precision in the memory of a Vec."""
+        return memory.view(self._d.dtype)[: self._d.size].reshape(self._d.shape)
+
+    def _precondition(self, pc, r):
+        """Return M r, in the memory of the work vector; anything outside C."""
+        context = pc.getPythonContext() if pc.getType() == PETSc.PC.Type.PYTHON else None
+        if isinstance(context, Circulant):
+            with r as right, self.work as memory:
+                z = self._low(memory)
+                context.apply_to(right.reshape(z.shape), z)
+            return z
+        pc.apply(r, self.work)
+        with self.work as memory:
+            return memory.reshape(self._d.shape)
+
     def _project(self, b, squares, total):
         """Make the residual orthogonal to the constants; return its new sum of squares."""
         mean = total / self._cells
         with b as right:
-            _shift(right.reshape(self._operator.local_shape), mean, self._operator.mask)
+            _shift(right.reshape(self._d.shape), mean, self._operator.mask, self._spans)
         self.shift -= mean
         return squares - mean * total
 
     def _make_sum_zero(self, pc, z):
         """Add a multiple of M 1 to z."""
-        operator = self._operator
-        contact, shape = operator.mask, operator.local_shape
+        contact, spans = self._operator.mask, self._spans
         if self._ones is None or abs(self._cells - self._ones_cells) > 0.2 * self._cells:
-            if self._ones is None:
-                self._ones = z.duplicate()
-            ones = z.duplicate()
+            saved = z.copy()
+            ones = self.work.duplicate()
             ones.setArray(contact.reshape(-1).astype(float))
-            pc.apply(ones, self._ones)
+            self._ones = self._precondition(pc, ones).copy()
             ones.destroy()
+            z[...] = saved
             self._ones_cells = self._cells
-        with z as preconditioned:
-            s = preconditioned.reshape(shape)
-            y = self._ones.getArray(readonly=True).reshape(shape)
-            sum_z, sum_y = self._sum([np.sum(s, where=contact), np.sum(y, where=contact)])
-            if sum_y > 0:
-                _add_on(s, -sum_z / sum_y, y, contact)
+        sum_z, sum_y = self._sum([_total(z, contact, spans), _total(self._ones, contact, spans)])
+        if sum_y > 0:
+            _add_on(z, z.dtype.type(-sum_z / sum_y), self._ones, spans)
 
     def _sum(self, values):
         values = np.asarray(values, dtype=float)
@@ -221,10 +326,8 @@ class TrackingCG:
         return values
 
     def destroy(self, ksp):
-        """Free the work vectors."""
-        for vec in (self.work, self._d, self._ones):
-            if vec is not None:
-                vec.destroy()
+        """Free the work vector."""
+        self.work.destroy()
 
     def view(self, ksp, viewer):
         """Describe the solver for -ksp_view."""
