@@ -161,9 +161,7 @@ class ContactGrid:
     def right_hand_side_to(self, right):
         """Step 2: eq. (2.11) itself, right = -h on C. Not collective."""
         with right as values:
-            b = values.reshape(self.u.shape)
-            np.subtract(self.approach, self.shape, out=b)
-            b *= self.contact
+            kernels.right_hand_side(self.shape, self.approach, self.contact, values.reshape(self.u.shape))
 
     def displace(self):
         """Compute u = A p. Collective."""
@@ -186,8 +184,7 @@ class ContactGrid:
         """
         with self.pressure as values:
             p = values.reshape(self.u.shape)
-            cells, tension = kernels.drop(p, self.contact, self._dropped)
-            cells, tension, kept = self.sum([cells, tension, p.sum()])
+            cells, tension, kept = self.sum(kernels.drop(p, self.contact, self._dropped))
         self.current = self.current and not cells
         return int(cells), tension / kept if kept > 0 else tension
 
