@@ -126,6 +126,7 @@ class Frame:
             below.approach,
             below.load,
         )
+        operator.prepare("product")  # first, so that other transforms can use its storage
         self.transfer = Transfer(operator, coarse, factors)
         statistics = gap_statistics(shape, ~np.isnan(shape), level.comm)
         self.state = ContactGrid(operator, passage.enter(shape), level.comm, window, statistics)

@@ -197,7 +197,7 @@ class EvenMultiplier:
     dtype : numpy real type
         float64, or float32 for half the time and memory at single precision.
     partner : EvenMultiplier, optional
-        One of the same shape and periods whose working storage may be shared.
+        One whose working storage may be used, as far as it is large enough.
 
     Attributes
     ----------
@@ -220,15 +220,12 @@ class EvenMultiplier:
         self._inverse_scale = 1.0 / (float(periods[0]) * periods[1]) ** 2
 
         size = columns * self.slabs.local
-        if partner is None:
-            self._transformed = np.zeros(size, complex_type)
-        else:
-            self._transformed = np.ndarray(size, complex_type, partner._transformed.data)
+        self._transformed = _storage(size, complex_type, partner and partner._transformed)
         self._pieces = [piece for group in self._groups for piece in group.pieces(self._transformed)]
         self._received = None
         if self.comm is not None:
             largest = max(g.mine.stop - g.mine.start for g in self._groups) * shape[0]
-            self._received = np.zeros(largest, complex_type)
+            self._received = _storage(largest, complex_type, partner and partner._received)
 
         self._pairs = pairs = fftw.aligned((_ROWS_AT_ONCE // 2, nx_fft), dtype=complex_type)
         self._column = column = fftw.aligned((_COLUMNS_AT_ONCE, ny_fft), dtype=complex_type)
@@ -464,6 +461,13 @@ class Convolution(EvenMultiplier):
     def in_precision(self, dtype):
         """Return the same product in another precision, with the same working storage. Not collective."""
         return Convolution(None, self.shape, self.slabs, self.comm, dtype, self)
+
+
+def _storage(size, dtype, of_partner=None):
+    """Complex numbers, in the storage of another array if that is large enough."""
+    if of_partner is not None and of_partner.nbytes >= size * np.dtype(dtype).itemsize:
+        return np.ndarray(size, dtype, of_partner.data)
+    return np.zeros(size, dtype)
 
 
 def _transform_even(samples, period):

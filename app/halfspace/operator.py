@@ -60,7 +60,7 @@ class InfluenceOperator:
             self.exact_product = exact_product
         # Whether what `product` says must be checked by the exact one.
         self.provisional = exact_product is not None or self.dtype != np.float64
-        self.circulant = None  # made by the preconditioner of that name when it is first used here
+        self.circulants = {}  # made by the preconditioner of that name when they are first used here
         self.diagonal = float(influence_quadrant(grid, compliance, slice(0, 1), 1)[0, 0])
         self.local_shape = (self.slabs.local, grid.nx)
         self.mask = np.zeros(self.local_shape, bool)
@@ -93,6 +93,12 @@ class InfluenceOperator:
         """A product in double precision. Collective when first asked for."""
         return self.product if self._dense else self._convolution(np.float64)
 
+    @property
+    def made_convolution(self):
+        """The product by FFT, if there is one already."""
+        product = vars(self).get("product")
+        return product if isinstance(product, Convolution) else None
+
     def _convolution(self, dtype):
         quadrant = partial(influence_quadrant, self.grid, self.compliance)
         return Convolution(quadrant, self.grid.shape, self.slabs, self.comm, dtype)
@@ -123,7 +129,8 @@ class InfluenceOperator:
 
     def free_solvers(self):
         """Free what only solvers need: preconditioner, sweeps, single precision products. Not collective."""
-        self.circulant = self._relaxation = None
+        self.circulants.clear()
+        self._relaxation = None
         self.product = self.exact_product
         self.provisional = False
 
@@ -204,10 +211,10 @@ class InfluenceOperator:
         total = sum(product.count for product in products.values())
         if self._relaxation:
             total += self.sweeps * self._relaxation.products_per_sweep
-        if self.circulant:
-            ny, nx = self.circulant.periods
-            padded = transform_length(self.grid.ny) * transform_length(self.grid.nx)
-            total += self.circulant.count * ny * nx / padded
+        padded = transform_length(self.grid.ny) * transform_length(self.grid.nx)
+        for circulant in self.circulants.values():
+            ny, nx = circulant.periods
+            total += circulant.count * ny * nx / padded
         return total
 
     def view(self, mat, viewer):

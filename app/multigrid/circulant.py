@@ -27,10 +27,19 @@ from app.multigrid.extension import RimExtension
 _event = PETSc.Log.Event("CirculantPC")
 
 
-def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64):
+def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64, margin=0.0, partner=None):
     """Inverse of the Strang circulant of the influence matrix.
 
     Collective over `comm`.
+
+    Parameters
+    ----------
+    grid, compliance, slabs, comm, dtype
+        See `InfluenceOperator`.
+    margin : float
+        Share of the extent of the patch to be added to it at least, before it is continued periodically.
+    partner : EvenMultiplier, optional
+        Whose working storage may be used.
 
     Returns
     -------
@@ -42,8 +51,8 @@ def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64)
         If an eigenvalue is not positive.
     """
     ny, nx = grid.shape
-    periods = next_fast_len(ny, real=True), next_fast_len(nx, real=True)
-    inverse = EvenMultiplier(grid.shape, periods, slabs, comm, dtype)
+    periods = tuple(next_fast_len(int(np.ceil((1 + margin) * n)), real=True) for n in (ny, nx))
+    inverse = EvenMultiplier(grid.shape, periods, slabs, comm, dtype, partner)
     rows, columns = (min(period // 2 + 1, n) for period, n in zip(periods, grid.shape, strict=True))
     inverse.set_kernel(partial(influence_quadrant, grid, compliance, columns=columns), rows, columns)
     smallest = inverse.smallest_eigenvalue()
@@ -55,13 +64,19 @@ def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64)
     return inverse
 
 
-def circulant_of(operator):
+def circulant_of(operator, margin=0.0):
     """Inverse circulant of an `InfluenceOperator`, made when first asked for. Collective over its ranks."""
-    if operator.circulant is None:
-        operator.circulant = circulant_inverse(
-            operator.grid, operator.compliance, operator.slabs, operator.comm, operator.dtype
+    if margin not in operator.circulants:
+        operator.circulants[margin] = circulant_inverse(
+            operator.grid,
+            operator.compliance,
+            operator.slabs,
+            operator.comm,
+            operator.dtype,
+            margin,
+            operator.made_convolution,
         )
-    return operator.circulant
+    return operator.circulants[margin]
 
 
 @numba.njit(cache=True)
@@ -84,7 +99,8 @@ class Circulant:
     B takes the residual for zero outside the contact set, which it is not; E extends it over the rim by k Jacobi steps
     with the 3 x 3 centre of B (see `extension`).
 
-    Options: ``-pc_circulant_extend k`` (default 0: E = 1).
+    Options: ``-pc_circulant_extend k`` (default 0: E = 1), ``-pc_circulant_margin m``: period of B over the extent of
+    the patch, less 1 (default 0). Without a margin contact at one edge of the patch feels that at the other one.
     """
 
     operator = None
@@ -95,12 +111,15 @@ class Circulant:
         if operator is self.operator:
             return
         self.operator = operator
-        circulant = circulant_of(operator)
-        steps = PETSc.Options(pc.getOptionsPrefix()).getInt("pc_circulant_extend", 0)
+        options = PETSc.Options(pc.getOptionsPrefix())
+        margin, steps = options.getReal("pc_circulant_margin", 0.0), options.getInt("pc_circulant_extend", 0)
+        if not 0 <= margin <= 1:
+            raise ValueError(f"-pc_circulant_margin {margin:g}: allowed: 0 to 1")
+        self.multiplier = circulant_of(operator, margin)
         self.extension = None
         if steps:
             self.extension = RimExtension(operator.local_shape, operator.slabs, operator.comm, steps)
-            self.extension.set_stencil(circulant.centre())
+            self.extension.set_stencil(self.multiplier.centre())
         self._contact = -1
         field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
         for low in (field, field.astype(operator.dtype)):  # load the compiled loop now
@@ -127,14 +146,14 @@ class Circulant:
         operator = self.operator
         with _event:
             if self.extension is None:
-                operator.circulant.apply(r, z, operator.mask)
+                self.multiplier.apply(r, z, operator.mask)
                 return
             if self._contact != operator.contact_number:
                 self.extension.set_contact(operator.mask)
                 self._contact = operator.contact_number
             _copy_on(r, operator.mask, z)
             self.extension.extend(z)
-            operator.circulant.apply(z, z, rows=self.extension.rows)
+            self.multiplier.apply(z, z, rows=self.extension.rows)
             self.extension.restrict(z)
 
     applyTranspose = apply
@@ -142,7 +161,7 @@ class Circulant:
     def view(self, pc, viewer):
         """Describe the preconditioner for -ksp_view."""
         if viewer.getType() == PETSc.Viewer.Type.ASCII:
-            ny, nx = self.operator.circulant.periods
+            ny, nx = self.multiplier.periods
             steps = self.extension.steps if self.extension else 0
             viewer.printfASCII(
                 f"  inverse of the Strang circulant, periods {nx} x {ny}, extended by {steps} cells\n"
