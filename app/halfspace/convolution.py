@@ -4,8 +4,10 @@
 ``Ny x Nx`` grid, ``N >= 2 n - 1``, of p padded with zeros. The transform convention is numpy's (forward
 ``exp(-2 pi i k x)``, unscaled); the factor ``1 / (Nx Ny)`` of the inverse is folded into the spectrum.
 
-- *Pruned*: in x only rows that hold data are transformed, and only rows that are wanted come back.
-- *Blocked*: columns go through transform, scaling and inverse transform a few at a time, inside the cache.
+- *Pruned*: in x only rows that hold data are transformed, and only rows that are wanted come back. Two real rows are
+  transformed as one complex row, which costs half of two real transforms by FFTW.
+- *Blocked*: columns go through transform, scaling and inverse transform a few at a time, inside the cache. Between the
+  transforms the rows stay rows; columns are picked from them, and put back, in tiles of cache lines.
 - *Real even spectrum*: K is even in both directions, so its spectrum is real and even: (Nx/2+1)(Ny/2+1)
   doubles, about n. With the x-transformed rows (2 n) a product needs 3 n doubles and nothing else of size n.
 - *Distributed*: rows live in slabs, columns are dealt to the ranks; one all-to-all each way. Large transfers
@@ -320,12 +322,15 @@ class EvenMultiplier:
         self._spectrum *= 1.0 / (self.periods[0] * self.periods[1])
         # Load the compiled loops now, not in the first product.
         field, nothing = np.zeros((0, self.shape[1])), self._transformed[:0].reshape(0, 1)
-        for real in (field, field.astype(self.dtype)):
-            for mask in (None, field.astype(bool)):
+        low, inside, fixed = field.astype(self.dtype), field.astype(bool), field.view()
+        fixed.flags.writeable = False
+        for mask in (None, inside):
+            for real in (field, low, fixed):
                 _pair(real, mask, self._pairs)
+            for real in (field, low):
                 _unpair(self._pairs, mask, real)
-            any_nonzero(real)
-        any_nonzero(field.astype(bool))
+        for data in (field, low, fixed, inside):
+            any_nonzero(data)
         _store(self._pairs, 0, nothing)
         _load(self._pairs, 0, nothing)
         _gather(nothing, 0, 0, self._column, 0)
@@ -380,7 +385,8 @@ class EvenMultiplier:
             block = p[i : i + _ROWS_AT_ONCE]
             inside = None if mask is None else mask[i : i + _ROWS_AT_ONCE]
             here = slice(i, i + len(block))
-            if not (any_nonzero(block if mask is None else inside) if rows is None else rows[here].any()):
+            data = rows[None, here] if rows is not None else block if mask is None else inside
+            if not any_nonzero(data):
                 for _, piece in self._pieces:
                     piece[here] = 0
                 continue
@@ -426,7 +432,7 @@ class EvenMultiplier:
             if inside is not None and not any_nonzero(inside):
                 block[...] = 0
                 continue
-            if rows is not None and not rows[i : i + len(block)].any():
+            if rows is not None and not any_nonzero(rows[None, i : i + len(block)]):
                 continue
             for first, piece in self._pieces:
                 _load(self._pairs, first, piece[i : i + len(block)])

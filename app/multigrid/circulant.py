@@ -121,8 +121,11 @@ class Circulant:
             self.extension = RimExtension(operator.local_shape, operator.slabs, operator.comm, steps)
             self.extension.set_stencil(self.multiplier.centre())
         self._contact = -1
-        field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
-        for low in (field, field.astype(operator.dtype)):  # load the compiled loop now
+        # Load the compiled loop now.
+        field, fixed, mask = np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0), bool)
+        fixed.flags.writeable = False
+        _copy_on(fixed, mask, field)
+        for low in (field, field.astype(operator.dtype)):
             _copy_on(field, mask, low)
 
     def apply(self, pc, x, y):

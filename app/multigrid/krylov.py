@@ -226,6 +226,9 @@ class TrackingCG:
             _direction(low, z, operator.dtype.type(0), mask, spans)
         _dots(low, low, field, spans)
         _advance(field, field, field, low, low, mask, spans, 0.0)
+        _shift(field, 0.0, mask, spans)
+        _total(low, mask, spans)
+        _add_on(low, operator.dtype.type(0), low, spans)
 
     def solve(self, ksp, b, x):
         """Improve x."""
@@ -311,7 +314,7 @@ class TrackingCG:
             saved = z.copy()
             ones = self.work.duplicate()
             ones.setArray(contact.reshape(-1).astype(float))
-            self._ones = self._precondition(pc, ones).copy()
+            self._ones = self._precondition(pc, ones) * contact  # used on other sets too
             ones.destroy()
             z[...] = saved
             self._ones_cells = self._cells
