@@ -108,11 +108,11 @@ class Frame:
         self._passage = passage
         self._last_word = LastWord(level, shape, passage) if self._target else None
         common = hierarchy.compliance, slabs, level.comm, hierarchy.dtype
-        operator = InfluenceOperator(window.grid(level.grid), *common, self._last_word)
+        operator = InfluenceOperator(window.grid(level.grid), *common, self._last_word, hierarchy.target)
         coarse_slabs = slabs and slabs.coarsen(factors[0])
         coarse_grid = coarse_window.grid(hierarchy.levels[number - 1].grid)
         common = hierarchy.compliance, coarse_slabs, level.comm, hierarchy.dtype
-        coarse = InfluenceOperator(coarse_grid, *common)
+        coarse = InfluenceOperator(coarse_grid, *common, partner=hierarchy.target)
         inner = Passage(
             coarse_window.within(below.window), below.operator.slabs, coarse.slabs, below.operator.comm
         )

@@ -266,7 +266,7 @@ class EvenMultiplier:
         half_x, half_y = nx_fft // 2, ny_fft // 2
         size, rank = (1, 0) if self.comm is None else (self.comm.size, self.comm.rank)
         mine = Slabs(rows, size, rank)  # the work of this transform; not the slabs of the fields
-        in_x = np.empty((mine.local, half_x + 1))
+        in_x = _storage(mine.local * (half_x + 1), float, self._transformed).reshape(mine.local, half_x + 1)
         for start in range(mine.rows.start, mine.rows.stop, _ROWS_AT_ONCE):
             stop = min(start + _ROWS_AT_ONCE, mine.rows.stop)
             block = np.zeros((stop - start, half_x + 1))
@@ -449,28 +449,26 @@ class Convolution(EvenMultiplier):
     ----------
     quadrant_rows : callable
         ``quadrant_rows(slice) -> ndarray (rows, nx)``: influence coefficients, a few rows at a time.
-    shape, slabs, comm, dtype
+    shape, slabs, comm, dtype, partner
         See `EvenMultiplier`.
-    partner : Convolution, optional
-        The same in another precision, whose working storage is shared.
     """
 
     def __init__(self, quadrant_rows, shape, slabs=None, comm=None, dtype=np.float64, partner=None):
         ny, nx = shape
         super().__init__(shape, (transform_length(ny), transform_length(nx)), slabs, comm, dtype, partner)
-        if isinstance(partner, Convolution):
-            self._spectrum = partner._spectrum.astype(self.dtype)
-            return
         self.set_kernel(quadrant_rows, ny, nx)
         self.scale_spectrum(lambda spectrum: spectrum)
 
     def in_precision(self, dtype):
         """Return the same product in another precision, with the same working storage. Not collective."""
-        return Convolution(None, self.shape, self.slabs, self.comm, dtype, self)
+        other = Convolution.__new__(Convolution)
+        EvenMultiplier.__init__(other, self.shape, self.periods, self.slabs, self.comm, dtype, self)
+        other._spectrum = self._spectrum.astype(dtype)
+        return other
 
 
 def _storage(size, dtype, of_partner=None):
-    """Complex numbers, in the storage of another array if that is large enough."""
+    """Numbers, in the storage of another array if that is large enough."""
     if of_partner is not None and of_partner.nbytes >= size * np.dtype(dtype).itemsize:
         return np.ndarray(size, dtype, of_partner.data)
     return np.zeros(size, dtype)

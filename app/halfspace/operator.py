@@ -38,6 +38,8 @@ class InfluenceOperator:
         Precision of the products (vectors are always float64).
     exact_product : optional
         Whose ``apply(p, u)`` is the last word, if not that of a double precision product on this grid.
+    partner : InfluenceOperator, optional
+        One whose products are at rest while those of this one are computed, so that they can share storage.
 
     Attributes
     ----------
@@ -50,12 +52,13 @@ class InfluenceOperator:
         `product.count` has all products, those inside sweeps and of `displacement` too.
     """
 
-    def __init__(self, grid, compliance, slabs=None, comm=None, dtype=np.float64, exact_product=None):
+    def __init__(self, grid, compliance, slabs=None, comm=None, dtype=np.float64, exact_product=None, partner=None):
         self.grid, self.compliance = grid, compliance
         self.comm = comm if slabs is not None else None
         self.slabs = slabs or Slabs(grid.ny)
         self._dense = grid.n <= DenseProduct.largest and self.comm is None
         self.dtype = np.dtype(np.float64 if self._dense else dtype)
+        self._partner = partner
         if exact_product is not None:
             self.exact_product = exact_product
         # Whether what `product` says must be checked by the exact one.
@@ -94,14 +97,16 @@ class InfluenceOperator:
         return self.product if self._dense else self._convolution(np.float64)
 
     @property
-    def made_convolution(self):
-        """The product by FFT, if there is one already."""
-        product = vars(self).get("product")
-        return product if isinstance(product, Convolution) else None
+    def storage(self):
+        """A convolution whose working storage other transforms on this grid may use, if there is one already."""
+        made = vars(self)
+        products = (made.get("product"), made.get("exact_product"))
+        here = next((product for product in products if isinstance(product, Convolution)), None)
+        return here or (self._partner and self._partner.storage)
 
     def _convolution(self, dtype):
         quadrant = partial(influence_quadrant, self.grid, self.compliance)
-        return Convolution(quadrant, self.grid.shape, self.slabs, self.comm, dtype)
+        return Convolution(quadrant, self.grid.shape, self.slabs, self.comm, dtype, self.storage)
 
     # -- set-up ------------------------------------------------------------------------------------------
 

@@ -74,7 +74,7 @@ def circulant_of(operator, margin=0.0):
             operator.comm,
             operator.dtype,
             margin,
-            operator.made_convolution,
+            operator.storage,
         )
     return operator.circulants[margin]
 
