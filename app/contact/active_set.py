@@ -89,7 +89,6 @@ class ContactGrid:
         self.current = True  # u is A p, not only near it
         self.contact = operator.mask  # the very array the operator uses
         self.approach = 0.0
-        self.unit = None  # q with A q = 1 on C, if the load is prescribed: see `loading`
         self.window = window or whole(operator.grid)
         self.statistics = statistics or gap_statistics(shape, self.admissible, comm)
 
@@ -122,23 +121,18 @@ class ContactGrid:
         """Number of cells of the level where contact is possible. Not collective."""
         return self.statistics.cells
 
-    def make_unit(self):
-        """Make the vector q. Collective."""
-        self.unit = self.pressure.duplicate()
-
     def in_contact(self):
         """Whether any cell is in the contact set. Collective."""
         return self.sum([any_nonzero(self.contact)])[0] > 0
 
     def touch(self):
-        """Make sure that there is contact: press until the first cell touches. Collective; returns if it had to."""
+        """Make sure that there is contact: press until the first cell touches. Collective."""
         if self.in_contact():
-            return False
+            return
         gap = self.shape + self.u
         self.approach = float(self.minimum(gap[self.admissible].min(initial=np.inf)))
         np.less_equal(gap, self.approach, out=self.contact)
         self.contact &= self.admissible
-        return True
 
     def start_from_interpenetration(self):
         """Step 1: C = {h <= 0}, p = 0. Not collective."""
@@ -214,6 +208,5 @@ class ContactGrid:
 
     def destroy(self):
         """Free the vectors. Collective."""
-        for vec in (self.pressure, self.right, self.unit):
-            if vec is not None:
-                vec.destroy()
+        self.pressure.destroy()
+        self.right.destroy()

@@ -30,7 +30,6 @@ class Below:
     u: np.ndarray
     p: np.ndarray
     contact: np.ndarray
-    unit: np.ndarray | None
     approach: float
     load: float
 
@@ -94,9 +93,8 @@ class Frame:
             self.state = ContactGrid(level, shape, level.comm)
             if below is not None:
                 self.transfer = hierarchy.transfers[number]
-                unit = below.unit and below.unit.getArray(readonly=True).reshape(below.u.shape)
                 self.below = Below(
-                    below.operator, below.u, below.p, below.contact, unit, below.approach, below.load
+                    below.operator, below.u, below.p, below.contact, below.approach, below.load
                 )
             return
         self.windowed = True
@@ -116,13 +114,11 @@ class Frame:
         inner = Passage(
             coarse_window.within(below.window), below.operator.slabs, coarse.slabs, below.operator.comm
         )
-        unit = below.unit and inner.enter(below.unit.getArray(readonly=True).reshape(below.u.shape))
         self.below = Below(
             coarse,
             inner.enter(below.u),
             inner.enter(below.p),
             inner.enter(below.contact),
-            unit,
             below.approach,
             below.load,
         )

@@ -64,6 +64,20 @@ def _drop_row(p, contact, dropped):
 
 
 @_any_order
+def total_defect(shape, u, approach, contact):
+    """Sum of h + u over C, and the number of cells there."""
+    total, cells = 0.0, 0
+    for j in range(shape.shape[0]):
+        row = 0.0
+        for i in range(shape.shape[1]):
+            if contact[j, i]:
+                row += shape[j, i] - approach + u[j, i]
+                cells += 1
+        total += row
+    return total, cells
+
+
+@numba.njit(cache=True)
 def drop(p, contact, dropped):
     """(4a) Take cells with p < 0 out of C, set p = 0 there, mark them.
 
@@ -154,6 +168,7 @@ def load():
     field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
     defect(field, field, 0.0, mask, field)
     right_hand_side(field, 0.0, mask, field)
+    total_defect(field, field, 0.0, mask)
     drop(field, mask, mask)
     admit(field, field, 0.0, mask, mask, mask)
     norm_on(field, 0.0, mask)

@@ -30,10 +30,6 @@ class Controls:
             return min(self._cheap_share * discretisation_error, self._cheap_most)
         return 0.0 if target or not tracks else self.coarse_rtol
 
-    def load_tolerance(self, target):
-        """Relative error of a prescribed load that is small enough."""
-        return 0.1 * self.rtol if target else max(1e-3, self.rtol)
-
 
 class Listener:
     """Hears of the iteration while it runs; called on the ranks that take part in a grid."""
@@ -85,7 +81,7 @@ class Outcome:
     discretisation_error: float = float("nan")  # of the pressure, relative, estimated from two grids
 
 
-def iterate(state, solver, loading, controls, history, first=True, target=True, discretisation_error=0.0):
+def iterate(state, solver, loading, controls, history, target=True, discretisation_error=0.0):
     """Solve the problem of one grid from the contact set and pressure in `state`.
 
     Collective over the ranks of `state`.
@@ -98,9 +94,8 @@ def iterate(state, solver, loading, controls, history, first=True, target=True, 
     loading : PrescribedApproach or PrescribedLoad
     controls : Controls
     history : History
-    first, target : bool
-        Whether this is the first and the target grid. On coarser grids than the target an unchanged contact
-        set is enough.
+    target : bool
+        Whether this is the target grid. On coarser ones an unchanged contact set is enough.
     discretisation_error : float
         Expected on this grid, relative; for ``controls.cheap``.
 
@@ -118,7 +113,7 @@ def iterate(state, solver, loading, controls, history, first=True, target=True, 
     def end(converged, reason, iterations):
         return Outcome(converged, reason, iterations, inner, residual)
 
-    loading.begin(state, solver, first, target)
+    loading.begin(state)
     for listener in history.listeners:
         listener.start(state, solver.level)
     if not state.in_contact():
@@ -138,24 +133,21 @@ def iterate(state, solver, loading, controls, history, first=True, target=True, 
         inner_now, failure, norm = _advance(state, solver, loading, allowed, resume)
         inner += inner_now
         change, enough = policy.update(state, solver, loading, norm, allowed, loose, target)
-        residual = change.residual / gap_norm
-        load_error = loading.measure(state)
-        done = change.changed == 0 and load_error <= controls.load_tolerance(target)
-        done &= not target or residual <= controls.rtol
+        residual = _relative(change, state)
+        done = change.changed == 0 and (not target or residual <= controls.rtol)
         if enough and target:
             state.displace_exactly()
-            residual = state.admit().residual / gap_norm
+            loading.settle(state)
+            residual = _relative(state.admit(), state)
         done |= enough
         checked = done and not enough and target and state.operator.provisional
         if checked:
             # What single precision says is a proposal: only a double precision product can accept it.
             state.displace_exactly()
+            loading.settle(state)
             change = state.admit()
-            residual = change.residual / gap_norm
+            residual = _relative(change, state)
             done = change.changed == 0 and residual <= controls.rtol
-        load, approach = state.load, state.approach
-        if not done and not failure:
-            loading.adjust(state, solver, change, solved=residual <= controls.rtol)
         resume = change.changed == 0 and state.current and not checked  # the same system, further on
         work, work_before = solver.work_units, work
         history.add(
@@ -169,8 +161,8 @@ def iterate(state, solver, loading, controls, history, first=True, target=True, 
             residual=residual,
             inner_iterations=inner_now,
             work_units=work - work_before,
-            load=load,
-            approach=approach,
+            load=state.load,
+            approach=state.approach,
             seconds=time.perf_counter() - started,
         )
         if failure:
@@ -181,6 +173,11 @@ def iterate(state, solver, loading, controls, history, first=True, target=True, 
             reason = "contact area unchanged and residual small enough"
             return end(True, "discretisation error reached" if enough and target else reason, iteration)
     return end(False, f"{controls.max_it} active set iterations were not enough", controls.max_it)
+
+
+def _relative(change, state):
+    """||r|| / ||h||, eq. (5.1), at the approach of now. Not collective."""
+    return change.residual / (state.gap_norm() or 1.0)
 
 
 def _advance(state, solver, loading, allowed, resume):
@@ -207,6 +204,7 @@ def _advance(state, solver, loading, allowed, resume):
     iterations, failure = solver.solve(state.right, solver.work, allowed)
     state.pressure.axpy(1.0, solver.work)
     state.current = False
+    loading.balance(state)
     return iterations, failure, float("inf")
 
 
@@ -242,9 +240,10 @@ class _Policy:
             merged = self.step > 0 and solver.tracks and norm > allowed and self.merges < self._merges
             if merged:
                 self._correct(state, solver)
-            loading.rescale(state)
         if not state.current:
+            loading.rescale(state)
             state.displace()
+        loading.settle(state)
         change = state.admit()
         if merged and change.residual > self._blow_up * norm and change.residual > allowed:
             self.step = max(0.5 * self.step, self._shortest)

@@ -60,7 +60,7 @@ def solve(
     route = range(last + 1) if nested else _direct_route(hierarchy, loading)
     below = outcome = None
     difference = float("nan")
-    for place, number in enumerate(route):
+    for number in route:
         level = hierarchy.levels[number]
         here = level.comm is not None or hierarchy.comm.rank == 0 or number == last
         frame = Frame(hierarchy, number, shapes[number], below if nested else None, margin)
@@ -72,17 +72,14 @@ def solve(
         else:
             state.approach = below.approach
             state.start_from_interpenetration()
-            if below.unit is not None:
-                state.make_unit()
-                _copy_up(hierarchy, route[place - 1], number, below.unit, state.unit)
         if here:
             # First order: half the error of the grid below, which is the difference to the one below that.
             expected = 0.5 * difference if difference > 0 else 0.0
-            arguments = loading, controls, history, below is None, number == last, expected
+            arguments = loading, controls, history, number == last, expected
             if number == last and target_solver:
                 outcome = iterate(state, target_solver, *arguments)
             else:
-                outcome = _iterate(hierarchy, number, state, *arguments)
+                outcome = _iterate(hierarchy, number, state, below is None, *arguments)
         if level.comm is None and hierarchy.comm.size > 1 and number < last:
             _tell(hierarchy.comm, state)
         if nested and below is not None:
@@ -95,7 +92,7 @@ def solve(
             state, complete = frame.everything(outcome.converged)
             below.destroy()
             if not complete:
-                again = _iterate(hierarchy, number, state, *arguments)
+                again = _iterate(hierarchy, number, state, False, *arguments)
                 outcome = replace(
                     again,
                     iterations=outcome.iterations + again.iterations,
@@ -104,14 +101,14 @@ def solve(
     return state, replace(outcome, discretisation_error=difference)
 
 
-def _iterate(hierarchy, number, state, loading, controls, history, first, target, expected):
+def _iterate(hierarchy, number, state, first, loading, controls, history, target, expected):
     """Solve on one grid with a solver of its own. Collective over the ranks of `state`."""
     operator = state.operator
     if first and not target and _direct(operator):
         solver = DirectSolver(operator, number)
     else:
         solver = LinearSolver(hierarchy, number, _petsc_comm(operator), operator=operator)
-    outcome = iterate(state, solver, loading, controls, history, first, target, expected)
+    outcome = iterate(state, solver, loading, controls, history, target, expected)
     solver.destroy()
     return outcome
 
@@ -141,16 +138,6 @@ def _direct(operator):
     return operator.comm is None and operator.grid.n <= LARGEST_DIRECT
 
 
-def _copy_up(hierarchy, first, last, coarse, fine):
-    """Copy values of a coarse grid to all their descendants on a finer one."""
-    values = coarse.getArray(readonly=True).reshape(hierarchy.levels[first].local_shape)
-    for number in range(first + 1, last + 1):
-        finer = np.zeros(hierarchy.levels[number].local_shape)
-        hierarchy.transfers[number].copy(values, finer)
-        values = finer
-    fine.setArray(values.reshape(-1))
-
-
 def _tell(comm, state):
     """Give all ranks what rank 0 has found on a replicated grid."""
     with state.pressure as p:
@@ -158,11 +145,6 @@ def _tell(comm, state):
     comm.Bcast(state.u)
     comm.Bcast(state.contact)
     state.approach = comm.bcast(state.approach)
-    if comm.bcast(state.unit is not None):
-        if state.unit is None:
-            state.make_unit()
-        with state.unit as q:
-            comm.Bcast(q)
 
 
 def _prolong(frame, beta, prolongation):
@@ -173,10 +155,6 @@ def _prolong(frame, beta, prolongation):
     transfer.interpolate(below.u, state.u)
     if prolongation == "copy" or not _lift(transfer, below, state):
         _copy(transfer, below, state, beta)
-    if below.unit is not None:
-        state.make_unit()
-        with state.unit as values:
-            transfer.copy(below.unit, values.reshape(state.u.shape))
 
 
 def _copy(transfer, below, state, beta):

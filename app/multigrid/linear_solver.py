@@ -41,8 +41,6 @@ class LinearSolver:
         In place of that level's: the same in a window. Not with -pc_type mg.
     """
 
-    exact = False
-
     def __init__(self, hierarchy, level=-1, comm=None, prefix="", operator=None):
         self.level = range(len(hierarchy.levels))[level]
         operators = hierarchy.levels[: self.level + 1]
@@ -199,7 +197,6 @@ class DirectSolver:
         Its number in the hierarchy.
     """
 
-    exact = True
     tracks = False
     work_units = 0.0
 
