@@ -13,6 +13,7 @@ r (defect on C)           ``h + u`` on C               mm
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -83,7 +84,6 @@ class ContactGrid:
         petsc_comm = PETSc.COMM_SELF if comm is None else PETSc.Comm(comm)
         size = (shape.size, PETSc.DETERMINE)
         self.pressure = PETSc.Vec().createMPI(size, comm=petsc_comm)
-        self.right = self.pressure.duplicate()
         self.u = np.zeros(shape.shape)
         self._dropped = np.zeros(shape.shape, bool)
         self.current = True  # u is A p, not only near it
@@ -91,6 +91,11 @@ class ContactGrid:
         self.approach = 0.0
         self.window = window or whole(operator.grid)
         self.statistics = statistics or gap_statistics(shape, self.admissible, comm)
+
+    @cached_property
+    def right(self):
+        """A Vec for right-hand sides. Collective when first asked for."""
+        return self.pressure.duplicate()
 
     def sum(self, values):
         """Sum a few numbers over the ranks. Collective."""
@@ -209,4 +214,5 @@ class ContactGrid:
     def destroy(self):
         """Free the vectors. Collective."""
         self.pressure.destroy()
-        self.right.destroy()
+        if "right" in vars(self):
+            self.right.destroy()

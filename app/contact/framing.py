@@ -35,23 +35,28 @@ class Below:
 
 
 class LastWord:
-    """Exact product for a window: in double precision, on all cells of the target grid, whose state it keeps."""
+    """Exact product for a window: in double precision, on all cells of the target grid.
+
+    Attributes
+    ----------
+    u : ndarray or None
+        The last product, on all cells.
+    """
 
     count = 0  # its products are those of the target grid's operator
 
-    def __init__(self, target, shape, passage):
-        self._arguments, self._passage = (target, shape, target.comm), passage
-        self.state = None
+    def __init__(self, target, passage):
+        self._target, self._passage = target, passage
+        self.u = None
 
     def apply(self, p, u):
         """Compute u = A p in the window and everywhere else. Collective."""
-        if self.state is None:
-            self.state = ContactGrid(*self._arguments)
-        state = self.state
-        with state.pressure as values:
-            self._passage.leave(p, values.reshape(state.u.shape))
-        state.displace_exactly()
-        u[...] = self._passage.enter(state.u)
+        if self.u is None:
+            self.u = np.zeros(self._target.local_shape)
+        self.u[...] = 0
+        self._passage.leave(p, self.u)
+        self._target.exact_displacement(self.u, self.u)
+        u[...] = self._passage.enter(self.u)
 
 
 class Frame:
@@ -104,7 +109,7 @@ class Frame:
             slabs = Slabs(window.y1 - window.y0, level.comm.size, level.comm.rank, factors[0])
         passage = Passage(window, level.slabs, slabs or Slabs(window.y1 - window.y0), level.comm)
         self._passage = passage
-        self._last_word = LastWord(level, shape, passage) if self._target else None
+        self._last_word = LastWord(level, passage) if self._target else None
         common = hierarchy.compliance, slabs, level.comm, hierarchy.dtype
         operator = InfluenceOperator(window.grid(level.grid), *common, self._last_word, hierarchy.target)
         coarse_slabs = slabs and slabs.coarsen(factors[0])
@@ -128,11 +133,12 @@ class Frame:
         self.state = ContactGrid(operator, passage.enter(shape), level.comm, window, statistics)
 
     def close(self):
-        """Free what belongs to the window alone and is of no use to a finer grid. Collective."""
+        """Free what is of no use to a finer grid. Collective."""
         if self.windowed:
             for operator in (self.state.operator, self.below.operator):
                 self._hierarchy.spent(operator)
                 operator.free()
+                operator.free_solvers()
 
     def everything(self, converged):
         """Return the state on all cells of the target grid, that in the window being final. Collective.
@@ -143,14 +149,16 @@ class Frame:
         complete : bool
             The bodies penetrate nowhere outside the window.
         """
-        inside = self.state
-        if self._last_word.state is None or not converged:
+        inside, level = self.state, self._hierarchy.target
+        if self._last_word.u is None or not converged:
             self._last_word.apply(inside.p, inside.u)
-        state = self._last_word.state
-        state.approach = inside.approach
+        state = ContactGrid(level, self._shape, level.comm)
+        state.u, state.approach = self._last_word.u, inside.approach
+        with state.pressure as values:
+            self._passage.leave(inside.p, values.reshape(state.u.shape))
         self._passage.leave(inside.contact, state.contact)
-        complete = state.admit().added == 0
-        return state, complete
+        inside.destroy()
+        return state, state.admit().added == 0
 
 
 def _choose(below, grid, margin, possible):

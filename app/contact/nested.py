@@ -90,7 +90,6 @@ def solve(
         below = state
         if number == last and frame.windowed:
             state, complete = frame.everything(outcome.converged)
-            below.destroy()
             if not complete:
                 again = _iterate(hierarchy, number, state, False, *arguments)
                 outcome = replace(

@@ -52,7 +52,9 @@ class InfluenceOperator:
         `product.count` has all products, those inside sweeps and of `displacement` too.
     """
 
-    def __init__(self, grid, compliance, slabs=None, comm=None, dtype=np.float64, exact_product=None, partner=None):
+    def __init__(
+        self, grid, compliance, slabs=None, comm=None, dtype=np.float64, exact_product=None, partner=None
+    ):
         self.grid, self.compliance = grid, compliance
         self.comm = comm if slabs is not None else None
         self.slabs = slabs or Slabs(grid.ny)
@@ -133,10 +135,10 @@ class InfluenceOperator:
         self._mats.clear()
 
     def free_solvers(self):
-        """Free what only solvers need: preconditioner, sweeps, single precision products. Not collective."""
+        """Free what only solvers need: preconditioner, sweeps, all products but the exact one. Not collective."""
         self.circulants.clear()
         self._relaxation = None
-        self.product = self.exact_product
+        vars(self).pop("product", None)
         self.provisional = False
 
     # -- numpy side --------------------------------------------------------------------------------------
