@@ -71,10 +71,11 @@ class prepare:
     """Everything that can be refused before any work: problem, grids, solver, output. Collective."""
 
     def __init__(self, options, comm):
-        from app.contact import kernels
+        from app.contact import kernels, nested  # noqa: F401  (imported before the solve is timed)
         from app.contact.loading import PrescribedApproach, PrescribedLoad
         from app.contact.loop import Controls
         from app.contact.monitor import Monitor, Progress
+        from app.multigrid import transfer
         from app.multigrid.circulant import circulant_of
         from app.multigrid.hierarchy import Hierarchy, worth_a_window
         from app.output.result import check_output_path
@@ -120,6 +121,7 @@ class prepare:
         )  # fmt: skip
         self.solver = make_solver(self.type, self.hierarchy, self.controls, self.margin > 0)
         kernels.load()
+        transfer.load()
         if self.prolongation == "lift" and self.nested:
             for operator in self.hierarchy.levels:
                 if not (self.margin and worth_a_window(operator.grid)):

@@ -259,6 +259,5 @@ class _Policy:
         """p += step M r on what is left of C; r still knows nothing of what was dropped."""
         solver.contact_changed()
         state.defect_to(state.right)
-        solver.precondition(state.right, solver.work)
-        state.pressure.axpy(self.step, solver.work)
+        solver.correct(state.right, state.pressure, self.step)
         self.merges += 1

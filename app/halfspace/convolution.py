@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import lru_cache
 
 import numba
 import numpy as np
@@ -26,8 +27,8 @@ from scipy.fft import dct, next_fast_len, rfft
 
 from app.halfspace.grid import Slabs
 
-_ROWS_AT_ONCE = 32  # even: rows are transformed in pairs
-_COLUMNS_AT_ONCE = 16
+_AT_ONCE = 16  # sequences in a batch
+_ROWS_AT_ONCE, _COLUMNS_AT_ONCE = 2 * _AT_ONCE, _AT_ONCE  # two real rows are a sequence
 _GROUP_BYTES = 1 << 22
 _FLAGS = (fftw.FFTW_ESTIMATE,)  # deterministic, and as fast as measured plans here
 
@@ -181,6 +182,20 @@ def _scatter(rows, first, count, columns, start):
                         rows[r, x + c] = columns[c, y + r]
 
 
+class _Batch:
+    """Some complex sequences and their transforms in place."""
+
+    def __init__(self, length, dtype):
+        self.data = data = fftw.aligned((_AT_ONCE, length), dtype=dtype)
+        self.forward = fftw.fftn(data, None, (1,), 1, _FLAGS, data)
+        self.backward = fftw.ifftn(data, None, (1,), 1, _FLAGS, data)
+        data[...] = 0
+
+
+# Scratch of one transform after the other: rows and columns of all grids share what has the same length.
+_batch = lru_cache(maxsize=64)(_Batch)
+
+
 class EvenMultiplier:
     """Multiply by a real even function in Fourier space: a convolution with an even kernel.
 
@@ -229,14 +244,8 @@ class EvenMultiplier:
             largest = max(g.mine.stop - g.mine.start for g in self._groups) * shape[0]
             self._received = _storage(largest, complex_type, partner and partner._received)
 
-        self._pairs = pairs = fftw.aligned((_ROWS_AT_ONCE // 2, nx_fft), dtype=complex_type)
-        self._column = column = fftw.aligned((_COLUMNS_AT_ONCE, ny_fft), dtype=complex_type)
-        self._row_forward = fftw.fftn(pairs, None, (1,), 1, _FLAGS, pairs)
-        self._row_backward = fftw.ifftn(pairs, None, (1,), 1, _FLAGS, pairs)
-        self._column_forward = fftw.fftn(column, None, (1,), 1, _FLAGS, column)
-        self._column_backward = fftw.ifftn(column, None, (1,), 1, _FLAGS, column)
-        for work in (pairs, column):
-            work[...] = 0
+        self._rows_plan, self._columns_plan = _batch(nx_fft, complex_type), _batch(ny_fft, complex_type)
+        self._pairs, self._column = self._rows_plan.data, self._columns_plan.data
 
     def _deal_columns(self, columns):
         """Split the columns into groups, each dealt to all ranks; the same in all precisions."""
@@ -391,7 +400,7 @@ class EvenMultiplier:
                     piece[here] = 0
                 continue
             _pair(block, inside, self._pairs)
-            self._row_forward()
+            self._rows_plan.forward()
             for first, piece in self._pieces:
                 _store(self._pairs, first, piece[here])
 
@@ -412,13 +421,13 @@ class EvenMultiplier:
             for block, (start, _) in zip(blocks, group.row_ranges, strict=True):
                 _gather(block, first, w, column, start)
             column[:, ny:] = 0
-            self._column_forward()
+            self._columns_plan.forward()
             spectrum = self._spectrum[done + first : done + last]
             if self._inverse:
                 _divide_by_even_spectrum(column, spectrum, w, self._spectrum.dtype.type(self._inverse_scale))
             else:
                 _scale_by_even_spectrum(column, spectrum, w)
-            self._column_backward()
+            self._columns_plan.backward()
             for block, (start, _) in zip(blocks, group.row_ranges, strict=True):
                 _scatter(block, first, w, column, start)
         if self.comm is not None:
@@ -436,7 +445,7 @@ class EvenMultiplier:
                 continue
             for first, piece in self._pieces:
                 _load(self._pairs, first, piece[i : i + len(block)])
-            self._row_backward()
+            self._rows_plan.backward()
             _unpair(self._pairs, inside, block)
 
 

@@ -22,7 +22,7 @@ from scipy.fft import next_fast_len
 
 from app.halfspace.convolution import EvenMultiplier
 from app.halfspace.influence import influence_quadrant
-from app.multigrid.extension import RimExtension
+from app.multigrid.extension import RimExtension, load
 
 _event = PETSc.Log.Event("CirculantPC")
 
@@ -121,7 +121,8 @@ class Circulant:
             self.extension = RimExtension(operator.local_shape, operator.slabs, operator.comm, steps)
             self.extension.set_stencil(self.multiplier.centre())
         self._contact = -1
-        # Load the compiled loop now.
+        # Load the compiled loops now.
+        load(operator.dtype)
         field, fixed, mask = np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0), bool)
         fixed.flags.writeable = False
         _copy_on(fixed, mask, field)

@@ -156,6 +156,20 @@ def _add_on(a, scale, b, spans):
 
 
 @_any_order
+def _correct_row(a, scale, b, contact):
+    for i in range(a.size):
+        a[i] += scale * b[i] if contact[i] else 0.0
+
+
+@_any_order
+def _correct(a, scale, b, contact, spans):
+    """a += scale b on C."""
+    for j in range(a.shape[0]):
+        span = slice(spans[j, 0], spans[j, 1])
+        _correct_row(a[j, span], scale, b[j, span], contact[j, span])
+
+
+@_any_order
 def _shift(r, shift, contact, spans):
     """r -= shift on C."""
     for j in range(r.shape[0]):
@@ -222,6 +236,7 @@ class TrackingCG:
         _find_spans(mask, spans)
         _first_residual(field, field, mask, spans)
         for z in (field, low):
+            _correct(field, 0.0, z, mask, spans)
             _dot(field, z, mask, spans)
             _direction(low, z, operator.dtype.type(0), mask, spans)
         _dots(low, low, field, spans)
@@ -282,6 +297,14 @@ class TrackingCG:
             ksp.setConvergedReason(
                 reasons.CONVERGED_RTOL if norm <= rtol * first else reasons.DIVERGED_MAX_IT
             )
+
+    def correct(self, ksp, r, x, step):
+        """Take a step of steepest descent: x += step M r on C. Collective."""
+        contact = ksp.getOperators()[0].getPythonContext().mask
+        _find_spans(contact, self._spans)
+        z = self._precondition(ksp.getPC(), r)
+        with x as solution:
+            _correct(solution.reshape(z.shape), step, z, contact, self._spans)
 
     def _low(self, memory):
         """Return a field in the operator's precision in the memory of a Vec."""

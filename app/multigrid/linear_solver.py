@@ -159,9 +159,9 @@ class LinearSolver:
         iterations, failure = self._solve(b, x, allowed)
         return iterations, failure, tracking.residual, tracking.shift
 
-    def precondition(self, r, z):
-        """Apply the preconditioner: z = M r. Collective."""
-        self.ksp.getPC().apply(r, z)
+    def correct(self, r, x, step):
+        """Add a multiple of the preconditioned residual: x += step M r on C. Collective. For solvers that `tracks`."""
+        self._tracking.correct(self.ksp, r, x, step)
 
     def tighten(self):
         """Ask for ten times the relative accuracy from now on. Not collective."""
