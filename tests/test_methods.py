@@ -5,8 +5,11 @@ import pytest
 from mpi_norm import APPROACH, hertz
 from running import Sampled, assert_solves_lcp, solve
 
+from app.contact.active_set import ContactGrid
+from app.contact.certificate import certify
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material, dense_matrix
+from app.halfspace.operator import InfluenceOperator
 from app.output.result import read_result
 from app.problems.punch import Punch
 from app.problems.surfaces import WavySurface
@@ -204,6 +207,25 @@ def test_certificate_bounds_the_error(rtol):
     assert found.smallest_pressure >= 0
     admissible = ~np.isnan(rough.h)
     assert found.largest_penetration == pytest.approx(max(0.0, -rough.gap[admissible].min()), abs=1e-15)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_certificate_bounds_the_error_of_any_pressure(seed):
+    rng = np.random.default_rng(seed)
+    problem = punch(20)
+    exact = solve(problem, 0.1, "norm", lcp_rtol=1e-13)
+    a = dense_matrix(problem.grid, problem.material.compliance)
+    operator = InfluenceOperator(problem.grid, problem.material.compliance)
+    state = ContactGrid(operator, problem.shape_on(problem.grid))
+    state.approach = 0.1
+    size = (1e-6, 1e-3, 0.1, 1.0, 10.0)[seed]
+    p = np.maximum(exact.pressure + size * exact.pressure.max() * rng.normal(size=(20, 20)), 0)
+    p *= state.admissible
+    p[rng.random((20, 20)) < 0.02] = 0.0  # outliers
+    state.pressure.setArray(p.reshape(-1))
+    found = certify(state)
+    error = (p - exact.pressure).reshape(-1)
+    assert np.sqrt(error @ a @ error / (p.reshape(-1) @ a @ p.reshape(-1))) <= found.error_bound < np.inf
 
 
 def test_certificate_of_an_exact_solution_is_tight():

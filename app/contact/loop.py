@@ -136,6 +136,7 @@ def iterate(state, solver, loading, controls, history, target=True, discretisati
         residual = _relative(change, state)
         done = change.changed == 0 and (not target or residual <= controls.rtol)
         if enough and target:
+            loading.rescale(state)
             state.displace_exactly()
             loading.settle(state)
             residual = _relative(state.admit(), state)
@@ -143,6 +144,7 @@ def iterate(state, solver, loading, controls, history, target=True, discretisati
         checked = done and not enough and target and state.operator.provisional
         if checked:
             # What single precision says is a proposal: only a double precision product can accept it.
+            loading.rescale(state)
             state.displace_exactly()
             loading.settle(state)
             change = state.admit()
