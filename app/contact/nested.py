@@ -167,7 +167,7 @@ def _copy(transfer, below, state, beta):
     with state.pressure as values:
         p = values.reshape(state.u.shape)
         transfer.copy(below.p, p)
-        p *= state.contact
+        np.copyto(p, 0.0, where=~state.contact)
 
 
 def _lift(transfer, below, state):
@@ -196,6 +196,6 @@ def _lift(transfer, below, state):
         np.subtract(target, overlap, out=target, where=contact)
         circulant_of(state.operator).apply(target, target)
         contact &= target > 0
-        target *= contact
+        np.copyto(target, 0.0, where=~contact)
     state.contact[...] = contact
     return 0.05 * below.load < state.load < 20 * below.load

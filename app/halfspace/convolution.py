@@ -241,7 +241,7 @@ class EvenMultiplier:
         self._pieces = [piece for group in self._groups for piece in group.pieces(self._transformed)]
         self._received = None
         if self.comm is not None:
-            largest = max(g.mine.stop - g.mine.start for g in self._groups) * shape[0]
+            largest = max(group.to_receive for group in self._groups)
             self._received = _storage(largest, complex_type, partner and partner._received)
 
         self._rows_plan, self._columns_plan = _batch(nx_fft, complex_type), _batch(ny_fft, complex_type)
@@ -289,9 +289,7 @@ class EvenMultiplier:
             blocks = [in_x]
             if self.comm is not None:
                 sent = np.concatenate([in_x[:, a:b].reshape(-1) for a, b in itertools.pairwise(group.edges)])
-                received = np.empty(count * rows)
-                self.comm.Alltoallv([sent, group.by_column], [received, group.by_row])
-                blocks = group.blocks(received)
+                blocks = group.deal(self.comm, sent, np.empty(group.to_receive))
             for first in range(0, count, _COLUMNS_AT_ONCE):
                 last = min(first + _COLUMNS_AT_ONCE, count)
                 column = np.zeros((last - first, half_y + 1))
@@ -408,12 +406,7 @@ class EvenMultiplier:
         """Convolve the columns of a group in y; `done` columns of the spectrum belong to earlier groups."""
         part = group.part(self._transformed)
         count = group.mine.stop - group.mine.start
-        if self.comm is None:
-            blocks = group.blocks(part)
-        else:
-            received = self._received[: count * self.shape[0]]
-            self.comm.Alltoallv([part, group.by_column], [received, group.by_row])
-            blocks = group.blocks(received)
+        blocks = group.deal(self.comm, part, self._received)
         column, ny = self._column, self.shape[0]
         for first in range(0, count, _COLUMNS_AT_ONCE):
             last = min(first + _COLUMNS_AT_ONCE, count)
@@ -430,8 +423,7 @@ class EvenMultiplier:
             self._columns_plan.backward()
             for block, (start, _) in zip(blocks, group.row_ranges, strict=True):
                 _scatter(block, first, w, column, start)
-        if self.comm is not None:
-            self.comm.Alltoallv([received, group.by_row], [part, group.by_column])
+        group.give_back(self.comm, part, self._received)
         return done + count
 
     def _rows_backward(self, out, mask, rows):
@@ -493,9 +485,9 @@ def _transform_even(samples, period):
 
 
 class _ColumnGroup:
-    """Columns [start, stop) dealt to `size` ranks, and the counts of the all-to-all that deals them.
+    """Columns [start, stop) dealt to `size` ranks, and the all-to-all that deals them.
 
-    On either side lies one array (rows, columns) after the other.
+    On either side lies one array (rows, columns) after the other. What a rank would send to itself stays where it is.
     """
 
     def __init__(self, start, stop, size, rank, row_counts):
@@ -504,15 +496,17 @@ class _ColumnGroup:
         self.mine = slice(self.edges[rank], self.edges[rank + 1])
         row_edges = np.concatenate([[0], np.cumsum(row_counts)])
         self.row_ranges = [(int(a), int(b)) for a, b in itertools.pairwise(row_edges)]
-        columns = per_rank[rank]
-        sent = np.array(per_rank) * row_counts[rank]
-        got = np.array(row_counts) * columns
-        self.by_column = (sent, np.concatenate([[0], np.cumsum(sent)[:-1]]))
-        self.by_row = (got, np.concatenate([[0], np.cumsum(got)[:-1]]))
-        self._columns, self._rows = columns, row_counts[rank]
+        self._columns, self._rows, self._rank = per_rank[rank], row_counts[rank], rank
+        starts = self._rows * (np.array(self.edges[:-1]) - start)
+        sent = np.array(per_rank) * self._rows
+        got = np.array(row_counts) * self._columns
+        sent[rank] = got[rank] = 0
+        self._by_column = sent, starts
+        self._by_row = got, np.concatenate([[0], np.cumsum(got)[:-1]])
+        self.to_receive = int(got.sum())
 
     def part(self, transformed):
-        """What is sent, in the array of all groups."""
+        """What is dealt, in the array of all groups."""
         return transformed[self._rows * self.edges[0] : self._rows * self.edges[-1]]
 
     def pieces(self, transformed):
@@ -522,12 +516,23 @@ class _ColumnGroup:
             for a, b in itertools.pairwise(self.edges)
         ]
 
-    def blocks(self, received):
-        """Views (rows of rank q, columns here) of the received data, one for each rank q."""
-        return [
-            received[self._columns * a : self._columns * b].reshape(b - a, self._columns)
-            for a, b in self.row_ranges
-        ]
+    def deal(self, comm, part, received):
+        """Get the columns of this rank: views (rows of rank q, columns here), one for each rank q. Collective."""
+        first = self._rows * (self.mine.start - self.edges[0])
+        own = part[first : first + self._rows * self._columns].reshape(self._rows, self._columns)
+        if comm is None:
+            return [own]
+        comm.Alltoallv([part, self._by_column], [received, self._by_row])
+        blocks = []
+        for rank, (count, start) in enumerate(zip(*self._by_row, strict=True)):
+            block = received[start : start + count].reshape(-1, self._columns) if count else own[:0]
+            blocks.append(own if rank == self._rank else block)
+        return blocks
+
+    def give_back(self, comm, part, received):
+        """Send back what `deal` got. Collective."""
+        if comm is not None:
+            comm.Alltoallv([received, self._by_row], [part, self._by_column])
 
 
 class DenseProduct:
