@@ -170,6 +170,7 @@ class ContactGrid:
     def displace_exactly(self):
         """Compute u = A p in double precision. Collective."""
         self.operator.exact_displacement(self.p, self.u)
+        self.current = True
         self._dropped[...] = False
 
     def drop(self):
