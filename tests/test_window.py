@@ -70,3 +70,28 @@ def test_windows_are_refused_where_they_mean_nothing():
         assert done.returncode == 2
         assert "-lcp_window" in done.stderr
         assert why in done.stderr
+
+
+@pytest.mark.parametrize("method", ["fast", "fmg_v11", "mg_v11", "norm"])
+@pytest.mark.parametrize("radius", [0.003, 0.02])
+def test_a_punch_that_coarse_grids_cannot_see(method, radius):
+    grid = Grid.from_domain(256, 256, (-1.0, 1.0, -1.0, 1.0))
+    place = grid.x()[201]
+
+    def shape(x, y):
+        return np.where((x - place) ** 2 + (y - place) ** 2 < radius**2, (x - place) ** 2, np.nan)
+
+    problem = Sampled(grid, Material(80000.0, 0.3), shape)
+    by_approach = solve(problem, 0.001, method)
+    assert_solves_lcp(by_approach)
+    assert by_approach.contact.any()
+    by_load = solve(problem, 0.001, method, by_approach.load)
+    assert_solves_lcp(by_load)
+    assert by_load.approach == pytest.approx(0.001, rel=1e-5)
+
+
+def test_out_of_iterations_in_a_window_is_said():
+    solution = solve(punch(163, 140), 0.01, "fast", lcp_max_it=1)
+    assert not solution.outcome.converged
+    assert solution.outcome.iterations == 1
+    assert np.isfinite(solution.certificate.error_bound)

@@ -91,9 +91,8 @@ class Frame:
         factors = below and (hierarchy.transfers[number].fy, hierarchy.transfers[number].fx)
         if below is not None and margin and worth_a_window(level.grid):
             possible = bounding_box(~np.isnan(shape), level.slabs, level.comm)
-            coarse_window = _choose(
-                below, hierarchy.levels[number - 1].grid, margin, possible.coarsen(factors)
-            )
+            possible = possible and possible.coarsen(factors)
+            coarse_window = _choose(below, hierarchy.levels[number - 1].grid, margin, possible)
         if coarse_window is None:
             self.state = ContactGrid(level, shape, level.comm)
             if below is not None:
@@ -147,7 +146,7 @@ class Frame:
         -------
         state : ContactGrid
         complete : bool
-            The bodies penetrate nowhere outside the window.
+            The bodies penetrate nowhere outside the window, as far as that is of interest.
         """
         inside, level = self.state, self._hierarchy.target
         if self._last_word.u is None or not converged:
@@ -158,7 +157,7 @@ class Frame:
             self._passage.leave(inside.p, values.reshape(state.u.shape))
         self._passage.leave(inside.contact, state.contact)
         inside.destroy()
-        return state, state.admit().added == 0
+        return state, not converged or state.admit().added == 0
 
 
 def _choose(below, grid, margin, possible):
@@ -173,16 +172,18 @@ def _choose(below, grid, margin, possible):
     grid : Grid
         All of it.
     margin : float
-    possible : Window
+    possible : Window or None
         Around all cells where contact is possible.
     """
     contact, outer = bounding_box(below.contact, below.operator.slabs, below.comm), below.window
-    if contact is None:
-        return None if outer == whole(grid) else outer
-    rows = _widen(contact.y0 + outer.y0, contact.y1 + outer.y0, margin, possible.y0, possible.y1)
-    columns = _widen(contact.x0 + outer.x0, contact.x1 + outer.x0, margin, possible.x0, possible.x1)
-    window = Window(*_fill(*rows, outer.y0, outer.y1), *_fill(*columns, outer.x0, outer.x1))
-    return window if window.n <= _MOST * grid.n or outer != whole(grid) else None
+    window = None
+    if contact is not None and possible is not None:
+        rows = _widen(contact.y0 + outer.y0, contact.y1 + outer.y0, margin, possible.y0, possible.y1)
+        columns = _widen(contact.x0 + outer.x0, contact.x1 + outer.x0, margin, possible.x0, possible.x1)
+        window = Window(*_fill(*rows, outer.y0, outer.y1), *_fill(*columns, outer.x0, outer.x1))
+    if outer == whole(grid):
+        return window if window is not None and 0 < window.n <= _MOST * grid.n else None
+    return window if window is not None and window.n > 0 else outer
 
 
 def _widen(first, last, margin, lowest, highest):
@@ -192,8 +193,10 @@ def _widen(first, last, margin, lowest, highest):
 
 
 def _fill(first, last, lowest, highest):
-    """Grow until the FFTs like the length, between `lowest` and `highest`."""
+    """Grow until the FFTs like the length, between `lowest` and `highest`; nothing stays nothing."""
     first, last = max(first, lowest), min(last, highest)
+    if first >= last:
+        return lowest, lowest
     length = min(next_fast_len(last - first, real=True), highest - lowest)
     first = max(lowest, min(first - (length - (last - first)) // 2, highest - length))
     return first, first + length

@@ -57,7 +57,12 @@ def solve(
         State of the target grid.
     """
     last = len(hierarchy.levels) - 1
-    route = range(last + 1) if nested else _direct_route(hierarchy, loading)
+    # Grids so coarse that no cell is admissible say nothing.
+    blind = [
+        number for number in range(last) if not _any_admissible(hierarchy.levels[number], shapes[number])
+    ]
+    first = blind[-1] + 1 if blind else 0
+    route = range(first, last + 1) if nested else _direct_route(hierarchy, loading, first)
     below = outcome = None
     difference = float("nan")
     for number in route:
@@ -123,12 +128,17 @@ def _petsc_comm(operator):
     return PETSc.COMM_SELF if operator.comm is None else PETSc.Comm(operator.comm)
 
 
-def _direct_route(hierarchy, loading):
+def _any_admissible(level, shape):
+    """Whether contact is possible in any cell of a level. Collective over its ranks."""
+    return sum_over(level.comm, [not np.isnan(shape).all()])[0] > 0
+
+
+def _direct_route(hierarchy, loading, first):
     """Levels visited without nested iteration: the target; to find an approach, a grid small enough first."""
     last = len(hierarchy.levels) - 1
     if isinstance(loading, PrescribedApproach):
         return [last]
-    small = [number for number in range(last) if _direct(hierarchy.levels[number])]
+    small = [number for number in range(first, last) if _direct(hierarchy.levels[number])]
     return [*small[-1:], last]
 
 
