@@ -20,11 +20,18 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.fft import next_fast_len
 
-from app.halfspace.convolution import EvenMultiplier
+from app.halfspace.convolution import EvenMultiplier, quick_length
 from app.halfspace.influence import influence_quadrant
 from app.multigrid.extension import RimExtension, load
 
 _event = PETSc.Log.Event("CirculantPC")
+
+
+def circulant_periods(shape, margin):
+    """Periods for a patch of some cells and a margin; see `circulant_inverse`. Not collective."""
+    if margin is None:
+        return tuple(next_fast_len(n, real=True) for n in shape)
+    return tuple(quick_length(int(np.ceil((1 + margin) * n))) for n in shape)
 
 
 def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64, margin=0.0, partner=None):
@@ -36,8 +43,9 @@ def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64,
     ----------
     grid, compliance, slabs, comm, dtype
         See `InfluenceOperator`.
-    margin : float
-        Share of the extent of the patch to be added to it at least, before it is continued periodically.
+    margin : float or None
+        Share of the extent of the patch to be added to it at least, before it is continued periodically; more if that
+        makes quicker transforms. None: the period is that of the patch, or very little more.
     partner : EvenMultiplier, optional
         Whose working storage may be used.
 
@@ -50,13 +58,13 @@ def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64,
     ValueError
         If an eigenvalue is not positive.
     """
-    ny, nx = grid.shape
-    periods = tuple(next_fast_len(int(np.ceil((1 + margin) * n)), real=True) for n in (ny, nx))
+    periods = circulant_periods(grid.shape, margin)
     inverse = EvenMultiplier(grid.shape, periods, slabs, comm, dtype, partner)
     rows, columns = (min(period // 2 + 1, n) for period, n in zip(periods, grid.shape, strict=True))
     inverse.set_kernel(partial(influence_quadrant, grid, compliance, columns=columns), rows, columns)
     smallest = inverse.smallest_eigenvalue()
     if not smallest > 0:
+        ny, nx = grid.shape
         raise ValueError(
             f"circulant preconditioner: eigenvalue {smallest:g} on {nx} x {ny} cells is not positive"
         )
@@ -64,10 +72,11 @@ def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64,
     return inverse
 
 
-def circulant_of(operator, margin=0.0):
+def circulant_of(operator, margin=None):
     """Inverse circulant of an `InfluenceOperator`, made when first asked for. Collective over its ranks."""
-    if margin not in operator.circulants:
-        operator.circulants[margin] = circulant_inverse(
+    periods = circulant_periods(operator.grid.shape, margin)
+    if periods not in operator.circulants:
+        operator.circulants[periods] = circulant_inverse(
             operator.grid,
             operator.compliance,
             operator.slabs,
@@ -76,7 +85,7 @@ def circulant_of(operator, margin=0.0):
             margin,
             operator.storage,
         )
-    return operator.circulants[margin]
+    return operator.circulants[periods]
 
 
 @numba.njit(cache=True)
@@ -100,7 +109,7 @@ class Circulant:
     with the 3 x 3 centre of B (see `extension`).
 
     Options: ``-pc_circulant_extend k`` (default 0: E = 1), ``-pc_circulant_margin m``: period of B over the extent of
-    the patch, less 1 (default 0). Without a margin contact at one edge of the patch feels that at the other one.
+    the patch, less 1, at least (default 0). Without a margin contact at one edge of the patch feels that at the other.
     """
 
     operator = None
