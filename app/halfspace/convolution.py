@@ -35,16 +35,16 @@ _FLAGS = (fftw.FFTW_ESTIMATE,)  # deterministic, and as fast as measured plans h
 
 @lru_cache(maxsize=256)
 def quick_length(n, even=False):
-    """Length of at least n at which a transform and what goes with it take the least time. Not collective.
+    """Length of at least n at which a transform and what goes with it take little time. Not collective.
 
-    Per point FFTW needs (without measuring) half the time at powers of two, 0.8 of it at small odd multiples of
-    large ones; the rest of a product, as much again, does not care.
+    Per point FFTW needs (without measuring) half the time at powers of two, 0.8 of it at odd multiples of large
+    ones; the rest of a product, as much again, does not care. Memory counts too, so that little is not bought dearly.
     """
 
     def cost(length):
         twos = length & -length
         relative = 1.0 if twos == length else 1.6 if twos >= 64 else 2.0
-        return length * (1 + relative)
+        return length**1.5 * (1 + relative)
 
     lengths, length = [], next_fast_len(n, real=True)
     while not lengths or length < 1.5 * n:
