@@ -77,7 +77,7 @@ class prepare:
         from app.contact.monitor import Monitor, Progress
         from app.multigrid import transfer
         from app.multigrid.circulant import circulant_of
-        from app.multigrid.hierarchy import Hierarchy, worth_a_window
+        from app.multigrid.hierarchy import Hierarchy
         from app.output.result import check_output_path
 
         self.output = options["output"]
@@ -97,10 +97,10 @@ class prepare:
             cheap=options["lcp_cheap"],
         )
         self.nested, self.beta = options["lcp_nested"], options["lcp_beta"]
-        self.prolongation, self.margin = options["lcp_prolongation"], options["lcp_window"]
-        if self.margin and not self.nested:
+        self.prolongation, margin = options["lcp_prolongation"], options["lcp_window"]
+        if margin and not self.nested:
             raise InputError("-lcp_window: is found on coarser grids; allowed with -lcp_nested only")
-        if self.margin and options.text("pc_type") == "mg":
+        if margin and options.text("pc_type") == "mg":
             raise InputError("-lcp_window: the levels of -pc_type mg are whole grids; not allowed with it")
         if self.controls.cheap and not self.nested:
             raise InputError("-lcp_cheap: estimates errors from two grids; allowed with -lcp_nested only")
@@ -117,14 +117,14 @@ class prepare:
             self.problem.grid, material.compliance, comm, options["lcp_coarsest"], options["lcp_replicate"] ** 2,
             single=not multilevel,
             dtype=np.float32 if options["lcp_precision"] == "single" else np.float64,
-            windows=self.margin > 0,
+            margin=margin,
         )  # fmt: skip
-        self.solver = make_solver(self.type, self.hierarchy, self.controls, self.margin > 0)
+        self.solver = make_solver(self.type, self.hierarchy, self.controls)
         kernels.load()
         transfer.load()
         if self.prolongation == "lift" and self.nested:
             for operator in self.hierarchy.levels:
-                if not (self.margin and worth_a_window(operator.grid)):
+                if not self.hierarchy.windowed(operator):
                     circulant_of(operator)
         unused = session.unused_options()
         if unused:
@@ -161,7 +161,7 @@ def make_problem(options, comm):
         if options.given("grid"):
             nx, ny = options["grid"]
         problem = GapFile(Grid.from_domain(nx, ny, options["domain"]), material, gap)
-        gap.check(Slabs(ny, comm.size, comm.rank).rows)
+        gap.check(Slabs.over(comm, ny).rows)
         return problem
     grid = Grid.from_domain(*options["grid"], options["domain"])
     if name == "hertz":
@@ -213,33 +213,28 @@ def use_default_method(options):
             options.set(name[1:], value.strip())
 
 
-def make_solver(kind, hierarchy, controls, windows=False):
+def make_solver(kind, hierarchy, controls):
     """Set up the solver of the target grid; what PETSc refuses is the user's to know.
 
     Returns
     -------
     LinearSolver or a competitor
-        None with `windows`, whose solvers are made when the windows are known: then the options have been tried on
-        a small grid.
+        None if the target grid is worked on in a window, whose solver is made when that is known: then the options
+        have been tried on a small grid.
     """
     from petsc4py import PETSc
 
     from app.contact.competitors import COMPETITORS
-    from app.multigrid.hierarchy import worth_a_window
     from app.multigrid.linear_solver import LinearSolver
 
     try:
         if kind != "active_set":
             return COMPETITORS[kind](hierarchy, controls)
-        if not windows:
+        if not hierarchy.windowed(hierarchy.target):
             return LinearSolver(hierarchy)
-        level = max(
-            (number for number, op in enumerate(hierarchy.levels) if not worth_a_window(op.grid)), default=0
-        )
-        operator = hierarchy.levels[level]
-        LinearSolver(
-            hierarchy, level, PETSc.COMM_SELF if operator.comm is None else PETSc.Comm(operator.comm)
-        ).destroy()
+        small = [number for number, level in enumerate(hierarchy.levels) if not hierarchy.windowed(level)]
+        largest = max(small, default=0)
+        LinearSolver(hierarchy, largest, hierarchy.levels[largest].petsc_comm).destroy()
         return None
     except PETSc.Error as error:
         raise InputError(f"solver options: {session.petsc_message(error)}") from None
@@ -254,7 +249,7 @@ def solve(setup, history):
 
     if setup.type != "active_set":
         target = setup.hierarchy.target
-        state = ContactGrid(target, setup.shapes[-1], target.comm)
+        state = ContactGrid(target, setup.shapes[-1])
         setup.loading.start(state)
         return state, setup.solver.solve(state, history)
     return nested.solve(
@@ -267,7 +262,6 @@ def solve(setup, history):
         beta=setup.beta,
         prolongation=setup.prolongation,
         target_solver=setup.solver,
-        margin=setup.margin,
     )
 
 

@@ -17,11 +17,11 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.contact import kernels
 from app.halfspace.convolution import any_nonzero
+from app.halfspace.reductions import minimum_over, sum_over
 from app.halfspace.window import whole
 
 
@@ -44,14 +44,6 @@ class GapStatistics(NamedTuple):
     deviation: float  # sum of squares of its differences from the mean [mm2]
 
 
-def sum_over(comm, values):
-    """Sum a few numbers over the ranks of `comm`, which may be None. Collective."""
-    values = np.asarray(values, dtype=float)
-    if comm is not None:
-        comm.Allreduce(values.copy(), values)
-    return values
-
-
 def gap_statistics(shape, admissible, comm=None):
     """Statistics of the undeformed distance over the admissible cells. Collective."""
     cells, total = sum_over(comm, [np.count_nonzero(admissible), np.sum(shape, where=admissible)])
@@ -68,29 +60,26 @@ class ContactGrid:
     operator : InfluenceOperator
     shape : ndarray, shape (local rows, nx), [mm]
         Undeformed distance at zero approach; NaN in inadmissible cells. Taken over: the NaN become 0 in place.
-    comm : mpi4py communicator or None
-        The ranks that share the rows; None if this rank has them all.
     window : Window, optional
         Which cells of the level these are; default: all.
     statistics : GapStatistics, optional
         Of the whole level, if these are not all cells.
     """
 
-    def __init__(self, operator, shape, comm=None, window=None, statistics=None):
-        self.operator, self.grid, self.comm = operator, operator.grid, comm
+    def __init__(self, operator, shape, window=None, statistics=None):
+        self.operator, self.grid, self.comm = operator, operator.grid, operator.comm
         self.admissible = ~np.isnan(shape)
         shape[~self.admissible] = 0.0
         self.shape = shape
-        petsc_comm = PETSc.COMM_SELF if comm is None else PETSc.Comm(comm)
         size = (shape.size, PETSc.DETERMINE)
-        self.pressure = PETSc.Vec().createMPI(size, comm=petsc_comm)
+        self.pressure = PETSc.Vec().createMPI(size, comm=operator.petsc_comm)
         self.u = np.zeros(shape.shape)
         self._dropped = np.zeros(shape.shape, bool)
         self.current = True  # u is A p, not only near it
         self.contact = operator.mask  # the very array the operator uses
         self.approach = 0.0
         self.window = window or whole(operator.grid)
-        self.statistics = statistics or gap_statistics(shape, self.admissible, comm)
+        self.statistics = statistics or gap_statistics(shape, self.admissible, self.comm)
 
     @cached_property
     def right(self):
@@ -103,10 +92,7 @@ class ContactGrid:
 
     def minimum(self, values):
         """Smallest of each of some numbers over the ranks. Collective."""
-        values = np.asarray(values, dtype=float)
-        if self.comm is not None:
-            self.comm.Allreduce(values.copy(), values, MPI.MIN)
-        return values
+        return minimum_over(self.comm, values)
 
     def gap_norm(self):
         """||h||_2 over the admissible cells [mm], eq. (5.1). Not collective."""

@@ -15,7 +15,6 @@ from app.contact.active_set import ContactGrid, gap_statistics
 from app.halfspace.grid import Slabs
 from app.halfspace.operator import InfluenceOperator
 from app.halfspace.window import Passage, Window, bounding_box, whole
-from app.multigrid.hierarchy import worth_a_window
 from app.multigrid.transfer import Transfer
 
 _LEAST = 4  # cells of the coarser grid around contact
@@ -67,69 +66,59 @@ class Frame:
     Parameters
     ----------
     hierarchy : Hierarchy
+        Says how large windows are, and which levels may have one.
     number : int
         Level.
     shape : ndarray
         Undeformed distance at zero approach on all of the level.
     below : ContactGrid or None
         State of the coarser grid.
-    margin : float
-        Share of the extent of the contact area to be added all around; 0: all cells.
 
     Attributes
     ----------
     state : ContactGrid
-    below : Below
-        With ``transfer`` to it.
+    below : ContactGrid or Below
+        As far as it is below `state`.
+    transfer : Transfer
+        Between these.
     """
 
-    def __init__(self, hierarchy, number, shape, below, margin):
-        level, self._hierarchy = hierarchy.levels[number], hierarchy
-        self._target = number == len(hierarchy.levels) - 1
-        self.windowed, self._shape = False, shape
-        coarse_window = None
-        factors = below and (hierarchy.transfers[number].fy, hierarchy.transfers[number].fx)
-        if below is not None and margin and worth_a_window(level.grid):
-            possible = bounding_box(~np.isnan(shape), level.slabs, level.comm)
-            possible = possible and possible.coarsen(factors)
-            coarse_window = _choose(below, hierarchy.levels[number - 1].grid, margin, possible)
-        if coarse_window is None:
-            self.state = ContactGrid(level, shape, level.comm)
-            if below is not None:
-                self.transfer = hierarchy.transfers[number]
-                self.below = Below(
-                    below.operator, below.u, below.p, below.contact, below.approach, below.load
-                )
+    def __init__(self, hierarchy, number, shape, below):
+        self._hierarchy, self._shape = hierarchy, shape
+        self.below, self.transfer = below, hierarchy.transfers[number]
+        level, window = hierarchy.levels[number], None
+        if below is not None and hierarchy.windowed(level):
+            admissible = ~np.isnan(shape)
+            possible = bounding_box(admissible, level.slabs, level.comm).coarsen(self.transfer.factors)
+            coarse_grid = hierarchy.levels[number - 1].grid
+            window = _choose(below, coarse_grid, hierarchy.margin, possible)
+        self.windowed = window is not None
+        if not self.windowed:
+            self.state = ContactGrid(level, shape)
             return
-        self.windowed = True
+        statistics = gap_statistics(shape, admissible, level.comm)
+        self._look_through(window, level, coarse_grid, statistics)
+
+    def _look_through(self, coarse_window, level, coarse_grid, statistics):
+        """Make operators, transfer and state of a window, which is given by that of the coarser grid."""
+        hierarchy, below, factors = self._hierarchy, self.below, self.transfer.factors
+
+        def operator(grid, slabs, last_word=None):
+            common = hierarchy.compliance, slabs, level.comm, hierarchy.dtype
+            return InfluenceOperator(grid, *common, exact_product=last_word, partner=hierarchy.target)
+
         window = coarse_window.refine(factors, level.grid)
-        slabs = None
-        if level.comm is not None:
-            slabs = Slabs(window.y1 - window.y0, level.comm.size, level.comm.rank, factors[0])
-        passage = Passage(window, level.slabs, slabs or Slabs(window.y1 - window.y0), level.comm)
-        self._passage = passage
-        self._last_word = LastWord(level, passage) if self._target else None
-        common = hierarchy.compliance, slabs, level.comm, hierarchy.dtype
-        operator = InfluenceOperator(window.grid(level.grid), *common, self._last_word, hierarchy.target)
-        coarse_slabs = slabs and slabs.coarsen(factors[0])
-        coarse_grid = coarse_window.grid(hierarchy.levels[number - 1].grid)
-        common = hierarchy.compliance, coarse_slabs, level.comm, hierarchy.dtype
-        coarse = InfluenceOperator(coarse_grid, *common, partner=hierarchy.target)
-        inner = Passage(
-            coarse_window.within(below.window), below.operator.slabs, coarse.slabs, below.operator.comm
-        )
-        self.below = Below(
-            coarse,
-            inner.enter(below.u),
-            inner.enter(below.p),
-            inner.enter(below.contact),
-            below.approach,
-            below.load,
-        )
-        operator.prepare("product")  # first, so that other transforms can use its storage
-        self.transfer = Transfer(operator, coarse, factors)
-        statistics = gap_statistics(shape, ~np.isnan(shape), level.comm)
-        self.state = ContactGrid(operator, passage.enter(shape), level.comm, window, statistics)
+        slabs = Slabs.over(level.comm, window.y1 - window.y0, factors[0])
+        self._passage = Passage(window, level.slabs, slabs, level.comm)
+        self._last_word = LastWord(level, self._passage) if level is hierarchy.target else None
+        fine = operator(window.grid(level.grid), slabs, self._last_word)
+        coarse = operator(coarse_window.grid(coarse_grid), slabs.coarsen(factors[0]))
+        inner = coarse_window.within(below.window)
+        cut = Passage(inner, below.operator.slabs, coarse.slabs, below.comm).enter
+        self.below = Below(coarse, cut(below.u), cut(below.p), cut(below.contact), below.approach, below.load)
+        fine.prepare("product")  # first, so that other transforms can use its storage
+        self.transfer = Transfer(fine, coarse, factors)
+        self.state = ContactGrid(fine, self._passage.enter(self._shape), window, statistics)
 
     def close(self):
         """Free what is of no use to a finer grid. Collective."""
@@ -151,7 +140,7 @@ class Frame:
         inside, level = self.state, self._hierarchy.target
         if self._last_word.u is None or not converged:
             self._last_word.apply(inside.p, inside.u)
-        state = ContactGrid(level, self._shape, level.comm)
+        state = ContactGrid(level, self._shape, statistics=inside.statistics)
         state.u, state.approach = self._last_word.u, inside.approach
         with state.pressure as values:
             self._passage.leave(inside.p, values.reshape(state.u.shape))
@@ -172,12 +161,12 @@ def _choose(below, grid, margin, possible):
     grid : Grid
         All of it.
     margin : float
-    possible : Window or None
+    possible : Window
         Around all cells where contact is possible.
     """
     contact, outer = bounding_box(below.contact, below.operator.slabs, below.comm), below.window
     window = None
-    if contact is not None and possible is not None:
+    if contact is not None:
         rows = _widen(contact.y0 + outer.y0, contact.y1 + outer.y0, margin, possible.y0, possible.y1)
         columns = _widen(contact.x0 + outer.x0, contact.x1 + outer.x0, margin, possible.x0, possible.x1)
         window = Window(*_fill(*rows, outer.y0, outer.y1), *_fill(*columns, outer.x0, outer.x1))

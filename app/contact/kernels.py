@@ -9,47 +9,59 @@ import numba
 import numpy as np
 
 from app.halfspace.convolution import any_nonzero
-
-# What is done to a row is a function of its own, and has no branches: only so is it compiled to vector instructions.
-# Within a row sums may be taken in any order; it is the same on any number of ranks.
-_any_order = numba.njit(cache=True, fastmath={"reassoc", "contract"})
+from app.halfspace.reductions import any_order
 
 
-@_any_order
+@any_order
 def _defect_row(shape, u, approach, contact, out):
-    total = 0.0
     for i in range(shape.size):
         r = approach - shape[i] - u[i]
-        r = r if contact[i] else 0.0
-        out[i] = r
-        total += r * r
-    return total
+        out[i] = r if contact[i] else 0.0
 
 
-@_any_order
+@any_order
 def defect(shape, u, approach, contact, out):
-    """out = -(h + u) on C, 0 elsewhere; return its sum of squares."""
-    total = 0.0
+    """out = -(h + u) on C, 0 elsewhere."""
     for j in range(shape.shape[0]):
-        total += _defect_row(shape[j], u[j], approach, contact[j], out[j])
-    return total
+        _defect_row(shape[j], u[j], approach, contact[j], out[j])
 
 
-@_any_order
+@any_order
+def _total_defect_row(shape, u, approach, contact):
+    total, cells = 0.0, 0
+    for i in range(shape.size):
+        e = shape[i] - approach + u[i]
+        total += e if contact[i] else 0.0
+        cells += contact[i]
+    return total, cells
+
+
+@any_order
+def total_defect(shape, u, approach, contact):
+    """Sum of h + u over C, and the number of cells there."""
+    total, cells = 0.0, 0
+    for j in range(shape.shape[0]):
+        here = _total_defect_row(shape[j], u[j], approach, contact[j])
+        total += here[0]
+        cells += here[1]
+    return total, cells
+
+
+@any_order
 def _right_hand_side_row(shape, approach, contact, out):
     for i in range(shape.size):
         r = approach - shape[i]
         out[i] = r if contact[i] else 0.0
 
 
-@_any_order
+@any_order
 def right_hand_side(shape, approach, contact, out):
     """out = -h on C, 0 elsewhere."""
     for j in range(shape.shape[0]):
         _right_hand_side_row(shape[j], approach, contact[j], out[j])
 
 
-@_any_order
+@any_order
 def _drop_row(p, contact, dropped):
     count, tension, kept = 0, 0.0, 0.0
     for i in range(p.size):
@@ -61,20 +73,6 @@ def _drop_row(p, contact, dropped):
         p[i] = 0.0 if out else p[i]
         kept += p[i]
     return count, tension, kept
-
-
-@_any_order
-def total_defect(shape, u, approach, contact):
-    """Sum of h + u over C, and the number of cells there."""
-    total, cells = 0.0, 0
-    for j in range(shape.shape[0]):
-        row = 0.0
-        for i in range(shape.shape[1]):
-            if contact[j, i]:
-                row += shape[j, i] - approach + u[j, i]
-                cells += 1
-        total += row
-    return total, cells
 
 
 @numba.njit(cache=True)
@@ -98,7 +96,7 @@ def _overlap_row(shape, u, approach, overlap):
         overlap[i] = shape[i] - approach + u[i] <= 0
 
 
-@_any_order
+@any_order
 def _admit_row(overlap, admissible, contact, dropped):
     cells, added, lost = 0, 0, 0
     for i in range(contact.size):
@@ -110,7 +108,7 @@ def _admit_row(overlap, admissible, contact, dropped):
     return cells, added, lost
 
 
-@_any_order
+@any_order
 def _squares_row(shape, u, approach, contact):
     total = 0.0
     for i in range(shape.size):
@@ -138,7 +136,7 @@ def admit(shape, u, approach, admissible, contact, dropped):
     return cells, added, lost, added + lost, total
 
 
-@_any_order
+@any_order
 def _norm_row(shape, approach, contact):
     total = 0.0
     for i in range(shape.size):
@@ -147,7 +145,7 @@ def _norm_row(shape, approach, contact):
     return total
 
 
-@_any_order
+@any_order
 def norm_on(shape, approach, contact):
     """Sum of squares of h over C."""
     total = 0.0

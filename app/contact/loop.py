@@ -135,21 +135,16 @@ def iterate(state, solver, loading, controls, history, target=True, discretisati
         change, enough = policy.update(state, solver, loading, norm, allowed, loose, target)
         residual = _relative(change, state)
         done = change.changed == 0 and (not target or residual <= controls.rtol)
-        if enough and target:
-            loading.rescale(state)
-            state.displace_exactly()
-            loading.settle(state)
-            residual = _relative(state.admit(), state)
-        done |= enough
-        checked = done and not enough and target and state.operator.provisional
+        # What single precision says is a proposal: only a double precision product can accept it.
+        checked = target and (enough or (done and state.operator.provisional))
         if checked:
-            # What single precision says is a proposal: only a double precision product can accept it.
             loading.rescale(state)
             state.displace_exactly()
             loading.settle(state)
             change = state.admit()
             residual = _relative(change, state)
             done = change.changed == 0 and residual <= controls.rtol
+        done |= enough
         resume = change.changed == 0 and state.current and not checked  # the same system, further on
         work, work_before = solver.work_units, work
         history.add(

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from petsc4py import PETSc
 
-from app.contact.active_set import sum_over
 from app.contact.framing import Frame
 from app.contact.loading import PrescribedApproach
 from app.contact.loop import iterate
+from app.halfspace.reductions import sum_over
 from app.multigrid.circulant import circulant_of
 from app.multigrid.hierarchy import LARGEST_DIRECT
 from app.multigrid.linear_solver import DirectSolver, LinearSolver
@@ -26,7 +25,6 @@ def solve(
     beta=0.003,
     prolongation="copy",
     target_solver=None,
-    margin=0.0,
 ):
     """Solve the contact problem on the target grid of a hierarchy.
 
@@ -48,8 +46,6 @@ def solve(
         The paper's, or `_lift`.
     target_solver : LinearSolver, optional
         Solver of the target grid, if there is one already.
-    margin : float
-        Of the windows around contact in a nested iteration (see `framing`); 0: all grids as a whole.
 
     Returns
     -------
@@ -68,7 +64,7 @@ def solve(
     for number in route:
         level = hierarchy.levels[number]
         here = level.comm is not None or hierarchy.comm.rank == 0 or number == last
-        frame = Frame(hierarchy, number, shapes[number], below if nested else None, margin)
+        frame = Frame(hierarchy, number, shapes[number], below if nested else None)
         state = frame.state
         if below is None:
             loading.start(state)
@@ -111,7 +107,7 @@ def _iterate(hierarchy, number, state, first, loading, controls, history, target
     if first and not target and _direct(operator):
         solver = DirectSolver(operator, number)
     else:
-        solver = LinearSolver(hierarchy, number, _petsc_comm(operator), operator=operator)
+        solver = LinearSolver(hierarchy, number, operator.petsc_comm, operator=operator)
     outcome = iterate(state, solver, loading, controls, history, target, expected)
     solver.destroy()
     return outcome
@@ -122,10 +118,6 @@ def _difference(transfer, coarse, state):
     change = transfer.restrict_defect(state.p) - coarse
     squares = sum_over(transfer.coarse.comm, [np.vdot(change, change), np.vdot(coarse, coarse)])
     return float(np.sqrt(squares[0] / squares[1])) if squares[1] > 0 else float("nan")
-
-
-def _petsc_comm(operator):
-    return PETSc.COMM_SELF if operator.comm is None else PETSc.Comm(operator.comm)
 
 
 def _any_admissible(level, shape):

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import itertools
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numba
 import numpy as np
@@ -210,6 +210,28 @@ class _Batch:
 _batch = lru_cache(maxsize=64)(_Batch)
 
 
+@cache
+def _load_loops(dtype):
+    """Load the compiled loops now, not in the first product."""
+    field, spectrum = np.zeros((0, 1)), np.zeros((0, 1), dtype)
+    batch = np.zeros((1, 1), np.result_type(dtype, np.complex64))
+    nothing, mask, fixed = batch[:0], field.astype(bool), field.view()
+    fixed.flags.writeable = False
+    for inside in (None, mask):
+        for real in (field, spectrum, fixed):
+            _pair(real, inside, batch)
+        for real in (field, spectrum):
+            _unpair(batch, inside, real)
+    for data in (field, spectrum, fixed, mask):
+        any_nonzero(data)
+    _store(batch, 0, nothing)
+    _load(batch, 0, nothing)
+    _gather(nothing, 0, 0, batch, 0)
+    _scatter(nothing, 0, 0, batch, 0)
+    _scale_by_even_spectrum(batch, spectrum, 0)
+    _divide_by_even_spectrum(batch, spectrum, 0, dtype.type(1))
+
+
 class EvenMultiplier:
     """Multiply by a real even function in Fourier space: a convolution with an even kernel.
 
@@ -260,6 +282,7 @@ class EvenMultiplier:
 
         self._rows_plan, self._columns_plan = _batch(nx_fft, complex_type), _batch(ny_fft, complex_type)
         self._pairs, self._column = self._rows_plan.data, self._columns_plan.data
+        _load_loops(self.dtype)
 
     def _deal_columns(self, columns):
         """Split the columns into groups, each dealt to all ranks; the same in all precisions."""
@@ -287,8 +310,7 @@ class EvenMultiplier:
         """
         ny_fft, nx_fft = self.periods
         half_x, half_y = nx_fft // 2, ny_fft // 2
-        size, rank = (1, 0) if self.comm is None else (self.comm.size, self.comm.rank)
-        mine = Slabs(rows, size, rank)  # the work of this transform; not the slabs of the fields
+        mine = Slabs.over(self.comm, rows)  # the work of this transform; not the slabs of the fields
         in_x = _storage(mine.local * (half_x + 1), float, self._transformed).reshape(mine.local, half_x + 1)
         for start in range(mine.rows.start, mine.rows.stop, _ROWS_AT_ONCE):
             stop = min(start + _ROWS_AT_ONCE, mine.rows.stop)
@@ -298,7 +320,7 @@ class EvenMultiplier:
         spectrum = np.empty((sum(g.mine.stop - g.mine.start for g in self._groups), half_y + 1), self.dtype)
         done = 0
         for of_fields in self._groups:
-            group = _ColumnGroup(of_fields.edges[0], of_fields.edges[-1], size, rank, mine.counts)
+            group = _ColumnGroup(of_fields.edges[0], of_fields.edges[-1], mine.size, mine.rank, mine.counts)
             count = group.mine.stop - group.mine.start
             blocks = [in_x]
             if self.comm is not None:
@@ -341,23 +363,6 @@ class EvenMultiplier:
         """Replace the spectrum by ``function(spectrum)`` and fold in the scale of the inverse transform."""
         self._spectrum[...] = function(self._spectrum)
         self._spectrum *= 1.0 / (self.periods[0] * self.periods[1])
-        # Load the compiled loops now, not in the first product.
-        field, nothing = np.zeros((0, self.shape[1])), self._transformed[:0].reshape(0, 1)
-        low, inside, fixed = field.astype(self.dtype), field.astype(bool), field.view()
-        fixed.flags.writeable = False
-        for mask in (None, inside):
-            for real in (field, low, fixed):
-                _pair(real, mask, self._pairs)
-            for real in (field, low):
-                _unpair(self._pairs, mask, real)
-        for data in (field, low, fixed, inside):
-            any_nonzero(data)
-        _store(self._pairs, 0, nothing)
-        _load(self._pairs, 0, nothing)
-        _gather(nothing, 0, 0, self._column, 0)
-        _scatter(nothing, 0, 0, self._column, 0)
-        _scale_by_even_spectrum(self._column, self._spectrum[:0], 0)
-        _divide_by_even_spectrum(self._column, self._spectrum[:0], 0, self.dtype.type(1))
 
     @property
     def memory(self):

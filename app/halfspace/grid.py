@@ -104,6 +104,11 @@ class Slabs:
         self.starts = tuple(int(s) for s in starts)
         self.size, self.rank, self.block, self.ny = size, rank, block, ny
 
+    @classmethod
+    def over(cls, comm, ny, block=1):
+        """Deal the rows to the ranks of a communicator; None: all of them here."""
+        return cls(ny, block=block) if comm is None else cls(ny, comm.size, comm.rank, block)
+
     @property
     def counts(self):
         """Number of rows of each rank."""

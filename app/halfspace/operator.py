@@ -112,6 +112,11 @@ class InfluenceOperator:
 
     # -- set-up ------------------------------------------------------------------------------------------
 
+    @property
+    def petsc_comm(self):
+        """PETSc communicator of the ranks that share the rows."""
+        return PETSc.COMM_SELF if self.comm is None else PETSc.Comm(self.comm)
+
     def mat(self, comm):
         """Make a Mat with this context. Collective over the PETSc communicator `comm`."""
         local = self.local_shape[0] * self.local_shape[1]

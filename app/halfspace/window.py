@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 
 from app.halfspace.grid import Grid
+from app.halfspace.reductions import minimum_over
 
 
 @dataclass(frozen=True)
@@ -73,13 +73,11 @@ def bounding_box(mask, slabs, comm):
     """
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     first = slabs.rows.start if comm is not None else 0
-    huge = np.iinfo(np.int64).max
-    box = np.full(4, huge)
+    box = np.full(4, np.inf)
     if rows.size:
         box[:] = first + rows[0], columns[0], -(first + rows[-1]), -columns[-1]
-    if comm is not None:
-        comm.Allreduce(box.copy(), box, MPI.MIN)
-    if box[0] == huge:
+    box = minimum_over(comm, box)
+    if np.isinf(box[0]):
         return None
     return Window(int(box[0]), 1 - int(box[2]), int(box[1]), 1 - int(box[3]))
 
@@ -100,6 +98,8 @@ class Passage:
         self.window, self.outer, self.inner = window, outer, inner
         self.comm = comm
         self.columns = slice(window.x0, window.x1)
+        rows = inner.rows  # where every rank has all of the grid, it may still have a part of the window only
+        self._here = slice(window.y0 + rows.start, window.y0 + rows.stop)
 
     def _rows(self, outer_rank, inner_rank):
         """Rows of the window that one rank holds as part of the grid and another one as part of the window."""
@@ -110,8 +110,7 @@ class Passage:
     def enter(self, field):
         """Return the window's part of a field on the grid, shape (rows of the window here, columns). Collective."""
         if self.comm is None:
-            rows = slice(self.window.y0 + self.inner.rows.start, self.window.y0 + self.inner.rows.stop)
-            return np.ascontiguousarray(field[rows, self.columns])
+            return np.ascontiguousarray(field[self._here, self.columns])
         rank, ranks = self.comm.rank, range(self.comm.size)
         first = self.window.y0 - self.outer.starts[rank]
         spans = [self._rows(rank, other) for other in ranks]
@@ -122,8 +121,7 @@ class Passage:
     def leave(self, part, field):
         """Put a field on the window into one on the grid, in place. Collective."""
         if self.comm is None:
-            rows = slice(self.window.y0 + self.inner.rows.start, self.window.y0 + self.inner.rows.stop)
-            field[rows, self.columns] = part
+            field[self._here, self.columns] = part
             return
         rank, ranks = self.comm.rank, range(self.comm.size)
         first = self.inner.starts[rank]

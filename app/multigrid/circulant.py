@@ -13,7 +13,7 @@ on the target grid and as a multigrid smoother::
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cache, partial
 
 import numba
 import numpy as np
@@ -22,7 +22,7 @@ from scipy.fft import next_fast_len
 
 from app.halfspace.convolution import EvenMultiplier, quick_length
 from app.halfspace.influence import influence_quadrant
-from app.multigrid.extension import RimExtension, load
+from app.multigrid.extension import RimExtension, load_extension
 
 _event = PETSc.Log.Event("CirculantPC")
 
@@ -102,6 +102,16 @@ def _copy_on(x, contact, out):
         _copy_row(x[j], contact[j], out[j])
 
 
+@cache
+def _load_loops(dtype):
+    field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
+    fixed = field.view()
+    fixed.flags.writeable = False
+    _copy_on(fixed, mask, field)
+    for low in (field, field.astype(dtype)):
+        _copy_on(field, mask, low)
+
+
 class Circulant:
     """PC context ``C E^T B E C``; its operator must be an `InfluenceOperator`.
 
@@ -131,12 +141,8 @@ class Circulant:
             self.extension.set_stencil(self.multiplier.centre())
         self._contact = -1
         # Load the compiled loops now.
-        load(operator.dtype)
-        field, fixed, mask = np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0), bool)
-        fixed.flags.writeable = False
-        _copy_on(fixed, mask, field)
-        for low in (field, field.astype(operator.dtype)):
-            _copy_on(field, mask, low)
+        load_extension(operator.dtype)
+        _load_loops(operator.dtype)
 
     def apply(self, pc, x, y):
         """Compute y = C E^T B E C x."""

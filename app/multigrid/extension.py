@@ -14,6 +14,8 @@ without influence any more.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numba
 import numpy as np
 from mpi4py import MPI
@@ -185,7 +187,8 @@ class RimExtension:
         self._comm.Sendrecv(last, self._after, recvbuf=above, source=self._before)
 
 
-def load(dtype):
+@cache
+def load_extension(dtype):
     """Load the compiled loops for fields of a type, not in the first iteration. Not collective."""
     extension = RimExtension((3, 3), None, None, 1)
     extension.set_contact(np.eye(3, dtype=bool))

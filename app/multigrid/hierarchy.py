@@ -14,9 +14,7 @@ from app.multigrid.transfer import Transfer
 LARGEST_DIRECT = 1024  # cells of a grid whose matrix may be stored and factorised
 
 
-def worth_a_window(grid):
-    """Whether a grid is so large that it pays to leave cells out."""
-    return grid.n > 64 * 64
+_SMALLEST_WINDOWED = 64 * 64  # cells; on smaller grids it does not pay to leave any out
 
 
 class Hierarchy:
@@ -37,14 +35,15 @@ class Hierarchy:
         Only the target grid is needed.
     dtype : numpy real type
         Precision of the products; float32 has a double precision one beside it on the target grid.
-    windows : bool
-        Large grids will be worked on in windows: make products on all of their cells only when somebody asks.
+    margin : float
+        Larger grids will be worked on in windows around contact, which this share of its extent is added to on all
+        sides: products on all of their cells are only made when somebody asks. 0: no windows.
     """
 
     def __init__(
-        self, grid, compliance, comm, coarsest=4, replicate=64 * 64, single=False, dtype=float, windows=False
+        self, grid, compliance, comm, coarsest=4, replicate=64 * 64, single=False, dtype=float, margin=0.0
     ):
-        self.comm, self.compliance, self.dtype = comm, compliance, dtype
+        self.comm, self.compliance, self.dtype, self.margin = comm, compliance, dtype, margin
         self._spent = 0.0  # in windows that are gone
         grids, factors = [grid], []
         if not single and grid.coarsen(coarsest) is None:
@@ -65,7 +64,7 @@ class Hierarchy:
             if not distributed:
                 break
             block *= fy
-        slabs = Slabs(grid.ny, comm.size, comm.rank, block)
+        slabs = Slabs.over(comm, grid.ny, block)
         self.levels, self.transfers = [], [None]
         for number, level in enumerate(grids):
             if number:
@@ -78,13 +77,17 @@ class Hierarchy:
         self.slabs = self.levels[-1].slabs
         self.target.prepare("exact_product")
         for level in self.levels:
-            if not (windows and worth_a_window(level.grid)):
+            if not self.windowed(level):
                 level.prepare("product")
 
     @property
     def target(self):
         """Operator of the target grid."""
         return self.levels[-1]
+
+    def windowed(self, operator):
+        """Whether a level will be worked on in a window, if that leaves enough cells out."""
+        return self.margin > 0 and operator.grid.n > _SMALLEST_WINDOWED
 
     def share(self, operator):
         """Cells of a level as a share of the target grid's."""

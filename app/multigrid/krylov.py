@@ -13,21 +13,19 @@ import numba
 import numpy as np
 from petsc4py import PETSc
 
+from app.halfspace.reductions import any_order, sum_over
 from app.multigrid.circulant import Circulant
 
-# r and d vanish outside C; z and q need not. What is done to a row, from its first to its last cell of C, is a
-# function of its own: loops within loops are not vectorised. Within a row sums may be taken in any
-# order; it is the same on any number of ranks.
-_any_order = numba.njit(cache=True, fastmath={"reassoc", "contract"})
+# r and d vanish outside C; z and q need not. Rows are gone through from their first to their last cell of C.
 
 
-@_any_order
+@any_order
 def _add_row(a, scale, b):
     for i in range(a.size):
         a[i] += scale * b[i]
 
 
-@_any_order
+@any_order
 def _residual_row(r, scale, q, contact):
     squares, total = 0.0, 0.0
     for i in range(r.size):
@@ -39,14 +37,14 @@ def _residual_row(r, scale, q, contact):
     return squares, total
 
 
-@_any_order
+@any_order
 def _direction_row(d, z, beta, contact):
     for i in range(d.size):
         value = z[i] + beta * d[i]
         d[i] = value if contact[i] else 0
 
 
-@_any_order
+@any_order
 def _dot_row(a, b, contact):
     total = 0.0
     for i in range(a.size):
@@ -55,7 +53,7 @@ def _dot_row(a, b, contact):
     return total
 
 
-@_any_order
+@any_order
 def _dots_row(a, b, c):
     first, second = 0.0, 0.0
     for i in range(a.size):
@@ -65,7 +63,7 @@ def _dots_row(a, b, c):
     return first, second
 
 
-@_any_order
+@any_order
 def _sum_row(a, contact):
     total = 0.0
     for i in range(a.size):
@@ -74,13 +72,13 @@ def _sum_row(a, contact):
     return total
 
 
-@_any_order
+@any_order
 def _shift_row(r, shift, contact):
     for i in range(r.size):
         r[i] -= shift if contact[i] else 0.0
 
 
-@_any_order
+@any_order
 def _advance(p, u, r, d, q, contact, spans, alpha):
     """p += alpha d, u += alpha q, and r -= alpha q on C; return r.r and the sum of r."""
     squares, total = 0.0, 0.0
@@ -94,7 +92,7 @@ def _advance(p, u, r, d, q, contact, spans, alpha):
     return squares, total
 
 
-@_any_order
+@any_order
 def _first_residual(r, u, contact, spans):
     """r -= u on C; return r.r, the sum of r and the number of cells."""
     squares, total, cells = 0.0, 0.0, 0
@@ -107,7 +105,7 @@ def _first_residual(r, u, contact, spans):
     return squares, total, cells
 
 
-@_any_order
+@any_order
 def _direction(d, z, beta, contact, spans):
     """d = z + beta d on C."""
     for j in range(d.shape[0]):
@@ -115,7 +113,7 @@ def _direction(d, z, beta, contact, spans):
         _direction_row(d[j, span], z[j, span], beta, contact[j, span])
 
 
-@_any_order
+@any_order
 def _dot(a, b, contact, spans):
     """a.b over C."""
     total = 0.0
@@ -125,7 +123,7 @@ def _dot(a, b, contact, spans):
     return total
 
 
-@_any_order
+@any_order
 def _dots(a, b, c, spans):
     """a.b and a.c for an `a` that vanishes outside C."""
     first, second = 0.0, 0.0
@@ -137,7 +135,7 @@ def _dots(a, b, c, spans):
     return first, second
 
 
-@_any_order
+@any_order
 def _total(a, contact, spans):
     """Sum of a over C."""
     total = 0.0
@@ -147,29 +145,21 @@ def _total(a, contact, spans):
     return total
 
 
-@_any_order
-def _add_on(a, scale, b, spans):
-    """a += scale b, at least on C."""
-    for j in range(a.shape[0]):
-        span = slice(spans[j, 0], spans[j, 1])
-        _add_row(a[j, span], scale, b[j, span])
-
-
-@_any_order
-def _correct_row(a, scale, b, contact):
+@any_order
+def _add_on_row(a, scale, b, contact):
     for i in range(a.size):
         a[i] += scale * b[i] if contact[i] else 0.0
 
 
-@_any_order
-def _correct(a, scale, b, contact, spans):
+@any_order
+def _add_on(a, scale, b, contact, spans):
     """a += scale b on C."""
     for j in range(a.shape[0]):
         span = slice(spans[j, 0], spans[j, 1])
-        _correct_row(a[j, span], scale, b[j, span], contact[j, span])
+        _add_on_row(a[j, span], scale, b[j, span], contact[j, span])
 
 
-@_any_order
+@any_order
 def _shift(r, shift, contact, spans):
     """r -= shift on C."""
     for j in range(r.shape[0]):
@@ -236,14 +226,14 @@ class TrackingCG:
         _find_spans(mask, spans)
         _first_residual(field, field, mask, spans)
         for z in (field, low):
-            _correct(field, 0.0, z, mask, spans)
+            _add_on(field, 0.0, z, mask, spans)
             _dot(field, z, mask, spans)
             _direction(low, z, operator.dtype.type(0), mask, spans)
         _dots(low, low, field, spans)
         _advance(field, field, field, low, low, mask, spans, 0.0)
         _shift(field, 0.0, mask, spans)
         _total(low, mask, spans)
-        _add_on(low, operator.dtype.type(0), low, spans)
+        _add_on(low, operator.dtype.type(0), low, mask, spans)
 
     def solve(self, ksp, b, x):
         """Improve x."""
@@ -304,7 +294,7 @@ class TrackingCG:
         _find_spans(contact, self._spans)
         z = self._precondition(ksp.getPC(), r)
         with x as solution:
-            _correct(solution.reshape(z.shape), step, z, contact, self._spans)
+            _add_on(solution.reshape(z.shape), step, z, contact, self._spans)
 
     def _low(self, memory):
         """Return a field in the operator's precision in the memory of a Vec."""
@@ -343,13 +333,10 @@ class TrackingCG:
             self._ones_cells = self._cells
         sum_z, sum_y = self._sum([_total(z, contact, spans), _total(self._ones, contact, spans)])
         if sum_y > 0:
-            _add_on(z, z.dtype.type(-sum_z / sum_y), self._ones, spans)
+            _add_on(z, z.dtype.type(-sum_z / sum_y), self._ones, contact, spans)
 
     def _sum(self, values):
-        values = np.asarray(values, dtype=float)
-        if self._operator.comm is not None:
-            self._operator.comm.Allreduce(values.copy(), values)
-        return values
+        return sum_over(self._operator.comm, values)
 
     def destroy(self, ksp):
         """Free the work vector."""

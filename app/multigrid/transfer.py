@@ -24,7 +24,7 @@ class Transfer:
 
     def __init__(self, fine, coarse, factors):
         self.fine, self.coarse = fine, coarse
-        self.fy, self.fx = factors
+        self.factors = self.fy, self.fx = factors
         self.gathers = fine.comm is not None and coarse.comm is None
         slabs = fine.slabs.coarsen(self.fy)
         self.rows = slabs.rows if self.gathers else slice(0, coarse.local_shape[0])
