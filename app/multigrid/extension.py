@@ -20,9 +20,7 @@ import numba
 import numpy as np
 from mpi4py import MPI
 
-# Kinds of cells while the lists are made; layer i of the band is LAYER + i, i = 1, 2, ...
-OUTSIDE_PATCH, FREE, CONTACT, RIM, SECOND, LAYER = range(6)
-MAX_STEPS = 255 - LAYER
+MAX_STEPS = 250  # kinds of cells are numbered in a byte
 
 
 class RimExtension:
@@ -64,7 +62,8 @@ class RimExtension:
             before = [rank for rank in range(comm.rank) if slabs.counts[rank]]
             after = [rank for rank in range(comm.rank + 1, comm.size) if slabs.counts[rank]]
             self._before, self._after = (before or [MPI.PROC_NULL])[-1], (after or [MPI.PROC_NULL])[0]
-        self._kinds = np.full((rows + 2, nx + 2), OUTSIDE_PATCH, np.uint8)
+        self._kinds = np.zeros((rows, nx), np.uint8)
+        self._spread = np.zeros((rows + 2, nx + 2), np.uint8)  # with the cells beside these rows
         self._band = self._inner = np.empty(0, np.int32)
         self.rows = np.zeros(rows, bool)
         self._sizes, self._rim = [0] * steps, 0
@@ -105,17 +104,25 @@ class RimExtension:
         if not self.steps:
             np.any(mask, axis=1, out=self.rows)
             return
-        kinds = self._kinds
-        np.add(mask.view(np.uint8), np.uint8(FREE), out=kinds[1:-1, 1:-1])  # CONTACT = FREE + 1
-        layers, near = [], CONTACT
-        for i in range(1, self.steps + 1):
-            layers.append(self._mark(LAYER + i, FREE, near))
-            near = LAYER + i
-        self._band, self._sizes = np.concatenate(layers), np.cumsum([len(layer) for layer in layers])
-        np.any(kinds[1:-1] > FREE, axis=1, out=self.rows)
-        # Contact cells beside the band get -N_co s_o; they and those behind them are zero while it is formed.
-        rim = self._mark(RIM, CONTACT, LAYER + 1)
-        self._inner, self._rim = np.concatenate([rim, self._mark(SECOND, CONTACT, RIM)]), len(rim)
+        kinds, spread, inside = self._kinds, self._spread, self._spread[1:-1, 1:-1]
+        kinds[...] = inside[...] = mask
+        for _ in range(self.steps):
+            self._dilate(None)
+        np.logical_not(mask, out=inside, casting="unsafe")
+        for _ in range(2):
+            self._dilate(mask)
+        # In `kinds` free cells are 0, layer i is steps + 1 - i, contact steps + 1; beside the band two more, and one
+        # behind those: they get -N_co s_o, and are zero while it is formed.
+        deep = self.steps + 1
+        counts = np.zeros(deep + 3, np.int64)
+        cells = np.empty((deep + 3, kinds.size + 1), np.int32)  # only the pages in use become memory
+        _list(kinds, np.uint8(deep), cells, counts)
+        band, rim = range(self.steps, 0, -1), range(deep + 2, deep, -1)
+        self._band, self._inner = (
+            np.concatenate([cells[kind, : counts[kind]] for kind in wanted]) for wanted in (band, rim)
+        )
+        self._sizes, self._rim = np.cumsum(counts[band]), counts[deep + 2]
+        np.any(kinds, axis=1, out=self.rows)
 
     def extend(self, x):
         """Apply E in place. Collective.
@@ -166,13 +173,12 @@ class RimExtension:
             raise ValueError(f"rim extension: a C-contiguous field of shape {self.shape} is needed")
         return x.reshape(-1)
 
-    def _mark(self, kind, of, near):
-        """Cells of kind `of` beside one of kind `near` become `kind`; return them. Collective."""
-        kinds = self._kinds
+    def _dilate(self, of):
+        """Let what is marked in ``_spread`` spread to the cells beside it; count these, of some only. Collective."""
+        spread = self._spread
         if self._comm is not None:
-            self._exchange(kinds[1], kinds[-2], kinds[0], kinds[-1])
-        cells = np.empty(self.shape[0] * self.shape[1] + 1, np.int32)  # only the pages in use become memory
-        return cells[: _mark(kinds, kind, of, near, cells)].copy()
+            self._exchange(spread[1], spread[-2], spread[0], spread[-1])
+        _dilate(spread, of, self._kinds)
 
     def _rows_beside(self, x):
         """Rows of the neighbour ranks above and below these, zero at the end of the patch. Collective."""
@@ -201,47 +207,71 @@ def load_extension(dtype):
 
 
 @numba.njit(cache=True)
-def _any_near(upper, middle, lower, near, out):
-    some = np.uint8(0)
-    for i in range(out.size):
-        out[i] = (upper[i] == near) | (middle[i] == near) | (lower[i] == near)
-        some |= out[i]
-    return some
+def _above_or_below(before, here, after, near):
+    for i in range(np.uint64(near.size)):
+        near[i] = before[i] | here[i] | after[i]
+        before[i] = here[i]
 
 
 @numba.njit(cache=True)
-def _find(left, centre, right, kinds, of, kind, found):
+def _left_or_right(near, marked, counts):
+    one, two = np.uint64(1), np.uint64(2)
+    for i in range(np.uint64(counts.size)):
+        marked[i + one] = near[i] | near[i + one] | near[i + two]
+        counts[i] += marked[i + one]
+
+
+@numba.njit(cache=True)
+def _left_or_right_of(near, marked, of, counts):
+    one, two = np.uint64(1), np.uint64(2)
+    for i in range(np.uint64(counts.size)):
+        marked[i + one] = near[i] | near[i + one] | near[i + two]
+        counts[i] += marked[i + one] & of[i]
+
+
+@numba.njit(cache=True)
+def _dilate(marked, of, counts):
+    """Mark what is beside a marked cell, too; count how often each of the cells `of` (None: of all) was marked."""
+    before, near = marked[0].copy(), np.empty_like(marked[0])
+    for row in range(counts.shape[0]):
+        _above_or_below(before, marked[row + 1], marked[row + 2], near)
+        if of is None:
+            _left_or_right(near, marked[row + 1], counts[row])
+        else:
+            _left_or_right_of(near, marked[row + 1], of[row], counts[row])
+
+
+@numba.njit(cache=True)
+def _special(kinds, deep, found):
     for i in range(kinds.size):
-        found[i] = (left[i] | centre[i] | right[i]) & (kinds[i] == of)
-        kinds[i] = kind if found[i] else kinds[i]
+        found[i] = (kinds[i] != 0) & (kinds[i] != deep)
 
 
 @numba.njit(cache=True)
-def _mark(kinds, kind, of, near, cells):
-    """Mark cells of kind `of` that have a neighbour of kind `near`; write them to `cells`, return how many."""
-    rows, width = kinds.shape[0] - 2, kinds.shape[1]
-    nx, count = width - 2, 0
-    in_column, found = np.empty(width, np.uint8), np.zeros(-(-nx // 8) * 8, np.uint8)
+def _list(kinds, deep, cells, counts):
+    """List the cells of each kind but 0 and `deep`: ``cells[kind, : counts[kind]]``."""
+    nx = kinds.shape[1]
+    found = np.zeros(-(-nx // 8) * 8, np.uint8)
     words = found.view(np.uint64)
-    for row in range(rows):
-        middle = kinds[row + 1]
-        if not _any_near(kinds[row], middle, kinds[row + 2], np.uint8(near), in_column):
-            continue
-        _find(
-            in_column[:-2], in_column[1:-1], in_column[2:], middle[1:-1], np.uint8(of), np.uint8(kind), found
-        )
-        first, start = row * nx, count
-        flip = np.int64(-1 if row == 0 or row == rows - 1 else 0)
+    some, columns = np.empty(words.size + 1, np.int64), np.empty(found.size + 1, np.int64)
+    for row in range(kinds.shape[0]):
+        _special(kinds[row], deep, found)
+        # Without branches: none could be predicted.
+        hits = 0
         for word in range(words.size):
-            if words[word]:
-                for i in range(8 * word, 8 * word + 8):  # without branches: none could be predicted
-                    cells[count] = (first + i) ^ flip
-                    count += found[i]
-        if found[0]:
-            cells[start] = ~first
-        if found[nx - 1]:
-            cells[count - 1] = ~(first + nx - 1)
-    return count
+            some[hits] = word
+            hits += words[word] != 0
+        number = 0
+        for hit in range(hits):
+            for i in range(8 * some[hit], 8 * some[hit] + 8):
+                columns[number] = i
+                number += found[i]
+        first, outer = row * nx, row == 0 or row == kinds.shape[0] - 1
+        for m in range(number):
+            i = columns[m]
+            kind = kinds[row, i]
+            cells[kind, counts[kind]] = ~(first + i) if outer or i == 0 or i == nx - 1 else first + i
+            counts[kind] += 1
 
 
 @numba.njit(cache=True)
