@@ -132,6 +132,7 @@ class prepare:
                 f"unknown or unused option{'s'[: len(unused) > 1]}: -{', -'.join(sorted(unused))}"
             )
         self.shapes = self.hierarchy.shapes(self.problem)
+        self.lowest = self.hierarchy.lowest(self.shapes)
         if not comm.allreduce(int(np.count_nonzero(~np.isnan(self.shapes[-1])))):
             raise InputError(f"-problem {self.problem.name}: contact is impossible in all cells (NaN)")
         if by_load and self.loading.load == 0:
@@ -262,6 +263,7 @@ def solve(setup, history):
         beta=setup.beta,
         prolongation=setup.prolongation,
         target_solver=setup.solver,
+        lowest=setup.lowest,
     )
 
 

@@ -41,7 +41,7 @@ def check_level(comm, here, alone, seed):
     alone.restrict_contact()
     here.restrict_contact()
     np.testing.assert_array_equal(here.coarse.mask, alone.coarse.mask[coarse_rows])
-    for name, field in (("restrict_defect", defect), ("restrict_shape", shape)):
+    for name, field in (("restrict_defect", defect), ("restrict_shape", shape), ("restrict_minimum", shape)):
         np.testing.assert_array_equal(
             getattr(here, name)(field[rows].copy()), getattr(alone, name)(field)[coarse_rows]
         )

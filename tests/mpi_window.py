@@ -1,5 +1,9 @@
 """Windows on several ranks: ``mpiexec -n 3 python tests/mpi_window.py``."""
 
+from contextlib import nullcontext
+from itertools import product
+from unittest import mock
+
 import numpy as np
 from mpi4py import MPI
 from running import Sampled, assert_solves_lcp, solve
@@ -7,6 +11,7 @@ from running import Sampled, assert_solves_lcp, solve
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.influence import Material
 from app.halfspace.window import Passage, Window, bounding_box
+from app.multigrid.hierarchy import Hierarchy
 
 WINDOWS = [(0, 20, 0, 9), (3, 4, 2, 3), (0, 1, 0, 9), (15, 20, 1, 8), (2, 19, 4, 5)]
 
@@ -41,7 +46,7 @@ def check_box(comm):
 
 
 def spiked(n):
-    """A ball, and one cell far from it that no coarse grid can see."""
+    """A ball, and one cell far from it that is nothing in the mean over a cell of a coarse grid."""
     grid = Grid.from_domain(n, n, (-1.0, 1.0, -1.0, 1.0))
     x, y = np.meshgrid(grid.x(), grid.y())
     shape = (x**2 + y**2) / 2
@@ -50,10 +55,14 @@ def spiked(n):
 
 
 def check_spike(comm):
-    """What lies outside the window is not forgotten."""
+    """What no coarse grid sees is in the window, and what lies outside is not forgotten all the same."""
     everywhere = solve(spiked(128), 0.02, "fast", lcp_window=0, lcp_rtol=1e-9)
-    for load in (None, everywhere.load):
-        solution = solve(spiked(128), 0.02, "fast", load, lcp_rtol=1e-9)
+    for load, blind in product((None, everywhere.load), (False, True)):
+        with mock.patch.object(Hierarchy, "lowest", return_value=None) if blind else nullcontext():
+            solution = solve(spiked(128), 0.02, "fast", load, lcp_rtol=1e-9)
+        level, iteration = (np.array(solution.history[name]) for name in ("level", "iteration"))
+        starts = np.count_nonzero((level == level.max()) & (iteration == 1))
+        assert starts == (2 if blind else 1)
         assert solution.outcome.converged, solution.outcome
         assert comm.allreduce(int(solution.contact.sum())) == comm.allreduce(int(everywhere.contact.sum()))
         highest = comm.allreduce(everywhere.pressure.max(initial=0.0), MPI.MAX)

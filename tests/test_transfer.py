@@ -80,14 +80,16 @@ def test_shape_is_the_mean_of_admissible_children(shape, factors):
     transfer = make_transfer(shape, factors)
     fine = np.where(some_cells(shape), np.nan, field(shape))
     fine[children(shape, factors, 0, 0)] = np.nan
-    coarse = transfer.restrict_shape(fine)
+    coarse, lowest = transfer.restrict_shape(fine), transfer.restrict_minimum(fine)
     assert np.isnan(coarse[0, 0])
     for (j, i), value in np.ndenumerate(coarse):
         mine = fine[children(shape, factors, j, i)]
         if np.isnan(mine).all():
             assert np.isnan(value)
+            assert np.isnan(lowest[j, i])
         else:
             assert value == pytest.approx(np.nanmean(mine), rel=1e-14)
+            assert lowest[j, i] == np.nanmin(mine)
 
 
 @each_case

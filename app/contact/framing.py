@@ -73,6 +73,8 @@ class Frame:
         Undeformed distance at zero approach on all of the level.
     below : ContactGrid or None
         State of the coarser grid.
+    outlook : Window, optional
+        Cells of the coarser grid that must not be left out.
 
     Attributes
     ----------
@@ -83,15 +85,16 @@ class Frame:
         Between these.
     """
 
-    def __init__(self, hierarchy, number, shape, below):
-        self._hierarchy, self._shape = hierarchy, shape
+    def __init__(self, hierarchy, number, shape, below, outlook=None):
+        self._hierarchy, self._shape, self._outlook = hierarchy, shape, outlook
         self.below, self.transfer = below, hierarchy.transfers[number]
         level, window = hierarchy.levels[number], None
+        self._level = level
         if below is not None and hierarchy.windowed(level):
             admissible = ~np.isnan(shape)
             possible = bounding_box(admissible, level.slabs, level.comm).coarsen(self.transfer.factors)
             coarse_grid = hierarchy.levels[number - 1].grid
-            window = _choose(below, coarse_grid, hierarchy.margin, possible)
+            window = _choose(below, coarse_grid, hierarchy.margin, possible, outlook)
         self.windowed = window is not None
         if not self.windowed:
             self.state = ContactGrid(level, shape)
@@ -119,6 +122,29 @@ class Frame:
         fine.prepare("product")  # first, so that other transforms can use its storage
         self.transfer = Transfer(fine, coarse, factors)
         self.state = ContactGrid(fine, self._passage.enter(self._shape), window, statistics)
+
+    def outlook(self, lowest):
+        """Where the target grid may have contact that this one cannot see: asperities smaller than its cells.
+
+        Collective. Told by the largest level without windows, when it is solved; known on the finer ones.
+
+        Parameters
+        ----------
+        lowest : ndarray or None
+            See `Hierarchy.lowest`.
+
+        Returns
+        -------
+        Window or None
+            Of this level.
+        """
+        state, level = self.state, self._level
+        if self._outlook:
+            return self._outlook.refine(self.transfer.factors, level.grid)
+        if lowest is None or lowest.shape != level.local_shape or self.windowed:
+            return None
+        with np.errstate(invalid="ignore"):
+            return bounding_box(lowest - state.approach + state.u <= 0, level.slabs, level.comm)
 
     def close(self):
         """Free what is of no use to a finer grid. Collective."""
@@ -149,7 +175,7 @@ class Frame:
         return state, not converged or state.admit().added == 0
 
 
-def _choose(below, grid, margin, possible):
+def _choose(below, grid, margin, possible, outlook):
     """Window of the coarser grid around its contact; None if leaving cells out does not pay.
 
     Collective.
@@ -163,13 +189,19 @@ def _choose(below, grid, margin, possible):
     margin : float
     possible : Window
         Around all cells where contact is possible.
+    outlook : Window or None
+        Around all cells where contact is to be expected for other reasons.
     """
     contact, outer = bounding_box(below.contact, below.operator.slabs, below.comm), below.window
     window = None
     if contact is not None:
         rows = _widen(contact.y0 + outer.y0, contact.y1 + outer.y0, margin, possible.y0, possible.y1)
         columns = _widen(contact.x0 + outer.x0, contact.x1 + outer.x0, margin, possible.x0, possible.x1)
-        window = Window(*_fill(*rows, outer.y0, outer.y1), *_fill(*columns, outer.x0, outer.x1))
+        box = Window(*rows, *columns)
+        box = box.join(outlook) if outlook else box
+        window = Window(
+            *_fill(box.y0, box.y1, outer.y0, outer.y1), *_fill(box.x0, box.x1, outer.x0, outer.x1)
+        )
     if outer == whole(grid):
         return window if window is not None and 0 < window.n <= _MOST * grid.n else None
     return window if window is not None and window.n > 0 else outer

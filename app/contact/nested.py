@@ -25,6 +25,7 @@ def solve(
     beta=0.003,
     prolongation="copy",
     target_solver=None,
+    lowest=None,
 ):
     """Solve the contact problem on the target grid of a hierarchy.
 
@@ -46,6 +47,8 @@ def solve(
         The paper's, or `_lift`.
     target_solver : LinearSolver, optional
         Solver of the target grid, if there is one already.
+    lowest : ndarray, optional
+        See `Hierarchy.lowest`; without it windows are chosen from the contact of coarser grids alone.
 
     Returns
     -------
@@ -59,12 +62,12 @@ def solve(
     ]
     first = blind[-1] + 1 if blind else 0
     route = range(first, last + 1) if nested else _direct_route(hierarchy, loading, first)
-    below = outcome = None
+    below = outcome = outlook = None
     difference = float("nan")
     for number in route:
         level = hierarchy.levels[number]
         here = level.comm is not None or hierarchy.comm.rank == 0 or number == last
-        frame = Frame(hierarchy, number, shapes[number], below if nested else None)
+        frame = Frame(hierarchy, number, shapes[number], below if nested else None, outlook)
         state = frame.state
         if below is None:
             loading.start(state)
@@ -83,6 +86,7 @@ def solve(
                 outcome = _iterate(hierarchy, number, state, below is None, *arguments)
         if level.comm is None and hierarchy.comm.size > 1 and number < last:
             _tell(hierarchy.comm, state)
+        outlook = frame.outlook(lowest)
         if nested and below is not None:
             difference = _difference(frame.transfer, frame.below.p, state)
         if below is not None:

@@ -49,6 +49,12 @@ class Window:
         fy, fx = factors
         return Window(self.y0 // fy, -(-self.y1 // fy), self.x0 // fx, -(-self.x1 // fx))
 
+    def join(self, other):
+        """Return the smallest window around this and another one. Not collective."""
+        return Window(
+            min(self.y0, other.y0), max(self.y1, other.y1), min(self.x0, other.x0), max(self.x1, other.x1)
+        )
+
     def within(self, other):
         """Return the same cells counted from the first of `other`. Not collective."""
         return Window(self.y0 - other.y0, self.y1 - other.y0, self.x0 - other.x0, self.x1 - other.x0)

@@ -104,7 +104,7 @@ class RimExtension:
         if not self.steps:
             np.any(mask, axis=1, out=self.rows)
             return
-        kinds, spread, inside = self._kinds, self._spread, self._spread[1:-1, 1:-1]
+        kinds, inside = self._kinds, self._spread[1:-1, 1:-1]
         kinds[...] = inside[...] = mask
         for _ in range(self.steps):
             self._dilate(None)

@@ -107,6 +107,23 @@ class Hierarchy:
                 shapes.insert(0, problem.shape_on(level.grid, level.slabs.rows))
         return shapes
 
+    def lowest(self, shapes):
+        """Least undeformed distance of the target grid in each cell of the largest level without windows. Collective.
+
+        Returns
+        -------
+        ndarray or None
+            NaN where contact is impossible in all of a cell; None if the target grid has no window.
+        """
+        if not self.windowed(self.target):
+            return None
+        lowest = shapes[-1]
+        for transfer in self.transfers[:0:-1]:
+            if not self.windowed(transfer.fine):
+                break
+            lowest = transfer.restrict_minimum(lowest)
+        return lowest
+
     def operator_applications(self):
         """Honest count: products and sweeps on all grids, as products on the target grid. Not collective."""
         return self._spent + sum(self.share(level) * level.equivalent_products for level in self.levels)

@@ -73,6 +73,14 @@ class Transfer:
         with np.errstate(invalid="ignore"):
             return self._complete(total / count, float)
 
+    def restrict_minimum(self, fine):
+        """Least of the children, NaN if all are. Collective."""
+        mine = np.full(self._local, np.nan)
+        for view, rows, columns in self._children(fine):
+            here = mine[rows, columns]
+            np.fmin(here, view, out=here)
+        return self._complete(mine, float)
+
     def add_copies(self, coarse, fine):
         """Add the value of a coarse cell to its children in C. Not collective."""
         mine = coarse[self.rows]
