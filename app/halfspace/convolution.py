@@ -7,7 +7,7 @@
 - *Pruned*: in x only rows that hold data are transformed, and only rows that are wanted come back. Two real rows are
   transformed as one complex row, which costs half of two real transforms by FFTW.
 - *Blocked*: columns go through transform, scaling and inverse transform a few at a time, inside the cache. Between the
-  transforms the rows stay rows; columns are picked from them, and put back, in tiles of cache lines.
+  transforms the data lie in strips of as many columns, which rows fill and columns are picked from in order.
 - *Real even spectrum*: K is even in both directions, so its spectrum is real and even: (Nx/2+1)(Ny/2+1)
   doubles, about n. With the x-transformed rows (2 n) a product needs 3 n doubles and nothing else of size n.
 - *Distributed*: rows live in slabs, columns are dealt to the ranks; one all-to-all each way. Large transfers
@@ -60,15 +60,28 @@ def transform_length(n):
 
 
 @numba.njit(cache=True)
-def _scale_by_even_spectrum(columns, spectrum, count):
-    """columns[c, k] *= spectrum[c, min(k, N - k)] for the first `count` columns."""
-    length, half = np.uint64(columns.shape[1]), np.uint64(spectrum.shape[1])
+def _scale_first_half(parts, factor):
+    two, one = np.uint64(2), np.uint64(1)
+    for k in range(np.uint64(factor.size)):
+        parts[two * k] *= factor[k]
+        parts[two * k + one] *= factor[k]
+
+
+@numba.njit(cache=True)
+def _scale_second_half(parts, factor):
+    two, one, length = np.uint64(2), np.uint64(1), np.uint64(parts.size // 2)
+    for k in range(one, length - np.uint64(factor.size) + one):
+        i = two * (length - k)
+        parts[i] *= factor[k]
+        parts[i + one] *= factor[k]
+
+
+@numba.njit(cache=True)
+def _scale_by_even_spectrum(parts, spectrum, count):
+    """columns[c, k] *= spectrum[c, min(k, N - k)] for the first `count` columns, given as real and imaginary parts."""
     for c in range(count):
-        column, factor = columns[c], spectrum[c]
-        for k in range(half):
-            column[k] = complex(column[k].real * factor[k], column[k].imag * factor[k])
-        for k in range(half, length):
-            column[k] = complex(column[k].real * factor[length - k], column[k].imag * factor[length - k])
+        _scale_first_half(parts[c], spectrum[c])
+        _scale_second_half(parts[c], spectrum[c])
 
 
 @numba.njit(cache=True)
@@ -129,71 +142,145 @@ def _unpair(pairs, mask, out):
 
 
 @numba.njit(cache=True)
-def _store(pairs, first, rows):
-    """rows[:, c] = the transforms of the real rows, at frequency ``first + c``, from those of the pairs."""
-    length, start, width = np.uint64(pairs.shape[1]), np.uint64(first), np.uint64(rows.shape[1])
-    last, half = rows.shape[0] - 1, pairs.real.dtype.type(0.5)
-    for m in range((last + 2) // 2):
-        a, b, pair = rows[2 * m], rows[min(2 * m + 1, last)], pairs[m]
-        for c in range(np.uint64(first == 0), width):
-            x, y = pair[start + c], pair[length - start - c]
-            a[c] = complex(half * (x.real + y.real), half * (x.imag - y.imag))
-            b[c] = complex(half * (x.imag + y.imag), half * (y.real - x.real))
-        if first == 0 and width:
-            x = pair[0]
-            a[0], b[0] = x.real, x.imag
+def _split(pair, first, a, b):
+    """Transforms a, b of two real rows from that of their pair, at frequency `first` and on."""
+    length, start, half = np.uint64(pair.size), np.uint64(first), pair.real.dtype.type(0.5)
+    for c in range(np.uint64(first == 0), np.uint64(a.size)):
+        x, y = pair[start + c], pair[length - start - c]
+        a[c] = complex(half * (x.real + y.real), half * (x.imag - y.imag))
+        b[c] = complex(half * (x.imag + y.imag), half * (y.real - x.real))
+    if first == 0 and a.size:
+        x = pair[0]
+        a[0], b[0] = x.real, x.imag
 
 
 @numba.njit(cache=True)
-def _load(pairs, first, rows):
-    """Undo `_store`."""
-    length, start, width = np.uint64(pairs.shape[1]), np.uint64(first), np.uint64(rows.shape[1])
-    last = rows.shape[0] - 1
-    for m in range((last + 2) // 2):
-        a, b, pair = rows[2 * m], rows[min(2 * m + 1, last)], pairs[m]
+def _unite(pair, first, a, b):
+    """Undo `_split`."""
+    length, start = np.uint64(pair.size), np.uint64(first)
+    for c in range(np.uint64(a.size)):
+        x, y = a[c], b[c]
+        pair[start + c] = complex(x.real - y.imag, x.imag + y.real)
+    for c in range(np.uint64(first == 0), np.uint64(a.size)):
+        x, y = a[c], b[c]
+        pair[length - start - c] = complex(x.real + y.imag, y.real - x.imag)
+
+
+# Transformed rows are stored as *strips* of 16 columns: a row fills a part of every strip, columns are made of a whole
+# one, and both ways memory is gone through in order. Strips that belong together are one flat array; the last
+# may be narrower.
+_STRIP = _COLUMNS_AT_ONCE
+
+
+@numba.njit(cache=True)
+def _copy_strip(source, i, target, k):
+    for c in range(np.uint64(_STRIP)):
+        target[k + c] = source[i + c]
+
+
+@numba.njit(cache=True)
+def _put_rows(rows, strips, height, start):
+    """Make `rows` the rows of the strips, which are `height` rows high, from row `start` on."""
+    whole = rows.shape[1] // _STRIP * _STRIP
+    for strip in range(0, whole, _STRIP):
+        at = height * strip + start * _STRIP
+        for j in range(rows.shape[0]):
+            _copy_strip(rows[j], np.uint64(strip), strips, np.uint64(at + j * _STRIP))
+    width = rows.shape[1] - whole
+    for j in range(rows.shape[0]):
         for c in range(width):
-            x, y = a[c], b[c]
-            pair[start + c] = complex(x.real - y.imag, x.imag + y.real)
-        for c in range(np.uint64(first == 0), width):
-            x, y = a[c], b[c]
-            pair[length - start - c] = complex(x.real + y.imag, y.real - x.imag)
+            strips[height * whole + (start + j) * width + c] = rows[j, whole + c]
+
+
+@numba.njit(cache=True)
+def _take_rows(strips, height, start, rows):
+    """Undo `_put_rows`."""
+    whole = rows.shape[1] // _STRIP * _STRIP
+    for strip in range(0, whole, _STRIP):
+        at = height * strip + start * _STRIP
+        for j in range(rows.shape[0]):
+            _copy_strip(strips, np.uint64(at + j * _STRIP), rows[j], np.uint64(strip))
+    width = rows.shape[1] - whole
+    for j in range(rows.shape[0]):
+        for c in range(width):
+            rows[j, whole + c] = strips[height * whole + (start + j) * width + c]
+
+
+@numba.njit(cache=True)
+def _store(pairs, first, count, scratch, strips, height, start):
+    """Put the transforms of `count` real rows into the strips from row `start` on, from frequency `first` on."""
+    if not height:
+        return
+    columns = strips.size // height
+    rows = scratch[: count * columns].reshape(count, columns)
+    for m in range((count + 1) // 2):
+        _split(pairs[m], first, rows[2 * m], rows[min(2 * m + 1, count - 1)])
+    _put_rows(rows, strips, height, start)
+
+
+@numba.njit(cache=True)
+def _load(pairs, first, count, scratch, strips, height, start):
+    """Undo `_store`."""
+    if not height:
+        return
+    columns = strips.size // height
+    rows = scratch[: count * columns].reshape(count, columns)
+    _take_rows(strips, height, start, rows)
+    for m in range((count + 1) // 2):
+        _unite(pairs[m], first, rows[2 * m], rows[min(2 * m + 1, count - 1)])
+
+
+@numba.njit(cache=True)
+def _clear_rows(strips, height, start, count):
+    """Set rows `start`, ... of the strips to zero."""
+    if not height:
+        return
+    columns = strips.size // height
+    for strip in range(0, columns, _STRIP):
+        width = min(_STRIP, columns - strip)
+        strips[height * strip + start * width : height * strip + (start + count) * width] = 0
+
+
+def _strip(strips, height, first, last):
+    """Columns ``first <= c < last``, a whole strip, as a view (rows, columns)."""
+    return strips[height * first : height * last].reshape(height, last - first)
 
 
 _TILE = 8  # complex singles are a cache line
 
 
 @numba.njit(cache=True)
-def _gather(rows, first, count, columns, start):
-    """columns[c, start + r] = rows[r, first + c] for `count` columns, a tile at a time."""
-    height, width, tile = np.uint64(rows.shape[0]), np.uint64(count), np.uint64(_TILE)
-    x, y = np.uint64(first), np.uint64(start)
+def _gather(strip, columns, start):
+    """columns[c, start + r] = strip[r, c], a tile at a time."""
+    height, width = np.uint64(strip.shape[0]), np.uint64(strip.shape[1])
+    tile, y = np.uint64(_TILE), np.uint64(start)
     for a in range(np.uint64(0), height, tile):
         for b in range(np.uint64(0), width, tile):
             if a + tile <= height and b + tile <= width:
                 for c in range(tile):
                     for r in range(tile):
-                        columns[b + c, y + a + r] = rows[a + r, x + b + c]
+                        columns[b + c, y + a + r] = strip[a + r, b + c]
             else:
                 for c in range(b, min(b + tile, width)):
                     for r in range(a, min(a + tile, height)):
-                        columns[c, y + r] = rows[r, x + c]
+                        columns[c, y + r] = strip[r, c]
 
 
 @numba.njit(cache=True)
-def _scatter(rows, first, count, columns, start):
-    """rows[r, first + c] = columns[c, start + r] for `count` columns, a tile at a time."""
-    height, width, tile = np.uint64(rows.shape[0]), np.uint64(count), np.uint64(_TILE)
-    x, y = np.uint64(first), np.uint64(start)
+def _scatter(strip, columns, start):
+    """Undo `_gather`."""
+    height, width = np.uint64(strip.shape[0]), np.uint64(strip.shape[1])
+    tile, y = np.uint64(_TILE), np.uint64(start)
     for a in range(np.uint64(0), height, tile):
         for b in range(np.uint64(0), width, tile):
             if a + tile <= height and b + tile <= width:
                 for r in range(tile):
                     for c in range(tile):
-                        rows[a + r, x + b + c] = columns[b + c, y + a + r]
+                        strip[a + r, b + c] = columns[b + c, y + a + r]
             else:
                 for r in range(a, min(a + tile, height)):
                     for c in range(b, min(b + tile, width)):
-                        rows[r, x + c] = columns[c, y + r]
+                        strip[r, c] = columns[c, y + r]
 
 
 class _Batch:
@@ -208,6 +295,7 @@ class _Batch:
 
 # Scratch of one transform after the other: rows and columns of all grids share what has the same length.
 _batch = lru_cache(maxsize=64)(_Batch)
+_scratch = lru_cache(maxsize=64)(np.empty)
 
 
 @cache
@@ -224,11 +312,14 @@ def _load_loops(dtype):
             _unpair(batch, inside, real)
     for data in (field, spectrum, fixed, mask):
         any_nonzero(data)
-    _store(batch, 0, nothing)
-    _load(batch, 0, nothing)
-    _gather(nothing, 0, 0, batch, 0)
-    _scatter(nothing, 0, 0, batch, 0)
-    _scale_by_even_spectrum(batch, spectrum, 0)
+    strips = nothing.reshape(-1)
+    _store(batch, 0, 0, strips, strips, 0, 0)
+    _load(batch, 0, 0, strips, strips, 0, 0)
+    _clear_rows(strips, 0, 0, 0)
+    _put_rows(spectrum, spectrum.reshape(-1), 0, 0)
+    _gather(nothing, batch, 0)
+    _scatter(nothing, batch, 0)
+    _scale_by_even_spectrum(batch.view(dtype), spectrum, 0)
     _divide_by_even_spectrum(batch, spectrum, 0, dtype.type(1))
 
 
@@ -282,6 +373,8 @@ class EvenMultiplier:
 
         self._rows_plan, self._columns_plan = _batch(nx_fft, complex_type), _batch(ny_fft, complex_type)
         self._pairs, self._column = self._rows_plan.data, self._columns_plan.data
+        self._column_parts = self._column.view(self.dtype)
+        self._scratch = _scratch(_ROWS_AT_ONCE * columns, complex_type)
         _load_loops(self.dtype)
 
     def _deal_columns(self, columns):
@@ -311,26 +404,29 @@ class EvenMultiplier:
         ny_fft, nx_fft = self.periods
         half_x, half_y = nx_fft // 2, ny_fft // 2
         mine = Slabs.over(self.comm, rows)  # the work of this transform; not the slabs of the fields
-        in_x = _storage(mine.local * (half_x + 1), float, self._transformed).reshape(mine.local, half_x + 1)
+        groups = [
+            _ColumnGroup(of_fields.edges[0], of_fields.edges[-1], mine.size, mine.rank, mine.counts)
+            for of_fields in self._groups
+        ]
+        in_x = _storage(mine.local * (half_x + 1), self.dtype, self._transformed)
+        pieces = [piece for group in groups for piece in group.pieces(in_x)]
         for start in range(mine.rows.start, mine.rows.stop, _ROWS_AT_ONCE):
             stop = min(start + _ROWS_AT_ONCE, mine.rows.stop)
-            block = np.zeros((stop - start, half_x + 1))
+            block = np.zeros((stop - start, half_x + 1), self.dtype)
             block[:, :columns] = kernel_rows(slice(start, stop))[:, :columns]
-            in_x[start - mine.rows.start : stop - mine.rows.start] = _transform_even(block, nx_fft)
+            block = _transform_even(block, nx_fft)
+            for first, last, strips in pieces:
+                _put_rows(block[:, first:last].copy(), strips, mine.local, start - mine.rows.start)
         spectrum = np.empty((sum(g.mine.stop - g.mine.start for g in self._groups), half_y + 1), self.dtype)
         done = 0
-        for of_fields in self._groups:
-            group = _ColumnGroup(of_fields.edges[0], of_fields.edges[-1], mine.size, mine.rank, mine.counts)
+        for group in groups:
             count = group.mine.stop - group.mine.start
-            blocks = [in_x]
-            if self.comm is not None:
-                sent = np.concatenate([in_x[:, a:b].reshape(-1) for a, b in itertools.pairwise(group.edges)])
-                blocks = group.deal(self.comm, sent, np.empty(group.to_receive))
+            dealt = group.deal(self.comm, group.part(in_x), np.empty(group.to_receive, self.dtype))
             for first in range(0, count, _COLUMNS_AT_ONCE):
                 last = min(first + _COLUMNS_AT_ONCE, count)
-                column = np.zeros((last - first, half_y + 1))
-                for block, (a, b) in zip(blocks, group.row_ranges, strict=True):
-                    column[:, a:b] = block[:, first:last].T
+                column = np.zeros((last - first, half_y + 1), self.dtype)
+                for strips, (a, b) in zip(dealt, group.row_ranges, strict=True):
+                    column[:, a:b] = _strip(strips, b - a, first, last).T
                 spectrum[done + first : done + last] = _transform_even(column, ny_fft)
             done += count
         self._spectrum = spectrum
@@ -373,6 +469,7 @@ class EvenMultiplier:
             self._received,
             self._pairs,
             self._column,
+            self._scratch,
         )
         return sum(a.nbytes for a in arrays if a is not None)
 
@@ -413,35 +510,39 @@ class EvenMultiplier:
             here = slice(i, i + len(block))
             data = rows[None, here] if rows is not None else block if mask is None else inside
             if not any_nonzero(data):
-                for _, piece in self._pieces:
-                    piece[here] = 0
+                for _, _, strips in self._pieces:
+                    _clear_rows(strips, len(p), i, len(block))
                 continue
             _pair(block, inside, self._pairs)
             self._rows_plan.forward()
-            for first, piece in self._pieces:
-                _store(self._pairs, first, piece[here])
+            for first, _, strips in self._pieces:
+                _store(self._pairs, first, len(block), self._scratch, strips, len(p), i)
 
     def _columns_of(self, group, done):
         """Convolve the columns of a group in y; `done` columns of the spectrum belong to earlier groups."""
         part = group.part(self._transformed)
         count = group.mine.stop - group.mine.start
-        blocks = group.deal(self.comm, part, self._received)
+        dealt = group.deal(self.comm, part, self._received)
         column, ny = self._column, self.shape[0]
         for first in range(0, count, _COLUMNS_AT_ONCE):
             last = min(first + _COLUMNS_AT_ONCE, count)
             w = last - first
-            for block, (start, _) in zip(blocks, group.row_ranges, strict=True):
-                _gather(block, first, w, column, start)
+            pieces = [
+                (_strip(strips, stop - start, first, last), start)
+                for strips, (start, stop) in zip(dealt, group.row_ranges, strict=True)
+            ]
+            for strip, start in pieces:
+                _gather(strip, column, start)
             column[:, ny:] = 0
             self._columns_plan.forward()
             spectrum = self._spectrum[done + first : done + last]
             if self._inverse:
                 _divide_by_even_spectrum(column, spectrum, w, self._spectrum.dtype.type(self._inverse_scale))
             else:
-                _scale_by_even_spectrum(column, spectrum, w)
+                _scale_by_even_spectrum(self._column_parts, spectrum, w)
             self._columns_plan.backward()
-            for block, (start, _) in zip(blocks, group.row_ranges, strict=True):
-                _scatter(block, first, w, column, start)
+            for strip, start in pieces:
+                _scatter(strip, column, start)
         group.give_back(self.comm, part, self._received)
         return done + count
 
@@ -454,8 +555,8 @@ class EvenMultiplier:
                 continue
             if rows is not None and not any_nonzero(rows[None, i : i + len(block)]):
                 continue
-            for first, piece in self._pieces:
-                _load(self._pairs, first, piece[i : i + len(block)])
+            for first, _, strips in self._pieces:
+                _load(self._pairs, first, len(block), self._scratch, strips, len(out), i)
             self._rows_plan.backward()
             _unpair(self._pairs, inside, block)
 
@@ -506,7 +607,7 @@ def _transform_even(samples, period):
 class _ColumnGroup:
     """Columns [start, stop) dealt to `size` ranks, and the all-to-all that deals them.
 
-    On either side lies one array (rows, columns) after the other. What a rank would send to itself stays where it is.
+    On either side lie the strips of one rank after those of the other. What a rank would send to itself stays there.
     """
 
     def __init__(self, start, stop, size, rank, row_counts):
@@ -529,24 +630,23 @@ class _ColumnGroup:
         return transformed[self._rows * self.edges[0] : self._rows * self.edges[-1]]
 
     def pieces(self, transformed):
-        """First column of each rank, and views (rows here, its columns) of what is sent to it."""
+        """First and last but one column of each rank, and the strips that are sent to it."""
         return [
-            (a, transformed[self._rows * a : self._rows * b].reshape(self._rows, b - a))
-            for a, b in itertools.pairwise(self.edges)
+            (a, b, transformed[self._rows * a : self._rows * b]) for a, b in itertools.pairwise(self.edges)
         ]
 
     def deal(self, comm, part, received):
-        """Get the columns of this rank: views (rows of rank q, columns here), one for each rank q. Collective."""
+        """Get the columns of this rank: the strips with the rows of rank q, for each rank q. Collective."""
         first = self._rows * (self.mine.start - self.edges[0])
-        own = part[first : first + self._rows * self._columns].reshape(self._rows, self._columns)
+        own = part[first : first + self._rows * self._columns]
         if comm is None:
             return [own]
         comm.Alltoallv([part, self._by_column], [received, self._by_row])
-        blocks = []
-        for rank, (count, start) in enumerate(zip(*self._by_row, strict=True)):
-            block = received[start : start + count].reshape(-1, self._columns) if count else own[:0]
-            blocks.append(own if rank == self._rank else block)
-        return blocks
+        spans = zip(*self._by_row, strict=True)
+        return [
+            own if rank == self._rank else received[start : start + count]
+            for rank, (count, start) in enumerate(spans)
+        ]
 
     def give_back(self, comm, part, received):
         """Send back what `deal` got. Collective."""
