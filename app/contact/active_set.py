@@ -69,7 +69,7 @@ class ContactGrid:
     def __init__(self, operator, shape, window=None, statistics=None):
         self.operator, self.grid, self.comm = operator, operator.grid, operator.comm
         self.admissible = ~np.isnan(shape)
-        shape[~self.admissible] = 0.0
+        np.copyto(shape, 0.0, where=~self.admissible)
         self.shape = shape
         size = (shape.size, PETSc.DETERMINE)
         self.pressure = PETSc.Vec().createMPI(size, comm=operator.petsc_comm)
