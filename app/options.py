@@ -143,6 +143,7 @@ TABLE = [
     Option("lcp_max_it", _count, 100, "active set iterations on one grid"),
     Option("lcp_coarse_rtol", _from_zero, 0.0, "tracking KSPs: residual that is enough on coarser grids"),
     Option("lcp_merge", _from_zero, 0.0, "tracking KSPs: step of a correction when cells are dropped"),
+    Option("lcp_foresight", _from_zero, 0.0, "tracking KSPs: add cells by u and this much of its expected change"),
     Option("lcp_prolongation", choice("copy", "lift"), "copy", "of p: the paper's, or by an FFT"),
     Option("lcp_window", _from_zero, 0.0, "nested: work in a window around contact, with this margin; 0: all cells"),
     Option("lcp_beta", _from_zero, 0.003, "start set after prolongation, eq. (4.1)"),

@@ -94,6 +94,7 @@ class prepare:
             max_it=options["lcp_max_it"],
             coarse_rtol=options["lcp_coarse_rtol"],
             merge=options["lcp_merge"],
+            foresight=options["lcp_foresight"],
             cheap=options["lcp_cheap"],
         )
         self.nested, self.beta = options["lcp_nested"], options["lcp_beta"]

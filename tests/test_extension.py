@@ -3,8 +3,12 @@
 import numpy as np
 import pytest
 from mpi_extension import STENCIL
-from scipy.ndimage import convolve
+from scipy.ndimage import binary_dilation, convolve
 
+from app.halfspace.grid import Grid
+from app.halfspace.influence import dense_matrix
+from app.halfspace.operator import InfluenceOperator
+from app.multigrid.circulant import circulant_of
 from app.multigrid.extension import RimExtension
 
 SHAPES = [(1, 1), (1, 11), (11, 1), (2, 3), (3, 2), (8, 8), (17, 26)]
@@ -99,6 +103,31 @@ def test_many_steps_make_the_stencil_vanish_outside_contact():
     x = apply(make(contact, 200).extend, field(contact.shape) * contact)
     image = convolve(x, np.array(STENCIL), mode="constant")
     np.testing.assert_allclose(image[~contact], 0, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("r", "off"),
+    [
+        (lambda x, y: 1 + 0 * x, 0.35),
+        (lambda x, y: x, 0.2),
+        (lambda x, y: np.cos(x / 3) * np.cos(y / 4), 0.2),
+        (lambda x, y: field(x.shape), 0.5),
+    ],
+    ids=["constant", "linear", "smooth", "noise"],
+)
+def test_extended_residual_foresees_the_displacement_beside_contact(r, off):
+    """A solve adds A z to u, with A z = r on C; beside C that is 1.5 E r, about (see -lcp_foresight)."""
+    grid = Grid(32, 32, 1.0, 1.0)
+    y, x = np.mgrid[:32, :32] - 15.5
+    contact = x**2 + y**2 < 10**2
+    matrix = dense_matrix(grid, 1.0)
+    inside = contact.reshape(-1)
+    r = r(x, y) * contact
+    change = matrix[:, inside] @ np.linalg.solve(matrix[np.ix_(inside, inside)], r[contact])
+    extension = make(contact, 3, circulant_of(InfluenceOperator(grid, 1.0)).centre())
+    beside = binary_dilation(contact) & ~contact
+    foreseen, change = 1.5 * apply(extension.extend, r)[beside], change.reshape(contact.shape)[beside]
+    assert np.linalg.norm(foreseen - change) < off * np.linalg.norm(change)
 
 
 def test_lists_follow_the_contact_set_and_weights_the_unit_of_the_stencil():

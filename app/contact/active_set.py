@@ -174,8 +174,14 @@ class ContactGrid:
         self.current = self.current and not cells
         return int(cells), tension / kept if kept > 0 else tension
 
-    def admit(self):
+    def admit(self, foresight=0.0, change=None):
         """(4b) Cells that overlap enter the contact area, those that have just left among them. Collective.
+
+        Parameters
+        ----------
+        foresight : float
+        change : ndarray, optional
+            How u is expected to change beside the contact area [mm]: `foresight` times this is believed.
 
         Returns
         -------
@@ -183,7 +189,16 @@ class ContactGrid:
             Since before `drop`.
         """
         counts = self.sum(
-            kernels.admit(self.shape, self.u, self.approach, self.admissible, self.contact, self._dropped)
+            kernels.admit(
+                self.shape,
+                self.u,
+                self.approach,
+                self.admissible,
+                self.contact,
+                self._dropped,
+                foresight,
+                change,
+            )
         )
         cells, added, lost, changed = (int(count) for count in counts[:4])
         return Change(cells, added, lost, changed, residual=float(np.sqrt(counts[4])))

@@ -96,6 +96,12 @@ def _overlap_row(shape, u, approach, overlap):
         overlap[i] = shape[i] - approach + u[i] <= 0
 
 
+@numba.njit(cache=True)
+def _foreseen_overlap_row(shape, u, approach, foresight, change, overlap):
+    for i in range(shape.size):
+        overlap[i] = shape[i] - approach + u[i] + foresight * change[i] <= 0
+
+
 @any_order
 def _admit_row(overlap, admissible, contact, dropped):
     cells, added, lost = 0, 0, 0
@@ -118,15 +124,18 @@ def _squares_row(shape, u, approach, contact):
 
 
 @numba.njit(cache=True)
-def admit(shape, u, approach, admissible, contact, dropped):
-    """(4b) Put overlapping cells outside C into it.
+def admit(shape, u, approach, admissible, contact, dropped, foresight, change):
+    """(4b) Put cells outside C into it that overlap; or will, when u goes on by `foresight` times `change`, if given.
 
     Return how many cells are in C, came, left, changed, and the sum of squares of h + u over the new C.
     """
     cells, added, lost, total = 0, 0, 0, 0.0
     overlap = np.empty(shape.shape[1], np.bool_)
     for j in range(shape.shape[0]):
-        _overlap_row(shape[j], u[j], approach, overlap)
+        if change is None:
+            _overlap_row(shape[j], u[j], approach, overlap)
+        else:
+            _foreseen_overlap_row(shape[j], u[j], approach, foresight, change[j], overlap)
         here = _admit_row(overlap, admissible[j], contact[j], dropped[j])
         cells += here[0]
         added += here[1]
@@ -168,6 +177,7 @@ def load():
     right_hand_side(field, 0.0, mask, field)
     total_defect(field, field, 0.0, mask)
     drop(field, mask, mask)
-    admit(field, field, 0.0, mask, mask, mask)
+    for change in (None, field, field.astype(np.float32)):
+        admit(field, field, 0.0, mask, mask, mask, 0.0, change)
     norm_on(field, 0.0, mask)
     any_nonzero(mask)

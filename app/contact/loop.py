@@ -18,6 +18,7 @@ class Controls:
     max_it: int = 100
     coarse_rtol: float = 0.0  # 0: iterate on coarser grids until the contact set is unchanged
     merge: float = 0.0  # step of the correction that shares a product with the dropping of cells
+    foresight: float = 0.0  # share of the change of u to come that is believed when cells are added
     cheap: bool = False  # stop on the target grid too as soon as the discretisation error dominates
 
     # Residual per expected relative error of the pressure, which rough residuals exceed some twenty times; and at most.
@@ -214,7 +215,7 @@ class _Policy:
     _little = 0.01  # of the load may be dropped, of the cells changed, where loose accuracy is enough
 
     def __init__(self, controls):
-        self.step = controls.merge
+        self.step, self.foresight = controls.merge, controls.foresight
         self.merges = 0
         self.seen = set()
 
@@ -233,28 +234,36 @@ class _Policy:
         if loose and not target and norm <= allowed and tension <= self._little:
             return state.admit(), True
         merged = False
-        if dropped:
-            merged = self.step > 0 and solver.tracks and norm > allowed and self.merges < self._merges
+        if dropped and solver.tracks:
+            solver.contact_changed()
+            merged = self.step > 0 and norm > allowed and self.merges < self._merges
             if merged:
                 self._correct(state, solver)
         if not state.current:
             loading.rescale(state)
             state.displace()
         loading.settle(state)
-        change = state.admit()
+        change = self._admit(state, solver, norm > allowed)
         if merged and change.residual > self._blow_up * norm and change.residual > allowed:
             self.step = max(0.5 * self.step, self._shortest)
         if change.changed and solver.tracks:
             fingerprint = state.fingerprint()
             if dropped and fingerprint in self.seen:
                 solver.tighten()
+                self.foresight = 0.0
             self.seen.add(fingerprint)
         enough = bool(loose) and change.residual <= allowed and change.changed <= self._little * change.cells
         return change, enough
 
+    def _admit(self, state, solver, more_to_come):
+        """(4b), while the pressure is far from final by what u will be when the residual is gone."""
+        if not (self.foresight > 0 and solver.tracks and more_to_come):
+            return state.admit()
+        state.defect_to(state.right)
+        return state.admit(self.foresight, solver.foresee(state.right))
+
     def _correct(self, state, solver):
         """p += step M r on what is left of C; r still knows nothing of what was dropped."""
-        solver.contact_changed()
         state.defect_to(state.right)
         solver.correct(state.right, state.pressure, self.step)
         self.merges += 1

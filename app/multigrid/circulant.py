@@ -167,13 +167,21 @@ class Circulant:
             if self.extension is None:
                 self.multiplier.apply(r, z, operator.mask)
                 return
-            if self._contact != operator.contact_number:
-                self.extension.set_contact(operator.mask)
-                self._contact = operator.contact_number
-            _copy_on(r, operator.mask, z)
-            self.extension.extend(z)
+            self.extend(r, z)
             self.multiplier.apply(z, z, rows=self.extension.rows)
             self.extension.restrict(z)
+
+    def extend(self, r, z):
+        """Compute z = E C r: on the cells around C what a solve will add to the displacement, about.
+
+        Collective. Arrays as of `apply_to`; z is zero beyond the extension.
+        """
+        operator = self.operator
+        if self._contact != operator.contact_number:
+            self.extension.set_contact(operator.mask)
+            self._contact = operator.contact_number
+        _copy_on(r, operator.mask, z)
+        self.extension.extend(z)
 
     applyTranspose = apply
 

@@ -296,14 +296,31 @@ class TrackingCG:
         with x as solution:
             _add_on(solution.reshape(z.shape), step, z, contact, self._spans)
 
+    def foresee(self, ksp, r):
+        """Return what reducing the residual r will add to u around C, about; None if nobody knows. Collective.
+
+        In the memory of the work vector; anything on C.
+        """
+        context = self._circulant(ksp.getPC())
+        if context is None or context.extension is None:
+            return None
+        with r as right, self.work as memory:
+            z = self._low(memory)
+            context.extend(right.reshape(z.shape), z)
+        return z
+
     def _low(self, memory):
         """Return a field in the operator's precision in the memory of a Vec."""
         return memory.view(self._d.dtype)[: self._d.size].reshape(self._d.shape)
 
+    def _circulant(self, pc):
+        context = pc.getPythonContext() if pc.getType() == PETSc.PC.Type.PYTHON else None
+        return context if isinstance(context, Circulant) else None
+
     def _precondition(self, pc, r):
         """Return M r, in the memory of the work vector; anything outside C."""
-        context = pc.getPythonContext() if pc.getType() == PETSc.PC.Type.PYTHON else None
-        if isinstance(context, Circulant):
+        context = self._circulant(pc)
+        if context is not None:
             with r as right, self.work as memory:
                 z = self._low(memory)
                 context.apply_to(right.reshape(z.shape), z)

@@ -163,6 +163,10 @@ class LinearSolver:
         """Add a multiple of the preconditioned residual: x += step M r on C. Collective. For solvers that `tracks`."""
         self._tracking.correct(self.ksp, r, x, step)
 
+    def foresee(self, r):
+        """Return what reducing the residual r will add to u around C; None if unknown. Collective. If it `tracks`."""
+        return self._tracking.foresee(self.ksp, r)
+
     def tighten(self):
         """Ask for ten times the relative accuracy from now on. Not collective."""
         rtol = self.ksp.getTolerances()[0]
