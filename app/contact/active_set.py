@@ -76,6 +76,7 @@ class ContactGrid:
         self.u = np.zeros(shape.shape)
         self._dropped = np.zeros(shape.shape, bool)
         self.current = True  # u is A p, not only near it
+        self._exact = False
         self.contact = operator.mask  # the very array the operator uses
         self.approach = 0.0
         self.window = window or whole(operator.grid)
@@ -151,13 +152,22 @@ class ContactGrid:
     def displace(self):
         """Compute u = A p. Collective."""
         self.operator.displacement(self.p, self.u)
-        self.current = True
+        self.current, self._exact = True, False
 
     def displace_exactly(self):
         """Compute u = A p in double precision. Collective."""
         self.operator.exact_displacement(self.p, self.u)
-        self.current = True
+        self.current = self._exact = True
         self._dropped[...] = False
+
+    def displaced_along(self):
+        """Take notice of a solver that changed p, and u with it. Not collective."""
+        self._exact = False
+
+    @property
+    def exact(self):
+        """Whether u is A p in double precision. Not collective."""
+        return self._exact and self.current
 
     def drop(self):
         """(4a) Cells that would have to be pulled leave the contact area, and p = 0 there. Collective.

@@ -139,8 +139,9 @@ def iterate(state, solver, loading, controls, history, target=True, discretisati
         # What single precision says is a proposal: only a double precision product can accept it.
         checked = target and (enough or (done and state.operator.provisional))
         if checked:
-            loading.rescale(state)
-            state.displace_exactly()
+            if not state.exact:
+                loading.rescale(state)
+                state.displace_exactly()
             loading.settle(state)
             change = state.admit()
             residual = _relative(change, state)
@@ -197,6 +198,8 @@ def _advance(state, solver, loading, allowed, resume):
             state.right, state.pressure, state.u, allowed, balance, resume
         )
         state.approach += shift
+        if iterations:
+            state.displaced_along()
         return iterations, failure, norm
     state.defect_to(state.right)
     iterations, failure = solver.solve(state.right, solver.work, allowed)
