@@ -150,7 +150,7 @@ TABLE = [
     Option("lcp_coarsest", _count, 4, "directions of up to this many cells are not coarsened"),
     Option("lcp_replicate", _count, 64, "grids of up to this many cells squared are held by all ranks"),
     Option("lcp_cheap", flag, False, "stop at the discretisation error (nested iteration only)"),
-    Option("lcp_precision", choice("double", "single"), "double", "of products; answers are checked in double"),
+    Option("lcp_precision", choice("double", "single"), "double", "of products; active_set checks answers in double"),
     Option("lcp_monitor", flag, False, "a line for each active set iteration"),
     Option("output", word, None, "result file (HDF5)"),
 ]  # fmt: skip
@@ -247,6 +247,11 @@ def help_text():
     for option in TABLE:
         default = "" if option.default in (REQUIRED, None) else f" (default {option.default})"
         lines.append(f"  -{option.name:<20} {option.meaning}{default}")
+    lines += [
+        "Of the FFT preconditioner (-pc_type python -pc_python_type app.multigrid.circulant.Circulant):",
+        f"  -{'pc_circulant_extend':<20} cells by which the residual is extended over the rim (default 0)",
+        f"  -{'pc_circulant_margin':<20} share of the patch left free before it is continued periodically (default 0)",
+    ]
     lines.append(
         "Linear solvers: PETSc's own -ksp_*, -pc_*, -mg_levels_*, -mg_coarse_*; see petsc_options/ and README.md."
     )

@@ -76,6 +76,7 @@ class prepare:
         from app.contact.loading import PrescribedApproach, PrescribedLoad
         from app.contact.loop import Controls
         from app.contact.monitor import Monitor, Progress
+        from app.halfspace.influence import influence_quadrant
         from app.multigrid import transfer
         from app.multigrid.circulant import circulant_of
         from app.multigrid.hierarchy import Hierarchy
@@ -114,11 +115,15 @@ class prepare:
         if by_load and self.type != "active_set":
             raise InputError(f"-lcp_type {self.type}: works with -approach only, not with -load")
         multilevel = self.type == "active_set" and (self.nested or by_load or options.text("pc_type") == "mg")
-        material = self.problem.material
+        grid, compliance = self.problem.grid, self.problem.material.compliance
+        in_single = options["lcp_precision"] == "single"
+        if in_single:
+            largest = float(influence_quadrant(grid, compliance, slice(0, 1), 1)[0, 0])
+            check_single("influence coefficients", largest, "mm3/N")
         self.hierarchy = Hierarchy(
-            self.problem.grid, material.compliance, comm, options["lcp_coarsest"], options["lcp_replicate"] ** 2,
+            grid, compliance, comm, options["lcp_coarsest"], options["lcp_replicate"] ** 2,
             single=not multilevel,
-            dtype=np.float32 if options["lcp_precision"] == "single" else np.float64,
+            dtype=np.float32 if in_single else np.float64,
             margin=margin,
         )  # fmt: skip
         self.solver = make_solver(self.type, self.hierarchy, self.controls)
@@ -135,6 +140,9 @@ class prepare:
             )
         self.shapes = self.hierarchy.shapes(self.problem)
         self.lowest = self.hierarchy.lowest(self.shapes)
+        if in_single:
+            highest = comm.allreduce(float(np.nanmax(np.abs(self.shapes[-1]), initial=0.0)), MPI.MAX)
+            check_single("pressures", highest / largest, "N/mm2")
         if not comm.allreduce(int(np.count_nonzero(~np.isnan(self.shapes[-1])))):
             raise InputError(f"-problem {self.problem.name}: contact is impossible in all cells (NaN)")
         if by_load and self.loading.load == 0:
@@ -150,7 +158,7 @@ class prepare:
 
 
 def make_problem(options, comm):
-    """Build the problem that the options describe. Collective for a gap file."""
+    """Build the problem that the options describe. Not collective."""
     from app.halfspace.grid import Grid, Slabs
     from app.halfspace.influence import Material
 
@@ -193,6 +201,15 @@ def check_memory(grid, comm):
         )
 
 
+def check_single(what, value, unit):
+    """Refuse what single precision has no numbers for."""
+    if value and not 1e-25 < value < 1e25:
+        raise InputError(
+            f"-lcp_precision single: {what} of {value:.0e} {unit} are beyond it; choose -lcp_precision double, "
+            "or units nearer to the bodies'"
+        )
+
+
 def make_loading(kind, value):
     """Turn what the options prescribe into a loading."""
     from app.contact.loading import PrescribedApproach, PrescribedLoad
@@ -210,10 +227,12 @@ def use_default_method(options):
     """Take the solver of fast.opts if the options choose none."""
     if options.given("ksp_type") or options.given("pc_type"):
         return
+    needs_nesting = ("lcp_window", "lcp_prolongation", "lcp_coarse_rtol")
+    nested = not options.given("lcp_nested") or options["lcp_nested"]
     for line in (METHODS / "fast.opts").read_text().splitlines():
-        name, _, value = line.partition("#")[0].strip().partition(" ")
-        if name and not options.given(name[1:]):
-            options.set(name[1:], value.strip())
+        name, _, value = line.partition("#")[0].strip().removeprefix("-").partition(" ")
+        if name and not options.given(name) and (nested or name not in needs_nesting):
+            options.set(name, value.strip())
 
 
 def make_solver(kind, hierarchy, controls):
@@ -223,7 +242,7 @@ def make_solver(kind, hierarchy, controls):
     -------
     LinearSolver or a competitor
         None if the target grid is worked on in a window, whose solver is made when that is known: then the options
-        have been tried on a small grid.
+        have been tried on a smaller grid.
     """
     from petsc4py import PETSc
 
@@ -235,9 +254,8 @@ def make_solver(kind, hierarchy, controls):
             return COMPETITORS[kind](hierarchy, controls)
         if not hierarchy.windowed(hierarchy.target):
             return LinearSolver(hierarchy)
-        small = [number for number, level in enumerate(hierarchy.levels) if not hierarchy.windowed(level)]
-        largest = max(small, default=0)
-        LinearSolver(hierarchy, largest, hierarchy.levels[largest].petsc_comm).destroy()
+        level = hierarchy.lookout
+        LinearSolver(hierarchy, level, hierarchy.levels[level].petsc_comm).destroy()
         return None
     except PETSc.Error as error:
         raise InputError(f"solver options: {session.petsc_message(error)}") from None

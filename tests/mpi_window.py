@@ -72,11 +72,40 @@ def check_spike(comm):
         assert_solves_lcp(solution)
 
 
+def check_holes(comm):
+    """Cells where contact is impossible stay so in a window as wide as the grid."""
+    grid = Grid.from_domain(128, 128, (-1.0, 1.0, -1.0, 1.0))
+    x, y = np.meshgrid(grid.x(), grid.y())
+    strip = np.where(x**2 + y**2 < 0.02, np.nan, y**2 / 2)
+    for across in (strip, strip.T.copy()):
+        everywhere, found = (
+            solve(Sampled(grid, Material(80000.0, 0.3), across), 0.01, "fast", lcp_window=margin)
+            for margin in (0, 0.06)
+        )
+        assert found.applications < everywhere.applications
+        np.testing.assert_array_equal(np.isnan(found.h), np.isnan(everywhere.h))
+        np.testing.assert_allclose(found.load, everywhere.load, rtol=1e-5)
+
+
+def check_narrow(comm):
+    """A grid so narrow that ranks have as many rows of one level as others of another."""
+    for ny in (2047, 2048):
+        grid = Grid.from_domain(4, ny, (-0.004, 0.004, -2.0, 2.0))
+        ball = Sampled(grid, Material(80000.0, 0.3), lambda x, y: (x**2 + y**2) / 2)
+        everywhere, found = (
+            solve(ball, 0.01, "fast", lcp_window=margin, lcp_rtol=1e-9) for margin in (0, 0.06)
+        )
+        np.testing.assert_allclose(found.load, everywhere.load, rtol=1e-5)
+        assert solve(ball, -0.01, "fast").load == 0  # no grid has anything to look out for
+
+
 def main():
     comm = MPI.COMM_WORLD
     check_passage(comm)
     check_box(comm)
     check_spike(comm)
+    check_holes(comm)
+    check_narrow(comm)
     if comm.rank == 0:
         print(f"passed on {comm.size} ranks")
 

@@ -24,6 +24,7 @@ AT_ONCE = 3  # processes; half of their time is waiting
 RESULT = "result.h5"
 
 
+DEFAULT = [*solve_arguments("hertz")[2:], "-grid", "8"]
 HERTZ = [*solve_arguments("hertz", "norm")[2:], "-grid", "8"]
 
 
@@ -80,6 +81,8 @@ CASES = {
     "gap file is none": (gap_of(b"\x93NUMPY nonsense"), "gap.npy"),
     "gap of three dimensions": (gap_of(np.ones((2, 8, 8))), "shape (2, 8, 8)"),
     "all NaN": (gap_of(np.full((8, 8), np.nan)), "NaN"),
+    "units beyond single precision": ([*DEFAULT, "-shear_modulus", "1e40"], "-lcp_precision double"),
+    "heights beyond single precision": ([*DEFAULT, "-hertz_rx", "1e-30"], "-lcp_precision double"),
     "one infinite value": (gap_of(infinite(7, 4)), "row 7, column 4"),
 }  # fmt: skip
 ON_TWO_RANKS = ["no such ksp_type", "option file without a dash", "one infinite value", "no such folder"]
@@ -369,6 +372,11 @@ def test_exactly_one_of_approach_and_load(argv):
 
 
 # --------------------------------------------------------------------------------- results and exit status
+
+
+def test_default_method_without_nested_iteration(cli):
+    done = cli("-grid", 32, "-lcp_nested", "false", methods=["hertz"])
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_not_converged_is_status_3_with_a_result(cli, tmp_path):

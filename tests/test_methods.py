@@ -1,5 +1,7 @@
 """Multigrid, full multigrid and the fast path: counts of the paper, same answers, loads, certificates."""
 
+from itertools import pairwise, product
+
 import numpy as np
 import pytest
 from mpi_norm import APPROACH, hertz
@@ -92,6 +94,7 @@ def test_petscs_own_solvers_agree(kind):
     expected = solve(punch(24), 0.1, "norm", lcp_rtol=1e-10)
     found = solve(punch(24), 0.1, None, lcp_type=kind, lcp_rtol=1e-10)
     assert_solves_lcp(found, 1e-10)
+    assert found.outcome.inner_iterations > found.outcome.iterations
     np.testing.assert_allclose(found.pressure, expected.pressure, rtol=0, atol=1e-6 * expected.pressure.max())
 
 
@@ -244,6 +247,21 @@ def test_cheap_mode_reaches_the_discretisation_error(method):
         costs[cheap] = solution.applications
     assert costs[True] < 0.7 * costs[False]
     assert errors[True] < 2 * errors[False]
+
+
+@pytest.mark.parametrize("method", ["fast", "fmg_v11"])
+@pytest.mark.parametrize("cheap", [False, True])
+def test_history_accounts_for_every_cell(method, cheap):
+    """Between two iterations on a grid the contact set grows by what was added and shrinks by what was dropped."""
+    followed = 0
+    for approach, n in product((-0.11, 0.01, 0.25), (128, 200)):
+        history = solve(punch(n), approach, method, lcp_cheap=cheap).history
+        columns = (history[name] for name in ("level", "contact_cells", "added_cells", "dropped_cells"))
+        for (level, cells, _, _), (same, now, added, dropped) in pairwise(zip(*columns, strict=True)):
+            if level == same:
+                assert now - cells == added - dropped
+                followed += 1
+    assert followed > 5
 
 
 def test_discretisation_error_is_estimated_to_the_right_order():

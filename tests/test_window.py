@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from mpi_norm import APPROACH, hertz
-from mpi_window import check_box, check_passage, check_spike
+from mpi_window import check_box, check_holes, check_narrow, check_passage, check_spike
 from running import Sampled, assert_solves_lcp, run, solve, solve_arguments
 
 from app.halfspace.grid import Grid
@@ -14,7 +14,7 @@ from app.problems.surfaces import WavySurface
 
 
 def test_fields_pass_and_nothing_outside_is_forgotten():
-    for check in (check_passage, check_box, check_spike):
+    for check in (check_passage, check_box, check_spike, check_holes, check_narrow):
         check(MPI.COMM_SELF)
 
 

@@ -12,7 +12,7 @@ r (defect on C)           ``h + u`` on C               mm
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -34,6 +34,11 @@ class Change:
     dropped: int
     changed: int  # in the new set and not in the old, or the other way round
     residual: float  # ||h + u||_2 over the new set [mm]
+
+    def after(self, first):
+        """Return what `first` and this update did, both since the same `drop`."""
+        added = first.added + self.added
+        return replace(self, added=added, changed=added + self.dropped)
 
 
 class GapStatistics(NamedTuple):
@@ -158,7 +163,6 @@ class ContactGrid:
         """Compute u = A p in double precision. Collective."""
         self.operator.exact_displacement(self.p, self.u)
         self.current = self._exact = True
-        self._dropped[...] = False
 
     def displaced_along(self):
         """Take notice of a solver that changed p, and u with it. Not collective."""

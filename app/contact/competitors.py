@@ -81,9 +81,15 @@ class Tao(_Competitor):
         self.tao.setHessian(lambda tao, x, hessian, pre: None, self.mat)
         self.tao.setMaximumIterations(1000)
         self.tao.setFromOptions()
+        self._inner = 0
         ksp = self.tao.getKSP()  # of the type that was chosen; some have none
-        if ksp.handle and not PETSc.Options().hasName("pc_type"):
-            ksp.getPC().setType(PETSc.PC.Type.JACOBI)  # the default, ILU, needs an assembled matrix
+        if ksp.handle:
+            ksp.setMonitor(self._count)
+            if not PETSc.Options().hasName("pc_type"):
+                ksp.getPC().setType(PETSc.PC.Type.JACOBI)  # the default, ILU, needs an assembled matrix
+
+    def _count(self, ksp, iteration, norm):
+        self._inner += iteration > 0
 
     def _objective(self, tao, x, gradient):
         self.mat.mult(x, gradient)
@@ -98,7 +104,7 @@ class Tao(_Competitor):
         self.tao.solve(p)
         return (
             self.tao.getIterationNumber(),
-            self.tao.getLinearSolveIterations() if hasattr(self.tao, "getLinearSolveIterations") else 0,
+            self._inner,
             f"TAO {self.tao.getType()}: {reason_names(PETSc.TAO.Reason)[self.tao.getConvergedReason()]}",
         )
 

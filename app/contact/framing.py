@@ -1,7 +1,7 @@
 """Working in a window: around the contact area of the coarser grid there is a frame, beyond it no cell is looked at.
 
-A window is chosen for every grid but the small ones. Pressure vanishes outside, so nothing is neglected there but the
-question whether the bodies penetrate, and that is asked in the end, on all cells of the target grid.
+A window is chosen for every grid but the small ones, if it leaves enough out. Pressure vanishes outside, so nothing is
+neglected there but the question whether the bodies penetrate, and that is asked in the end, on all cells of the target.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class Frame:
     below : ContactGrid or None
         State of the coarser grid.
     outlook : Window, optional
-        Cells of the coarser grid that must not be left out.
+        Cells of the coarser grid that should not be left out, as far as its own window goes.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ class Frame:
     def outlook(self, lowest):
         """Where the target grid may have contact that this one cannot see: asperities smaller than its cells.
 
-        Collective. Told by the largest level without windows, when it is solved; known on the finer ones.
+        Collective. Told by the lookout of the hierarchy, when it is solved; known on the finer levels.
 
         Parameters
         ----------
@@ -141,7 +141,7 @@ class Frame:
         state, level = self.state, self._level
         if self._outlook:
             return self._outlook.refine(self.transfer.factors, level.grid)
-        if lowest is None or lowest.shape != level.local_shape or self.windowed:
+        if lowest is None or level is not self._hierarchy.levels[self._hierarchy.lookout]:
             return None
         with np.errstate(invalid="ignore"):
             return bounding_box(lowest - state.approach + state.u <= 0, level.slabs, level.comm)
@@ -214,7 +214,7 @@ def _widen(first, last, margin, lowest, highest):
 
 
 def _fill(first, last, lowest, highest):
-    """Grow until the FFTs like the length, between `lowest` and `highest`; nothing stays nothing."""
+    """Grow to a length with small prime factors, between `lowest` and `highest`; nothing stays nothing."""
     first, last = max(first, lowest), min(last, highest)
     if first >= last:
         return lowest, lowest

@@ -1,6 +1,6 @@
 """One pass over the cells instead of ten: the loops of the active set update, compiled.
 
-Arrays are flat and local to a rank; sums are per row first, so that they lose nothing on large grids.
+Arrays are (rows, nx) of a rank; sums are per row first, so that they lose nothing on large grids.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ class Listener:
     """Hears of the iteration while it runs; called on the ranks that take part in a grid."""
 
     def start(self, state, level):
-        """Hear of a grid whose first contact set is in ``state.contact``."""
+        """Hear of a grid, with the contact set it starts from in ``state.contact``; it may be empty."""
 
     def iteration(self, entry, state):
         """Hear of an active set iteration: its entry in the history, and the state after it."""
@@ -47,7 +47,10 @@ class Listener:
 
 @dataclass
 class History:
-    """One entry per active set iteration on any grid, and who wants to hear of it."""
+    """One entry per active set iteration on any grid, and who wants to hear of it.
+
+    Complete on rank 0; the others miss the replicated grids that it solved alone.
+    """
 
     listeners: list = field(default_factory=list)
     entries: list = field(default_factory=list)
@@ -67,7 +70,7 @@ class History:
         )
 
 
-_SINGLE_MARGIN = 0.9  # of the residual, for what single precision leaves out
+_PROVISIONAL_MARGIN = 0.9  # of the residual, for what the last word may find
 
 
 @dataclass(frozen=True)
@@ -125,7 +128,7 @@ def iterate(state, solver, loading, controls, history, target=True, discretisati
     for iteration in range(1, controls.max_it + 1):
         gap_norm = state.gap_norm() or 1.0
         allowed = (
-            controls.rtol * gap_norm * (_SINGLE_MARGIN if state.operator.provisional and target else 1.0)
+            controls.rtol * gap_norm * (_PROVISIONAL_MARGIN if state.operator.provisional and target else 1.0)
         )
         loose = controls.loose(target, solver.tracks, discretisation_error)
         if loose:
@@ -143,9 +146,10 @@ def iterate(state, solver, loading, controls, history, target=True, discretisati
                 loading.rescale(state)
                 state.displace_exactly()
             loading.settle(state)
-            change = state.admit()
-            residual = _relative(change, state)
-            done = change.changed == 0 and residual <= controls.rtol
+            again = state.admit()
+            residual = _relative(again, state)
+            done = again.added == 0 and residual <= controls.rtol
+            change = again.after(change)
         done |= enough
         resume = change.changed == 0 and state.current and not checked  # the same system, further on
         work, work_before = solver.work_units, work

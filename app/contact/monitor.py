@@ -1,4 +1,4 @@
-"""What is shown while the active set iteration runs. Only rank 0 prints: history entries are the same everywhere."""
+"""What is shown while the active set iteration runs. Only rank 0 prints: it takes part in all grids."""
 
 from __future__ import annotations
 
@@ -46,7 +46,6 @@ class Progress(Listener):
         self._bar = tqdm(
             total=100, desc="solving", leave=False, bar_format="{desc} {bar} {postfix} [{elapsed}]", delay=1
         )
-        self._best = 0
 
     def end(self):
         """Close the bar."""

@@ -474,7 +474,7 @@ class EvenMultiplier:
         return sum(a.nbytes for a in arrays if a is not None)
 
     def apply_inverse(self, p, out):
-        """Multiply p by the inverse of the periodic operator; only for fields as large as the periods. Collective."""
+        """Multiply p, continued by zeros, by the inverse of the periodic operator. Collective."""
         self._inverse = True
         try:
             self.apply(p, out)
@@ -661,7 +661,6 @@ class DenseProduct:
 
     def __init__(self, matrix, shape):
         self.matrix, self.shape, self.dtype = matrix, shape, matrix.dtype
-        self.periods = tuple(2 * n for n in shape)  # of the transform it stands for
         self.count = 0
 
     @property

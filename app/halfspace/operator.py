@@ -35,7 +35,7 @@ class InfluenceOperator:
     comm : mpi4py communicator, optional
         Ranks that share the rows; None on a replicated level.
     dtype : numpy real type
-        Precision of the products (vectors are always float64).
+        Precision of the products (PETSc's vectors are always float64).
     exact_product : optional
         Whose ``apply(p, u)`` is the last word, if not that of a double precision product on this grid.
     partner : InfluenceOperator, optional

@@ -22,7 +22,7 @@ def minimum_over(comm, values):
 
 
 def _reduce(comm, values, operation):
-    values = np.asarray(values, dtype=float)
+    result = np.array(values, dtype=float)
     if comm is not None:
-        comm.Allreduce(values.copy(), values, operation)
-    return values
+        comm.Allreduce(result.copy(), result, operation)
+    return result

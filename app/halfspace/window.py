@@ -114,9 +114,9 @@ class Passage:
         return first, max(first, last)
 
     def enter(self, field):
-        """Return the window's part of a field on the grid, shape (rows of the window here, columns). Collective."""
+        """Return a copy of the window's part of a field on the grid, shape (rows here, columns). Collective."""
         if self.comm is None:
-            return np.ascontiguousarray(field[self._here, self.columns])
+            return field[self._here, self.columns].copy()
         rank, ranks = self.comm.rank, range(self.comm.size)
         first = self.window.y0 - self.outer.starts[rank]
         spans = [self._rows(rank, other) for other in ranks]

@@ -1,7 +1,8 @@
 """FFT preconditioner: the circulant matrix nearest to A in Strang's sense, restricted to the contact set.
 
-The influence coefficients, wrapped around periodically on the *unpadded* grid, make a circulant matrix whose
-eigenvalues ``lambda = rfft2(K wrapped)`` are positive; ``C F^-1 (1/lambda) F C`` costs about a quarter of a product.
+The influence coefficients, wrapped around periodically on a grid of the patch's size or little more, make a circulant
+matrix whose eigenvalues ``lambda = rfft2(K wrapped)`` are positive; ``C F^-1 (1/lambda) F C`` costs about a quarter of
+a product.
 (The periodic matrix of the padded grid has negative eigenvalues and is of no use.)
 
 The residual may be extended over the rim of the contact set first, see `Circulant`. Usable wherever PETSc takes a PC,
@@ -45,7 +46,7 @@ def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64,
         See `InfluenceOperator`.
     margin : float or None
         Share of the extent of the patch to be added to it at least, before it is continued periodically; more if that
-        makes quicker transforms. None: the period is that of the patch, or very little more.
+        makes quicker transforms. None: as little as a length with small prime factors allows.
     partner : EvenMultiplier, optional
         Whose working storage may be used.
 

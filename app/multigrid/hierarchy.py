@@ -1,8 +1,8 @@
 """The grids of one problem, from the coarsest to the target, with their operators and transfers.
 
 Operators are rediscretised on every grid (no Galerkin products). On several ranks the target grid is cut into
-slabs; grids of at most `replicate` cells are *replicated*: every rank holds and computes all of them, which costs less
-than talking about them.
+slabs; grids of at most `replicate` cells, and a coarsest one that can be solved directly, are *replicated*: every rank
+holds all of them, and every rank or rank 0 alone computes, which costs less than talking about it.
 """
 
 from __future__ import annotations
@@ -107,8 +107,14 @@ class Hierarchy:
                 shapes.insert(0, problem.shape_on(level.grid, level.slabs.rows))
         return shapes
 
+    @property
+    def lookout(self):
+        """Number of the largest level that is always worked on as a whole."""
+        whole = [number for number, level in enumerate(self.levels) if not self.windowed(level)]
+        return max(whole, default=0)
+
     def lowest(self, shapes):
-        """Least undeformed distance of the target grid in each cell of the largest level without windows. Collective.
+        """Least undeformed distance of the target grid in each cell of the lookout. Collective.
 
         Returns
         -------
@@ -118,9 +124,7 @@ class Hierarchy:
         if not self.windowed(self.target):
             return None
         lowest = shapes[-1]
-        for transfer in self.transfers[:0:-1]:
-            if not self.windowed(transfer.fine):
-                break
+        for transfer in self.transfers[: self.lookout : -1]:
             lowest = transfer.restrict_minimum(lowest)
         return lowest
 

@@ -269,6 +269,7 @@ class TrackingCG:
                 operator.displacement(d, q)
                 dq, rd = self._sum(_dots(d, q, r, spans))
                 if not dq > 0:
+                    self.residual = norm
                     ksp.setConvergedReason(PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT)
                     return
                 squares, total = self._sum(_advance(p, u, r, d, q, contact, spans, rd / dq))
@@ -291,6 +292,7 @@ class TrackingCG:
     def correct(self, ksp, r, x, step):
         """Take a step of steepest descent: x += step M r on C. Collective."""
         contact = ksp.getOperators()[0].getPythonContext().mask
+        self._previous = 0.0  # after this the last search direction is worth nothing
         _find_spans(contact, self._spans)
         z = self._precondition(ksp.getPC(), r)
         with x as solution:

@@ -100,8 +100,6 @@ class LinearSolver:
     @property
     def work(self):
         """A Vec that is free between solves."""
-        if self._tracking:
-            return self._tracking.work
         if self._work is None:
             self._work = self.mat.createVecRight()
         return self._work
@@ -126,9 +124,6 @@ class LinearSolver:
             few steps of CG, are what an active set iteration wants.
         """
         self.ksp.setInitialGuessNonzero(False)
-        if self._tracking:
-            self._tracking.displacement = np.zeros(self.operator.local_shape)
-            self._tracking.balance = self._tracking.resume = False
         return self._solve(b, x, allowed)
 
     def track(self, b, x, u, allowed, balance=False, resume=False):

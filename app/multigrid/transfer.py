@@ -96,7 +96,7 @@ class Transfer:
             view[...] = mine[rows, columns]
 
     def interpolate(self, coarse, fine):
-        """Cell-centred bilinear interpolation, linear extrapolation at the rim of the patch. Collective."""
+        """Cell-centred bilinear interpolation, linear extrapolation at the rim of patch or window. Collective."""
         wide, first = self._with_neighbours(coarse)
         rows = self.fine.slabs.rows
         self._interpolate(wide, fine, rows, first)
