@@ -179,7 +179,8 @@ class Options:
         try:
             return option.kind(text)
         except ValueError as error:
-            raise InputError(f"-{name} {text}: not allowed; allowed: {error}") from None
+            wrong = f"-{name} {text}: not allowed" if text else f"-{name}: its value is missing"
+            raise InputError(f"{wrong}; allowed: {error}") from None
 
     def text(self, name):
         """Text of any option, PETSc's own too; empty if not set. Not collective."""

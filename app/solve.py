@@ -114,6 +114,10 @@ class prepare:
         by_load = isinstance(self.loading, PrescribedLoad)
         if by_load and self.type != "active_set":
             raise InputError(f"-lcp_type {self.type}: works with -approach only, not with -load")
+        if self.type != "active_set" and "TrackingCG" in options.text("ksp_python_type"):
+            raise InputError(
+                f"-ksp_python_type TrackingCG: works with active_set only, not with -lcp_type {self.type}"
+            )
         multilevel = self.type == "active_set" and (self.nested or by_load or options.text("pc_type") == "mg")
         grid, compliance = self.problem.grid, self.problem.material.compliance
         in_single = options["lcp_precision"] == "single"
@@ -135,6 +139,7 @@ class prepare:
                     circulant_of(operator)
         unused = session.unused_options()
         if unused:
+            self.free_solver()
             raise InputError(
                 f"unknown or unused option{'s'[: len(unused) > 1]}: -{', -'.join(sorted(unused))}"
             )
@@ -352,7 +357,7 @@ def _report(setup, facts):
         f"{'s'[: facts['ranks'] > 1]} (set-up {facts['setup_seconds']:.3g} s)"
         + (
             f"\n  discretisation error of the pressure about {facts['discretisation_error']:.2g} (from two grids)"
-            if setup.nested
+            if facts["discretisation_error"] > 0
             else ""
         )
         + (f"\n  result in {setup.output}" if setup.output else "")

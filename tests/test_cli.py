@@ -80,10 +80,20 @@ CASES = {
     "no such gap file": (gap_of(None), "gap.npy: no such file"),
     "gap file is none": (gap_of(b"\x93NUMPY nonsense"), "gap.npy"),
     "gap of three dimensions": (gap_of(np.ones((2, 8, 8))), "shape (2, 8, 8)"),
+    "decimal commas": (gap_of(b"1,5;2,5\n3;4\n", "gap.csv"), "row 0, column 0 (from 0): '1,5' is no number"),
+    "empty field": (gap_of(b"1,,3\n4,,6\n", "gap.csv"), "row 0, column 1 (from 0): '' is no number"),
+    "archive of arrays": (gap_of(b"PK\x03\x04\xff\xfe", "gap.npz"), "it is no text; formats: .npy"),
+    "value that cannot be squared": (gap_of(np.full((8, 8), 1e200)), "1e+200 in row 0, column 0; allowed: numbers"),
+    "method of another solver": (
+        [*DEFAULT, "-lcp_type", "tao", "-options_file", str(OPTIONS / "fast.opts")], "active_set only"
+    ),
+    "no iterations": ([*DEFAULT, "-ksp_max_it", "0"], "-ksp_max_it 0: allowed: from 1"),
+    "no tolerance": ([*HERTZ, "-ksp_rtol", "-1"], "-ksp_rtol -1: allowed: from 0"),
+    "options of another solver": ([*DEFAULT, "-lcp_type", "tao", "-pc_circulant_extend", "3"], "-pc_circulant_extend"),
     "all NaN": (gap_of(np.full((8, 8), np.nan)), "NaN"),
     "units beyond single precision": ([*DEFAULT, "-shear_modulus", "1e40"], "-lcp_precision double"),
     "heights beyond single precision": ([*DEFAULT, "-hertz_rx", "1e-30"], "-lcp_precision double"),
-    "one infinite value": (gap_of(infinite(7, 4)), "row 7, column 4"),
+    "one infinite value": (gap_of(infinite(7, 4)), "inf in row 7, column 4"),
 }  # fmt: skip
 ON_TWO_RANKS = ["no such ksp_type", "option file without a dash", "one infinite value", "no such folder"]
 
@@ -182,7 +192,8 @@ BAD_VALUES = [
 def test_value_that_is_not_allowed(name, text, allowed):
     with petsc_options(**{name: text}), pytest.raises(InputError) as refusal:
         Options()[name]
-    assert str(refusal.value).startswith(f"-{name} {text}: not allowed; allowed: ")
+    wrong = f"-{name} {text}: not allowed" if text else f"-{name}: its value is missing"
+    assert str(refusal.value).startswith(f"{wrong}; allowed: ")
     assert allowed in str(refusal.value)
 
 

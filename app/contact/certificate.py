@@ -32,7 +32,7 @@ class Certificate:
     """Optimality of a pressure; the same on all ranks."""
 
     duality_gap: float  # [mm N/mm2 per cell area] * cell area = [N mm]
-    error_bound: float  # ||p - p*||_A / ||p||_A at most; 0 if there is no pressure
+    error_bound: float  # ||p - p*||_A / ||p||_A at most; infinite if there should be pressure and is none
     largest_penetration: float  # max(-e) over the admissible cells, at least 0 [mm]
     smallest_pressure: float  # [N/mm2]
     complementarity: float  # max |p e| / (max p * max |h|)
@@ -66,7 +66,7 @@ def certify(state):
     energy *= state.grid.cell_area
     return Certificate(
         duality_gap=gap,
-        error_bound=float(np.sqrt(2 * gap / energy)) if energy > 0 else gap,
+        error_bound=float(np.sqrt(2 * gap / energy)) if energy > 0 else np.inf if gap > 0 else 0.0,
         largest_penetration=max(penetration, 0.0) + 0.0,
         smallest_pressure=0.0 - minus_smallest,
         complementarity=product / (highest * deepest) if highest * deepest > 0 else 0.0,

@@ -149,7 +149,7 @@ class Passage:
             return sizes, np.concatenate([[0], np.cumsum(sizes)[:-1]])
 
         self.comm.Alltoallv(
-            [np.concatenate(sent), counts([len(rows) for rows in sent])],
+            [np.ascontiguousarray(np.concatenate(sent)), counts([len(rows) for rows in sent])],
             [arrived, counts([b - a for a, b in received])],
         )
         return arrived

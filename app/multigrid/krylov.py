@@ -204,7 +204,7 @@ class TrackingCG:
 
     _restart = 1e-2  # a residual that grows this much says that the old direction is none: start again
 
-    displacement = None
+    work = displacement = None
     balance = False
     resume = False
     shift = 0.0
@@ -359,7 +359,8 @@ class TrackingCG:
 
     def destroy(self, ksp):
         """Free the work vector."""
-        self.work.destroy()
+        if self.work is not None:
+            self.work.destroy()
 
     def view(self, ksp, viewer):
         """Describe the solver for -ksp_view."""

@@ -69,6 +69,10 @@ class LinearSolver:
             if ksp.getNormType() == PETSc.KSP.NormType.NONE:
                 ksp.setTolerances(rtol=0, atol=0)  # otherwise PETSc spends a product on a norm nobody reads
             ksp.setUp()
+        rtol, atol, _, max_it = ksp.getTolerances()
+        for name, value, allowed in (("rtol", rtol, 0), ("atol", atol, 0), ("max_it", max_it, 1)):
+            if value < allowed:
+                raise ValueError(f"-{prefix}ksp_{name} {value:g}: allowed: from {allowed}")
         self._own_atol = options.hasName("ksp_atol")
         context = ksp.getPythonContext() if ksp.getType() == PETSc.KSP.Type.PYTHON else None
         self._tracking = context if isinstance(context, TrackingCG) else None

@@ -9,12 +9,14 @@ import numpy as np
 
 from app.problems.problem import Problem
 
+LARGEST = 1e50  # so that squares of distances and their sums do not overflow
+
 
 class GapArray:
     """A two-dimensional array in a file, read a few rows at a time where the format allows it.
 
-    ``.npy``; ``.h5``, ``.hdf5`` or ``.h5:/dataset``; anything else is read as text, a row of cells a line,
-    separated by blanks, commas, semicolons or tabs. The first row is the one of smallest y.
+    ``.npy``; ``.h5``, ``.hdf5`` or ``.h5:/dataset``; anything else is read as text, a row of cells a line, separated by
+    semicolons, else commas, else tabs or blanks. The first row is the one of smallest y.
 
     Not collective: every rank opens the file for itself.
 
@@ -69,18 +71,27 @@ class GapArray:
         return file[found[0]]
 
     def _read_text(self):
-        text = self.path.read_text()
-        for separator in ",;":
-            text = text.replace(separator, " ")
-        rows = [
-            line.split() for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")
-        ]
-        if not rows:
+        try:
+            lines = self.path.read_text().splitlines()
+        except UnicodeDecodeError:
+            raise ValueError("it is no text; formats: .npy, .h5, .hdf5, and text") from None
+        lines = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
+        if not lines:
             raise ValueError("it is empty")
+        rows = [_fields(line) for line in lines]
         widths = {len(row) for row in rows}
         if len(widths) != 1:
             raise ValueError(f"its lines have {min(widths)} to {max(widths)} numbers")
-        return np.array(rows, dtype=float)
+        for j, row in enumerate(rows):
+            for i, entry in enumerate(row):
+                try:
+                    row[i] = float(entry)
+                except ValueError:
+                    raise ValueError(
+                        f"row {j}, column {i} (from 0): {entry.strip()!r} is no number; needed: decimal points, "
+                        "and nan where contact is impossible"
+                    ) from None
+        return np.array(rows)
 
     @property
     def shape(self):
@@ -89,19 +100,28 @@ class GapArray:
 
     def rows(self, rows=slice(None)):
         """Return some rows as float64. Not collective."""
-        return np.array(self._rows[rows], dtype=np.float64)
+        return np.array(self._rows[rows], dtype=np.float64, order="C")
 
     def check(self, rows):
-        """Complain about infinite values in some rows; return how many cells are not NaN. Not collective."""
+        """Complain about values too large in some rows; return how many cells are not NaN. Not collective."""
         values = self.rows(rows)
-        infinite = np.argwhere(np.isinf(values))
-        if len(infinite):
-            j, i = infinite[0]
+        large = np.argwhere(np.abs(values) > LARGEST)
+        if len(large):
+            j, i = large[0]
             raise ValueError(
-                f"gap file {self.name}: infinite value in row {j + (rows.start or 0)}, column {i}; "
-                "allowed: finite numbers, and NaN where contact is impossible"
+                f"gap file {self.name}: {values[j, i]:g} in row {j + (rows.start or 0)}, column {i}; "
+                f"allowed: numbers up to {LARGEST:g}, and NaN where contact is impossible"
             )
         return int(np.count_nonzero(~np.isnan(values)))
+
+
+def _fields(line):
+    """Entries of a line of text."""
+    for separator in (";", ",", "\t"):
+        if separator in line and not (separator == "\t" and " " in line.strip()):
+            # One at the end of every line is a habit of some programs.
+            return line.strip(" \r").removesuffix(separator).split(separator)
+    return line.split()
 
 
 @dataclass(frozen=True)
