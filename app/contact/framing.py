@@ -154,17 +154,22 @@ class Frame:
                 operator.free()
                 operator.free_solvers()
 
-    def everything(self, converged):
+    def everything(self, outcome):
         """Return the state on all cells of the target grid, that in the window being final. Collective.
+
+        Parameters
+        ----------
+        outcome : Outcome
+            In the window.
 
         Returns
         -------
         state : ContactGrid
         complete : bool
-            The bodies penetrate nowhere outside the window, as far as that is of interest.
+            It is true for all cells: the bodies penetrate nowhere outside. Not asked if it is not converged.
         """
         inside, level = self.state, self._hierarchy.target
-        if self._last_word.u is None or not converged:
+        if self._last_word.u is None or not outcome.converged:
             self._last_word.apply(inside.p, inside.u)
         state = ContactGrid(level, self._shape, statistics=inside.statistics)
         state.u, state.approach = self._last_word.u, inside.approach
@@ -172,7 +177,11 @@ class Frame:
             self._passage.leave(inside.p, values.reshape(state.u.shape))
         self._passage.leave(inside.contact, state.contact)
         inside.destroy()
-        return state, not converged or state.admit().added == 0
+        if not outcome.converged:
+            return state, True
+        change = state.admit()
+        allowed = (1 + 1e-6) * outcome.residual * state.gap_norm()
+        return state, change.added == 0 and change.residual <= allowed
 
 
 def _choose(below, grid, margin, possible, outlook):

@@ -7,14 +7,14 @@ cycle - is its options' business. The pressure carries over from one set to the 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 
 @dataclass(frozen=True)
 class Controls:
     """How long and how to iterate; see the options -lcp_*."""
 
-    rtol: float = 1e-6
+    rtol: float = 1e-6  # ||r|| / ||h||, eq. (5.1), and a hundred times that against ||h|| on C
     max_it: int = 100
     coarse_rtol: float = 0.0  # 0: iterate on coarser grids until the contact set is unchanged
     merge: float = 0.0  # step of the correction that shares a product with the dropping of cells
@@ -24,6 +24,13 @@ class Controls:
     # Residual per expected relative error of the pressure, which rough residuals exceed some twenty times; and at most.
     _cheap_share = 0.02
     _cheap_most = 2e-4
+
+    _in_contact = 100.0  # binds where contact is small in a large patch, or some cells are very far apart
+
+    def acceptable(self, state):
+        """Norm of the residual that solves the problem [mm]. Collective."""
+        whole, inside = state.gap_norm() or 1.0, state.gap_norm_in_contact()
+        return self.rtol * (min(whole, self._in_contact * inside) if inside > 0 else whole)
 
     def loose(self, target, tracks, discretisation_error):
         """Residual over ||h|| on C that is enough on this grid; 0 if only (5.1) or an unchanged set will do."""
@@ -70,6 +77,7 @@ class History:
         )
 
 
+SINGLE_EXHAUSTED = "single precision is exhausted"
 _PROVISIONAL_MARGIN = 0.9  # of the residual, for what the last word may find
 
 
@@ -83,6 +91,14 @@ class Outcome:
     inner_iterations: int
     residual: float  # ||r|| / ||h||, eq. (5.1)
     discretisation_error: float = float("nan")  # of the pressure, relative, estimated from two grids
+
+    def after(self, first):
+        """Return this outcome with the iterations of `first`, of which it is the continuation, added."""
+        return replace(
+            self,
+            iterations=first.iterations + self.iterations,
+            inner_iterations=first.inner_iterations + self.inner_iterations,
+        )
 
 
 def iterate(state, solver, loading, controls, history, target=True, discretisation_error=0.0):
@@ -112,6 +128,7 @@ def iterate(state, solver, loading, controls, history, target=True, discretisati
     residual = 0.0
     work = solver.work_units
     policy = _Policy(controls)
+    digits = _Digits()
     resume = False
 
     def end(converged, reason, iterations):
@@ -126,19 +143,18 @@ def iterate(state, solver, loading, controls, history, target=True, discretisati
         if not state.in_contact():
             return end(True, "the bodies do not touch", 0)
     for iteration in range(1, controls.max_it + 1):
-        gap_norm = state.gap_norm() or 1.0
-        allowed = (
-            controls.rtol * gap_norm * (_PROVISIONAL_MARGIN if state.operator.provisional and target else 1.0)
-        )
+        allowed = controls.acceptable(state)
+        if state.operator.provisional and target:
+            allowed *= _PROVISIONAL_MARGIN
         loose = controls.loose(target, solver.tracks, discretisation_error)
         if loose:
-            allowed = max(allowed, loose * min(gap_norm, state.gap_norm_in_contact()))
+            allowed = max(allowed, loose * min(state.gap_norm() or 1.0, state.gap_norm_in_contact()))
         solver.contact_changed()
         inner_now, failure, norm = _advance(state, solver, loading, allowed, resume)
         inner += inner_now
         change, enough = policy.update(state, solver, loading, norm, allowed, loose, target)
         residual = _relative(change, state)
-        done = change.changed == 0 and (not target or residual <= controls.rtol)
+        done = change.changed == 0 and (not target or change.residual <= controls.acceptable(state))
         # What single precision says is a proposal: only a double precision product can accept it.
         checked = target and (enough or (done and state.operator.provisional))
         if checked:
@@ -148,7 +164,7 @@ def iterate(state, solver, loading, controls, history, target=True, discretisati
             loading.settle(state)
             again = state.admit()
             residual = _relative(again, state)
-            done = again.added == 0 and residual <= controls.rtol
+            done = again.added == 0 and again.residual <= controls.acceptable(state)
             change = again.after(change)
         done |= enough
         resume = change.changed == 0 and state.current and not checked  # the same system, further on
@@ -172,6 +188,8 @@ def iterate(state, solver, loading, controls, history, target=True, discretisati
             return end(False, f"the linear solver failed: {failure}", iteration)
         if not residual < float("inf"):
             return end(False, "the residual is not a finite number", iteration)
+        if target and not done and digits.exhausted(state, change):
+            return end(False, SINGLE_EXHAUSTED, iteration)
         if done:
             reason = "contact area unchanged and residual small enough"
             return end(True, "discretisation error reached" if enough and target else reason, iteration)
@@ -211,6 +229,24 @@ def _advance(state, solver, loading, allowed, resume):
     state.current = False
     loading.balance(state)
     return iterations, failure, float("inf")
+
+
+class _Digits:
+    """Tells when the digits of single precision are used up."""
+
+    _patience = 3  # iterations that do not halve the residual
+    _noise = 1e-5  # of h on C: a larger residual is not for want of digits
+
+    def __init__(self):
+        self._best, self._since = float("inf"), 0
+
+    def exhausted(self, state, change):
+        """Hear of an iteration; say whether more of the same are of use. Collective."""
+        self._since += 1
+        if change.residual < 0.5 * self._best:
+            self._best, self._since = change.residual, 0
+        tired = self._since >= self._patience and state.operator.dtype == "float32"
+        return tired and change.residual <= self._noise * state.gap_norm_in_contact()
 
 
 class _Policy:

@@ -8,7 +8,7 @@ import numpy as np
 
 from app.contact.framing import Frame
 from app.contact.loading import PrescribedApproach
-from app.contact.loop import iterate
+from app.contact.loop import SINGLE_EXHAUSTED, iterate
 from app.halfspace.reductions import sum_over
 from app.multigrid.circulant import circulant_of
 from app.multigrid.hierarchy import LARGEST_DIRECT
@@ -80,10 +80,10 @@ def solve(
             # First order: half the error of the grid below, which is the difference to the one below that.
             expected = 0.5 * difference if difference > 0 else 0.0
             arguments = loading, controls, history, number == last, expected
-            if number == last and target_solver:
-                outcome = iterate(state, target_solver, *arguments)
-            else:
-                outcome = _iterate(hierarchy, number, state, below is None, *arguments)
+            solver = target_solver if number == last else None
+            if below is None and number != last and _direct(level):
+                solver = DirectSolver(level, number)
+            outcome = _iterate(hierarchy, number, state, solver, arguments)
         if level.comm is None and hierarchy.comm.size > 1 and number < last:
             _tell(hierarchy.comm, state)
         outlook = frame.outlook(lowest)
@@ -94,26 +94,22 @@ def solve(
         frame.close()
         below = state
         if number == last and frame.windowed:
-            state, complete = frame.everything(outcome.converged)
+            state, complete = frame.everything(outcome)
             if not complete:
-                again = _iterate(hierarchy, number, state, False, *arguments)
-                outcome = replace(
-                    again,
-                    iterations=outcome.iterations + again.iterations,
-                    inner_iterations=outcome.inner_iterations + again.inner_iterations,
-                )
+                outcome = _iterate(hierarchy, number, state, None, arguments).after(outcome)
     return state, replace(outcome, discretisation_error=difference)
 
 
-def _iterate(hierarchy, number, state, first, loading, controls, history, target, expected):
-    """Solve on one grid with a solver of its own. Collective over the ranks of `state`."""
+def _iterate(hierarchy, number, state, solver, arguments):
+    """Solve on one grid, with a solver of its own if none is given. Collective over the ranks of `state`."""
     operator = state.operator
-    if first and not target and _direct(operator):
-        solver = DirectSolver(operator, number)
-    else:
-        solver = LinearSolver(hierarchy, number, operator.petsc_comm, operator=operator)
-    outcome = iterate(state, solver, loading, controls, history, target, expected)
-    solver.destroy()
+    own = solver or LinearSolver(hierarchy, number, operator.petsc_comm, operator=operator)
+    outcome = iterate(state, own, *arguments)
+    if own is not solver or isinstance(own, DirectSolver):
+        own.destroy()
+    if outcome.reason == SINGLE_EXHAUSTED:
+        operator.use_double()
+        outcome = _iterate(hierarchy, number, state, None, arguments).after(outcome)
     return outcome
 
 

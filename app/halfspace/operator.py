@@ -70,6 +70,7 @@ class InfluenceOperator:
         self.local_shape = (self.slabs.local, grid.nx)
         self.mask = np.zeros(self.local_shape, bool)
         self.products = self.sweeps = 0
+        self._spent = 0.0  # products of objects that are gone
         self.contact_number = 0
         self._mats = []
         self._relaxation = None
@@ -132,6 +133,16 @@ class InfluenceOperator:
         self.contact_number += 1
         for mat in self._mats:
             mat.stateIncrease()
+
+    def use_double(self):
+        """Go on in double precision: preconditioners and solvers must be made again. Collective."""
+        product = vars(self).pop("product", None)
+        if product is not None and product is not vars(self).get("exact_product"):
+            self._spent += product.count
+        self._spent += self._circulant_products()
+        self.circulants.clear()
+        self.dtype = np.dtype(np.float64)
+        self.provisional = not isinstance(self.exact_product, Convolution)
 
     def free(self):
         """Free the Mats (`destroy` is what PETSc calls on a context). Collective."""
@@ -220,14 +231,16 @@ class InfluenceOperator:
         """Everything computed here so far, in products on this grid (a sweep by its flops)."""
         made = vars(self)
         products = {id(made[name]): made[name] for name in ("product", "exact_product") if name in made}
-        total = sum(product.count for product in products.values())
+        total = self._spent + self._circulant_products() + sum(product.count for product in products.values())
         if self._relaxation:
             total += self.sweeps * self._relaxation.products_per_sweep
-        padded = transform_length(self.grid.ny) * transform_length(self.grid.nx)
-        for circulant in self.circulants.values():
-            ny, nx = circulant.periods
-            total += circulant.count * ny * nx / padded
         return total
+
+    def _circulant_products(self):
+        """Applications of circulants, in products, by their lengths."""
+        padded = transform_length(self.grid.ny) * transform_length(self.grid.nx)
+        sizes = ((circulant.count, *circulant.periods) for circulant in self.circulants.values())
+        return sum(count * ny * nx for count, ny, nx in sizes) / padded
 
     def view(self, mat, viewer):
         """Describe the operator for -ksp_view."""
