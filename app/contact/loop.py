@@ -9,6 +9,8 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 
 @dataclass(frozen=True)
 class Controls:
@@ -26,11 +28,13 @@ class Controls:
     _cheap_most = 2e-4
 
     _in_contact = 100.0  # binds where contact is small in a large patch, or some cells are very far apart
+    _digits = 1e-14  # of ||h||: what rounding of the distances leaves, however small the contact
 
     def acceptable(self, state):
         """Norm of the residual that solves the problem [mm]. Collective."""
         whole, inside = state.gap_norm() or 1.0, state.gap_norm_in_contact()
-        return self.rtol * (min(whole, self._in_contact * inside) if inside > 0 else whole)
+        in_contact = self.rtol * self._in_contact * inside
+        return min(self.rtol * whole, max(in_contact, self._digits * whole) if inside > 0 else np.inf)
 
     def loose(self, target, tracks, discretisation_error):
         """Residual over ||h|| on C that is enough on this grid; 0 if only (5.1) or an unchanged set will do."""
@@ -77,7 +81,9 @@ class History:
         )
 
 
+# Reasons to go on in another way
 SINGLE_EXHAUSTED = "single precision is exhausted"
+WANDERS = "the approach to the given load wanders"
 _PROVISIONAL_MARGIN = 0.9  # of the residual, for what the last word may find
 
 
@@ -128,7 +134,7 @@ def iterate(state, solver, loading, controls, history, target=True, discretisati
     residual = 0.0
     work = solver.work_units
     policy = _Policy(controls)
-    digits = _Digits()
+    progress = _Progress()
     resume = False
 
     def end(converged, reason, iterations):
@@ -188,8 +194,11 @@ def iterate(state, solver, loading, controls, history, target=True, discretisati
             return end(False, f"the linear solver failed: {failure}", iteration)
         if not residual < float("inf"):
             return end(False, "the residual is not a finite number", iteration)
-        if target and not done and digits.exhausted(state, change):
+        progress.hear_of(change)
+        if target and not done and progress.exhausted(state):
             return end(False, SINGLE_EXHAUSTED, iteration)
+        if target and not done and loading.prescribes_load and progress.wanders():
+            return end(False, WANDERS, iteration)
         if done:
             reason = "contact area unchanged and residual small enough"
             return end(True, "discretisation error reached" if enough and target else reason, iteration)
@@ -231,22 +240,32 @@ def _advance(state, solver, loading, allowed, resume):
     return iterations, failure, float("inf")
 
 
-class _Digits:
-    """Tells when the digits of single precision are used up."""
+class _Progress:
+    """Tells when more of the same iterations are of no use."""
 
-    _patience = 3  # iterations that do not halve the residual
+    _patience = 3  # iterations in single precision that do not halve the residual
     _noise = 1e-5  # of h on C: a larger residual is not for want of digits
+    _longest = 8  # iterations under a given load that do not halve the residual
 
     def __init__(self):
-        self._best, self._since = float("inf"), 0
+        self._best, self._since, self._residual = float("inf"), 0, float("inf")
 
-    def exhausted(self, state, change):
-        """Hear of an iteration; say whether more of the same are of use. Collective."""
+    def hear_of(self, change):
+        """Take notice of an iteration. Not collective."""
+        self._residual = change.residual
         self._since += 1
         if change.residual < 0.5 * self._best:
             self._best, self._since = change.residual, 0
-        tired = self._since >= self._patience and state.operator.dtype == "float32"
-        return tired and change.residual <= self._noise * state.gap_norm_in_contact()
+
+    def exhausted(self, state):
+        """Whether the digits of single precision are used up. Collective."""
+        if self._since < self._patience or state.operator.dtype != "float32":
+            return False
+        return self._residual <= self._noise * state.gap_norm_in_contact()
+
+    def wanders(self):
+        """Whether the contact area grows and shrinks without end. Not collective."""
+        return self._since >= self._longest
 
 
 class _Policy:

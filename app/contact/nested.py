@@ -8,7 +8,7 @@ import numpy as np
 
 from app.contact.framing import Frame
 from app.contact.loading import PrescribedApproach
-from app.contact.loop import SINGLE_EXHAUSTED, iterate
+from app.contact.loop import SINGLE_EXHAUSTED, WANDERS, iterate
 from app.halfspace.reductions import sum_over
 from app.multigrid.circulant import circulant_of
 from app.multigrid.hierarchy import LARGEST_DIRECT
@@ -105,12 +105,57 @@ def _iterate(hierarchy, number, state, solver, arguments):
     operator = state.operator
     own = solver or LinearSolver(hierarchy, number, operator.petsc_comm, operator=operator)
     outcome = iterate(state, own, *arguments)
+    if outcome.reason == WANDERS:
+        outcome = _search_approach(state, own, *arguments).after(outcome)
     if own is not solver or isinstance(own, DirectSolver):
         own.destroy()
     if outcome.reason == SINGLE_EXHAUSTED:
         operator.use_double()
         outcome = _iterate(hierarchy, number, state, None, arguments).after(outcome)
     return outcome
+
+
+_NEAR = 1e-3  # of the load: from here on the load itself can be prescribed
+_ROUGHLY = 1e-4  # residual that is enough to see the load of an approach
+_SEARCHES = 20
+
+
+def _search_approach(state, solver, loading, controls, *arguments):
+    """Find the approach of a given load by solving for approaches; the load grows with them.
+
+    Slow but safe, for crowds of tiny contacts: under a given load their area may grow and shrink without end.
+    Collective over the ranks of `state`.
+    """
+    rtol, near = _ROUGHLY, _NEAR
+    lowest, highest, before, outcome = -np.inf, np.inf, None, None
+    for _ in range(_SEARCHES):
+        roughly = replace(controls, rtol=max(controls.rtol, rtol))
+        found = iterate(state, solver, PrescribedApproach(state.approach), roughly, *arguments)
+        outcome = found.after(outcome) if outcome else found
+        if not found.converged:
+            return outcome
+        here = state.approach, state.load
+        lacks = loading.load - here[1]
+        if abs(lacks) <= near * loading.load:
+            outcome = iterate(state, solver, loading, controls, *arguments).after(outcome)
+            if outcome.reason != WANDERS:
+                return outcome
+            state.approach = here[0]
+            rtol, near = 0.01 * rtol, 0.01 * near
+        if before and abs(lacks) > 0.3 * abs(loading.load - before[1]):
+            rtol *= 0.1  # so roughly, loads and with them the bounds may be wrong
+            lowest, highest = -np.inf, np.inf
+        lowest, highest = (here[0], highest) if lacks > 0 else (lowest, here[0])
+        slope = (here[1] - before[1]) / (here[0] - before[0]) if before else 0.0
+        if not slope > 0:
+            # As if the load were proportional to the mean displacement in contact.
+            total, cells = state.sum([np.sum(state.u, where=state.contact), np.count_nonzero(state.contact)])
+            slope = here[1] * cells / total if total > 0 else loading.load / state.gap_norm()
+        before = here
+        state.approach = here[0] + lacks / slope
+        if not lowest < state.approach < highest:
+            state.approach = 0.5 * (lowest + highest)
+    return replace(outcome, converged=False, reason=f"{_SEARCHES} approaches did not meet the load")
 
 
 def _difference(transfer, coarse, state):
