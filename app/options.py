@@ -139,7 +139,7 @@ TABLE = [
     Option("gap_file", word, REQUIRED, "undeformed distance (ny, nx): .npy, .h5[:/dataset] or text; NaN: no contact"),
     Option("lcp_type", choice("active_set", "tao", "snesvi"), "active_set", "around a KSP, or PETSc's own"),
     Option("lcp_nested", flag, False, "nested iteration (FMG): solve on coarser grids first"),
-    Option("lcp_rtol", _positive, 1e-6, "||r|| / ||h|| at which the pressure is accepted, eq. (5.1)"),
+    Option("lcp_rtol", _positive, 1e-6, "accepted ||r|| / ||h||, eq. (5.1); 100 times it with h on C"),
     Option("lcp_max_it", _count, 100, "active set iterations on one grid"),
     Option("lcp_coarse_rtol", _from_zero, 0.0, "tracking KSPs: residual that is enough on coarser grids"),
     Option("lcp_merge", _from_zero, 0.0, "tracking KSPs: step of a correction when cells are dropped"),

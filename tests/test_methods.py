@@ -1,12 +1,14 @@
 """Multigrid, full multigrid and the fast path: counts of the paper, same answers, loads, certificates."""
 
-from itertools import pairwise, product
+from itertools import chain, pairwise, product, repeat
+from unittest import mock
 
 import numpy as np
 import pytest
 from mpi_norm import APPROACH, hertz
 from running import Sampled, assert_solves_lcp, solve
 
+from app.contact import loop, nested
 from app.contact.active_set import ContactGrid
 from app.contact.certificate import certify
 from app.halfspace.grid import Grid
@@ -190,6 +192,49 @@ def test_no_load_just_touches():
     solution = solve(punch(32), None, "fast", load=0.0)
     assert solution.load == 0
     assert np.nanmin(solution.h) == 0
+
+
+@pytest.mark.parametrize("method", ["fast", "norm", "fmg_v11"])
+@pytest.mark.parametrize("approach", [-0.11, 0.25])
+def test_load_that_wanders_is_found_by_searching_for_the_approach(method, approach):
+    by_approach = solve(punch(64), approach, method, lcp_rtol=1e-9)
+    with mock.patch.object(loop._Progress, "wanders", side_effect=chain([True], repeat(False))):
+        by_load = solve(punch(64), None, method, load=by_approach.load, lcp_rtol=1e-9)
+    assert_solves_lcp(by_load, 1e-9)
+    assert by_load.load == pytest.approx(by_approach.load, rel=1e-12)
+    assert by_load.approach == pytest.approx(approach, rel=1e-6)
+    assert (by_load.contact == by_approach.contact).all()
+    iteration, level = np.array(by_load.history["iteration"]), np.array(by_load.history["level"])
+    assert np.count_nonzero((iteration == 1) & (level == level.max())) > 2  # there was a search
+
+
+def test_load_that_no_approach_meets_is_not_called_converged():
+    with (
+        mock.patch.object(nested, "_SEARCHES", 1),
+        mock.patch.object(loop._Progress, "wanders", return_value=True),
+    ):
+        solution = solve(punch(64), None, "fast", load=3e4)
+    assert not solution.outcome.converged
+
+
+def test_double_precision_takes_over_where_single_has_no_digits_left():
+    for approach in (-0.11, 0.25):
+        solution = solve(punch(128), approach, "fast", lcp_rtol=1e-11)
+        assert_solves_lcp(solution, 1e-11)
+        assert solution.applications < 50
+
+
+@pytest.mark.parametrize("method", ["fast", "norm", "fmg_v11"])
+def test_a_cell_far_away_does_not_hide_the_contact(method):
+    """It rules ||h||, against which eq. (5.1) measures; the contact is solved all the same."""
+    grid = Grid.from_domain(128, 128, (0.0, 1.0, 0.0, 1.0))
+    x, y = np.meshgrid(grid.x(), grid.y())
+    shape = ((x - 0.3) ** 2 + (y - 0.3) ** 2) / 2
+    expected = solve(Sampled(grid, Material(82000.0, 0.28), shape), 1e-3, "norm", lcp_rtol=1e-9)
+    shape[-1, -1] = 1e6
+    found = solve(Sampled(grid, Material(82000.0, 0.28), shape), 1e-3, method)
+    assert_solves_lcp(found)
+    assert found.load == pytest.approx(expected.load, rel=1e-3)
 
 
 def test_load_grows_with_the_approach_and_is_convex():

@@ -7,6 +7,8 @@ holds all of them, and every rank or rank 0 alone computes, which costs less tha
 
 from __future__ import annotations
 
+import numpy as np
+
 from app.halfspace.grid import Slabs
 from app.halfspace.operator import InfluenceOperator
 from app.multigrid.transfer import Transfer
@@ -99,7 +101,7 @@ class Hierarchy:
         A function is evaluated afresh on every grid; samples are averaged.
         """
         target = self.target
-        shapes = [problem.shape_on(target.grid, target.slabs.rows)]
+        shapes = [np.ascontiguousarray(problem.shape_on(target.grid, target.slabs.rows))]
         for level, transfer in zip(self.levels[-2::-1], self.transfers[:0:-1], strict=True):
             if problem.sampled:
                 shapes.insert(0, transfer.restrict_shape(shapes[0]))
