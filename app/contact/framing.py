@@ -100,11 +100,12 @@ class Frame:
             self.state = ContactGrid(level, shape)
             return
         statistics = gap_statistics(shape, admissible, level.comm)
-        self._look_through(window, level, coarse_grid, statistics)
+        self._look_through(window, coarse_grid, statistics)
 
-    def _look_through(self, coarse_window, level, coarse_grid, statistics):
+    def _look_through(self, coarse_window, coarse_grid, statistics):
         """Make operators, transfer and state of a window, which is given by that of the coarser grid."""
-        hierarchy, below, factors = self._hierarchy, self.below, self.transfer.factors
+        hierarchy, level = self._hierarchy, self._level
+        below, factors = self.below, self.transfer.factors
 
         def operator(grid, slabs, last_word=None):
             common = hierarchy.compliance, slabs, level.comm, hierarchy.dtype

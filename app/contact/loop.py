@@ -30,9 +30,10 @@ class Controls:
     _in_contact = 100.0  # binds where contact is small in a large patch, or some cells are very far apart
     _digits = 1e-14  # of ||h||: what rounding of the distances leaves, however small the contact
 
-    def acceptable(self, state):
-        """Norm of the residual that solves the problem [mm]. Collective."""
-        whole, inside = state.gap_norm() or 1.0, state.gap_norm_in_contact()
+    def acceptable(self, state, inside=None):
+        """Norm of the residual that solves the problem [mm]; `inside`: ||h|| on C, if known. Collective if not."""
+        whole = state.gap_norm() or 1.0
+        inside = state.gap_norm_in_contact() if inside is None else inside
         in_contact = self.rtol * self._in_contact * inside
         return min(self.rtol * whole, max(in_contact, self._digits * whole) if inside > 0 else np.inf)
 
@@ -149,12 +150,13 @@ def iterate(state, solver, loading, controls, history, target=True, discretisati
         if not state.in_contact():
             return end(True, "the bodies do not touch", 0)
     for iteration in range(1, controls.max_it + 1):
-        allowed = controls.acceptable(state)
+        inside = state.gap_norm_in_contact()
+        allowed = controls.acceptable(state, inside)
         if state.operator.provisional and target:
             allowed *= _PROVISIONAL_MARGIN
         loose = controls.loose(target, solver.tracks, discretisation_error)
         if loose:
-            allowed = max(allowed, loose * min(state.gap_norm() or 1.0, state.gap_norm_in_contact()))
+            allowed = max(allowed, loose * min(state.gap_norm() or 1.0, inside))
         solver.contact_changed()
         inner_now, failure, norm = _advance(state, solver, loading, allowed, resume)
         inner += inner_now

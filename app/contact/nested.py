@@ -80,10 +80,9 @@ def solve(
             # First order: half the error of the grid below, which is the difference to the one below that.
             expected = 0.5 * difference if difference > 0 else 0.0
             arguments = loading, controls, history, number == last, expected
-            solver = target_solver if number == last else None
-            if below is None and number != last and _direct(level):
-                solver = DirectSolver(level, number)
-            outcome = _iterate(hierarchy, number, state, solver, arguments)
+            given = target_solver if number == last else None
+            direct = below is None and number != last and _direct(level)
+            outcome = _iterate(hierarchy, number, state, arguments, given, direct)
         if level.comm is None and hierarchy.comm.size > 1 and number < last:
             _tell(hierarchy.comm, state)
         outlook = frame.outlook(lowest)
@@ -96,22 +95,25 @@ def solve(
         if number == last and frame.windowed:
             state, complete = frame.everything(outcome)
             if not complete:
-                outcome = _iterate(hierarchy, number, state, None, arguments).after(outcome)
+                outcome = _iterate(hierarchy, number, state, arguments).after(outcome)
     return state, replace(outcome, discretisation_error=difference)
 
 
-def _iterate(hierarchy, number, state, solver, arguments):
+def _iterate(hierarchy, number, state, arguments, given=None, direct=False):
     """Solve on one grid, with a solver of its own if none is given. Collective over the ranks of `state`."""
     operator = state.operator
-    own = solver or LinearSolver(hierarchy, number, operator.petsc_comm, operator=operator)
-    outcome = iterate(state, own, *arguments)
+    if direct:
+        solver = DirectSolver(operator, number)
+    else:
+        solver = given or LinearSolver(hierarchy, number, operator.petsc_comm, operator=operator)
+    outcome = iterate(state, solver, *arguments)
     if outcome.reason == WANDERS:
-        outcome = _search_approach(state, own, *arguments).after(outcome)
-    if own is not solver or isinstance(own, DirectSolver):
-        own.destroy()
+        outcome = _search_approach(state, solver, *arguments).after(outcome)
+    if solver is not given:
+        solver.destroy()
     if outcome.reason == SINGLE_EXHAUSTED:
         operator.use_double()
-        outcome = _iterate(hierarchy, number, state, None, arguments).after(outcome)
+        outcome = _iterate(hierarchy, number, state, arguments).after(outcome)
     return outcome
 
 

@@ -59,6 +59,10 @@ def transform_length(n):
     return quick_length(max(2 * n - 1, 2), even=True)
 
 
+# Unsigned indices are not tested for being negative, complex numbers put together from real products not for NaN, and a
+# loop over a row in a function of its own is not lost in others: only so do the loops below become vector instructions.
+
+
 @numba.njit(cache=True)
 def _scale_first_half(parts, factor):
     two, one = np.uint64(2), np.uint64(1)

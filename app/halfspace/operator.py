@@ -136,11 +136,7 @@ class InfluenceOperator:
 
     def use_double(self):
         """Go on in double precision: preconditioners and solvers must be made again. Collective."""
-        product = vars(self).pop("product", None)
-        if product is not None and product is not vars(self).get("exact_product"):
-            self._spent += product.count
-        self._spent += self._circulant_products()
-        self.circulants.clear()
+        self._let_go()
         self.dtype = np.dtype(np.float64)
         self.provisional = not isinstance(self.exact_product, Convolution)
 
@@ -152,10 +148,17 @@ class InfluenceOperator:
 
     def free_solvers(self):
         """Free what only solvers need: preconditioner, sweeps, all products but the exact one. Not collective."""
-        self.circulants.clear()
+        self._let_go()
         self._relaxation = None
-        vars(self).pop("product", None)
         self.provisional = False
+
+    def _let_go(self):
+        """Free preconditioners and all products but the exact one; what they computed stays counted."""
+        product = vars(self).pop("product", None)
+        if product is not None and product is not vars(self).get("exact_product"):
+            self._spent += product.count
+        self._spent += self._circulant_products()
+        self.circulants.clear()
 
     # -- numpy side --------------------------------------------------------------------------------------
 

@@ -9,6 +9,8 @@ neither the first residual nor the search for new contact costs one. Usable from
 
 from __future__ import annotations
 
+from functools import cache
+
 import numba
 import numpy as np
 from petsc4py import PETSc
@@ -179,6 +181,24 @@ def _find_spans(contact, spans):
         spans[j, 0], spans[j, 1] = a, b
 
 
+@cache
+def _load_loops(dtype):
+    """Load the compiled loops now, not in the first iteration."""
+    field, mask, spans = np.zeros((0, 0)), np.zeros((0, 0), bool), np.zeros((0, 2), np.int64)
+    low = field.astype(dtype)
+    _find_spans(mask, spans)
+    _first_residual(field, field, mask, spans)
+    for z in (field, low):
+        _add_on(field, 0.0, z, mask, spans)
+        _dot(field, z, mask, spans)
+        _direction(low, z, dtype.type(0), mask, spans)
+    _dots(low, low, field, spans)
+    _advance(field, field, field, low, low, mask, spans, 0.0)
+    _shift(field, 0.0, mask, spans)
+    _total(low, mask, spans)
+    _add_on(low, dtype.type(0), low, mask, spans)
+
+
 class TrackingCG:
     """KSP context; its operator must be an `InfluenceOperator`. Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*.
 
@@ -220,20 +240,7 @@ class TrackingCG:
         self._ones = None
         self._ones_cells = 0
         self._previous = 0.0
-        # Load the compiled loops now, not in the first iteration.
-        field, mask, spans = np.zeros((0, 0)), np.zeros((0, 0), bool), np.zeros((0, 2), np.int64)
-        low = field.astype(operator.dtype)
-        _find_spans(mask, spans)
-        _first_residual(field, field, mask, spans)
-        for z in (field, low):
-            _add_on(field, 0.0, z, mask, spans)
-            _dot(field, z, mask, spans)
-            _direction(low, z, operator.dtype.type(0), mask, spans)
-        _dots(low, low, field, spans)
-        _advance(field, field, field, low, low, mask, spans, 0.0)
-        _shift(field, 0.0, mask, spans)
-        _total(low, mask, spans)
-        _add_on(low, operator.dtype.type(0), low, mask, spans)
+        _load_loops(operator.dtype)
 
     def solve(self, ksp, b, x):
         """Improve x."""

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from app.options import LARGEST
 from app.problems.problem import Problem
-
-LARGEST = 1e50  # so that squares of distances and their sums do not overflow
 
 
 class GapArray:
@@ -82,16 +81,7 @@ class GapArray:
         widths = {len(row) for row in rows}
         if len(widths) != 1:
             raise ValueError(f"its lines have {min(widths)} to {max(widths)} numbers")
-        for j, row in enumerate(rows):
-            for i, entry in enumerate(row):
-                try:
-                    row[i] = float(entry)
-                except ValueError:
-                    raise ValueError(
-                        f"row {j}, column {i} (from 0): {entry.strip()!r} is no number; needed: decimal points, "
-                        "and nan where contact is impossible"
-                    ) from None
-        return np.array(rows)
+        return np.array([[_number(entry, j, i) for i, entry in enumerate(row)] for j, row in enumerate(rows)])
 
     @property
     def shape(self):
@@ -122,6 +112,17 @@ def _fields(line):
             # One at the end of every line is a habit of some programs.
             return line.strip(" \r").removesuffix(separator).split(separator)
     return line.split()
+
+
+def _number(entry, j, i):
+    """Value of an entry of a text."""
+    try:
+        return float(entry)
+    except ValueError:
+        raise ValueError(
+            f"row {j}, column {i} (from 0): {entry.strip()!r} is no number; needed: decimal points, "
+            "and nan where contact is impossible"
+        ) from None
 
 
 @dataclass(frozen=True)
