@@ -69,16 +69,18 @@ class ContactGrid:
         Which cells of the level these are; default: all.
     statistics : GapStatistics, optional
         Of the whole level, if these are not all cells.
+    u : ndarray, shape (local rows, nx), [mm], optional
+        Displacement, if it is known already. Taken over.
     """
 
-    def __init__(self, operator, shape, window=None, statistics=None):
+    def __init__(self, operator, shape, window=None, statistics=None, u=None):
         self.operator, self.grid, self.comm = operator, operator.grid, operator.comm
         self.admissible = ~np.isnan(shape)
         np.copyto(shape, 0.0, where=~self.admissible)
         self.shape = shape
         size = (shape.size, PETSc.DETERMINE)
         self.pressure = PETSc.Vec().createMPI(size, comm=operator.petsc_comm)
-        self.u = np.zeros(shape.shape)
+        self.u = np.zeros(shape.shape) if u is None else u
         self._dropped = np.zeros(shape.shape, bool)
         self.current = True  # u is A p, not only near it
         self._exact = False

@@ -51,7 +51,7 @@ class LastWord:
     def apply(self, p, u):
         """Compute u = A p in the window and everywhere else. Collective."""
         if self.u is None:
-            self.u = np.zeros(self._target.local_shape)
+            self.u = np.empty(self._target.local_shape)
         self.u[...] = 0
         self._passage.leave(p, self.u)
         self._target.exact_displacement(self.u, self.u)
@@ -172,8 +172,8 @@ class Frame:
         inside, level = self.state, self._hierarchy.target
         if self._last_word.u is None or not outcome.converged:
             self._last_word.apply(inside.p, inside.u)
-        state = ContactGrid(level, self._shape, statistics=inside.statistics)
-        state.u, state.approach = self._last_word.u, inside.approach
+        state = ContactGrid(level, self._shape, statistics=inside.statistics, u=self._last_word.u)
+        state.approach = inside.approach
         with state.pressure as values:
             self._passage.leave(inside.p, values.reshape(state.u.shape))
         self._passage.leave(inside.contact, state.contact)

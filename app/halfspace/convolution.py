@@ -29,7 +29,7 @@ from app.halfspace.grid import Slabs
 
 _AT_ONCE = 16  # sequences in a batch
 _ROWS_AT_ONCE, _COLUMNS_AT_ONCE = 2 * _AT_ONCE, _AT_ONCE  # two real rows are a sequence
-_GROUP_BYTES = 1 << 22
+_GROUP_BYTES = 1 << 20
 _FLAGS = (fftw.FFTW_ESTIMATE,)  # deterministic, and as fast as measured plans here
 
 

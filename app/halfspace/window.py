@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 
 from app.halfspace.grid import Grid
 from app.halfspace.reductions import minimum_over
@@ -117,39 +118,43 @@ class Passage:
         """Return a copy of the window's part of a field on the grid, shape (rows here, columns). Collective."""
         if self.comm is None:
             return field[self._here, self.columns].copy()
-        rank, ranks = self.comm.rank, range(self.comm.size)
-        first = self.window.y0 - self.outer.starts[rank]
-        spans = [self._rows(rank, other) for other in ranks]
-        sent = [field[first + a : first + b, self.columns] for a, b in spans]
-        received = [self._rows(other, rank) for other in ranks]
-        return self._exchange(sent, received, field.dtype)
+        part = np.empty((self.inner.local, self.columns.stop - self.columns.start), field.dtype)
+        of_grid, of_window = self._shared(field, part)
+        self._exchange(of_grid, of_window)
+        return part
 
     def leave(self, part, field):
         """Put a field on the window into one on the grid, in place. Collective."""
         if self.comm is None:
             field[self._here, self.columns] = part
             return
+        of_grid, of_window = self._shared(field, part)
+        self._exchange(of_window, of_grid)
+
+    def _shared(self, field, part):
+        """For every rank: rows of `field` for its part of the window, and rows of `part` from its field."""
         rank, ranks = self.comm.rank, range(self.comm.size)
-        first = self.inner.starts[rank]
-        sent = [part[a - first : b - first] for a, b in (self._rows(other, rank) for other in ranks)]
-        received = [self._rows(rank, other) for other in ranks]
-        arrived = self._exchange(sent, received, part.dtype)
-        filled = [span for span in received if span[0] < span[1]]
-        if filled:
-            start = self.window.y0 - self.outer.starts[rank]
-            field[start + filled[0][0] : start + filled[-1][1], self.columns] = arrived
+        first = self.window.y0 - self.outer.starts[rank]
+        of_grid = [
+            field[first + a : first + b, self.columns] for a, b in (self._rows(rank, q) for q in ranks)
+        ]
+        first = -self.inner.starts[rank]
+        of_window = [part[first + a : first + b] for a, b in (self._rows(q, rank) for q in ranks)]
+        return of_grid, of_window
 
-    def _exchange(self, sent, received, dtype):
-        """Send consecutive rows to every rank and receive theirs; return what came, one row below the other."""
-        width = self.columns.stop - self.columns.start
-        arrived = np.empty((sum(b - a for a, b in received), width), dtype)
-
-        def counts(lengths):
-            sizes = np.array(lengths) * width
-            return sizes, np.concatenate([[0], np.cumsum(sizes)[:-1]])
-
-        self.comm.Alltoallv(
-            [np.ascontiguousarray(np.concatenate(sent)), counts([len(rows) for rows in sent])],
-            [arrived, counts([b - a for a, b in received])],
-        )
-        return arrived
+    def _exchange(self, sources, targets):
+        """Send every rank its rows and put theirs where they belong; what stays here moves only once. Collective."""
+        here = self.comm.rank
+        parcels = {
+            rank: np.ascontiguousarray(rows)
+            for rank, rows in enumerate(sources)
+            if rows.size and rank != here
+        }
+        on_their_way = [self.comm.Isend(parcel, rank) for rank, parcel in parcels.items()]
+        targets[here][...] = sources[here]
+        for rank, rows in enumerate(targets):
+            if rows.size and rank != here:
+                arrived = np.empty(rows.shape, rows.dtype)
+                self.comm.Recv(arrived, rank)
+                rows[...] = arrived
+        MPI.Request.Waitall(on_their_way)
