@@ -24,6 +24,8 @@ from app.halfspace.convolution import any_nonzero
 from app.halfspace.reductions import minimum_over, sum_over
 from app.halfspace.window import whole
 
+_EPSILON = np.finfo(float).eps
+
 
 @dataclass(frozen=True)
 class Change:
@@ -47,6 +49,13 @@ class GapStatistics(NamedTuple):
     cells: int  # admissible
     mean: float  # of the undeformed distance at zero approach over them [mm]
     deviation: float  # sum of squares of its differences from the mean [mm2]
+
+
+class InContact(NamedTuple):
+    """Of the undeformed distance on C [mm]."""
+
+    norm: float
+    rounding: float  # of a norm
 
 
 def gap_statistics(shape, admissible, comm=None):
@@ -107,9 +116,11 @@ class ContactGrid:
         _, mean, deviation = self.statistics
         return float(np.sqrt(deviation + self.admissible_cells * (mean - self.approach) ** 2))
 
-    def gap_norm_in_contact(self):
-        """||h||_2 over C [mm]. Collective."""
-        return float(np.sqrt(self.sum([kernels.norm_on(self.shape, self.approach, self.contact)])[0]))
+    def gap_in_contact(self):
+        """||h||_2 over C, and what rounding of the distances to the approach leaves of it [mm]. Collective."""
+        squares = kernels.norm_on(self.shape, self.approach, self.contact)
+        squares, cells = self.sum([squares, np.count_nonzero(self.contact)])
+        return InContact(float(np.sqrt(squares)), 2 * _EPSILON * abs(self.approach) * float(np.sqrt(cells)))
 
     def mean_shape(self):
         """Mean undeformed distance at zero approach over the admissible cells [mm]. Not collective."""
@@ -159,7 +170,7 @@ class ContactGrid:
     def displace(self):
         """Compute u = A p. Collective."""
         self.operator.displacement(self.p, self.u)
-        self.current, self._exact = True, False
+        self.current, self._exact = True, not self.operator.provisional
 
     def displace_exactly(self):
         """Compute u = A p in double precision. Collective."""

@@ -23,25 +23,34 @@ class Controls:
     foresight: float = 0.0  # share of the change of u to come that is believed when cells are added
     cheap: bool = False  # stop on the target grid too as soon as the discretisation error dominates
 
-    # Residual per expected relative error of the pressure, which rough residuals exceed some twenty times; and at most.
-    _cheap_share = 0.02
-    _cheap_most = 2e-4
+    # In cheap mode: residual over ||h|| on C, per expected relative error of the pressure; and at most. What cells just
+    # added lack weighs more than the residual says, hence so little.
+    _cheap_share = 0.005
+    _cheap_most = 5e-4
+    _telling = 0.02  # residual of coarser grids, per difference of pressures, that does not spoil it
 
     _in_contact = 100.0  # binds where contact is small in a large patch, or some cells are very far apart
     _digits = 1e-14  # of ||h||: what rounding of the distances leaves, however small the contact
 
     def acceptable(self, state, inside=None):
-        """Norm of the residual that solves the problem [mm]; `inside`: ||h|| on C, if known. Collective if not."""
+        """Norm of the residual that solves the problem [mm]; `inside`: the gap on C, if known. Collective if not."""
         whole = state.gap_norm() or 1.0
-        inside = state.gap_norm_in_contact() if inside is None else inside
-        in_contact = self.rtol * self._in_contact * inside
-        return min(self.rtol * whole, max(in_contact, self._digits * whole) if inside > 0 else np.inf)
+        inside = inside or state.gap_in_contact()
+        least = max(self._digits * whole, inside.rounding)
+        in_contact = max(self.rtol * self._in_contact * inside.norm, least) if inside.norm > 0 else np.inf
+        return min(self.rtol * whole, in_contact)
 
     def loose(self, target, tracks, discretisation_error):
         """Residual over ||h|| on C that is enough on this grid; 0 if only (5.1) or an unchanged set will do."""
-        if target and self.cheap:
-            return min(self._cheap_share * discretisation_error, self._cheap_most)
-        return 0.0 if target or not tracks else self.coarse_rtol
+        coarse = self.coarse_rtol if tracks else 0.0
+        if self.cheap and (target or coarse):
+            enough = min(self._cheap_share * discretisation_error, self._cheap_most)
+            return enough if target else min(coarse, enough or self._cheap_most)
+        return 0.0 if target else coarse
+
+    def telling(self, difference):
+        """Whether pressures on two grids that differ so much do so for their discretisation errors. Not collective."""
+        return self.cheap or self.coarse_rtol <= self._telling * difference
 
 
 class Listener:
@@ -97,7 +106,7 @@ class Outcome:
     iterations: int
     inner_iterations: int
     residual: float  # ||r|| / ||h||, eq. (5.1)
-    discretisation_error: float = float("nan")  # of the pressure, relative, estimated from two grids
+    discretisation_error: float = float("nan")  # of the pressure (rms), relative, estimated from two grids
 
     def after(self, first):
         """Return this outcome with the iterations of `first`, of which it is the continuation, added."""
@@ -150,21 +159,21 @@ def iterate(state, solver, loading, controls, history, target=True, discretisati
         if not state.in_contact():
             return end(True, "the bodies do not touch", 0)
     for iteration in range(1, controls.max_it + 1):
-        inside = state.gap_norm_in_contact()
+        inside = state.gap_in_contact()
         allowed = controls.acceptable(state, inside)
         if state.operator.provisional and target:
             allowed *= _PROVISIONAL_MARGIN
         loose = controls.loose(target, solver.tracks, discretisation_error)
         if loose:
-            allowed = max(allowed, loose * min(state.gap_norm() or 1.0, inside))
+            allowed = max(allowed, loose * min(state.gap_norm() or 1.0, inside.norm))
         solver.contact_changed()
         inner_now, failure, norm = _advance(state, solver, loading, allowed, resume)
         inner += inner_now
         change, enough = policy.update(state, solver, loading, norm, allowed, loose, target)
         residual = _relative(change, state)
         done = change.changed == 0 and (not target or change.residual <= controls.acceptable(state))
-        # What single precision says is a proposal: only a double precision product can accept it.
-        checked = target and (enough or (done and state.operator.provisional))
+        # Only a double precision product can accept an answer: single precision proposes, and sums of steps drift.
+        checked = target and (enough or (done and not state.exact))
         if checked:
             if not state.exact:
                 loading.rescale(state)
@@ -197,6 +206,8 @@ def iterate(state, solver, loading, controls, history, target=True, discretisati
         if not residual < float("inf"):
             return end(False, "the residual is not a finite number", iteration)
         progress.hear_of(change)
+        if progress.stuck():
+            policy.calm(solver)
         if target and not done and progress.exhausted(state):
             return end(False, SINGLE_EXHAUSTED, iteration)
         if target and not done and loading.prescribes_load and progress.wanders():
@@ -247,6 +258,9 @@ class _Progress:
 
     _patience = 3  # iterations in single precision that do not halve the residual
     _noise = 1e-5  # of h on C: a larger residual is not for want of digits
+    _stubborn = (
+        4  # iterations that do not halve the residual, before the contact set is changed with more care
+    )
     _longest = 8  # iterations under a given load that do not halve the residual
 
     def __init__(self):
@@ -259,11 +273,15 @@ class _Progress:
         if change.residual < 0.5 * self._best:
             self._best, self._since = change.residual, 0
 
+    def stuck(self):
+        """Whether it is time for smaller steps. Not collective."""
+        return self._since > 0 and self._since % self._stubborn == 0
+
     def exhausted(self, state):
         """Whether the digits of single precision are used up. Collective."""
         if self._since < self._patience or state.operator.dtype != "float32":
             return False
-        return self._residual <= self._noise * state.gap_norm_in_contact()
+        return self._residual <= self._noise * state.gap_in_contact().norm
 
     def wanders(self):
         """Whether the contact area grows and shrinks without end. Not collective."""
@@ -279,6 +297,7 @@ class _Policy:
     _little = 0.01  # of the load may be dropped, of the cells changed, where loose accuracy is enough
 
     def __init__(self, controls):
+        self.cheap = controls.cheap
         self.step, self.foresight = controls.merge, controls.foresight
         self.merges = 0
         self.seen = set()
@@ -295,7 +314,7 @@ class _Policy:
             Nothing more to do where `loose` accuracy is enough; u may not be up to date.
         """
         dropped, tension = state.drop()
-        if loose and not target and norm <= allowed and tension <= self._little:
+        if loose and not (target or self.cheap) and norm <= allowed and tension <= self._little:
             return state.admit(), True
         merged = False
         if dropped and solver.tracks:
@@ -313,11 +332,20 @@ class _Policy:
         if change.changed and solver.tracks:
             fingerprint = state.fingerprint()
             if dropped and fingerprint in self.seen:
-                solver.tighten()
-                self.foresight = 0.0
+                self._care(solver)
             self.seen.add(fingerprint)
         enough = bool(loose) and change.residual <= allowed and change.changed <= self._little * change.cells
         return change, enough
+
+    def calm(self, solver):
+        """Take smaller steps from now on: the residual does not fall. Not collective."""
+        self._care(solver)
+        self.step = 0.0
+
+    def _care(self, solver):
+        if solver.tracks:
+            solver.tighten()
+        self.foresight = 0.0
 
     def _admit(self, state, solver, more_to_come):
         """(4b), while the pressure is far from final by what u will be when the residual is gone."""

@@ -77,7 +77,7 @@ def solve(
             state.approach = below.approach
             state.start_from_interpenetration()
         if here:
-            # First order: half the error of the grid below, which is the difference to the one below that.
+            # First order: half the difference of the two grids below, which is about the error of the finer one.
             expected = 0.5 * difference if difference > 0 else 0.0
             arguments = loading, controls, history, number == last, expected
             given = target_solver if number == last else None
@@ -96,7 +96,9 @@ def solve(
             state, complete = frame.everything(outcome)
             if not complete:
                 outcome = _iterate(hierarchy, number, state, arguments).after(outcome)
-    return state, replace(outcome, discretisation_error=difference)
+    return state, replace(
+        outcome, discretisation_error=difference if controls.telling(difference) else float("nan")
+    )
 
 
 def _iterate(hierarchy, number, state, arguments, given=None, direct=False):
@@ -113,6 +115,7 @@ def _iterate(hierarchy, number, state, arguments, given=None, direct=False):
         solver.destroy()
     if outcome.reason == SINGLE_EXHAUSTED:
         operator.use_double()
+        state.current = False  # u is a sum of single precision products
         outcome = _iterate(hierarchy, number, state, arguments).after(outcome)
     return outcome
 
@@ -154,9 +157,14 @@ def _search_approach(state, solver, loading, controls, *arguments):
             total, cells = state.sum([np.sum(state.u, where=state.contact), np.count_nonzero(state.contact)])
             slope = here[1] * cells / total if total > 0 else loading.load / state.gap_norm()
         before = here
-        state.approach = here[0] + lacks / slope
-        if not lowest < state.approach < highest:
-            state.approach = 0.5 * (lowest + highest)
+        following = here[0] + lacks / slope
+        if not lowest < following < highest and np.isfinite(highest - lowest):
+            following = 0.5 * (lowest + highest)
+        if following == here[0]:
+            return replace(
+                outcome, converged=False, reason="the approach has no digits left to meet the load"
+            )
+        state.approach = following
     return replace(outcome, converged=False, reason=f"{_SEARCHES} approaches did not meet the load")
 
 

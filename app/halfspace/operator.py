@@ -35,7 +35,7 @@ class InfluenceOperator:
     comm : mpi4py communicator, optional
         Ranks that share the rows; None on a replicated level.
     dtype : numpy real type
-        Precision of the products (PETSc's vectors are always float64).
+        Precision of the products (PETSc's vectors are always float64); small grids have a stored matrix in double.
     exact_product : optional
         Whose ``apply(p, u)`` is the last word, if not that of a double precision product on this grid.
     partner : InfluenceOperator, optional
@@ -59,12 +59,12 @@ class InfluenceOperator:
         self.comm = comm if slabs is not None else None
         self.slabs = slabs or Slabs(grid.ny)
         self._dense = grid.n <= DenseProduct.largest and self.comm is None
-        self.dtype = np.dtype(dtype)
+        self.dtype = np.dtype(np.float64 if self._dense else dtype)
         self._partner = partner
         if exact_product is not None:
             self.exact_product = exact_product
         # Whether what `product` says must be checked by the exact one.
-        self.provisional = exact_product is not None or (self.dtype != np.float64 and not self._dense)
+        self.provisional = exact_product is not None or self.dtype != np.float64
         self.circulants = {}  # made by the preconditioner of that name when they are first used here
         self.diagonal = float(influence_quadrant(grid, compliance, slice(0, 1), 1)[0, 0])
         self.local_shape = (self.slabs.local, grid.nx)

@@ -6,7 +6,7 @@ a product.
 (The periodic matrix of the padded grid has negative eigenvalues and is of no use.)
 
 The residual may be extended over the rim of the contact set first, see `Circulant`. Usable wherever PETSc takes a PC,
-on the target grid and as a multigrid smoother::
+on the target grid and as a multigrid smoother, where it must be damped (``-mg_levels_ksp_richardson_scale``)::
 
     -pc_type python -pc_python_type app.multigrid.circulant.Circulant
     -mg_levels_pc_type python -mg_levels_pc_python_type app.multigrid.circulant.Circulant

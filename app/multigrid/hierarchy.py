@@ -48,13 +48,12 @@ class Hierarchy:
         self.comm, self.compliance, self.dtype, self.margin = comm, compliance, dtype, margin
         self._spent = 0.0  # in windows that are gone
         grids, factors = [grid], []
+        most = 1 if single else grid.n
         if not single and grid.coarsen(coarsest) is None:
-            coarsest = 1  # a multigrid method needs two grids
-        while not single and (coarser := grids[-1].coarsen(coarsest)) is not None:
+            coarsest, most = 1, 2  # a multigrid method needs two grids
+        while len(grids) < most and (coarser := grids[-1].coarsen(coarsest)) is not None:
             factors.append(grids[-1].coarsening(coarsest))
             grids.append(coarser)
-            if coarsest == 1:
-                break
         # The target grid is cut into slabs, small grids are not, nor is the coarsest if it can be solved directly.
         direct = grids[-1].n <= LARGEST_DIRECT
         cut = [

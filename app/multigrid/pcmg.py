@@ -28,6 +28,7 @@ _DIRECT = {
     "mg_coarse_pc_type": "bjacobi",
     "mg_coarse_sub_ksp_type": "preonly",
     "mg_coarse_sub_pc_type": "lu",
+    "mg_coarse_sub_pc_factor_zeropivot": "1e-300",  # the size of influence coefficients is a matter of units
 }
 
 
