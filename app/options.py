@@ -29,6 +29,12 @@ class Option:
     default: object
     meaning: str
 
+    @property
+    def described(self):
+        """Its meaning, and the words it may be."""
+        names = getattr(self.kind, "names", ())
+        return f"{self.meaning}: {', '.join(names)}" if names else self.meaning
+
 
 def _real(text, lowest=-np.inf, above=-np.inf, highest=np.inf, allowed="a finite number"):
     try:
@@ -70,6 +76,7 @@ def choice(*names):
             raise ValueError("one of " + ", ".join(names))
         return text
 
+    parse.names = names
     return parse
 
 
@@ -104,6 +111,18 @@ def grid_size(text):
     return sizes[0], sizes[-1]
 
 
+def frequencies(text):
+    """Kind: ``M,N``, or ``M`` for both."""
+    allowed = "M,N or M, whole numbers from 1 to 10000"
+    try:
+        numbers = [int(part) for part in text.split(",")]
+    except ValueError:
+        raise ValueError(allowed) from None
+    if len(numbers) not in (1, 2) or not 1 <= min(numbers) <= max(numbers) <= 10000:
+        raise ValueError(allowed)
+    return numbers[0], numbers[-1]
+
+
 def domain(text):
     """Kind: ``x0,x1,y0,y1``."""
     allowed = "x0,x1,y0,y1 with x0 < x1 and y0 < y1 [mm]"
@@ -135,7 +154,7 @@ TABLE = [
     Option("surface_seed", integer(0, "a whole number from 0"), 7, "seed of the random surface"),
     Option("surface_sigma", _from_zero, 0.1, "standard deviation of its heights [mm]"),
     Option("surface_decay", real("above 0, at most 1", above=0, highest=1), 0.8, "gamma: fall of its amplitudes"),
-    Option("surface_modes", grid_size, (12, 10), "M,N: frequencies in x and y"),
+    Option("surface_modes", frequencies, (12, 10), "M,N: frequencies in x and y"),
     Option("gap_file", word, REQUIRED, "undeformed distance (ny, nx): .npy, .h5[:/dataset] or text; NaN: no contact"),
     Option("lcp_type", choice("active_set", "tao", "snesvi"), "active_set", "around a KSP, or PETSc's own"),
     Option("lcp_nested", flag, False, "nested iteration (FMG): solve on coarser grids first"),
@@ -173,7 +192,7 @@ class Options:
         option = _BY_NAME[name]
         if not self._database.hasName(name):
             if option.default is REQUIRED:
-                raise InputError(f"-{name} is missing: {option.meaning}")
+                raise InputError(f"-{name} is missing: {option.described}")
             return option.default
         text = self._database.getString(name, "")
         try:
@@ -246,8 +265,11 @@ def help_text():
     """The options of the table, for ``-help``."""
     lines = ["Options of app.solve (lengths mm, forces N, stresses N/mm2):"]
     for option in TABLE:
-        default = "" if option.default in (REQUIRED, None) else f" (default {option.default})"
-        lines.append(f"  -{option.name:<20} {option.meaning}{default}")
+        default = ",".join(map(str, option.default)) if isinstance(option.default, tuple) else option.default
+        shown = (
+            "" if default in (REQUIRED, None) else f" (default {default})".replace("(default False)", "(off)")
+        )
+        lines.append(f"  -{option.name:<20} {option.described}{shown}")
     lines += [
         "Of the FFT preconditioner (-pc_type python -pc_python_type app.multigrid.circulant.Circulant):",
         f"  -{'pc_circulant_extend':<20} cells by which the residual is extended over the rim (default 0)",

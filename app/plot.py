@@ -7,6 +7,7 @@ or 2 with one line on standard error if there is something wrong with the input.
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
 
@@ -75,6 +76,8 @@ def main(argv=None):
         if not arguments.output.parent.is_dir():
             raise ValueError(f"-o {arguments.output}: folder {arguments.output.parent} does not exist")
         arguments.output.mkdir(exist_ok=True)
+        if not os.access(arguments.output, os.W_OK):
+            raise ValueError(f"-o {arguments.output}: cannot be written to")
         for path in draw(result, arguments.output, arguments.format, arguments.dpi):
             print(path)
     except (ValueError, OSError) as error:

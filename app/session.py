@@ -1,8 +1,8 @@
 """Start-up and the one way to fail.
 
 ``run(main)`` starts PETSc on the command line, calls `main` and turns what happens into an exit status:
-0 done, 2 bad input (one line on standard error, from one rank), 3 not converged, 1 anything unexpected
-(traceback; the whole job ends, because the other ranks may wait for this one for ever).
+0 done, 2 bad input (one line on standard error, from one rank), 3 not converged, 130 interrupted, 1 anything
+unexpected (traceback); in both the whole job ends, because the other ranks may wait for this one for ever.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import ctypes
 import itertools
 import re
 import shlex
+import signal
 import sys
 import traceback
 from pathlib import Path
@@ -48,6 +49,7 @@ def start(argv):
     if argv[-1] in OPTION_FILES:
         raise InputError(f"{argv[-1]}: a file name must follow")
     petsc4py.init(argv)
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # a reader that has had enough is no error, as PETSc thinks
     try:
         from petsc4py import PETSc  # noqa: F401
     except Exception as error:
@@ -176,11 +178,15 @@ def run(main, argv=None):
     except SystemExit as error:
         status = error.code if isinstance(error.code, int) else int(error.code is not None)
     except BaseException as error:
-        traceback.print_exc()
+        interrupted = isinstance(error, KeyboardInterrupt)
+        if interrupted:
+            print("interrupted", file=sys.stderr)
+        else:
+            traceback.print_exc()
         sys.stderr.flush()
         sys.stdout.flush()
+        status = 130 if interrupted else 1
         if MPI.COMM_WORLD.size > 1:
-            MPI.COMM_WORLD.Abort(1)
-        status = 130 if isinstance(error, KeyboardInterrupt) else 1
+            MPI.COMM_WORLD.Abort(status)
     # Outside the except blocks: no traceback holds a Mat any more that PETSc would destroy too late.
     sys.exit(status)

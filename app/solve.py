@@ -7,6 +7,7 @@ import os
 import resource
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from app.session import InputError
 
 _DOUBLES_PER_CELL = 12  # at the least, of memory
 _DOUBTFUL = 1e-2  # error bound of the certificate from which on the user should look twice
+_NEED_ENTRIES = ("hypre", "hmg", "kaczmarz", "redistribute")  # and crash without
 METHODS = Path(__file__).resolve().parents[1] / "petsc_options"
 
 
@@ -58,7 +60,8 @@ def main():
             _write(setup, state, facts, history, comm)
     _report(setup, facts)
     if _touches_rim(state, comm):
-        session.warn("contact reaches the rim of the patch: enlarge -domain if the bodies go on beyond it")
+        what = "contact reaches" if facts["contact_cells"] else "the smallest distance is found at"
+        session.warn(f"{what} the rim of the patch: enlarge -domain if the bodies go on beyond it")
     if outcome.converged and facts["error_bound"] > _DOUBTFUL and not setup.controls.cheap:
         session.warn(
             f"the certificate only proves the pressure to {facts['error_bound']:.1g}: contact is small against the "
@@ -76,6 +79,7 @@ class prepare:
         from app.contact.loading import PrescribedApproach, PrescribedLoad
         from app.contact.loop import Controls
         from app.contact.monitor import Monitor, Progress
+        from app.halfspace import gauss_seidel
         from app.halfspace.influence import influence_quadrant
         from app.multigrid import transfer
         from app.multigrid.circulant import circulant_of
@@ -89,24 +93,16 @@ class prepare:
         check_memory(self.problem.grid, comm)
         self.loading = make_loading(*loading(options))
         self.type = options["lcp_type"]
+        self.controls = Controls(rtol=options["lcp_rtol"], max_it=options["lcp_max_it"])
+        self.nested, self.beta, self.prolongation, margin = False, 0.0, "", 0.0
+        if options.text("pc_type") in _NEED_ENTRIES:
+            raise InputError(
+                f"-pc_type {options.text('pc_type')}: needs the entries of the matrix, which are never stored"
+            )
         if self.type == "active_set":
-            use_default_method(options)
-        self.controls = Controls(
-            rtol=options["lcp_rtol"],
-            max_it=options["lcp_max_it"],
-            coarse_rtol=options["lcp_coarse_rtol"],
-            merge=options["lcp_merge"],
-            foresight=options["lcp_foresight"],
-            cheap=options["lcp_cheap"],
-        )
-        self.nested, self.beta = options["lcp_nested"], options["lcp_beta"]
-        self.prolongation, margin = options["lcp_prolongation"], options["lcp_window"]
-        if margin and not self.nested:
-            raise InputError("-lcp_window: is found on coarser grids; allowed with -lcp_nested only")
-        if margin and options.text("pc_type") == "mg":
-            raise InputError("-lcp_window: the levels of -pc_type mg are whole grids; not allowed with it")
-        if self.controls.cheap and not self.nested:
-            raise InputError("-lcp_cheap: estimates errors from two grids; allowed with -lcp_nested only")
+            margin = self._read_method(options)
+        else:
+            refuse_own_solvers(options, self.type)
         self.listeners = [Monitor()] if options["lcp_monitor"] else []
         if not self.listeners and comm.rank == 0 and sys.stderr.isatty():
             self.listeners.append(Progress(self.controls.rtol))
@@ -114,10 +110,6 @@ class prepare:
         by_load = isinstance(self.loading, PrescribedLoad)
         if by_load and self.type != "active_set":
             raise InputError(f"-lcp_type {self.type}: works with -approach only, not with -load")
-        if self.type != "active_set" and "TrackingCG" in options.text("ksp_python_type"):
-            raise InputError(
-                f"-ksp_python_type TrackingCG: works with active_set only, not with -lcp_type {self.type}"
-            )
         multilevel = self.type == "active_set" and (self.nested or by_load or options.text("pc_type") == "mg")
         grid, compliance = self.problem.grid, self.problem.material.compliance
         in_single = options["lcp_precision"] == "single"
@@ -132,6 +124,8 @@ class prepare:
         )  # fmt: skip
         self.solver = make_solver(self.type, self.hierarchy, self.controls)
         kernels.load()
+        if options.text("pc_type") in ("mg", "sor"):
+            gauss_seidel.load()
         transfer.load()
         if self.prolongation == "lift" and self.nested:
             for operator in self.hierarchy.levels:
@@ -154,7 +148,28 @@ class prepare:
             # The approach is not unique: the one at which the bodies just touch.
             lowest = np.nanmin(self.shapes[-1], initial=np.inf)
             self.loading = PrescribedApproach(comm.allreduce(float(lowest), MPI.MIN))
+            self.nested = False  # there is no pressure to be found on coarser grids
         self.options_text = options.summary()
+
+    def _read_method(self, options):
+        """Take the options of the active set iteration; return the margin of windows."""
+        use_default_method(options)
+        self.controls = replace(
+            self.controls,
+            coarse_rtol=options["lcp_coarse_rtol"],
+            merge=options["lcp_merge"],
+            foresight=options["lcp_foresight"],
+            cheap=options["lcp_cheap"],
+        )
+        self.nested, self.beta = options["lcp_nested"], options["lcp_beta"]
+        self.prolongation, margin = options["lcp_prolongation"], options["lcp_window"]
+        if margin and not self.nested:
+            raise InputError("-lcp_window: is found on coarser grids; allowed with -lcp_nested only")
+        if margin and options.text("pc_type") == "mg":
+            raise InputError("-lcp_window: the levels of -pc_type mg are whole grids; not allowed with it")
+        if self.controls.cheap and not self.nested:
+            raise InputError("-lcp_cheap: estimates errors from two grids; allowed with -lcp_nested only")
+        return margin
 
     def free_solver(self):
         """Free the solver of the target grid, if there is one. Collective."""
@@ -176,6 +191,8 @@ def make_problem(options, comm):
         ny, nx = gap.shape
         if options.given("grid"):
             nx, ny = options["grid"]
+        if (nx, ny) == (3, max(ny, 9)) and not options.given("grid"):
+            session.warn(f"gap file {gap.name}: taken for {ny} rows of 3 cells, not for points x, y, z")
         problem = GapFile(Grid.from_domain(nx, ny, options["domain"]), material, gap)
         gap.check(Slabs.over(comm, ny).rows)
         return problem
@@ -240,6 +257,17 @@ def use_default_method(options):
             options.set(name, value.strip())
 
 
+def refuse_own_solvers(options, kind):
+    """Refuse what knows this program's operators only, where PETSc works on parts of them."""
+    for name in ("ksp_python_type", "pc_python_type"):
+        if options.text(name).startswith("app."):
+            raise InputError(
+                f"-{name} {options.text(name)}: works with active_set only, not with -lcp_type {kind}"
+            )
+    if options.text("pc_type") == "mg":
+        raise InputError(f"-pc_type mg: works with active_set only, not with -lcp_type {kind}")
+
+
 def make_solver(kind, hierarchy, controls):
     """Set up the solver of the target grid; what PETSc refuses is the user's to know.
 
@@ -270,6 +298,8 @@ def make_solver(kind, hierarchy, controls):
 
 def solve(setup, history):
     """Solve the problem that was set up; return the state of the target grid and the outcome. Collective."""
+    from petsc4py import PETSc
+
     from app.contact import nested
     from app.contact.active_set import ContactGrid
 
@@ -277,7 +307,10 @@ def solve(setup, history):
         target = setup.hierarchy.target
         state = ContactGrid(target, setup.shapes[-1])
         setup.loading.start(state)
-        return state, setup.solver.solve(state, history)
+        try:
+            return state, setup.solver.solve(state, history)
+        except PETSc.Error as error:
+            raise InputError(f"-lcp_type {setup.type}: {session.petsc_message(error)}") from None
     return nested.solve(
         setup.hierarchy,
         setup.shapes,
@@ -348,15 +381,16 @@ def _report(setup, facts):
         f"{facts['problem']} {grid.nx} x {grid.ny}: {state} ({facts['reason']})\n"
         f"  approach {facts['approach']:.8g} mm, load {facts['load']:.8g} N, "
         f"maximum pressure {facts['max_pressure']:.8g} N/mm2\n"
-        f"  contact {facts['contact_cells']} cells, {100 * facts['contact_fraction']:.4g}% of the admissible ones\n"
-        f"  {facts['active_set_iterations']} active set iterations, {facts['inner_iterations']} inner, "
+        f"  contact {_count(facts['contact_cells'], 'cell')}, "
+        f"{100 * facts['contact_fraction']:.4g}% of the admissible ones\n"
+        f"  {_count(facts['active_set_iterations'], 'active set iteration')}, {facts['inner_iterations']} inner, "
         f"{facts['work_units']:.4g} work units, {facts['operator_applications']:.4g} operator applications\n"
-        f"  certificate: pressure within {facts['error_bound']:.2g} of the exact one (energy norm), "
+        f"  certificate: pressure within {facts['error_bound']:.2g} of this grid's exact one (energy norm), "
         f"largest penetration {facts['largest_penetration']:.2g} mm\n"
-        f"  residual {facts['residual']:.3g}, {facts['solve_seconds']:.3g} s on {facts['ranks']} rank"
-        f"{'s'[: facts['ranks'] > 1]} (set-up {facts['setup_seconds']:.3g} s)"
+        f"  residual {facts['residual']:.3g}, {facts['solve_seconds']:.3g} s on {_count(facts['ranks'], 'rank')} "
+        f"(set-up {facts['setup_seconds']:.3g} s)"
         + (
-            f"\n  discretisation error of the pressure about {facts['discretisation_error']:.2g} (from two grids)"
+            f"\n  discretisation error about {facts['discretisation_error']:.2g} of the pressure (rms, from two grids)"
             if facts["discretisation_error"] > 0
             else ""
         )
@@ -364,13 +398,22 @@ def _report(setup, facts):
     )
 
 
+def _count(number, what):
+    return f"{number} {what}{'s'[: number != 1]}"
+
+
 def _touches_rim(state, comm):
-    """Whether a cell on the rim of the patch is in contact. Collective."""
-    contact, rows = state.contact, state.operator.slabs.rows
-    touches = contact[:, [0, -1]].any()
-    if contact.size:
-        touches |= rows.start == 0 and contact[0].any()
-        touches |= rows.stop == state.grid.ny and contact[-1].any()
+    """Whether a cell on the rim of the patch is in contact, or is nearest to it if there is none. Collective."""
+    if state.in_contact():
+        cells = state.contact
+    else:
+        shape = np.where(state.admissible, state.shape, np.inf)
+        cells = shape == comm.allreduce(float(shape.min(initial=np.inf)), MPI.MIN)
+    rows = state.operator.slabs.rows
+    touches = cells[:, [0, -1]].any()
+    if cells.size:
+        touches |= rows.start == 0 and cells[0].any()
+        touches |= rows.stop == state.grid.ny and cells[-1].any()
     return comm.allreduce(bool(touches), MPI.LOR)
 
 

@@ -271,8 +271,9 @@ def perform(run, output, processes, ranks=1, timeout=None):
         except (ValueError, OSError) as error:
             outcome["message"] = str(error)
         if status == 3:
-            why = outcome.get("reason", "not converged")
-            outcome["message"] = f"{why}. {outcome['message']}".strip(". ")
+            outcome["message"] = f"{outcome.get('reason') or 'not converged'}. {outcome['message']}".strip(
+                ". "
+            )
     else:
         told = [line for line in lines if line.startswith("error: ")] or lines or ["no result file"]
         outcome["message"] = told[-1] if status >= 0 else f"ended by {signal.Signals(-status).name}"
@@ -680,7 +681,7 @@ def _main(argv):
     for row in rows:
         if row["message"]:
             which = ", ".join(f"{name} {row[name]}" for name in varied if row[name] is not None)
-            print(f"{which}: {row['message']}")
+            print(f"{which}: {row['message']}" if which else row["message"])
     print(f"{len(rows)} of {len(runs)} runs in {output}")
     return 130 if interrupted else 0
 

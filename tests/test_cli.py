@@ -25,7 +25,8 @@ RESULT = "result.h5"
 
 
 DEFAULT = [*solve_arguments("hertz")[2:], "-grid", "8"]
-HERTZ = [*solve_arguments("hertz", "norm")[2:], "-grid", "8"]
+COMMAND = [*solve_arguments("hertz", "norm"), "-grid", "8"]
+HERTZ = COMMAND[2:]
 
 
 def with_file(name, content, *arguments):
@@ -87,6 +88,23 @@ CASES = {
     "method of another solver": (
         [*DEFAULT, "-lcp_type", "tao", "-options_file", str(OPTIONS / "fast.opts")], "active_set only"
     ),
+    "method of the active set": (
+        [*DEFAULT, "-lcp_type", "tao", "-lcp_nested", "-lcp_merge", "0.4"], "unused options: -lcp_merge, -lcp_nested"
+    ),
+    "multigrid of another solver": (
+        [*DEFAULT, "-lcp_type", "snesvi", "-options_file", str(OPTIONS / "fmg_v11.opts")], "-pc_type mg: works with"
+    ),
+    "preconditioner of another solver": (
+        [*DEFAULT, "-lcp_type", "snesvi", "-pc_type", "python", "-pc_python_type", "app.multigrid.circulant.Circulant"],
+        "works with active_set only",
+    ),
+    "solver without bounds": (
+        [*DEFAULT, "-lcp_type", "snesvi", "-snes_type", "newtonls"], "newtonls does not support bounds"
+    ),
+    "solver that needs more of the matrix": ([*DEFAULT, "-lcp_type", "tao", "-tao_type", "bqpip"], "setDiagonal"),
+    "pc that crashes without entries": ([*HERTZ, "-pc_type", "hypre"], "-pc_type hypre: needs the entries"),
+    "no problem": (["-problem", "ball"], "allowed: one of hertz, punch, file"),
+    "no frequencies": ([*HERTZ, "-problem", "punch", "-surface_modes", "0"], "allowed: M,N or M"),
     "no iterations": ([*DEFAULT, "-ksp_max_it", "0"], "-ksp_max_it 0: allowed: from 1"),
     "no tolerance": ([*HERTZ, "-ksp_rtol", "-1"], "-ksp_rtol -1: allowed: from 0"),
     "options of another solver": ([*DEFAULT, "-lcp_type", "tao", "-pc_circulant_extend", "3"], "-pc_circulant_extend"),
@@ -95,7 +113,13 @@ CASES = {
     "heights beyond single precision": ([*DEFAULT, "-hertz_rx", "1e-30"], "-lcp_precision double"),
     "one infinite value": (gap_of(infinite(7, 4)), "inf in row 7, column 4"),
 }  # fmt: skip
-ON_TWO_RANKS = ["no such ksp_type", "option file without a dash", "one infinite value", "no such folder"]
+ON_TWO_RANKS = [
+    "solver without bounds",
+    "no such ksp_type",
+    "option file without a dash",
+    "one infinite value",
+    "no such folder",
+]
 
 
 @pytest.fixture(scope="module")
@@ -284,7 +308,7 @@ SQUARE = np.ones((8, 8))
 @pytest.mark.parametrize(
     ("name", "save", "message"),
     [
-        ("gap.npy", lambda path: path.mkdir(), "no such file"),
+        ("gap.npy", lambda path: path.mkdir(), "not a file"),
         ("gap.npy", save_array(np.ones(8)), "shape (8,)"),
         ("gap.npy", save_array(np.float64(8)), "shape ()"),
         ("gap.npy", save_array(np.ones((0, 8))), "shape (0, 8)"),
@@ -305,9 +329,11 @@ SQUARE = np.ones((8, 8))
         ("gap.h5:/a", save_hdf5(a=h5py.Empty("f8")), "shape None"),
         ("gap.h5:/a", save_hdf5(a=SQUARE.astype(complex)), "complex128"),
         ("gap.h5:/a", save_hdf5(a="text"), "object"),
+        ("gap.npy", save_bytes(b"0.1 0.2"), "no .npy file"),
+        ("gap.h5:a", save_hdf5(a=SQUARE), "FILE:/DATASET"),
         ("gap.txt", save_bytes(b""), "empty"),
         ("gap.txt", save_bytes(b"# nothing\n"), "empty"),
-        ("gap.txt", save_bytes(b"1 2 3\n4 5\n"), "2 to 3 numbers"),
+        ("gap.txt", save_bytes(b"1 2 3\n4 5\n"), "line 2 has 2 entries, line 1 has 3"),
         ("gap.txt", save_bytes(b"1 2\n3 four\n"), "four"),
         ("gap.txt", save_bytes(b"1 2\n3 4+5j\n"), "4+5j"),
         ("gap.txt", save_bytes(bytes(range(128, 256))), "cannot be read"),
@@ -498,3 +524,49 @@ def test_killed_run_leaves_the_earlier_result_whole(cli, ranks, tmp_path):
     assert path.read_bytes() == before
     assert read_result(path).attributes["converged"] is True
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_help_names_the_choices(cli):
+    told = cli("-help").stdout
+    assert "what is pressed together: hertz, punch, file" in told
+    assert "(default 12,10)" in told
+
+
+def test_nothing_in_sight_is_worth_a_warning(cli):
+    away = cli(*HERTZ, "-domain", "20,30,20,30")
+    assert away.returncode == 0
+    assert "smallest distance is found at the rim" in away.stderr
+    assert "rim" not in cli(*HERTZ, "-approach", "-1").stderr
+
+
+def test_a_reader_may_go_away():
+    command = f"{sys.executable} {' '.join(COMMAND)} -lcp_monitor | head -1"
+    done = subprocess.run(command, shell=True, cwd=TESTS.parent, capture_output=True, text=True, timeout=60)
+    assert done.stdout.startswith("level")
+    assert done.stderr == ""
+
+
+def test_interrupted(tmp_path):
+    """Ctrl-C: one line, status 130, no file."""
+    out = tmp_path / "out.h5"
+    slow = (
+        "-grid",
+        "512",
+        "-lcp_rtol",
+        "1e-14",
+        "-lcp_max_it",
+        "100000",
+        "-ksp_rtol",
+        "1e-15",
+        "-lcp_monitor",
+    )
+    process = subprocess.Popen(
+        [sys.executable, *COMMAND, *slow, "-output", str(out)],
+        cwd=TESTS.parent, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    assert process.stdout.readline().startswith("level")
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors == "interrupted\n"
+    assert list(tmp_path.iterdir()) == []

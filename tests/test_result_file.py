@@ -90,9 +90,13 @@ def test_reading_refuses_other_files(path, tmp_path):
         with pytest.raises(ValueError, match=f"other.h5: .*{reason}") as caught:
             read_result(tmp_path / "other.h5")
         assert "\n" not in str(caught.value)
-    for other in (tmp_path, tmp_path / "absent.h5"):
-        with pytest.raises(ValueError, match="no such file"):
+    for other, reason in ((tmp_path, "not a file"), (tmp_path / "absent.h5", "no such file")):
+        with pytest.raises(ValueError, match=reason):
             read_result(other)
+    with h5py.File(tmp_path / "foreign.h5", "w") as file:
+        file["heights"] = np.zeros((3, 3))
+    with pytest.raises(ValueError, match="no result of app.solve"):
+        read_result(tmp_path / "foreign.h5")
     with h5py.File(path, "r+") as file:
         del file["gap"]
         file["gap"] = np.zeros((48, 63))

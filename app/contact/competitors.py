@@ -6,6 +6,8 @@ SNESVI (``-lcp_type snesvi``). Their linear solvers are theirs: ``-tao_*``, ``-s
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 from petsc4py import PETSc
 
@@ -23,12 +25,15 @@ class _Competitor:
     controls : Controls
     """
 
+    _prefix = ""
+
     def __init__(self, hierarchy, controls):
         self.operator = hierarchy.target
         self.controls = controls
         self.level = len(hierarchy.levels) - 1
         self.comm = PETSc.Comm(hierarchy.comm)
         self.mat = self.operator.mat(self.comm)
+        self._h, self._template = self.mat.createVecRight(), self.mat.createVecRight()
 
     def solve(self, state, history):
         """Solve the problem in `state`. Collective.
@@ -36,60 +41,122 @@ class _Competitor:
         Returns
         -------
         Outcome
+
+        Raises
+        ------
+        PETSc.Error
+            If the chosen solver cannot do with bounds, or with what this matrix offers.
         """
         for listener in history.listeners:
             listener.start(state, self.level)
         self.operator.mask[...] = True  # the matrix is A, not C A C
+        state.contact = np.zeros(state.u.shape, bool)  # no longer the operator's
         state.pressure.set(0)
-        gap_norm = state.gap_norm()
+        self._diary = _Diary(state, history, self)
         lower, upper = state.pressure.duplicate(), state.pressure.duplicate()
         lower.set(0)
         upper.setArray(np.where(state.admissible, PETSc.INFINITY, 0.0).reshape(-1))
-        h = state.pressure.duplicate()
-        h.setArray((state.shape - state.approach * state.admissible).reshape(-1))
-        iterations, inner, reason = self._run(state.pressure, h, lower, upper, self.controls.rtol * gap_norm)
+        self._h.setArray((state.shape - state.approach * state.admissible).reshape(-1))
+        reason = self._run(state.pressure, lower, upper, 0.1 * self.controls.rtol * state.gap_norm())
         with state.pressure as values:
             p = values.reshape(state.u.shape)
             np.maximum(p, 0, out=p)
-            np.greater(p, 0, out=state.contact)
-            self.operator.displacement(p, state.u)
+            self.operator.exact_displacement(p, state.u)
         e = state.shape - state.approach + state.u
-        defect = e[state.contact]
-        overlap = e[state.admissible & ~state.contact].clip(max=0)
-        cells, square, outside = state.sum([state.contact.sum(), defect @ defect, overlap @ overlap])
-        residual = float(np.sqrt(square + outside)) / (gap_norm or 1.0)
-        history.add(
-            state,
-            level=self.level, iteration=iterations, contact_cells=int(cells), added_cells=0, dropped_cells=0,
-            changed_cells=0, residual=residual, inner_iterations=inner, work_units=float(self.operator.products),
-            load=state.load, approach=state.approach, seconds=0.0,
-        )  # fmt: skip
-        for vec in (lower, upper, h):
+        inside = state.p > 0
+        defect, overlap = e[inside], e[state.admissible & ~inside].clip(max=0)
+        squares = state.sum([defect @ defect + overlap @ overlap])[0]
+        norm = float(np.sqrt(squares))
+        self._diary.end(norm)
+        state.contact[...] = inside
+        for vec in (lower, upper):
             vec.destroy()
-        return Outcome(residual <= self.controls.rtol, reason, iterations, inner, residual)
+        residual = norm / (state.gap_norm() or 1.0)
+        converged = residual <= self.controls.rtol
+        reason = reason if converged else f"{reason}, but the residual is too large"
+        return Outcome(converged, reason, self.iterations, self.inner, residual)
+
+    def _unless_given(self, **tolerances):
+        """Those tolerances that the user has not given."""
+        options = PETSc.Options()
+        return {
+            name: value for name, value in tolerances.items() if not options.hasName(f"{self._prefix}_{name}")
+        }
+
+
+class _Diary:
+    """Makes an entry in the history for every iteration."""
+
+    def __init__(self, state, history, competitor):
+        self._state, self._history, self._competitor = state, history, competitor
+        self._inner, self._products = 0, 0
+        self._started = time.perf_counter()
+
+    def hear(self, iteration, norm):
+        """Hear of an iteration that left a residual of this norm [mm]. Collective."""
+        if not iteration:
+            return
+        state, competitor = self._state, self._competitor
+        now, before = state.p > 0, state.contact
+        counts = [np.count_nonzero(cells) for cells in (now, now & ~before, before & ~now)]
+        cells, added, dropped = (int(count) for count in state.sum(counts))
+        before[...] = now
+        self._history.add(
+            state,
+            level=competitor.level,
+            iteration=iteration,
+            contact_cells=cells,
+            added_cells=added,
+            dropped_cells=dropped,
+            changed_cells=added + dropped,
+            residual=norm / (state.gap_norm() or 1.0),
+            inner_iterations=competitor.inner - self._inner,
+            work_units=float(competitor.operator.products - self._products),
+            load=state.load,
+            approach=state.approach,
+            seconds=time.perf_counter() - self._started,
+        )
+        self._inner, self._products = competitor.inner, competitor.operator.products
+
+    def end(self, norm):
+        """Hear what the residual of the answer is, by our own measure [mm]. Collective."""
+        if not self._history.entries:
+            self.hear(1, norm)
+        self._history.entries[-1]["residual"] = norm / (self._state.gap_norm() or 1.0)
 
 
 class Tao(_Competitor):
     """A TAO solver; default tron with Jacobi-preconditioned CG."""
 
+    _prefix = "tao"
+
     def __init__(self, hierarchy, controls):
         super().__init__(hierarchy, controls)
         self.tao = PETSc.TAO().create(self.comm)
         self.tao.setType(PETSc.TAO.Type.TRON)
-        self._h, self._template = self.mat.createVecRight(), self.mat.createVecRight()
         self.tao.setObjectiveGradient(self._objective, self._template)
         self.tao.setHessian(lambda tao, x, hessian, pre: None, self.mat)
-        self.tao.setMaximumIterations(1000)
+        self.tao.setMaximumIterations(controls.max_it)
+        self.tao.setMonitor(self._monitor)
         self.tao.setFromOptions()
-        self._inner = 0
+        self.inner = 0
         ksp = self.tao.getKSP()  # of the type that was chosen; some have none
         if ksp.handle:
             ksp.setMonitor(self._count)
             if not PETSc.Options().hasName("pc_type"):
                 ksp.getPC().setType(PETSc.PC.Type.JACOBI)  # the default, ILU, needs an assembled matrix
 
+    @property
+    def iterations(self):
+        """Iterations of the last solve."""
+        return self.tao.getIterationNumber()
+
     def _count(self, ksp, iteration, norm):
-        self._inner += iteration > 0
+        self.inner += iteration > 0
+
+    def _monitor(self, tao):
+        iteration, _, norm, *_ = tao.getSolutionStatus()
+        self._diary.hear(iteration, norm)
 
     def _objective(self, tao, x, gradient):
         self.mat.mult(x, gradient)
@@ -97,16 +164,11 @@ class Tao(_Competitor):
         gradient.axpy(1.0, self._h)
         return 0.5 * quadratic + x.dot(self._h)
 
-    def _run(self, p, h, lower, upper, allowed):
-        h.copy(self._h)
+    def _run(self, p, lower, upper, allowed):
         self.tao.setVariableBounds((lower, upper))
-        self.tao.setTolerances(gatol=allowed * 0.1, grtol=0, gttol=0)
+        self.tao.setTolerances(**self._unless_given(gatol=allowed, grtol=0, gttol=0))
         self.tao.solve(p)
-        return (
-            self.tao.getIterationNumber(),
-            self._inner,
-            f"TAO {self.tao.getType()}: {reason_names(PETSc.TAO.Reason)[self.tao.getConvergedReason()]}",
-        )
+        return f"TAO {self.tao.getType()}: {reason_names(PETSc.TAO.Reason)[self.tao.getConvergedReason()]}"
 
     def destroy(self):
         """Free the solver. Collective."""
@@ -114,36 +176,44 @@ class Tao(_Competitor):
 
 
 class SnesVI(_Competitor):
-    """A SNES for variational inequalities; default vinewtonrsls with Jacobi-preconditioned CG."""
+    """A SNES for variational inequalities; default vinewtonrsls with CG."""
+
+    _prefix = "snes"
 
     def __init__(self, hierarchy, controls):
         super().__init__(hierarchy, controls)
         self.snes = PETSc.SNES().create(self.comm)
         self.snes.setType("vinewtonrsls")
-        self._h, self._residual = self.mat.createVecRight(), self.mat.createVecRight()
-        self.snes.setFunction(self._function, self._residual)
+        self.snes.setFunction(self._function, self._template)
         self.snes.setJacobian(lambda snes, x, jacobian, pre: None, self.mat)
+        self.snes.setTolerances(max_it=controls.max_it)
+        self.snes.setMonitor(lambda snes, iteration, norm: self._diary.hear(iteration, norm))
         ksp = self.snes.getKSP()
         ksp.setType(PETSc.KSP.Type.CG)
         ksp.getPC().setType(PETSc.PC.Type.NONE)
         ksp.setTolerances(rtol=1e-8)
         self.snes.setFromOptions()
 
+    @property
+    def iterations(self):
+        """Iterations of the last solve."""
+        return self.snes.getIterationNumber()
+
+    @property
+    def inner(self):
+        """Iterations of the linear solver in the last solve, so far."""
+        return self.snes.getLinearSolveIterations()
+
     def _function(self, snes, x, f):
         self.mat.mult(x, f)
         f.axpy(1.0, self._h)
 
-    def _run(self, p, h, lower, upper, allowed):
-        h.copy(self._h)
+    def _run(self, p, lower, upper, allowed):
         self.snes.setVariableBounds(lower, upper)
-        self.snes.setTolerances(rtol=0, atol=allowed * 0.1, stol=0, max_it=200)
+        self.snes.setTolerances(**self._unless_given(rtol=0, atol=allowed, stol=0))
         self.snes.solve(None, p)
         reason = reason_names(PETSc.SNES.ConvergedReason)[self.snes.getConvergedReason()]
-        return (
-            self.snes.getIterationNumber(),
-            self.snes.getLinearSolveIterations(),
-            f"SNES {self.snes.getType()}: {reason}",
-        )
+        return f"SNES {self.snes.getType()}: {reason}"
 
     def destroy(self):
         """Free the solver. Collective."""

@@ -31,7 +31,7 @@ class Monitor(Listener):
         print(
             f"{entry['level']:5d} {entry['iteration']:4d} {entry['inner_iterations']:5d} {entry['contact_cells']:9d} "
             f"{entry['added_cells']:7d} {entry['dropped_cells']:7d} {entry['residual']:10.3e} {self._work:7.2f} "
-            f"{entry['load']:14.8g} {entry['approach']:14.8g} {entry['seconds']:9.3f}",
+            f"{entry['load']:#14.8g} {entry['approach']:#14.8g} {entry['seconds']:9.3f}",
             flush=True,
         )
 

@@ -118,7 +118,7 @@ def section_figure(result, reference=None, at=None):
 
 @_styled
 def history_figure(result):
-    """Residual, contact cells and changed cells of every outer iteration, with the grids they belong to."""
+    """Residual, contact cells and changed cells of every active set iteration, with the grids they belong to."""
     figure = _figure(result, (7.0, 6.6))
     upper, lower = figure.subplots(2, 1, sharex=True)
     _draw_residual(upper, result)
@@ -259,8 +259,8 @@ def _draw_contact(axes, result):
     contact = np.where(_inadmissible(result), np.nan, result.contact)
     fading = LinearSegmentedColormap.from_list("contact", ["white", BLUE])
     _image(axes, result, contact, fading, vmin=0, vmax=1)
-    share = result.attributes["contact_fraction"]
-    entries = [Patch(color=BLUE, label=f"contact: {int(result.contact.sum())} cells ({share:.1%})")]
+    share = f"{result.attributes['contact_fraction']:.1%} of {'the possible ones' if has_outside else 'all'}"
+    entries = [Patch(color=BLUE, label=f"contact: {int(result.contact.sum())} cells, {share}")]
     if has_outside:
         entries.append(Patch(color=GREY, label="no contact possible"))
     axes.legend(handles=entries, loc="lower left", bbox_to_anchor=(0, 1), ncol=2, borderaxespad=0.2)
@@ -343,7 +343,7 @@ def _draw_residual(axes, result):
         axes.legend(loc="lower left")
         # Direct solves on the coarsest grid go down to round-off; that is not what the picture is about.
         axes.set_ylim(bottom=max(axes.get_ylim()[0], 1e-3 * result.attributes["lcp_rtol"]))
-    axes.set(xlabel="outer iteration", ylabel="residual  ‖r‖ / ‖h‖")
+    axes.set(xlabel="active set iteration", ylabel="residual  ‖r‖ / ‖h‖")
 
 
 def _draw_cells(axes, result):
@@ -356,7 +356,7 @@ def _draw_cells(axes, result):
         axes.plot(iterations[part], cells[part], "o-", color=BLUE, label="in contact" if end else None)
         axes.plot(iterations[part], changed[part], "s--", color=ORANGE, label="changed" if end else None)
     axes.set_yscale("symlog", linthresh=1)
-    axes.set(xlabel="outer iteration", ylabel="cells", ylim=(-0.3, 3 * max(1, cells.max(initial=1))))
+    axes.set(xlabel="active set iteration", ylabel="cells", ylim=(-0.3, 3 * max(1, cells.max(initial=1))))
     if cells.size:
         axes.legend(loc="upper left", ncol=2)
 

@@ -9,7 +9,7 @@ dataset                    shape       type     unit   meaning (symbol of the pa
 ``undeformed_distance``    (ny, nx)    float64  mm     h
 ``contact``                (ny, nx)    uint8    1      1 on the contact set C, else 0
 ``x``, ``y``               (nx), (ny)  float64  mm     cell centres
-``history/<column>``       (k)                         one entry per outer iteration
+``history/<column>``       (k)                         one entry per active set iteration
 =========================  ==========  =======  =====  ==========================================
 
 `gap` and `undeformed_distance` are NaN in inadmissible cells (contact impossible). The last entry of
@@ -52,6 +52,7 @@ UNITS = {
     "x": "mm",
     "y": "mm",
 }
+HISTORY_UNITS = {"load": "N", "approach": "mm", "seconds": "s"}  # of the others: 1
 HISTORY = {
     "level": np.int64,
     "contact_cells": np.int64,
@@ -244,7 +245,7 @@ def read_result(path):
     """
     path = Path(path)
     if not path.is_file():
-        raise ValueError(f"result file {path}: no such file")
+        raise ValueError(f"result file {path}: {'not a file' if path.exists() else 'no such file'}")
     try:
         with h5py.File(path, "r") as file:
             return _read_hdf5(file)
@@ -323,6 +324,7 @@ def _lay_out(path, plan):
             file.attrs[name] = value
         for name, column in plan["history"].items():
             file[f"history/{name}"] = column
+            file[f"history/{name}"].attrs["unit"] = HISTORY_UNITS.get(name, "1")
         for name, axis in plan["axes"].items():
             file[name] = axis
         for name, dtype in plan["types"].items():
@@ -347,6 +349,8 @@ def _write_rows(path, comm, slabs, rows):
 
 
 def _read_hdf5(file):
+    if not any(name in file for name in FIELDS):
+        raise ValueError("no result of app.solve: it has none of the datasets " + ", ".join(FIELDS))
     _require(file.attrs, ATTRIBUTES, "attribute")
     data = {name: _dataset(file, name, dtype) for name, dtype in (FIELDS | AXES).items()}
     shape = data["y"].size, data["x"].size

@@ -34,13 +34,11 @@ class GapArray:
         path, _, dataset = name.partition(":/")
         self.name, self.path, self._dataset = name, Path(path), dataset
         if not self.path.is_file():
-            raise ValueError(f"gap file {path}: no such file")
+            raise ValueError(f"gap file {path}: {self._why_not()}")
         suffix = self.path.suffix.lower()
         try:
             if suffix == ".npy":
-                self._rows = np.load(self.path, mmap_mode="r", allow_pickle=False)
-                if not isinstance(self._rows, np.ndarray):
-                    raise ValueError("it is an archive of arrays, not one array")
+                self._rows = self._map_npy()
             elif suffix in (".h5", ".hdf5"):
                 self._rows = self._open_hdf5()
             else:
@@ -52,6 +50,25 @@ class GapArray:
                 f"gap file {name}: holds {self._rows.dtype} of shape {self._rows.shape}; "
                 "needed: real numbers of shape (ny, nx)"
             )
+
+    def _why_not(self):
+        if self.path.exists():
+            return "not a file"
+        file, separator, _ = self.name.rpartition(":")
+        if separator and Path(file).is_file():
+            return "no such file; a dataset is named as FILE:/DATASET"
+        return "no such file"
+
+    def _map_npy(self):
+        try:
+            found = np.load(self.path, mmap_mode="r", allow_pickle=False)
+        except ValueError as error:
+            # numpy takes whatever it does not know for a pickle
+            known = "allow_pickle" not in str(error) or "Object arrays" in str(error)
+            raise ValueError(error if known else "it is no .npy file") from None
+        if not isinstance(found, np.ndarray):
+            raise ValueError("it is an archive of arrays, not one array")
+        return found
 
     def _open_hdf5(self):
         import h5py
@@ -71,16 +88,19 @@ class GapArray:
 
     def _read_text(self):
         try:
-            lines = self.path.read_text().splitlines()
+            lines = self.path.read_text(encoding="utf-8-sig").splitlines()
         except UnicodeDecodeError:
             raise ValueError("it is no text; formats: .npy, .h5, .hdf5, and text") from None
-        lines = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
-        if not lines:
+        numbers = [j for j, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")]
+        if not numbers:
             raise ValueError("it is empty")
-        rows = [_fields(line) for line in lines]
-        widths = {len(row) for row in rows}
-        if len(widths) != 1:
-            raise ValueError(f"its lines have {min(widths)} to {max(widths)} numbers")
+        rows = [_fields(lines[j]) for j in numbers]
+        for j, row in zip(numbers, rows, strict=True):
+            if len(row) != len(rows[0]):
+                raise ValueError(
+                    f"line {j + 1} has {len(row)} entries, line {numbers[0] + 1} has {len(rows[0])}; needed: "
+                    "lines of numbers, a row of cells each; others begin with #"
+                )
         return np.array([[_number(entry, j, i) for i, entry in enumerate(row)] for j, row in enumerate(rows)])
 
     @property
