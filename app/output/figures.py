@@ -92,7 +92,7 @@ def deformation_figure(result):
     upper, lower = figure.subplots(2, 1)
     _draw_map(upper, result, result.displacement, LENGTH_MAP, "displacement u  [mm]")
     gap = np.where(result.contact == 1, np.nan, result.gap)
-    _draw_map(lower, result, gap, LENGTH_MAP + "_r", "gap e  [mm]")
+    _draw_map(lower, result, gap, LENGTH_MAP + "_r", "gap e  [mm]   (white: contact)")
     return figure
 
 
@@ -259,8 +259,9 @@ def _draw_contact(axes, result):
     contact = np.where(_inadmissible(result), np.nan, result.contact)
     fading = LinearSegmentedColormap.from_list("contact", ["white", BLUE])
     _image(axes, result, contact, fading, vmin=0, vmax=1)
-    share = f"{result.attributes['contact_fraction']:.1%} of {'the possible ones' if has_outside else 'all'}"
-    entries = [Patch(color=BLUE, label=f"contact: {int(result.contact.sum())} cells, {share}")]
+    possible = int(np.count_nonzero(~_inadmissible(result)))
+    share = result.attributes["contact_fraction"]
+    entries = [Patch(color=BLUE, label=f"contact: {share:.1%} of {possible} cells")]
     if has_outside:
         entries.append(Patch(color=GREY, label="no contact possible"))
     axes.legend(handles=entries, loc="lower left", bbox_to_anchor=(0, 1), ncol=2, borderaxespad=0.2)
@@ -356,7 +357,7 @@ def _draw_cells(axes, result):
         axes.plot(iterations[part], cells[part], "o-", color=BLUE, label="in contact" if end else None)
         axes.plot(iterations[part], changed[part], "s--", color=ORANGE, label="changed" if end else None)
     axes.set_yscale("symlog", linthresh=1)
-    axes.set(xlabel="active set iteration", ylabel="cells", ylim=(-0.3, 3 * max(1, cells.max(initial=1))))
+    axes.set(xlabel="active set iteration", ylabel="cells", ylim=(-0.3, 20 * max(1, cells.max(initial=1))))
     if cells.size:
         axes.legend(loc="upper left", ncol=2)
 
