@@ -76,7 +76,7 @@ def choice(*names):
             raise ValueError("one of " + ", ".join(names))
         return text
 
-    parse.names = names
+    parse.names = names  # for the help
     return parse
 
 
@@ -159,7 +159,7 @@ TABLE = [
     Option("lcp_type", choice("active_set", "tao", "snesvi"), "active_set", "around a KSP, or PETSc's own"),
     Option("lcp_nested", flag, False, "nested iteration (FMG): solve on coarser grids first"),
     Option("lcp_rtol", _positive, 1e-6, "accepted ||r|| / ||h||, eq. (5.1); 100 times it with h on C"),
-    Option("lcp_max_it", _count, 100, "active set iterations on one grid"),
+    Option("lcp_max_it", _count, 100, "iterations on one grid: active set, or those of tao and snesvi"),
     Option("lcp_coarse_rtol", _from_zero, 0.0, "tracking KSPs: residual that is enough on coarser grids"),
     Option("lcp_merge", _from_zero, 0.0, "tracking KSPs: step of a correction when cells are dropped"),
     Option("lcp_foresight", _from_zero, 0.0, "tracking KSPs: add cells by u and this much of its expected change"),
@@ -168,7 +168,7 @@ TABLE = [
     Option("lcp_beta", _from_zero, 0.003, "start set after prolongation, eq. (4.1)"),
     Option("lcp_coarsest", _count, 4, "directions of up to this many cells are not coarsened"),
     Option("lcp_replicate", _count, 64, "grids of up to this many cells squared are held by all ranks"),
-    Option("lcp_cheap", flag, False, "stop at the discretisation error (nested iteration only)"),
+    Option("lcp_cheap", flag, False, "stop below the discretisation error (nested iteration only)"),
     Option("lcp_precision", choice("double", "single"), "double", "of products; active_set checks answers in double"),
     Option("lcp_monitor", flag, False, "a line for each active set iteration"),
     Option("output", word, None, "result file (HDF5)"),
@@ -204,6 +204,10 @@ class Options:
     def text(self, name):
         """Text of any option, PETSc's own too; empty if not set. Not collective."""
         return self._database.getString(name, "")
+
+    def all(self):
+        """All options that are set and their texts. Not collective; does not count as reading them."""
+        return self._database.getAll()
 
     def set(self, name, text):
         """Set an option as if the user had. Not collective."""
@@ -261,15 +265,19 @@ def _places(argv):
     yield "on the command line", argv
 
 
+def _default(value):
+    if value is REQUIRED or value is None:
+        return ""
+    if value is False:
+        return " (off)"
+    return f" (default {','.join(map(str, value)) if isinstance(value, tuple) else value})"
+
+
 def help_text():
     """The options of the table, for ``-help``."""
     lines = ["Options of app.solve (lengths mm, forces N, stresses N/mm2):"]
     for option in TABLE:
-        default = ",".join(map(str, option.default)) if isinstance(option.default, tuple) else option.default
-        shown = (
-            "" if default in (REQUIRED, None) else f" (default {default})".replace("(default False)", "(off)")
-        )
-        lines.append(f"  -{option.name:<20} {option.described}{shown}")
+        lines.append(f"  -{option.name:<20} {option.described}{_default(option.default)}")
     lines += [
         "Of the FFT preconditioner (-pc_type python -pc_python_type app.multigrid.circulant.Circulant):",
         f"  -{'pc_circulant_extend':<20} cells by which the residual is extended over the rim (default 0)",

@@ -7,7 +7,6 @@ or 2 with one line on standard error if there is something wrong with the input.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from pathlib import Path
 
@@ -76,10 +75,11 @@ def main(argv=None):
         if not arguments.output.parent.is_dir():
             raise ValueError(f"-o {arguments.output}: folder {arguments.output.parent} does not exist")
         arguments.output.mkdir(exist_ok=True)
-        if not os.access(arguments.output, os.W_OK):
-            raise ValueError(f"-o {arguments.output}: cannot be written to")
-        for path in draw(result, arguments.output, arguments.format, arguments.dpi):
-            print(path)
+        try:
+            paths = draw(result, arguments.output, arguments.format, arguments.dpi)
+        except OSError as error:
+            raise ValueError(f"-o {arguments.output}: cannot be written to: {error.strerror}") from None
+        print(*paths, sep="\n")
     except (ValueError, OSError) as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return 2

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import itertools
+import os
 import re
 import shlex
 import signal
@@ -49,7 +50,7 @@ def start(argv):
     if argv[-1] in OPTION_FILES:
         raise InputError(f"{argv[-1]}: a file name must follow")
     petsc4py.init(argv)
-    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # a reader that has had enough is no error, as PETSc thinks
+    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc would abort; see `say`
     try:
         from petsc4py import PETSc  # noqa: F401
     except Exception as error:
@@ -150,6 +151,16 @@ def agree(comm, function, *args):
     return result
 
 
+def say(text):
+    """Print on standard output, as long as somebody reads it. Not collective: only rank 0 prints."""
+    if MPI.COMM_WORLD.rank == 0:
+        try:
+            print(text, flush=True)
+        except BrokenPipeError:
+            # `| head` has had enough: what is computed is still wanted.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def warn(message):
     """Print a warning once. Not collective: only rank 0 prints."""
     if MPI.COMM_WORLD.rank == 0:
@@ -177,16 +188,20 @@ def run(main, argv=None):
         status = 2
     except SystemExit as error:
         status = error.code if isinstance(error.code, int) else int(error.code is not None)
-    except BaseException as error:
-        interrupted = isinstance(error, KeyboardInterrupt)
-        if interrupted:
-            print("interrupted", file=sys.stderr)
-        else:
-            traceback.print_exc()
-        sys.stderr.flush()
-        sys.stdout.flush()
-        status = 130 if interrupted else 1
-        if MPI.COMM_WORLD.size > 1:
-            MPI.COMM_WORLD.Abort(status)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        status = _end_all(130)
+    except BaseException:
+        traceback.print_exc()
+        status = _end_all(1)
     # Outside the except blocks: no traceback holds a Mat any more that PETSc would destroy too late.
     sys.exit(status)
+
+
+def _end_all(status):
+    """End the other ranks, which may wait for this one; return the status. Not collective."""
+    sys.stderr.flush()
+    sys.stdout.flush()
+    if MPI.COMM_WORLD.size > 1:
+        MPI.COMM_WORLD.Abort(status)
+    return status

@@ -20,6 +20,8 @@ from app.session import InputError
 _DOUBLES_PER_CELL = 12  # at the least, of memory
 _DOUBTFUL = 1e-2  # error bound of the certificate from which on the user should look twice
 _NEED_ENTRIES = ("hypre", "hmg", "kaczmarz", "redistribute")  # and crash without
+# PETSc's errors 56 to 92 that say that types do not go together: unsupported, wrong argument or state, no factorisation
+_WRONG_CHOICES = (56, 60, 62, 73, 75, 86, 92)
 METHODS = Path(__file__).resolve().parents[1] / "petsc_options"
 
 
@@ -30,7 +32,7 @@ def main():
     comm = MPI.COMM_WORLD
     options = Options()
     if options.given("help"):
-        PETSc.Sys.Print(help_text())
+        session.say(help_text())
         if not options.given("problem"):
             return 0
     started = time.perf_counter()
@@ -95,19 +97,18 @@ class prepare:
         self.type = options["lcp_type"]
         self.controls = Controls(rtol=options["lcp_rtol"], max_it=options["lcp_max_it"])
         self.nested, self.beta, self.prolongation, margin = False, 0.0, "", 0.0
-        if options.text("pc_type") in _NEED_ENTRIES:
-            raise InputError(
-                f"-pc_type {options.text('pc_type')}: needs the entries of the matrix, which are never stored"
-            )
+        refuse_what_needs_entries(options)
         if self.type == "active_set":
             margin = self._read_method(options)
         else:
-            refuse_own_solvers(options, self.type)
+            refuse_what_needs_operators(options, self.type)
         self.listeners = [Monitor()] if options["lcp_monitor"] else []
         if not self.listeners and comm.rank == 0 and sys.stderr.isatty():
             self.listeners.append(Progress(self.controls.rtol))
 
         by_load = isinstance(self.loading, PrescribedLoad)
+        if by_load and self.loading.load == 0:
+            self.nested, margin = False, 0.0  # there is no pressure to be found on coarser grids
         if by_load and self.type != "active_set":
             raise InputError(f"-lcp_type {self.type}: works with -approach only, not with -load")
         multilevel = self.type == "active_set" and (self.nested or by_load or options.text("pc_type") == "mg")
@@ -124,7 +125,8 @@ class prepare:
         )  # fmt: skip
         self.solver = make_solver(self.type, self.hierarchy, self.controls)
         kernels.load()
-        if options.text("pc_type") in ("mg", "sor"):
+        kind = options.text("pc_type")
+        if kind == "sor" or (kind == "mg" and options.text("mg_levels_pc_type") in ("", "sor")):
             gauss_seidel.load()
         transfer.load()
         if self.prolongation == "lift" and self.nested:
@@ -148,7 +150,6 @@ class prepare:
             # The approach is not unique: the one at which the bodies just touch.
             lowest = np.nanmin(self.shapes[-1], initial=np.inf)
             self.loading = PrescribedApproach(comm.allreduce(float(lowest), MPI.MIN))
-            self.nested = False  # there is no pressure to be found on coarser grids
         self.options_text = options.summary()
 
     def _read_method(self, options):
@@ -191,7 +192,7 @@ def make_problem(options, comm):
         ny, nx = gap.shape
         if options.given("grid"):
             nx, ny = options["grid"]
-        if (nx, ny) == (3, max(ny, 9)) and not options.given("grid"):
+        elif nx == 3 and ny > 9:
             session.warn(f"gap file {gap.name}: taken for {ny} rows of 3 cells, not for points x, y, z")
         problem = GapFile(Grid.from_domain(nx, ny, options["domain"]), material, gap)
         gap.check(Slabs.over(comm, ny).rows)
@@ -257,15 +258,20 @@ def use_default_method(options):
             options.set(name, value.strip())
 
 
-def refuse_own_solvers(options, kind):
-    """Refuse what knows this program's operators only, where PETSc works on parts of them."""
-    for name in ("ksp_python_type", "pc_python_type"):
-        if options.text(name).startswith("app."):
-            raise InputError(
-                f"-{name} {options.text(name)}: works with active_set only, not with -lcp_type {kind}"
-            )
-    if options.text("pc_type") == "mg":
-        raise InputError(f"-pc_type mg: works with active_set only, not with -lcp_type {kind}")
+def refuse_what_needs_entries(options):
+    """Refuse preconditioners that crash where a matrix can only be multiplied."""
+    for name, value in options.all().items():
+        if name.endswith("pc_type") and value in _NEED_ENTRIES:
+            raise InputError(f"-{name} {value}: needs the entries of the matrix, which are never stored")
+
+
+def refuse_what_needs_operators(options, kind):
+    """Refuse solvers that need this program's operators, where PETSc works on parts of them."""
+    given = options.all()
+    for name in ("ksp_python_type", "pc_python_type", "pc_type"):
+        value = given.get(name, "")
+        if value.startswith("app.") or value == "mg":
+            raise InputError(f"-{name} {value}: works with active_set only, not with -lcp_type {kind}")
 
 
 def make_solver(kind, hierarchy, controls):
@@ -310,6 +316,8 @@ def solve(setup, history):
         try:
             return state, setup.solver.solve(state, history)
         except PETSc.Error as error:
+            if error.ierr not in _WRONG_CHOICES:
+                raise
             raise InputError(f"-lcp_type {setup.type}: {session.petsc_message(error)}") from None
     return nested.solve(
         setup.hierarchy,
@@ -373,11 +381,9 @@ def _write(setup, state, facts, history, comm):
 
 def _report(setup, facts):
     """Print what came out, once."""
-    from petsc4py import PETSc
-
     grid = setup.problem.grid
     state = "solved" if facts["converged"] else "NOT CONVERGED"
-    PETSc.Sys.Print(
+    session.say(
         f"{facts['problem']} {grid.nx} x {grid.ny}: {state} ({facts['reason']})\n"
         f"  approach {facts['approach']:.8g} mm, load {facts['load']:.8g} N, "
         f"maximum pressure {facts['max_pressure']:.8g} N/mm2\n"

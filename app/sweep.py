@@ -271,9 +271,8 @@ def perform(run, output, processes, ranks=1, timeout=None):
         except (ValueError, OSError) as error:
             outcome["message"] = str(error)
         if status == 3:
-            outcome["message"] = f"{outcome.get('reason') or 'not converged'}. {outcome['message']}".strip(
-                ". "
-            )
+            why = outcome.get("reason") or "not converged"
+            outcome["message"] = ". ".join(filter(None, (why, outcome["message"])))
     else:
         told = [line for line in lines if line.startswith("error: ")] or lines or ["no result file"]
         outcome["message"] = told[-1] if status >= 0 else f"ended by {signal.Signals(-status).name}"

@@ -433,6 +433,8 @@ def test_crowds_of_stretched_asperities_are_met_by_load(seed):
     shape = 0.01 * (x**2 + y[:, None] ** 2) + 0.03 * np.random.default_rng(seed).standard_normal((100, 128))
     problem = Sampled(Grid.from_domain(128, 100, (0.0, 1.0, 0.0, 39.0625)), Material(1000.0, 0.3), shape)
     assert_solves_lcp(solve(problem, None, "fast", load=39062.5))
+    with mock.patch.object(loop._Progress, "_stubborn", 10**6):
+        assert not solve(problem, None, "fast", load=39062.5).outcome.converged
 
 
 def test_coarsest_grid_of_one_cell():

@@ -57,24 +57,26 @@ class _Competitor:
         lower.set(0)
         upper.setArray(np.where(state.admissible, PETSc.INFINITY, 0.0).reshape(-1))
         self._h.setArray((state.shape - state.approach * state.admissible).reshape(-1))
-        reason = self._run(state.pressure, lower, upper, 0.1 * self.controls.rtol * state.gap_norm())
+        scale = state.gap_norm() or 1.0
+        reason = self._run(state.pressure, lower, upper, 0.1 * self.controls.rtol * scale)
+        norm = self._residual(state)
+        self._diary.end(norm)
+        for vec in (lower, upper):
+            vec.destroy()
+        converged = norm <= self.controls.acceptable(state)
+        reason = reason if converged else f"{reason}; the residual is too large"
+        return Outcome(converged, reason, self.iterations, self.inner, norm / scale)
+
+    def _residual(self, state):
+        """Norm of the residual by a double precision product; sets contact and displacement. Collective."""
         with state.pressure as values:
             p = values.reshape(state.u.shape)
             np.maximum(p, 0, out=p)
+            np.greater(p, 0, out=state.contact)
             self.operator.exact_displacement(p, state.u)
         e = state.shape - state.approach + state.u
-        inside = state.p > 0
-        defect, overlap = e[inside], e[state.admissible & ~inside].clip(max=0)
-        squares = state.sum([defect @ defect + overlap @ overlap])[0]
-        norm = float(np.sqrt(squares))
-        self._diary.end(norm)
-        state.contact[...] = inside
-        for vec in (lower, upper):
-            vec.destroy()
-        residual = norm / (state.gap_norm() or 1.0)
-        converged = residual <= self.controls.rtol
-        reason = reason if converged else f"{reason}, but the residual is too large"
-        return Outcome(converged, reason, self.iterations, self.inner, residual)
+        defect, overlap = e[state.contact], e[state.admissible & ~state.contact].clip(max=0)
+        return float(np.sqrt(state.sum([defect @ defect + overlap @ overlap])[0]))
 
     def _unless_given(self, **tolerances):
         """Those tolerances that the user has not given."""
@@ -85,15 +87,17 @@ class _Competitor:
 
 
 class _Diary:
-    """Makes an entry in the history for every iteration."""
+    """Makes an entry in the history for every iteration; one waits, until it is known whether it was the last."""
 
     def __init__(self, state, history, competitor):
         self._state, self._history, self._competitor = state, history, competitor
+        self._waiting = None
         self._inner, self._products = 0, 0
         self._started = time.perf_counter()
 
     def hear(self, iteration, norm):
         """Hear of an iteration that left a residual of this norm [mm]. Collective."""
+        self._write()
         if not iteration:
             return
         state, competitor = self._state, self._competitor
@@ -101,28 +105,32 @@ class _Diary:
         counts = [np.count_nonzero(cells) for cells in (now, now & ~before, before & ~now)]
         cells, added, dropped = (int(count) for count in state.sum(counts))
         before[...] = now
-        self._history.add(
-            state,
-            level=competitor.level,
-            iteration=iteration,
-            contact_cells=cells,
-            added_cells=added,
-            dropped_cells=dropped,
-            changed_cells=added + dropped,
-            residual=norm / (state.gap_norm() or 1.0),
-            inner_iterations=competitor.inner - self._inner,
-            work_units=float(competitor.operator.products - self._products),
-            load=state.load,
-            approach=state.approach,
-            seconds=time.perf_counter() - self._started,
-        )
+        self._waiting = {
+            "level": competitor.level,
+            "iteration": iteration,
+            "contact_cells": cells,
+            "added_cells": added,
+            "dropped_cells": dropped,
+            "changed_cells": added + dropped,
+            "residual": norm / (state.gap_norm() or 1.0),
+            "inner_iterations": competitor.inner - self._inner,
+            "work_units": float(competitor.operator.products - self._products),
+            "load": state.load,
+            "approach": state.approach,
+            "seconds": time.perf_counter() - self._started,
+        }
         self._inner, self._products = competitor.inner, competitor.operator.products
 
     def end(self, norm):
-        """Hear what the residual of the answer is, by our own measure [mm]. Collective."""
-        if not self._history.entries:
-            self.hear(1, norm)
-        self._history.entries[-1]["residual"] = norm / (self._state.gap_norm() or 1.0)
+        """Hear what the residual of the answer is, by our own measure [mm]. Not collective."""
+        if self._waiting:
+            self._waiting["residual"] = norm / (self._state.gap_norm() or 1.0)
+        self._write()
+
+    def _write(self):
+        if self._waiting:
+            self._history.add(self._state, **self._waiting)
+        self._waiting = None
 
 
 class Tao(_Competitor):

@@ -21,7 +21,7 @@ class Controls:
     coarse_rtol: float = 0.0  # 0: iterate on coarser grids until the contact set is unchanged
     merge: float = 0.0  # step of the correction that shares a product with the dropping of cells
     foresight: float = 0.0  # share of the change of u to come that is believed when cells are added
-    cheap: bool = False  # stop on the target grid too as soon as the discretisation error dominates
+    cheap: bool = False  # stop on every grid when the discretisation error dominates
 
     # In cheap mode: residual over ||h|| on C, per expected relative error of the pressure; and at most. What cells just
     # added lack weighs more than the residual says, hence so little.
@@ -30,13 +30,15 @@ class Controls:
     _telling = 0.02  # residual of coarser grids, per difference of pressures, that does not spoil it
 
     _in_contact = 100.0  # binds where contact is small in a large patch, or some cells are very far apart
-    _digits = 1e-14  # of ||h||: what rounding of the distances leaves, however small the contact
+    _digits = 1e-14  # of ||h||: what rounding of displacements leaves, however small the contact
 
     def acceptable(self, state, inside=None):
         """Norm of the residual that solves the problem [mm]; `inside`: the gap on C, if known. Collective if not."""
         whole = state.gap_norm() or 1.0
-        inside = inside or state.gap_in_contact()
-        least = max(self._digits * whole, inside.rounding)
+        inside = state.gap_in_contact() if inside is None else inside
+        least = max(
+            self._digits * whole, inside.rounding
+        )  # of the second criterion; the first is the user's word
         in_contact = max(self.rtol * self._in_contact * inside.norm, least) if inside.norm > 0 else np.inf
         return min(self.rtol * whole, in_contact)
 
@@ -144,6 +146,8 @@ def iterate(state, solver, loading, controls, history, target=True, discretisati
     residual = 0.0
     work = solver.work_units
     policy = _Policy(controls)
+    if solver.tracks:
+        solver.relax()
     progress = _Progress()
     resume = False
 
@@ -183,6 +187,7 @@ def iterate(state, solver, loading, controls, history, target=True, discretisati
             residual = _relative(again, state)
             done = again.added == 0 and again.residual <= controls.acceptable(state)
             change = again.after(change)
+            enough = enough and policy.enough(again.residual, again.added, again.cells, allowed)
         done |= enough
         resume = change.changed == 0 and state.current and not checked  # the same system, further on
         work, work_before = solver.work_units, work
@@ -205,16 +210,16 @@ def iterate(state, solver, loading, controls, history, target=True, discretisati
             return end(False, f"the linear solver failed: {failure}", iteration)
         if not residual < float("inf"):
             return end(False, "the residual is not a finite number", iteration)
-        progress.hear_of(change)
-        if progress.stuck():
-            policy.calm(solver)
-        if target and not done and progress.exhausted(state):
-            return end(False, SINGLE_EXHAUSTED, iteration)
-        if target and not done and loading.prescribes_load and progress.wanders():
-            return end(False, WANDERS, iteration)
         if done:
             reason = "contact area unchanged and residual small enough"
             return end(True, "discretisation error reached" if enough and target else reason, iteration)
+        progress.hear_of(change)
+        if target and progress.exhausted(state):
+            return end(False, SINGLE_EXHAUSTED, iteration)
+        if target and loading.prescribes_load and progress.wanders():
+            return end(False, WANDERS, iteration)
+        if progress.stuck():
+            policy.calm(solver)
     return end(False, f"{controls.max_it} active set iterations were not enough", controls.max_it)
 
 
@@ -258,9 +263,7 @@ class _Progress:
 
     _patience = 3  # iterations in single precision that do not halve the residual
     _noise = 1e-5  # of h on C: a larger residual is not for want of digits
-    _stubborn = (
-        4  # iterations that do not halve the residual, before the contact set is changed with more care
-    )
+    _stubborn = 4  # iterations that do not, before the contact set is changed with more care
     _longest = 8  # iterations under a given load that do not halve the residual
 
     def __init__(self):
@@ -334,8 +337,11 @@ class _Policy:
             if dropped and fingerprint in self.seen:
                 self._care(solver)
             self.seen.add(fingerprint)
-        enough = bool(loose) and change.residual <= allowed and change.changed <= self._little * change.cells
-        return change, enough
+        return change, bool(loose) and self.enough(change.residual, change.changed, change.cells, allowed)
+
+    def enough(self, residual, changed, cells, allowed):
+        """Whether loose accuracy is reached. Not collective."""
+        return residual <= allowed and changed <= self._little * cells
 
     def calm(self, solver):
         """Take smaller steps from now on: the residual does not fall. Not collective."""

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 
-from mpi4py import MPI
-
 from app.contact.loop import Listener
+from app.session import say
 
 _HEADER = (
     "level   it inner   contact   added dropped   residual    work       load [N]  approach [mm]  time [s]"
@@ -22,17 +21,14 @@ class Monitor(Listener):
 
     def iteration(self, entry, state):
         """Print an entry of the history."""
-        if MPI.COMM_WORLD.rank:
-            return
         if entry["level"] != self._level:
-            print(_HEADER)
+            say(_HEADER)
             self._level = entry["level"]
         self._work += entry["work_units"]
-        print(
+        say(
             f"{entry['level']:5d} {entry['iteration']:4d} {entry['inner_iterations']:5d} {entry['contact_cells']:9d} "
             f"{entry['added_cells']:7d} {entry['dropped_cells']:7d} {entry['residual']:10.3e} {self._work:7.2f} "
-            f"{entry['load']:#14.8g} {entry['approach']:#14.8g} {entry['seconds']:9.3f}",
-            flush=True,
+            f"{entry['load']:#14.8g} {entry['approach']:#14.8g} {entry['seconds']:9.3f}"
         )
 
 

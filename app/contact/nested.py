@@ -115,7 +115,7 @@ def _iterate(hierarchy, number, state, arguments, given=None, direct=False):
         solver.destroy()
     if outcome.reason == SINGLE_EXHAUSTED:
         operator.use_double()
-        state.current = False  # u is a sum of single precision products
+        state.current = state.exact  # or u is a sum of single precision products
         outcome = _iterate(hierarchy, number, state, arguments).after(outcome)
     return outcome
 
@@ -133,21 +133,23 @@ def _search_approach(state, solver, loading, controls, *arguments):
     """
     rtol, near = _ROUGHLY, _NEAR
     lowest, highest, before, outcome = -np.inf, np.inf, None, None
+    bisected = False
+    following = state.approach
     for _ in range(_SEARCHES):
+        state.approach = following
         roughly = replace(controls, rtol=max(controls.rtol, rtol))
-        found = iterate(state, solver, PrescribedApproach(state.approach), roughly, *arguments)
+        found = iterate(state, solver, PrescribedApproach(following), roughly, *arguments)
         outcome = found.after(outcome) if outcome else found
         if not found.converged:
             return outcome
-        here = state.approach, state.load
+        here = following, state.load
         lacks = loading.load - here[1]
-        if abs(lacks) <= near * loading.load:
-            outcome = iterate(state, solver, loading, controls, *arguments).after(outcome)
-            if outcome.reason != WANDERS:
-                return outcome
-            state.approach = here[0]
-            rtol, near = 0.01 * rtol, 0.01 * near
-        if before and abs(lacks) > 0.3 * abs(loading.load - before[1]):
+        if (
+            before
+            and not bisected
+            and abs(lacks) > 0.3 * abs(loading.load - before[1])
+            and rtol > controls.rtol
+        ):
             rtol *= 0.1  # so roughly, loads and with them the bounds may be wrong
             lowest, highest = -np.inf, np.inf
         lowest, highest = (here[0], highest) if lacks > 0 else (lowest, here[0])
@@ -155,16 +157,19 @@ def _search_approach(state, solver, loading, controls, *arguments):
         if not slope > 0:
             # As if the load were proportional to the mean displacement in contact.
             total, cells = state.sum([np.sum(state.u, where=state.contact), np.count_nonzero(state.contact)])
-            slope = here[1] * cells / total if total > 0 else loading.load / state.gap_norm()
-        before = here
+            slope = here[1] * cells / total if total > 0 else loading.load / (state.gap_norm() or 1.0)
         following = here[0] + lacks / slope
-        if not lowest < following < highest and np.isfinite(highest - lowest):
+        bisected = not lowest < following < highest and np.isfinite(highest - lowest)
+        if bisected:
             following = 0.5 * (lowest + highest)
+        before = here
+        if abs(lacks) <= near * loading.load:
+            outcome = iterate(state, solver, loading, controls, *arguments).after(outcome)
+            if outcome.reason != WANDERS:
+                return outcome
+            rtol, near = 0.01 * rtol, 0.01 * near
         if following == here[0]:
-            return replace(
-                outcome, converged=False, reason="the approach has no digits left to meet the load"
-            )
-        state.approach = following
+            return replace(outcome, converged=False, reason="no approach is nearer to the one of the load")
     return replace(outcome, converged=False, reason=f"{_SEARCHES} approaches did not meet the load")
 
 

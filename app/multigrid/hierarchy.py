@@ -48,7 +48,7 @@ class Hierarchy:
         self.comm, self.compliance, self.dtype, self.margin = comm, compliance, dtype, margin
         self._spent = 0.0  # in windows that are gone
         grids, factors = [grid], []
-        most = 1 if single else grid.n
+        most = 1 if single else grid.n  # grids; more there cannot be
         if not single and grid.coarsen(coarsest) is None:
             coarsest, most = 1, 2  # a multigrid method needs two grids
         while len(grids) < most and (coarser := grids[-1].coarsen(coarsest)) is not None:

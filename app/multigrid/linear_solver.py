@@ -73,6 +73,7 @@ class LinearSolver:
         for name, value, allowed in (("rtol", rtol, 0), ("atol", atol, 0), ("max_it", max_it, 1)):
             if value < allowed:
                 raise ValueError(f"-{prefix}ksp_{name} {value:g}: allowed: from {allowed}")
+        self._rtol = rtol
         self._own_atol = options.hasName("ksp_atol")
         context = ksp.getPythonContext() if ksp.getType() == PETSc.KSP.Type.PYTHON else None
         self._tracking = context if isinstance(context, TrackingCG) else None
@@ -170,6 +171,10 @@ class LinearSolver:
         """Ask for ten times the relative accuracy from now on. Not collective."""
         rtol = self.ksp.getTolerances()[0]
         self.ksp.setTolerances(rtol=max(0.1 * rtol, 1e-12))
+
+    def relax(self):
+        """Ask for the relative accuracy of the options again. Not collective."""
+        self.ksp.setTolerances(rtol=self._rtol)
 
     def _solve(self, b, x, allowed):
         if not self._own_atol and self.ksp.getNormType() in _KRYLOV_RESIDUAL_IS_TRUE:

@@ -9,7 +9,7 @@ dataset                    shape       type     unit   meaning (symbol of the pa
 ``undeformed_distance``    (ny, nx)    float64  mm     h
 ``contact``                (ny, nx)    uint8    1      1 on the contact set C, else 0
 ``x``, ``y``               (nx), (ny)  float64  mm     cell centres
-``history/<column>``       (k)                         one entry per active set iteration
+``history/<column>``       (k)                  yes    one entry per active set iteration
 =========================  ==========  =======  =====  ==========================================
 
 `gap` and `undeformed_distance` are NaN in inadmissible cells (contact impossible). The last entry of

@@ -60,15 +60,13 @@ class GapArray:
         return "no such file"
 
     def _map_npy(self):
-        try:
-            found = np.load(self.path, mmap_mode="r", allow_pickle=False)
-        except ValueError as error:
-            # numpy takes whatever it does not know for a pickle
-            known = "allow_pickle" not in str(error) or "Object arrays" in str(error)
-            raise ValueError(error if known else "it is no .npy file") from None
-        if not isinstance(found, np.ndarray):
+        with self.path.open("rb") as file:
+            start = file.read(6)
+        if start.startswith(b"PK"):
             raise ValueError("it is an archive of arrays, not one array")
-        return found
+        if not start.startswith(np.lib.format.MAGIC_PREFIX):
+            raise ValueError("it is no .npy file")  # numpy takes whatever it does not know for a pickle
+        return np.load(self.path, mmap_mode="r", allow_pickle=False)
 
     def _open_hdf5(self):
         import h5py
@@ -101,7 +99,12 @@ class GapArray:
                     f"line {j + 1} has {len(row)} entries, line {numbers[0] + 1} has {len(rows[0])}; needed: "
                     "lines of numbers, a row of cells each; others begin with #"
                 )
-        return np.array([[_number(entry, j, i) for i, entry in enumerate(row)] for j, row in enumerate(rows)])
+        return np.array(
+            [
+                [_number(entry, j, i) for i, entry in enumerate(row)]
+                for j, row in zip(numbers, rows, strict=True)
+            ]
+        )
 
     @property
     def shape(self):
@@ -135,12 +138,12 @@ def _fields(line):
 
 
 def _number(entry, j, i):
-    """Value of an entry of a text."""
+    """Value of an entry of a text, in line j, counted from 0."""
     try:
         return float(entry)
     except ValueError:
         raise ValueError(
-            f"row {j}, column {i} (from 0): {entry.strip()!r} is no number; needed: decimal points, "
+            f"line {j + 1}, entry {i + 1}: {entry.strip()!r} is no number; needed: decimal points, "
             "and nan where contact is impossible"
         ) from None
 
