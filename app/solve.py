@@ -20,8 +20,9 @@ from app.session import InputError
 _DOUBLES_PER_CELL = 12  # at the least, of memory
 _DOUBTFUL = 1e-2  # error bound of the certificate from which on the user should look twice
 _NEED_ENTRIES = ("hypre", "hmg", "kaczmarz", "redistribute")  # and crash without
-# PETSc's errors 56 to 92 that say that types do not go together: unsupported, wrong argument or state, no factorisation
-_WRONG_CHOICES = (56, 60, 62, 73, 75, 86, 92)
+# PETSc's errors that say that types do not go together: unsupported, wrong argument or state, method missing, unknown
+# type, no factorisation
+_WRONG_CHOICES = (56, 60, 62, 73, 75, 83, 86, 92)
 METHODS = Path(__file__).resolve().parents[1] / "petsc_options"
 
 
