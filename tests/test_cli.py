@@ -100,9 +100,10 @@ CASES = {
         "works with active_set only",
     ),
     "solver without bounds": (
-        [*DEFAULT, "-lcp_type", "snesvi", "-snes_type", "newtonls"], "newtonls does not support bounds"
+        [*DEFAULT, "-lcp_type", "snesvi", "-snes_type", "newtonls"], "allowed: vinewtonrsls"
     ),
-    "solver that needs more of the matrix": ([*DEFAULT, "-lcp_type", "tao", "-tao_type", "bqpip"], "setDiagonal"),
+    "solver that crashes": ([*DEFAULT, "-lcp_type", "tao", "-tao_type", "ssils"], "-tao_type ssils: allowed: tron"),
+    "pc of another solver that needs a matrix": ([*DEFAULT, "-lcp_type", "tao", "-pc_type", "ilu"], "ILU"),
     "pc that crashes without entries": ([*HERTZ, "-pc_type", "hypre"], "-pc_type hypre: needs the entries"),
     "no problem": (["-problem", "ball"], "allowed: one of hertz, punch, file"),
     "no frequencies": ([*HERTZ, "-problem", "punch", "-surface_modes", "0"], "allowed: M,N or M"),

@@ -378,6 +378,20 @@ def test_variants_by_petscs_options(options):
     assert_solves_lcp(solve(hertz(64), APPROACH, "fmg_v11", **options))
 
 
+@pytest.mark.parametrize("kind", ["tao", "snesvi"])
+@pytest.mark.parametrize("scale", [1.0, 1e-10])
+def test_petscs_own_solvers_find_small_contacts_in_any_units(kind, scale):
+    grid = Grid.from_domain(51, 51, (-10.0, 10.0, -10.0, 10.0))
+    x, y = np.meshgrid(grid.x(), grid.y())
+    problem = Sampled(grid, Material(1000.0 * scale, 0.3), (x**2 + y**2) / 2)
+    for approach in (1e-5, 0.5):
+        expected = solve(problem, approach, "fast")
+        found = solve(problem, approach, None, lcp_type=kind)
+        assert_solves_lcp(found)
+        assert found.load == pytest.approx(expected.load, rel=1e-3)
+        assert found.load > 0
+
+
 @pytest.mark.parametrize("n", [16, 40])
 @pytest.mark.parametrize("options", [{}, {"lcp_precision": "double"}, {"lcp_window": 0}])
 @pytest.mark.parametrize("rtol", [1e-11, 1e-14, 1e-20])

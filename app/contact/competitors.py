@@ -13,6 +13,7 @@ from petsc4py import PETSc
 
 from app.contact.loop import Outcome
 from app.multigrid.linear_solver import reason_names
+from app.multigrid.pcmg import options_set
 
 
 class _Competitor:
@@ -26,10 +27,14 @@ class _Competitor:
     """
 
     _prefix = ""
+    types = ()  # those that know bounds and need no more of the matrix than products and its diagonal
 
     def __init__(self, hierarchy, controls):
         self.operator = hierarchy.target
         self.controls = controls
+        wanted = PETSc.Options().getString(f"{self._prefix}_type", self.types[0])
+        if wanted not in self.types:
+            raise ValueError(f"-{self._prefix}_type {wanted}: allowed: {', '.join(self.types)}")
         self.level = len(hierarchy.levels) - 1
         self.comm = PETSc.Comm(hierarchy.comm)
         self.mat = self.operator.mat(self.comm)
@@ -51,21 +56,22 @@ class _Competitor:
             listener.start(state, self.level)
         self.operator.mask[...] = True  # the matrix is A, not C A C
         state.contact = np.zeros(state.u.shape, bool)  # no longer the operator's
-        state.pressure.set(0)
+        state.start_from_interpenetration()
         self._diary = _Diary(state, history, self)
         lower, upper = state.pressure.duplicate(), state.pressure.duplicate()
         lower.set(0)
         upper.setArray(np.where(state.admissible, PETSc.INFINITY, 0.0).reshape(-1))
         self._h.setArray((state.shape - state.approach * state.admissible).reshape(-1))
-        scale = state.gap_norm() or 1.0
-        reason = self._run(state.pressure, lower, upper, 0.1 * self.controls.rtol * scale)
+        acceptable = self.controls.acceptable(state)
+        reason = self._run(state.pressure, lower, upper, 0.1 * acceptable)
         norm = self._residual(state)
         self._diary.end(norm)
         for vec in (lower, upper):
             vec.destroy()
-        converged = norm <= self.controls.acceptable(state)
+        # Without any pressure only the first of the two says what is little.
+        converged = norm <= min(acceptable, self.controls.acceptable(state))
         reason = reason if converged else f"{reason}; the residual is too large"
-        return Outcome(converged, reason, self.iterations, self.inner, norm / scale)
+        return Outcome(converged, reason, self.iterations, self.inner, norm / (state.gap_norm() or 1.0))
 
     def _residual(self, state):
         """Norm of the residual by a double precision product; sets contact and displacement. Collective."""
@@ -137,6 +143,7 @@ class Tao(_Competitor):
     """A TAO solver; default tron with Jacobi-preconditioned CG."""
 
     _prefix = "tao"
+    types = "tron gpcg blmvm bncg bnls bntr bntl bqnls bqnkls bqnktr bqnktl".split()
 
     def __init__(self, hierarchy, controls):
         super().__init__(hierarchy, controls)
@@ -187,6 +194,7 @@ class SnesVI(_Competitor):
     """A SNES for variational inequalities; default vinewtonrsls with CG."""
 
     _prefix = "snes"
+    types = ("vinewtonrsls",)
 
     def __init__(self, hierarchy, controls):
         super().__init__(hierarchy, controls)
@@ -200,7 +208,10 @@ class SnesVI(_Competitor):
         ksp.setType(PETSc.KSP.Type.CG)
         ksp.getPC().setType(PETSc.PC.Type.NONE)
         ksp.setTolerances(rtol=1e-8)
-        self.snes.setFromOptions()
+        with options_set(
+            "", {"snes_vi_zero_tolerance": "0"}, {}
+        ):  # PETSc's is a pressure of 1e-8, whatever the units
+            self.snes.setFromOptions()
 
     @property
     def iterations(self):

@@ -168,16 +168,17 @@ def _search_approach(state, solver, loading, controls, *arguments):
             if outcome.reason != WANDERS:
                 return outcome
             rtol, near = 0.01 * rtol, 0.01 * near
-        if following == here[0]:
+        if following in (lowest, here[0], highest):
             return replace(outcome, converged=False, reason="no approach is nearer to the one of the load")
     return replace(outcome, converged=False, reason=f"{_SEARCHES} approaches did not meet the load")
 
 
 def _difference(transfer, coarse, state):
-    """Return the rms difference of the pressures on two grids over that of the pressure. Collective."""
-    change = transfer.restrict_defect(state.p) - coarse
-    squares = sum_over(transfer.coarse.comm, [np.vdot(change, change), np.vdot(coarse, coarse)])
-    return float(np.sqrt(squares[0] / squares[1])) if squares[1] > 0 else float("nan")
+    """Return the rms difference of the pressures on two grids over that of the larger; NaN if none. Collective."""
+    fine = transfer.restrict_defect(state.p)
+    change = fine - coarse
+    squares = sum_over(transfer.coarse.comm, [np.vdot(p, p) for p in (change, fine, coarse)])
+    return float(np.sqrt(squares[0] / max(squares[1:]))) if squares[0] > 0 else float("nan")
 
 
 def _any_admissible(level, shape):
