@@ -29,7 +29,7 @@ from app.halfspace.grid import Slabs
 
 _AT_ONCE = 16  # sequences in a batch
 _ROWS_AT_ONCE, _COLUMNS_AT_ONCE = 2 * _AT_ONCE, _AT_ONCE  # two real rows are a sequence
-_GROUP_BYTES = 1 << 20
+_GROUP_BYTES = 1 << 22
 _FLAGS = (fftw.FFTW_ESTIMATE,)  # deterministic, and as fast as measured plans here
 
 
@@ -385,9 +385,10 @@ class EvenMultiplier:
         """Split the columns into groups, each dealt to all ranks; the same in all precisions."""
         if self.comm is None:
             return [_ColumnGroup(0, columns, 1, 0, self.slabs.counts)]
-        largest = max(self.slabs.counts) * columns * np.dtype(complex).itemsize
-        groups = int(np.clip(largest // _GROUP_BYTES, 1, max(1, columns // self.comm.size)))
-        edges = np.linspace(0, columns, groups + 1).astype(int)
+        column = max(self.slabs.counts) * np.dtype(complex).itemsize
+        batches = self.comm.size * _COLUMNS_AT_ONCE  # all ranks busy, with no batch half empty
+        width = max(1, _GROUP_BYTES // (column * batches)) * batches
+        edges = [*range(0, columns, width), columns]
         return [
             _ColumnGroup(a, b, self.comm.size, self.comm.rank, self.slabs.counts)
             for a, b in itertools.pairwise(edges)
