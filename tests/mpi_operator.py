@@ -144,7 +144,7 @@ def main():
             check_mat(comm, grid, block)
         check_product(comm, grid, dtype=np.float32, tolerance=SINGLE)
     with many_groups():
-        assert comm.size == 1 or len(make_convolution(comm, GRIDS["more than a block"])._groups) > 4
+        assert comm.size == 1 or len(make_convolution(comm, GRIDS["more than a block"])._groups) > 1
     if comm.rank == 0:
         print(f"passed on {comm.size} ranks")
 
