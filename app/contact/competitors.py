@@ -208,9 +208,8 @@ class SnesVI(_Competitor):
         ksp.setType(PETSc.KSP.Type.CG)
         ksp.getPC().setType(PETSc.PC.Type.NONE)
         ksp.setTolerances(rtol=1e-8)
-        with options_set(
-            "", {"snes_vi_zero_tolerance": "0"}, {}
-        ):  # PETSc's is a pressure of 1e-8, whatever the units
+        # PETSc's own default is a pressure of 1e-8, whatever the units.
+        with options_set("", {"snes_vi_zero_tolerance": "0"}, {}):
             self.snes.setFromOptions()
 
     @property

@@ -36,9 +36,8 @@ class Controls:
         """Norm of the residual that solves the problem [mm]; `inside`: the gap on C, if known. Collective if not."""
         whole = state.gap_norm() or 1.0
         inside = state.gap_in_contact() if inside is None else inside
-        least = max(
-            self._digits * whole, inside.rounding
-        )  # of the second criterion; the first is the user's word
+        # Rounding limits the second criterion only; the first is the user's word.
+        least = max(self._digits * whole, inside.rounding)
         in_contact = max(self.rtol * self._in_contact * inside.norm, least) if inside.norm > 0 else np.inf
         return min(self.rtol * whole, in_contact)
 

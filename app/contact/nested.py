@@ -144,12 +144,8 @@ def _search_approach(state, solver, loading, controls, *arguments):
             return outcome
         here = following, state.load
         lacks = loading.load - here[1]
-        if (
-            before
-            and not bisected
-            and abs(lacks) > 0.3 * abs(loading.load - before[1])
-            and rtol > controls.rtol
-        ):
+        slow = before and not bisected and abs(lacks) > 0.3 * abs(loading.load - before[1])
+        if slow and rtol > controls.rtol:
             rtol *= 0.1  # so roughly, loads and with them the bounds may be wrong
             lowest, highest = -np.inf, np.inf
         lowest, highest = (here[0], highest) if lacks > 0 else (lowest, here[0])
