@@ -96,31 +96,30 @@ def word(text):
     return text
 
 
+def _pair(text, allowed, fits):
+    """Two whole numbers from 1, or one for both, that `fits` accepts."""
+    try:
+        numbers = [int(part) for part in text.split(",")]
+    except ValueError:
+        raise ValueError(allowed) from None
+    first, last = numbers[0], numbers[-1]
+    if len(numbers) > 2 or min(numbers) < 1 or not fits(first, last):
+        raise ValueError(allowed)
+    return first, last
+
+
 def grid_size(text):
     """Kind: ``nx,ny``, or ``n`` for both."""
     from petsc4py import PETSc
 
     most = np.iinfo(PETSc.IntType).max
     allowed = f"nx,ny or n, whole numbers of at least 1, and at most {most} cells"
-    try:
-        sizes = [int(part) for part in text.split(",")]
-    except ValueError:
-        raise ValueError(allowed) from None
-    if len(sizes) not in (1, 2) or min(sizes) < 1 or sizes[0] * sizes[-1] > most:
-        raise ValueError(allowed)
-    return sizes[0], sizes[-1]
+    return _pair(text, allowed, lambda nx, ny: nx * ny <= most)
 
 
 def frequencies(text):
     """Kind: ``M,N``, or ``M`` for both."""
-    allowed = "M,N or M, whole numbers from 1 to 10000"
-    try:
-        numbers = [int(part) for part in text.split(",")]
-    except ValueError:
-        raise ValueError(allowed) from None
-    if len(numbers) not in (1, 2) or not 1 <= min(numbers) <= max(numbers) <= 10000:
-        raise ValueError(allowed)
-    return numbers[0], numbers[-1]
+    return _pair(text, "M,N or M, whole numbers from 1 to 10000", lambda m, n: max(m, n) <= 10000)
 
 
 def domain(text):

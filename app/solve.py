@@ -77,6 +77,8 @@ def main():
 class prepare:
     """Everything that can be refused before any work: problem, grids, solver, output. Collective."""
 
+    nested, beta, prolongation, margin = False, 0.0, "copy", 0.0  # of the active set's methods only
+
     def __init__(self, options, comm):
         from app.contact import kernels, nested  # noqa: F401  (imported before the solve is timed)
         from app.contact.loading import PrescribedApproach, PrescribedLoad
@@ -97,10 +99,9 @@ class prepare:
         self.loading = make_loading(*loading(options))
         self.type = options["lcp_type"]
         self.controls = Controls(rtol=options["lcp_rtol"], max_it=options["lcp_max_it"])
-        self.nested, self.beta, self.prolongation, margin = False, 0.0, "", 0.0
         refuse_what_needs_entries(options)
         if self.type == "active_set":
-            margin = self._read_method(options)
+            self._read_method(options)
         else:
             refuse_what_needs_operators(options, self.type)
         self.listeners = [Monitor()] if options["lcp_monitor"] else []
@@ -108,8 +109,9 @@ class prepare:
             self.listeners.append(Progress(self.controls.rtol))
 
         by_load = isinstance(self.loading, PrescribedLoad)
-        if by_load and self.loading.load == 0:
-            self.nested, margin = False, 0.0  # there is no pressure to be found on coarser grids
+        just_touching = by_load and self.loading.load == 0
+        if just_touching:
+            self.nested, self.margin = False, 0.0  # there is no pressure to be found on coarser grids
         if by_load and self.type != "active_set":
             raise InputError(f"-lcp_type {self.type}: works with -approach only, not with -load")
         multilevel = self.type == "active_set" and (self.nested or by_load or options.text("pc_type") == "mg")
@@ -122,7 +124,7 @@ class prepare:
             grid, compliance, comm, options["lcp_coarsest"], options["lcp_replicate"] ** 2,
             single=not multilevel,
             dtype=np.float32 if in_single else np.float64,
-            margin=margin,
+            margin=self.margin,
         )  # fmt: skip
         self.solver = make_solver(self.type, self.hierarchy, self.controls)
         kernels.load()
@@ -147,14 +149,14 @@ class prepare:
             check_single("pressures", highest / largest, "N/mm2")
         if not comm.allreduce(int(np.count_nonzero(~np.isnan(self.shapes[-1])))):
             raise InputError(f"-problem {self.problem.name}: contact is impossible in all cells (NaN)")
-        if by_load and self.loading.load == 0:
+        if just_touching:
             # The approach is not unique: the one at which the bodies just touch.
             lowest = np.nanmin(self.shapes[-1], initial=np.inf)
             self.loading = PrescribedApproach(comm.allreduce(float(lowest), MPI.MIN))
         self.options_text = options.summary()
 
     def _read_method(self, options):
-        """Take the options of the active set iteration; return the margin of windows."""
+        """Take the options of the active set iteration."""
         use_default_method(options)
         self.controls = replace(
             self.controls,
@@ -164,14 +166,13 @@ class prepare:
             cheap=options["lcp_cheap"],
         )
         self.nested, self.beta = options["lcp_nested"], options["lcp_beta"]
-        self.prolongation, margin = options["lcp_prolongation"], options["lcp_window"]
-        if margin and not self.nested:
+        self.prolongation, self.margin = options["lcp_prolongation"], options["lcp_window"]
+        if self.margin and not self.nested:
             raise InputError("-lcp_window: is found on coarser grids; allowed with -lcp_nested only")
-        if margin and options.text("pc_type") == "mg":
+        if self.margin and options.text("pc_type") == "mg":
             raise InputError("-lcp_window: the levels of -pc_type mg are whole grids; not allowed with it")
         if self.controls.cheap and not self.nested:
             raise InputError("-lcp_cheap: estimates errors from two grids; allowed with -lcp_nested only")
-        return margin
 
     def free_solver(self):
         """Free the solver of the target grid, if there is one. Collective."""

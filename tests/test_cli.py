@@ -560,17 +560,7 @@ def test_a_reader_may_go_away(tmp_path):
 def test_interrupted(tmp_path):
     """Ctrl-C: one line, status 130, no file."""
     out = tmp_path / "out.h5"
-    slow = (
-        "-grid",
-        "512",
-        "-lcp_rtol",
-        "1e-14",
-        "-lcp_max_it",
-        "100000",
-        "-ksp_rtol",
-        "1e-15",
-        "-lcp_monitor",
-    )
+    slow = "-grid 512 -lcp_rtol 1e-14 -lcp_max_it 100000 -ksp_rtol 1e-15 -lcp_monitor".split()
     process = subprocess.Popen(
         [sys.executable, *COMMAND, *slow, "-output", str(out)],
         cwd=TESTS.parent, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,

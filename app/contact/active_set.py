@@ -112,9 +112,9 @@ class ContactGrid:
         return minimum_over(self.comm, values)
 
     def gap_norm(self):
-        """||h||_2 over the admissible cells [mm], eq. (5.1). Not collective."""
+        """||h||_2 over the admissible cells [mm], eq. (5.1); 1 where it is zero, to be divided by. Not collective."""
         _, mean, deviation = self.statistics
-        return float(np.sqrt(deviation + self.admissible_cells * (mean - self.approach) ** 2))
+        return float(np.sqrt(deviation + self.admissible_cells * (mean - self.approach) ** 2)) or 1.0
 
     def gap_in_contact(self):
         """||h||_2 over C, and what rounding of the distances to the approach leaves of it [mm]. Collective."""

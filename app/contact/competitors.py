@@ -27,7 +27,7 @@ class _Competitor:
     """
 
     _prefix = ""
-    types = ()  # those that know bounds and need no more of the matrix than products and its diagonal
+    types = ()  # the default, and others that know bounds and need no more of the matrix than products
 
     def __init__(self, hierarchy, controls):
         self.operator = hierarchy.target
@@ -50,7 +50,7 @@ class _Competitor:
         Raises
         ------
         PETSc.Error
-            If the chosen solver cannot do with bounds, or with what this matrix offers.
+            If the chosen linear solver cannot do with what this matrix offers.
         """
         for listener in history.listeners:
             listener.start(state, self.level)
@@ -71,7 +71,7 @@ class _Competitor:
         # Without any pressure only the first of the two says what is little.
         converged = norm <= min(acceptable, self.controls.acceptable(state))
         reason = reason if converged else f"{reason}; the residual is too large"
-        return Outcome(converged, reason, self.iterations, self.inner, norm / (state.gap_norm() or 1.0))
+        return Outcome(converged, reason, self.iterations, self.inner, norm / state.gap_norm())
 
     def _residual(self, state):
         """Norm of the residual by a double precision product; sets contact and displacement. Collective."""
@@ -118,7 +118,7 @@ class _Diary:
             "added_cells": added,
             "dropped_cells": dropped,
             "changed_cells": added + dropped,
-            "residual": norm / (state.gap_norm() or 1.0),
+            "residual": norm / state.gap_norm(),
             "inner_iterations": competitor.inner - self._inner,
             "work_units": float(competitor.operator.products - self._products),
             "load": state.load,
@@ -130,7 +130,7 @@ class _Diary:
     def end(self, norm):
         """Hear what the residual of the answer is, by our own measure [mm]. Not collective."""
         if self._waiting:
-            self._waiting["residual"] = norm / (self._state.gap_norm() or 1.0)
+            self._waiting["residual"] = norm / self._state.gap_norm()
         self._write()
 
     def _write(self):
@@ -148,7 +148,7 @@ class Tao(_Competitor):
     def __init__(self, hierarchy, controls):
         super().__init__(hierarchy, controls)
         self.tao = PETSc.TAO().create(self.comm)
-        self.tao.setType(PETSc.TAO.Type.TRON)
+        self.tao.setType(self.types[0])
         self.tao.setObjectiveGradient(self._objective, self._template)
         self.tao.setHessian(lambda tao, x, hessian, pre: None, self.mat)
         self.tao.setMaximumIterations(controls.max_it)
@@ -199,7 +199,7 @@ class SnesVI(_Competitor):
     def __init__(self, hierarchy, controls):
         super().__init__(hierarchy, controls)
         self.snes = PETSc.SNES().create(self.comm)
-        self.snes.setType("vinewtonrsls")
+        self.snes.setType(self.types[0])
         self.snes.setFunction(self._function, self._template)
         self.snes.setJacobian(lambda snes, x, jacobian, pre: None, self.mat)
         self.snes.setTolerances(max_it=controls.max_it)

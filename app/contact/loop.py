@@ -34,7 +34,7 @@ class Controls:
 
     def acceptable(self, state, inside=None):
         """Norm of the residual that solves the problem [mm]; `inside`: the gap on C, if known. Collective if not."""
-        whole = state.gap_norm() or 1.0
+        whole = state.gap_norm()
         inside = state.gap_in_contact() if inside is None else inside
         # Rounding limits the second criterion only; the first is the user's word.
         least = max(self._digits * whole, inside.rounding)
@@ -168,7 +168,7 @@ def iterate(state, solver, loading, controls, history, target=True, discretisati
             allowed *= _PROVISIONAL_MARGIN
         loose = controls.loose(target, solver.tracks, discretisation_error)
         if loose:
-            allowed = max(allowed, loose * min(state.gap_norm() or 1.0, inside.norm))
+            allowed = max(allowed, loose * min(state.gap_norm(), inside.norm))
         solver.contact_changed()
         inner_now, failure, norm = _advance(state, solver, loading, allowed, resume)
         inner += inner_now
@@ -224,7 +224,7 @@ def iterate(state, solver, loading, controls, history, target=True, discretisati
 
 def _relative(change, state):
     """||r|| / ||h||, eq. (5.1), at the approach of now. Not collective."""
-    return change.residual / (state.gap_norm() or 1.0)
+    return change.residual / state.gap_norm()
 
 
 def _advance(state, solver, loading, allowed, resume):

@@ -153,7 +153,7 @@ def _search_approach(state, solver, loading, controls, *arguments):
         if not slope > 0:
             # As if the load were proportional to the mean displacement in contact.
             total, cells = state.sum([np.sum(state.u, where=state.contact), np.count_nonzero(state.contact)])
-            slope = here[1] * cells / total if total > 0 else loading.load / (state.gap_norm() or 1.0)
+            slope = here[1] * cells / total if total > 0 else loading.load / state.gap_norm()
         following = here[0] + lacks / slope
         bisected = not lowest < following < highest and np.isfinite(highest - lowest)
         if bisected:
