@@ -1,0 +1,40 @@
+"""The one way to refuse something, on one rank or on all of them at once."""
+
+from __future__ import annotations
+
+
+class InputError(ValueError):
+    """The user asked for something that cannot be done; the message says what, where and what is allowed."""
+
+
+def one_line(error):
+    """Text of an exception on one line; its type if it says nothing. Not collective."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def agree(comm, function, *args, only_root=False):
+    """Call ``function(*args)`` on every rank; if it fails on any, raise InputError on all.
+
+    Collective over the mpi4py communicator `comm`; `function` itself must not be. ValueError, OSError and MemoryError
+    are the user's to hear of, whichever rank meets them; anything else is a mistake of this program and is raised as it is.
+
+    Parameters
+    ----------
+    only_root : bool
+        Only rank 0 calls, and tells the others what it got.
+    """
+    result = complaint = None
+    try:
+        if comm.rank == 0 or not only_root:
+            result = function(*args)
+    except (ValueError, OSError, MemoryError) as error:
+        complaint = one_line(error)
+    if only_root:
+        result, complaint = comm.bcast((result, complaint))
+        complaints = [complaint]
+    else:
+        complaints = comm.allgather(complaint)
+    for message in complaints:
+        if message is not None:
+            raise InputError(message)
+    return result

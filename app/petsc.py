@@ -1,0 +1,141 @@
+"""What petsc4py 3.18 lacks, by PETSc's own C functions; each with the release that ends the need, if there is one.
+
+- Option databases of one's own that take the place of the global one for a while (none yet: petsc4py can make
+  them, but not push them).
+- The options that nobody has asked for (petsc4py 3.24 has ``Options.used``).
+"""
+
+from __future__ import annotations
+
+import ctypes
+from contextlib import contextmanager
+from functools import cache
+
+import numpy as np
+from petsc4py import PETSc
+
+_Handle = ctypes.c_void_p
+_Text = ctypes.c_char_p
+
+
+@cache
+def _library():
+    library = ctypes.CDLL(PETSc.__file__)  # libpetsc's symbols resolve through it
+    integer = ctypes.c_int32 if np.dtype(PETSc.IntType).itemsize == 4 else ctypes.c_int64
+    texts = ctypes.POINTER(ctypes.POINTER(_Text))
+    lists = [_Handle, ctypes.POINTER(integer), texts, texts]
+    for name, arguments in {
+        "PetscOptionsCreate": [ctypes.POINTER(_Handle)],
+        "PetscOptionsDestroy": [ctypes.POINTER(_Handle)],
+        "PetscOptionsPush": [_Handle],
+        "PetscOptionsPop": [],
+        "PetscOptionsSetValue": [_Handle, _Text, _Text],
+        "PetscOptionsClearValue": [_Handle, _Text],
+        "PetscOptionsInsertString": [_Handle, _Text],
+        "PetscOptionsLeftGet": lists,
+        "PetscOptionsLeftRestore": lists,
+    }.items():
+        library[name].argtypes = arguments
+        library[name].restype = ctypes.c_int
+    library.integer = integer
+    return library
+
+
+def _call(name, *arguments):
+    code = getattr(_library(), name)(*arguments)
+    if code:
+        raise PETSc.Error(code)
+
+
+class OptionDatabase:
+    """Options of one solver, which PETSc and petsc4py read as long as they are `active`.
+
+    Not collective. The global database stays as it is.
+
+    Parameters
+    ----------
+    texts : mapping of str to str
+        Names without dash, and values; the empty text for an option without one.
+
+    Examples
+    --------
+    >>> options = OptionDatabase({"ksp_rtol": "0.1", "ksp_bogus": ""})
+    >>> with options.active():
+    ...     PETSc.Options().getReal("ksp_rtol")
+    0.1
+    >>> options.unused()
+    ['ksp_bogus']
+    >>> PETSc.Options().hasName("ksp_rtol")
+    False
+    """
+
+    def __init__(self, texts=()):
+        self._handle = _Handle()
+        _call("PetscOptionsCreate", ctypes.byref(self._handle))
+        for name, text in dict(texts).items():
+            self.set(name, text)
+
+    def set(self, name, text=""):
+        """Set an option."""
+        _call("PetscOptionsSetValue", self._handle, f"-{name}".encode(), text.encode() if text else None)
+
+    def drop(self, name):
+        """Remove an option."""
+        _call("PetscOptionsClearValue", self._handle, f"-{name}".encode())
+
+    def insert(self, text):
+        """Let PETSc read options as they stand on a command line; ``-options_file F`` reads a file.
+
+        Raises
+        ------
+        PETSc.Error
+            If it cannot.
+        """
+        _call("PetscOptionsInsertString", self._handle, text.encode())
+
+    @contextmanager
+    def active(self):
+        """Take the place of PETSc's default database inside the block."""
+        _call("PetscOptionsPush", self._handle)
+        try:
+            yield PETSc.Options()
+        finally:
+            _call("PetscOptionsPop")
+
+    def texts(self):
+        """All options and their whole values, name -> text; counts as asking for none of them."""
+        unused = set(self.unused())
+        with self.active() as database:
+            # getAll cuts values at blanks, getString marks them as used.
+            found = {name: database.getString(name, "") for name in database.getAll()}
+        for name in unused & found.keys():
+            self.drop(name)
+            self.set(name, found[name])
+        return found
+
+    def unused(self):
+        """Names of the options that nobody has asked for so far."""
+        return unused_options(self._handle)
+
+    def __del__(self):
+        if self._handle and PETSc.Sys.isInitialized() and not PETSc.Sys.isFinalized():
+            _call("PetscOptionsDestroy", ctypes.byref(self._handle))
+
+
+def unused_options(handle=None):
+    """Names of the options that nobody has asked for so far, in PETSc's global database by default. Not collective."""
+    count = _library().integer()
+    names, values = ctypes.POINTER(_Text)(), ctypes.POINTER(_Text)()
+    parts = handle, ctypes.byref(count), ctypes.byref(names), ctypes.byref(values)
+    _call("PetscOptionsLeftGet", *parts)
+    unused = [names[i].decode() for i in range(count.value)]
+    _call("PetscOptionsLeftRestore", *parts)
+    return unused
+
+
+def error_message(error):
+    """What a PETSc.Error says, on one line and without its stack. Not collective."""
+    noise = ("error code", "See ", "#")
+    lines = (line.split("] ", 1)[-1] if line.startswith("[") else line for line in str(error).splitlines())
+    told = [line.strip() for line in lines if "() " not in line and not line.startswith(noise)]
+    return told[-1] if told else " ".join(str(error).split())
