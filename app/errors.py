@@ -16,7 +16,7 @@ def agree(comm, function, *args, only_root=False):
     """Call ``function(*args)`` on every rank; if it fails on any, raise InputError on all.
 
     Collective over the mpi4py communicator `comm`; `function` itself must not be. ValueError, OSError and MemoryError
-    are the user's to hear of, whichever rank meets them; anything else is a mistake of this program and is raised as it is.
+    are the user's to hear of, whichever rank meets them; anything else is a mistake of the program and raised as it is.
 
     Parameters
     ----------
