@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from app.contact.state import Displacement
 from app.halfspace.grid import Grid
 from app.halfspace.influence import influence_quadrant
 
@@ -43,15 +44,16 @@ class Certificate:
 
 
 def certify(state):
-    """Certify the pressure of a `ContactGrid` with one product in double precision.
+    """Certify the pressure of a `ContactState`.
 
-    Collective. Recomputes ``state.u`` from the pressure.
+    Collective. Needs a product in double precision, unless the last one of the iteration was one.
 
     Returns
     -------
     Certificate
     """
-    state.operator.exact_displacement(state.p, state.u)
+    if state.u_is is not Displacement.EXACT:
+        state.compute_displacement(exact=True)
     largest = np.full(6, -np.inf)
     sums = np.zeros(2)
     for p, u, h, e in _blocks(state):
@@ -78,7 +80,7 @@ def _blocks(state):
     for first in range(0, len(state.u), _ROWS_AT_ONCE):
         rows = slice(first, first + _ROWS_AT_ONCE)
         p, u, admissible = state.p[rows], state.u[rows], state.admissible[rows]
-        h = np.where(admissible, state.shape[rows] - state.approach, 0.0)
+        h = np.where(admissible, -state.distance.b[rows], 0.0)
         yield p, u, h, np.where(admissible, h + u, 0.0)
 
 

@@ -1,21 +1,17 @@
 """What is prescribed: the approach, or the load, for which the approach is found along the way.
 
-Contact under a given load is the same problem with the constraint ``dx dy sum(p) = F``; the approach is its Lagrange
-multiplier. Every active set iteration restores the load by a constant pressure on C, and takes the mean defect on C
-into the approach. The first happens just before, the second just after the product that the update of the contact
-set needs anyway, so neither costs one.
+The load F(delta) = dx dy sum(p) of the solved problem increases with the approach; its slope is S = dx dy sum(q) with
+``A q = 1`` on C. On the first grid a bracketing root search meets the load and leaves a secant for the slope. From
+there on every active set iteration moves the approach by what the load lacks over the slope, as soon as that is more
+than the residual may be to blame for (Newton's method). In the end a factor to p and u = A p makes the load exact.
 
-A constant is not q, the solution of ``A q = 1`` on C, which would be exact. It takes ``s = |C|^2 / (1.A1)`` for the
-slope ``S = 1.q`` of the load, and ``s <= S`` (Cauchy and Schwarz): 0.92 S on a circle, but little where a large contact
-area has many small ones around it. The approach would go S/s times too far, and a solver that then solves exactly
-leave 1 - S/s of what the load lacked before. So two successive iterations tell s/S (Aitken's relaxation).
+Where that does not converge, the root search over solved problems does on any grid: F is monotone.
 """
 
 from __future__ import annotations
 
 import numpy as np
-
-from app.contact import kernels
+from scipy.optimize import brentq
 
 
 class PrescribedApproach:
@@ -25,23 +21,28 @@ class PrescribedApproach:
 
     def __init__(self, approach):
         self.approach = float(approach)
+        self.slope = 0.0
 
-    def start(self, state):
-        """Choose approach, contact set and pressure on the first grid. Not collective."""
+    def first_solve(self, state, solve):
+        """Solve on the first grid of all: ``solve(loading)`` from C = {h <= 0}, step 1. Collective.
+
+        Returns
+        -------
+        Outcome
+        """
         state.approach = self.approach
         state.start_from_interpenetration()
+        return solve(self)
 
     def begin(self, state):
         """Prepare the iteration on a grid. Not collective."""
 
-    def balance(self, state):
-        """Keep the pressure that the linear solver found."""
-
-    def rescale(self, state):
-        """Keep the pressure that dropping cells has left."""
-
-    def settle(self, state):
+    def update(self, state):
         """Keep the approach."""
+
+    def settle(self, state, update):
+        """Return what `update` says: there is nothing else to be met."""
+        return update
 
 
 class PrescribedLoad:
@@ -54,55 +55,105 @@ class PrescribedLoad:
     """
 
     prescribes_load = True
-    _most = 5.0  # times that s/S may fall at once: what the load lacks has other reasons, too
 
     def __init__(self, load):
         self.load = float(load)
-        self._forget()
+        self.slope = 0.0  # S [N/mm]
+        self._before = None
 
-    def _forget(self):
-        self._relaxation, self._lacked = 1.0, 0.0
+    def first_solve(self, state, solve):
+        """Solve on the first grid of all, by root search. Collective; see `PrescribedApproach.first_solve`."""
+        state.approach = 0.0
+        state.start_from_interpenetration()
+        return self.search(state, solve, rtol=1e-3)
 
-    def start(self, state):
-        """Start with contact everywhere: most loads will tear it open again. Not collective."""
-        state.approach = state.mean_shape()
-        state.contact[...] = state.admissible
-        state.pressure.set(0)
-        state.u[...] = 0
+    def search(self, state, solve, rtol, step=None):
+        """Bracketing root search: problems of prescribed approach are solved until the load is met.
+
+        Converges for every problem that `solve` can solve, because the load is monotone in the approach. Collective.
+
+        Parameters
+        ----------
+        state : ContactState
+        solve : callable
+            ``solve(loading)`` solves from the present contact set and pressure, and returns the Outcome.
+        rtol : float
+            Of the approach beyond first touch, in which the load is steeper.
+        step : float, optional
+            How far the approach of `state` may be from the right one [mm]; without it nothing is known.
+
+        Returns
+        -------
+        Outcome
+            Of all solves; not converged if one is not.
+        """
+        touching = state.first_touch()
+        loads, outcomes = {touching: 0.0}, []
+
+        def lacks(approach):
+            if approach not in loads:
+                state.approach = approach
+                outcomes.append(solve(PrescribedApproach(approach)))
+                if not outcomes[-1].converged:
+                    raise ArithmeticError
+                loads[approach] = state.load
+            return loads[approach] / self.load - 1
+
+        try:
+            if step is None:
+                low, high = touching, touching + self.load / stiffness_of_patch(state)
+            else:
+                low, high = max(touching, state.approach - step), max(touching, state.approach) + step
+            while lacks(high) < 0:
+                low, high = high, high + 2 * (high - low)
+            while lacks(low) > 0:
+                low, high = max(touching, low - 2 * (high - low)), low
+            root = brentq(lacks, low, high, xtol=rtol * (high - touching))
+            if state.approach != root:
+                loads.pop(root, None)
+                lacks(root)
+        except ArithmeticError:
+            pass  # the outcome says why
+        (d1, f1), (d2, f2) = sorted(loads.items(), key=lambda point: abs(point[1] - self.load))[:2]
+        self.slope = (f2 - f1) / (d2 - d1) if f2 != f1 else stiffness_of_patch(state)
+        outcome = outcomes[0]
+        for later in outcomes[1:]:
+            outcome = later.after(outcome)
+        return outcome
 
     def begin(self, state):
-        """Give the first pressure on a grid the load. Collective."""
-        self._forget()
-        state.touch()
-        self.rescale(state)
+        """Prepare the iteration on a grid. Collective."""
+        self._before = None
+        state.first_contact()
 
-    def balance(self, state):
-        """Give the pressure the load by a constant on C; it may be negative after that. Collective."""
-        total, cells = state.sum([state.p.sum(), np.count_nonzero(state.contact)])
-        lacks = self.load / state.grid.cell_area - total
-        if self._lacked:
-            ratio = min(1.0 - lacks / self._lacked, self._most)
-            self._relaxation = min(self._relaxation / ratio, 1.0) if ratio > 0 else 1.0
-        self._lacked = lacks
-        with state.pressure as values:
-            p = values.reshape(state.u.shape)
-            np.add(p, lacks / cells, out=p, where=state.contact)
-        state.current = False
+    def update(self, state):
+        """Move the approach by what the load lacks over the slope. Collective; u is A p."""
+        blame, _, _ = state.gap_on_contact()
+        here = state.approach, state.load
+        if self._before:
+            moved = here[0] - self._before[0]
+            slope = (here[1] - self._before[1]) / moved
+            if abs(moved) > 10 * blame and 0.5 * self.slope < slope < 2 * self.slope:
+                self.slope = slope
+            self._before = None
+        lacks = (self.load - here[1]) / self.slope
+        if abs(lacks) > blame:
+            state.approach += lacks
+            self._before = here
 
-    def rescale(self, state):
-        """Give the pressure the load by a factor; spread it evenly over C if there is none. Collective."""
-        total = state.pressure.sum()
-        wanted = self.load / state.grid.cell_area
-        if total <= 0:
-            state.touch()
-            cells = state.sum([state.contact.sum()])[0]
-            state.pressure.setArray(state.contact.reshape(-1) * (wanted / cells))
-        else:  # which may be NaN, for the residual to tell
-            state.pressure.scale(wanted / total)
-        state.current = False
+    def settle(self, state, update):
+        """Make the load exact by a factor, and the approach what the gap in contact then says. Collective; u is A p.
 
-    def settle(self, state):
-        """Take the mean defect on C into the approach. Collective."""
-        total, cells = state.sum(kernels.total_defect(state.shape, state.u, state.approach, state.contact))
-        if cells:
-            state.approach += self._relaxation * total / cells
+        Returns
+        -------
+        Update
+            Of the contact set after that.
+        """
+        state.scale(self.load / state.load)
+        state.approach += state.gap_on_contact()[1]
+        return state.activate_penetrating().after(update)
+
+
+def stiffness_of_patch(state):
+    """Load per approach of about a flat punch as large as the patch [N/mm], the most there can be. Not collective."""
+    return 2 / (np.pi * state.operator.compliance) * np.sqrt(state.grid.n * state.grid.cell_area / np.pi)

@@ -38,7 +38,7 @@ class InfluenceOperator:
         Precision of the products (PETSc's vectors are always float64); small grids have a stored matrix in double.
     exact_product : optional
         Whose ``apply(p, u)`` is the last word, if not that of a double precision product on this grid.
-    partner : InfluenceOperator, optional
+    workspace : InfluenceOperator, optional
         One whose products are at rest while those of this one are computed, so that they can share storage.
 
     Attributes
@@ -53,14 +53,14 @@ class InfluenceOperator:
     """
 
     def __init__(
-        self, grid, compliance, slabs=None, comm=None, dtype=np.float64, exact_product=None, partner=None
+        self, grid, compliance, slabs=None, comm=None, dtype=np.float64, exact_product=None, workspace=None
     ):
         self.grid, self.compliance = grid, compliance
         self.comm = comm if slabs is not None else None
         self.slabs = slabs or Slabs(grid.ny)
         self._dense = grid.n <= DenseProduct.largest and self.comm is None
         self.dtype = np.dtype(np.float64 if self._dense else dtype)
-        self._partner = partner
+        self._workspace = workspace
         if exact_product is not None:
             self.exact_product = exact_product
         # Whether what `product` says must be checked by the exact one.
@@ -72,7 +72,6 @@ class InfluenceOperator:
         self.products = self.sweeps = 0
         self._spent = 0.0  # products of objects that are gone
         self.contact_number = 0
-        self._mats = []
         self._relaxation = None
 
     # -- products, made when first asked for ---------------------------------------------------------------
@@ -105,7 +104,7 @@ class InfluenceOperator:
         made = vars(self)
         products = (made.get("product"), made.get("exact_product"))
         here = next((product for product in products if isinstance(product, Convolution)), None)
-        return here or (self._partner and self._partner.storage)
+        return here or (self._workspace and self._workspace.storage)
 
     def _convolution(self, dtype):
         quadrant = partial(influence_quadrant, self.grid, self.compliance)
@@ -119,32 +118,23 @@ class InfluenceOperator:
         return PETSc.COMM_SELF if self.comm is None else PETSc.Comm(self.comm)
 
     def mat(self, comm):
-        """Make a Mat with this context. Collective over the PETSc communicator `comm`."""
+        """Make a Mat with this context, which is the caller's to destroy. Collective over the PETSc communicator `comm`."""
         local = self.local_shape[0] * self.local_shape[1]
         size = (local, PETSc.DETERMINE)
         mat = PETSc.Mat().createPython((size, size), self, comm=comm)
         mat.setOption(PETSc.Mat.Option.SPD, True)
         mat.setUp()
-        self._mats.append(mat)
         return mat
 
     def mask_changed(self):
-        """Tell PETSc that the matrix is another one now. Not collective."""
+        """Take notice of another contact set; who holds a Mat must tell PETSc. Not collective."""
         self.contact_number += 1
-        for mat in self._mats:
-            mat.stateIncrease()
 
     def use_double(self):
         """Go on in double precision: preconditioners and solvers must be made again. Collective."""
         self._let_go()
         self.dtype = np.dtype(np.float64)
         self.provisional = not isinstance(self.exact_product, Convolution)
-
-    def free(self):
-        """Free the Mats (`destroy` is what PETSc calls on a context). Collective."""
-        for mat in self._mats:
-            mat.destroy()
-        self._mats.clear()
 
     def free_solvers(self):
         """Free what only solvers need: preconditioner, sweeps, all products but the exact one. Not collective."""

@@ -89,7 +89,7 @@ def bounding_box(mask, slabs, comm):
     return Window(int(box[0]), 1 - int(box[2]), int(box[1]), 1 - int(box[3]))
 
 
-class Passage:
+class Scatter:
     """Moves fields from the rows of a grid to those of a window of it, each with slabs of their own.
 
     Parameters
@@ -114,7 +114,7 @@ class Passage:
         last = min(self.outer.starts[outer_rank + 1] - self.window.y0, self.inner.starts[inner_rank + 1])
         return first, max(first, last)
 
-    def enter(self, field):
+    def forward(self, field):
         """Return a copy of the window's part of a field on the grid, shape (rows here, columns). Collective."""
         if self.comm is None:
             return field[self._here, self.columns].copy()
@@ -123,7 +123,7 @@ class Passage:
         self._exchange(of_grid, of_window)
         return part
 
-    def leave(self, part, field):
+    def reverse(self, part, field):
         """Put a field on the window into one on the grid, in place. Collective."""
         if self.comm is None:
             field[self._here, self.columns] = part

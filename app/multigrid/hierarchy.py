@@ -109,13 +109,13 @@ class Hierarchy:
         return shapes
 
     @property
-    def lookout(self):
+    def finest_whole(self):
         """Number of the largest level that is always worked on as a whole."""
         whole = [number for number, level in enumerate(self.levels) if not self.windowed(level)]
         return max(whole, default=0)
 
-    def lowest(self, shapes):
-        """Least undeformed distance of the target grid in each cell of the lookout. Collective.
+    def coarse_minimum(self, shapes):
+        """Least undeformed distance of the target grid in each cell of the finest whole grid. Collective.
 
         Returns
         -------
@@ -125,7 +125,7 @@ class Hierarchy:
         if not self.windowed(self.target):
             return None
         lowest = shapes[-1]
-        for transfer in self.transfers[: self.lookout : -1]:
+        for transfer in self.transfers[: self.finest_whole : -1]:
             lowest = transfer.restrict_minimum(lowest)
         return lowest
 
@@ -138,13 +138,7 @@ class Hierarchy:
         self._spent += self.share(operator) * operator.equivalent_products
 
     def keep_only_the_answer(self):
-        """Free everything but the target's double precision product: the solvers are done. Collective."""
-        self.destroy()
+        """Free everything but the target's double precision product: the solvers are done. Not collective."""
         del self.levels[:-1]
         self.transfers = [None]
         self.target.free_solvers()
-
-    def destroy(self):
-        """Free the Mats of all levels. Collective."""
-        for level in self.levels:
-            level.free()

@@ -1,32 +1,33 @@
-"""The linear solver of one contact system: a KSP on the masked operator, set up from the options database.
+"""The linear solver of one contact system (2.11): a KSP on the masked operator, set up from PETSc's options.
 
 Whatever PETSc offers for a matrix that can be multiplied can be chosen: ``-ksp_type cg -pc_type none`` (NORM),
-``-pc_type jacobi``, ``-pc_type mg`` (see `pcmg`), ``-pc_type python -pc_python_type ...`` (see `circulant`).
+``-pc_type jacobi``, ``-pc_type mg`` (see `pcmg`), ``-pc_type python -pc_python_type ...``.
 """
 
 from __future__ import annotations
 
-import numpy as np
-from petsc4py import PETSc
-from scipy.linalg import cho_factor, cho_solve
+import math
 
-from app.multigrid.krylov import TrackingCG
-from app.multigrid.pcmg import SMOOTHER_DEFAULTS, Multigrid, options_set, replicated_matrix
+from petsc4py import PETSc
+
+from app.multigrid.pcmg import SMOOTHER_DEFAULTS, Multigrid, options_set
 
 
 def reason_names(reasons):
-    """Names of the values of one of PETSc's classes of reasons, by value."""
+    """Names of the values of one of PETSc's classes of reasons, by value. Not collective."""
     return {value: name for name, value in vars(reasons).items() if isinstance(value, int)}
 
 
 _REASONS = reason_names(PETSc.KSP.ConvergedReason)
 _KRYLOV_RESIDUAL_IS_TRUE = (PETSc.KSP.NormType.UNPRECONDITIONED,)
+_NEED_ENTRIES = ("hypre", "hmg", "kaczmarz", "redistribute")  # and crash without
+_NEED_PARTS = ("shell", "composite", "galerkin", "fieldsplit", "ksp", "mat")  # that options alone cannot give
 
 
 class LinearSolver:
     """Solves C A C p = b for the contact set in the operator's mask.
 
-    Collective over `comm`.
+    Collective over `comm`. Options are read from PETSc's database as it is now.
 
     Parameters
     ----------
@@ -39,6 +40,11 @@ class LinearSolver:
         Of the options.
     operator : InfluenceOperator, optional
         In place of that level's: the same in a window. Not with -pc_type mg.
+
+    Raises
+    ------
+    ValueError, PETSc.Error
+        If the options ask for what cannot be had.
     """
 
     def __init__(self, hierarchy, level=-1, comm=None, prefix="", operator=None):
@@ -49,13 +55,16 @@ class LinearSolver:
         self.operator = operators[-1]
         self._weights = [(op, hierarchy.share(op)) for op in operators]
         comm = comm or PETSc.Comm(hierarchy.comm)
+        options = PETSc.Options(prefix)
+        pc_type = options.getString("pc_type", "")
+        if pc_type in _NEED_PARTS:
+            raise ValueError(f"-{prefix}pc_type {pc_type}: needs parts that options cannot give")
+        self.multigrid, self._work = None, None
         self.mat = self.operator.mat(comm)
         self.ksp = ksp = PETSc.KSP().create(comm)
         ksp.setOptionsPrefix(prefix)
         ksp.setOperators(self.mat)
-        options = PETSc.Options(prefix)
-        self.multigrid = None
-        if options.getString("pc_type", "") == "mg":
+        if pc_type == "mg":
             levels, transfers = hierarchy.levels, hierarchy.transfers
             self.multigrid = Multigrid(
                 ksp, levels[: self.level + 1], transfers[: self.level + 1], comm, len(levels)
@@ -71,20 +80,17 @@ class LinearSolver:
             ksp.setUp()
         rtol, atol, _, max_it = ksp.getTolerances()
         for name, value, allowed in (("rtol", rtol, 0), ("atol", atol, 0), ("max_it", max_it, 1)):
-            if value < allowed:
+            if not (math.isfinite(value) and value >= allowed):
                 raise ValueError(f"-{prefix}ksp_{name} {value:g}: allowed: from {allowed}")
-        self._rtol = rtol
         self._own_atol = options.hasName("ksp_atol")
-        context = ksp.getPythonContext() if ksp.getType() == PETSc.KSP.Type.PYTHON else None
-        self._tracking = context if isinstance(context, TrackingCG) else None
-        self._work = None
 
-    def contact_changed(self):
+    def set_contact(self):
         """Take over the contact set that is in the operator's mask now. Collective."""
         if self.multigrid:
             self.multigrid.contact_changed()
         else:
             self.operator.mask_changed()
+        self.mat.stateIncrease()
 
     @property
     def work_units(self):
@@ -97,87 +103,35 @@ class LinearSolver:
         )
         return float(sum(share * (op.products + op.sweeps) for op, share in counted))
 
-    @property
-    def tracks(self):
-        """Whether `track` is available: the KSP keeps u = A p up to date."""
-        return self._tracking is not None
-
-    @property
-    def work(self):
-        """A Vec that is free between solves."""
-        if self._work is None:
-            self._work = self.mat.createVecRight()
-        return self._work
-
-    def solve(self, b, x, allowed):
+    def solve(self, b, allowed):
         """Solve C A C x = b from x = 0, as far as the options go.
 
         Collective.
 
         Parameters
         ----------
-        b, x : Vec
+        b : Vec
         allowed : float
             Norm of the residual that is small enough [mm]; the absolute tolerance of Krylov methods that
             monitor the true residual, unless -ksp_atol is given.
 
         Returns
         -------
+        x : Vec
+            Overwritten by the next call.
         iterations : int
         failure : str
             Empty, or why the solver cannot go on. Running out of iterations is no failure: one cycle, or a
             few steps of CG, are what an active set iteration wants.
         """
+        if self._work is None:
+            self._work = self.mat.createVecRight()
         self.ksp.setInitialGuessNonzero(False)
-        return self._solve(b, x, allowed)
+        iterations, failure = self._run(b, self._work, allowed)
+        return self._work, iterations, failure
 
-    def track(self, b, x, u, allowed, balance=False, resume=False):
-        """Improve x and u = A x towards C A C x = b; `b` holds the residual on exit.
-
-        Collective. For solvers that `tracks`.
-
-        Parameters
-        ----------
-        b, x : Vec
-        u : ndarray, shape (local rows, nx)
-        allowed : float
-        balance : bool
-            Keep the sum of x and shift b instead.
-        resume : bool
-            Nothing has changed since the last call.
-
-        Returns
-        -------
-        iterations : int
-        failure : str
-            As of `solve`.
-        residual, shift : float
-        """
-        tracking = self._tracking
-        self.ksp.setInitialGuessNonzero(True)
-        tracking.displacement, tracking.balance, tracking.resume = u, balance, resume
-        iterations, failure = self._solve(b, x, allowed)
-        return iterations, failure, tracking.residual, tracking.shift
-
-    def correct(self, r, x, step):
-        """Add a multiple of the preconditioned residual: x += step M r on C. Collective. For solvers that `tracks`."""
-        self._tracking.correct(self.ksp, r, x, step)
-
-    def foresee(self, r):
-        """Return what reducing the residual r will add to u around C; None if unknown. Collective. If it `tracks`."""
-        return self._tracking.foresee(self.ksp, r)
-
-    def tighten(self):
-        """Ask for ten times the relative accuracy from now on. Not collective."""
-        rtol = self.ksp.getTolerances()[0]
-        self.ksp.setTolerances(rtol=max(0.1 * rtol, 1e-12))
-
-    def relax(self):
-        """Ask for the relative accuracy of the options again. Not collective."""
-        self.ksp.setTolerances(rtol=self._rtol)
-
-    def _solve(self, b, x, allowed):
-        if not self._own_atol and self.ksp.getNormType() in _KRYLOV_RESIDUAL_IS_TRUE:
+    def _run(self, b, x, allowed):
+        if not self._own_atol and self.ksp.getNormType() in _KRYLOV_RESIDUAL_IS_TRUE and math.isfinite(allowed):
             # A hair below: what passes here must pass the same test on the recomputed residual.
             self.ksp.setTolerances(atol=allowed * (1 - 1e-9))
         self.ksp.solve(b, x)
@@ -186,47 +140,10 @@ class LinearSolver:
         return self.ksp.getIterationNumber(), _REASONS.get(reason, str(reason)) if failed else ""
 
     def destroy(self):
-        """Free the KSP. Collective."""
+        """Free the KSP and what belongs to it. Collective."""
         self.ksp.destroy()
+        self.mat.destroy()
         if self._work is not None:
             self._work.destroy()
         if self.multigrid:
             self.multigrid.destroy()
-
-
-class DirectSolver:
-    """The same on a small replicated grid, by Cholesky factorisation of A on C. Not collective.
-
-    Parameters
-    ----------
-    operator : InfluenceOperator
-        On a grid of at most `LARGEST_DIRECT` cells.
-    level : int
-        Its number in the hierarchy.
-    """
-
-    tracks = False
-    work_units = 0.0
-
-    def __init__(self, operator, level=0):
-        self.level, self.operator = level, operator
-        self._matrix = replicated_matrix(operator)
-        self._factors = None
-        self.work = PETSc.Vec().createSeq(operator.grid.n)
-
-    def contact_changed(self):
-        """See `LinearSolver.contact_changed`."""
-        self._inside = self.operator.mask.reshape(-1).copy()
-        self._factors = cho_factor(self._matrix[np.ix_(self._inside, self._inside)], overwrite_a=True)
-
-    def solve(self, b, p, allowed):
-        """See `LinearSolver.solve`."""
-        right = b.getArray(readonly=True)[self._inside]
-        with p as solution:
-            solution[...] = 0
-            solution[self._inside] = cho_solve(self._factors, right)
-        return 1, ""
-
-    def destroy(self):
-        """Free the work vector."""
-        self.work.destroy()

@@ -12,8 +12,7 @@ from contextlib import contextmanager
 import numpy as np
 from petsc4py import PETSc
 
-from app.halfspace.influence import dense_matrix
-from app.multigrid.hierarchy import LARGEST_DIRECT
+from app.multigrid.direct import replicated_matrix
 
 _SMOOTHER = {
     "mg_levels_ksp_type": "richardson",
@@ -30,17 +29,6 @@ _DIRECT = {
     "mg_coarse_sub_pc_type": "lu",
     "mg_coarse_sub_pc_factor_zeropivot": "1e-300",  # the size of influence coefficients is a matter of units
 }
-
-
-def replicated_matrix(operator):
-    """Dense A of a replicated level of at most `LARGEST_DIRECT` cells. Not collective."""
-    grid = operator.grid
-    if grid.n > LARGEST_DIRECT or operator.comm is not None:
-        raise ValueError(
-            f"a coarsest grid of {grid.nx} x {grid.ny} cells is too large for a direct "
-            f"solve; allowed: {LARGEST_DIRECT} cells in all, on a replicated level"
-        )
-    return dense_matrix(grid, operator.compliance)
 
 
 class MaskedMatrix:
@@ -104,15 +92,19 @@ class Multigrid:
         pc = ksp.getPC()
         pc.setType(PETSc.PC.Type.MG)
         pc.setMGLevels(wanted)
-        self._mats = []
+        self._transfer_mats, self._level_mats = [], []
         for l in range(1, wanted):
             restriction = self.transfers[l].restriction_mat(comm)
             interpolation = self.transfers[l].interpolation_mat(comm)
-            self._mats += [restriction, interpolation]
+            self._transfer_mats += [restriction, interpolation]
             pc.setMGRestriction(l, restriction)
             pc.setMGInterpolation(l, interpolation)
             # Only the finest Mat exists; getMGSmootherDown would silently make the up smoother another one.
-            mat = ksp.getOperators()[0] if l == wanted - 1 else self.operators[l].mat(comm)
+            if l == wanted - 1:
+                mat = ksp.getOperators()[0]
+            else:
+                mat = self.operators[l].mat(comm)
+                self._level_mats.append(mat)
             pc.getMGSmoother(l).setOperators(mat)
         pc.getMGCoarseSolve().setOperators(self.coarse.mat)
 
@@ -122,12 +114,14 @@ class Multigrid:
             transfer.restrict_contact()
         for operator in self.operators:
             operator.mask_changed()
+        for mat in self._level_mats:
+            mat.stateIncrease()
         self.coarse.update()
 
     def destroy(self):
         """Free the Mats made here. Collective."""
         self.coarse.destroy()
-        for mat in self._mats:
+        for mat in (*self._transfer_mats, *self._level_mats):
             mat.destroy()
 
 

@@ -1,0 +1,88 @@
+"""What happened, iteration by iteration, and how it ended."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field, replace
+
+
+class Listener:
+    """Hears of the iteration while it runs; called on the ranks that take part in a grid."""
+
+    def start(self, state, level):
+        """Hear of a grid, with the contact set it starts from in ``state.contact``; it may be empty."""
+
+    def iteration(self, entry, state):
+        """Hear of an active set iteration: its entry in the history, and the state after it."""
+
+    def end(self):
+        """Hear that all is over."""
+
+
+@dataclass
+class History:
+    """One entry per active set iteration on any grid, and who wants to hear of it.
+
+    Complete on rank 0; the others miss the replicated grids that it solved alone.
+    """
+
+    listeners: list = field(default_factory=list)
+    entries: list = field(default_factory=list)
+
+    def start(self, state, solver):
+        """Begin a grid. Not collective."""
+        self._started, self._iteration, self._work = time.perf_counter(), 0, solver.work_units
+        for listener in self.listeners:
+            listener.start(state, solver.level)
+
+    def add(self, state, solver, update, inner, released):
+        """Record an iteration: the update of the contact set, inner iterations, cells released. Collective."""
+        self._iteration += 1
+        self._work, before = solver.work_units, self._work
+        entry = {
+            "level": solver.level,
+            "iteration": self._iteration,
+            "contact_cells": update.cells,
+            "added_cells": update.added,
+            "dropped_cells": released,
+            "changed_cells": update.changed,
+            "residual": update.residual / state.distance.norm(),
+            "inner_iterations": inner,
+            "work_units": self._work - before,
+            "load": state.load,
+            "approach": state.approach,
+            "seconds": time.perf_counter() - self._started,
+        }
+        self.entries.append(entry)
+        for listener in self.listeners:
+            listener.iteration(entry, state)
+
+    def columns(self):
+        """Return the entries as name -> list. Not collective."""
+        return (
+            {name: [entry[name] for entry in self.entries] for name in self.entries[0]}
+            if self.entries
+            else {}
+        )
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How the iteration on one grid ended; the same on all ranks that took part."""
+
+    converged: bool
+    reason: str
+    iterations: int = 0
+    inner_iterations: int = 0
+    residual: float = 0.0  # ||r|| / ||h||, eq. (5.1)
+    discretisation_error: float = float("nan")  # of the pressure (rms), relative, estimated from two grids
+    fallbacks: int = 0  # grids on which the safeguard took over
+
+    def after(self, first):
+        """Return this outcome with the iterations of `first`, of which it is the continuation, added."""
+        return replace(
+            self,
+            iterations=first.iterations + self.iterations,
+            inner_iterations=first.inner_iterations + self.inner_iterations,
+            fallbacks=first.fallbacks + self.fallbacks,
+        )

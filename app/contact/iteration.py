@@ -1,0 +1,64 @@
+"""The active set iteration (Sec. 3 with any linear solver; Sec. 4.1 with one multigrid cycle per contact set).
+
+What the linear solver does to the system of a contact set - many CG iterations, a few, one cycle - is the business of
+its options. The pressure carries over from one set to the next.
+"""
+
+from __future__ import annotations
+
+from app.contact.history import Outcome
+from app.contact.state import Displacement
+
+CONVERGED = "contact area unchanged and residual small enough"
+NO_CONTACT = "the bodies do not touch"
+
+
+def active_set(state, solver, loading, stop, history):
+    """Solve (2.8)-(2.10) on one grid from the contact set and pressure in `state`, Sec. 4.1, steps 2 to 6.
+
+    Collective over the ranks of `state`.
+
+    Parameters
+    ----------
+    state : ContactState
+        Step 1 is done: the first contact set is chosen.
+    solver : LinearSolver or DirectSolver
+        On the same operator.
+    loading : PrescribedApproach or PrescribedLoad
+    stop : StoppingTest
+    history : History
+
+    Returns
+    -------
+    Outcome
+    """
+    inner = 0
+    loading.begin(state)
+    history.start(state, solver)
+    if not state.in_contact():
+        # A coarser grid may have missed it; without pressure the gap decides.
+        state.start_from_interpenetration()
+        if not state.in_contact():
+            return Outcome(True, NO_CONTACT)
+    if state.u_is is Displacement.STALE:
+        state.compute_displacement()
+    for k in range(1, stop.max_it + 1):
+        solver.set_contact()  # 2. (2.11) on C^k
+        correction, its, failure = solver.solve(state.defect(), stop.allowed(state))
+        state.add(correction)  # 3. one multigrid cycle, or CG
+        released = state.release_tensile()  # 4.a
+        state.compute_displacement()  # u = A p, after the zeroing: any other order oscillates
+        loading.update(state)  # a prescribed load only: the approach
+        update = state.activate_penetrating()  # 4.b
+        inner += its
+        history.add(state, solver, update, its, released)
+        residual = update.residual / state.distance.norm()
+        if failure:
+            return Outcome(False, f"the linear solver failed: {failure}", k, inner, residual)
+        if not residual < float("inf"):
+            return Outcome(False, "the residual is not a finite number", k, inner, residual)
+        if not update.changed and stop(state, update.residual):  # 5. and 6. (5.1)
+            update = loading.settle(state, update) if stop.final else update
+            if not update.changed and stop(state, update.residual):
+                return Outcome(True, CONVERGED, k, inner, residual)
+    return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, inner, residual)

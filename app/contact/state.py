@@ -1,0 +1,285 @@
+"""The contact problem on one grid, (2.8)-(2.10), and the state of its solution: the one owner of C, p, u, h and approach.
+
+========================  ===============================  =====
+paper                     here                             unit
+========================  ===============================  =====
+C                         ``ContactState.contact``         bool
+p, u                      ``pressure``, ``u``              N/mm2, mm
+-h, (2.11)                ``rhs``, everywhere              mm
+delta                     ``approach``                     mm
+e = h + u, (2.3)          ``u - b``, b the array of -h     mm
+r (defect)                ``h + u`` on C                   mm
+========================  ===============================  =====
+
+The steps of Sec. 4.1 that only the state can do are its methods; their order is the iteration's, see `iteration`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from petsc4py import PETSc
+
+from app.contact import kernels
+from app.halfspace.convolution import any_nonzero
+from app.halfspace.reductions import minimum_over, sum_over
+from app.halfspace.window import whole
+
+
+@dataclass(frozen=True)
+class Update:
+    """What an update of the contact set did; the same on all ranks."""
+
+    cells: int  # in the new set
+    added: int
+    released: int  # and not come straight back
+    residual: float  # ||h + u||_2 over the new set [mm]
+
+    @property
+    def changed(self):
+        """Cells in one of the two sets only."""
+        return self.added + self.released
+
+    def after(self, first):
+        """Return what `first` and this update did, both since the same `release_tensile`."""
+        return replace(self, added=first.added + self.added, released=first.released + self.released)
+
+
+class Displacement(IntEnum):
+    """What u is."""
+
+    STALE = 0  # not A p
+    CARRIED = 1  # A p, but for what single precision or the adding up of changes leaves
+    EXACT = 2  # A p in double precision
+
+
+class Statistics(NamedTuple):
+    """What ||h|| needs to know at any approach."""
+
+    cells: int  # admissible
+    mean: float  # of the undeformed distance at zero approach over them [mm]
+    deviation: float  # sum of squares of its differences from the mean [mm2]
+
+
+class UndeformedDistance:
+    """h = shape - approach on all cells of one grid, kept as the right-hand side -h of (2.11). Collective.
+
+    Parameters
+    ----------
+    operator : InfluenceOperator
+        Of that grid.
+    shape : ndarray, shape (local rows, nx), [mm]
+        Undeformed distance at zero approach; NaN in inadmissible cells. Left as it is.
+    """
+
+    def __init__(self, operator, shape):
+        self.admissible = ~np.isnan(shape)
+        self.rhs = PETSc.Vec().createMPI((shape.size, PETSc.DETERMINE), comm=operator.petsc_comm)
+        self._size = shape.shape
+        with self.rhs as values:
+            b = values.reshape(self._size)
+            np.negative(shape, out=b)
+            np.copyto(b, 0.0, where=~self.admissible)
+        self.approach = 0.0
+        self.statistics = self._measure(operator.comm)
+
+    @classmethod
+    def part_of(cls, whole, operator, scatter):
+        """Return the same h in a window of the grid, with the norm that it has on all of it. Collective."""
+        part = cls.__new__(cls)
+        part.admissible, b = scatter.forward(whole.admissible), scatter.forward(whole.b)
+        part.rhs = PETSc.Vec().createWithArray(b.reshape(-1), comm=operator.petsc_comm)
+        part._size, part.approach, part.statistics = b.shape, whole.approach, whole.statistics
+        return part
+
+    def _measure(self, comm):
+        b = self.b
+        cells, total = sum_over(comm, [np.count_nonzero(self.admissible), -np.sum(b, where=self.admissible)])
+        mean = float(total / cells) if cells else 0.0
+        deviation = sum_over(comm, [kernels.sum_squares(b, -mean, self.admissible)])[0]
+        return Statistics(int(cells), mean, float(deviation))
+
+    @property
+    def b(self):
+        """-h as array (rows, nx), to read; anything in inadmissible cells. Not collective."""
+        return self.rhs.getArray(readonly=True).reshape(self._size)
+
+    def move_to(self, approach):
+        """Change the approach. Not collective."""
+        if approach != self.approach:
+            with self.rhs as values:
+                values += approach - self.approach
+            self.approach = float(approach)
+
+    def norm(self):
+        """||h||_2 over the admissible cells [mm], (5.1); 1 where it is zero, to be divided by. Not collective."""
+        cells, mean, deviation = self.statistics
+        return float(np.sqrt(deviation + cells * (mean - self.approach) ** 2)) or 1.0
+
+    def destroy(self):
+        """Free the vector. Collective."""
+        self.rhs.destroy()
+
+
+class ContactState:
+    """Contact set, pressure, displacement and approach on one grid.
+
+    Collective.
+
+    Parameters
+    ----------
+    operator : InfluenceOperator
+    distance : UndeformedDistance
+        On the same cells.
+    window : Window, optional
+        Which cells of the level these are; default: all.
+    u : ndarray, shape (local rows, nx), [mm], optional
+        Displacement, if it is known already. Taken over.
+    """
+
+    def __init__(self, operator, distance, window=None, u=None):
+        self.operator, self.grid, self.comm = operator, operator.grid, operator.comm
+        self.distance, self.admissible = distance, distance.admissible
+        self.pressure = distance.rhs.duplicate()
+        self.u = np.zeros(operator.local_shape) if u is None else u
+        self.u_is = Displacement.EXACT
+        self._released = np.zeros(operator.local_shape, bool)
+        self.contact = operator.mask  # the very array the operator uses
+        self.window = window or whole(operator.grid)
+
+    # -- what it is -------------------------------------------------------------------------------------
+
+    @property
+    def approach(self):
+        """delta [mm]. Not collective."""
+        return self.distance.approach
+
+    @approach.setter
+    def approach(self, value):
+        self.distance.move_to(value)
+
+    @property
+    def rhs(self):
+        """-h on all cells, a Vec: the right-hand side of (2.11), of which the operator sees what is on C."""
+        return self.distance.rhs
+
+    @property
+    def p(self):
+        """The local pressure as array (rows, nx), to read. Not collective."""
+        return self.pressure.getArray(readonly=True).reshape(self.u.shape)
+
+    @property
+    def load(self):
+        """Total force F = dx dy sum(p) [N], eq. of equilibrium. Collective."""
+        return self.grid.cell_area * self.pressure.sum()
+
+    def sum(self, values):
+        """Sum a few numbers over the ranks. Collective."""
+        return sum_over(self.comm, values)
+
+    def minimum(self, values):
+        """Smallest of each of some numbers over the ranks. Collective."""
+        return minimum_over(self.comm, values)
+
+    def in_contact(self):
+        """Whether any cell is in the contact set. Collective."""
+        return self.sum([any_nonzero(self.contact)])[0] > 0
+
+    def first_touch(self):
+        """Approach at which the first cells of undeformed bodies touch [mm]. Collective."""
+        return self.approach - float(-self.minimum(-self.distance.b[self.admissible].max(initial=-np.inf)))
+
+    def h_on_contact(self):
+        """||h||_2 over C [mm]. Collective."""
+        return float(np.sqrt(self.sum([kernels.sum_squares(self.distance.b, 0.0, self.contact)])[0]))
+
+    def fingerprint(self):
+        """Return a number that tells contact sets apart. Collective."""
+        rank = 0 if self.comm is None else self.comm.rank
+        return float(self.sum([kernels.fingerprint(self.contact) * (1 + rank % 97)])[0])
+
+    # -- Sec. 4.1, step by step -----------------------------------------------------------------------
+
+    def start_from_interpenetration(self):
+        """Step 1: C^1 = {h <= 0}, p = 0. Not collective."""
+        np.greater_equal(self.distance.b, 0.0, out=self.contact)
+        self.contact &= self.admissible
+        self.pressure.set(0)
+        self.u[...] = 0
+        self.u_is = Displacement.EXACT
+
+    def first_contact(self):
+        """Without contact: approach until the first cell touches, which becomes C. Collective."""
+        if self.in_contact():
+            return
+        gap = self.u - self.distance.b
+        nearest = float(self.minimum(gap[self.admissible].min(initial=np.inf)))
+        np.less_equal(gap, nearest, out=self.contact)
+        self.contact &= self.admissible
+        self.approach += nearest
+
+    @cached_property
+    def right(self):
+        """A Vec for right-hand sides. Collective when first asked for."""
+        return self.pressure.duplicate()
+
+    def defect(self):
+        """Step 2, (2.11) for the correction of p: the Vec ``right`` = -(h + u) on C. Not collective."""
+        with self.right as values:
+            kernels.defect(self.distance.b, self.u, self.contact, values.reshape(self.u.shape))
+        return self.right
+
+    def add(self, correction):
+        """Step 3: p += correction. Not collective."""
+        self.pressure.axpy(1.0, correction)
+        self.u_is = Displacement.STALE
+
+    def release_tensile(self):
+        """Step 4.a: cells with p < 0 leave C, p = 0 there. Return how many. Collective."""
+        with self.pressure as values:
+            cells, _ = kernels.release(values.reshape(self.u.shape), self.contact, self._released)
+        cells = int(self.sum([cells])[0])
+        if cells:
+            self.u_is = Displacement.STALE
+        return cells
+
+    def compute_displacement(self, exact=False):
+        """u = A p, (2.7); `exact`: in double precision, whatever that of other products. Collective."""
+        exact = exact or not self.operator.provisional
+        compute = self.operator.exact_displacement if exact else self.operator.displacement
+        compute(self.p, self.u)
+        self.u_is = Displacement.EXACT if exact else Displacement.CARRIED
+
+    def activate_penetrating(self):
+        """Step 4.b: cells with h + u <= 0 enter C, those just released among them. Collective.
+
+        Returns
+        -------
+        Update
+            Since before `release_tensile`.
+        """
+        cells, added, lost, squares = self.sum(
+            kernels.activate(self.distance.b, self.u, self.admissible, self.contact, self._released)
+        )
+        self._released[...] = False
+        return Update(int(cells), int(added), int(lost), residual=float(np.sqrt(squares)))
+
+    def gap_on_contact(self):
+        """Root mean square and mean of h + u over C [mm], and its cells. Collective."""
+        squares, total, cells = self.sum(kernels.gap_on(self.distance.b, self.u, self.contact))
+        return float(np.sqrt(squares / max(cells, 1))), float(total / max(cells, 1)), int(cells)
+
+    def scale(self, factor):
+        """p and u times a factor. Not collective."""
+        self.pressure.scale(factor)
+        self.u *= factor
+
+    def destroy(self):
+        """Free the vectors made here. Collective."""
+        self.pressure.destroy()
+        if "right" in vars(self):
+            self.right.destroy()

@@ -1,0 +1,26 @@
+"""When an iteration may stop: the paper's test (5.1), and what is beyond the paper's grids."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class StoppingTest:
+    """Accuracy of Sec. 4.1, step 6, and the limit of iterations on one grid."""
+
+    rtol: float = 1e-6
+    max_it: int = 100
+    final: bool = True  # on the target grid
+
+    def allowed(self, state):
+        """Norm of the residual that solves the problem, rtol ||h|| over the admissible cells [mm]. Not collective."""
+        return self.rtol * state.distance.norm()
+
+    def __call__(self, state, residual):
+        """(5.1): ||r||_rms / ||h||_rms <= rtol, for the norm of r on C [mm]. Not collective."""
+        return residual <= self.allowed(state)
+
+    def for_coarse_grid(self):
+        """On the way to the target grid an unchanged contact area is enough (Sec. 4.3, 3.b)."""
+        return StoppingTest(float("inf"), self.max_it, final=False)

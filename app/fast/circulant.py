@@ -1,0 +1,174 @@
+"""FFT preconditioner: the circulant matrix nearest to A in Strang's sense, restricted to the contact set.
+
+The influence coefficients, wrapped around periodically on a grid of the patch's size or little more, make a circulant
+matrix whose eigenvalues ``lambda = rfft2(K wrapped)`` are positive; ``C F^-1 (1/lambda) F C`` costs about a quarter of
+a product.
+(The periodic matrix of the padded grid has negative eigenvalues and is of no use.)
+
+The residual may be extended over the rim of the contact set first, see `Circulant`. Usable wherever PETSc takes a PC,
+on the target grid and as a multigrid smoother, where it must be damped (``-mg_levels_ksp_richardson_scale``)::
+
+    -pc_type python -pc_python_type app.fast.circulant.Circulant
+    -mg_levels_pc_type python -mg_levels_pc_python_type app.fast.circulant.Circulant
+"""
+
+from __future__ import annotations
+
+from functools import cache, partial
+
+import numba
+import numpy as np
+from petsc4py import PETSc
+from scipy.fft import next_fast_len
+
+from app.halfspace.convolution import EvenMultiplier, quick_length
+from app.halfspace.influence import influence_quadrant
+from app.fast.rim import RimExtension, load_extension
+
+_event = PETSc.Log.Event("CirculantPC")
+
+
+def circulant_periods(shape, margin):
+    """Periods for a patch of some cells and a margin; see `circulant_inverse`. Not collective."""
+    if margin is None:
+        return tuple(next_fast_len(n, real=True) for n in shape)
+    return tuple(quick_length(int(np.ceil((1 + margin) * n))) for n in shape)
+
+
+def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64, margin=0.0, partner=None):
+    """Inverse of the Strang circulant of the influence matrix.
+
+    Collective over `comm`.
+
+    Parameters
+    ----------
+    grid, compliance, slabs, comm, dtype
+        See `InfluenceOperator`.
+    margin : float or None
+        Share of the extent of the patch to be added to it at least, before it is continued periodically; more if that
+        makes quicker transforms. None: as little as a length with small prime factors allows.
+    partner : EvenMultiplier, optional
+        Whose working storage may be used.
+
+    Returns
+    -------
+    EvenMultiplier
+
+    Raises
+    ------
+    ValueError
+        If an eigenvalue is not positive.
+    """
+    periods = circulant_periods(grid.shape, margin)
+    inverse = EvenMultiplier(grid.shape, periods, slabs, comm, dtype, partner)
+    rows, columns = (min(period // 2 + 1, n) for period, n in zip(periods, grid.shape, strict=True))
+    inverse.set_kernel(partial(influence_quadrant, grid, compliance, columns=columns), rows, columns)
+    smallest = inverse.smallest_eigenvalue()
+    if not smallest > 0:
+        ny, nx = grid.shape
+        raise ValueError(
+            f"circulant preconditioner: eigenvalue {smallest:g} on {nx} x {ny} cells is not positive"
+        )
+    inverse.scale_spectrum(np.reciprocal)
+    return inverse
+
+
+def circulant_of(operator, margin=None):
+    """Inverse circulant of an `InfluenceOperator`, made when first asked for. Collective over its ranks."""
+    periods = circulant_periods(operator.grid.shape, margin)
+    if periods not in operator.circulants:
+        operator.circulants[periods] = circulant_inverse(
+            operator.grid,
+            operator.compliance,
+            operator.slabs,
+            operator.comm,
+            operator.dtype,
+            margin,
+            operator.storage,
+        )
+    return operator.circulants[periods]
+
+
+@numba.njit(cache=True)
+def _copy_row(x, contact, out):
+    for i in range(x.size):
+        value = x[i]
+        out[i] = value if contact[i] else 0
+
+
+@numba.njit(cache=True)
+def _copy_on(x, contact, out):
+    """out = x on C, 0 elsewhere."""
+    for j in range(x.shape[0]):
+        _copy_row(x[j], contact[j], out[j])
+
+
+@cache
+def _load_loops():
+    field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
+    fixed = field.view()
+    fixed.flags.writeable = False
+    for source in (fixed, field):
+        _copy_on(source, mask, field)
+
+
+class Circulant:
+    """PC context ``C E^T B E C``; its operator must be an `InfluenceOperator`.
+
+    B takes the residual for zero outside the contact set, which it is not; E extends it over the rim by k Jacobi steps
+    with the 3 x 3 centre of B (see `extension`).
+
+    Options: ``-pc_circulant_extend k`` (default 0: E = 1), ``-pc_circulant_margin m``: period of B over the extent of
+    the patch, less 1, at least (default 0). Without a margin contact at one edge of the patch feels that at the other.
+    """
+
+    operator = None
+
+    def setUp(self, pc):
+        """Find the operator; what depends on the grid alone is made once, though PETSc calls for every contact set."""
+        operator = pc.getOperators()[1].getPythonContext()
+        if operator is self.operator:
+            return
+        self.operator = operator
+        options = PETSc.Options(pc.getOptionsPrefix())
+        margin, steps = options.getReal("pc_circulant_margin", 0.0), options.getInt("pc_circulant_extend", 0)
+        if not 0 <= margin <= 1:
+            raise ValueError(f"-pc_circulant_margin {margin:g}: allowed: 0 to 1")
+        self.multiplier = circulant_of(operator, margin)
+        self.extension = None
+        if steps:
+            self.extension = RimExtension(operator.local_shape, operator.slabs, operator.comm, steps)
+            self.extension.set_stencil(self.multiplier.centre())
+        self._contact = -1
+        # Load the compiled loops now.
+        load_extension(np.dtype(np.float64))
+        _load_loops()
+
+    def apply(self, pc, x, y):
+        """Compute y = C E^T B E C x."""
+        operator = self.operator
+        shape = operator.local_shape
+        with _event, y as out:
+            r, z = x.getArray(readonly=True).reshape(shape), out.reshape(shape)
+            if self.extension is None:
+                self.multiplier.apply(r, z, operator.mask)
+                return
+            if self._contact != operator.contact_number:
+                self.extension.set_contact(operator.mask)
+                self._contact = operator.contact_number
+            _copy_on(r, operator.mask, z)
+            self.extension.extend(z)
+            self.multiplier.apply(z, z, rows=self.extension.rows)
+            self.extension.restrict(z)
+            _copy_on(z, operator.mask, z)
+
+    applyTranspose = apply
+
+    def view(self, pc, viewer):
+        """Describe the preconditioner for -ksp_view."""
+        if viewer.getType() == PETSc.Viewer.Type.ASCII:
+            ny, nx = self.multiplier.periods
+            steps = self.extension.steps if self.extension else 0
+            viewer.printfASCII(
+                f"  inverse of the Strang circulant, periods {nx} x {ny}, extended by {steps} cells\n"
+            )

@@ -1,0 +1,103 @@
+"""The nested iteration of the default method (Sec. 4.3 with lifted pressures and windows)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from app.contact.full_multigrid import copy_prolongation, first_sighted, tell
+from app.contact.iteration import active_set
+from app.contact.state import Displacement
+from app.fast.iteration import inexact_active_set
+from app.fast.lift import lift
+from app.fast.solver import TrackingSolver
+from app.fast.windows import Stage
+from app.halfspace.reductions import sum_over
+from app.multigrid.direct import DirectSolver, solves_directly
+
+_TELLING = 0.02  # residual of coarser grids, per difference of pressures, that does not spoil the estimate
+
+
+def nested_iteration(hierarchy, distances, loading, stop, history, beta, lifted, coarse_minimum, target_solver=None):
+    """Solve on the target grid of a hierarchy, from the coarsest grid on.
+
+    Collective. Replicated grids are solved by rank 0, which tells the others.
+
+    Parameters
+    ----------
+    hierarchy, distances, loading, stop, history, beta, target_solver
+        See `app.contact.full_multigrid.full_multigrid`; `stop` is an InexactStop.
+    lifted : bool
+        Pressures of finer grids by `lift`, else by copy.
+    coarse_minimum : ndarray or None
+        See `Hierarchy.coarse_minimum`.
+
+    Returns
+    -------
+    ContactState, Outcome
+        On the target grid.
+    """
+    last = len(hierarchy.levels) - 1
+    coarse = outcome = predicted = None
+    difference = float("nan")
+    for number in range(first_sighted(distances), last + 1):
+        level, target = hierarchy.levels[number], number == last
+        stage = Stage(hierarchy, number, distances[number], coarse, predicted)
+        state = stage.state
+        if coarse is not None:
+            _prolong(stage, beta, lifted)
+        if target or level.comm is not None or hierarchy.comm.rank == 0:
+            given = target_solver if target else None
+            test = stop if target else stop.for_coarse_grid()
+            outcome = _solve_on(hierarchy, number, state, loading, test, history, coarse is None, given)
+        if not target:
+            tell(hierarchy, level, state, loading)
+        predicted = stage.predicted_box(coarse_minimum)
+        if coarse is not None:
+            difference = _difference(stage.transfer, stage.coarse.p, state)
+            coarse.destroy()
+        stage.close()
+        coarse = state
+        if target and stage.windowed:
+            state, complete = stage.everything(outcome)
+            if not complete:
+                rest = _solve_on(hierarchy, number, state, loading, stop, history, False, None)
+                outcome = rest.after(outcome)
+    telling = stop.coarse_rtol <= _TELLING * difference
+    return state, replace(outcome, discretisation_error=difference if telling else float("nan"))
+
+
+def _solve_on(hierarchy, number, state, loading, stop, history, first, given):
+    """Solve on one grid, with a solver of its own if none is given. Collective over the ranks of `state`."""
+    operator = state.operator
+    direct = first and number < len(hierarchy.levels) - 1 and solves_directly(operator)
+    if direct:
+        solver, iterate = DirectSolver(operator, number), active_set
+    else:
+        solver = given or TrackingSolver(hierarchy, number, operator.petsc_comm, operator=operator)
+        iterate = inexact_active_set
+
+    def solve(inner):
+        return iterate(state, solver, inner, stop, history)
+
+    outcome = loading.first_solve(state, solve) if first else solve(loading)
+    if solver is not given:
+        solver.destroy()
+    return outcome
+
+
+def _prolong(stage, beta, lifted):
+    """Contact set, pressure and displacement from the coarser grid. Collective."""
+    transfer, coarse, state = stage.transfer, stage.coarse, stage.state
+    transfer.interpolate(coarse.u, state.u)
+    state.u_is = Displacement.STALE
+    if not (lifted and lift(transfer, coarse, state)):
+        copy_prolongation(transfer, coarse, state, beta)
+
+
+def _difference(transfer, coarse, state):
+    """Return the rms difference of the pressures on two grids over that of the larger; NaN if none. Collective."""
+    fine = transfer.restrict_defect(state.p)
+    squares = sum_over(transfer.coarse.comm, [np.vdot(p, p) for p in (fine - coarse, fine, coarse)])
+    return float(np.sqrt(squares[0] / max(squares[1:]))) if squares[0] > 0 else float("nan")

@@ -1,0 +1,83 @@
+"""The linear solver of the default method: a KSP that keeps u = A p while it improves p, and what that allows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.contact import kernels
+from app.contact.state import Displacement
+from app.fast.tracking_cg import TrackingCG, add
+from app.multigrid.linear_solver import LinearSolver
+
+
+class TrackingSolver(LinearSolver):
+    """A `LinearSolver` whose KSP is TrackingCG; see there for the parameters.
+
+    Raises
+    ------
+    ValueError
+        If the KSP is another one.
+    """
+
+    def __init__(self, hierarchy, level=-1, comm=None, prefix="", operator=None):
+        super().__init__(hierarchy, level, comm, prefix, operator)
+        context = self.ksp.getPythonContext() if self.ksp.getType() == "python" else None
+        if not isinstance(context, TrackingCG):
+            self.destroy()
+            raise ValueError(
+                f"-{prefix}ksp_type: -lcp_type fast needs one that keeps the displacement: "
+                "python with -ksp_python_type app.fast.tracking_cg.TrackingCG"
+            )
+        self._cg = context
+
+    def improve(self, state, allowed, resume=False):
+        """Step 3, inexactly: p towards (2.11) on C, u = A p along with it.
+
+        Collective.
+
+        Parameters
+        ----------
+        state : ContactState
+        allowed : float
+            Norm of the residual that is small enough [mm].
+        resume : bool
+            Nothing has changed since the last call.
+
+        Returns
+        -------
+        iterations : int
+        failure : str
+            As of `LinearSolver.solve`.
+        residual : float
+            Its norm [mm].
+        """
+        self.ksp.setInitialGuessNonzero(True)
+        self._cg.displacement, self._cg.resume = state.u, resume
+        iterations, failure = self._run(state.rhs, state.pressure, allowed)
+        if iterations:
+            state.u_is = Displacement.CARRIED
+        return iterations, failure, self._cg.residual
+
+    def release(self, state, correction=0.0):
+        """Step 4.a, and one product for what it changes in u; return how many cells left C. Collective.
+
+        Parameters
+        ----------
+        correction : float
+            The product also carries a correction: so much of the preconditioned residual is added to p.
+        """
+        change = self._cg.direction
+        kernels.tension(state.p, state.contact, change)
+        released = state.release_tensile()
+        if released:
+            self.set_contact()
+            if correction:
+                z = self._cg.precondition(self.ksp, state.u, state.rhs)
+                z = np.where(state.contact, correction * z, 0.0)
+                change += z
+                with state.pressure as p:
+                    p += z.reshape(-1)
+            state.operator.displacement(change, self._cg.product)
+            add(state.u, 1.0, self._cg.product)
+            state.u_is = Displacement.CARRIED
+        return released

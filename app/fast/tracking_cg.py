@@ -1,0 +1,282 @@
+"""Conjugate gradients that carry the displacement along.
+
+The convolution computes A d on *all* cells although CG only needs it on C. `TrackingCG` keeps it: ``u += alpha A d``
+along with ``x += alpha d``, so that after the solve the displacement everywhere is known without another product, and
+neither the first residual nor the search for new contact costs one. Usable from options::
+
+    -ksp_type python -ksp_python_type app.fast.tracking_cg.TrackingCG -ksp_norm_type unpreconditioned
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numba
+import numpy as np
+from petsc4py import PETSc
+
+from app.halfspace.reductions import any_order, sum_over
+
+# r and d vanish outside C; z and q need not. Rows are gone through from their first to their last cell of C.
+
+
+@any_order
+def _add_row(a, scale, b):
+    for i in range(a.size):
+        a[i] += scale * b[i]
+
+
+@any_order
+def _residual_row(b, u, contact, r):
+    squares = 0.0
+    for i in range(r.size):
+        value = b[i] - u[i]
+        value = value if contact[i] else 0.0
+        r[i] = value
+        squares += value * value
+    return squares
+
+
+@any_order
+def _reduce_row(r, scale, q, contact):
+    squares = 0.0
+    for i in range(r.size):
+        value = r[i] - scale * q[i]
+        value = value if contact[i] else 0.0
+        r[i] = value
+        squares += value * value
+    return squares
+
+
+@any_order
+def _direction_row(d, z, beta, contact):
+    for i in range(d.size):
+        value = z[i] + beta * d[i]
+        d[i] = value if contact[i] else 0
+
+
+@any_order
+def _dot_row(a, b, contact):
+    total = 0.0
+    for i in range(a.size):
+        value = a[i] * b[i]
+        total += value if contact[i] else 0.0
+    return total
+
+
+@any_order
+def _dots_row(a, b, c):
+    first, second = 0.0, 0.0
+    for i in range(a.size):
+        value = np.float64(a[i])
+        first += value * b[i]
+        second += value * c[i]
+    return first, second
+
+
+@any_order
+def _first_residual(b, u, contact, spans, r):
+    """r = b - u on C, 0 elsewhere; return r.r."""
+    squares = 0.0
+    for j in range(r.shape[0]):
+        r[j] = 0
+        span = slice(spans[j, 0], spans[j, 1])
+        squares += _residual_row(b[j, span], u[j, span], contact[j, span], r[j, span])
+    return squares
+
+
+@any_order
+def _advance(p, r, d, q, contact, spans, alpha):
+    """p += alpha d, and r -= alpha q on C; return r.r."""
+    squares = 0.0
+    for j in range(p.shape[0]):
+        span = slice(spans[j, 0], spans[j, 1])
+        _add_row(p[j, span], alpha, d[j, span])
+        squares += _reduce_row(r[j, span], alpha, q[j, span], contact[j, span])
+    return squares
+
+
+@any_order
+def add(a, scale, b):
+    """a += scale b."""
+    for j in range(a.shape[0]):
+        _add_row(a[j], scale, b[j])
+
+
+@any_order
+def _direction(d, z, beta, contact, spans):
+    """d = z + beta d on C."""
+    for j in range(d.shape[0]):
+        span = slice(spans[j, 0], spans[j, 1])
+        _direction_row(d[j, span], z[j, span], beta, contact[j, span])
+
+
+@any_order
+def _dot(a, b, contact, spans):
+    """a.b over C."""
+    total = 0.0
+    for j in range(a.shape[0]):
+        span = slice(spans[j, 0], spans[j, 1])
+        total += _dot_row(a[j, span], b[j, span], contact[j, span])
+    return total
+
+
+@any_order
+def _dots(a, b, c, spans):
+    """a.b and a.c for an `a` that vanishes outside C."""
+    first, second = 0.0, 0.0
+    for j in range(a.shape[0]):
+        span = slice(spans[j, 0], spans[j, 1])
+        here = _dots_row(a[j, span], b[j, span], c[j, span])
+        first += here[0]
+        second += here[1]
+    return first, second
+
+
+@numba.njit(cache=True)
+def _find_spans(contact, spans):
+    """First and last but one column of C in each row."""
+    for j in range(contact.shape[0]):
+        a, b = 0, contact.shape[1]
+        while b > 0 and not contact[j, b - 1]:
+            b -= 1
+        while a < b and not contact[j, a]:
+            a += 1
+        spans[j, 0], spans[j, 1] = a, b
+
+
+@cache
+def _warm_up(dtype):
+    """Load the compiled loops now, not in the first iteration."""
+    field, mask, spans = np.zeros((0, 0)), np.zeros((0, 0), bool), np.zeros((0, 2), np.int64)
+    low, fixed = field.astype(dtype), field.view()
+    fixed.flags.writeable = False
+    _find_spans(mask, spans)
+    _first_residual(fixed, field, mask, spans, field)
+    _dot(field, field, mask, spans)
+    _direction(low, field, dtype.type(0), mask, spans)
+    _dots(low, low, field, spans)
+    _advance(field, field, low, low, mask, spans, 0.0)
+    add(field, 0.0, low)
+
+
+class TrackingCG:
+    """KSP context; its operator must be an `InfluenceOperator`. Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*.
+
+    As a KSP it solves C A C x = C b. With `displacement` it also keeps u = A x on all cells.
+
+    Attributes
+    ----------
+    displacement : ndarray, shape (local rows, nx), or None
+        u = A x on entry and on exit; set by the caller, who also says that x is the initial guess.
+    resume : bool
+        Nothing has changed since the last solve: go on with its search direction. Set by the caller, for one solve.
+    residual : float
+        Norm of the residual after the last solve.
+    """
+
+    displacement = None
+    resume = False
+    residual = 0.0
+    _vecs = ()
+
+    def setUp(self, ksp):
+        """Make the work arrays: z and q, never needed at the same time, are one; d is in the operator's precision."""
+        mat = ksp.getOperators()[0]
+        self._operator = operator = mat.getPythonContext()
+        self._r = mat.createVecRight()
+        shape = operator.local_shape
+        scratch = np.zeros(shape[0] * shape[1])
+        self._z = PETSc.Vec().createWithArray(scratch, comm=mat.getComm())
+        self._vecs = self._r, self._z
+        self.product = scratch.view(operator.dtype)[: scratch.size].reshape(shape)  # q = A d
+        self.direction = np.zeros(shape, operator.dtype)  # d
+        self._spans = np.zeros((shape[0], 2), np.int64)
+        self._previous = 0.0
+        _warm_up(operator.dtype)
+
+    def solve(self, ksp, b, x):
+        """Improve x."""
+        operator = self._operator
+        contact, shape, u = operator.mask, operator.local_shape, self.displacement
+        pc, d, q, spans = ksp.getPC(), self.direction, self.product, self._spans
+        _find_spans(contact, spans)
+        norm = self._first_residual(ksp, b, x)
+        if not self.resume:
+            self._previous = 0.0
+            d[...] = 0  # outside the new spans too
+        self.resume = False
+        iteration, max_it = 0, ksp.getTolerances()[3]
+        reason = self._report(ksp, 0, norm)
+        while not reason and iteration < max_it:
+            pc.apply(self._r, self._z)
+            with self._r as residual:
+                rz = self._sum([_dot(residual.reshape(shape), self._read(self._z), contact, spans)])[0]
+            beta = rz / self._previous if self._previous else 0.0
+            _direction(d, self._read(self._z), d.dtype.type(beta), contact, spans)
+            operator.products += 1
+            operator.displacement(d, q)
+            with self._r as residual, x as solution:
+                r, p = residual.reshape(shape), solution.reshape(shape)
+                dq, rd = self._sum(_dots(d, q, r, spans))
+                if not dq > 0:
+                    reason = PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT
+                    break
+                alpha = rd / dq
+                squares = self._sum([_advance(p, r, d, q, contact, spans, alpha)])[0]
+            if u is not None:
+                add(u, alpha, q)
+            self._previous = rz
+            norm = float(np.sqrt(max(squares, 0.0)))
+            iteration += 1
+            reason = self._report(ksp, iteration, norm)
+        self.residual = norm
+        ksp.setConvergedReason(reason or PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
+
+    def _first_residual(self, ksp, b, x):
+        shape, u = self._operator.local_shape, self.displacement
+        if u is None:
+            if ksp.getInitialGuessNonzero():
+                ksp.getOperators()[0].mult(x, self._z)
+            else:
+                x.set(0)
+                self._z.set(0)
+            u = self._read(self._z)
+        with self._r as residual:
+            r = residual.reshape(shape)
+            squares = _first_residual(self._read(b), u, self._operator.mask, self._spans, r)
+        return float(np.sqrt(self._sum([squares])[0]))
+
+    def _report(self, ksp, iteration, norm):
+        """Tell PETSc of an iteration; return its reason to stop, or 0."""
+        ksp.its, ksp.norm = iteration, norm
+        ksp.logConvergenceHistory(norm)
+        ksp.monitor(iteration, norm)
+        return ksp.callConvergenceTest(iteration, norm)
+
+    def precondition(self, ksp, u, b):
+        """Return M (b - u) on C as array, anything elsewhere; the last search direction is worth nothing then. Collective."""
+        self._previous = 0.0
+        operator = self._operator
+        _find_spans(operator.mask, self._spans)
+        with self._r as residual:
+            r = residual.reshape(operator.local_shape)
+            _first_residual(self._read(b), u, operator.mask, self._spans, r)
+        ksp.getPC().apply(self._r, self._z)
+        return self._read(self._z)
+
+    def _read(self, vec):
+        return vec.getArray(readonly=True).reshape(self._operator.local_shape)
+
+    def _sum(self, values):
+        return sum_over(self._operator.comm, values)
+
+    def destroy(self, ksp):
+        """Free the work vectors."""
+        for vec in self._vecs:
+            vec.destroy()
+
+    def view(self, ksp, viewer):
+        """Describe the solver for -ksp_view."""
+        if viewer.getType() == PETSc.Viewer.Type.ASCII:
+            viewer.printfASCII("  conjugate gradients that keep the displacement of all cells up to date\n")

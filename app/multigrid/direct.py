@@ -1,0 +1,64 @@
+"""Direct solution on a small grid: the coarsest one of Sec. 4.2, item 4, and of Sec. 4.3, step 1."""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+from scipy.linalg import cho_factor, cho_solve
+
+from app.halfspace.influence import dense_matrix
+from app.multigrid.hierarchy import LARGEST_DIRECT
+
+
+def solves_directly(operator):
+    """Whether a grid is small enough, and here as a whole, to be solved directly. Not collective."""
+    return operator.comm is None and operator.grid.n <= LARGEST_DIRECT
+
+
+def replicated_matrix(operator):
+    """Dense A of a replicated level of at most `LARGEST_DIRECT` cells. Not collective."""
+    grid = operator.grid
+    if not solves_directly(operator):
+        raise ValueError(
+            f"a coarsest grid of {grid.nx} x {grid.ny} cells is too large for a direct "
+            f"solve; allowed: {LARGEST_DIRECT} cells in all, on a replicated level"
+        )
+    return dense_matrix(grid, operator.compliance)
+
+
+class DirectSolver:
+    """Solves C A C p = b for the contact set in the operator's mask, by Cholesky factorisation. Not collective.
+
+    Parameters
+    ----------
+    operator : InfluenceOperator
+        On a grid of at most `LARGEST_DIRECT` cells.
+    level : int
+        Its number in the hierarchy.
+    """
+
+    work_units = 0.0
+
+    def __init__(self, operator, level=0):
+        self.level, self.operator = level, operator
+        self._matrix = replicated_matrix(operator)
+        self._work = PETSc.Vec().createSeq(operator.grid.n)
+
+    def set_contact(self):
+        """Take over the contact set that is in the operator's mask now."""
+        self._inside = self.operator.mask.reshape(-1).copy()
+        system = self._matrix[np.ix_(self._inside, self._inside)]
+        self._factors = cho_factor(system, overwrite_a=True) if self._inside.any() else None
+
+    def solve(self, b, allowed=0.0):
+        """See `LinearSolver.solve`."""
+        right = b.getArray(readonly=True)[self._inside]
+        with self._work as x:
+            x[...] = 0
+            if self._factors is not None:
+                x[self._inside] = cho_solve(self._factors, right)
+        return self._work, 1, ""
+
+    def destroy(self):
+        """Free the work vector."""
+        self._work.destroy()
