@@ -8,8 +8,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from app.halfspace.convolution import any_nonzero
-from app.halfspace.reductions import any_order
+from app.halfspace.reductions import any_nonzero, any_order
 
 
 @any_order

@@ -44,7 +44,7 @@ from numba import types, uintp
 from numba.extending import intrinsic
 from scipy.fft import dct, rfft
 
-from app.halfspace.convolution import transform_length
+from app.halfspace.fft.lengths import transform_length
 from app.halfspace.grid import Slabs
 
 LEAF_ROWS = 48  # at most; with more an FFT is faster than direct coupling

@@ -21,7 +21,8 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.fft import next_fast_len
 
-from app.halfspace.convolution import EvenMultiplier, quick_length
+from app.halfspace.fft.lengths import quick_length
+from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.influence import influence_quadrant
 from app.multigrid.extension import RimExtension, load_extension
 
