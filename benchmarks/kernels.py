@@ -14,7 +14,7 @@ from mpi4py import MPI
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.influence import Material, influence_quadrant
 from app.halfspace.product import Convolution
-from app.halfspace.gauss_seidel import GaussSeidel
+from app.halfspace.sweeps.gauss_seidel import GaussSeidel
 from app.multigrid.circulant import circulant_inverse
 from app.problems.surfaces import WavySurface
 from benchmarks.plain import seconds

@@ -13,7 +13,7 @@ from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix, influence_quadrant
 from app.halfspace.product import Convolution
 from app.halfspace.relaxation import Jacobi, RedBlack
-from app.halfspace.gauss_seidel import GaussSeidel
+from app.halfspace.sweeps.gauss_seidel import GaussSeidel
 
 each_grid = pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
 MEASURED = 1e-13  # relative, against the scalar loop: 1e-14 at most is seen

@@ -221,7 +221,7 @@ class InfluenceOperator:
     def relaxation(self):
         """The sweeps on this grid; made when first needed."""
         if self._relaxation is None:
-            from app.halfspace.gauss_seidel import GaussSeidel
+            from app.halfspace.sweeps.gauss_seidel import GaussSeidel
 
             quadrant = partial(influence_quadrant, self.grid, self.compliance)
             self._relaxation = GaussSeidel(
