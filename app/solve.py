@@ -84,8 +84,8 @@ class prepare:
         from app.contact.loading import PrescribedApproach, PrescribedLoad
         from app.contact.loop import Controls
         from app.contact.monitor import Monitor, Progress
-        from app.halfspace import gauss_seidel
         from app.halfspace.influence import influence_quadrant
+        from app.halfspace.sweeps import gauss_seidel
         from app.multigrid import transfer
         from app.multigrid.circulant import circulant_of
         from app.multigrid.hierarchy import Hierarchy
@@ -130,7 +130,7 @@ class prepare:
         kernels.load()
         kind = options.text("pc_type")
         if kind == "sor" or (kind == "mg" and options.text("mg_levels_pc_type") in ("", "sor")):
-            gauss_seidel.load()
+            gauss_seidel.warm_up()
         transfer.load()
         if self.prolongation == "lift" and self.nested:
             for operator in self.hierarchy.levels:

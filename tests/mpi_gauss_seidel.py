@@ -6,10 +6,10 @@ from unittest import mock
 import numpy as np
 from mpi4py import MPI
 
-from app.halfspace import gauss_seidel
-from app.halfspace.gauss_seidel import GaussSeidel
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.influence import influence_quadrant
+from app.halfspace.sweeps import gauss_seidel
+from app.halfspace.sweeps.gauss_seidel import GaussSeidel
 
 GRIDS = {
     "prime": Grid(61, 97, 0.3, 0.2),

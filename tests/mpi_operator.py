@@ -12,11 +12,11 @@ import running  # noqa: F401  (starts PETSc without this script's arguments)
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.halfspace import convolution
-from app.halfspace.convolution import Convolution
+from app.halfspace.fft import transpose
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.influence import Material, dense_matrix, influence_quadrant
 from app.halfspace.operator import InfluenceOperator
+from app.halfspace.product import Convolution
 
 STEEL = Material(82000.0, 0.28).compliance
 GRIDS = {
@@ -38,7 +38,7 @@ DOUBLE, SINGLE = 1e-14, 1e-6  # measured: 2e-15 and 2e-7
 @contextmanager
 def many_groups():
     """Let even small products use several column groups."""
-    with mock.patch.object(convolution, "_GROUP_BYTES", 1024):
+    with mock.patch.object(transpose, "_GROUP_BYTES", 1024):
         yield
 
 

@@ -10,9 +10,11 @@ from mpi4py import MPI
 from mpi_operator import GRIDS, make_convolution
 from petsc4py import PETSc
 
-from app.halfspace.convolution import Convolution, DenseProduct, EvenMultiplier, transform_length
+from app.halfspace.fft.lengths import transform_length
+from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Grid
 from app.halfspace.operator import InfluenceOperator
+from app.halfspace.product import Convolution, DenseProduct
 
 SELF = MPI.COMM_SELF
 each_grid = pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi_gauss_seidel import GRIDS, block_sizes, make, random_problem, sweep
 
-from app.halfspace.convolution import Convolution
-from app.halfspace.gauss_seidel import GaussSeidel
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix, influence_quadrant
+from app.halfspace.product import Convolution
 from app.halfspace.relaxation import Jacobi, RedBlack
+from app.halfspace.sweeps.gauss_seidel import GaussSeidel
 
 each_grid = pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
 MEASURED = 1e-13  # relative, against the scalar loop: 1e-14 at most is seen
@@ -234,7 +234,7 @@ def test_plans_survive_those_of_mpi4py_fft():
     code = """
 import sys; sys.path.insert(0, "tests")
 import mpi_gauss_seidel as checks
-from app.halfspace.convolution import Convolution
+from app.halfspace.product import Convolution
 grid = checks.GRIDS["prime"]
 relaxation, (mask, r) = checks.make(grid), checks.random_problem(grid)
 before = checks.sweep(relaxation, r, mask, 0.8)

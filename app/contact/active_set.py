@@ -20,8 +20,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.contact import kernels
-from app.halfspace.convolution import any_nonzero
-from app.halfspace.reductions import minimum_over, sum_over
+from app.halfspace.reductions import any_nonzero, minimum_over, sum_over
 from app.halfspace.window import whole
 
 _EPSILON = np.finfo(float).eps

@@ -25,7 +25,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.contact import kernels
-from app.halfspace.convolution import any_nonzero
+from app.halfspace.reductions import any_nonzero
 from app.halfspace.reductions import minimum_over, sum_over
 from app.halfspace.window import whole
 

@@ -21,7 +21,8 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.fft import next_fast_len
 
-from app.halfspace.convolution import EvenMultiplier, quick_length
+from app.halfspace.fft.lengths import quick_length
+from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.influence import influence_quadrant
 from app.fast.rim import RimExtension, load_extension
 
@@ -35,7 +36,7 @@ def circulant_periods(shape, margin):
     return tuple(quick_length(int(np.ceil((1 + margin) * n))) for n in shape)
 
 
-def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64, margin=0.0, partner=None):
+def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64, margin=0.0, workspace=None):
     """Inverse of the Strang circulant of the influence matrix.
 
     Collective over `comm`.
@@ -47,7 +48,7 @@ def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64,
     margin : float or None
         Share of the extent of the patch to be added to it at least, before it is continued periodically; more if that
         makes quicker transforms. None: as little as a length with small prime factors allows.
-    partner : EvenMultiplier, optional
+    workspace : EvenMultiplier, optional
         Whose working storage may be used.
 
     Returns
@@ -60,7 +61,7 @@ def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64,
         If an eigenvalue is not positive.
     """
     periods = circulant_periods(grid.shape, margin)
-    inverse = EvenMultiplier(grid.shape, periods, slabs, comm, dtype, partner)
+    inverse = EvenMultiplier(grid.shape, periods, slabs, comm, dtype, workspace)
     rows, columns = (min(period // 2 + 1, n) for period, n in zip(periods, grid.shape, strict=True))
     inverse.set_kernel(partial(influence_quadrant, grid, compliance, columns=columns), rows, columns)
     smallest = inverse.smallest_eigenvalue()

@@ -12,9 +12,10 @@ from functools import cached_property, partial
 import numpy as np
 from petsc4py import PETSc
 
-from app.halfspace.convolution import Convolution, DenseProduct, transform_length
+from app.halfspace.fft.lengths import transform_length
 from app.halfspace.grid import Slabs
 from app.halfspace.influence import dense_matrix, influence_quadrant
+from app.halfspace.product import Convolution, DenseProduct
 
 _FORWARD, _BACKWARD = 1 | 4, 2 | 8  # MatSORType: the "local" kinds mean the same here, see `SOR`
 _ZERO_GUESS = 16
@@ -210,7 +211,7 @@ class InfluenceOperator:
     def relaxation(self):
         """The sweeps on this grid; made when first needed."""
         if self._relaxation is None:
-            from app.halfspace.gauss_seidel import GaussSeidel
+            from app.halfspace.sweeps.gauss_seidel import GaussSeidel
 
             quadrant = partial(influence_quadrant, self.grid, self.compliance)
             self._relaxation = GaussSeidel(

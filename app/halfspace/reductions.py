@@ -1,4 +1,4 @@
-"""Numbers gathered from the ranks that share a grid, and loops whose sums may be compiled to vector instructions."""
+"""Numbers from arrays and ranks: sums that may be compiled to vector instructions, a test, reductions over ranks."""
 
 from __future__ import annotations
 
@@ -9,6 +9,18 @@ from mpi4py import MPI
 # A loop over one row, without branches and in a function of its own, becomes vector instructions if its sums may be
 # taken in any order. The order is the same on any number of ranks.
 any_order = numba.njit(cache=True, fastmath={"reassoc", "contract"})
+
+
+@numba.njit(cache=True)
+def any_nonzero(block):
+    """Whether anything is not zero; stops at the first row with something."""
+    for j in range(block.shape[0]):
+        some = False
+        for i in range(block.shape[1]):
+            some |= block[j, i] != 0
+        if some:
+            return True
+    return False
 
 
 def sum_over(comm, values):

@@ -35,7 +35,7 @@ class Jacobi:
         self.diagonal = diagonal
 
     def sweep(self, r, mask, omega, d, backward=False):
-        """Compute d from r; see `app.halfspace.gauss_seidel.GaussSeidel.sweep`. Not collective."""
+        """Compute d from r; see `app.halfspace.sweeps.gauss_seidel.GaussSeidel.sweep`. Not collective."""
         np.multiply(r, mask, out=d)
         d *= omega / self.diagonal
 
@@ -64,7 +64,7 @@ class RedBlack:
         self._u = np.zeros(shape)
 
     def sweep(self, r, mask, omega, d, backward=False):
-        """Compute d from r; see `app.halfspace.gauss_seidel.GaussSeidel.sweep`.
+        """Compute d from r; see `app.halfspace.sweeps.gauss_seidel.GaussSeidel.sweep`.
 
         Collective if `convolve` is. A backward sweep starts with the black cells.
         """

@@ -30,321 +30,23 @@ The iterates are those of one rank.
 
 from __future__ import annotations
 
-import ctypes
 import itertools
-import weakref
 from functools import cache
 from typing import NamedTuple
 
-import numba
 import numpy as np
-from llvmlite import ir
 from mpi4py_fft import fftw
-from numba import types, uintp
-from numba.extending import intrinsic
 from scipy.fft import dct, rfft
 
-from app.halfspace.convolution import transform_length
+from app.halfspace.fft.lengths import transform_length
 from app.halfspace.grid import Slabs
+from app.halfspace.sweeps.fftw import FFTW
+from app.halfspace.sweeps.kernels import LANES, TILE, Rows, count_contact, solve_leaf, transfer
 
 LEAF_ROWS = 48  # at most; with more an FFT is faster than direct coupling
 SEGMENT_COLUMNS = 512  # at most
-_LANES = 32  # frequencies in a chunk
-_WIDTH = 2 * _LANES  # as reals
-_TILE = 4  # rows that act on as many others at once
 _ROWS_AT_ONCE = 32  # rows of the kernel
 _BATCH = 1 << 12  # complex numbers per batch of transforms in y: stay in the cache
-
-_1, _2, _3, _4, _5, _6 = (np.uintp(i * _WIDTH) for i in range(1, 7))  # offsets of the rows of a tile
-
-
-class _FFTW:
-    """Plans as addresses that compiled code can execute, of the FFTW that mpi4py_fft is linked to."""
-
-    def __init__(self, dtype):
-        known = {"float64": (fftw.fftw_xfftn, "fftw"), "float32": (fftw.fftwf_xfftn, "fftwf")}
-        if dtype.name not in known:
-            raise ValueError(f"dtype {dtype.name}: must be one of {', '.join(known)}")
-        module, name = known[dtype.name]
-        self._library, self._name = ctypes.CDLL(module.__file__), name
-        # mpi4py_fft does the same before it plans: the first such call in a process forgets all plans.
-        self._library[f"{name}_plan_with_nthreads"](1)
-        self._destroy = self._library[f"{name}_destroy_plan"]
-        self._destroy.argtypes = [ctypes.c_void_p]
-        self.execute = ctypes.cast(self._library[f"{name}_execute"], ctypes.c_void_p).value
-
-    def plans(self, cells, spectrum, length):
-        """Plan the transforms of the rows of `cells` (real or complex) to `spectrum` and back."""
-        there, back = (
-            (ctypes.c_void_p(a.ctypes.data), None, 1, a.strides[0] // a.itemsize) for a in (cells, spectrum)
-        )
-        head = (1, ctypes.byref(ctypes.c_int(length)), len(cells))
-        if np.iscomplexobj(cells):
-            kinds, signs = ("dft", "dft"), ((-1,), (1,))
-        else:
-            kinds, signs = ("dft_r2c", "dft_c2r"), ((), ())
-        return (
-            self._plan(kinds[0], *head, *there, *back, *signs[0], fftw.FFTW_ESTIMATE),
-            self._plan(kinds[1], *head, *back, *there, *signs[1], fftw.FFTW_ESTIMATE),
-        )
-
-    def _plan(self, kind, *arguments):
-        planner = self._library[f"{self._name}_plan_many_{kind}"]
-        planner.restype = ctypes.c_void_p
-        plan = planner(*arguments)
-        if plan is None:
-            raise RuntimeError(f"FFTW cannot plan {kind}")
-        weakref.finalize(self, self._destroy, plan)
-        return plan
-
-
-@intrinsic
-def _execute(typing_context, function, plan):
-    """Call ``void function(void *plan)``; both are addresses."""
-
-    def generate(context, builder, signature, arguments):
-        pointer = ir.IntType(8).as_pointer()
-        function_pointer = ir.FunctionType(ir.VoidType(), [pointer]).as_pointer()
-        function, plan = arguments
-        builder.call(builder.inttoptr(function, function_pointer), [builder.inttoptr(plan, pointer)])
-        return context.get_dummy_value()
-
-    return types.void(types.int64, types.int64), generate
-
-
-class _Rows(NamedTuple):
-    """What the solution of single rows needs, for compiled code."""
-
-    execute: int  # address of FFTW's execute
-    forward: int  # plan solved -> spectrum
-    backward: int  # plan spectrum -> cells
-    cells: np.ndarray  # (Nx,), right-hand side of a row
-    solved: np.ndarray  # (Nx,), d of the row: zero outside C
-    spectrum: np.ndarray  # (2 F,), transform of either, as reals
-    recent: np.ndarray  # (_TILE, 2 F), transforms of the last solved rows
-    close: np.ndarray  # (_TILE, 2 F), kernel at the smallest lags
-    contact: np.ndarray  # (nx,), columns of the contact cells of a row
-    kernel: np.ndarray  # (nx,), coupling within a row
-    reverse: np.ndarray  # (nx,), the same backwards
-    segment: int  # columns of a segment
-    far: np.ndarray  # spectra of the kernel, level after level
-    starts: np.ndarray  # (levels + 1,), where they start
-    plans: np.ndarray  # (levels, 2), forward and backward, both on `work`
-    work: np.ndarray  # (longest + 2,)
-    work_spectrum: np.ndarray  # (longest / 2 + 1,), the same memory
-
-
-@numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz"})
-def _four_dots(d, start, stop, kernel, k0, k1, k2, k3):
-    """Sums over start <= i < stop of d[i] kernel[k + i], for four offsets k."""
-    s0 = s1 = s2 = s3 = 0 * d[0]
-    for index in range(start, stop):
-        i = uintp(index)
-        x = d[i]
-        s0 += x * kernel[k0 + i]
-        s1 += x * kernel[k1 + i]
-        s2 += x * kernel[k2 + i]
-        s3 += x * kernel[k3 + i]
-    return s0, s1, s2, s3
-
-
-@numba.njit(cache=True)
-def _solve_row(rows, count, weight):
-    """Solve d + weight L_C d = weight x on the `count` contact cells of a row."""
-    x, d, contact, kernel, reverse = rows.cells, rows.solved, rows.contact, rows.kernel, rows.reverse
-    last = len(kernel) - 1
-    first, end = contact[0], contact[count - 1] + 1
-    d[:] = 0
-    done = 0
-    m = 0
-    while True:
-        start = first + m * rows.segment
-        stop = min(start + rows.segment, end)
-        m += 1
-        while done < count and contact[done] < stop:
-            more = 1
-            while more < 4 and done + more < count and contact[done + more] < stop:
-                more += 1
-            # Of fewer than four cells the last stands in for the missing ones, to no effect.
-            t0, t1 = contact[done], contact[done + min(1, more - 1)]
-            t2, t3 = contact[done + min(2, more - 1)], contact[done + more - 1]
-            s0, s1, s2, s3 = _four_dots(
-                d, start, t0, reverse, uintp(last - t0), uintp(last - t1), uintp(last - t2), uintp(last - t3)
-            )
-            d[t0] = d0 = weight * (x[t0] - s0)
-            if more > 1:
-                d[t1] = d1 = weight * (x[t1] - s1 - kernel[t1 - t0] * d0)
-            if more > 2:
-                d[t2] = d2 = weight * (x[t2] - s2 - kernel[t2 - t0] * d0 - kernel[t2 - t1] * d1)
-            if more > 3:
-                s3 += kernel[t3 - t0] * d0 + kernel[t3 - t1] * d1 + kernel[t3 - t2] * d2
-                d[t3] = weight * (x[t3] - s3)
-            done += more
-        if done == count:
-            return
-        level = 0
-        while not (m >> level) & 1:
-            level += 1
-        size = rows.segment << level
-        if contact[done] >= stop + size:
-            continue
-        a, b = rows.starts[level], rows.starts[level + 1]
-        rows.work[:size] = d[stop - size : stop]
-        rows.work[size : 2 * (b - a - 1)] = 0
-        _execute(rows.execute, rows.plans[level, 0])
-        for k in range(b - a):
-            rows.work_spectrum[k] *= rows.far[a + k]
-        _execute(rows.execute, rows.plans[level, 1])
-        for i in range(stop, min(stop + size, end)):
-            x[i] -= rows.work[size + i - stop]
-
-
-@numba.njit(cache=True, fastmath={"contract"})
-def _tile(y, w, b, kernel, k, width):
-    """Effect of four rows on four others: y[t] += sum_s kernel[k + t - s + 3] w[b + s]."""
-    for index in range(width):
-        f = uintp(index)
-        k0 = kernel[k + f]
-        k1 = kernel[k + _1 + f]
-        k2 = kernel[k + _2 + f]
-        k3 = kernel[k + _3 + f]
-        k4 = kernel[k + _4 + f]
-        k5 = kernel[k + _5 + f]
-        k6 = kernel[k + _6 + f]
-        w0 = w[b + f]
-        w1 = w[b + _1 + f]
-        w2 = w[b + _2 + f]
-        w3 = w[b + _3 + f]
-        y[f] += k3 * w0 + k2 * w1 + k1 * w2 + k0 * w3
-        y[_1 + f] += k4 * w0 + k3 * w1 + k2 * w2 + k1 * w3
-        y[_2 + f] += k5 * w0 + k4 * w1 + k3 * w2 + k2 * w3
-        y[_3 + f] += k6 * w0 + k5 * w1 + k4 * w2 + k3 * w3
-
-
-@numba.njit(cache=True, fastmath={"contract"})
-def _multiply_add(y, kernel, x):
-    for f in range(len(y)):
-        y[f] += kernel[f] * x[f]
-
-
-@numba.njit(cache=True)
-def _solve_leaf(w, slot, occupied, near, rows, r, mask, d, row, step, weight):
-    """Solve the rows of a leaf: w[:, slot + j] is turned from what earlier leaves add to row j into row j."""
-    chunks, slots, width = w.shape
-    nx, lags = r.shape[1], near.shape[1]
-    flat, flat_near = w.reshape(-1), near.reshape(-1)
-    y = np.empty(_TILE * width, w.dtype)
-    column = 0 if step > 0 else nx - 1
-    for t in range(0, len(occupied), _TILE):
-        tile = occupied[t : t + _TILE]
-        if not tile.any():
-            w[:, slot + t : slot + t + len(tile)] = 0
-            continue
-        for c in range(chunks):
-            here = (c * slots + slot) * width
-            target = flat[here + t * width : here + (t + len(tile)) * width]
-            y[: len(target)] = target
-            for s in range(0, t, _TILE):
-                if occupied[s : s + _TILE].any():
-                    lag = c * lags + t - s - 3
-                    _tile(y, flat, uintp(here + s * width), flat_near, uintp(lag * width), width)
-            target[:] = y[: len(target)]
-        for q in range(len(tile)):
-            if not tile[q]:
-                w[:, slot + t + q] = 0
-                continue
-            for c in range(chunks):
-                part = rows.spectrum[c * width : (c + 1) * width]
-                part[:] = w[c, slot + t + q, : len(part)]
-            for p in range(q):
-                if tile[p]:
-                    _multiply_add(rows.spectrum, rows.close[q - p], rows.recent[p])
-            _execute(rows.execute, rows.backward)
-            i = row + step * (t + q)
-            count = 0
-            for k in range(nx):
-                rows.contact[count] = k
-                count += mask[i, column + step * k]
-            for k in range(nx):
-                rows.cells[k] += r[i, column + step * k]
-            _solve_row(rows, count, weight)
-            for k in range(nx):
-                d[i, column + step * k] = rows.solved[k]
-            _execute(rows.execute, rows.forward)
-            rows.recent[q] = rows.spectrum
-            for c in range(chunks):
-                part = rows.spectrum[c * width : (c + 1) * width]
-                w[c, slot + t + q, : len(part)] = part
-
-
-@numba.njit(cache=True)
-def _load(cells, rows):
-    """cells[f, s] = rows[s, f], four rows at a time; zeros after them."""
-    n, lanes = rows.shape
-    whole = n - n % 4
-    for s in range(0, whole, 4):
-        for f in range(lanes):
-            cells[f, s] = rows[s, f]
-            cells[f, s + 1] = rows[s + 1, f]
-            cells[f, s + 2] = rows[s + 2, f]
-            cells[f, s + 3] = rows[s + 3, f]
-    for s in range(whole, n):
-        for f in range(lanes):
-            cells[f, s] = rows[s, f]
-    cells[:, n:] = 0
-
-
-@numba.njit(cache=True)
-def _add(rows, cells, shift):
-    """rows[t, f] += cells[f, shift + t], four rows at a time."""
-    n, lanes = rows.shape
-    whole = n - n % 4
-    for t in range(0, whole, 4):
-        for f in range(lanes):
-            rows[t, f] += cells[f, shift + t]
-            rows[t + 1, f] += cells[f, shift + t + 1]
-            rows[t + 2, f] += cells[f, shift + t + 2]
-            rows[t + 3, f] += cells[f, shift + t + 3]
-    for t in range(whole, n):
-        for f in range(lanes):
-            rows[t, f] += cells[f, shift + t]
-
-
-@numba.njit(cache=True)
-def _transfer(
-    w, source, n_source, target, n_target, untouched, far, execute, forward, backward, cells, spectrum
-):
-    """Add the effect of the rows w[:, source : source + n_source] on the next n_target rows, at w[:, target]."""
-    chunks, _, lanes = w.shape
-    batch, length = cells.shape
-    half = far.shape[2]
-    for c in range(chunks):
-        for lane in range(0, lanes, batch):
-            _load(cells, w[c, source : source + n_source, lane : lane + batch])
-            _execute(execute, forward)
-            for f in range(batch):
-                z, kernel = spectrum[f], far[c, lane + f]
-                for k in range(half):
-                    z[k] *= kernel[k]
-                for k in range(half, length):
-                    z[k] *= kernel[length - k].conjugate()
-            _execute(execute, backward)
-            rows = w[c, target : target + n_target, lane : lane + batch]
-            if untouched:
-                rows[:] = 0
-            _add(rows, cells, n_source)
-
-
-@numba.njit(cache=True)
-def _count(mask):
-    """Contact cells of each row."""
-    counts = np.empty(len(mask), np.int64)
-    for j, row in enumerate(mask):
-        count = 0
-        for cell in row:
-            count += cell
-        counts[j] = count
-    return counts
 
 
 class _Leaf(NamedTuple):
@@ -414,23 +116,23 @@ class GaussSeidel:
 
         leaves, leaf_rows = _cut(self.slabs.starts)
         self._leaves = leaves, [_Leaf(ny - b, ny - a, owner) for a, b, owner in reversed(leaves)]
-        chunks = -(-self._frequencies // _LANES)
+        chunks = -(-self._frequencies // LANES)
         size, rank = (1, 0) if self.comm is None else (comm.size, comm.rank)
         edges = [chunks * q // size for q in range(size + 1)]
         self._chunks = [b - a for a, b in itertools.pairwise(edges)]  # of each rank
 
-        self._fftw = _FFTW(self.dtype)
-        first_rows = quadrant_rows(0, min(ny, leaf_rows + _TILE))
+        self._fftw = FFTW(self.dtype)
+        first_rows = quadrant_rows(0, min(ny, leaf_rows + TILE))
         self._diagonal = float(first_rows[0, 0])
         self._rows = self._prepare_rows(first_rows)
-        near = np.zeros((leaf_rows + _TILE, chunks * _LANES))
+        near = np.zeros((leaf_rows + TILE, chunks * LANES))
         near[: len(first_rows), : self._frequencies] = self._transform_in_x(first_rows)
-        near = near.reshape(-1, chunks, _LANES).transpose(1, 0, 2)
+        near = near.reshape(-1, chunks, LANES).transpose(1, 0, 2)
         self._near = np.repeat(near, 2, axis=2).astype(self.dtype, order="C")  # for Re and Im
 
         half = _largest_power(len(leaves))
-        self._stored = np.zeros((self._chunks[rank], half * leaf_rows, _LANES), self._complex)
-        self._leaf = None if self.comm is None else np.empty(chunks * leaf_rows * _LANES, self._complex)
+        self._stored = np.zeros((self._chunks[rank], half * leaf_rows, LANES), self._complex)
+        self._leaf = None if self.comm is None else np.empty(chunks * leaf_rows * LANES, self._complex)
         self._transfers = []
         if len(leaves) > 1:
             lengths = [transform_length(leaf_rows << level) for level in range(half.bit_length())]
@@ -456,7 +158,7 @@ class GaussSeidel:
         real, spectrum = self._with_spectrum(self._length)
         forward, _ = self._fftw.plans(solved[None], spectrum[None], self._length)
         _, backward = self._fftw.plans(cells[None], spectrum[None], self._length)
-        close = np.repeat(self._transform_in_x(kernel[:_TILE]), 2, axis=1).astype(self.dtype)
+        close = np.repeat(self._transform_in_x(kernel[:TILE]), 2, axis=1).astype(self.dtype)
 
         levels = 0
         while nx > SEGMENT_COLUMNS << levels:
@@ -467,14 +169,14 @@ class GaussSeidel:
         plans = [self._fftw.plans(work[None], work_spectrum[None], length) for length in lengths]
         far = [rfft(kernel[0, :length], length) / length for length in lengths]
         within = kernel[0].astype(self.dtype)
-        return _Rows(
+        return Rows(
             execute=self._fftw.execute,
             forward=forward,
             backward=backward,
             cells=cells,
             solved=solved,
             spectrum=real,
-            recent=np.zeros((_TILE, len(real)), self.dtype),
+            recent=np.zeros((TILE, len(real)), self.dtype),
             close=close,
             contact=np.zeros(nx, np.int64),
             kernel=within,
@@ -490,14 +192,14 @@ class GaussSeidel:
     def _prepare_transfers(self, kernel, lengths):
         """Spectra of the kernel on this rank's frequencies and plans, for transfers of 1, 2, 4 .. leaves."""
         self._work = fftw.aligned(
-            (2, max(min(_BATCH, _LANES * lengths[-1]), lengths[-1])), dtype=self._complex
+            (2, max(min(_BATCH, LANES * lengths[-1]), lengths[-1])), dtype=self._complex
         )
         self._work[...] = 0
         for length in lengths:
-            far = np.empty((len(kernel), _LANES, length // 2 + 1), self._complex)
+            far = np.empty((len(kernel), LANES, length // 2 + 1), self._complex)
             for chunk, part in zip(far, kernel, strict=True):
                 chunk[...] = rfft(part[:, :length], length) / length
-            batch = _LANES
+            batch = LANES
             while batch * length > self._work.shape[1]:
                 batch //= 2
             cells, spectrum = (work[: batch * length].reshape(batch, length) for work in self._work)
@@ -505,25 +207,25 @@ class GaussSeidel:
             self._transfers.append((far, self._fftw.execute, *plans, cells, spectrum))
 
     def _kernel_in_x(self, quadrant_rows, edges, rank):
-        """x-transforms of all rows of K at this rank's frequencies, shape (chunks, _LANES, ny)."""
+        """x-transforms of all rows of K at this rank's frequencies, shape (chunks, LANES, ny)."""
         ny, size = self.shape[0], len(self._chunks)
         lags = [ny * q // size for q in range(size + 1)]
-        here = np.zeros((edges[-1] * _LANES, lags[rank + 1] - lags[rank]))
+        here = np.zeros((edges[-1] * LANES, lags[rank + 1] - lags[rank]))
         for start in range(lags[rank], lags[rank + 1], _ROWS_AT_ONCE):
             stop = min(start + _ROWS_AT_ONCE, lags[rank + 1])
             rows = self._transform_in_x(quadrant_rows(start, stop))
             here[: self._frequencies, start - lags[rank] : stop - lags[rank]] = rows.T
         if self.comm is None:
-            return here.reshape(self._chunks[rank], _LANES, ny)
-        lanes = self._chunks[rank] * _LANES
+            return here.reshape(self._chunks[rank], LANES, ny)
+        lanes = self._chunks[rank] * LANES
         counts = np.diff(lags)
         received = np.empty(lanes * ny)
-        sent = [chunks * _LANES * counts[rank] for chunks in self._chunks]
+        sent = [chunks * LANES * counts[rank] for chunks in self._chunks]
         self.comm.Alltoallv([here, sent], [received, list(lanes * counts)])
         kernel = np.empty((lanes, ny))
         for first, last in itertools.pairwise(lags):
             kernel[:, first:last] = received[lanes * first : lanes * last].reshape(lanes, last - first)
-        return kernel.reshape(self._chunks[rank], _LANES, ny)
+        return kernel.reshape(self._chunks[rank], LANES, ny)
 
     @property
     def memory(self):
@@ -574,7 +276,7 @@ class GaussSeidel:
             raise ValueError(f"fields of shapes {r.shape}, {mask.shape}, {d.shape}: all must be {shape}")
         mask = mask.astype(bool, copy=False).view(np.uint8)
         d[...] = 0
-        counts = _count(mask)
+        counts = count_contact(mask)
         if self.comm is not None:
             counts, local = np.empty(self.shape[0], np.int64), counts
             self.comm.Allgatherv(local, [counts, list(self.slabs.counts)])
@@ -618,12 +320,12 @@ class GaussSeidel:
         row -= self.slabs.rows.start
         weight = self.dtype.type(omega / self._diagonal)
         block = block.view(self.dtype)
-        _solve_leaf(block, slot, occupied, self._near, self._rows, r, mask, d, row, step, weight)
+        solve_leaf(block, slot, occupied, self._near, self._rows, r, mask, d, row, step, weight)
 
     def _transfer(self, source, target, untouched, level):
         """Add the effect of the rows stored at `source` to those at `target`, which come right after them."""
         sizes = source.start, source.stop - source.start, target.start, target.stop - target.start
-        _transfer(self._stored, *sizes, untouched, *self._transfers[level])
+        transfer(self._stored, *sizes, untouched, *self._transfers[level])
         length = self._transfers[level][-1].shape[1]
         self._flops += self._frequencies * (4 * _flops(length) + 6 * length)
 
@@ -635,7 +337,7 @@ class GaussSeidel:
         if owner != self.comm.rank:
             self.comm.Gatherv(part, None, owner)
             return None, 0
-        shape = sum(self._chunks), part.shape[1], _LANES
+        shape = sum(self._chunks), part.shape[1], LANES
         leaf = self._leaf[: np.prod(shape)]
         self.comm.Gatherv(part, [leaf, self._leaf_counts(shape)], owner)
         return leaf.reshape(shape), 0
@@ -671,8 +373,8 @@ def _flops(length):
 
 
 @cache
-def load():
-    """Load the compiled loops now, not in the first sweep. Not collective."""
+def warm_up():
+    """Compile the loops, or read them from the cache, now and not in the first sweep. Not collective."""
     rows, columns = 64, 4
     kernel = 1.0 / (1.0 + np.arange(rows)[:, None] + np.arange(columns))
     smoother = GaussSeidel(lambda first, last: kernel[first:last], (rows, columns))

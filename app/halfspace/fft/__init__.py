@@ -1,0 +1,1 @@
+"""Multiplication by even functions in Fourier space, distributed: lengths, strips, transpose, multiplier."""

@@ -1,0 +1,187 @@
+"""Compiled loops on the way from real rows to complex columns and back: pairs of rows, strips of columns.
+
+- *Pairs.* Two real rows a, b are transformed as one complex row a + i b, which costs half of two real transforms by
+  FFTW. An odd last row is paired with itself.
+- *Strips.* Transformed rows are stored as strips of 16 columns: a row fills a part of every strip, columns are made of
+  a whole one, and both ways memory is gone through in order. Strips that belong together are one flat array; the last
+  may be narrower.
+- *Columns.* Those of one strip are gathered as rows of a small array, where they are transformed, and scattered back.
+
+A product goes through `pair`, `store_pairs`, `gather_columns`, and back through `scatter_columns`, `fetch_pairs`,
+`unpair`.
+
+Unsigned indices are not tested for being negative, complex numbers put together from real products not for NaN, and a
+loop over a row in a function of its own is not lost in others: only so do these loops become vector instructions.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+STRIP = 16  # columns
+_TILE = 8  # complex singles are a cache line
+
+
+@numba.njit(cache=True)
+def pair(p, mask, pairs):
+    """pairs[m, :nx] = p[2 m] + i p[2 m + 1], on C if there is a mask; zero beyond."""
+    last = p.shape[0] - 1
+    for m in range((last + 2) // 2):
+        j, l = 2 * m, min(2 * m + 1, last)
+        a, b, row = p[j], p[l], pairs[m]
+        if mask is None:
+            for k in range(p.shape[1]):
+                row[k] = complex(a[k], b[k])
+        else:
+            for k in range(p.shape[1]):
+                row[k] = complex(a[k] if mask[j, k] else 0, b[k] if mask[l, k] else 0)
+        row[p.shape[1] :] = 0
+
+
+@numba.njit(cache=True)
+def unpair(pairs, mask, out):
+    """Undo `pair`."""
+    last = out.shape[0] - 1
+    for m in range((last + 2) // 2):
+        j, l = 2 * m, min(2 * m + 1, last)
+        a, b, row = out[j], out[l], pairs[m]
+        for k in range(out.shape[1]):
+            a[k] = row[k].real
+            b[k] = row[k].imag
+        if mask is not None:
+            a *= mask[j]
+            b *= mask[l]
+
+
+@numba.njit(cache=True)
+def _split(both, first, a, b):
+    """Transforms a, b of two real rows from that of their pair, at frequency `first` and on."""
+    length, start, half = np.uint64(both.size), np.uint64(first), both.real.dtype.type(0.5)
+    for c in range(np.uint64(first == 0), np.uint64(a.size)):
+        x, y = both[start + c], both[length - start - c]
+        a[c] = complex(half * (x.real + y.real), half * (x.imag - y.imag))
+        b[c] = complex(half * (x.imag + y.imag), half * (y.real - x.real))
+    if first == 0 and a.size:
+        x = both[0]
+        a[0], b[0] = x.real, x.imag
+
+
+@numba.njit(cache=True)
+def _unite(both, first, a, b):
+    """Undo `_split`."""
+    length, start = np.uint64(both.size), np.uint64(first)
+    for c in range(np.uint64(a.size)):
+        x, y = a[c], b[c]
+        both[start + c] = complex(x.real - y.imag, x.imag + y.real)
+    for c in range(np.uint64(first == 0), np.uint64(a.size)):
+        x, y = a[c], b[c]
+        both[length - start - c] = complex(x.real + y.imag, y.real - x.imag)
+
+
+@numba.njit(cache=True)
+def _copy_strip(source, i, target, k):
+    for c in range(np.uint64(STRIP)):
+        target[k + c] = source[i + c]
+
+
+@numba.njit(cache=True)
+def put_rows(rows, strips, height, start):
+    """Make `rows` the rows of the strips, which are `height` rows high, from row `start` on."""
+    whole = rows.shape[1] // STRIP * STRIP
+    for strip in range(0, whole, STRIP):
+        at = height * strip + start * STRIP
+        for j in range(rows.shape[0]):
+            _copy_strip(rows[j], np.uint64(strip), strips, np.uint64(at + j * STRIP))
+    width = rows.shape[1] - whole
+    for j in range(rows.shape[0]):
+        for c in range(width):
+            strips[height * whole + (start + j) * width + c] = rows[j, whole + c]
+
+
+@numba.njit(cache=True)
+def _take_rows(strips, height, start, rows):
+    """Undo `put_rows`."""
+    whole = rows.shape[1] // STRIP * STRIP
+    for strip in range(0, whole, STRIP):
+        at = height * strip + start * STRIP
+        for j in range(rows.shape[0]):
+            _copy_strip(strips, np.uint64(at + j * STRIP), rows[j], np.uint64(strip))
+    width = rows.shape[1] - whole
+    for j in range(rows.shape[0]):
+        for c in range(width):
+            rows[j, whole + c] = strips[height * whole + (start + j) * width + c]
+
+
+@numba.njit(cache=True)
+def store_pairs(pairs, first, count, scratch, strips, height, start):
+    """Put the transforms of `count` real rows into the strips from row `start` on, from frequency `first` on."""
+    if not height:
+        return
+    columns = strips.size // height
+    rows = scratch[: count * columns].reshape(count, columns)
+    for m in range((count + 1) // 2):
+        _split(pairs[m], first, rows[2 * m], rows[min(2 * m + 1, count - 1)])
+    put_rows(rows, strips, height, start)
+
+
+@numba.njit(cache=True)
+def fetch_pairs(pairs, first, count, scratch, strips, height, start):
+    """Undo `store_pairs`."""
+    if not height:
+        return
+    columns = strips.size // height
+    rows = scratch[: count * columns].reshape(count, columns)
+    _take_rows(strips, height, start, rows)
+    for m in range((count + 1) // 2):
+        _unite(pairs[m], first, rows[2 * m], rows[min(2 * m + 1, count - 1)])
+
+
+@numba.njit(cache=True)
+def clear_rows(strips, height, start, count):
+    """Set rows `start`, ... of the strips to zero."""
+    if not height:
+        return
+    columns = strips.size // height
+    for strip in range(0, columns, STRIP):
+        width = min(STRIP, columns - strip)
+        strips[height * strip + start * width : height * strip + (start + count) * width] = 0
+
+
+def strip_view(strips, height, first, last):
+    """Columns ``first <= c < last``, a whole strip, as a view (rows, columns)."""
+    return strips[height * first : height * last].reshape(height, last - first)
+
+
+@numba.njit(cache=True)
+def gather_columns(strip, columns, start):
+    """columns[c, start + r] = strip[r, c], a tile at a time."""
+    height, width = np.uint64(strip.shape[0]), np.uint64(strip.shape[1])
+    tile, y = np.uint64(_TILE), np.uint64(start)
+    for a in range(np.uint64(0), height, tile):
+        for b in range(np.uint64(0), width, tile):
+            if a + tile <= height and b + tile <= width:
+                for c in range(tile):
+                    for r in range(tile):
+                        columns[b + c, y + a + r] = strip[a + r, b + c]
+            else:
+                for c in range(b, min(b + tile, width)):
+                    for r in range(a, min(a + tile, height)):
+                        columns[c, y + r] = strip[r, c]
+
+
+@numba.njit(cache=True)
+def scatter_columns(strip, columns, start):
+    """Undo `gather_columns`."""
+    height, width = np.uint64(strip.shape[0]), np.uint64(strip.shape[1])
+    tile, y = np.uint64(_TILE), np.uint64(start)
+    for a in range(np.uint64(0), height, tile):
+        for b in range(np.uint64(0), width, tile):
+            if a + tile <= height and b + tile <= width:
+                for r in range(tile):
+                    for c in range(tile):
+                        strip[a + r, b + c] = columns[b + c, y + a + r]
+            else:
+                for r in range(a, min(a + tile, height)):
+                    for c in range(b, min(b + tile, width)):
+                        strip[r, c] = columns[c, y + r]

@@ -1,0 +1,85 @@
+"""The all-to-all between slabs of rows and columns dealt to the ranks, a group of columns at a time."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from app.halfspace.fft.strips import STRIP
+
+_GROUP_BYTES = 1 << 22  # what a rank sends at once, at most about
+
+
+def deal_columns(columns, row_counts, comm):
+    """Split columns into groups, each dealt to all ranks; the same in all precisions. Not collective.
+
+    Parameters
+    ----------
+    columns : int
+    row_counts : sequence of int
+        Rows of each rank.
+    comm : mpi4py communicator or None
+        The ranks; None: this one alone.
+
+    Returns
+    -------
+    list of ColumnGroup
+    """
+    if comm is None:
+        return [ColumnGroup(0, columns, 1, 0, row_counts)]
+    column = max(row_counts) * np.dtype(complex).itemsize
+    batches = comm.size * STRIP  # all ranks busy, with no batch half empty
+    width = max(1, _GROUP_BYTES // (column * batches)) * batches
+    edges = [*range(0, columns, width), columns]
+    return [ColumnGroup(a, b, comm.size, comm.rank, row_counts) for a, b in itertools.pairwise(edges)]
+
+
+class ColumnGroup:
+    """Columns [start, stop) dealt to `size` ranks, and the all-to-all that deals them.
+
+    On either side lie the strips of one rank after those of the other. What a rank would send to itself stays there.
+    """
+
+    def __init__(self, start, stop, size, rank, row_counts):
+        per_rank = [(stop - start) // size + (r < (stop - start) % size) for r in range(size)]
+        self.edges = [int(edge) for edge in start + np.concatenate([[0], np.cumsum(per_rank)])]
+        self.mine = slice(self.edges[rank], self.edges[rank + 1])
+        row_edges = np.concatenate([[0], np.cumsum(row_counts)])
+        self.row_ranges = [(int(a), int(b)) for a, b in itertools.pairwise(row_edges)]
+        self._columns, self._rows, self._rank = per_rank[rank], row_counts[rank], rank
+        starts = self._rows * (np.array(self.edges[:-1]) - start)
+        sent = np.array(per_rank) * self._rows
+        got = np.array(row_counts) * self._columns
+        sent[rank] = got[rank] = 0
+        self._by_column = sent, starts
+        self._by_row = got, np.concatenate([[0], np.cumsum(got)[:-1]])
+        self.to_receive = int(got.sum())
+
+    def part(self, transformed):
+        """What is dealt, in the array of all groups."""
+        return transformed[self._rows * self.edges[0] : self._rows * self.edges[-1]]
+
+    def pieces(self, transformed):
+        """First and last but one column of each rank, and the strips that are sent to it."""
+        return [
+            (a, b, transformed[self._rows * a : self._rows * b]) for a, b in itertools.pairwise(self.edges)
+        ]
+
+    def deal(self, comm, part, received):
+        """Get the columns of this rank: the strips with the rows of rank q, for each rank q. Collective."""
+        first = self._rows * (self.mine.start - self.edges[0])
+        own = part[first : first + self._rows * self._columns]
+        if comm is None:
+            return [own]
+        comm.Alltoallv([part, self._by_column], [received, self._by_row])
+        spans = zip(*self._by_row, strict=True)
+        return [
+            own if rank == self._rank else received[start : start + count]
+            for rank, (count, start) in enumerate(spans)
+        ]
+
+    def give_back(self, comm, part, received):
+        """Send back what `deal` got. Collective."""
+        if comm is not None:
+            comm.Alltoallv([received, self._by_row], [part, self._by_column])

@@ -1,0 +1,62 @@
+"""The product u = A p, eq. (2.6): by FFT on any grid, by a stored matrix on the smallest.
+
+``u[j, i] = sum_{j', i'} K[|j - j'|, |i - i'|] p[j', i']`` on an ny x nx grid is a periodic convolution on an
+``Ny x Nx`` grid, ``N >= 2 n - 1``, of p padded with zeros: see `app.halfspace.fft.multiplier`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.halfspace.fft.lengths import transform_length
+from app.halfspace.fft.multiplier import EvenMultiplier
+
+
+class Convolution(EvenMultiplier):
+    """u = A p for the influence matrix of a grid, by FFT on a grid of twice the size.
+
+    Collective over `comm`.
+
+    Parameters
+    ----------
+    quadrant_rows : callable
+        ``quadrant_rows(slice) -> ndarray (rows, nx)``: influence coefficients, a few rows at a time.
+    shape, slabs, comm, dtype, workspace
+        See `EvenMultiplier`.
+    """
+
+    def __init__(self, quadrant_rows, shape, slabs=None, comm=None, dtype=np.float64, workspace=None):
+        ny, nx = shape
+        super().__init__(shape, (transform_length(ny), transform_length(nx)), slabs, comm, dtype, workspace)
+        self.set_kernel(quadrant_rows, ny, nx)
+        self.scale_spectrum(lambda spectrum: spectrum)
+
+    def in_precision(self, dtype):
+        """Return the same product in another precision, with the same working storage. Not collective."""
+        other = Convolution.__new__(Convolution)
+        EvenMultiplier.__init__(other, self.shape, self.periods, self.slabs, self.comm, dtype, self)
+        other._spectrum = self._spectrum.astype(dtype)
+        return other
+
+
+class DenseProduct:
+    """The same product by a stored matrix: quicker than an FFT on the smallest grids (n <= 256)."""
+
+    largest = 256
+
+    def __init__(self, matrix, shape):
+        self.matrix, self.shape, self.dtype = matrix, shape, matrix.dtype
+        self.count = 0
+
+    @property
+    def memory(self):
+        """Bytes held on this rank."""
+        return self.matrix.nbytes
+
+    def apply(self, p, out, mask=None):
+        """Compute out = A p, or out = C A C p; see `Convolution.apply`. Not collective."""
+        self.count += 1
+        if mask is None:
+            out[...] = (self.matrix @ p.reshape(-1)).reshape(self.shape)
+        else:
+            np.multiply((self.matrix @ (p * mask).reshape(-1)).reshape(self.shape), mask, out=out)

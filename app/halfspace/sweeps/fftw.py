@@ -1,0 +1,49 @@
+"""FFTW for compiled code: plans, and the function that executes them, as addresses."""
+
+from __future__ import annotations
+
+import ctypes
+import weakref
+
+import numpy as np
+from mpi4py_fft import fftw
+
+
+class FFTW:
+    """Plans as addresses that compiled code can execute, of the FFTW that mpi4py_fft is linked to."""
+
+    def __init__(self, dtype):
+        known = {"float64": (fftw.fftw_xfftn, "fftw"), "float32": (fftw.fftwf_xfftn, "fftwf")}
+        if dtype.name not in known:
+            raise ValueError(f"dtype {dtype.name}: must be one of {', '.join(known)}")
+        module, name = known[dtype.name]
+        self._library, self._name = ctypes.CDLL(module.__file__), name
+        # mpi4py_fft does the same before it plans: the first such call in a process forgets all plans.
+        self._library[f"{name}_plan_with_nthreads"](1)
+        self._destroy = self._library[f"{name}_destroy_plan"]
+        self._destroy.argtypes = [ctypes.c_void_p]
+        self.execute = ctypes.cast(self._library[f"{name}_execute"], ctypes.c_void_p).value
+
+    def plans(self, cells, spectrum, length):
+        """Plan the transforms of the rows of `cells` (real or complex) to `spectrum` and back."""
+        there, back = (
+            (ctypes.c_void_p(a.ctypes.data), None, 1, a.strides[0] // a.itemsize) for a in (cells, spectrum)
+        )
+        head = (1, ctypes.byref(ctypes.c_int(length)), len(cells))
+        if np.iscomplexobj(cells):
+            kinds, signs = ("dft", "dft"), ((-1,), (1,))
+        else:
+            kinds, signs = ("dft_r2c", "dft_c2r"), ((), ())
+        return (
+            self._plan(kinds[0], *head, *there, *back, *signs[0], fftw.FFTW_ESTIMATE),
+            self._plan(kinds[1], *head, *back, *there, *signs[1], fftw.FFTW_ESTIMATE),
+        )
+
+    def _plan(self, kind, *arguments):
+        planner = self._library[f"{self._name}_plan_many_{kind}"]
+        planner.restype = ctypes.c_void_p
+        plan = planner(*arguments)
+        if plan is None:
+            raise RuntimeError(f"FFTW cannot plan {kind}")
+        weakref.finalize(self, self._destroy, plan)
+        return plan
