@@ -42,7 +42,7 @@ def full_multigrid(hierarchy, distances, loading, stop, history, beta=0.003, pro
         state = ContactState(level, distances[number])
         if coarse is not None:
             transfer = hierarchy.transfers[number]
-            state.approach = coarse.approach
+            state.approach = loading.predict(coarse.approach)
             transfer.interpolate(coarse.u, state.u)  # 2. of Sec. 4.3: u bilinear
             state.u_is = Displacement.STALE
             if not (prolong and prolong(transfer, coarse, state)):

@@ -130,22 +130,24 @@ def sum_squares(x, shift, mask):
 
 
 @any_order
-def _gap_row(b, u, contact):
+def _gap_row(b, u, admissible, contact):
     squares, total, cells = 0.0, 0.0, 0
     for i in range(b.size):
-        e = u[i] - b[i] if contact[i] else 0.0
+        e = u[i] - b[i]
+        inside = contact[i] | (admissible[i] & (e <= 0))
+        e = e if inside else 0.0
         squares += e * e
         total += e
-        cells += contact[i]
+        cells += inside
     return squares, total, cells
 
 
 @any_order
-def gap_on(b, u, contact):
-    """Sum of squares and sum of h + u over C, and the number of cells there."""
+def gap_on(b, u, admissible, contact):
+    """Sum of squares and sum of h + u over C and where it is negative, and the number of cells there."""
     squares, total, cells = 0.0, 0.0, 0
     for j in range(b.shape[0]):
-        here = _gap_row(b[j], u[j], contact[j])
+        here = _gap_row(b[j], u[j], admissible[j], contact[j])
         squares += here[0]
         total += here[1]
         cells += here[2]
@@ -166,4 +168,4 @@ def warm_up():
         tension(field, mask, change)
     activate(field, field, mask, mask, mask)
     sum_squares(field, 0.0, mask)
-    gap_on(field, field, mask)
+    gap_on(field, field, mask, mask)

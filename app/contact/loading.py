@@ -10,7 +10,9 @@ Where that does not converge, the root search over solved problems does on any g
 
 from __future__ import annotations
 
+import os
 import numpy as np
+K=float(os.environ.get('K','1'))
 from scipy.optimize import brentq
 
 
@@ -33,6 +35,10 @@ class PrescribedApproach:
         state.approach = self.approach
         state.start_from_interpenetration()
         return solve(self)
+
+    def predict(self, approach):
+        """Return the approach to begin with on the next finer grid [mm]. Not collective."""
+        return approach
 
     def begin(self, state):
         """Prepare the iteration on a grid. Not collective."""
@@ -60,6 +66,7 @@ class PrescribedLoad:
         self.load = float(load)
         self.slope = 0.0  # S [N/mm]
         self._before = None
+        self._found = []  # approaches of the grids solved so far [mm]
 
     def first_solve(self, state, solve):
         """Solve on the first grid of all, by root search. Collective; see `PrescribedApproach.first_solve`."""
@@ -121,23 +128,36 @@ class PrescribedLoad:
             outcome = later.after(outcome)
         return outcome
 
+    def predict(self, approach):
+        """Return the approach to begin with on the next finer grid, by extrapolation [mm]. Not collective.
+
+        The approaches of a load on finer and finer grids converge like a geometric series.
+        """
+        self._found.append(approach)
+        last = np.diff(self._found[-3:])
+        ratio = last[1] / last[0] if len(last) == 2 and last[0] else 0.0
+        return approach + min(max(ratio, 0.0), 0.5) * last[-1] if len(last) else approach
+
     def begin(self, state):
         """Prepare the iteration on a grid. Collective."""
         self._before = None
         state.first_contact()
 
     def update(self, state):
-        """Move the approach by what the load lacks over the slope. Collective; u is A p."""
-        blame, _, _ = state.gap_on_contact()
-        here = state.approach, state.load
+        """Move the approach by what the load lacks over the slope. Collective; u is A p.
+
+        What the load will be at this approach when the system is solved is told by the mean gap that is left in contact.
+        """
+        rms, mean, _ = state.gap_on_contact()
+        here = state.approach, state.load - self.slope * mean
         if self._before:
             moved = here[0] - self._before[0]
             slope = (here[1] - self._before[1]) / moved
-            if abs(moved) > 10 * blame and 0.5 * self.slope < slope < 2 * self.slope:
+            if abs(moved) > 3 * rms and 0.3 * self.slope < slope < 3 * self.slope:
                 self.slope = slope
             self._before = None
         lacks = (self.load - here[1]) / self.slope
-        if abs(lacks) > blame:
+        if abs(lacks) > K * rms:
             state.approach += lacks
             self._before = here
 

@@ -269,8 +269,9 @@ class ContactState:
         return Update(int(cells), int(added), int(lost), residual=float(np.sqrt(squares)))
 
     def gap_on_contact(self):
-        """Root mean square and mean of h + u over C [mm], and its cells. Collective."""
-        squares, total, cells = self.sum(kernels.gap_on(self.distance.b, self.u, self.contact))
+        """Root mean square and mean of h + u over C and where it is negative [mm], and the cells. Collective."""
+        b = self.distance.b
+        squares, total, cells = self.sum(kernels.gap_on(b, self.u, self.admissible, self.contact))
         return float(np.sqrt(squares / max(cells, 1))), float(total / max(cells, 1)), int(cells)
 
     def scale(self, factor):

@@ -46,6 +46,7 @@ def nested_iteration(hierarchy, distances, loading, stop, history, beta, lifted,
         stage = Stage(hierarchy, number, distances[number], coarse, predicted)
         state = stage.state
         if coarse is not None:
+            state.approach = loading.predict(coarse.approach)
             _prolong(stage, beta, lifted)
         if target or level.comm is not None or hierarchy.comm.rank == 0:
             given = target_solver if target else None

@@ -58,6 +58,12 @@ class TrackingSolver(LinearSolver):
             state.u_is = Displacement.CARRIED
         return iterations, failure, self._cg.residual
 
+    def tension(self, state):
+        """Pressure that is negative, as a share of the sum. Collective."""
+        p = state.p
+        total, negative = state.sum([p.sum(), -np.sum(p, where=p < 0)])
+        return negative / total if total > 0 else float("inf")
+
     def release(self, state, correction=0.0):
         """Step 4.a, and one product for what it changes in u; return how many cells left C. Collective.
 
