@@ -71,6 +71,12 @@ def _overlap_row(b, u, overlap):
         overlap[i] = u[i] - b[i] <= 0
 
 
+@numba.njit(cache=True)
+def _predicted_overlap_row(b, u, expected, overlap):
+    for i in range(b.size):
+        overlap[i] = u[i] + expected[i] - b[i] <= 0
+
+
 @any_order
 def _activate_row(overlap, admissible, contact, released):
     cells, added, lost = 0, 0, 0
@@ -93,15 +99,18 @@ def _squares_row(b, u, contact):
 
 
 @numba.njit(cache=True)
-def activate(b, u, admissible, contact, released):
-    """(4.b) Put cells outside C into it where h + u <= 0.
+def activate(b, u, admissible, contact, released, expected):
+    """(4.b) Put cells outside C into it where h + u <= 0, or will be when u has changed as expected (None: it will not).
 
     Return how many cells are in C, came, left since before `release`, and the sum of squares of h + u over the new C.
     """
     cells, added, lost, total = 0, 0, 0, 0.0
     overlap = np.empty(b.shape[1], np.bool_)
     for j in range(b.shape[0]):
-        _overlap_row(b[j], u[j], overlap)
+        if expected is None:
+            _overlap_row(b[j], u[j], overlap)
+        else:
+            _predicted_overlap_row(b[j], u[j], expected[j], overlap)
         here = _activate_row(overlap, admissible[j], contact[j], released[j])
         cells += here[0]
         added += here[1]
@@ -166,6 +175,7 @@ def warm_up():
     release(field, mask, mask)
     for change in (field, field.astype(np.float32)):
         tension(field, mask, change)
-    activate(field, field, mask, mask, mask)
+    for expected in (None, field):
+        activate(field, field, mask, mask, mask, expected)
     sum_squares(field, 0.0, mask)
     gap_on(field, field, mask, mask)

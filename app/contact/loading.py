@@ -10,9 +10,9 @@ Where that does not converge, the root search over solved problems does on any g
 
 from __future__ import annotations
 
-import os
+
 import numpy as np
-K=float(os.environ.get('K','1'))
+
 from scipy.optimize import brentq
 
 
@@ -44,7 +44,8 @@ class PrescribedApproach:
         """Prepare the iteration on a grid. Not collective."""
 
     def update(self, state):
-        """Keep the approach."""
+        """Keep the approach; return whether it moved. Not collective."""
+        return False
 
     def settle(self, state, update):
         """Return what `update` says: there is nothing else to be met."""
@@ -144,7 +145,7 @@ class PrescribedLoad:
         state.first_contact()
 
     def update(self, state):
-        """Move the approach by what the load lacks over the slope. Collective; u is A p.
+        """Move the approach by what the load lacks over the slope; return whether it did. Collective; u is A p.
 
         What the load will be at this approach when the system is solved is told by the mean gap that is left in contact.
         """
@@ -157,9 +158,11 @@ class PrescribedLoad:
                 self.slope = slope
             self._before = None
         lacks = (self.load - here[1]) / self.slope
-        if abs(lacks) > K * rms:
-            state.approach += lacks
-            self._before = here
+        if abs(lacks) <= rms:
+            return False
+        state.approach += lacks
+        self._before = here
+        return True
 
     def settle(self, state, update):
         """Make the load exact by a factor, and the approach what the gap in contact then says. Collective; u is A p.

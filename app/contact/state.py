@@ -254,8 +254,13 @@ class ContactState:
         compute(self.p, self.u)
         self.u_is = Displacement.EXACT if exact else Displacement.CARRIED
 
-    def activate_penetrating(self):
+    def activate_penetrating(self, expected=None):
         """Step 4.b: cells with h + u <= 0 enter C, those just released among them. Collective.
+
+        Parameters
+        ----------
+        expected : ndarray, shape (local rows, nx), [mm], optional
+            How u is expected to change beside C, to be counted in.
 
         Returns
         -------
@@ -263,7 +268,9 @@ class ContactState:
             Since before `release_tensile`.
         """
         cells, added, lost, squares = self.sum(
-            kernels.activate(self.distance.b, self.u, self.admissible, self.contact, self._released)
+            kernels.activate(
+                self.distance.b, self.u, self.admissible, self.contact, self._released, expected
+            )
         )
         self._released[...] = False
         return Update(int(cells), int(added), int(lost), residual=float(np.sqrt(squares)))

@@ -154,14 +154,20 @@ class Circulant:
             if self.extension is None:
                 self.multiplier.apply(r, z, operator.mask)
                 return
-            if self._contact != operator.contact_number:
-                self.extension.set_contact(operator.mask)
-                self._contact = operator.contact_number
             _copy_on(r, operator.mask, z)
-            self.extension.extend(z)
+            self.extend(z)
             self.multiplier.apply(z, z, rows=self.extension.rows)
             self.extension.restrict(z)
             _copy_on(z, operator.mask, z)
+
+    def extend(self, r):
+        """Continue a residual that is zero outside C over the rim, in place; without an extension it stays. Collective."""
+        if self.extension is None:
+            return
+        if self._contact != self.operator.contact_number:
+            self.extension.set_contact(self.operator.mask)
+            self._contact = self.operator.contact_number
+        self.extension.extend(r)
 
     applyTranspose = apply
 

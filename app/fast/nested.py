@@ -9,12 +9,14 @@ import numpy as np
 from app.contact.full_multigrid import copy_prolongation, first_sighted, tell
 from app.contact.iteration import active_set
 from app.contact.state import Displacement
-from app.fast.iteration import inexact_active_set
+from app.fast.iteration import NeedsSafeguard, inexact_active_set
 from app.fast.lift import lift
+from app.fast.safeguard import projected_newton
 from app.fast.solver import TrackingSolver
 from app.fast.windows import Stage
 from app.halfspace.reductions import sum_over
 from app.multigrid.direct import DirectSolver, solves_directly
+from app.multigrid.linear_solver import LinearSolver
 
 _TELLING = 0.02  # residual of coarser grids, per difference of pressures, that does not spoil the estimate
 
@@ -72,8 +74,7 @@ def nested_iteration(hierarchy, distances, loading, stop, history, beta, lifted,
 def _solve_on(hierarchy, number, state, loading, stop, history, first, given):
     """Solve on one grid, with a solver of its own if none is given. Collective over the ranks of `state`."""
     operator = state.operator
-    direct = first and number < len(hierarchy.levels) - 1 and solves_directly(operator)
-    if direct:
+    if first and number < len(hierarchy.levels) - 1 and solves_directly(operator):
         solver, iterate = DirectSolver(operator, number), active_set
     else:
         solver = given or TrackingSolver(hierarchy, number, operator.petsc_comm, operator=operator)
@@ -82,10 +83,33 @@ def _solve_on(hierarchy, number, state, loading, stop, history, first, given):
     def solve(inner):
         return iterate(state, solver, inner, stop, history)
 
-    outcome = loading.first_solve(state, solve) if first else solve(loading)
-    if solver is not given:
-        solver.destroy()
-    return outcome
+    try:
+        return loading.first_solve(state, solve) if first else solve(loading)
+    except NeedsSafeguard as stagnation:
+        outcome = stagnation.outcome
+    finally:
+        if solver is not given:
+            solver.destroy()
+    return safeguarded(hierarchy, number, state, loading, stop, history).after(outcome)
+
+
+def safeguarded(hierarchy, number, state, loading, stop, history):
+    """Solve on one grid by the safeguard, from what is there. Collective over the ranks of `state`."""
+    operator = state.operator
+    operator.use_double()
+    solver = LinearSolver(hierarchy, number, operator.petsc_comm, operator=operator)
+
+    def solve(inner):
+        return projected_newton(state, solver, stop, history)
+
+    if loading.prescribes_load:
+        outcome = loading.search(state, solve, rtol=0.1 * stop.rtol, step=state.gap_on_contact()[0])
+    else:
+        outcome = solve(loading)
+    solver.destroy()
+    if loading.prescribes_load and outcome.converged:
+        state.scale(loading.load / state.load)
+    return replace(outcome, fallbacks=outcome.fallbacks + 1)
 
 
 def _prolong(stage, beta, lifted):

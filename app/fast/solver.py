@@ -64,26 +64,44 @@ class TrackingSolver(LinearSolver):
         total, negative = state.sum([p.sum(), -np.sum(p, where=p < 0)])
         return negative / total if total > 0 else float("inf")
 
-    def release(self, state, correction=0.0):
-        """Step 4.a, and one product for what it changes in u; return how many cells left C. Collective.
+    def tension(self, state):
+        """Pressure that is negative, as a share of the sum of p. Collective."""
+        total, negative = state.sum([state.p.sum(), -np.sum(state.p, where=state.p < 0)])
+        return negative / total if total > 0 else float("inf")
 
-        Parameters
-        ----------
-        correction : float
-            The product also carries a correction: so much of the preconditioned residual is added to p.
-        """
+    def release(self, state):
+        """Step 4.a, and one product for what it changes in u; return how many cells left C. Collective."""
         change = self._cg.direction
         kernels.tension(state.p, state.contact, change)
         released = state.release_tensile()
         if released:
-            self.set_contact()
-            if correction:
-                z = self._cg.precondition(self.ksp, state.u, state.rhs)
-                z = np.where(state.contact, correction * z, 0.0)
-                change += z
-                with state.pressure as p:
-                    p += z.reshape(-1)
             state.operator.displacement(change, self._cg.product)
             add(state.u, 1.0, self._cg.product)
             state.u_is = Displacement.CARRIED
         return released
+
+    def predict(self, state, share):
+        """Predict what the reduction of the residual will add to u beside C.
+
+        Collective. The preconditioner knows, if it has a method ``extend(r)`` that continues a residual over the rim.
+
+        Parameters
+        ----------
+        share : float
+            So much of it is believed.
+
+        Returns
+        -------
+        ndarray, shape (local rows, nx), [mm], or None
+            In the solver's work array.
+        """
+        pc = self.ksp.getPC()
+        extend = getattr(pc.getPythonContext(), "extend", None) if pc.getType() == "python" else None
+        if extend is None:
+            return None
+        self.set_contact()
+        expected = self._cg.work
+        kernels.defect(state.distance.b, state.u, state.contact, expected)
+        extend(expected)
+        expected *= share
+        return expected

@@ -187,6 +187,7 @@ class TrackingCG:
         self._r = mat.createVecRight()
         shape = operator.local_shape
         scratch = np.zeros(shape[0] * shape[1])
+        self.work = scratch.reshape(shape)  # at rest between solves
         self._z = PETSc.Vec().createWithArray(scratch, comm=mat.getComm())
         self._vecs = self._r, self._z
         self.product = scratch.view(operator.dtype)[: scratch.size].reshape(shape)  # q = A d
@@ -253,17 +254,6 @@ class TrackingCG:
         ksp.logConvergenceHistory(norm)
         ksp.monitor(iteration, norm)
         return ksp.callConvergenceTest(iteration, norm)
-
-    def precondition(self, ksp, u, b):
-        """Return M (b - u) on C as array, anything elsewhere; the last search direction is worth nothing then. Collective."""
-        self._previous = 0.0
-        operator = self._operator
-        _find_spans(operator.mask, self._spans)
-        with self._r as residual:
-            r = residual.reshape(operator.local_shape)
-            _first_residual(self._read(b), u, operator.mask, self._spans, r)
-        ksp.getPC().apply(self._r, self._z)
-        return self._read(self._z)
 
     def _read(self, vec):
         return vec.getArray(readonly=True).reshape(self._operator.local_shape)

@@ -1,0 +1,116 @@
+"""The safeguard: an active set iteration with a proof of convergence, for where the inexact one makes no progress.
+
+*Projected Newton's method* [1]_ for ``min f(p) = p.Ap / 2 + h.p, p >= 0``. The direction d solves (2.11) a little on C,
+which here leaves out the cells with next to no pressure and a gap; along ``p(alpha) = max(p + alpha d, 0)`` the step is
+halved until f falls as much as Armijo asks for. With alpha = 1 this is steps 2 to 4.b of Sec. 4.1, so little is lost
+where they work. f falls in every iteration and the limit is the solution, for any symmetric positive definite
+preconditioner and any number of CG steps [1, Prop. 2]. Under a prescribed load a bracketing root search goes around it:
+the load is monotone in the approach (`app.contact.loading.PrescribedLoad.search`).
+
+All in double precision; on top of the iteration's own it takes three vectors while it runs. The result says that it took
+over (``fallbacks``, the number of grids).
+
+References
+----------
+.. [1] D.P. Bertsekas, Projected Newton methods for optimization problems with simple constraints, SIAM J. Control
+   Optim. 20 (1982) 221-246.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.contact.history import Outcome
+from app.contact.iteration import CONVERGED
+from app.contact.state import Displacement, Update
+
+_NEARLY_NONE = 0.01  # of the largest pressure, at most: cells with less and a gap are left out of the system
+_ARMIJO = 1e-4
+_HALVINGS = 40
+
+
+def projected_newton(state, solver, stop, history):
+    """Solve (2.8)-(2.10) for the approach of `state`, from its pressure.
+
+    Collective over the ranks of `state`.
+
+    Parameters
+    ----------
+    state : ContactState
+    solver : LinearSolver
+        In double precision.
+    stop : InexactStop
+    history : History
+
+    Returns
+    -------
+    Outcome
+    """
+    inner = 0
+    history.start(state, solver)
+    with state.pressure as values:
+        np.maximum(values, 0.0, out=values)
+        np.copyto(values.reshape(state.u.shape), 0.0, where=~state.admissible)
+    gap = _gap(state, state.p)
+    for k in range(1, stop.max_it + 1):
+        before = state.contact.copy()
+        p, nearly = state.p, _nearly_none(state, gap)
+        np.logical_or(p > nearly, gap <= 0, out=state.contact)
+        state.contact &= state.admissible
+        closed = (p > 0) & ~state.contact  # leaves at once
+        solver.set_contact()
+        direction, its, failure = solver.solve(state.defect(), stop.allowed(state))
+        inner += its
+        d = direction.getArray(readonly=True).reshape(gap.shape) - closed * p
+        descent, alpha = state.sum([np.vdot(gap, d)])[0], 1.0
+        for _ in range(_HALVINGS):
+            change = np.maximum(p + alpha * d, 0.0) - p
+            trial_gap = _gap(state, p + change)
+            # f(p + change) - f(p), without the cancellation of two nearly equal numbers
+            difference = 0.5 * state.sum([np.vdot(change, gap + trial_gap)])[0]
+            if difference <= _ARMIJO * alpha * descent or not difference < 0 and not change.any():
+                break
+            alpha *= 0.5
+        with state.pressure as values:
+            values += change.reshape(-1)
+        gap = trial_gap
+        state.u[...] = gap + state.distance.b
+        state.u_is = Displacement.CARRIED if state.operator.provisional else Displacement.EXACT
+        update = _contact_from(state, gap, before)
+        if update.residual <= stop.allowed(state) and state.u_is is not Displacement.EXACT:
+            state.compute_displacement(exact=True)
+            gap = state.u - state.distance.b
+            update = _contact_from(state, gap, before)
+        history.add(state, solver, update, its, update.released)
+        residual = update.residual / state.distance.norm()
+        if failure:
+            return Outcome(False, f"the linear solver failed: {failure}", k, inner, residual)
+        if update.residual <= stop.allowed(state):
+            return Outcome(True, CONVERGED, k, inner, residual)
+    return Outcome(False, f"{stop.max_it} iterations of the safeguard were not enough", stop.max_it, inner, residual)
+
+
+def _gap(state, p):
+    """h + A p for any pressure. Collective."""
+    u = np.empty(p.shape)
+    state.operator.displacement(p, u)
+    u -= state.distance.b
+    return u
+
+
+def _nearly_none(state, gap):
+    """Pressure up to which a cell with a gap is left out of the system; none in the limit. Collective."""
+    p = state.p
+    step = np.abs(p - np.maximum(p - gap / state.operator.diagonal, 0.0), where=state.admissible, out=np.zeros_like(p))
+    highest, largest = -state.minimum([-p.max(initial=0.0), -step.max(initial=0.0)])
+    return min(_NEARLY_NONE * highest, largest)
+
+
+def _contact_from(state, gap, before):
+    """Let C be where there is pressure or overlap; return the Update since a set `before`. Collective."""
+    np.logical_or(state.p > 0, gap <= 0, out=state.contact)
+    state.contact &= state.admissible
+    counts = state.contact.sum(), (state.contact & ~before).sum(), (before & ~state.contact).sum()
+    inside = gap[state.contact]
+    cells, added, released, squares = state.sum([*counts, inside @ inside])
+    return Update(int(cells), int(added), int(released), float(np.sqrt(squares)))
