@@ -339,14 +339,14 @@ def _require(found, names, kind):
 
 def _together(comm, kind, step, only_root=False):
     """Run `step` on all ranks (or rank 0) and return its value; if it fails on any, raise `kind` on all."""
-    value = failure = None
+    value = complaint = None
     try:
         if comm.rank == 0 or not only_root:
             value = step()
     except Exception as error:
-        failure = error
-    messages = comm.allgather(None if failure is None else one_line(failure))
-    for rank, message in enumerate(messages):
+        # Its text only: an exception in a variable would keep alive all objects of this rank, but not of the others.
+        complaint = one_line(error)
+    for rank, message in enumerate(comm.allgather(complaint)):
         if message is not None:
-            raise kind(message if comm.size == 1 else f"rank {rank}: {message}") from failure
+            raise kind(message if comm.size == 1 else f"rank {rank}: {message}")
     return value
