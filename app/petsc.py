@@ -32,6 +32,8 @@ def _library():
         "PetscOptionsSetValue": [_Handle, _Text, _Text],
         "PetscOptionsClearValue": [_Handle, _Text],
         "PetscOptionsInsertString": [_Handle, _Text],
+        "PetscOptionsInsertStringYAML": [_Handle, _Text],
+        "PetscOptionsSetAlias": [_Handle, _Text, _Text],
         "PetscOptionsLeftGet": lists,
         "PetscOptionsLeftRestore": lists,
     }.items():
@@ -93,6 +95,14 @@ class OptionDatabase:
         """
         _call("PetscOptionsInsertString", self._handle, text.encode())
 
+    def insert_yaml(self, text):
+        """Let PETSc read options from a text in YAML; raises as `insert` does."""
+        _call("PetscOptionsInsertStringYAML", self._handle, text.encode())
+
+    def alias(self, old, new):
+        """Let options that are set from now on by an old name go by a new one."""
+        _call("PetscOptionsSetAlias", self._handle, f"-{old}".encode(), f"-{new}".encode())
+
     @contextmanager
     def active(self):
         """Take the place of PETSc's default database inside the block."""
@@ -117,6 +127,10 @@ class OptionDatabase:
         """Names of the options that nobody has asked for so far."""
         return unused_options(self._handle)
 
+    def unasked(self):
+        """Those options and their whole values, name -> text."""
+        return _unasked(self._handle)
+
     def __del__(self):
         if self._handle and PETSc.Sys.isInitialized() and not PETSc.Sys.isFinalized():
             _call("PetscOptionsDestroy", ctypes.byref(self._handle))
@@ -124,13 +138,17 @@ class OptionDatabase:
 
 def unused_options(handle=None):
     """Names of the options that nobody has asked for so far, in PETSc's global database by default. Not collective."""
+    return list(_unasked(handle))
+
+
+def _unasked(handle):
     count = _library().integer()
     names, values = ctypes.POINTER(_Text)(), ctypes.POINTER(_Text)()
     parts = handle, ctypes.byref(count), ctypes.byref(names), ctypes.byref(values)
     _call("PetscOptionsLeftGet", *parts)
-    unused = [names[i].decode() for i in range(count.value)]
+    found = {names[i].decode(): (values[i] or b"").decode() for i in range(count.value)}
     _call("PetscOptionsLeftRestore", *parts)
-    return unused
+    return found
 
 
 def error_message(error):

@@ -83,7 +83,7 @@ REASONED = (0, 2, 3)  # exit statuses of app.solve; any other is a crash, and wo
 _ROOT = Path(__file__).resolve().parents[1]
 # What the outcome of a run depends on.
 _PROGRAM = (
-    "app/solve.py", "app/session.py", "app/options.py", "app/contact", "app/halfspace", "app/multigrid",
+    "app/solve.py", "app/commands", "app/options.py", "app/contact", "app/halfspace", "app/multigrid",
     "app/problems", "petsc_options/fast.opts",
 )  # fmt: skip
 # Ranks of several runs must not be bound to the same cores; a run without mpiexec needs no daemon of its own.

@@ -23,16 +23,15 @@ Datasets and attributes beyond the required ones are kept.
 from __future__ import annotations
 
 import os
-import tempfile
-import uuid
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import h5py
 import numpy as np
 
-SUFFIXES = (".h5", ".hdf5")
+from app.errors import one_line
+from app.output.files import check_output_path, publish, remove, temporary_name
+
 METADATA_BYTES = 1 << 16  # more than HDF5 needs for the names and layout of a few dozen datasets
 
 FIELDS = {
@@ -114,56 +113,6 @@ class Result:
     units: dict = field(default_factory=dict)
 
 
-def check_output_path(path):
-    """Refuse a path to which no result can be written, before any work is done.
-
-    Not collective (looks at the file system of the calling rank).
-
-    Parameters
-    ----------
-    path : str or Path
-        Result file to be; it may exist and is then replaced later.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    ValueError
-        If the suffix is unknown, the path is not a regular file, or its folder is missing or
-        read-only.
-    """
-    path = Path(path)
-    if path.suffix.lower() not in SUFFIXES:
-        raise ValueError(f"result file {path}: the name must end in {' or '.join(SUFFIXES)}")
-    if path.exists() and not path.is_file():
-        raise ValueError(f"result file {path}: exists and is not a regular file")
-    if not path.parent.is_dir():
-        raise ValueError(f"result file {path}: folder {path.parent} does not exist")
-    try:
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
-    except OSError as error:
-        raise ValueError(f"result file {path}: cannot write in {path.parent} ({error.strerror})") from error
-    return path
-
-
-@contextmanager
-def whole_file(path):
-    """Yield a temporary path whose file takes the place of `path` when the block succeeds.
-
-    Not collective. A block that raises, or a killed process, leaves an existing `path` as it was.
-    """
-    temporary = _temporary(Path(path))
-    try:
-        yield temporary
-        _publish(temporary, path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
-
-
 def write_result(path, comm, slabs, fields, x, y, attributes, history, units=None):
     """Write a result file; it appears whole or not at all.
 
@@ -201,14 +150,14 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, units=Non
             comm,
             ValueError,
             lambda: (
-                check_output_path(path).absolute(),
+                check_output_path(path),
                 _plan(slabs, fields, x, y, attributes, history, units),
             ),
             only_root=True,
         )
     )
     rows = _together(comm, ValueError, lambda: _local_rows(comm, slabs, fields, plan))
-    temporary = comm.bcast(_temporary(path))
+    temporary = comm.bcast(temporary_name(path) if comm.rank == 0 else None)
     try:
         # With HDF5 on MPI-IO the ranks share the writing of metadata, and an error in it, or in opening
         # the file, on one rank leaves the others waiting for ever. So rank 0 alone writes all metadata,
@@ -217,10 +166,10 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, units=Non
         _together(comm, OSError, lambda: _lay_out(temporary, plan), only_root=True)
         _together(comm, OSError, lambda: temporary.open("r+b").close())
         _together(comm, OSError, lambda: _write_rows(temporary, comm, slabs, rows))
-        _together(comm, OSError, lambda: _publish(temporary, path), only_root=True)
+        _together(comm, OSError, lambda: publish(temporary, path), only_root=True)
     except OSError:
         if comm.rank == 0:
-            temporary.unlink(missing_ok=True)
+            remove(temporary)
         comm.Barrier()  # the file is gone when the error appears, on every rank
         raise
 
@@ -252,7 +201,7 @@ def read_result(path):
     except ValueError as error:
         raise ValueError(f"result file {path}: {error}") from error
     except OSError as error:
-        raise ValueError(f"result file {path}: not a readable HDF5 file ({_one_line(error)})") from error
+        raise ValueError(f"result file {path}: not a readable HDF5 file ({one_line(error)})") from error
 
 
 def _plan(slabs, fields, x, y, attributes, history, units):
@@ -390,38 +339,14 @@ def _require(found, names, kind):
 
 def _together(comm, kind, step, only_root=False):
     """Run `step` on all ranks (or rank 0) and return its value; if it fails on any, raise `kind` on all."""
-    value = failure = None
+    value = complaint = None
     try:
         if comm.rank == 0 or not only_root:
             value = step()
     except Exception as error:
-        failure = error
-    messages = comm.allgather(None if failure is None else _one_line(failure))
-    for rank, message in enumerate(messages):
+        # Its text only: an exception in a variable would keep alive all objects of this rank, but not of the others.
+        complaint = one_line(error)
+    for rank, message in enumerate(comm.allgather(complaint)):
         if message is not None:
-            raise kind(message if comm.size == 1 else f"rank {rank}: {message}") from failure
+            raise kind(message if comm.size == 1 else f"rank {rank}: {message}")
     return value
-
-
-def _one_line(error):
-    return " ".join(str(error).split()) or type(error).__name__
-
-
-def _temporary(path):
-    """Return an unused name in the folder of `path`, so that the later rename stays in one file system."""
-    return path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
-
-
-def _publish(temporary, path):
-    """Bring the file to disk, then give it its name: a crash leaves the old file or the new one."""
-    _to_disk(temporary)
-    temporary.replace(path)
-    _to_disk(temporary.parent)
-
-
-def _to_disk(path):
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from app.errors import one_line
 from app.options import LARGEST
 from app.problems.problem import Problem
+
+_BYTES_PER_BYTE = 40  # of memory, for a byte of text: a line is a list of texts, then of numbers
 
 
 class GapArray:
@@ -43,8 +47,9 @@ class GapArray:
                 self._rows = self._open_hdf5()
             else:
                 self._rows = self._read_text()
-        except (ValueError, OSError, EOFError, KeyError) as error:
-            raise ValueError(f"gap file {name}: cannot be read: {error}") from None
+        except (ValueError, OSError, EOFError, KeyError, RuntimeError, MemoryError) as error:
+            # RuntimeError: a dataset that is linked to itself.
+            raise ValueError(f"gap file {name}: cannot be read: {one_line(error)}") from None
         if self._rows.ndim != 2 or not all(self._rows.shape) or self._rows.dtype.kind not in "fiu":
             raise ValueError(
                 f"gap file {name}: holds {self._rows.dtype} of shape {self._rows.shape}; "
@@ -85,6 +90,11 @@ class GapArray:
         return file[found[0]]
 
     def _read_text(self):
+        there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        if self.path.stat().st_size * _BYTES_PER_BYTE > there:
+            raise ValueError(
+                f"{self.path.stat().st_size / 2**30:.1f} GiB of text are too much; use .npy or .h5"
+            )
         try:
             lines = self.path.read_text(encoding="utf-8-sig").splitlines()
         except UnicodeDecodeError:

@@ -18,16 +18,12 @@ from __future__ import annotations
 
 import h5py
 import numpy as np
-from mpi4py import MPI
 
-from app import session, solve
-from app.contact.loop import History, Listener
-from app.options import Options
-from app.output.result import whole_file
+from app.commands import session
 
 
-class Recorder(Listener):
-    """Keeps pressure and contact set of one level before and after every iteration."""
+class Recorder:
+    """Listener that keeps pressure and contact set of one level before and after every iteration."""
 
     def __init__(self, level):
         self.level = level
@@ -43,16 +39,35 @@ class Recorder(Listener):
         if entry["level"] == self.level:
             self._keep(state)
 
+    def end(self):
+        """Nothing is open."""
+
     def _keep(self, state):
         self.pressure.append(state.pressure.getArray(readonly=True).reshape(state.u.shape).copy())
         self.contact.append(state.contact.astype(np.uint8))
 
 
-def main():
+def main(given):
     """Solve and write; return the exit status."""
-    setup = solve.prepare(Options(), MPI.COMM_WORLD)
+    # Not before the session has started: PETSc starts when it is imported.
+    from app.commands import solving
+
+    options = solving.Options(given)
+    with options.database.active():
+        return _record(options)
+
+
+def _record(options):
+    from mpi4py import MPI
+
+    from app.commands import solving
+    from app.contact.loop import History
+    from app.errors import InputError
+    from app.output.files import whole_file
+
+    setup = solving.prepare(options, MPI.COMM_WORLD)
     if MPI.COMM_WORLD.size > 1 or not setup.output:
-        raise session.InputError("a trace needs one rank and -output")
+        raise InputError("a trace needs one rank and -output")
     recorder = Recorder(setup.solver.level)
     residuals = []
 
@@ -62,7 +77,7 @@ def main():
         residuals.append(norm)
 
     setup.solver.ksp.setMonitor(listen)  # PETSc's own history stays empty if the PC iterates, as PCMG does
-    state, outcome = solve.solve(setup, History([recorder]))
+    state, outcome = solving.solve(setup, History([recorder]))
     grid, exact = setup.problem.grid, setup.problem.reference(state.approach)
     with whole_file(setup.output) as temporary, h5py.File(temporary, "w") as file:
         file["pressure"] = np.stack(recorder.pressure)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from app.commands.session import say
 from app.contact.loop import Listener
-from app.session import say
 
 _HEADER = (
     "level   it inner   contact   added dropped   residual    work       load [N]  approach [mm]  time [s]"

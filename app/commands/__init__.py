@@ -1,0 +1,1 @@
+"""What the commands are made of: start-up and end, where options come from, problems from options, reports."""

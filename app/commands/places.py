@@ -1,0 +1,336 @@
+"""Where options come from, in the order in which later ones override earlier ones.
+
+1. ``~/.petscrc``, ``.petscrc``, ``petscrc``, unless ``-skip_petscrc`` is on the command line,
+2. ``PETSC_OPTIONS``, then ``PETSC_OPTIONS_YAML``,
+3. the command line, with option files where they are named on it.
+
+Rank 0 alone reads all that, by PETSc's own reading, into private databases, and tells the others: files need to be on
+its host only, and what is wrong with them is one error for all ranks.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from app.errors import InputError, agree
+from app.options import ALIASES, renaming
+
+OPTION_FILES = ("-options_file", "-options_file_yaml")
+LARGEST_FILE = 1 << 24  # bytes of an option file
+
+# PETSc's options that are none of a solver's: most of them must be there when PETSc starts ...
+_OF_PETSC = re.compile(
+    r"help|version|skip_petscrc|petsc_(ci\w*|sleep)|log(_(all|exclude\w*|summary|sync|threshold|trace|view\w*))?"
+    r"|options_(left|view|monitor|monitor_cancel|suppress_deprecated_warnings)|info(_exclude)?|memory_view"
+    r"|malloc(_(coalesce|debug|dump|hbw|info|requested_size|test|view|view_threshold))?|objects_dump|on_error_\w+"
+    r"|error_output_(none|stdout)|fp_trap|debug_terminal|debugger_(nodes|pause|ranks)|start_in_debugger"
+    r"|stop_for_debugger|check(_pointer_intensity|functionlist|stack)|get_total_flops|nox(_warning)?|display|x_virtual"
+    r"|citations|history|mpi_return_on_error|mpidump|use_gpu_aware_mpi|device_\w+|dll_\w+|saws_\w+",
+    re.IGNORECASE,
+)
+# ... and these may come later, from a file.
+_LATER = re.compile(
+    r"help|skip_petscrc|log|log_(all|view)|options_(left|view)|objects_dump|get_total_flops|citations"
+)
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place that sets options: what it is called in messages, and their names without dash, in lower case."""
+
+    description: str
+    names: frozenset
+
+
+@dataclass
+class Given:
+    """All that the user has set.
+
+    Attributes
+    ----------
+    texts : dict of str to str
+        Name, without dash and in lower case -> text; without those that are PETSc's own affair.
+    places : list of Place
+        In order; the command line comes last, wherever the files stand on it.
+    files : list of str
+        Option files that were read.
+    of_petsc : dict of str to str
+        Options of PETSc that belong to no solver, ``-log_view`` for one.
+    warnings : list of str
+    """
+
+    texts: dict
+    places: list = field(default_factory=list)
+    files: list = field(default_factory=list)
+    of_petsc: dict = field(default_factory=dict)
+    warnings: list = field(default_factory=list)
+
+    def last_of(self, names, needed):
+        """Which of some options excluding each other holds: the one given in the last place that gives any.
+
+        Removes the others. Not collective.
+
+        Parameters
+        ----------
+        names : sequence of str
+        needed : str
+            Of what exactly one is needed, for the message.
+
+        Raises
+        ------
+        InputError
+            If none is given, or more than one in that place.
+        """
+        present = [name for name in names if name in self.texts]
+        if not present:
+            raise InputError(f"neither {needed} is given: exactly one is needed")
+        found, where = present, ""
+        for place in self.places:
+            here = [name for name in present if name in place.names]
+            if here:
+                found, where = here, f" {place.description}"
+        if len(found) > 1:
+            both = "both " if len(found) == 2 else ""
+            raise InputError(
+                f"{both}{' and '.join(f'-{name}' for name in found)} are given{where}: exactly one is allowed"
+            )
+        for name in present:
+            if name != found[0]:
+                del self.texts[name]
+        return found[0]
+
+
+def for_the_start(argv, environment):
+    """Words of the command line and PETSC_OPTIONS that PETSc must see when it starts; it has to skip all files.
+
+    Not collective; needs no PETSc.
+
+    Raises
+    ------
+    InputError
+        If a word is neither an option nor the value of one.
+    """
+    chosen = []
+    for name, text in _environment_pairs(environment) + _pairs(argv[1:]):
+        if _OF_PETSC.fullmatch(_name(name)):
+            chosen += [name] if text is None else [name, text]
+    return [*argv[:1], *chosen, "-skip_petscrc"]
+
+
+def read(argv, environment):
+    """Read all places.
+
+    Not collective; PETSc must have been started.
+
+    Parameters
+    ----------
+    argv : list of str
+        The program's name, then the command line.
+    environment : mapping of str to str
+
+    Returns
+    -------
+    Given
+
+    Raises
+    ------
+    InputError
+        If something cannot be read or is not understood; the message says where.
+    """
+    line = _pairs(argv[1:])
+    reader = _Reader()
+    if not any(name.lower() == "-skip_petscrc" for name, _ in line):
+        for path in _start_files(environment):
+            reader.take([("-options_file", path)], "")
+    reader.take(_environment_pairs(environment), "in PETSC_OPTIONS")
+    if environment.get("PETSC_OPTIONS_YAML"):
+        reader.take([("-options_string_yaml", environment["PETSC_OPTIONS_YAML"])], "in PETSC_OPTIONS_YAML")
+    reader.take(line, "on the command line")
+    return reader.given()
+
+
+def read_on_all(comm, argv):
+    """Read all places on rank 0 for all ranks. Collective over the mpi4py communicator; raises as `read` does."""
+    return agree(comm, read, argv, os.environ, only_root=True)
+
+
+class _Reader:
+    """Reads place after place: each for itself to know what it sets, then all of them into one database."""
+
+    def __init__(self):
+        self._places, self._last, self._files, self._steps = [], [], [], []
+
+    def take(self, pairs, description):
+        """Take the options and option files of some words."""
+        own = []
+        for name, text in pairs:
+            if name.lower() in OPTION_FILES:
+                if text is None:
+                    raise InputError(f"{name}: a file name must follow")
+                self._file(name, text, ())
+            else:
+                own.append((name, text))
+            self._steps.append((name, text, description))
+        if own:
+            self._last.append(Place(description, frozenset(_read(own, description))))
+
+    def _file(self, flag, path, inside):
+        """Take an option file, after those it includes."""
+        path = os.path.expandvars(path)
+        identity, mentioned, nested = _look_into(path, inside)
+        before = len(self._places)
+        for inner_flag, inner in nested:
+            self._file(inner_flag, inner, (*inside, identity))
+        included = set().union(*(place.names for place in self._places[before:]))
+        names = set(_read([(flag, path)], f"option file {path}"))
+        self._places.append(Place(f"in {path}", frozenset(names - (included - mentioned))))
+        self._files.append(str(Path(path).absolute()))
+
+    def given(self):
+        """Return what was found."""
+        places = [*self._places, *self._last]
+        for place in self._places:
+            _refuse_what_is_too_late(place)
+        used = set().union(*(place.names for place in places))
+        old = sorted(used & ALIASES.keys())
+        texts = _read(self._steps, aliases={name: ALIASES[name] for name in old})
+        of_petsc = {name: text for name, text in texts.items() if _OF_PETSC.fullmatch(name)}
+        return Given(
+            texts={name: text for name, text in texts.items() if name not in of_petsc},
+            places=[
+                Place(place.description, frozenset(ALIASES.get(name, name) for name in place.names))
+                for place in places
+            ],
+            files=self._files,
+            of_petsc=of_petsc,
+            warnings=[renaming(name) for name in old],
+        )
+
+
+def _read(steps, description="", aliases=()):
+    """Let PETSc read options and option files; name -> text of what it has then."""
+    from petsc4py import PETSc
+
+    from app.petsc import OptionDatabase, error_message
+
+    database = OptionDatabase()
+    for old in aliases:
+        database.alias(old, aliases[old])
+    for name, text, *where in steps:
+        try:
+            if name.lower() in OPTION_FILES:
+                database.insert(f'{name} "{text}"')
+            elif name.lower() == "-options_string_yaml":
+                database.insert_yaml(text or "")
+            elif name.lower() in ("-prefix_push", "-prefix_pop"):
+                database.insert(f"{name} {text or ''}")
+            else:
+                database.set(name.removeprefix("-"), text or "")
+        except PETSc.Error as error:
+            place = f"option file {text}" if name.lower() in OPTION_FILES else (*where, description)[0]
+            raise InputError(f"{place}: {error_message(error)}") from None
+    found = {name.lower(): text for name, text in database.unasked().items()}
+    with database.active() as options:
+        if options.hasName("help"):  # which PETSc counts as asked for at once
+            found["help"] = ""
+    return found
+
+
+def _look_into(path, inside):
+    """Look for option files that an option file includes, before PETSc follows them.
+
+    Returns
+    -------
+    identity : str
+        Of the file.
+    mentioned : set of str
+        Options that stand in the file itself.
+    nested : list of (str, str)
+        Flags and names of included files.
+    """
+    by = f" (included by {inside[-1]})" if inside else ""
+    file = Path(path.removesuffix(":yaml"))
+    try:
+        if file.exists() and not (file.is_file() or file.is_dir()):
+            raise InputError(f"option file {path}{by}: is not a regular file")
+        if file.is_file() and file.stat().st_size > LARGEST_FILE:
+            raise InputError(f"option file {path}{by}: is larger than {LARGEST_FILE >> 20} MiB")
+        content = file.read_text(encoding="utf-8")
+        identity = str(file.resolve())
+    except (OSError, RuntimeError) as error:
+        raise InputError(f"option file {path}{by}: {getattr(error, 'strerror', None) or error}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"option file {path}{by}: is not a text file") from None
+    if identity in inside:
+        raise InputError(f"option file {path}: includes itself{by}")
+    mentioned, nested = set(), []
+    for number, line in enumerate(content.splitlines(), 1):
+        words = line.partition("#")[0].split()
+        if not words or not _is_option(words[0]):
+            continue
+        text = line.partition("#")[0]
+        if text.count('"') % 2 and any(word.startswith('"') for word in words):
+            raise InputError(f"option file {path}, line {number}: {line.strip()}: a quote is not closed")
+        mentioned.add(_name(words[0]))
+        if words[0].lower() in OPTION_FILES:
+            name = text.strip()[len(words[0]) :].strip().strip('"')
+            if not name:
+                raise InputError(f"option file {path}, line {number}: {words[0]}: a file name must follow")
+            nested.append((words[0], name))
+    return identity, mentioned, nested
+
+
+def _refuse_what_is_too_late(place):
+    for name in sorted(place.names):
+        if _OF_PETSC.fullmatch(name) and not _LATER.fullmatch(name):
+            raise InputError(
+                f"-{name} {place.description}: PETSc needs it when it starts, before files are read; "
+                "give it on the command line or in PETSC_OPTIONS"
+            )
+
+
+def _start_files(environment):
+    """Paths of the option files that PETSc reads unasked."""
+    home = environment.get("HOME")
+    paths = [Path(home, ".petscrc")] if home else []
+    return [str(path) for path in (*paths, Path(".petscrc"), Path("petscrc")) if os.path.isfile(path)]  # noqa: PTH113
+
+
+def _environment_pairs(environment):
+    try:
+        return _pairs(shlex.split(environment.get("PETSC_OPTIONS", "")))
+    except ValueError as error:
+        raise InputError(f"PETSC_OPTIONS: {error}") from None
+
+
+def _pairs(words):
+    """Options with their dash, and their texts or None."""
+    pairs, open_for_a_value = [], False
+    for word in words:
+        try:
+            word.encode()
+        except UnicodeEncodeError:
+            raise InputError(f"{word!a}: is not UTF-8 text") from None
+        if _is_option(word):
+            pairs.append((word, None))
+            open_for_a_value = word.lower() != "-prefix_pop"
+        elif open_for_a_value:
+            pairs[-1] = (pairs[-1][0], word)
+            open_for_a_value = False
+        else:
+            raise InputError(f"{word}: neither an option nor the value of one")
+    return pairs
+
+
+def _is_option(word):
+    """Whether PETSc takes a word for an option, not for a value: -inf is a number."""
+    number = re.match(r"-(inf(inity)?|nan)(?![a-z0-9_])", word, re.IGNORECASE)
+    return re.match("--?[A-Za-z]", word) is not None and not number
+
+
+def _name(word):
+    return word.removeprefix("-").lower()

@@ -1,0 +1,187 @@
+"""Options that describe the problem, and the problem they describe."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from app.errors import InputError
+from app.options import (
+    REQUIRED,
+    Option,
+    OptionReader,
+    choice,
+    domain,
+    from_zero,
+    integer,
+    pair,
+    positive,
+    real,
+    word,
+)
+
+_DOUBLES_PER_CELL = 12  # at the least, of memory
+
+
+def most_cells():
+    """Largest number of cells that PETSc can number. Not collective."""
+    from petsc4py import PETSc
+
+    return int(np.iinfo(PETSc.IntType).max)
+
+
+def grid_size(text):
+    """Kind: ``nx,ny``, or ``n`` for both."""
+    most = most_cells()
+    allowed = f"nx,ny or n, whole numbers of at least 1, and at most {most} cells"
+    return pair(allowed, lambda nx, ny: nx * ny <= most)(text)
+
+
+frequencies = pair("M,N or M, whole numbers from 1 to 10000", lambda m, n: max(m, n) <= 10000)
+
+PROBLEM_OPTIONS = [
+    Option("problem", choice("hertz", "punch", "file", "python"), REQUIRED, "what is pressed together"),
+    Option("grid", grid_size, REQUIRED, "nx,ny or n: cells"),
+    Option("domain", domain, REQUIRED, "x0,x1,y0,y1: potential contact area [mm]"),
+    Option("shear_modulus", positive, REQUIRED, "combined G of the pair, 2/G = 1/G1 + 1/G2 [N/mm2]"),
+    Option("poisson_ratio", real("from 0 to 0.5", lowest=0, highest=0.5), REQUIRED, "nu"),
+    Option("approach", real(), None, "approach of the bodies [mm] (either this or -load)"),
+    Option("load", real(), None, "total normal force [N] (either this or -approach)"),
+    Option("hertz_rx", positive, REQUIRED, "relative radius of curvature in x [mm]"),
+    Option("hertz_ry", positive, REQUIRED, "relative radius of curvature in y [mm]"),
+    Option("punch_diameter", positive, REQUIRED, "diameter of the flat punch [mm]"),
+    Option("surface_seed", integer(0, "a whole number from 0"), 7, "seed of the random surface"),
+    Option("surface_sigma", from_zero, 0.1, "standard deviation of its heights [mm]"),
+    Option("surface_decay", real("above 0, at most 1", above=0, highest=1), 0.8, "gamma: fall of its amplitudes"),
+    Option("surface_modes", frequencies, (12, 10), "M,N: frequencies in x and y"),
+    Option("gap_file", word, REQUIRED, "undeformed distance (ny, nx): .npy, .h5[:/dataset] or text; NaN: no contact"),
+    Option("problem_type", word, REQUIRED, "python: module.Name or file.py:Name, a Problem or a function of x and y"),
+    Option("output", word, None, "result file (HDF5)"),
+]  # fmt: skip
+LOADING = ("approach", "load")
+
+
+def reader_of(given):
+    """Reader of the problem's options. Not collective."""
+    return OptionReader(PROBLEM_OPTIONS, given.texts)
+
+
+def loading(given):
+    """What is prescribed: ``("approach", mm)`` or ``("load", N)``; one in a later place replaces the other.
+
+    Not collective.
+
+    Raises
+    ------
+    InputError
+        If neither is given, or both in the same place, or the load is negative.
+    """
+    kind = given.last_of(LOADING, "-approach [mm] nor -load [N]")
+    value = reader_of(given)[kind]
+    if kind == "load" and value < 0:
+        raise InputError(
+            f"-load {value:g}: the bodies do not stick together; allowed: a force of at least 0 N"
+        )
+    return kind, value
+
+
+def input_files(options):
+    """Names of the files that the problem is read from; a result must not take their place. Not collective."""
+    names = [options[name] for name in ("gap_file", "problem_type") if options.given(name)]
+    return [part for name in names for part in (name, name.rpartition(":")[0]) if part]
+
+
+def make_problem(options, texts, comm):
+    """Build the problem that the options describe.
+
+    Not collective.
+
+    Parameters
+    ----------
+    options : OptionReader
+        Of `PROBLEM_OPTIONS`.
+    texts : mapping of str to str
+        All options, for a problem of the user's that has some of its own.
+    comm : mpi4py.MPI.Comm
+        Ranks that share the grid; this one looks at its rows only.
+
+    Returns
+    -------
+    problem : app.problems.problem.Problem
+    own : OptionReader
+        Of the options that the problem has of its own; empty but for ``-problem python``.
+    notes : list of str
+        What the user should look at twice.
+
+    Raises
+    ------
+    InputError, ValueError, OSError
+        If something is missing or of no use.
+    """
+    from app.halfspace.grid import Grid, Slabs
+    from app.halfspace.influence import Material
+
+    name = options["problem"]
+    material = Material(options["shear_modulus"], options["poisson_ratio"])
+    own, notes = OptionReader((), {}), []
+    if name == "file":
+        problem, notes = _file_problem(options, material, comm)
+        return problem, own, notes
+    grid = Grid.from_domain(*options["grid"], options["domain"])
+    check_memory(grid, comm)
+    if name == "python":
+        from app.problems import own as own_problems
+
+        kind = own_problems.find(options["problem_type"])
+        own = OptionReader(getattr(kind, "OPTIONS", ()), texts)
+        problem = own_problems.make(kind, options["problem_type"], grid, material, own)
+        own_problems.check(problem, options["problem_type"], Slabs.over(comm, grid.ny).rows)
+        return problem, own, notes
+    if name == "hertz":
+        from app.problems.hertz import Hertz
+
+        return Hertz(grid, material, options["hertz_rx"], options["hertz_ry"]), own, notes
+    return _punch(options, grid, material), own, notes
+
+
+def _file_problem(options, material, comm):
+    from app.halfspace.grid import Grid, Slabs
+    from app.problems.gap_file import GapArray, GapFile
+
+    gap = GapArray(options["gap_file"])
+    ny, nx = gap.shape
+    notes = []
+    if options.given("grid"):
+        nx, ny = options["grid"]
+    elif nx * ny > most_cells():
+        raise InputError(f"gap file {gap.name}: has {nx} x {ny} cells; at most {most_cells()} are possible")
+    elif nx == 3 and ny > 9:
+        notes.append(f"gap file {gap.name}: taken for {ny} rows of 3 cells, not for points x, y, z")
+    problem = GapFile(Grid.from_domain(nx, ny, options["domain"]), material, gap)
+    check_memory(problem.grid, comm)
+    gap.check(Slabs.over(comm, ny).rows)
+    return problem, notes
+
+
+def _punch(options, grid, material):
+    from app.problems.punch import Punch
+    from app.problems.surfaces import WavySurface
+
+    x0, x1, y0, y1 = options["domain"]
+    surface = WavySurface(
+        modes=options["surface_modes"], decay=options["surface_decay"], sigma=options["surface_sigma"],
+        seed=options["surface_seed"], extent=(x1 - x0, y1 - y0), origin=(x0, y0),
+    )  # fmt: skip
+    return Punch(grid, material, options["punch_diameter"], surface)
+
+
+def check_memory(grid, comm):
+    """Refuse a grid that cannot fit into this rank's machine, before trying. Not collective."""
+    needed = _DOUBLES_PER_CELL * 8 * grid.n / comm.size
+    there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if needed > there:
+        raise InputError(
+            f"-grid {grid.nx},{grid.ny}: needs about {needed / 2**30:.0f} GiB on each of {comm.size} rank(s); "
+            f"this machine has {there / 2**30:.0f} GiB"
+        )

@@ -1,0 +1,57 @@
+"""What app.solve says of a solution, on one page."""
+
+from __future__ import annotations
+
+
+def report(facts, nx, ny, output=None):
+    """Text for standard output.
+
+    Not collective.
+
+    Parameters
+    ----------
+    facts : mapping
+        Root attributes of the result file.
+    nx, ny : int
+        Cells.
+    output : str, optional
+        Where the result was written.
+    """
+    state = "solved" if facts["converged"] else "NOT CONVERGED"
+    lines = [
+        f"{facts['problem']} {nx} x {ny}: {state} ({facts['reason']})",
+        f"approach {facts['approach']:.8g} mm, load {facts['load']:.8g} N, "
+        f"maximum pressure {facts['max_pressure']:.8g} N/mm2",
+        f"contact {_count(facts['contact_cells'], 'cell')}, "
+        f"{100 * facts['contact_fraction']:.4g}% of the admissible ones",
+        f"{_count(facts['active_set_iterations'], 'active set iteration')}, {facts['inner_iterations']} inner, "
+        f"{facts['work_units']:.4g} work units, {facts['operator_applications']:.4g} operator applications",
+        f"certificate: pressure within {facts['error_bound']:.2g} of this grid's exact one (energy norm), "
+        f"largest penetration {facts['largest_penetration']:.2g} mm",
+        f"residual {facts['residual']:.3g}, {facts['solve_seconds']:.3g} s on {_count(facts['ranks'], 'rank')} "
+        f"(set-up {facts['setup_seconds']:.3g} s)",
+    ]
+    if facts["discretisation_error"] > 0:
+        lines.append(
+            f"discretisation error about {facts['discretisation_error']:.2g} of the pressure (rms, from two grids)"
+        )
+    if output:
+        lines.append(f"result in {output}")
+    return "\n  ".join(lines)
+
+
+def help_text(*tables):
+    """The options of some tables, for ``-help``. Not collective."""
+    lines = ["Options of app.solve (lengths mm, forces N, stresses N/mm2):"]
+    lines += [option.help() for table in tables for option in table]
+    lines += [
+        "Of the FFT preconditioner (-pc_type python -pc_python_type app.multigrid.circulant.Circulant):",
+        f"  -{'pc_circulant_extend':<20} cells by which the residual is extended over the rim (default 0)",
+        f"  -{'pc_circulant_margin':<20} share of the patch left free before it is continued periodically (default 0)",
+        "Linear solvers: PETSc's own -ksp_*, -pc_*, -mg_levels_*, -mg_coarse_*; see petsc_options/ and README.md.",
+    ]
+    return "\n".join(lines)
+
+
+def _count(number, what):
+    return f"{number} {what}{'s'[: number != 1]}"

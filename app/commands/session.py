@@ -1,0 +1,226 @@
+"""Start-up of a command on all ranks, and the one way to end it.
+
+``run(main)`` reads the options, starts PETSc, calls `main` and turns what happens into an exit status: 0 done, 2 bad
+input (one line on standard error, from one rank), 3 not converged, 130 interrupted, 1 anything unexpected (traceback).
+Whatever happens on whatever ranks, all of them end.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import sys
+import tempfile
+import threading
+import time
+import traceback
+from contextlib import contextmanager, suppress
+
+from app.commands import streams
+from app.errors import InputError, agree, one_line
+
+PATIENCE = 5.0  # s; of a rank that has met an error, until it believes that the others have not
+
+
+def start(argv):
+    """Read all options and start PETSc. Collective over all ranks; once per process.
+
+    Returns
+    -------
+    app.commands.places.Given
+
+    Raises
+    ------
+    InputError
+        If options cannot be read, or PETSc does not accept those it needs at its start.
+    """
+    folder_is_gone = _leave_removed_folder()
+    from mpi4py import MPI
+
+    from app.commands import places
+
+    comm = MPI.COMM_WORLD
+    agree(comm, _refuse, folder_is_gone)
+    words = agree(comm, places.for_the_start, argv, os.environ, only_root=True)
+    import petsc4py
+
+    with _unset("PETSC_OPTIONS", "PETSC_OPTIONS_YAML"), _errors_of_petsc() as said:
+        try:
+            petsc4py.init(words)
+            from petsc4py import PETSc
+        except Exception:
+            raise InputError(f"PETSc does not accept {' '.join(words[1:-1])}: {said()}") from None
+    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc would abort; see `streams.say`
+    given = places.read_on_all(comm, argv)
+    for name, text in given.of_petsc.items():
+        PETSc.Options().setValue(name, text or None)
+    if any(name.startswith("log") for name in given.of_petsc) and not PETSc.Log.isActive():
+        PETSc.Log.begin()
+    for line in given.warnings:
+        warn(line)
+    return given
+
+
+def _leave_removed_folder():
+    """Whether the current folder is gone; MPI and PETSc would complain each in its own way."""
+    try:
+        os.getcwd()  # noqa: PTH109
+    except OSError:
+        os.chdir("/")
+        return "the current folder has been removed"
+
+
+def _refuse(complaint):
+    if complaint:
+        raise InputError(complaint)
+
+
+@contextmanager
+def _unset(*names):
+    """Environment without some variables."""
+    kept = {name: os.environ.pop(name) for name in names if name in os.environ}
+    try:
+        yield
+    finally:
+        os.environ.update(kept)
+
+
+@contextmanager
+def _errors_of_petsc():
+    """Keep what PETSc says on standard error; if all is well it is printed at the end.
+
+    Yields a function that returns it as one line without the frame that PETSc puts around it.
+    """
+    sys.stderr.flush()
+    with tempfile.TemporaryFile() as kept:
+        before = os.dup(2)
+        os.dup2(kept.fileno(), 2)
+
+        def said():
+            kept.seek(0)
+            lines = re.findall(r"PETSC ERROR: (.*)", kept.read().decode(errors="replace"))
+            return ": ".join(line for line in lines[1:3] if not line.startswith("#"))
+
+        try:
+            yield said
+            kept.seek(0)
+            with suppress(OSError):
+                os.write(before, kept.read())
+        finally:
+            os.dup2(before, 2)
+            os.close(before)
+
+
+def say(text):
+    """Print on standard output, as long as somebody reads it. Not collective: only rank 0 prints."""
+    if _rank() == 0:
+        streams.say(text)
+
+
+def warn(message):
+    """Print a warning. Not collective: only rank 0 prints."""
+    if _rank() == 0:
+        streams.complain(f"warning: {message}")
+
+
+def _rank():
+    from mpi4py import MPI
+
+    return MPI.COMM_WORLD.rank
+
+
+def run(main, argv=None):
+    """Start, call ``main(given)``, leave with its exit status. Does not return.
+
+    Parameters
+    ----------
+    main : callable
+        Takes the options, `app.commands.places.Given`; returns the exit status (None for 0).
+    argv : list of str, optional
+        Default: ``sys.argv``.
+    """
+    streams.repair()
+    status, complaint = 1, None
+    try:
+        status = main(start(sys.argv if argv is None else argv)) or 0
+    except InputError as error:
+        complaint = one_line(error)
+    except MemoryError as error:
+        complaint = f"not enough memory: {one_line(error)}"
+    except SystemExit as error:
+        status = error.code if isinstance(error.code, int) else int(error.code is not None)
+    except KeyboardInterrupt:
+        streams.complain("interrupted")
+        _abort(status := 130)
+    except BaseException:
+        streams.complain(traceback.format_exc().rstrip())
+        _abort(status)
+    # Outside the except blocks: no traceback holds a Mat any more that PETSc would destroy too late.
+    if complaint is not None:
+        status = 2
+        _end_refused(complaint)
+    sys.exit(status)
+
+
+def _end_refused(complaint):
+    """Print what is wrong once and end all ranks, several of them without coming back.
+
+    Collective, if the other ranks have the same to complain of; if they go on, they are ended. PETSc is not finalised:
+    it would destroy objects in an order that errors have left different on different ranks, and wait for ever.
+    """
+    from mpi4py import MPI
+
+    comm = MPI.COMM_WORLD
+    if comm.rank == 0:
+        streams.complain(f"error: {complaint}")
+    if comm.size == 1:
+        return
+    if not _all_come(comm):
+        if comm.rank != 0:
+            streams.complain(f"error: rank {comm.rank}: {complaint}")
+        _abort(2)
+    _flush()
+    # The last resort, if MPI does not end either.
+    last = threading.Timer(PATIENCE, os._exit, (2,))
+    last.daemon = True
+    last.start()
+    _finalize()
+    os._exit(2)
+
+
+def _all_come(comm):
+    """Whether all ranks call this within the time of patience."""
+    from mpi4py import MPI
+
+    farewell = comm.Ibarrier()
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        if MPI.Request.Test(farewell):
+            return True
+        time.sleep(0.01)
+    return False
+
+
+def _finalize():
+    """Finalise MPI without holding Python's lock, for the timer's sake."""
+    import ctypes
+
+    from mpi4py import MPI
+
+    ctypes.CDLL(MPI.__file__).MPI_Finalize()
+
+
+def _abort(status):
+    """End the other ranks, which may wait for this one, and this one with them if there are any. Not collective."""
+    from mpi4py import MPI
+
+    _flush()
+    if MPI.COMM_WORLD.size > 1:
+        MPI.COMM_WORLD.Abort(status)
+
+
+def _flush():
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError):
+            stream.flush()

@@ -1,0 +1,153 @@
+"""Files that appear whole or not at all, and only where nothing is lost by it.
+
+A file is written under a temporary name in the folder of its target and renamed at the very end.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import os
+import re
+import socket
+from contextlib import contextmanager
+from pathlib import Path
+
+SUFFIXES = (".h5", ".hdf5")  # of result files
+_numbers = itertools.count()
+
+
+def check_output_path(path, inputs=()):
+    """Refuse a path to which no result can be written, before any work is done.
+
+    Not collective (looks at the file system of the calling rank).
+
+    Parameters
+    ----------
+    path : str or Path
+        Result file to be; it may exist and is then replaced later.
+    inputs : iterable of str or Path
+        Files that are read and must not be replaced; those that do not exist do not matter.
+
+    Returns
+    -------
+    Path
+        Absolute; where a symbolic link leads, if it is one.
+
+    Raises
+    ------
+    ValueError
+        If the suffix is unknown, the path is not a regular file or one of the inputs, or its folder is missing,
+        read-only, or the name is too long for it.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise ValueError(f"result file {path}: the name must end in {' or '.join(SUFFIXES)}")
+    try:
+        target = _target(path)
+        if target.exists() and not target.is_file():
+            raise ValueError(f"result file {path}: exists and is not a regular file")
+        if not target.parent.is_dir():
+            raise ValueError(f"result file {path}: folder {target.parent} does not exist")
+    except OSError as error:
+        raise ValueError(f"result file {path}: {error.strerror}") from None
+    for other in inputs:
+        if _same_file(target, other):
+            raise ValueError(f"result file {path}: is the input {other}; choose another name")
+    try:
+        temporary = temporary_name(target)
+        temporary.touch(exist_ok=False)
+        temporary.unlink()
+    except OSError as error:
+        raise ValueError(f"result file {path}: cannot write in {target.parent} ({error.strerror})") from None
+    return target
+
+
+def _target(path):
+    """Where a path leads: a symbolic link stays, and what it names is replaced."""
+    try:
+        return path.resolve() if path.is_symlink() else path.absolute()
+    except RuntimeError:
+        raise ValueError(f"{path}: the symbolic link leads to itself") from None
+
+
+def _same_file(one, other):
+    try:
+        return Path(other).samefile(one)
+    except OSError:
+        return False
+
+
+@contextmanager
+def whole_file(path):
+    """Yield a temporary path whose file takes the place of `path` when the block succeeds.
+
+    Not collective. A block that raises, or a killed process, leaves an existing `path` as it was.
+    """
+    target = _target(Path(path))
+    temporary = temporary_name(target)
+    try:
+        yield temporary
+        publish(temporary, target)
+    except BaseException:
+        remove(temporary)
+        raise
+
+
+def temporary_name(path):
+    """Return an unused name in the folder of `path`, so that the later rename stays in one file system.
+
+    It is short, whatever the name of `path`. What killed runs on this machine have left of the same `path` is removed.
+    """
+    mine = f".{_digest(path.name)}-{_machine()}-"
+    for left in path.parent.glob(f"{mine}*.tmp"):
+        owner = re.fullmatch(r"(\d+)-\d+\.tmp", left.name.removeprefix(mine))
+        if owner and not _runs(int(owner[1])):
+            remove(left)
+    return path.with_name(f"{mine}{os.getpid()}-{next(_numbers)}.tmp")
+
+
+def _digest(text):
+    return hashlib.sha256(os.fsencode(text)).hexdigest()[:8]
+
+
+def _machine():
+    """Digest of where process numbers mean the same: host, and container on it."""
+    try:
+        container = Path("/proc/self/ns/pid").stat().st_ino
+    except OSError:
+        container = 0
+    return _digest(f"{socket.gethostname()} {container}")
+
+
+def _runs(process):
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        pass
+    return True
+
+
+def remove(path):
+    """Remove a file that may never have come to be; one that stays is not worth a second error. Not collective."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError:
+        pass
+
+
+def publish(temporary, path):
+    """Bring the file to disk, then give it its name: a crash leaves the old file or the new one. Not collective."""
+    _to_disk(temporary)
+    temporary.replace(path)
+    _to_disk(temporary.parent)
+
+
+def _to_disk(path):
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

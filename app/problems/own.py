@@ -1,0 +1,183 @@
+"""Problems of the user's own, by name: a class or a function in a Python module, without touching this program.
+
+A function takes arrays x and y of the cell centres [mm] and returns the undeformed distance [mm], NaN where contact is
+impossible::
+
+    def rounded_punch(x, y):
+        return np.where(np.hypot(x, y) <= 4, np.maximum(np.hypot(x, y) - 3, 0) ** 2 / 20, np.nan)
+
+A class derives from `app.problems.problem.Problem`. It is made from the grid and the material; one that has options of
+its own lists them in `OPTIONS` and reads them in ``from_options``::
+
+    class Cone(Problem):
+        OPTIONS = (Option("cone_slope", positive, 0.1, "height over radius"),)
+        ...
+        @classmethod
+        def from_options(cls, grid, material, options):
+            return cls(grid, material, options["cone_slope"])
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+import traceback
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from app.errors import InputError, one_line
+from app.options import LARGEST
+from app.problems.problem import Problem
+
+
+@dataclass(frozen=True)
+class FunctionProblem(Problem):
+    """Undeformed distance from a function of x and y.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(x, y)``, arrays of shape (rows, nx) [mm], returns the distance likewise.
+    name : str
+        What messages and the result file call it.
+    """
+
+    function: object = field(default=None)
+    name: str = "function"
+
+    def shape_on(self, grid, rows=slice(None)):
+        """See `Problem.shape_on`."""
+        x, y = np.meshgrid(grid.x(), grid.y(rows))
+        values = self.function(x, y)
+        try:
+            return np.array(np.broadcast_to(np.asarray(values, dtype=np.float64), x.shape))
+        except (TypeError, ValueError):
+            raise ValueError(
+                f"returns {type(values).__name__} of shape {np.shape(values)} for x and y of shape {x.shape}; "
+                "needed: real numbers of that shape"
+            ) from None
+
+
+def find(name):
+    """Return what a name stands for: ``package.module.Name`` or ``path/to/file.py:Name``, as PETSc finds its own.
+
+    Not collective: every rank imports for itself. The current folder is looked into, too.
+
+    Raises
+    ------
+    InputError
+        If there is no such module or name, or importing it fails.
+    """
+    path, separator, attribute = name.rpartition(":")
+    if not separator:
+        path, separator, attribute = name.rpartition(".")
+    if not path or not attribute:
+        raise InputError(f"-problem_type {name}: needed: module.Name or file.py:Name")
+    module = _called(name, _import_file if name.rpartition(":")[1] else _import_module, path)
+    if not hasattr(module, attribute):
+        raise InputError(f"-problem_type {name}: {path} has no {attribute}")
+    found = getattr(module, attribute)
+    if not callable(found) or (isinstance(found, type) and not issubclass(found, Problem)):
+        raise InputError(
+            f"-problem_type {name}: needed: a function of x and y, or a class derived from {Problem.__module__}.Problem"
+        )
+    return found
+
+
+def make(kind, name, grid, material, options):
+    """Make a problem from what `find` found.
+
+    Not collective.
+
+    Parameters
+    ----------
+    kind : callable or subclass of Problem
+    name : str
+        For messages and the result file.
+    grid : app.halfspace.grid.Grid
+    material : app.halfspace.influence.Material
+    options : app.options.OptionReader
+        Of the problem's own options.
+
+    Raises
+    ------
+    InputError
+        If that fails.
+    """
+    if not isinstance(kind, type):
+        return FunctionProblem(grid, material, kind, name)
+    make_it = getattr(kind, "from_options", None)
+    parts = (grid, material) if make_it is None else (grid, material, options)
+    problem = _called(name, make_it or kind, *parts)
+    if not isinstance(problem, Problem):
+        raise InputError(f"-problem_type {name}: from_options returns no {Problem.__module__}.Problem")
+    if not problem.name:
+        object.__setattr__(problem, "name", name)
+    return problem
+
+
+def check(problem, name, rows):
+    """Ask for some rows of the undeformed distance and refuse what is no such thing.
+
+    Not collective.
+
+    Raises
+    ------
+    InputError
+    """
+    values = _called(name, problem.shape_on, problem.grid, rows)
+    needed = len(problem.grid.y(rows)), problem.grid.nx
+    if np.shape(values) != needed or np.asarray(values).dtype.kind not in "fiu":
+        raise InputError(
+            f"-problem_type {name}: the undeformed distance is {type(values).__name__} of shape {np.shape(values)}; "
+            f"needed: real numbers of shape (rows, nx) = {needed}"
+        )
+    with np.errstate(invalid="ignore"):
+        large = np.argwhere(np.abs(values) > LARGEST)
+    if len(large):
+        j, i = large[0]
+        raise InputError(
+            f"-problem_type {name}: {values[j, i]:g} in row {j + (rows.start or 0)}, column {i}; "
+            f"allowed: numbers up to {LARGEST:g}, and NaN where contact is impossible"
+        )
+
+
+def _import_module(path):
+    folder = str(Path.cwd())
+    added = folder not in sys.path and "" not in sys.path
+    if added:
+        sys.path.insert(0, folder)
+    try:
+        return importlib.import_module(path)
+    finally:
+        if added:
+            sys.path.remove(folder)
+
+
+def _import_file(path):
+    if not Path(path).is_file():
+        raise FileNotFoundError("no such file")
+    spec = importlib.util.spec_from_file_location(f"own_{Path(path).stem}", path)  # app.py may be its name
+    if spec is None:
+        raise ImportError("is not a Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module
+
+
+def _called(name, function, *parts):
+    """Call code of the user's; tell in one line what goes wrong in it, and where."""
+    try:
+        return function(*parts)
+    except InputError as error:
+        raise InputError(f"-problem_type {name}: {error}") from None
+    except Exception as error:
+        at = traceback.extract_tb(error.__traceback__)[-1]
+        inside = Path(at.filename).resolve().parent == Path(__file__).resolve().parent
+        where = "" if inside or at.filename.startswith("<") else f" ({at.filename}, line {at.lineno})"
+        kind = "" if inside else f"{type(error).__name__}: "
+        raise InputError(f"-problem_type {name}: {kind}{one_line(error)}{where}") from error
