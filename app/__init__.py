@@ -1,3 +1,26 @@
-"""Elastic normal contact of two bodies: full multigrid, active sets and FFTs on PETSc."""
+"""Elastic contact by full multigrid.
 
-__version__ = "0.1.0"
+What a program imports is here; each name brings its module when it is first asked for, so that a command can start
+PETSc with its own options before.
+"""
+
+from importlib import import_module
+
+__version__ = "0.2.0"
+
+_PLACES = {
+    "ContactProblem": "app.problems.given",
+    "ContactSolver": "app.solver",
+    "Grid": "app.halfspace.grid",
+    "Material": "app.halfspace.influence",
+    "Solution": "app.solution",
+    "read_result": "app.output.result",
+    "solve": "app.solver",
+}
+__all__ = [*_PLACES, "__version__"]
+
+
+def __getattr__(name):
+    if name not in _PLACES:
+        raise AttributeError(f"module 'app' has no attribute {name!r}")
+    return getattr(import_module(_PLACES[name]), name)

@@ -258,22 +258,3 @@ def domain(text):
 positive = real("a positive number", above=0)
 from_zero = real("a number from 0", lowest=0)
 count = integer(1, "a whole number of at least 1")
-
-
-METHOD_OPTIONS = [
-    Option("lcp_type", choice("active_set", "tao", "snesvi"), "active_set", "around a KSP, or PETSc's own"),
-    Option("lcp_nested", flag, False, "nested iteration (FMG): solve on coarser grids first"),
-    Option("lcp_rtol", positive, 1e-6, "accepted ||r|| / ||h||, eq. (5.1); 100 times it with h on C"),
-    Option("lcp_max_it", count, 100, "iterations on one grid: active set, or those of tao and snesvi"),
-    Option("lcp_coarse_rtol", from_zero, 0.0, "tracking KSPs: residual that is enough on coarser grids"),
-    Option("lcp_merge", from_zero, 0.0, "tracking KSPs: step of a correction when cells are dropped"),
-    Option("lcp_foresight", from_zero, 0.0, "tracking KSPs: add cells by u and this much of its expected change"),
-    Option("lcp_prolongation", choice("copy", "lift"), "copy", "of p: the paper's, or by an FFT"),
-    Option("lcp_window", from_zero, 0.0, "nested: work in a window around contact, with this margin; 0: all cells"),
-    Option("lcp_beta", from_zero, 0.003, "start set after prolongation, eq. (4.1)"),
-    Option("lcp_coarsest", count, 4, "directions of up to this many cells are not coarsened"),
-    Option("lcp_replicate", count, 64, "grids of up to this many cells squared are held by all ranks"),
-    Option("lcp_cheap", flag, False, "stop below the discretisation error (nested iteration only)"),
-    Option("lcp_precision", choice("double", "single"), "double", "of products; active_set checks answers in double"),
-    Option("lcp_monitor", flag, False, "a line for each active set iteration"),
-]  # fmt: skip

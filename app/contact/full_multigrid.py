@@ -1,4 +1,7 @@
-"""The full multigrid scheme: the active set iteration inside a nested iteration over the grids (Sec. 4.3)."""
+"""The full multigrid scheme: the active set iteration inside a nested iteration over the grids (Sec. 4.3).
+
+With one grid to visit, the target, it is the active set iteration alone (Sec. 3 and 4.1).
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,9 @@ from app.multigrid.direct import DirectSolver, solves_directly
 from app.multigrid.linear_solver import LinearSolver
 
 
-def full_multigrid(hierarchy, distances, loading, stop, history, beta=0.003, prolong=None, target_solver=None):
+def full_multigrid(
+    hierarchy, distances, loading, stop, history, nested=True, beta=0.003, prolong=None, target_solver=None
+):
     """Solve on the target grid of a hierarchy, from the coarsest grid on.
 
     Collective. Replicated grids are solved by rank 0, which tells the others.
@@ -23,6 +28,8 @@ def full_multigrid(hierarchy, distances, loading, stop, history, beta=0.003, pro
     loading : PrescribedApproach or PrescribedLoad
     stop : StoppingTest
     history : History
+    nested : bool
+        Nested iteration; else the target grid alone, from C = {h <= 0}.
     beta : float
         (4.1).
     prolong : callable, optional
@@ -37,19 +44,24 @@ def full_multigrid(hierarchy, distances, loading, stop, history, beta=0.003, pro
     """
     last = len(hierarchy.levels) - 1
     coarse = outcome = None
-    for number in range(first_sighted(distances), last + 1):
+    for number in route(hierarchy, distances, loading, nested):
         level, target = hierarchy.levels[number], number == last
         state = ContactState(level, distances[number])
         if coarse is not None:
-            transfer = hierarchy.transfers[number]
             state.approach = loading.predict(coarse.approach)
-            transfer.interpolate(coarse.u, state.u)  # 2. of Sec. 4.3: u bilinear
-            state.u_is = Displacement.STALE
-            if not (prolong and prolong(transfer, coarse, state)):
-                copy_prolongation(transfer, coarse, state, beta)
+            if nested:
+                transfer = hierarchy.transfers[number]
+                transfer.interpolate(coarse.u, state.u)  # 2. of Sec. 4.3: u bilinear
+                state.u_is = Displacement.STALE
+                if not (prolong and prolong(transfer, coarse, state)):
+                    copy_prolongation(transfer, coarse, state, beta)
+            else:
+                state.start_from_interpenetration()
             coarse.destroy()
         if target or level.comm is not None or hierarchy.comm.rank == 0:
-            solver = target_solver if target and target_solver else solver_on(hierarchy, number, coarse is None)
+            solver = (
+                target_solver if target and target_solver else solver_on(hierarchy, number, coarse is None)
+            )
 
             def solve(loading, state=state, solver=solver, target=target):
                 """(3.b): until the contact area is unchanged, and on the target grid (5.1)."""
@@ -66,6 +78,20 @@ def full_multigrid(hierarchy, distances, loading, stop, history, beta=0.003, pro
     return state, outcome
 
 
+def route(hierarchy, distances, loading, nested):
+    """Numbers of the levels to visit. Not collective.
+
+    Without nested iteration that is the target alone; a prescribed load is met on a grid that is solved directly first,
+    which is where the approach to begin with comes from. Grids so coarse that no cell is admissible say nothing.
+    """
+    last = len(hierarchy.levels) - 1
+    sighted = [number for number, distance in enumerate(distances) if distance.statistics.cells]
+    if nested:
+        return range(sighted[0], last + 1)
+    small = [number for number in sighted if number < last and solves_directly(hierarchy.levels[number])]
+    return [*small[-1:], last] if loading.prescribes_load else [last]
+
+
 def copy_prolongation(transfer, coarse, state, beta):
     """Steps 2 and (3.a): p by copy, C = {e <= beta max(u)} (4.1), p = 0 outside. u is interpolated already. Collective."""
     highest = -float(state.minimum(-state.u.max(initial=-np.inf)))
@@ -75,47 +101,6 @@ def copy_prolongation(transfer, coarse, state, beta):
         p = values.reshape(state.u.shape)
         transfer.copy(coarse.p, p)
         np.copyto(p, 0.0, where=~state.contact)
-
-
-def single_grid(hierarchy, distances, loading, stop, history, target_solver=None):
-    """MG + active set, and NORM: the target grid alone, from C = {h <= 0} (Sec. 4.1). Collective.
-
-    A prescribed load is met on a grid that is solved directly first, which is where the approach comes from.
-    """
-    last = len(hierarchy.levels) - 1
-    if loading.prescribes_load:
-        first = first_sighted(distances)
-        small = [l for l in range(first, last) if solves_directly(hierarchy.levels[l])]
-        if small:
-            level = hierarchy.levels[small[-1]]
-            coarse = ContactState(level, distances[small[-1]])
-            if hierarchy.comm.rank == 0:
-                solver = DirectSolver(level, small[-1])
-                test = stop.for_coarse_grid()
-                loading.first_solve(coarse, lambda inner: active_set(coarse, solver, inner, test, history))
-                solver.destroy()
-            tell(hierarchy, level, coarse, loading)
-    state = ContactState(hierarchy.target, distances[-1])
-    solver = target_solver or solver_on(hierarchy, last)
-
-    def solve(inner):
-        return active_set(state, solver, inner, stop, history)
-
-    if loading.prescribes_load and small:
-        state.approach = coarse.approach
-        coarse.destroy()
-        state.start_from_interpenetration()
-        outcome = solve(loading)
-    else:
-        outcome = loading.first_solve(state, solve)
-    if solver is not target_solver:
-        solver.destroy()
-    return state, outcome
-
-
-def first_sighted(distances):
-    """First level with a cell where contact is possible: coarser grids say nothing. Not collective."""
-    return next(number for number, distance in enumerate(distances) if distance.statistics.cells)
 
 
 def solver_on(hierarchy, number, coarsest=False):

@@ -53,6 +53,10 @@ class History:
             "approach": state.approach,
             "seconds": time.perf_counter() - self._started,
         }
+        self.record(entry, state)
+
+    def record(self, entry, state):
+        """Record an iteration that somebody else has described. Not collective."""
         self.entries.append(entry)
         for listener in self.listeners:
             listener.iteration(entry, state)

@@ -61,4 +61,6 @@ def active_set(state, solver, loading, stop, history):
             update = loading.settle(state, update) if stop.final else update
             if not update.changed and stop(state, update.residual):
                 return Outcome(True, CONVERGED, k, inner, residual)
-    return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, inner, residual)
+    return Outcome(
+        False, f"{stop.max_it} active set iterations were not enough", stop.max_it, inner, residual
+    )

@@ -10,9 +10,7 @@ Where that does not converge, the root search over solved problems does on any g
 
 from __future__ import annotations
 
-
 import numpy as np
-
 from scipy.optimize import brentq
 
 
@@ -35,6 +33,10 @@ class PrescribedApproach:
         state.approach = self.approach
         state.start_from_interpenetration()
         return solve(self)
+
+    def resume_from(self, approach, load, touching):
+        """Return the approach to begin with, from that of a solution with a load. Not collective."""
+        return self.approach
 
     def predict(self, approach):
         """Return the approach to begin with on the next finer grid [mm]. Not collective."""
@@ -128,6 +130,18 @@ class PrescribedLoad:
         for later in outcomes[1:]:
             outcome = later.after(outcome)
         return outcome
+
+    def resume_from(self, approach, load, touching):
+        """Return the approach to begin with, from that of a solution with a load. Not collective.
+
+        Between a punch, whose load is proportional to its approach beyond first touch, and a cone, where it is to the
+        square of it: the exponent of a sphere.
+        """
+        depth = approach - touching
+        if not (load > 0 and depth > 0):
+            depth, load = 0.0, 0.0
+        self.slope = 1.5 * load / depth if depth else 0.0
+        return touching + depth * (self.load / load) ** (2 / 3) if depth else touching
 
     def predict(self, approach):
         """Return the approach to begin with on the next finer grid, by extrapolation [mm]. Not collective.

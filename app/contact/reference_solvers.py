@@ -11,27 +11,28 @@ import time
 import numpy as np
 from petsc4py import PETSc
 
-from app.contact.loop import Outcome
+from app.contact.history import Outcome
+from app.contact.state import Displacement
 from app.multigrid.linear_solver import reason_names
 from app.multigrid.pcmg import options_set
 
 
-class _Competitor:
+class _ReferenceSolver:
     """What the two have in common: the whole matrix, the bounds, and what counts as solved.
 
     Parameters
     ----------
     hierarchy : Hierarchy
         Only the target grid is used.
-    controls : Controls
+    stop : StoppingTest
     """
 
     _prefix = ""
     types = ()  # the default, and others that know bounds and need no more of the matrix than products
 
-    def __init__(self, hierarchy, controls):
+    def __init__(self, hierarchy, stop):
         self.operator = hierarchy.target
-        self.controls = controls
+        self.stop = stop
         wanted = PETSc.Options().getString(f"{self._prefix}_type", self.types[0])
         if wanted not in self.types:
             raise ValueError(f"-{self._prefix}_type {wanted}: allowed: {', '.join(self.types)}")
@@ -57,21 +58,20 @@ class _Competitor:
         self.operator.mask[...] = True  # the matrix is A, not C A C
         state.contact = np.zeros(state.u.shape, bool)  # no longer the operator's
         state.start_from_interpenetration()
-        self._diary = _Diary(state, history, self)
+        self._record = _Record(state, history, self)
         lower, upper = state.pressure.duplicate(), state.pressure.duplicate()
         lower.set(0)
         upper.setArray(np.where(state.admissible, PETSc.INFINITY, 0.0).reshape(-1))
-        self._h.setArray((state.shape - state.approach * state.admissible).reshape(-1))
-        acceptable = self.controls.acceptable(state)
+        self._h.setArray(np.where(state.admissible, -state.distance.b, 0.0).reshape(-1))
+        acceptable = self.stop.allowed(state)
         reason = self._run(state.pressure, lower, upper, 0.1 * acceptable)
         norm = self._residual(state)
-        self._diary.end(norm)
+        self._record.end(norm)
         for vec in (lower, upper):
             vec.destroy()
-        # Without any pressure only the first of the two says what is little.
-        converged = norm <= min(acceptable, self.controls.acceptable(state))
+        converged = norm <= acceptable
         reason = reason if converged else f"{reason}; the residual is too large"
-        return Outcome(converged, reason, self.iterations, self.inner, norm / state.gap_norm())
+        return Outcome(converged, reason, self.iterations, self.inner, norm / state.distance.norm())
 
     def _residual(self, state):
         """Norm of the residual by a double precision product; sets contact and displacement. Collective."""
@@ -80,9 +80,15 @@ class _Competitor:
             np.maximum(p, 0, out=p)
             np.greater(p, 0, out=state.contact)
             self.operator.exact_displacement(p, state.u)
-        e = state.shape - state.approach + state.u
+        state.u_is = Displacement.EXACT
+        e = state.u - state.distance.b
         defect, overlap = e[state.contact], e[state.admissible & ~state.contact].clip(max=0)
         return float(np.sqrt(state.sum([defect @ defect + overlap @ overlap])[0]))
+
+    def destroy(self):
+        """Free what both have. Collective."""
+        for part in (self.mat, self._h, self._template):
+            part.destroy()
 
     def _unless_given(self, **tolerances):
         """Those tolerances that the user has not given."""
@@ -92,66 +98,66 @@ class _Competitor:
         }
 
 
-class _Diary:
+class _Record:
     """Makes an entry in the history for every iteration; one waits, until it is known whether it was the last."""
 
-    def __init__(self, state, history, competitor):
-        self._state, self._history, self._competitor = state, history, competitor
+    def __init__(self, state, history, solver):
+        self._state, self._history, self._solver = state, history, solver
         self._waiting = None
         self._inner, self._products = 0, 0
         self._started = time.perf_counter()
 
-    def hear(self, iteration, norm):
+    def iteration(self, iteration, norm):
         """Hear of an iteration that left a residual of this norm [mm]. Collective."""
         self._write()
         if not iteration:
             return
-        state, competitor = self._state, self._competitor
+        state, solver = self._state, self._solver
         now, before = state.p > 0, state.contact
         counts = [np.count_nonzero(cells) for cells in (now, now & ~before, before & ~now)]
         cells, added, dropped = (int(count) for count in state.sum(counts))
         before[...] = now
         self._waiting = {
-            "level": competitor.level,
+            "level": solver.level,
             "iteration": iteration,
             "contact_cells": cells,
             "added_cells": added,
             "dropped_cells": dropped,
             "changed_cells": added + dropped,
-            "residual": norm / state.gap_norm(),
-            "inner_iterations": competitor.inner - self._inner,
-            "work_units": float(competitor.operator.products - self._products),
+            "residual": norm / state.distance.norm(),
+            "inner_iterations": solver.inner - self._inner,
+            "work_units": float(solver.operator.products - self._products),
             "load": state.load,
             "approach": state.approach,
             "seconds": time.perf_counter() - self._started,
         }
-        self._inner, self._products = competitor.inner, competitor.operator.products
+        self._inner, self._products = solver.inner, solver.operator.products
 
     def end(self, norm):
         """Hear what the residual of the answer is, by our own measure [mm]. Not collective."""
         if self._waiting:
-            self._waiting["residual"] = norm / self._state.gap_norm()
+            self._waiting["residual"] = norm / self._state.distance.norm()
         self._write()
 
     def _write(self):
         if self._waiting:
-            self._history.add(self._state, **self._waiting)
+            self._history.record(self._waiting, self._state)
         self._waiting = None
 
 
-class Tao(_Competitor):
+class Tao(_ReferenceSolver):
     """A TAO solver; default tron with Jacobi-preconditioned CG."""
 
     _prefix = "tao"
     types = "tron gpcg blmvm bncg bnls bntr bntl bqnls bqnkls bqnktr bqnktl".split()
 
-    def __init__(self, hierarchy, controls):
-        super().__init__(hierarchy, controls)
+    def __init__(self, hierarchy, stop):
+        super().__init__(hierarchy, stop)
         self.tao = PETSc.TAO().create(self.comm)
         self.tao.setType(self.types[0])
         self.tao.setObjectiveGradient(self._objective, self._template)
         self.tao.setHessian(lambda tao, x, hessian, pre: None, self.mat)
-        self.tao.setMaximumIterations(controls.max_it)
+        self.tao.setMaximumIterations(stop.max_it)
         self.tao.setMonitor(self._monitor)
         self.tao.setFromOptions()
         self.inner = 0
@@ -171,7 +177,7 @@ class Tao(_Competitor):
 
     def _monitor(self, tao):
         iteration, _, norm, *_ = tao.getSolutionStatus()
-        self._diary.hear(iteration, norm)
+        self._record.iteration(iteration, norm)
 
     def _objective(self, tao, x, gradient):
         self.mat.mult(x, gradient)
@@ -188,22 +194,23 @@ class Tao(_Competitor):
     def destroy(self):
         """Free the solver. Collective."""
         self.tao.destroy()
+        super().destroy()
 
 
-class SnesVI(_Competitor):
+class SnesVI(_ReferenceSolver):
     """A SNES for variational inequalities; default vinewtonrsls with CG."""
 
     _prefix = "snes"
     types = ("vinewtonrsls",)
 
-    def __init__(self, hierarchy, controls):
-        super().__init__(hierarchy, controls)
+    def __init__(self, hierarchy, stop):
+        super().__init__(hierarchy, stop)
         self.snes = PETSc.SNES().create(self.comm)
         self.snes.setType(self.types[0])
         self.snes.setFunction(self._function, self._template)
         self.snes.setJacobian(lambda snes, x, jacobian, pre: None, self.mat)
-        self.snes.setTolerances(max_it=controls.max_it)
-        self.snes.setMonitor(lambda snes, iteration, norm: self._diary.hear(iteration, norm))
+        self.snes.setTolerances(max_it=stop.max_it)
+        self.snes.setMonitor(lambda snes, iteration, norm: self._record.iteration(iteration, norm))
         ksp = self.snes.getKSP()
         ksp.setType(PETSc.KSP.Type.CG)
         ksp.getPC().setType(PETSc.PC.Type.NONE)
@@ -236,6 +243,7 @@ class SnesVI(_Competitor):
     def destroy(self):
         """Free the solver. Collective."""
         self.snes.destroy()
+        super().destroy()
 
 
-COMPETITORS = {"tao": Tao, "snesvi": SnesVI}
+REFERENCE_SOLVERS = {"tao": Tao, "snesvi": SnesVI}

@@ -25,8 +25,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.contact import kernels
-from app.halfspace.reductions import any_nonzero
-from app.halfspace.reductions import minimum_over, sum_over
+from app.halfspace.reductions import any_nonzero, minimum_over, sum_over
 from app.halfspace.window import whole
 
 
@@ -268,9 +267,7 @@ class ContactState:
             Since before `release_tensile`.
         """
         cells, added, lost, squares = self.sum(
-            kernels.activate(
-                self.distance.b, self.u, self.admissible, self.contact, self._released, expected
-            )
+            kernels.activate(self.distance.b, self.u, self.admissible, self.contact, self._released, expected)
         )
         self._released[...] = False
         return Update(int(cells), int(added), int(lost), residual=float(np.sqrt(squares)))

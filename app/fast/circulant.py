@@ -21,10 +21,10 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.fft import next_fast_len
 
+from app.fast.rim import RimExtension, load_extension
 from app.halfspace.fft.lengths import quick_length
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.influence import influence_quadrant
-from app.fast.rim import RimExtension, load_extension
 
 _event = PETSc.Log.Event("CirculantPC")
 

@@ -14,13 +14,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from app.contact.certificate import certify
 from app.contact.history import Outcome
 from app.contact.iteration import CONVERGED, NO_CONTACT
 from app.contact.state import Displacement
 from app.contact.stopping import StoppingTest
 
-IN_CONTACT = 100.0  # (5.1) holds with h on C alone and so many times rtol, too: contact may be small in its patch
+IN_CONTACT = (
+    100.0  # (5.1) holds with h on C alone and so many times rtol, too: contact may be small in its patch
+)
 RELEASED = 0.01  # share of the load that may be released on a coarse grid without asking what that does to u
+ROUNDING = 1e-14  # of ||h||: what it leaves of displacements
 PATIENCE = 8  # iterations that do not halve the residual: there is no progress
 
 
@@ -34,17 +38,23 @@ class InexactStop(StoppingTest):
         ||r|| / ||h|| on C that is enough on coarser grids.
     predictor : float
         Share of the change of u to be expected that is believed.
+    error_bound : float
+        Proved error up to which the target grid counts as solved (`app.contact.certificate`).
     """
 
     coarse_rtol: float = 0.0
     predictor: float = 0.0
+    error_bound: float = float("inf")
 
     def allowed(self, state):
         """Norm of the residual that is small enough [mm]. Collective."""
         whole, inside = state.distance.norm(), state.h_on_contact()
         if not self.final:
             return self.coarse_rtol * min(whole, inside)
-        return self.rtol * min(whole, IN_CONTACT * inside if inside else whole)
+        # Rounding limits what can be asked of h on C; of the first the user says so.
+        return min(
+            self.rtol * whole, max(self.rtol * IN_CONTACT * inside, ROUNDING * whole) or self.rtol * whole
+        )
 
     def for_coarse_grid(self):
         """See `StoppingTest.for_coarse_grid`."""
@@ -101,16 +111,22 @@ def inexact_active_set(state, solver, loading, stop, history):
             return Outcome(False, f"the linear solver failed: {failure}", k, inner, residual)
         if not residual < float("inf"):
             return Outcome(False, "the residual is not a finite number", k, inner, residual)
-        verified = state.u_is is Displacement.EXACT and not update.changed
-        if enough or (stop.final and verified and update.residual <= stop.allowed(state)):  # 5. and 6. (5.1)
+        verified = stop.final and state.u_is is Displacement.EXACT and not update.changed
+        if enough:
             return Outcome(True, CONVERGED, k, inner, residual)
+        if verified and update.residual <= stop.allowed(state):  # 5. and 6. (5.1)
+            if certify(state).error_bound <= stop.error_bound or stop.rtol <= ROUNDING:
+                return Outcome(True, CONVERGED, k, inner, residual)
+            stop = replace(stop, rtol=0.1 * stop.rtol)
         resume = not (update.changed or released) and state.u_is is Displacement.CARRIED
         since += 1
         if update.residual <= 0.5 * best:
             best, since = update.residual, 0
         if since >= PATIENCE:
             raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, inner, residual))
-    return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, inner, residual)
+    return Outcome(
+        False, f"{stop.max_it} active set iterations were not enough", stop.max_it, inner, residual
+    )
 
 
 def verify(state, loading, update):

@@ -13,7 +13,9 @@ import numpy as np
 
 from app.fast.circulant import circulant_of
 
-_TRUSTED = 20.0  # factor in the load; a grid so coarse that it is missed by more says nothing, and copying is safer
+_TRUSTED = (
+    20.0  # factor in the load; a grid so coarse that it is missed by more says nothing, and copying is safer
+)
 
 
 def lift(transfer, coarse, state):

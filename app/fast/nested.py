@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.contact.full_multigrid import copy_prolongation, first_sighted, tell
+from app.contact.full_multigrid import copy_prolongation, route, tell
 from app.contact.iteration import active_set
 from app.contact.state import Displacement
 from app.fast.iteration import NeedsSafeguard, inexact_active_set
@@ -21,14 +21,16 @@ from app.multigrid.linear_solver import LinearSolver
 _TELLING = 0.02  # residual of coarser grids, per difference of pressures, that does not spoil the estimate
 
 
-def nested_iteration(hierarchy, distances, loading, stop, history, beta, lifted, coarse_minimum, target_solver=None):
+def nested_iteration(
+    hierarchy, distances, loading, stop, history, nested, beta, lifted, coarse_minimum, target_solver=None
+):
     """Solve on the target grid of a hierarchy, from the coarsest grid on.
 
     Collective. Replicated grids are solved by rank 0, which tells the others.
 
     Parameters
     ----------
-    hierarchy, distances, loading, stop, history, beta, target_solver
+    hierarchy, distances, loading, stop, history, nested, beta, target_solver
         See `app.contact.full_multigrid.full_multigrid`; `stop` is an InexactStop.
     lifted : bool
         Pressures of finer grids by `lift`, else by copy.
@@ -43,35 +45,39 @@ def nested_iteration(hierarchy, distances, loading, stop, history, beta, lifted,
     last = len(hierarchy.levels) - 1
     coarse = outcome = predicted = None
     difference = float("nan")
-    for number in range(first_sighted(distances), last + 1):
+    for number in route(hierarchy, distances, loading, nested):
         level, target = hierarchy.levels[number], number == last
-        stage = Stage(hierarchy, number, distances[number], coarse, predicted)
+        stage = Stage(hierarchy, number, distances[number], coarse if nested else None, predicted)
         state = stage.state
         if coarse is not None:
             state.approach = loading.predict(coarse.approach)
-            _prolong(stage, beta, lifted)
+            if nested:
+                _prolong(stage, beta, lifted)
+            else:
+                state.start_from_interpenetration()
         if target or level.comm is not None or hierarchy.comm.rank == 0:
             given = target_solver if target else None
             test = stop if target else stop.for_coarse_grid()
-            outcome = _solve_on(hierarchy, number, state, loading, test, history, coarse is None, given)
+            outcome = solve_on(hierarchy, number, state, loading, test, history, coarse is None, given)
         if not target:
             tell(hierarchy, level, state, loading)
         predicted = stage.predicted_box(coarse_minimum)
         if coarse is not None:
-            difference = _difference(stage.transfer, stage.coarse.p, state)
+            if nested:
+                difference = _difference(stage.transfer, stage.coarse.p, state)
             coarse.destroy()
         stage.close()
         coarse = state
         if target and stage.windowed:
             state, complete = stage.everything(outcome)
             if not complete:
-                rest = _solve_on(hierarchy, number, state, loading, stop, history, False, None)
+                rest = solve_on(hierarchy, number, state, loading, stop, history, False, None)
                 outcome = rest.after(outcome)
     telling = stop.coarse_rtol <= _TELLING * difference
     return state, replace(outcome, discretisation_error=difference if telling else float("nan"))
 
 
-def _solve_on(hierarchy, number, state, loading, stop, history, first, given):
+def solve_on(hierarchy, number, state, loading, stop, history, first, given):
     """Solve on one grid, with a solver of its own if none is given. Collective over the ranks of `state`."""
     operator = state.operator
     if first and number < len(hierarchy.levels) - 1 and solves_directly(operator):

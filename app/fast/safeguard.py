@@ -68,7 +68,7 @@ def projected_newton(state, solver, stop, history):
             trial_gap = _gap(state, p + change)
             # f(p + change) - f(p), without the cancellation of two nearly equal numbers
             difference = 0.5 * state.sum([np.vdot(change, gap + trial_gap)])[0]
-            if difference <= _ARMIJO * alpha * descent or not difference < 0 and not change.any():
+            if difference <= _ARMIJO * alpha * descent or (not difference < 0 and not change.any()):
                 break
             alpha *= 0.5
         with state.pressure as values:
@@ -87,7 +87,9 @@ def projected_newton(state, solver, stop, history):
             return Outcome(False, f"the linear solver failed: {failure}", k, inner, residual)
         if update.residual <= stop.allowed(state):
             return Outcome(True, CONVERGED, k, inner, residual)
-    return Outcome(False, f"{stop.max_it} iterations of the safeguard were not enough", stop.max_it, inner, residual)
+    return Outcome(
+        False, f"{stop.max_it} iterations of the safeguard were not enough", stop.max_it, inner, residual
+    )
 
 
 def _gap(state, p):
@@ -101,7 +103,9 @@ def _gap(state, p):
 def _nearly_none(state, gap):
     """Pressure up to which a cell with a gap is left out of the system; none in the limit. Collective."""
     p = state.p
-    step = np.abs(p - np.maximum(p - gap / state.operator.diagonal, 0.0), where=state.admissible, out=np.zeros_like(p))
+    step = np.abs(
+        p - np.maximum(p - gap / state.operator.diagonal, 0.0), where=state.admissible, out=np.zeros_like(p)
+    )
     highest, largest = -state.minimum([-p.max(initial=0.0), -step.max(initial=0.0)])
     return min(_NEARLY_NONE * highest, largest)
 

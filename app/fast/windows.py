@@ -97,7 +97,9 @@ class Stage:
         if coarse is not None:
             distance.move_to(coarse.approach)
         if coarse is not None and hierarchy.windowed(level):
-            possible = bounding_box(distance.admissible, level.slabs, level.comm).coarsen(self.transfer.factors)
+            possible = bounding_box(distance.admissible, level.slabs, level.comm).coarsen(
+                self.transfer.factors
+            )
             coarse_grid = hierarchy.levels[number - 1].grid
             window = _choose(coarse, coarse_grid, hierarchy.margin, possible, predicted)
         self.windowed = window is not None

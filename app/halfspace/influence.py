@@ -52,6 +52,11 @@ class Material:
         if not np.isfinite(self.compliance):
             raise ValueError(f"shear modulus {self.shear_modulus:g}: too small, its reciprocal is infinite")
 
+    @classmethod
+    def combined(cls, shear_modulus, poisson_ratio):
+        """Make it from G and nu of the pair. Not collective."""
+        return cls(shear_modulus, poisson_ratio)
+
     @property
     def compliance(self):
         """(1 - nu) / (pi G) [mm2/N]."""

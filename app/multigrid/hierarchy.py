@@ -7,8 +7,6 @@ holds all of them, and every rank or rank 0 alone computes, which costs less tha
 
 from __future__ import annotations
 
-import numpy as np
-
 from app.halfspace.grid import Slabs
 from app.halfspace.operator import InfluenceOperator
 from app.multigrid.transfer import Transfer
@@ -94,13 +92,12 @@ class Hierarchy:
         """Cells of a level as a share of the target grid's."""
         return operator.grid.n / self.target.grid.n
 
-    def shapes(self, problem):
+    def shapes(self, problem, target_shape):
         """Undeformed distance of the problem on every level, coarsest first. Collective.
 
         A function is evaluated afresh on every grid; samples are averaged.
         """
-        target = self.target
-        shapes = [np.ascontiguousarray(problem.shape_on(target.grid, target.slabs.rows))]
+        shapes = [target_shape]
         for level, transfer in zip(self.levels[-2::-1], self.transfers[:0:-1], strict=True):
             if problem.sampled:
                 shapes.insert(0, transfer.restrict_shape(shapes[0]))

@@ -131,7 +131,11 @@ class LinearSolver:
         return self._work, iterations, failure
 
     def _run(self, b, x, allowed):
-        if not self._own_atol and self.ksp.getNormType() in _KRYLOV_RESIDUAL_IS_TRUE and math.isfinite(allowed):
+        if (
+            not self._own_atol
+            and self.ksp.getNormType() in _KRYLOV_RESIDUAL_IS_TRUE
+            and math.isfinite(allowed)
+        ):
             # A hair below: what passes here must pass the same test on the recomputed residual.
             self.ksp.setTolerances(atol=allowed * (1 - 1e-9))
         self.ksp.solve(b, x)

@@ -154,7 +154,7 @@ def _bilinear(coarse, fine, a, b, weight_y, c, d, weight_x):
             fine[j, i] = weight_x[i] * row[c[i]] + (1 - weight_x[i]) * row[d[i]]
 
 
-def load():
+def warm_up():
     """Load the compiled loop now, not in the first iteration. Not collective."""
     field, cells, weights = np.zeros((0, 0)), np.zeros(0, int), np.zeros(0)
     _bilinear(field, field, cells, cells, weights, cells, cells, weights)

@@ -1,0 +1,165 @@
+"""How a problem is solved, from options: the method file, the options of this table, and PETSc's for the KSP.
+
+A method is a file of options, ``petsc_options/NAME.opts``. Without one, and without a -ksp_type or -pc_type, it is the
+default, `DEFAULT`. The strategies (-lcp_type) are
+
+==============  ======================================================================================
+``active_set``  the paper's: `app.contact`, around any KSP
+``fast``        the default method: `app.fast`, around TrackingCG
+``tao``         PETSc's solvers of bound-constrained minimisation, `app.contact.reference_solvers`
+``snesvi``      PETSc's solvers of variational inequalities, likewise
+==============  ======================================================================================
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from petsc4py import PETSc
+
+from app.errors import InputError
+from app.options import ALIASES, Option, OptionReader, as_texts, choice, count, flag, from_zero, real, renamed
+from app.petsc import OptionDatabase, error_message
+
+DEFAULT = "fast"
+_PLACES = Path(__file__).parent / "petsc_options", Path(__file__).parents[1] / "petsc_options"
+
+_tolerance = real("a number above 0 and below 1", above=0, highest=1 - 1e-9)
+METHOD_OPTIONS = [
+    Option("lcp_type", choice("active_set", "fast", "tao", "snesvi"), "active_set", "strategy"),
+    Option("lcp_nested", flag, False, "nested iteration (FMG): solve on coarser grids first"),
+    Option("lcp_rtol", _tolerance, 1e-6, "accepted ||r|| / ||h||, eq. (5.1); fast: also 100 times it with h on C"),
+    Option("lcp_error_bound", _tolerance, 0.01, "proved error (energy norm) up to which a solution counts as solved"),
+    Option("lcp_max_it", count, 100, "iterations on one grid: active set, or those of tao and snesvi"),
+    Option("lcp_coarse_rtol", from_zero, 0.0, "fast: ||r|| / ||h|| on C that is enough on coarser grids"),
+    Option("lcp_predictor", from_zero, 0.0, "fast: share of the change of u to be expected that step 4.b believes"),
+    Option("lcp_prolongation", choice("copy", "lift"), "copy", "nested: of p, the paper's or by the FFT preconditioner"),
+    Option("lcp_window", from_zero, 0.0, "fast: work in a window around contact, with this margin; 0: all cells"),
+    Option("lcp_beta", from_zero, 0.003, "nested: start set after prolongation by copy, eq. (4.1)"),
+    Option("lcp_coarsest", count, 4, "directions of up to this many cells are not coarsened"),
+    Option("lcp_replicate", count, 64, "grids of up to this many cells squared are held by all ranks"),
+    Option("lcp_precision", choice("double", "single"), "double", "fast: of products; answers are verified in double"),
+]  # fmt: skip
+ALIASES["lcp_foresight"] = "lcp_predictor"
+_GONE = {
+    "lcp_merge": "tighter contact sets (-ksp_rtol) do what it did",
+    "lcp_cheap": "a larger -lcp_rtol does what it did, with a certificate",
+}
+_ONLY_FAST = ("lcp_coarse_rtol", "lcp_predictor", "lcp_window", "lcp_precision")
+_ONLY_NESTED = ("lcp_prolongation", "lcp_beta", "lcp_window", "lcp_coarse_rtol")
+_ACTIVE_SET = ("active_set", "fast")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The options of the table, and the texts of all of them."""
+
+    strategy: str
+    nested: bool
+    rtol: float
+    error_bound: float
+    max_it: int
+    coarse_rtol: float
+    predictor: float
+    lifted: bool
+    window: float
+    beta: float
+    coarsest: int
+    replicate: int
+    single: bool
+    texts: dict
+    warnings: tuple = ()
+
+    @property
+    def summary(self):
+        """All options as one text, as they would be written on a command line."""
+        return " ".join(f"-{name} {self.texts[name]}".strip() for name in sorted(self.texts))
+
+
+def method_file(name):
+    """Path of a method file by its name. Not collective.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    for folder in _PLACES:
+        if (folder / f"{name}.opts").is_file():
+            return folder / f"{name}.opts"
+    known = sorted(path.stem for folder in _PLACES for path in folder.glob("*.opts"))
+    raise InputError(f"method {name!r}: allowed: {', '.join(known)}")
+
+
+def read_method_file(name):
+    """Options of a method file, name -> text. Not collective; PETSc reads them."""
+    database = OptionDatabase()
+    try:
+        database.insert(f'-options_file "{method_file(name)}"')
+    except PETSc.Error as error:
+        raise InputError(f"method {name!r}: {error_message(error)}") from None
+    return database.texts()
+
+
+def settings(method=None, options=None):
+    """Put a method together. Not collective.
+
+    Parameters
+    ----------
+    method : str, optional
+        Name of a method file.
+    options : mapping, optional
+        Names without dash, texts or numbers; they override the file's.
+
+    Returns
+    -------
+    Settings
+
+    Raises
+    ------
+    InputError
+        If an option is not allowed, or has no effect with the others.
+    """
+    given, warnings = renamed(as_texts(options or {}))
+    for name in _GONE.keys() & given.keys():
+        del given[name]
+        warnings.append(f"-{name} is gone and ignored: {_GONE[name]}")
+    from_file = {}
+    if method is not None:
+        from_file = read_method_file(method)
+    elif not given.keys() & {"ksp_type", "pc_type"} and given.get("lcp_type", "fast") == "fast":
+        from_file = read_method_file(DEFAULT)
+        if not OptionReader(METHOD_OPTIONS, from_file | given)["lcp_nested"]:
+            from_file = {name: text for name, text in from_file.items() if name not in _ONLY_NESTED}
+    texts = from_file | given
+    if "lcp_type" not in texts and texts.get("ksp_python_type", "").endswith(".TrackingCG"):
+        texts["lcp_type"] = "fast"  # as option files of the first edition mean it
+    reader = OptionReader(METHOD_OPTIONS, texts)
+    strategy, nested = reader["lcp_type"], reader["lcp_nested"]
+    _refuse_without_effect(strategy, nested, texts, reader, given)
+    return Settings(
+        strategy, nested, reader["lcp_rtol"], reader["lcp_error_bound"], reader["lcp_max_it"],
+        reader["lcp_coarse_rtol"], reader["lcp_predictor"], reader["lcp_prolongation"] == "lift",
+        reader["lcp_window"], reader["lcp_beta"], reader["lcp_coarsest"], reader["lcp_replicate"],
+        reader["lcp_precision"] == "single", texts, tuple(warnings),
+    )  # fmt: skip
+
+
+def _refuse_without_effect(strategy, nested, texts, reader, given):
+    def refuse(name, needs):
+        raise InputError(f"-{name} {texts[name]}".rstrip() + f": has no effect here; allowed with {needs}")
+
+    for name in texts.keys() & given.keys():
+        if strategy not in _ACTIVE_SET and name in ("lcp_nested", "lcp_coarsest", *_ONLY_FAST, *_ONLY_NESTED):
+            refuse(name, "-lcp_type active_set or fast only")
+        if strategy != "fast" and name in _ONLY_FAST and reader[name] != _neutral(name):
+            refuse(name, "-lcp_type fast only")
+        if not nested and name in _ONLY_NESTED and reader[name] != _neutral(name):
+            refuse(name, "-lcp_nested only")
+    if "lcp_beta" in given and reader["lcp_prolongation"] == "lift":
+        refuse("lcp_beta", "-lcp_prolongation copy only")
+
+
+def _neutral(name):
+    return next(option.default for option in METHOD_OPTIONS if option.name == name)

@@ -1,0 +1,188 @@
+"""What a solve returns: fields, numbers, history; on any number of ranks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from app.contact.certificate import Certificate
+from app.halfspace.grid import Grid, Slabs
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The solution of a contact problem, or the best there is.
+
+    Arrays hold the rows of this rank, (rows, nx); `gather` brings all of them to one.
+
+    Attributes
+    ----------
+    pressure : ndarray of float64, [N/mm2]
+    displacement : ndarray of float64, [mm]
+        u = A p, (2.7).
+    undeformed_distance : ndarray of float64, [mm]
+        h, the approach taken off; NaN where contact is impossible.
+    contact : ndarray of bool
+    converged : bool
+        Contact area unchanged, (5.1) met, and proved to the error bound asked for.
+    message : str
+        Why the iteration ended.
+    load, approach : float
+        [N], [mm].
+    residual : float
+        ||r|| / ||h||, (5.1).
+    iterations, inner_iterations : int
+        Active set iterations on the target grid, and those of the linear solver in them.
+    work_units, operator_applications : float
+        The paper's count; and everything computed, in products on the target grid.
+    discretisation_error : float
+        Relative rms difference of the pressures on the last two grids; NaN where it is not known.
+    fallbacks : int
+        Grids on which the safeguard took over.
+    certificate : Certificate
+    history : dict of str to list
+        A column per quantity, an entry per active set iteration; complete on rank 0.
+    problem : dict
+        What the problem says of itself.
+    options : str
+    notes : tuple of str
+        What a user should look at twice.
+    solve_seconds, setup_seconds : float
+    grid : Grid
+    slabs : Slabs
+    comm : mpi4py communicator
+    """
+
+    pressure: np.ndarray
+    displacement: np.ndarray
+    undeformed_distance: np.ndarray
+    contact: np.ndarray
+    converged: bool
+    message: str
+    load: float
+    approach: float
+    residual: float
+    iterations: int
+    inner_iterations: int
+    work_units: float
+    operator_applications: float
+    discretisation_error: float
+    fallbacks: int
+    max_pressure: float
+    contact_cells: int
+    contact_fraction: float
+    rtol: float
+    certificate: Certificate
+    history: dict
+    problem: dict
+    options: str
+    notes: tuple
+    solve_seconds: float
+    setup_seconds: float
+    grid: Grid
+    slabs: Slabs
+    comm: object = field(repr=False)
+
+    @property
+    def gap(self):
+        """Deformed distance e = h + u, (2.3), shape (rows, nx) [mm]; NaN where contact is impossible."""
+        return self.undeformed_distance + self.displacement
+
+    @property
+    def error_bound(self):
+        """Proved bound of the relative error of the pressure in the energy norm."""
+        return self.certificate.error_bound
+
+    @property
+    def x(self):
+        """Cell centres in x, shape (nx,) [mm]."""
+        return self.grid.x()
+
+    @property
+    def y(self):
+        """Cell centres in y of the rows here [mm]."""
+        return self.grid.y(self.slabs.rows)
+
+    @property
+    def attributes(self):
+        """All numbers, as they go into the root of a result file. Not collective; complete on rank 0."""
+        from app import __version__
+
+        return {
+            "converged": self.converged,
+            "reason": self.message,
+            "active_set_iterations": self.iterations,
+            "inner_iterations": self.inner_iterations,
+            "work_units": self.work_units,
+            "operator_applications": self.operator_applications,
+            "residual": self.residual,
+            "discretisation_error": self.discretisation_error,
+            "fallbacks": self.fallbacks,
+            "load": self.load,
+            "approach": self.approach,
+            "max_pressure": self.max_pressure,
+            "contact_cells": self.contact_cells,
+            "contact_fraction": self.contact_fraction,
+            "lcp_rtol": self.rtol,
+            **self.problem,
+            **self.certificate.describe(),
+            "options": self.options,
+            "command_line": "",
+            "notes": "\n".join(self.notes),
+            "solve_seconds": self.solve_seconds,
+            "setup_seconds": self.setup_seconds,
+            "ranks": self.comm.size,
+            "version": __version__,
+        }
+
+    def gather(self, root=0):
+        """Bring all rows to one rank. Collective.
+
+        Returns
+        -------
+        Solution, or None on the other ranks
+        """
+        if self.comm.size == 1:
+            return self
+        names = "pressure", "displacement", "undeformed_distance", "contact"
+        whole = {}
+        for name in names:
+            parts = self.comm.gather(getattr(self, name), root)
+            whole[name] = None if parts is None else np.vstack(parts)
+        if self.comm.rank != root:
+            return None
+        from mpi4py import MPI
+
+        return replace(self, **whole, slabs=Slabs(self.grid.ny), comm=MPI.COMM_SELF)
+
+    def save(self, path, **attributes):
+        """Write a result file (HDF5), whole or not at all. Collective.
+
+        Parameters
+        ----------
+        path : str or Path
+            Ends in ``.h5`` or ``.hdf5``.
+        **attributes
+            More root attributes, or others than those of `attributes`.
+
+        Raises
+        ------
+        InputError
+            If it cannot be written.
+        """
+        from app.errors import InputError
+        from app.output.result import write_result
+
+        fields = {
+            "pressure": self.pressure,
+            "gap": self.gap,
+            "displacement": self.displacement,
+            "undeformed_distance": self.undeformed_distance,
+            "contact": self.contact.astype(np.uint8),
+        }
+        facts = self.attributes | attributes
+        try:
+            write_result(path, self.comm, self.slabs, fields, self.x, self.grid.y(), facts, self.history)
+        except OSError as error:
+            raise InputError(f"result file {path}: cannot be written: {error}") from None

@@ -1,0 +1,489 @@
+"""The solver as a program calls it: set up once, solve as often as wanted, on any communicator.
+
+>>> from app import ContactProblem, Grid, Material, solve
+>>> grid = Grid.from_domain(64, 64, (-1, 1, -1, 1))
+>>> sphere = ContactProblem(grid, Material.combined(80000, 0.3), lambda x, y: (x**2 + y**2) / (2 * 20))
+>>> solution = solve(sphere, approach=0.01)
+>>> solution.converged, round(solution.load)
+(True, 681)
+
+Options are PETSc's and those of `app.method`; each solver has them in a database of its own, so nothing of the global
+one changes, nor does anybody's command line count.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+import warnings
+import weakref
+from dataclasses import replace
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from app import method as methods
+from app.contact import kernels
+from app.contact.certificate import certify
+from app.contact.full_multigrid import full_multigrid
+from app.contact.history import History
+from app.contact.iteration import active_set
+from app.contact.loading import PrescribedApproach, PrescribedLoad
+from app.contact.reference_solvers import REFERENCE_SOLVERS
+from app.contact.state import ContactState, UndeformedDistance
+from app.contact.stopping import StoppingTest
+from app.errors import InputError, agree
+from app.fast.circulant import circulant_of
+from app.fast.iteration import InexactStop
+from app.fast.lift import lift
+from app.fast.nested import nested_iteration, solve_on
+from app.fast.solver import TrackingSolver
+from app.halfspace.influence import influence_quadrant
+from app.halfspace.sweeps import gauss_seidel
+from app.multigrid import transfer
+from app.multigrid.hierarchy import Hierarchy
+from app.multigrid.linear_solver import LinearSolver
+from app.options import LARGEST
+from app.petsc import OptionDatabase, error_message
+from app.problems.given import ContactProblem
+from app.solution import Solution
+
+__all__ = ["ContactProblem", "ContactSolver", "Solution", "solve"]
+
+_DOUBLES_PER_CELL = 12  # at the least, of memory
+# Options that PETSc looks up only while solving, or never marks as used.
+_READ_LATE = re.compile(r"(\w+_)?(ksp|snes|tao)_converged_reason|(\w+_)?(ksp|pc|mat|vec|snes|tao)_view\w*")
+# PETSc's errors that say that types do not go together: unsupported, wrong argument or state, method missing, unknown
+# type, no factorisation
+_WRONG_CHOICES = (56, 60, 62, 73, 75, 83, 86, 92)
+
+
+def solve(problem, approach=None, load=None, method=None, options=None, comm=None, start=None):
+    """Solve a contact problem once.
+
+    Collective over `comm`. Parameters as of `ContactSolver` and `ContactSolver.solve`.
+
+    Returns
+    -------
+    Solution
+    """
+    with ContactSolver(problem, method, options, comm) as solver:
+        return solver.solve(approach, load, start)
+
+
+class ContactSolver:
+    """Solves one problem for any approach or load.
+
+    Collective over `comm`, as are all its methods. May be used in a ``with`` block; if it is not closed, it is freed
+    when it is forgotten, or at the end of the process.
+
+    Parameters
+    ----------
+    problem : Problem
+        `ContactProblem`, or another one of `app.problems`.
+    method : str, optional
+        Name of a method file in petsc_options, such as "fmg_v11"; default: the default method, unless the options
+        choose a KSP or PC.
+    options : mapping, optional
+        Options without dash, texts or numbers: {"lcp_rtol": 1e-8, "ksp_rtol": 0.1}. They override the file's.
+    comm : mpi4py communicator, optional
+        Ranks that share the grid; default: all. One of its own is made, and freed.
+    prefix : str
+        Options of PETSc's global database that begin with it are taken, too, and override.
+    listeners : sequence of Listener
+        Hear of every iteration.
+
+    Attributes
+    ----------
+    settings : app.method.Settings
+    setup_seconds : float
+    hierarchy : Hierarchy
+    ksp : PETSc.KSP or None
+        Of the target grid; None where it is only made in a window, or there is none.
+
+    Raises
+    ------
+    InputError
+        If something asked for cannot be done; before any work, on all ranks.
+    """
+
+    def __init__(self, problem, method=None, options=None, comm=None, prefix="", listeners=()):
+        started = time.perf_counter()
+        self._resources = _Resources()
+        self._finalizer = weakref.finalize(self, self._resources.free)
+        self.problem, self.listeners = problem, list(listeners)
+        self._outer_comm = MPI.COMM_WORLD if comm is None else comm
+        self.comm = self._resources.comm = self._outer_comm.Dup()
+        try:
+            agree(self.comm, _check_memory, problem.grid, self.comm)
+            texts = dict(options or {}) | _global_options(prefix)
+            self.settings = agree(self.comm, methods.settings, method, texts)
+            self._database = OptionDatabase(self.settings.texts)
+            for name in self.settings.texts:
+                if name.startswith("lcp_"):
+                    self._database.drop(name)
+            with self._database.active():
+                self._set_up()
+        except BaseException:
+            self.close()
+            raise
+        self.setup_seconds = time.perf_counter() - started
+
+    # -- set-up ------------------------------------------------------------------------------------------
+
+    def _set_up(self):
+        chosen, problem = self.settings, self.problem
+        grid, compliance = problem.grid, problem.material.compliance
+        if chosen.single:
+            self._largest = float(influence_quadrant(grid, compliance, slice(0, 1), 1)[0, 0])
+            _check_single("influence coefficients", self._largest, "mm3/N")
+        margin = chosen.window if chosen.strategy == "fast" and chosen.nested else 0.0
+        self.hierarchy = hierarchy = Hierarchy(
+            grid, compliance, self.comm, chosen.coarsest, chosen.replicate**2,
+            single=chosen.strategy in REFERENCE_SOLVERS,
+            dtype=np.float32 if chosen.single else np.float64,
+            margin=margin,
+        )  # fmt: skip
+        self._solver = self._make_solver()
+        self._resources.add(self._solver)
+        self._warm_up()
+        if chosen.lifted and chosen.nested:
+            for operator in hierarchy.levels:
+                if not hierarchy.windowed(operator):
+                    circulant_of(operator)
+        unused = [name for name in self._database.unused() if not _READ_LATE.fullmatch(name)]
+        if unused:
+            raise InputError(
+                f"unknown or unused option{'s'[: len(unused) > 1]}: -{', -'.join(sorted(unused))}"
+            )
+        self._measure_shapes()
+
+    def _make_solver(self):
+        """Make the solver of the target grid; what PETSc refuses is the user's to know.
+
+        Returns
+        -------
+        LinearSolver or a reference solver
+            None if the target grid is worked on in a window, whose solver is made when that is known: then the options
+            have been tried on a smaller grid.
+        """
+        chosen, hierarchy = self.settings, self.hierarchy
+        kind = TrackingSolver if chosen.strategy == "fast" else LinearSolver
+        try:
+            if chosen.strategy in REFERENCE_SOLVERS:
+                stop = StoppingTest(chosen.rtol, chosen.max_it)
+                return REFERENCE_SOLVERS[chosen.strategy](hierarchy, stop)
+            if not hierarchy.windowed(hierarchy.target):
+                return kind(hierarchy)
+            level = hierarchy.finest_whole
+            kind(hierarchy, level, hierarchy.levels[level].petsc_comm).destroy()
+            return None
+        except PETSc.Error as error:
+            raise InputError(f"solver options: {error_message(error)}") from None
+        except (ValueError, ImportError, AttributeError) as error:
+            raise InputError(f"solver options: {error}") from None
+
+    def _warm_up(self):
+        """Load compiled loops now, not in the first iteration."""
+        texts = self.settings.texts
+        kernels.warm_up()
+        transfer.warm_up()
+        kind = texts.get("pc_type", "")
+        if kind == "sor" or (kind == "mg" and texts.get("mg_levels_pc_type", "") in ("", "sor")):
+            gauss_seidel.warm_up()
+
+    def _measure_shapes(self):
+        """Undeformed distance on all grids."""
+        hierarchy, problem = self.hierarchy, self.problem
+        target = agree(self.comm, _shape_on_target, problem, hierarchy.slabs.rows)
+        shapes = hierarchy.shapes(problem, target)
+        if not self.comm.allreduce(int(np.count_nonzero(~np.isnan(target)))):
+            raise InputError(f"-problem {problem.name}: contact is impossible in all cells (NaN)")
+        if self.settings.single:
+            highest = self.comm.allreduce(float(np.nanmax(np.abs(target), initial=0.0)), MPI.MAX)
+            _check_single("pressures", highest / self._largest, "N/mm2")
+        self._coarse_minimum = hierarchy.coarse_minimum(shapes)
+        self._distances = []
+        for level in hierarchy.levels:
+            self._distances.append(UndeformedDistance(level, shapes.pop(0)))
+            self._resources.add(self._distances[-1])
+
+    @property
+    def ksp(self):
+        """KSP of the target grid, or None."""
+        return getattr(self._solver, "ksp", None)
+
+    @property
+    def options_text(self):
+        """All options, as they would be written on a command line."""
+        return self.settings.summary
+
+    # -- solve -------------------------------------------------------------------------------------------
+
+    def solve(self, approach=None, load=None, start=None):
+        """Solve for an approach or a load.
+
+        Parameters
+        ----------
+        approach : float, optional
+            [mm]
+        load : float, optional
+            Total force [N], at least 0. Exactly one of both.
+        start : Solution, optional
+            Of the same grid and communicator, to start from: for a similar approach or load.
+
+        Returns
+        -------
+        Solution
+            If it is not ``converged``, there is a warning, too.
+
+        Raises
+        ------
+        InputError
+            If the loading is not allowed, or PETSc finds that the chosen solvers do not go together.
+        """
+        if self._finalizer.alive is False:
+            raise InputError("the solver is closed")
+        started = time.perf_counter()
+        products = self.hierarchy.operator_applications()
+        loading = self._loading(approach, load)
+        history = History(self.listeners)
+        with self._database.active():
+            state, outcome = self._run(loading, history, start)
+            try:
+                solution = self._solution(state, outcome, history, started, products)
+            finally:
+                state.destroy()
+        for listener in self.listeners:
+            listener.end()
+        if not solution.converged:
+            warnings.warn(f"not converged: {solution.message}", RuntimeWarning, stacklevel=2)
+        return solution
+
+    def _loading(self, approach, load):
+        if (approach is None) == (load is None):
+            raise InputError("exactly one of approach [mm] and load [N] is needed")
+        kind, value = ("approach", approach) if load is None else ("load", load)
+        try:
+            value = float(value)
+        except (TypeError, ValueError):
+            value = float("nan")
+        if not abs(value) <= LARGEST:
+            raise InputError(f"{kind} {approach if load is None else load}: allowed: a finite number")
+        if load is None:
+            return PrescribedApproach(value)
+        if value < 0:
+            raise InputError(f"load {value:g}: the bodies do not stick together; allowed: at least 0 N")
+        if self.settings.strategy in REFERENCE_SOLVERS:
+            raise InputError(f"-lcp_type {self.settings.strategy}: works by approach only, not by load")
+        if value == 0:
+            # The approach is not unique: the one at which the bodies just touch.
+            state = ContactState(self.hierarchy.target, self._distances[-1])
+            touching = state.first_touch()
+            state.destroy()
+            return PrescribedApproach(touching)
+        return PrescribedLoad(value)
+
+    def _run(self, loading, history, start):
+        chosen, hierarchy = self.settings, self.hierarchy
+        arguments, last = (hierarchy, self._distances, loading), len(hierarchy.levels) - 1
+        if chosen.strategy in REFERENCE_SOLVERS:
+            state = ContactState(hierarchy.target, self._distances[-1])
+            state.approach = loading.approach
+            try:
+                return state, self._solver.solve(state, history)
+            except PETSc.Error as error:
+                state.destroy()
+                if error.ierr not in _WRONG_CHOICES:
+                    raise
+                raise InputError(f"-lcp_type {chosen.strategy}: {error_message(error)}") from None
+        if chosen.strategy == "fast":
+            stop = InexactStop(
+                chosen.rtol, chosen.max_it, True, chosen.coarse_rtol, chosen.predictor, chosen.error_bound
+            )
+            if start is not None:
+                state = self._started_from(start, loading)
+                return state, solve_on(hierarchy, last, state, loading, stop, history, False, self._solver)
+            return nested_iteration(
+                *arguments,
+                stop,
+                history,
+                chosen.nested,
+                chosen.beta,
+                chosen.lifted,
+                self._coarse_minimum,
+                self._solver,
+            )
+        stop = StoppingTest(chosen.rtol, chosen.max_it)
+        if start is not None:
+            state = self._started_from(start, loading)
+            solver = self._solver
+            return state, active_set(state, solver, loading, stop, history)
+        prolong = lift if chosen.lifted else None
+        return full_multigrid(*arguments, stop, history, chosen.nested, chosen.beta, prolong, self._solver)
+
+    def _started_from(self, start, loading):
+        """State of the target grid as a solution left it, at the approach of the loading."""
+        here = self.hierarchy.slabs
+        alike = (
+            isinstance(start, Solution)
+            and start.grid == self.problem.grid
+            and start.slabs.starts == here.starts
+        )
+        if not self.comm.allreduce(alike, MPI.LAND):
+            raise InputError("start: needed: a Solution on the same grid and as many ranks")
+        state = ContactState(self.hierarchy.target, self._distances[-1], u=start.displacement.copy())
+        with state.pressure as p:
+            p[...] = np.where(state.admissible, start.pressure, 0.0).reshape(-1)
+        state.contact[...] = start.contact & state.admissible
+        state.approach = loading.resume_from(start.approach, start.load, state.first_touch())
+        return state
+
+    def _solution(self, state, outcome, history, started, products):
+        applications = self.hierarchy.operator_applications() - products
+        seconds = time.perf_counter() - started
+        certificate = certify(state)
+        bound, allowed = certificate.error_bound, self.settings.error_bound
+        if outcome.converged and not bound <= allowed:
+            outcome = replace(
+                outcome,
+                converged=False,
+                reason=f"{outcome.reason}, but the pressure is proved to {bound:.2g} only "
+                f"(-lcp_error_bound {allowed:g}); a smaller -lcp_rtol is more accurate",
+            )
+        p, distance = state.p.copy(), state.distance
+        cells = int(state.sum([state.contact.sum()])[0])
+        last = len(self.hierarchy.levels) - 1
+        return Solution(
+            pressure=p,
+            displacement=state.u,
+            undeformed_distance=np.where(state.admissible, -distance.b, np.nan),
+            contact=state.contact.copy(),
+            converged=outcome.converged,
+            message=outcome.reason,
+            load=state.load,
+            approach=state.approach,
+            residual=outcome.residual,
+            iterations=outcome.iterations,
+            inner_iterations=sum(e["inner_iterations"] for e in history.entries if e["level"] == last),
+            work_units=sum(entry["work_units"] for entry in history.entries),
+            operator_applications=applications,
+            discretisation_error=outcome.discretisation_error,
+            fallbacks=outcome.fallbacks,
+            max_pressure=-float(state.minimum([-p.max(initial=0.0)])[0]),
+            contact_cells=cells,
+            contact_fraction=cells / distance.statistics.cells,
+            rtol=self.settings.rtol,
+            certificate=certificate,
+            history=history.columns(),
+            problem=self.problem.describe(),
+            options=self.settings.summary,
+            notes=(*self.settings.warnings, *_notes(state)),
+            solve_seconds=seconds,
+            setup_seconds=self.setup_seconds,
+            grid=self.problem.grid,
+            slabs=self.hierarchy.slabs,
+            comm=self._outer_comm,
+        )
+
+    # -- end -----------------------------------------------------------------------------------------------
+
+    def close(self):
+        """Free everything; solutions stay. Collective."""
+        self._finalizer()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self.close()
+
+
+class _Resources:
+    """What must be freed, in order, when the solver is closed or forgotten."""
+
+    def __init__(self):
+        self._parts, self.comm = [], None
+
+    def add(self, part):
+        if part is not None:
+            self._parts.append(part)
+
+    def free(self):
+        if PETSc.Sys.isFinalized() or MPI.Is_finalized():
+            return
+        while self._parts:
+            self._parts.pop().destroy()
+        if self.comm is not None:
+            self.comm.Free()
+            self.comm = None
+
+
+def _global_options(prefix):
+    if not prefix:
+        return {}
+    database = PETSc.Options()
+    return {
+        name.removeprefix(prefix): database.getString(name, "")
+        for name in database.getAll()
+        if name.startswith(prefix)
+    }
+
+
+def _shape_on_target(problem, rows):
+    """Undeformed distance at zero approach in the rows of this rank, checked. Not collective."""
+    grid = problem.grid
+    shape = np.ascontiguousarray(problem.shape_on(grid, rows), dtype=float)
+    expected = len(range(*rows.indices(grid.ny))), grid.nx
+    if shape.shape != expected:
+        raise InputError(f"problem {problem.name}: distances of shape {shape.shape}; needed: {expected}")
+    if (np.abs(shape) > LARGEST).any():
+        raise InputError(
+            f"problem {problem.name}: allowed: distances up to {LARGEST:g}, NaN where contact is impossible"
+        )
+    return shape
+
+
+def _check_memory(grid, comm):
+    """Refuse a grid that cannot fit into this rank's machine, before trying. Not collective."""
+    needed = _DOUBLES_PER_CELL * 8 * grid.n / comm.size
+    there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if needed > there:
+        raise InputError(
+            f"grid {grid.nx},{grid.ny}: needs about {needed / 2**30:.0f} GiB on each of {comm.size} rank(s); "
+            f"this machine has {there / 2**30:.0f} GiB"
+        )
+
+
+def _check_single(what, value, unit):
+    """Refuse what single precision has no numbers for."""
+    if value and not 1e-25 < value < 1e25:
+        raise InputError(
+            f"-lcp_precision single: {what} of {value:.0e} {unit} are beyond it; choose -lcp_precision double, "
+            "or units nearer to the bodies'"
+        )
+
+
+def _notes(state):
+    """What a user should look at twice. Collective."""
+    if _touches_rim(state):
+        what = "contact reaches" if state.in_contact() else "the smallest distance is found at"
+        return [f"{what} the rim of the patch: enlarge the domain if the bodies go on beyond it"]
+    return []
+
+
+def _touches_rim(state):
+    """Whether a cell on the rim of the patch is in contact, or is nearest to it if there is none. Collective."""
+    if state.in_contact():
+        cells = state.contact
+    else:
+        b = np.where(state.admissible, state.distance.b, -np.inf)
+        cells = -b == float(state.minimum(-b.max(initial=-np.inf)))
+    rows = state.operator.slabs.rows
+    touches = cells[:, [0, -1]].any()
+    if cells.size:
+        touches |= rows.start == 0 and cells[0].any()
+        touches |= rows.stop == state.grid.ny and cells[-1].any()
+    return state.sum([touches])[0] > 0
