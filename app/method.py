@@ -34,7 +34,7 @@ METHOD_OPTIONS = [
     Option("lcp_max_it", count, 100, "iterations on one grid: active set, or those of tao and snesvi"),
     Option("lcp_coarse_rtol", from_zero, 0.0, "fast: ||r|| / ||h|| on C that is enough on coarser grids"),
     Option("lcp_predictor", from_zero, 0.0, "fast: share of the change of u to be expected that step 4.b believes"),
-    Option("lcp_prolongation", choice("copy", "lift"), "copy", "nested: of p, the paper's or by the FFT preconditioner"),
+    Option("lcp_prolongation", choice("copy", "lift"), "copy", "nested: of p, the paper's or by an FFT"),
     Option("lcp_window", from_zero, 0.0, "fast: work in a window around contact, with this margin; 0: all cells"),
     Option("lcp_beta", from_zero, 0.003, "nested: start set after prolongation by copy, eq. (4.1)"),
     Option("lcp_coarsest", count, 4, "directions of up to this many cells are not coarsened"),

@@ -30,26 +30,23 @@ def defect(b, u, contact, out):
 
 @any_order
 def _release_row(p, contact, released):
-    count, kept = 0, 0.0
+    count = 0
     for i in range(p.size):
         out = contact[i] & (p[i] < 0)
         released[i] = out
         contact[i] &= not out
         count += out
         p[i] = 0.0 if out else p[i]
-        kept += p[i]
-    return count, kept
+    return count
 
 
 @numba.njit(cache=True)
 def release(p, contact, released):
-    """(4.a) Take cells with p < 0 out of C, set p = 0 there, mark them; return their number and the sum of the others."""
-    count, kept = 0, 0.0
+    """(4.a) Take cells with p < 0 out of C, set p = 0 there, mark them; return their number."""
+    count = 0
     for j in range(p.shape[0]):
-        here = _release_row(p[j], contact[j], released[j])
-        count += here[0]
-        kept += here[1]
-    return count, kept
+        count += _release_row(p[j], contact[j], released[j])
+    return count
 
 
 @any_order
@@ -100,7 +97,7 @@ def _squares_row(b, u, contact):
 
 @numba.njit(cache=True)
 def activate(b, u, admissible, contact, released, expected):
-    """(4.b) Put cells outside C into it where h + u <= 0, or will be when u has changed as expected (None: it will not).
+    """(4.b) Put cells outside C into it where h + u <= 0, u changed as expected (None: as it is).
 
     Return how many cells are in C, came, left since before `release`, and the sum of squares of h + u over the new C.
     """

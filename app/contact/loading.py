@@ -161,7 +161,7 @@ class PrescribedLoad:
     def update(self, state):
         """Move the approach by what the load lacks over the slope; return whether it did. Collective; u is A p.
 
-        What the load will be at this approach when the system is solved is told by the mean gap that is left in contact.
+        The mean gap left in contact tells what the load will be at this approach when the system is solved.
         """
         rms, mean, _ = state.gap_on_contact()
         here = state.approach, state.load - self.slope * mean

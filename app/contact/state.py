@@ -1,4 +1,4 @@
-"""The contact problem on one grid, (2.8)-(2.10), and the state of its solution: the one owner of C, p, u, h and approach.
+"""The contact problem on one grid, (2.8)-(2.10), and the state of its solution: the owner of C, p, u, h and approach.
 
 ========================  ===============================  =====
 paper                     here                             unit
@@ -240,7 +240,7 @@ class ContactState:
     def release_tensile(self):
         """Step 4.a: cells with p < 0 leave C, p = 0 there. Return how many. Collective."""
         with self.pressure as values:
-            cells, _ = kernels.release(values.reshape(self.u.shape), self.contact, self._released)
+            cells = kernels.release(values.reshape(self.u.shape), self.contact, self._released)
         cells = int(self.sum([cells])[0])
         if cells:
             self.u_is = Displacement.STALE
@@ -248,7 +248,7 @@ class ContactState:
 
     def compute_displacement(self, exact=False):
         """u = A p, (2.7); `exact`: in double precision, whatever that of other products. Collective."""
-        exact = exact or not self.operator.provisional
+        exact = exact or not self.operator.needs_verification
         compute = self.operator.exact_displacement if exact else self.operator.displacement
         compute(self.p, self.u)
         self.u_is = Displacement.EXACT if exact else Displacement.CARRIED

@@ -161,7 +161,7 @@ class Circulant:
             _copy_on(z, operator.mask, z)
 
     def extend(self, r):
-        """Continue a residual that is zero outside C over the rim, in place; without an extension it stays. Collective."""
+        """Continue a residual that is zero outside C over the rim, in place. Collective."""
         if self.extension is None:
             return
         if self._contact != self.operator.contact_number:

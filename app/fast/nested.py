@@ -102,17 +102,17 @@ def solve_on(hierarchy, number, state, loading, stop, history, first, given):
 def safeguarded(hierarchy, number, state, loading, stop, history):
     """Solve on one grid by the safeguard, from what is there. Collective over the ranks of `state`."""
     operator = state.operator
-    operator.use_double()
-    solver = LinearSolver(hierarchy, number, operator.petsc_comm, operator=operator)
+    with operator.in_double():
+        solver = LinearSolver(hierarchy, number, operator.petsc_comm, operator=operator)
 
-    def solve(inner):
-        return projected_newton(state, solver, stop, history)
+        def solve(inner):
+            return projected_newton(state, solver, stop, history)
 
-    if loading.prescribes_load:
-        outcome = loading.search(state, solve, rtol=0.1 * stop.rtol, step=state.gap_on_contact()[0])
-    else:
-        outcome = solve(loading)
-    solver.destroy()
+        if loading.prescribes_load:
+            outcome = loading.search(state, solve, rtol=0.1 * stop.rtol, step=state.gap_on_contact()[0])
+        else:
+            outcome = solve(loading)
+        solver.destroy()
     if loading.prescribes_load and outcome.converged:
         state.scale(loading.load / state.load)
     return replace(outcome, fallbacks=outcome.fallbacks + 1)

@@ -7,8 +7,8 @@ where they work. f falls in every iteration and the limit is the solution, for a
 preconditioner and any number of CG steps [1, Prop. 2]. Under a prescribed load a bracketing root search goes around it:
 the load is monotone in the approach (`app.contact.loading.PrescribedLoad.search`).
 
-All in double precision; on top of the iteration's own it takes three vectors while it runs. The result says that it took
-over (``fallbacks``, the number of grids).
+All in double precision; on top of the iteration's own it takes some vectors while it runs. The result says that it
+took over (``fallbacks``, the number of grids).
 
 References
 ----------
@@ -75,7 +75,7 @@ def projected_newton(state, solver, stop, history):
             values += change.reshape(-1)
         gap = trial_gap
         state.u[...] = gap + state.distance.b
-        state.u_is = Displacement.CARRIED if state.operator.provisional else Displacement.EXACT
+        state.u_is = Displacement.CARRIED if state.operator.needs_verification else Displacement.EXACT
         update = _contact_from(state, gap, before)
         if update.residual <= stop.allowed(state) and state.u_is is not Displacement.EXACT:
             state.compute_displacement(exact=True)

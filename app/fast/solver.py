@@ -59,12 +59,6 @@ class TrackingSolver(LinearSolver):
         return iterations, failure, self._cg.residual
 
     def tension(self, state):
-        """Pressure that is negative, as a share of the sum. Collective."""
-        p = state.p
-        total, negative = state.sum([p.sum(), -np.sum(p, where=p < 0)])
-        return negative / total if total > 0 else float("inf")
-
-    def tension(self, state):
         """Pressure that is negative, as a share of the sum of p. Collective."""
         total, negative = state.sum([state.p.sum(), -np.sum(state.p, where=state.p < 0)])
         return negative / total if total > 0 else float("inf")

@@ -7,6 +7,7 @@ vector that vanishes outside C stay there, so they solve the system (2.11) on C.
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from functools import cached_property, partial
 
 import numpy as np
@@ -65,7 +66,7 @@ class InfluenceOperator:
         if exact_product is not None:
             self.exact_product = exact_product
         # Whether what `product` says must be checked by the exact one.
-        self.provisional = exact_product is not None or self.dtype != np.float64
+        self.needs_verification = exact_product is not None or self.dtype != np.float64
         self.circulants = {}  # made by the preconditioner of that name when they are first used here
         self.diagonal = float(influence_quadrant(grid, compliance, slice(0, 1), 1)[0, 0])
         self.local_shape = (self.slabs.local, grid.nx)
@@ -87,7 +88,7 @@ class InfluenceOperator:
         """The product of this operator. Collective when first asked for."""
         if self._dense:
             return DenseProduct(dense_matrix(self.grid, self.compliance), self.grid.shape)
-        if not self.provisional:
+        if not self.needs_verification:
             return self.exact_product
         exact = vars(self).get("exact_product")
         if isinstance(exact, Convolution):
@@ -119,7 +120,7 @@ class InfluenceOperator:
         return PETSc.COMM_SELF if self.comm is None else PETSc.Comm(self.comm)
 
     def mat(self, comm):
-        """Make a Mat with this context, which is the caller's to destroy. Collective over the PETSc communicator `comm`."""
+        """Make a Mat with this context, the caller's to destroy. Collective over the PETSc communicator `comm`."""
         local = self.local_shape[0] * self.local_shape[1]
         size = (local, PETSc.DETERMINE)
         mat = PETSc.Mat().createPython((size, size), self, comm=comm)
@@ -131,19 +132,30 @@ class InfluenceOperator:
         """Take notice of another contact set; who holds a Mat must tell PETSc. Not collective."""
         self.contact_number += 1
 
-    def use_double(self):
-        """Go on in double precision: preconditioners and solvers must be made again. Collective."""
-        self._let_go()
-        self.dtype = np.dtype(np.float64)
-        self.provisional = not isinstance(self.exact_product, Convolution)
+    @contextmanager
+    def in_double(self):
+        """Products and preconditioners made inside the block are in double precision. Collective."""
+        if self.dtype == np.float64:
+            yield
+            return
+        kept = self.dtype, self.needs_verification, vars(self).pop("product", None), self.circulants
+        self.dtype, self.circulants = np.dtype(np.float64), {}
+        self.needs_verification = not isinstance(self.exact_product, Convolution)
+        try:
+            yield
+        finally:
+            self._forget_products()
+            self.dtype, self.needs_verification, product, self.circulants = kept
+            if product is not None:
+                self.product = product
 
     def free_solvers(self):
         """Free what only solvers need: preconditioner, sweeps, all products but the exact one. Not collective."""
-        self._let_go()
+        self._forget_products()
         self._relaxation = None
-        self.provisional = False
+        self.needs_verification = False
 
-    def _let_go(self):
+    def _forget_products(self):
         """Free preconditioners and all products but the exact one; what they computed stays counted."""
         product = vars(self).pop("product", None)
         if product is not None and product is not vars(self).get("exact_product"):
