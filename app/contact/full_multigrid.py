@@ -93,7 +93,7 @@ def route(hierarchy, distances, loading, nested):
 
 
 def copy_prolongation(transfer, coarse, state, beta):
-    """2. and (3.a) of Sec. 4.3: p by copy, C = {e <= beta max(u)}, p = 0 outside; u is there already. Collective."""
+    """2. and (3.a): p by copy, C = {e <= beta max(u)} (4.1), p = 0 outside; u is there already. Collective."""
     highest = -float(state.minimum(-state.u.max(initial=-np.inf)))
     np.less_equal(state.u - state.distance.b, beta * highest, out=state.contact)  # (4.1)
     state.contact &= state.admissible

@@ -1,4 +1,4 @@
-"""The active set iteration (Sec. 3 with any linear solver; Sec. 4.1 with one multigrid cycle per contact set).
+"""The active set iteration: NORM (Sec. 3) with CG, MG + active set (Sec. 4.1) with one cycle per contact set.
 
 What the linear solver does to the system of a contact set - many CG iterations, a few, one cycle - is the business of
 its options. The pressure carries over from one set to the next.
@@ -46,10 +46,10 @@ def active_set(state, solver, loading, stop, history):
         solver.set_contact()  # 2. (2.11) on C^k
         correction, its, failure = solver.solve(state.defect(), stop.allowed(state))
         state.add(correction)  # 3. one multigrid cycle, or CG
-        released = state.release_tensile()  # 4.a
+        released = state.release_tensile()  # (4.a)
         state.compute_displacement()  # u = A p, after the zeroing: any other order oscillates
         loading.update(state)  # a prescribed load only: the approach
-        update = state.activate_penetrating()  # 4.b
+        update = state.activate_penetrating()  # (4.b)
         inner += its
         history.add(state, solver, update, its, released)
         residual = update.residual / state.distance.norm()

@@ -42,7 +42,7 @@ def _release_row(p, contact, released):
 
 @numba.njit(cache=True)
 def release(p, contact, released):
-    """(4.a) Take cells with p < 0 out of C, set p = 0 there, mark them; return their number."""
+    """Take cells with p < 0 out of C, set p = 0 there, mark them; return their number."""
     count = 0
     for j in range(p.shape[0]):
         count += _release_row(p[j], contact[j], released[j])
@@ -97,7 +97,7 @@ def _squares_row(b, u, contact):
 
 @numba.njit(cache=True)
 def activate(b, u, admissible, contact, released, expected):
-    """(4.b) Put cells outside C into it where h + u <= 0, u changed as expected (None: as it is).
+    """Put cells outside C into it where h + u <= 0, u changed as expected (None: as it is).
 
     Return how many cells are in C, came, left since before `release`, and the sum of squares of h + u over the new C.
     """

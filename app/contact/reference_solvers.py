@@ -39,7 +39,7 @@ class _ReferenceSolver:
         self.level = len(hierarchy.levels) - 1
         self.comm = PETSc.Comm(hierarchy.comm)
         self.mat = self.operator.mat(self.comm)
-        self._h, self._template = self.mat.createVecRight(), self.mat.createVecRight()
+        self._h = self.mat.createVecRight()
 
     def solve(self, state, history):
         """Solve the problem in `state`. Collective.
@@ -87,7 +87,7 @@ class _ReferenceSolver:
 
     def destroy(self):
         """Free what both have. Collective."""
-        for part in (self.mat, self._h, self._template):
+        for part in (self.mat, self._h):
             part.destroy()
 
     def _unless_given(self, **tolerances):
@@ -155,7 +155,7 @@ class Tao(_ReferenceSolver):
         super().__init__(hierarchy, stop)
         self.tao = PETSc.TAO().create(self.comm)
         self.tao.setType(self.types[0])
-        self.tao.setObjectiveGradient(self._objective, self._template)
+        self.tao.setObjectiveGradient(self._objective, None)  # PETSc 3.18 never frees a vector given here
         self.tao.setHessian(lambda tao, x, hessian, pre: None, self.mat)
         self.tao.setMaximumIterations(stop.max_it)
         self.tao.setMonitor(self._monitor)
@@ -207,6 +207,7 @@ class SnesVI(_ReferenceSolver):
         super().__init__(hierarchy, stop)
         self.snes = PETSc.SNES().create(self.comm)
         self.snes.setType(self.types[0])
+        self._template = self.mat.createVecRight()
         self.snes.setFunction(self._function, self._template)
         self.snes.setJacobian(lambda snes, x, jacobian, pre: None, self.mat)
         self.snes.setTolerances(max_it=stop.max_it)
@@ -243,6 +244,7 @@ class SnesVI(_ReferenceSolver):
     def destroy(self):
         """Free the solver. Collective."""
         self.snes.destroy()
+        self._template.destroy()
         super().destroy()
 
 

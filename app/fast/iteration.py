@@ -99,10 +99,10 @@ def inexact_active_set(state, solver, loading, stop, history):
         if enough:  # for a grid on the way: what the last steps do to u is for the finer one to find out
             released = state.release_tensile()
         else:
-            released = solver.release(state)  # 4.a, and u along with it
+            released = solver.release(state)  # (4.a), and u along with it
             loading.update(state)
         prediction = solver.predict(state, stop.predictor) if rough and stop.predictor else None
-        update = state.activate_penetrating(prediction)  # 4.b
+        update = state.activate_penetrating(prediction)  # (4.b)
         if stop.final and not update.changed and update.residual <= allowed:
             update = verify(state, loading, update)
         history.add(state, solver, update, its, released)

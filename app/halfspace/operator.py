@@ -166,7 +166,7 @@ class InfluenceOperator:
     # -- numpy side --------------------------------------------------------------------------------------
 
     def displacement(self, p, u):
-        """Compute u = A p, eq. (2.6), on all cells. Collective; arrays of shape `local_shape`."""
+        """Compute u = A p, (2.6) and (2.7), on all cells. Collective; arrays of shape `local_shape`."""
         with _mult_event:
             self.product.apply(p, u)
 
@@ -191,7 +191,7 @@ class InfluenceOperator:
         diagonal.set(self.diagonal)
 
     def SOR(self, mat, b, omega, kind, shift, its, lits, x):
-        """Damped lexicographic Gauss-Seidel on C: the sequential sweep on any number of ranks.
+        """Sec. 4.2, 1: damped lexicographic Gauss-Seidel on C, the sequential sweep on any number of ranks.
 
         PETSc's "local" sweeps (its default) would make the result depend on the number of ranks, and the
         multigrid method diverge; here they are the global ones.

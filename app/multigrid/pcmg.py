@@ -3,6 +3,17 @@
 Everything that may be chosen is PETSc's: ``-pc_mg_type``, ``-pc_mg_cycle_type``, ``-pc_mg_levels``, the smoothers by
 ``-mg_levels_*`` (and ``-mg_levels_up_*`` with ``-pc_mg_distinct_smoothup``), the coarsest grid by ``-mg_coarse_*``.
 What is not chosen is the paper's: one sweep of forward Gauss-Seidel with omega 0.8, and a direct solve.
+
+=============================  ========================================================================
+Sec. 4.2                       here
+=============================  ========================================================================
+1 smoothing within C           ``-mg_levels_*``; Gauss-Seidel is `InfluenceOperator.SOR`
+2 defect, zero outside C       PCMG, by the masked `InfluenceOperator.mult`
+3 restriction of d and C       `Transfer.restrict_defect`, `Transfer.restrict_contact`
+4 coarse grid exactly          `MaskedMatrix`, ``-mg_coarse_*``
+5 interpolation, zero outside  `Transfer.add_copies`
+6 correction                   PCMG, by ``multAdd`` of the interpolation
+=============================  ========================================================================
 """
 
 from __future__ import annotations
@@ -32,7 +43,7 @@ _DIRECT = {
 
 
 class MaskedMatrix:
-    """Assembled ``C A C + d (I - C)`` of a replicated coarse level: one copy per rank on the diagonal.
+    """Sec. 4.2, 4: the coarsest system, assembled ``C A C + d (I - C)`` on a replicated level, one copy per rank.
 
     Parameters
     ----------
@@ -109,7 +120,7 @@ class Multigrid:
         pc.getMGCoarseSolve().setOperators(self.coarse.mat)
 
     def contact_changed(self):
-        """Restrict the contact set of the finest grid to all others. Collective."""
+        """Sec. 4.2, 3: restrict the contact set of the finest grid to all others. Collective."""
         for transfer in self.transfers[:0:-1]:
             transfer.restrict_contact()
         for operator in self.operators:

@@ -49,7 +49,7 @@ class Transfer:
         return everything
 
     def restrict_defect(self, fine):
-        """Four-point average; children outside the patch count as zero. Collective."""
+        """Sec. 4.2, 3: four-point average; children outside the patch count as zero. Collective."""
         mine = np.zeros(self._local)
         for view, rows, columns in self._children(fine):
             mine[rows, columns] += view
@@ -57,7 +57,7 @@ class Transfer:
         return self._complete(mine, float)
 
     def restrict_contact(self):
-        """Put a coarse cell into C if any of its children is. Collective."""
+        """Sec. 4.2, 3: a coarse cell is in C_H if any of its children is in C_h. Collective."""
         mine = np.zeros(self._local, bool)
         for view, rows, columns in self._children(self.fine.mask):
             mine[rows, columns] |= view
@@ -82,7 +82,7 @@ class Transfer:
         return self._complete(mine, float)
 
     def add_copies(self, coarse, fine):
-        """Add the value of a coarse cell to its children in C. Not collective."""
+        """Sec. 4.2, 5 and 6: v_H copied to the children, v_h = 0 in E_h; p_h + v_h. Not collective."""
         mine = coarse[self.rows]
         for (view, rows, columns), (mask, _, _) in zip(
             self._children(fine), self._children(self.fine.mask), strict=True
@@ -90,13 +90,13 @@ class Transfer:
             np.add(view, mine[rows, columns], out=view, where=mask)
 
     def copy(self, coarse, fine):
-        """Set the children of a coarse cell to its value. Not collective."""
+        """Sec. 4.3, 2: the "copy" strategy for p: children get the value of their coarse cell. Not collective."""
         mine = coarse[self.rows]
         for view, rows, columns in self._children(fine):
             view[...] = mine[rows, columns]
 
     def interpolate(self, coarse, fine):
-        """Cell-centred bilinear interpolation, linear extrapolation at the rim of patch or window. Collective."""
+        """Sec. 4.3, 2: bilinear interpolation of u; extrapolation at the rim of patch or window. Collective."""
         wide, first = self._with_neighbours(coarse)
         rows = self.fine.slabs.rows
         self._interpolate(wide, fine, rows, first)
@@ -185,7 +185,7 @@ def _transfer_mat(context, rows, columns, comm):
 
 
 class _Restriction:
-    """Defect of the fine contact set, averaged, outside the coarse one zero."""
+    """Sec. 4.2, 2 and 3: d_h, zero in E_h, averaged to d_H, zero in E_H."""
 
     def __init__(self, transfer):
         self.transfer = transfer
@@ -197,7 +197,7 @@ class _Restriction:
 
 
 class _Prolongation:
-    """Correction of a coarse cell copied to its children, outside the fine contact set zero."""
+    """Sec. 4.2, 5 and 6: v_H copied, zero in E_h, and added."""
 
     def __init__(self, transfer):
         self.transfer = transfer
