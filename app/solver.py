@@ -204,10 +204,13 @@ class ContactSolver:
         if self.settings.single:
             highest = self.comm.allreduce(float(np.nanmax(np.abs(target), initial=0.0)), MPI.MAX)
             _check_single("pressures", highest / self._largest, "N/mm2")
+        reference = self.comm.allreduce(float(np.nanmin(target, initial=np.inf)), MPI.MIN)
+        for shape in shapes:
+            shape -= reference
         self._coarse_minimum = hierarchy.coarse_minimum(shapes)
         self._distances = []
         for level in hierarchy.levels:
-            self._distances.append(UndeformedDistance(level, shapes.pop(0)))
+            self._distances.append(UndeformedDistance(level, shapes.pop(0), reference))
             self._resources.add(self._distances[-1])
 
     @property
@@ -281,7 +284,7 @@ class ContactSolver:
         if value == 0:
             # The approach is not unique: the one at which the bodies just touch.
             state = ContactState(self.hierarchy.target, self._distances[-1])
-            touching = state.first_touch()
+            touching = state.distance.reference + state.first_touch()
             state.destroy()
             return PrescribedApproach(touching)
         return PrescribedLoad(value)
@@ -338,7 +341,8 @@ class ContactSolver:
         with state.pressure as p:
             p[...] = np.where(state.admissible, start.pressure, 0.0).reshape(-1)
         state.contact[...] = start.contact & state.admissible
-        state.approach = loading.resume_from(start.approach, start.load, state.first_touch())
+        state.approach = start.approach
+        loading.resume(state, start.load)
         return state
 
     def _solution(self, state, outcome, history, started, products):

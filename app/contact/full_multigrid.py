@@ -48,7 +48,7 @@ def full_multigrid(
         level, target = hierarchy.levels[number], number == last
         state = ContactState(level, distances[number])
         if coarse is not None:
-            state.approach = loading.predict(coarse.approach)
+            state.depth = loading.predict(coarse.depth)
             if nested:
                 transfer = hierarchy.transfers[number]
                 transfer.interpolate(coarse.u, state.u)  # 2. of Sec. 4.3: u bilinear
@@ -120,4 +120,4 @@ def tell(hierarchy, level, state, loading):
         comm.Bcast(p)
     comm.Bcast(state.u)
     comm.Bcast(state.contact)
-    state.approach, loading.slope = comm.bcast((state.approach, loading.slope))
+    state.depth, loading.slope = comm.bcast((state.depth, loading.slope))

@@ -10,8 +10,12 @@ Where that does not converge, the root search over solved problems does on any g
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.optimize import brentq
+
+TRUSTED = 3.0  # a secant counts if the approach moved by so many times the residual; the slope changes by as much at most
 
 
 class PrescribedApproach:
@@ -34,13 +38,13 @@ class PrescribedApproach:
         state.start_from_interpenetration()
         return solve(self)
 
-    def resume_from(self, approach, load, touching):
-        """Return the approach to begin with, from that of a solution with a load. Not collective."""
-        return self.approach
+    def resume(self, state, load):
+        """Choose the approach to begin with, where `state` is a solution with a load. Not collective."""
+        state.approach = self.approach
 
-    def predict(self, approach):
-        """Return the approach to begin with on the next finer grid [mm]. Not collective."""
-        return approach
+    def predict(self, depth):
+        """Return the depth to begin with on the next finer grid [mm]. Not collective."""
+        return depth
 
     def begin(self, state):
         """Prepare the iteration on a grid. Not collective."""
@@ -69,11 +73,10 @@ class PrescribedLoad:
         self.load = float(load)
         self.slope = 0.0  # S [N/mm]
         self._before = None
-        self._found = []  # approaches of the grids solved so far [mm]
+        self._found = []  # depths of the grids solved so far [mm]
 
     def first_solve(self, state, solve):
         """Solve on the first grid of all, by root search. Collective; see `PrescribedApproach.first_solve`."""
-        state.approach = 0.0
         state.start_from_interpenetration()
         return self.search(state, solve, rtol=1e-3)
 
@@ -88,9 +91,9 @@ class PrescribedLoad:
         solve : callable
             ``solve(loading)`` solves from the present contact set and pressure, and returns the Outcome.
         rtol : float
-            Of the approach beyond first touch, in which the load is steeper.
+            Of the depth beyond first touch, in which the load is steeper.
         step : float, optional
-            How far the approach of `state` may be from the right one [mm]; without it nothing is known.
+            How far the depth of `state` may be from the right one [mm]; without it nothing is known.
 
         Returns
         -------
@@ -100,26 +103,26 @@ class PrescribedLoad:
         touching = state.first_touch()
         loads, outcomes = {touching: 0.0}, []
 
-        def lacks(approach):
-            if approach not in loads:
-                state.approach = approach
-                outcomes.append(solve(PrescribedApproach(approach)))
+        def lacks(depth):
+            if depth not in loads:
+                state.depth = depth
+                outcomes.append(solve(PrescribedApproach(state.approach)))
                 if not outcomes[-1].converged:
                     raise ArithmeticError
-                loads[approach] = state.load
-            return loads[approach] / self.load - 1
+                loads[depth] = state.load
+            return loads[depth] / self.load - 1
 
         try:
-            if step is None:
+            if not step:
                 low, high = touching, touching + self.load / stiffness_of_patch(state)
             else:
-                low, high = max(touching, state.approach - step), max(touching, state.approach) + step
+                low, high = max(touching, state.depth - step), max(touching, state.depth) + step
             while lacks(high) < 0:
                 low, high = high, high + 2 * (high - low)
             while lacks(low) > 0:
                 low, high = max(touching, low - 2 * (high - low)), low
             root = brentq(lacks, low, high, xtol=rtol * (high - touching))
-            if state.approach != root:
+            if state.depth != root:
                 loads.pop(root, None)
                 lacks(root)
         except ArithmeticError:
@@ -131,27 +134,28 @@ class PrescribedLoad:
             outcome = later.after(outcome)
         return outcome
 
-    def resume_from(self, approach, load, touching):
-        """Return the approach to begin with, from that of a solution with a load. Not collective.
+    def resume(self, state, load):
+        """Choose the approach to begin with, where `state` is a solution with a load. Collective.
 
-        Between a punch, whose load is proportional to its approach beyond first touch, and a cone, where it is to the
-        square of it: the exponent of a sphere.
+        The load grows with a power of the depth beyond first touch, from 1 for a punch to 2 for a cone: as of a sphere.
         """
-        depth = approach - touching
-        if not (load > 0 and depth > 0):
-            depth, load = 0.0, 0.0
-        self.slope = 1.5 * load / depth if depth else 0.0
-        return touching + depth * (self.load / load) ** (2 / 3) if depth else touching
+        touching = state.first_touch()
+        beyond = state.depth - touching
+        if load > 0 and beyond > 0:
+            self.slope = 1.5 * load / beyond
+            state.depth = touching + beyond * (self.load / load) ** (2 / 3)
+        else:
+            self.slope, state.depth = stiffness_of_patch(state), touching
 
-    def predict(self, approach):
-        """Return the approach to begin with on the next finer grid, by extrapolation [mm]. Not collective.
+    def predict(self, depth):
+        """Return the depth to begin with on the next finer grid, by extrapolation [mm]. Not collective.
 
-        The approaches of a load on finer and finer grids converge like a geometric series.
+        The depths of a load on finer and finer grids converge like a geometric series.
         """
-        self._found.append(approach)
+        self._found.append(depth)
         last = np.diff(self._found[-3:])
         ratio = last[1] / last[0] if len(last) == 2 and last[0] else 0.0
-        return approach + min(max(ratio, 0.0), 0.5) * last[-1] if len(last) else approach
+        return depth + min(max(ratio, 0.0), 0.5) * last[-1] if len(last) else depth
 
     def begin(self, state):
         """Prepare the iteration on a grid. Collective."""
@@ -163,18 +167,20 @@ class PrescribedLoad:
 
         The mean gap left in contact tells what the load will be at this approach when the system is solved.
         """
-        rms, mean, _ = state.gap_on_contact()
-        here = state.approach, state.load - self.slope * mean
+        rms, mean, cells = state.gap_on_contact()
+        if not cells:
+            state.first_contact()
+        here = state.depth, state.load - self.slope * mean
         if self._before:
             moved = here[0] - self._before[0]
-            slope = (here[1] - self._before[1]) / moved
-            if abs(moved) > 3 * rms and 0.3 * self.slope < slope < 3 * self.slope:
-                self.slope = slope
+            if abs(moved) > TRUSTED * rms:
+                slope = (here[1] - self._before[1]) / moved
+                self.slope = min(max(slope, self.slope / TRUSTED), TRUSTED * self.slope)
             self._before = None
         lacks = (self.load - here[1]) / self.slope
         if abs(lacks) <= rms:
             return False
-        state.approach += lacks
+        state.depth += lacks
         self._before = here
         return True
 
@@ -186,8 +192,11 @@ class PrescribedLoad:
         Update
             Of the contact set after that.
         """
-        state.scale(self.load / state.load)
-        state.approach += state.gap_on_contact()[1]
+        load = state.load
+        if not load > 0:
+            return replace(update, added=update.added + 1)  # there must be contact, and is none
+        state.scale(self.load / load)
+        state.depth += state.gap_on_contact()[1]
         return state.activate_penetrating().after(update)
 
 

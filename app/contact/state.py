@@ -6,7 +6,7 @@ paper                     here                             unit
 C                         ``ContactState.contact``         bool
 p, u                      ``pressure``, ``u``              N/mm2, mm
 -h, (2.11)                ``rhs``, everywhere              mm
-delta                     ``approach``                     mm
+delta                     ``approach``, ``depth`` + const  mm
 e = h + u, (2.3)          ``u - b``, b the array of -h     mm
 r (defect)                ``h + u`` on C                   mm
 ========================  ===============================  =====
@@ -60,22 +60,27 @@ class Statistics(NamedTuple):
     """What ||h|| needs to know at any approach."""
 
     cells: int  # admissible
-    mean: float  # of the undeformed distance at zero approach over them [mm]
+    mean: float  # of the undeformed distance at no depth over them [mm]
     deviation: float  # sum of squares of its differences from the mean [mm2]
 
 
 class UndeformedDistance:
     """h = shape - approach on all cells of one grid, kept as the right-hand side -h of (2.11). Collective.
 
+    Lengths are counted from a reference, so that distances with a large constant lose no digits: the approach is the
+    reference and the *depth* beyond it.
+
     Parameters
     ----------
     operator : InfluenceOperator
         Of that grid.
     shape : ndarray, shape (local rows, nx), [mm]
-        Undeformed distance at zero approach; NaN in inadmissible cells. Left as it is.
+        Undeformed distance at the reference; NaN in inadmissible cells. Left as it is.
+    reference : float
+        An approach, the same on all grids of a problem [mm].
     """
 
-    def __init__(self, operator, shape):
+    def __init__(self, operator, shape, reference=0.0):
         self.admissible = ~np.isnan(shape)
         self.rhs = PETSc.Vec().createMPI((shape.size, PETSc.DETERMINE), comm=operator.petsc_comm)
         self._size = shape.shape
@@ -83,7 +88,7 @@ class UndeformedDistance:
             b = values.reshape(self._size)
             np.negative(shape, out=b)
             np.copyto(b, 0.0, where=~self.admissible)
-        self.approach = 0.0
+        self.depth, self.reference = 0.0, reference
         self.statistics = self._measure(operator.comm)
 
     @classmethod
@@ -92,7 +97,8 @@ class UndeformedDistance:
         part = cls.__new__(cls)
         part.admissible, b = scatter.forward(whole.admissible), scatter.forward(whole.b)
         part.rhs = PETSc.Vec().createWithArray(b.reshape(-1), comm=operator.petsc_comm)
-        part._size, part.approach, part.statistics = b.shape, whole.approach, whole.statistics
+        part._size, part.statistics = b.shape, whole.statistics
+        part.depth, part.reference = whole.depth, whole.reference
         return part
 
     def _measure(self, comm):
@@ -107,17 +113,22 @@ class UndeformedDistance:
         """-h as array (rows, nx), to read; anything in inadmissible cells. Not collective."""
         return self.rhs.getArray(readonly=True).reshape(self._size)
 
-    def move_to(self, approach):
-        """Change the approach. Not collective."""
-        if approach != self.approach:
+    @property
+    def approach(self):
+        """delta [mm]. Not collective."""
+        return self.reference + self.depth
+
+    def move_to(self, depth):
+        """Change the depth. Not collective."""
+        if depth != self.depth:
             with self.rhs as values:
-                values += approach - self.approach
-            self.approach = float(approach)
+                values += depth - self.depth
+            self.depth = float(depth)
 
     def norm(self):
         """||h||_2 over the admissible cells [mm], (5.1); 1 where it is zero, to be divided by. Not collective."""
         cells, mean, deviation = self.statistics
-        return float(np.sqrt(deviation + cells * (mean - self.approach) ** 2)) or 1.0
+        return float(np.sqrt(deviation + cells * (mean - self.depth) ** 2)) or 1.0
 
     def destroy(self):
         """Free the vector. Collective."""
@@ -159,6 +170,15 @@ class ContactState:
 
     @approach.setter
     def approach(self, value):
+        self.distance.move_to(value - self.distance.reference)
+
+    @property
+    def depth(self):
+        """The approach beyond the reference [mm]. Not collective."""
+        return self.distance.depth
+
+    @depth.setter
+    def depth(self, value):
         self.distance.move_to(value)
 
     @property
@@ -189,8 +209,8 @@ class ContactState:
         return self.sum([any_nonzero(self.contact)])[0] > 0
 
     def first_touch(self):
-        """Approach at which the first cells of undeformed bodies touch [mm]. Collective."""
-        return self.approach - float(-self.minimum(-self.distance.b[self.admissible].max(initial=-np.inf)))
+        """Depth at which the first cells of the undeformed bodies touch [mm]. Collective."""
+        return self.depth + float(self.minimum(-self.distance.b[self.admissible].max(initial=-np.inf)))
 
     def h_on_contact(self):
         """||h||_2 over C [mm]. Collective."""
@@ -219,7 +239,7 @@ class ContactState:
         nearest = float(self.minimum(gap[self.admissible].min(initial=np.inf)))
         np.less_equal(gap, nearest, out=self.contact)
         self.contact &= self.admissible
-        self.approach += nearest
+        self.depth += nearest
 
     @cached_property
     def right(self):

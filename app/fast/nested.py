@@ -50,7 +50,7 @@ def nested_iteration(
         stage = Stage(hierarchy, number, distances[number], coarse if nested else None, predicted)
         state = stage.state
         if coarse is not None:
-            state.approach = loading.predict(coarse.approach)
+            state.depth = loading.predict(coarse.depth)
             if nested:
                 _prolong(stage, beta, lifted)
             else:

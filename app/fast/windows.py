@@ -33,7 +33,7 @@ class CoarseSolution:
     u: np.ndarray
     p: np.ndarray
     contact: np.ndarray
-    approach: float
+    depth: float
     load: float
 
 
@@ -95,7 +95,7 @@ class Stage:
         level, window = hierarchy.levels[number], None
         self._level = level
         if coarse is not None:
-            distance.move_to(coarse.approach)
+            distance.move_to(coarse.depth)
         if coarse is not None and hierarchy.windowed(level):
             possible = bounding_box(distance.admissible, level.slabs, level.comm).coarsen(
                 self.transfer.factors
@@ -128,7 +128,7 @@ class Stage:
         inner = coarse_window.within(coarse.window)
         cut = Scatter(inner, coarse.operator.slabs, below.slabs, coarse.comm).forward
         self.coarse = CoarseSolution(
-            below, cut(coarse.u), cut(coarse.p), cut(coarse.contact), coarse.approach, coarse.load
+            below, cut(coarse.u), cut(coarse.p), cut(coarse.contact), coarse.depth, coarse.load
         )
         fine.prepare("product")  # first, so that other transforms can use its storage
         self.transfer = Transfer(fine, below, factors)
@@ -156,7 +156,7 @@ class Stage:
         if coarse_minimum is None or level is not self._hierarchy.levels[self._hierarchy.finest_whole]:
             return None
         with np.errstate(invalid="ignore"):
-            return bounding_box(coarse_minimum - state.approach + state.u <= 0, level.slabs, level.comm)
+            return bounding_box(coarse_minimum - state.depth + state.u <= 0, level.slabs, level.comm)
 
     def close(self):
         """Free what is of no use to a finer grid. Not collective."""
@@ -182,7 +182,7 @@ class Stage:
         inside, level, scatter = self.state, self._hierarchy.target, self._scatter
         if self._verification.u is None or not outcome.converged:
             self._verification.apply(inside.p, inside.u)
-        self._distance.move_to(inside.approach)
+        self._distance.move_to(inside.depth)
         state = ContactState(level, self._distance, u=self._verification.u)
         with state.pressure as values:
             scatter.reverse(inside.p, values.reshape(state.u.shape))
