@@ -23,6 +23,8 @@ import time
 from pathlib import Path
 
 from app import __version__
+from app.commands.arguments import Parser, count, interruptible
+from app.errors import InputError
 from app.output.figures import save_figure
 from app.output.result import whole_file
 from app.output.table import write_table
@@ -31,7 +33,9 @@ from app.reproduction.item import FULL, QUICK
 from app.reproduction.pictures import FIGURES
 from app.reproduction.studies import STUDIES
 from app.reproduction.tables import PAPER, TABLES
-from app.sweep import CHECKS, OUTCOME, InputError, Journal, Parser, count, interruptible, run_all
+from app.runs.batch import run_all
+from app.runs.journal import Journal
+from app.runs.run import CHECKS, OUTCOME
 
 ITEMS = {item.name: item for item in (*TABLES, *FIGURES, *STUDIES)}
 GROUPS = {

@@ -7,11 +7,12 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from app import reproduce, sweep
+from app import reproduce
 from app.halfspace.influence import Material, influence_quadrant
 from app.reproduction import pictures, report, studies, tables
 from app.reproduction.item import FULL, QUICK
 from app.reproduction.report import Entry
+from app.runs import batch
 
 CYCLES = {"V11", "V10", "V01"}
 
@@ -115,7 +116,7 @@ def test_second_call_goes_on_and_adds(folder, capsys, monkeypatch):
     def no_run(*arguments):
         raise AssertionError("all is done already")
 
-    monkeypatch.setattr(sweep, "perform", no_run)
+    monkeypatch.setattr(batch, "perform", no_run)
     before = (folder / "tables.json").read_text()
     assert reproduce.main(["table8", "fig2", "-o", str(folder), "--quick"]) == 0
     assert json.loads((folder / "tables.json").read_text()) == json.loads(before)
@@ -130,7 +131,7 @@ def test_second_call_goes_on_and_adds(folder, capsys, monkeypatch):
 
 def test_failed_run_leaves_its_item_out(tmp_path, capsys, monkeypatch):
     failed = {"exit_status": 1, "message": "ValueError: broken"}
-    monkeypatch.setattr(sweep, "perform", lambda *arguments: failed)
+    monkeypatch.setattr(batch, "perform", lambda *arguments: failed)
     (tmp_path / "out").mkdir()
     (tmp_path / "out/tables.json").write_text('{"source": "", "table1": {"64": {"0.8": [9, 0.2]}}}')
     assert reproduce.main(["table1", "fig10", "-o", str(tmp_path / "out"), "--quick"]) == 1

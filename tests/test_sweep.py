@@ -13,9 +13,15 @@ import h5py
 import numpy as np
 import pytest
 
-from app import sweep
+from app.errors import InputError
 from app.output.result import read_result
-from app.sweep import CHECKS, InputError, Journal, Run, main, read_sweep, rows_of, run_all
+from app.runs import batch
+from app.runs.batch import rows_of, run_all
+from app.runs.journal import Journal
+from app.runs.processes import Processes, perform
+from app.runs.run import CHECKS, Run
+from app.runs.sweep_file import read_sweep
+from app.sweep import SUFFIXES, main
 
 ROOT = Path(__file__).resolve().parents[1]
 HERTZ = ROOT / "petsc_options/hertz.opts"
@@ -262,7 +268,7 @@ def performed(monkeypatch):
         status = {"crash": 1, "refused": 2}.get(run.options.get("grid"), 0)
         return {"exit_status": status, "message": "", "load": np.float64(len(calls))}
 
-    monkeypatch.setattr(sweep, "perform", perform)
+    monkeypatch.setattr(batch, "perform", perform)
     return calls
 
 
@@ -292,15 +298,22 @@ def test_equal_runs_are_performed_once_whatever_their_labels(tmp_path, performed
     assert len(performed) == 1 and outcomes[0] == outcomes[1]
 
 
-def test_key_follows_options_and_files_but_not_labels(tmp_path):
-    gap = tmp_path / "gap.npy"
-    np.save(gap, np.zeros((2, 2)))
-    run = Run((), {"gap_file": str(gap)})
+@pytest.mark.parametrize("option", ["gap_file", "any_option_that_names_a_file"])
+@pytest.mark.parametrize("inside", ["", ":/dataset"])
+def test_key_follows_options_and_files_but_not_labels(tmp_path, option, inside):
+    file = tmp_path / "file"
+    file.write_text("before")
+    named = {option: f"{file}{inside}"}
+    run = Run((), named)
     before = run.key()
-    assert Run((), {"gap_file": str(gap)}, {"a": 1}).key() == before
-    assert Run((), {"gap_file": str(gap), "grid": "8"}).key() != before
-    np.save(gap, np.ones((2, 2)))
+    assert Run((), named, {"a": 1}).key() == before
+    assert Run((), {**named, "grid": "8"}).key() != before
+    file.write_text("after")
     assert run.key() != before
+
+
+def test_key_takes_any_value():
+    assert Run((), {"gap_file": "a" * 5000}).key() != Run((), {"gap_file": "/"}).key()
 
 
 def test_journal_survives_a_line_that_was_cut_off(tmp_path):
@@ -321,10 +334,10 @@ def test_journal_survives_a_line_that_was_cut_off(tmp_path):
 
 
 def test_a_run_that_hangs_or_crashes_is_a_row(tmp_path):
-    processes = sweep.Processes()
-    slow = sweep.perform(Run((str(HERTZ), str(NORM))), tmp_path / "a.h5", processes, timeout=0.1)
+    processes = Processes()
+    slow = perform(Run((str(HERTZ), str(NORM))), tmp_path / "a.h5", processes, timeout=0.1)
     assert slow == {"exit_status": 124, "message": "stopped after 0.1 s"}
-    crashed = sweep.perform(Run(module="app.absent"), tmp_path / "a.h5", processes)
+    crashed = perform(Run(module="app.absent"), tmp_path / "a.h5", processes)
     assert crashed["exit_status"] == 1 and "app.absent" in crashed["message"]
     status, errors = processes.call([sys.executable, "-c", "import os; os.abort()"])
     assert (status, errors) == (-signal.SIGABRT, "")
@@ -333,7 +346,7 @@ def test_a_run_that_hangs_or_crashes_is_a_row(tmp_path):
         processes.call([sys.executable, "-c", ""])
 
 
-@pytest.mark.parametrize("suffix", sweep.SUFFIXES)
+@pytest.mark.parametrize("suffix", SUFFIXES)
 def test_every_kind_of_table(tmp_path, performed, suffix):
     path = write(tmp_path, "options: {grid: [8, crash], lcp_rtol: [1e-6, 1e-8]}")
     output = tmp_path / f"out{suffix}"

@@ -13,7 +13,7 @@ from app.problems.statistics import roughness
 from app.problems.surfaces import SelfAffineSurface
 from app.reproduction.item import CASES, QUICK, Item, solver_run
 from app.reproduction.tables import counts, inexact_counts
-from app.sweep import Run, collect_result
+from app.runs.run import Run, collect_result
 
 SEEDS = (1, 2, 3, 4, 5, 6, 8, 9, 10, 11)  # 7 is the one of the tables
 SEED_SIZES = (64, 256)
