@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 from tabulate import tabulate
 
-from app.output.result import whole_file
+from app.output.files import whole_file
 
 
 def markdown(rows, columns=None, formats=None):

@@ -5,41 +5,30 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cached_property, partial
-from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
+from app.commands.problem_options import PROBLEM_OPTIONS, make_problem
 from app.halfspace.grid import Grid
-from app.options import TABLE
-from app.solve import make_problem
+from app.options import OptionReader
+from app.petsc import OptionDatabase
 from benchmarks.bench import PROBLEMS, ROOT, self_affine
 from benchmarks.plain import PlainProduct, check, seconds
 
 
-class Words:
-    """Options from a command line without PETSc's database: what `make_problem` asks for."""
-
-    kinds = {option.name: option for option in TABLE}  # noqa: RUF012
-
-    def __init__(self, words):
-        self.text = {}
-        for name, value in zip(words[::2], words[1::2], strict=True):
-            lines = (
-                Path(ROOT, value).read_text().splitlines() if name == "-options_file" else [f"{name} {value}"]
-            )
-            for line in lines:
-                key, _, text = line.partition("#")[0].strip().partition(" ")
-                if key:
-                    self.text[key[1:]] = text.strip()
-
-    def given(self, name):
-        """Whether an option is there."""
-        return name in self.text
-
-    def __getitem__(self, name):
-        option = self.kinds[name]
-        return option.kind(self.text[name]) if name in self.text else option.default
+def described(words):
+    """Problem and approach that a command line of app.solve describes."""
+    database = OptionDatabase()
+    for name, text in zip(words[::2], words[1::2], strict=True):
+        if name == "-options_file":
+            database.insert(f'{name} "{ROOT / text}"')
+        else:
+            database.set(name.removeprefix("-"), text)
+    texts = database.texts()
+    options = OptionReader(PROBLEM_OPTIONS, texts)
+    problem, _, _ = make_problem(options, texts, MPI.COMM_SELF)
+    return problem, options["approach"]
 
 
 class Case:
@@ -58,8 +47,8 @@ class Case:
 
     def __init__(self, name, size, folder, square=False):
         self.size = size
-        options = Words([*(PROBLEMS[name] or self_affine(size, folder)), "-grid", str(size)])
-        problem = make_problem(options, MPI.COMM_SELF)
+        words = PROBLEMS[name] or self_affine(size, folder)
+        problem, self.approach = described([*words, "-grid", str(size)])
         grid = problem.grid
         self.domain = grid.x0, grid.x0 + size * grid.dx, grid.y0, grid.y0 + size * grid.dy
         self.is_square = math.isclose(grid.dx, grid.dy)
@@ -70,7 +59,7 @@ class Case:
         self.name = f"{name}, square patch" if square and not self.is_square else name
         self.problem, self.grid, self.material = problem, problem.grid, problem.material
         self.gap = problem.shape_on(self.grid)
-        self.approach, self.load = options["approach"], math.nan
+        self.load = math.nan
         self.stem = folder / f"{self.name.replace(', ', '-').replace(' ', '-')}-{size}"
         np.save(self.gap_file, self.gap)
 
