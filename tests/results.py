@@ -1,20 +1,14 @@
-"""Result files on several ranks: ``mpiexec -n 3 python tests/mpi_result_file.py FOLDER``.
-
-Also holds the made-up result that the serial tests write and draw.
-"""
+"""A made-up result, for tests of what is written and drawn."""
 
 import resource
-import sys
-from contextlib import contextmanager, nullcontext
-from pathlib import Path
-from unittest import mock
+from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
-from mpi4py import MPI
 from scipy.signal import fftconvolve
 
-from app.halfspace.grid import Grid, Slabs
-from app.output.result import ATTRIBUTES, FIELDS, Result, read_result, write_result
+from app.halfspace.grid import Grid
+from app.output.result import ATTRIBUTES, FIELDS, Result, write_result
 
 SEMI_AXES = 6.0019966, 3.9992013  # mm, of the ellipse of the paper's Hertz contact (Sec. 5.1)
 MAX_PRESSURE = 1631.1995  # N/mm2
@@ -110,15 +104,6 @@ def assert_same(one, other):
         assert np.array_equal(value, other.attributes[name]), name
 
 
-def raised_everywhere(comm, kind, call):
-    """Whether `call` raises `kind` on each rank; any other error is passed on."""
-    try:
-        call()
-    except kind as error:
-        return comm.allgather(str(error))
-    raise AssertionError(f"rank {comm.rank}: no {kind.__name__}")
-
-
 @contextmanager
 def full_disk():
     """Let no file of this process grow beyond 4 kB."""
@@ -130,51 +115,6 @@ def full_disk():
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-def unseen_folder():
-    """Let this process open no file, as if the folder were on another machine's disk."""
-    return mock.patch.object(Path, "open", side_effect=FileNotFoundError(2, "No such file or directory"))
-
-
-def main(folder):
-    comm = MPI.COMM_WORLD
-    last = comm.size - 1
-    result = made_up_result(64, 48, punch_radius=4.5)
-    path = folder / "result.h5"
-
-    for block in (1, 16, 48):  # 48: all rows on rank 0, none on the others
-        slabs = Slabs(48, comm.size, comm.rank, block)
-        extra = {name: getattr(result, name)[slabs.rows] for name in FIELDS} | {
-            "rank": np.full((slabs.local, 64), comm.rank, np.int32)
-        }
-        late = result.attributes | {"solve_seconds": 0.3 + comm.rank}  # differs from rank to rank
-        write(path, comm, slabs, result, fields=extra, attributes=late)
-        found = read_result(path)
-        assert (found.extra.pop("rank") == np.repeat(np.arange(comm.size), slabs.counts)[:, None]).all()
-        assert found.attributes["solve_seconds"] == 0.3
-        found.attributes["solve_seconds"] = result.attributes["solve_seconds"]
-        assert_same(found, result)
-        comm.Barrier()  # before the next write replaces what a slower rank still reads
-
-    slabs = Slabs(48, comm.size, comm.rank)
-    write(path, comm, slabs, result)
-    before = path.read_bytes()
-    comm.Barrier()
-    wrong = {name: getattr(result, name)[slabs.rows] for name in FIELDS}
-    if comm.rank == last:
-        wrong["gap"] = wrong["gap"][:, :-1]
-    said = raised_everywhere(comm, ValueError, lambda: write(path, comm, slabs, result, fields=wrong))
-    assert len(set(said)) == 1 and f"rank {last}: field gap" in said[0], said
-
-    for trouble, rank in ((full_disk, last), (full_disk, 0), (unseen_folder, last)):
-        with trouble() if comm.rank == rank else nullcontext():
-            said = raised_everywhere(comm, OSError, lambda: write(path, comm, slabs, result))
-        assert len(set(said)) == 1 and f"rank {rank}: " in said[0], said
-        assert [f.name for f in folder.iterdir()] == ["result.h5"]
-        assert path.read_bytes() == before
-        comm.Barrier()
-    if comm.rank == 0:
-        print(f"passed on {comm.size} ranks")
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+def with_attributes(result, without=(), **changed):
+    values = {k: v for k, v in (result.attributes | changed).items() if k not in without}
+    return replace(result, attributes=values)

@@ -1,12 +1,11 @@
-"""Gauss-Seidel on several ranks against one: ``mpiexec -n 3 python tests/mpi_gauss_seidel.py``."""
+"""Gauss-Seidel sweeps over contact sets and grids of all kinds."""
 
 from contextlib import contextmanager
 from unittest import mock
 
 import numpy as np
-from mpi4py import MPI
 
-from app.halfspace.grid import Grid, Slabs
+from app.halfspace.grid import Grid
 from app.halfspace.influence import influence_quadrant
 from app.halfspace.sweeps import gauss_seidel
 from app.halfspace.sweeps.gauss_seidel import GaussSeidel
@@ -50,32 +49,3 @@ def sweep(relaxation, r, mask, omega, backward=False):
     d = np.full(r.shape, np.nan)
     relaxation.sweep(r, mask, omega, d, backward=backward)
     return d
-
-
-def check(comm, grid, slabs, problems):
-    alone, together = make(grid), make(grid, slabs, comm)
-    for mask, r in problems:
-        for backward in (False, True):
-            expected = sweep(alone, r, mask, 0.8, backward)
-            found = sweep(together, r[slabs.rows], mask[slabs.rows], 0.8, backward)
-            error = np.abs(found - expected[slabs.rows]).max(initial=0.0)
-            assert error <= 1e-12 * np.abs(expected).max(), (grid, slabs.counts, backward, error)
-    assert len(set(comm.allgather(together.products_per_sweep))) == 1
-
-
-def main():
-    comm = MPI.COMM_WORLD
-    for grid in GRIDS.values():
-        problems = [random_problem(grid), empty_in_the_middle(grid), random_problem(grid, share=0)]
-        for block in (1, 64):  # 64: some ranks own no rows
-            check(comm, grid, Slabs(grid.ny, comm.size, comm.rank, block), problems)
-        with block_sizes(5, 16):
-            check(comm, grid, Slabs(grid.ny, comm.size, comm.rank), problems[:2])
-        coarsened = Slabs(2 * grid.ny - 1, comm.size, comm.rank, 8).coarsen(2)
-        check(comm, grid, coarsened, problems[:1])
-    if comm.rank == 0:
-        print(f"passed on {comm.size} ranks")
-
-
-if __name__ == "__main__":
-    main()
