@@ -23,15 +23,19 @@ import time
 from pathlib import Path
 
 from app import __version__
+from app.commands.arguments import Parser, count, interruptible
+from app.errors import InputError
 from app.output.figures import save_figure
-from app.output.result import whole_file
+from app.output.files import whole_file
 from app.output.table import write_table
 from app.reproduction import report
 from app.reproduction.item import FULL, QUICK
 from app.reproduction.pictures import FIGURES
 from app.reproduction.studies import STUDIES
 from app.reproduction.tables import PAPER, TABLES
-from app.sweep import CHECKS, OUTCOME, InputError, Journal, Parser, count, interruptible, run_all
+from app.runs.batch import run_all
+from app.runs.journal import Journal
+from app.runs.run import CHECKS, OUTCOME
 
 ITEMS = {item.name: item for item in (*TABLES, *FIGURES, *STUDIES)}
 GROUPS = {
@@ -140,10 +144,10 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
             print(f"{item.name}  {item.title}: {folder / item.name}.png")
         elif item.kind == "table":
             tables[item.name] = {"what": item.title, **result}
-            print(report.table_text(item, result))
+            print(report.table_section(item, result).text())
         else:
             studies[item.name] = result
-            print(report.study_text(item, result))
+            print(report.study_section(item, result).text())
         made[item.name] = {"version": __version__, "date": today, "quick": quick, "runs": len(outcomes)}
         if item.kind == "figure":
             continue  # its runs are those of a table or study, or traces
@@ -163,14 +167,15 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
     _dump(folder / "tables.json", _in_order(tables, ["source", *ITEMS]))
     _dump(folder / "report.json", rest)
     numbers = {name: _without_title(data) for name, data in tables.items() if name != "source"}
-    _put(folder / "tables.md", _markdown(numbers, studies, checks))
     pictures = {
         name: (folder / f"{name}.png").read_bytes() for name in ITEMS if (folder / f"{name}.png").is_file()
     }
+    sections = report.sections(_reading_order(), numbers, studies, pictures, checks)
+    _put(folder / "tables.md", report.markdown_page(sections))
     facts = {"version": __version__, "date": today}
     if any(entry["quick"] for entry in made.values()):
         facts["note:"] = "some items were made with --quick, on small grids only"
-    _put(folder / "report.html", report.web_page(_reading_order(), numbers, studies, pictures, checks, facts))
+    _put(folder / "report.html", report.web_page(sections, facts))
     print(f"report: {folder / 'report.html'} ({seconds:.0f} s)")
 
 
@@ -190,20 +195,6 @@ def _reading_order():
     behind = {"table1": ["fig2", "fig5", "fig6", "fig7"], "table3": ["fig8"], "table4": ["fig12", "fig10"],
               "table8": ["fig11", "work", "seeds", "inexact", "selfaffine", "kappa", "beyond"]}  # fmt: skip
     return [ITEMS[name] for item in TABLES for name in (item.name, *behind.get(item.name, []))]
-
-
-def _markdown(numbers, studies, checks):
-    parts = [
-        f"# Tables: the paper's numbers and ours\n\nPaper: {PAPER['source']}. In brackets: work units.\n"
-    ]
-    for item in _reading_order():
-        if item.name in numbers:
-            parts.append(report.table_markdown(item, numbers[item.name]))
-        elif item.name in studies:
-            parts.append(report.study_markdown(item, studies[item.name]))
-    if checks:
-        parts.append(report.checks_markdown(checks))
-    return "\n".join(parts)
 
 
 def _without_title(data):

@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import argparse
 import datetime
+import itertools
+import json
 import os
 import platform
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -20,8 +23,9 @@ from tqdm import tqdm
 
 from app.halfspace.grid import Grid
 from app.output.result import read_result
-from app.output.table import markdown
+from app.output.table import markdown, write_table
 from app.problems.surfaces import SelfAffineSurface
+from benchmarks import loads
 from benchmarks.plain import PlainProduct, check, seconds
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -45,7 +49,12 @@ def main():
     )
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--no-kernels", action="store_true")
-    parser.add_argument("-o", "--output", default=str(ROOT / "docs" / "benchmark.md"))
+    parser.add_argument(
+        "--loads", action="store_true", help="the load sweep only, on all --sizes; it has a page of its own"
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, help="default: docs/benchmark.md, docs/benchmark-loads.md"
+    )
     options = parser.parse_args()
     sizes = [int(size) for size in options.sizes.split(",")]
     ranks = [int(count) for count in options.ranks.split(",")]
@@ -53,8 +62,15 @@ def main():
     unknown = set(names) - set(PROBLEMS)
     if unknown:
         parser.error(f"unknown problems {sorted(unknown)}; allowed: {', '.join(PROBLEMS)}")
+    if options.loads and len(options.method) > 1:
+        parser.error("--loads takes one --method")
+    docs = ROOT / "docs"
+    if options.loads:
+        load_sweep(sizes, ranks, options, options.output or docs / "benchmark-loads.md")
+        return
 
-    page = [head(options)]
+    output = options.output or docs / "benchmark.md"
+    page = [head(options), UNIT]
     if not options.no_kernels:
         page += ["## Kernels\n", KERNELS, markdown(kernels(sizes, ranks)), ""]
     rows = []
@@ -63,8 +79,16 @@ def main():
         for name, size, count in tqdm(work, desc="solves", disable=None):
             rows.append(solve(name, size, count, options, Path(folder)))
     page += ["## Whole solves\n", SOLVES, markdown(rows), ""]
+    publish(output, page)
+    if len(options.method) <= 1:
+        small = [size for size in sizes if size <= 512]
+        load_sweep(small, ranks, options, output.with_name(f"{output.stem}-loads.md"))
+
+
+def publish(path, page):
+    """Write the parts of a page and show them."""
     text = "\n".join(page)
-    Path(options.output).write_text(text)
+    path.write_text(text, encoding="utf-8")
     print(text)
 
 
@@ -79,15 +103,18 @@ def head(options):
     petsc = ".".join(map(str, PETSc.Sys.getVersion()))
     versions = f"PETSc {petsc}, numpy {np.__version__}, Python {platform.python_version()}"
     threads = f"OMP_NUM_THREADS={os.environ.get('OMP_NUM_THREADS')}"
+    command = shlex.join(["run/bench", *sys.argv[1:]])
     method = ", ".join(options.method) or "the default (fast.opts)"
     return (
-        f"# Benchmark\n\nMade by `run/bench` on {datetime.date.today()}: {cpu}, {os.cpu_count()} cores; {versions}; "
-        f"{threads}. Method: {method}.\n\nThe unit is one *plain product*: zero-padded `scipy.fft.rfft2`, multiply, "
-        "`irfft2` on the same grid, one thread, measured in the same run (shortest of several). Times are ratios; "
-        "seconds are for orientation only.\n"
+        f"# Benchmark\n\nMade by `{command}` on {datetime.date.today()}: {cpu}, {os.cpu_count()} cores; {versions}; "
+        f"{threads}. Method: {method}.\n"
     )
 
 
+UNIT = """\
+The unit is one *plain product*: zero-padded `scipy.fft.rfft2`, multiply, `irfft2` on the same grid, one thread,
+measured in the same run (shortest of several). Times are ratios; seconds are for orientation only.
+"""
 KERNELS = """\
 `product`: our own, in plain products; on P ranks, of the same plain product on one. `memory`: everything a product
 needs beyond its vectors, in doubles per cell. `circulant`: one preconditioner application, `sweep`: one exact
@@ -98,6 +125,15 @@ Approach prescribed, to ||r|| / ||h|| = 1e-6. `plain`: solve time in plain produ
 everything computed, in products on the target grid. `memory`: peak resident size above that of the smallest grid, per
 cell, in doubles. `residual`, `penetration` (over the largest |h|): checked from the result file by a plain product.
 """
+LOADS = """\
+Self-affine surfaces on a patch of 1 mm, three spectra with three seeds each, pressed on by given loads, and solved
+again by the approaches that this finds. `load`: mean pressure over E* times the rms slope. `contact`: share of the
+cells, smallest and largest of the nine surfaces. `by approach`, `by load`: operator applications, and `ratio` of the
+two, median · largest. `fallbacks`: solves in which the safeguard took over, by approach · by load. `error bound`: the
+largest of the certificates. `seconds`: of all surfaces, by approach · by load. Every problem is a row of the CSV file
+beside this page.
+"""
+CONTROLS = "approach", "load"
 
 
 def kernels(sizes, ranks):
@@ -207,6 +243,84 @@ def memory(facts, size, count):
         return "-"
     n0, peak0 = _smallest[count]
     return f"{(peak - peak0) / 8 / (n - n0):.1f}"
+
+
+def load_sweep(sizes, ranks, options, output):
+    """Measure `benchmarks.loads` on all grids and numbers of ranks; write the page, and every row beside it as CSV."""
+    rows, failures = [], []
+    surfaces = len(loads.SPECTRA) * len(loads.SEEDS)
+    with tqdm(total=len(sizes) * len(ranks) * surfaces * len(loads.LOADS), desc="loads", disable=None) as bar:
+        for size, count in itertools.product(sizes, ranks):
+            failure = run_loads(size, count, options.method, rows, bar)
+            if failure:
+                failures.append(f"- {size}^2 on {count} rank(s) ended early: {failure}")
+    for row in rows:
+        row["ratio"] = row["by_load_applications"] / row["by_approach_applications"]
+    write_table(output.with_suffix(".csv"), rows)
+    page = [head(options), "## Loads\n", LOADS, markdown(loads_summary(rows)), "", *failures]
+    worst = sorted(rows, key=lambda row: row["ratio"], reverse=True)[:10]
+    page += ["Largest ratios:\n", markdown([worst_row(row) for row in worst]), ""]
+    publish(output, page)
+
+
+def run_loads(size, count, method, rows, bar):
+    """Run `benchmarks.loads` on some ranks and add what it finds to `rows`; return why it failed, if it did."""
+    command = ["mpiexec", "-n", str(count), sys.executable, "-m", "benchmarks.loads", str(size)]
+    command += [Path(file).stem for file in method]
+    with tempfile.TemporaryFile("w+") as errors:
+        pipes = {"stdout": subprocess.PIPE, "stderr": errors, "text": True}
+        with subprocess.Popen(command, cwd=ROOT, env=dict(os.environ), **pipes) as process:
+            for line in process.stdout:
+                rows.append(json.loads(line))
+                bar.update()
+        errors.seek(0)
+        told = errors.read().strip().splitlines() or [f"exit status {process.returncode}"]
+    return told[-1] if process.returncode else ""
+
+
+def loads_summary(rows):
+    """One row for each grid, number of ranks and load, over all surfaces."""
+    groups = {}
+    for row in rows:
+        groups.setdefault((row["grid"], row["ranks"], row["load"]), []).append(row)
+
+    def spread(group, name):
+        values = [row[name] for row in group]
+        return f"{np.median(values):.0f} · {max(values):.0f}"
+
+    return [
+        {
+            "grid": f"{size}^2",
+            "ranks": count,
+            "load": f"{load:g}",
+            "contact": " - ".join(f"{f(row['contact'] for row in group):.2%}" for f in (min, max)),
+            "by approach": spread(group, "by_approach_applications"),
+            "by load": spread(group, "by_load_applications"),
+            "ratio": f"{np.median([r['ratio'] for r in group]):.2f} · {max(r['ratio'] for r in group):.2f}",
+            "fallbacks": " · ".join(str(sum(r[f"by_{c}_fallbacks"] > 0 for r in group)) for c in CONTROLS),
+            "error bound": f"{max(row[f'by_{c}_error_bound'] for row in group for c in CONTROLS):.1e}",
+            "not solved": sum(not row[f"by_{c}_converged"] for row in group for c in CONTROLS),
+            "seconds": " · ".join(f"{sum(row[f'by_{c}_seconds'] for row in group):.3g}" for c in CONTROLS),
+        }
+        for (size, count, load), group in groups.items()
+    ]
+
+
+def worst_row(row):
+    """A problem by itself."""
+    return {
+        "grid": f"{row['grid']}^2",
+        "ranks": row["ranks"],
+        "Hurst, roll-off, cut-off": row["spectrum"],
+        "seed": row["seed"],
+        "load": f"{row['load']:g}",
+        "contact": f"{row['contact']:.2%}",
+        "by approach": f"{row['by_approach_applications']:.0f}",
+        "by load": f"{row['by_load_applications']:.0f}",
+        "ratio": f"{row['ratio']:.2f}",
+        "fallbacks": f"{row['by_approach_fallbacks']} · {row['by_load_fallbacks']}",
+        "error bound": f"{row['by_approach_error_bound']:.1e} · {row['by_load_error_bound']:.1e}",
+    }
 
 
 if __name__ == "__main__":

@@ -13,8 +13,9 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from tabulate import tabulate
 
-from app.output.result import whole_file
+from app.output.files import whole_file
 
 
 def markdown(rows, columns=None, formats=None):
@@ -23,12 +24,10 @@ def markdown(rows, columns=None, formats=None):
     Parameters
     ----------
     rows : sequence of mapping
-    columns : sequence of str, or mapping of str to str, optional
-        Keys to show, in this order, or keys with their headings; all keys in order of appearance if
-        not given.
+    columns : sequence of str, optional
+        Keys to show, in this order; all keys in order of appearance if not given.
     formats : mapping of str to str, optional
-        Format specification of the numbers of a column, such as ``".3g"``; floats have six digits
-        otherwise.
+        Format specification of the floats of a column, such as ``".3g"``; they have six digits otherwise.
 
     Returns
     -------
@@ -38,45 +37,38 @@ def markdown(rows, columns=None, formats=None):
     Examples
     --------
     >>> print(markdown([{"grid": "32x32", "its": 6}, {"grid": "64x64", "its": 10}]), end="")
-    | grid  | its |
-    |-------|----:|
-    | 32x32 |   6 |
-    | 64x64 |  10 |
+    | grid   |   its |
+    |:-------|------:|
+    | 32x32  |     6 |
+    | 64x64  |    10 |
     """
-    headings, cells, right = _layout(rows, columns, formats, ".6g")
-    cells = [[cell.replace("|", "\\|") for cell in row] for row in [headings, *cells]]
-    width = [max(3, *map(len, column)) for column in zip(*cells, strict=True)]
-    rule = ["-" * (w + 1) + ":" if r else "-" * (w + 2) for w, r in zip(width, right, strict=True)]
-    lines = [f"| {' | '.join(_pad(row, width, right))} |" for row in cells]
-    return "\n".join([lines[0], f"|{'|'.join(rule)}|", *lines[1:]]) + "\n"
+    return _rendered("pipe", rows, columns, formats, {"|": r"\|"})
 
 
 def text(rows, columns=None, formats=None):
     """Return the table for a terminal: columns parted by two blanks. Parameters as `markdown`."""
-    headings, cells, right = _layout(rows, columns, formats, ".6g")
-    width = [max(map(len, column)) for column in zip(headings, *cells, strict=True)]
-    lines = [headings, ["-" * w for w in width], *cells]
-    return "".join("  ".join(_pad(line, width, right)).rstrip() + "\n" for line in lines)
+    return _rendered("simple", rows, columns, formats)
 
 
-def comma_separated(rows, columns=None, formats=None):
-    """Return the table as CSV; without a format, numbers keep all digits. Parameters as `markdown`."""
-    headings, cells, _ = _layout(rows, columns, formats, "")
+def comma_separated(rows, columns=None):
+    """Return the table as CSV; numbers keep all digits. Parameters as `markdown`."""
     out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerows([headings, *cells])
+    writer = csv.DictWriter(out, columns or _keys(rows), extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
     return out.getvalue()
 
 
-def write_table(path, rows, columns=None, formats=None):
+def write_table(path, rows, columns=None):
     """Write a table; the suffix chooses the kind: ``.md``, ``.txt``, ``.csv``, ``.h5`` or ``.hdf5``.
 
-    The file appears whole or not at all. HDF5 gets one dataset per key (headings and formats do not
-    matter there): int64, float64 with NaN for empty cells, or strings.
+    The file appears whole or not at all. HDF5 gets one dataset per key: int64, float64 with NaN for empty cells, or
+    strings.
 
     Parameters
     ----------
     path : str or Path
-    rows, columns, formats
+    rows, columns
         As for `markdown`.
 
     Raises
@@ -91,51 +83,36 @@ def write_table(path, rows, columns=None, formats=None):
     render = kinds[path.suffix]
     with whole_file(path) as temporary:
         if render is not None:
-            temporary.write_text(render(rows, columns, formats), encoding="utf-8")
+            temporary.write_text(render(rows, columns), encoding="utf-8")
             return
         with h5py.File(temporary, "w") as file:
-            for key in _headings(rows, columns):
+            for key in columns or _keys(rows):
                 file.create_dataset(key, data=_column([row.get(key) for row in rows]))
 
 
-def _headings(rows, columns):
-    """Return the keys to show with their headings."""
-    if columns is None:
-        columns = dict.fromkeys(key for row in rows for key in row)
-    return (
-        dict(columns) if hasattr(columns, "keys") and any(columns.values()) else {key: key for key in columns}
-    )
+def _keys(rows):
+    return list(dict.fromkeys(key for row in rows for key in row))
 
 
-def _layout(rows, columns, formats, default):
-    """Return headings, cells as strings, and which columns hold numbers (set flush right)."""
-    columns = _headings(rows, columns)
-    values = [[row.get(key) for key in columns] for row in rows]
-    present = [[row[k] for row in values if row[k] is not None] for k in range(len(columns))]
-    right = [bool(column) and all(map(_is_number, column)) for column in present]
-    formats = [(formats or {}).get(key) for key in columns]
-    cells = [
-        [_cell(value, spec, default) for value, spec in zip(row, formats, strict=True)] for row in values
-    ]
-    return list(columns.values()), cells, right
+def _rendered(kind, rows, columns, formats, escapes=None):
+    columns = columns or _keys(rows)
+    escapes = str.maketrans(escapes or {})
+    cells = [[_cell(row.get(key), escapes) for key in columns] for row in rows]
+    # Text stays what it is, even if it could be read as a number.
+    texts = [k for k in range(len(columns)) if any(isinstance(row[k], str) for row in cells)]
+    floats = [(formats or {}).get(key, ".6g") for key in columns]
+    headings = [key.translate(escapes) for key in columns]
+    return tabulate(cells, headings, kind, floats, numalign="right", disable_numparse=texts) + "\n"
+
+
+def _cell(value, escapes):
+    if isinstance(value, np.generic):
+        value = value.item()
+    return value.translate(escapes) if isinstance(value, str) else value
 
 
 def _is_number(value):
     return isinstance(value, Real) and not isinstance(value, bool | np.bool_)
-
-
-def _cell(value, spec, default):
-    if value is None:
-        return ""
-    if not _is_number(value):
-        return str(value)
-    if spec is None:
-        spec = "d" if isinstance(value, Integral) else default
-    return format(value, spec)
-
-
-def _pad(row, width, right):
-    return [c.rjust(w) if r else c.ljust(w) for c, w, r in zip(row, width, right, strict=True)]
 
 
 def _column(values):

@@ -1,10 +1,17 @@
-"""Side by side: the paper's numbers and ours, for the terminal, in Markdown and as a web page."""
+"""Side by side: the paper's numbers and ours, for the terminal, in Markdown and as a web page.
+
+The page is ``templates/report.html``; here is what it shows.
+"""
 
 from __future__ import annotations
 
 import base64
-import html
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+
+import jinja2
 
 from app.output.table import markdown, text
 from app.reproduction.tables import HEADINGS, PAPER
@@ -112,58 +119,6 @@ def verdict(found):
     return f"{told}; noticeably different: {names}."
 
 
-def table_text(item, ours):
-    """Table of an item for the terminal."""
-    rows = _long_rows(entries(item.name, ours))
-    return f"{item.name}  {item.title}\n{text(rows)}"
-
-
-def table_markdown(item, ours):
-    """Table of an item in Markdown."""
-    found = entries(item.name, ours)
-    return f"## {_heading(item)}\n\n{markdown(_long_rows(found))}\n{_comment(item, found)}\n"
-
-
-def study_text(item, data):
-    """Table of a study for the terminal."""
-    return f"{item.name}  {item.title}\n{text(_study_rows(data))}"
-
-
-def study_markdown(item, data):
-    """Table of a study in Markdown."""
-    return f"## {_heading(item)}\n\n{markdown(_study_rows(data))}\n{_study_comment(item, data)}\n"
-
-
-def checks_markdown(checks):
-    """Table of the complementarity conditions in Markdown."""
-    return f"## {CHECKS_TITLE}\n\n{markdown(_check_rows(checks))}\n{CHECKS_NOTE}\n"
-
-
-CHECKS_TITLE = "Complementarity conditions"
-CHECKS_NOTE = (
-    "Worst values over all converged runs of an item: gap e < 0 [mm], pressure p < 0 [N/mm²], and "
-    "max |p e| / (max p max |h|). Residuals of 1e-6 of the size of h are what (5.1) asks for."
-)
-
-
-def _heading(item):
-    if item.kind == "table":
-        return f"Table {item.name.removeprefix('table')}: {item.title}"
-    if item.name.startswith("fig"):
-        return f"Figure {item.name.removeprefix('fig')}: {item.title}"
-    return item.title
-
-
-def _comment(item, found):
-    why = item.why if any(entry.noticeable for entry in found) else ""
-    return " ".join(filter(None, (item.note, verdict(found), why)))
-
-
-def _study_comment(item, data):
-    triples = any(isinstance(value, list) for row in data["rows"] for value in row.values())
-    return " ".join(filter(None, (item.note, _TRIPLES if triples else "")))
-
-
 def _long_rows(found):
     return [
         {
@@ -207,81 +162,15 @@ def _check_rows(checks):
     ]
 
 
-# -- the web page ------------------------------------------------------------------------------------------
+# -- sections ----------------------------------------------------------------------------------------------
 
-_CSS = """
-:root { color-scheme: light; --ink: #1c2733; --pale: #5d6b79; --line: #d9e0e6; --blue: #0072b2; --orange: #b34a00; }
-* { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 62rem; padding: 1.5rem 1.2rem 4rem; color: var(--ink); background: #fff;
-  font: 16px/1.55 system-ui, "Segoe UI", Roboto, "DejaVu Sans", sans-serif; }
-h1 { font-size: 1.7rem; line-height: 1.25; margin: 0.5rem 0; }
-h2 { font-size: 1.15rem; margin: 2.8rem 0 0.6rem; padding-top: 0.6rem; border-top: 1px solid var(--line); }
-p { max-width: 46rem; }
-nav { display: flex; flex-wrap: wrap; gap: 0.3rem 0.9rem; margin: 1.2rem 0; }
-a { color: var(--blue); }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 0.93rem; }
-th, td { padding: 0.28rem 0.8rem; text-align: right; white-space: nowrap; border-bottom: 1px solid var(--line); }
-th:first-child, td:first-child { text-align: left; padding-left: 0; }
-th { font-weight: 600; vertical-align: bottom; }
-td small, th small { display: block; color: var(--pale); font-size: 0.82rem; font-weight: 400; }
-td.off { color: var(--orange); font-weight: 600; }
-td.off small { color: var(--orange); }
-figure { margin: 1rem 0; }
-img { max-width: 100%; height: auto; display: block; }
-.pale { color: var(--pale); font-size: 0.93rem; }
-@media print { body { max-width: none; } h2 { break-after: avoid; } figure, table { break-inside: avoid; } }
-"""
-
-
-def web_page(items, tables, studies, pictures, checks, facts):
-    """Write the report as one HTML file with its pictures inside.
-
-    Parameters
-    ----------
-    items : sequence of Item
-        In the order of the page; those without a result are left out.
-    tables, studies : mapping
-        Item name -> data.
-    pictures : mapping
-        Item name -> PNG as bytes.
-    checks : mapping
-        Item name -> worst values of the complementarity conditions.
-    facts : mapping
-        What to say about the making of it: heading -> text.
-
-    Returns
-    -------
-    str
-    """
-    sections, links = [], []
-    for item in items:
-        body = _section(item, tables, studies, pictures)
-        if body:
-            sections.append(
-                f'<section id="{item.name}">\n<h2>{html.escape(_heading(item))}</h2>\n{body}\n</section>'
-            )
-            links.append((item.name, _short(item)))
-    if checks:
-        body = f"{_plain_table(_check_rows(checks))}\n{_paragraph(CHECKS_NOTE)}"
-        sections.append(f'<section id="checks">\n<h2>{CHECKS_TITLE}</h2>\n{body}\n</section>')
-        links.append(("checks", "Conditions"))
-    nav = "\n".join(f'<a href="#{name}">{html.escape(label)}</a>' for name, label in links)
-    made = " · ".join(f"{html.escape(name)} {html.escape(str(value))}" for name, value in facts.items())
-    introduction = (
-        f"The numbers of {PAPER['source']} beside those of this program, each from a run of its own."
-    )
-    return (
-        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{_TITLE}</title>\n<style>{_CSS}</style>\n</head>\n<body>\n<h1>{_TITLE}</h1>\n"
-        f'{_paragraph(f"{introduction} {_LEGEND}")}\n<p class="pale">{made}</p>\n<nav>\n{nav}\n</nav>\n'
-        + "\n".join(sections)
-        + "\n</body>\n</html>\n"
-    )
-
-
-_SHORT = {
+_TITLE = "A full multigrid method for elastic contact: tables and figures from real runs"
+_INTRODUCTION = (
+    f"The numbers of {PAPER['source']} beside those of this program, each from a run of its own. In the tables our "
+    "number stands above, the paper's below it in grey; what differs noticeably (by "
+    f"{ITERATIONS} iterations, or by more than {SHARE:.0%}) is set in orange. In brackets: work units."
+)
+_LINKS = {
     "work": "Work",
     "seeds": "Other surfaces",
     "inexact": "Few CG iterations",
@@ -289,57 +178,150 @@ _SHORT = {
     "kappa": "Contact share",
     "beyond": "Larger grids",
 }
-_TITLE = "A full multigrid method for elastic contact: tables and figures from real runs"
-_LEGEND = (
-    "In the tables our number stands above, the paper's below it in grey; what differs noticeably (by "
-    f"{ITERATIONS} iterations, or by more than {SHARE:.0%}) is set in orange. In brackets: work units."
+_CHECKS_NOTE = (
+    "Worst values over all converged runs of an item: gap e < 0 [mm], pressure p < 0 [N/mm²], and "
+    "max |p e| / (max p max |h|). Residuals of 1e-6 of the size of h are what (5.1) asks for."
 )
 
 
-def _short(item):
-    return _SHORT.get(item.name) or _heading(item).partition(":")[0]
+@dataclass(frozen=True)
+class Section:
+    """What the report has to say about an item.
+
+    Parameters
+    ----------
+    name, title : str
+        Of the item.
+    heading, link : str
+        Above the section, and in the list of all sections.
+    rows : sequence of mapping
+        Table, heading -> text.
+    entries : sequence of Entry
+        The same as pairs, if that is what they are.
+    picture : bytes
+        PNG.
+    note : str
+    """
+
+    name: str
+    title: str
+    heading: str
+    link: str
+    rows: Sequence = ()
+    entries: Sequence = ()
+    picture: bytes = b""
+    note: str = ""
+
+    @property
+    def columns(self):
+        """Columns of the paper's table, each once."""
+        return dict.fromkeys(entry.column for entry in self.entries)
+
+    @property
+    def grids(self):
+        """Rows of the paper's table, each once."""
+        return dict.fromkeys(entry.row for entry in self.entries)
+
+    @cached_property
+    def cells(self):
+        """(row, column) -> Entry."""
+        return {(entry.row, entry.column): entry for entry in self.entries}
+
+    def text(self):
+        """Table for the terminal."""
+        return f"{self.name}  {self.title}\n{text(self.rows)}"
+
+    def markdown(self):
+        """Heading, table and note in Markdown."""
+        return f"## {self.heading}\n\n{markdown(self.rows)}\n{self.note}\n"
 
 
-def _section(item, tables, studies, pictures):
-    if item.name in tables:
-        found = entries(item.name, tables[item.name])
-        return f"{_paired_table(found)}\n{_paragraph(_comment(item, found))}"
-    if item.name in studies:
-        data = studies[item.name]
-        return f"{_plain_table(_study_rows(data))}\n{_paragraph(_study_comment(item, data))}"
-    if item.name in pictures:
-        data = base64.b64encode(pictures[item.name]).decode()
-        picture = f'<img alt="{html.escape(item.title)}" src="data:image/png;base64,{data}">'
-        return f"<figure>\n{picture}\n</figure>\n{_paragraph(item.note)}"
-    return ""
+def table_section(item, ours):
+    """Section of a table: `ours` as in ``tables.json``."""
+    found = entries(item.name, ours)
+    why = item.why if any(entry.noticeable for entry in found) else ""
+    return _section(item, rows=_long_rows(found), entries=found, note=_joined(item.note, verdict(found), why))
 
 
-def _paragraph(content):
-    return f"<p>{html.escape(content)}</p>" if content else ""
+def study_section(item, data):
+    """Section of a study: `data` as in ``report.json``."""
+    triples = any(isinstance(value, list) for row in data["rows"] for value in row.values())
+    return _section(item, rows=_study_rows(data), note=_joined(item.note, _TRIPLES if triples else ""))
 
 
-def _paired_table(found):
-    columns = list(dict.fromkeys(entry.column for entry in found))
-    cells = {(entry.row, entry.column): entry for entry in found}
-    lines = ["<tr><th>grid</th>" + "".join(f"<th>{html.escape(column)}</th>" for column in columns) + "</tr>"]
-    for row in dict.fromkeys(entry.row for entry in found):
-        line = [f"<td>{row}</td>"]
-        for column in columns:
-            entry = cells.get((row, column))
-            if entry is None:
-                line.append("<td></td>")
-                continue
-            mark = ' class="off"' if entry.noticeable else ""
-            line.append(f"<td{mark}>{show(entry.ours)}<small>{show(entry.paper)}</small></td>")
-        lines.append(f"<tr>{''.join(line)}</tr>")
-    return '<div class="scroll"><table>\n' + "\n".join(lines) + "\n</table></div>"
+def sections(items, tables, studies, pictures, checks):
+    """Sections of all items that have a result, and of the checks.
+
+    Parameters
+    ----------
+    items : sequence of Item
+        In the order of the report.
+    tables, studies : mapping
+        Item name -> data.
+    pictures : mapping
+        Item name -> PNG as bytes.
+    checks : mapping
+        Item name -> worst values of the complementarity conditions.
+
+    Returns
+    -------
+    list of Section
+    """
+    found = []
+    for item in items:
+        if item.name in tables:
+            found.append(table_section(item, tables[item.name]))
+        elif item.name in studies:
+            found.append(study_section(item, studies[item.name]))
+        elif item.name in pictures:
+            found.append(_section(item, picture=pictures[item.name], note=item.note))
+    if checks:
+        title = "Complementarity conditions"
+        found.append(Section("checks", title, title, "Conditions", _check_rows(checks), note=_CHECKS_NOTE))
+    return found
 
 
-def _plain_table(rows):
-    if not rows:
-        return ""
-    lines = ["<tr>" + "".join(f"<th>{html.escape(name)}</th>" for name in rows[0]) + "</tr>"]
-    for row in rows:
-        cells = "".join(f"<td>{html.escape('' if v is None else format(v))}</td>" for v in row.values())
-        lines.append(f"<tr>{cells}</tr>")
-    return '<div class="scroll"><table>\n' + "\n".join(lines) + "\n</table></div>"
+def _section(item, **content):
+    kind, number = re.fullmatch(r"(table|fig|)(.*)", item.name).groups()
+    label = {"table": f"Table {number}", "fig": f"Figure {number}"}.get(kind)
+    heading = f"{label}: {item.title}" if label else item.title
+    return Section(item.name, item.title, heading, label or _LINKS[item.name], **content)
+
+
+def _joined(*sentences):
+    return " ".join(filter(None, sentences))
+
+
+# -- pages -------------------------------------------------------------------------------------------------
+
+
+def markdown_page(sections):
+    """Write the tables as one Markdown file."""
+    head = f"# Tables: the paper's numbers and ours\n\nPaper: {PAPER['source']}. In brackets: work units.\n"
+    return "\n".join([head, *(section.markdown() for section in sections if not section.picture)])
+
+
+def web_page(sections, facts):
+    """Write the report as one HTML file with its pictures inside.
+
+    Parameters
+    ----------
+    sections : sequence of Section
+    facts : mapping
+        What to say about the making of it: heading -> text.
+
+    Returns
+    -------
+    str
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("app.reproduction"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {"show": show, "base64": lambda data: base64.b64encode(data).decode()}
+    page = environment.get_template("report.html")
+    return page.render(title=_TITLE, introduction=_INTRODUCTION, facts=facts, sections=sections)

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import itertools
 
-import h5py
 import numpy as np
 
-from app.halfspace.grid import Grid
-from app.halfspace.influence import Material
+from app import Grid, Material, read_result
 from app.problems.statistics import roughness
 from app.problems.surfaces import SelfAffineSurface
 from app.reproduction.item import CASES, QUICK, Item, solver_run
 from app.reproduction.tables import counts, inexact_counts
-from app.sweep import Run, collect_result
+from app.runs.run import Run, collect_result
 
 SEEDS = (1, 2, 3, 4, 5, 6, 8, 9, 10, 11)  # 7 is the one of the tables
 SEED_SIZES = (64, 256)
@@ -87,7 +85,7 @@ def _evaluate_inexact(outcomes):
 # Self-affine surface on a square patch of side 1 mm, half its period: nothing on the patch repeats.
 SIDE, PERIOD, HURST, SLOPE = 1.0, 2.0, 0.8, 0.1
 ROLLOFF, SHORTEST = SIDE / 4, SIDE / 16
-MATERIAL = Material(80000.0, 0.28)
+MATERIAL = Material.combined(80000.0, 0.28)
 LOADS = (0.0025, 0.005, 0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.12, 0.16)  # mean pressure / (E* rms slope)
 
 
@@ -125,8 +123,8 @@ def _gap_file(scratch, seed):
 
 def collect_patch(path):
     """Like `collect_result`, and contact share and mean pressure [N/mm2] of the patch and of its middle."""
-    with h5py.File(path) as file:
-        contact, pressure = file["contact"][()], file["pressure"][()]
+    result = read_result(path)
+    contact, pressure = result.contact, result.pressure
     middle = tuple(slice(n // 4, n - n // 4) for n in contact.shape)
     return {
         **collect_result(path),

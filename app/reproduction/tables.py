@@ -8,7 +8,7 @@ from pathlib import Path
 
 from app.reproduction import trace
 from app.reproduction.item import CASES, Item, nest, solver_run
-from app.sweep import Run
+from app.runs.run import Run
 
 PAPER = json.loads(Path(__file__).with_name("paper_tables.json").read_text(encoding="utf-8"))
 OMEGAS = ("0.8", "1.0", "1.1")

@@ -1,0 +1,101 @@
+"""Many runs: several at a time, each once, and only those that are not done yet."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor, as_completed
+
+from tqdm import tqdm
+
+from app.runs.processes import Processes, perform
+from app.runs.run import OUTCOME
+
+REASONED = (0, 2, 3)  # exit statuses of app.solve; any other is a crash, and worth another try
+
+
+def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None, description="runs"):
+    """Perform runs, several at a time; those that are in the journal count as done.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+        Equal ones are performed once.
+    folder : Path
+        Where their files are written.
+    journal : Journal
+    jobs, ranks : int
+        Runs at a time, and ranks of each.
+    keep : bool
+        Keep the files; runs whose file is missing are performed again.
+    timeout : float, optional
+        For each run [s].
+    description : str
+        In front of the progress bar.
+
+    Returns
+    -------
+    list of dict or None
+        Outcome of each run (see `perform`), with the path of its file as `result` if it is kept; None if an
+        interrupt (Ctrl-C) left it undone.
+    bool
+        Whether there was an interrupt.
+    """
+    keys = [run.key(ranks) for run in runs]
+    files = {key: folder / f"{key}.h5" for key in keys}
+    todo = {}
+    for key, run in zip(keys, runs, strict=True):
+        status = journal.outcomes.get(key, {}).get("exit_status")
+        if status not in REASONED or (keep and status != 2 and not files[key].is_file()):
+            journal.outcomes.pop(key, None)
+            todo[key] = run
+    folder.mkdir(exist_ok=True)
+    processes = Processes()
+    interrupted = False
+    failed = 0
+
+    def work(key, run):
+        try:
+            return perform(run, files[key], processes, ranks, timeout)
+        finally:
+            if not keep:
+                files[key].unlink(missing_ok=True)
+
+    total = len(files)
+    bar = tqdm(total=total, initial=total - len(todo), desc=description, unit="run", disable=None)
+    with bar, ThreadPoolExecutor(jobs) as pool:
+        futures = {pool.submit(work, key, run): key for key, run in todo.items()}
+        try:
+            for future in as_completed(futures):
+                outcome = future.result()
+                journal.add(futures[future], outcome)
+                failed += outcome["exit_status"] != 0
+                bar.set_postfix_str(f"{failed} failed" if failed else "", refresh=False)
+                bar.update()
+        except BaseException as error:
+            pool.shutdown(wait=False, cancel_futures=True)
+            processes.close()
+            interrupted = isinstance(error, KeyboardInterrupt)
+            if not interrupted:
+                raise
+    if not any(folder.iterdir()):
+        folder.rmdir()
+
+    def told(key):
+        outcome = journal.outcomes.get(key)
+        kept = {"result": str(files[key])} if keep and files[key].is_file() else {}
+        return outcome and {**outcome, **kept}
+
+    return [told(key) for key in keys], interrupted
+
+
+def rows_of(runs, outcomes):
+    """Rows of the table: labels and outcome of every run that is done.
+
+    A column of the outcome that has the name of a varied option is called ``result_NAME``.
+    """
+    taken = {name for run in runs for name in run.labels}
+    columns = {name: f"result_{name}" if name in taken else name for name in (*OUTCOME, "result")}
+    return [
+        {**run.labels, **{column: outcome.get(name) for name, column in columns.items()}}
+        for run, outcome in zip(runs, outcomes, strict=True)
+        if outcome is not None
+    ]

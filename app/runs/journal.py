@@ -1,0 +1,61 @@
+"""What is finished, on disk."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+
+from app.errors import InputError
+
+
+class Journal:
+    """Outcomes of finished runs in a file of JSON lines, so that an interrupted sweep can go on.
+
+    Parameters
+    ----------
+    path : Path
+    resume : bool
+        Keep what is there already; else start anew.
+
+    Raises
+    ------
+    InputError
+        If another process is writing it.
+    """
+
+    def __init__(self, path, resume=False):
+        try:
+            self._file = path.open("a+", encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            self._file.close()
+            raise InputError(f"{path}: another process is writing it") from None
+        self.outcomes = {}
+        if not resume:
+            self._file.truncate(0)
+        self._file.seek(0)
+        for line in self._file:
+            try:
+                entry = json.loads(line)
+            except ValueError:  # cut off when the process was killed
+                continue
+            self.outcomes[entry.pop("key")] = entry
+        self._file.write("\n")  # ends a line that was cut off
+
+    def add(self, key, outcome):
+        """Record an outcome; it is on its way to the disk when this returns."""
+        self.outcomes[key] = outcome
+        json.dump({"key": key, **outcome}, self._file, default=_plain)
+        self._file.write("\n")
+        self._file.flush()
+
+    def close(self):
+        """Close the file and let others write it."""
+        self._file.close()
+
+
+def _plain(value):
+    return value.tolist()  # numpy scalars and arrays

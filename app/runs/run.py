@@ -1,0 +1,113 @@
+"""A run, what its outcome depends on, and what is kept of its result.
+
+The result files give `worst_negative_gap` [mm], `worst_negative_pressure` [N/mm2] and `complementarity`,
+max |p e| / (max p max |h|), which are the same whatever solver wrote them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import json
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from app.output.result import read_result
+
+ROOT = Path(__file__).resolve().parents[2]
+# No solve depends on these; all else in app/ belongs to the program that a key stands for.
+_NO_PART = ("runs", "reproduction", "analysis", "sweep.py", "reproduce.py", "plot.py")
+
+ATTRIBUTES = (
+    "converged",
+    "active_set_iterations",
+    "inner_iterations",
+    "work_units",
+    "operator_applications",
+    "residual",
+    "load",
+    "approach",
+    "max_pressure",
+    "contact_fraction",
+    "solve_seconds",
+)
+CHECKS = ("worst_negative_gap", "worst_negative_pressure", "complementarity")
+OUTCOME = ("exit_status", "message", *ATTRIBUTES, *CHECKS)
+
+
+def collect_result(path):
+    """Numbers of a result file for a row of the table: `ATTRIBUTES`, `CHECKS` and `reason`, name -> value."""
+    result = read_result(path)
+    admissible = ~np.isnan(result.undeformed_distance)
+    p, e, h = (field[admissible] for field in (result.pressure, result.gap, result.undeformed_distance))
+    scale = p.max(initial=0.0) * np.abs(h).max(initial=0.0)
+    product = np.abs(p * e).max(initial=0.0)
+    return {
+        **{name: result.attributes[name] for name in (*ATTRIBUTES, "reason")},
+        "worst_negative_gap": float(e.min(initial=0.0)),
+        "worst_negative_pressure": float(result.pressure.min(initial=0.0)),
+        "complementarity": float(product / scale) if scale != 0 else 0.0,  # NaN stays NaN
+    }
+
+
+@dataclass(frozen=True)
+class Run:
+    """One call of a program.
+
+    Parameters
+    ----------
+    files : tuple of str
+        Option files, in order.
+    options : mapping of str to str
+        Name (without dash) -> text; empty text for a bare option.
+    labels : mapping
+        What the table says about this run: column -> value.
+    module : str
+        Program, started by ``python -m``; writes the file that its option ``-output`` names.
+    collect : callable
+        Path of that file -> mapping of what to keep of it (JSON types).
+    """
+
+    files: tuple[str, ...] = ()
+    options: Mapping[str, str] = field(default_factory=dict)
+    labels: Mapping[str, object] = field(default_factory=dict)
+    module: str = "app.solve"
+    collect: Callable = collect_result
+
+    def arguments(self):
+        """Return the command line, without ``-output``."""
+        words = [word for file in self.files for word in ("-options_file", str(file))]
+        for name, value in self.options.items():
+            words += [f"-{name}", str(value)] if str(value) else [f"-{name}"]
+        return words
+
+    def key(self, ranks=1):
+        """Return a digest of all that the outcome depends on: options, files, program, number of ranks."""
+        named = [str(value).partition(":/")[0] for value in self.options.values()]  # FILE.h5:/dataset
+        contents = [_digest(file) for file in (*self.files, *named)]
+        module = ROOT.joinpath(*self.module.split(".")).with_suffix(".py")
+        program = [_program_digest(), _digest(module), inspect.getsource(self.collect)]
+        what = [self.module, self.arguments(), contents, ranks, program, os.environ.get("PETSC_OPTIONS")]
+        return hashlib.sha256(json.dumps(what).encode()).hexdigest()[:16]
+
+
+def _digest(path):
+    """Digest of a file; None if there is none of this name."""
+    path = Path(path)
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
+    except OSError:  # a name too long for a file, or nothing we may read
+        return None
+
+
+@cache
+def _program_digest():
+    app = ROOT / "app"
+    sources = [path for path in app.rglob("*.py") if path.relative_to(app).parts[0] not in _NO_PART]
+    sources += ROOT.glob("petsc_options/fast.opts")  # the default method
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(sources))).hexdigest()

@@ -1,0 +1,173 @@
+"""Sweep files: which combinations of option values are to be run (see `app.sweep` for what they look like)."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import re
+from pathlib import Path
+
+import yaml
+
+from app.errors import InputError
+from app.runs.run import Run
+
+LEFT_OUT = "~"
+_KEYS = ("description", "option_files", "options", "zip", "exclude")
+_RESERVED = {
+    "output": "each run has its own",
+    "options_file": "use option_files",
+    "help": "it solves nothing",
+}
+
+
+class _Loader(yaml.BaseLoader):
+    """Leaves every scalar the text it is, as on a command line, and does not overlook a key given twice."""
+
+    def construct_mapping(self, node, deep=False):
+        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+        for key in keys:
+            if keys.count(key) > 1:
+                raise InputError(f"line {node.start_mark.line + 1}: {key} is given twice")
+        return super().construct_mapping(node, deep)
+
+
+def read_sweep(path):
+    """Read a sweep file.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    list of Run
+        One per combination, the last list of the file varying fastest; labels are the varied options.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or says something that is not allowed.
+    """
+    try:
+        content = yaml.load(Path(path).read_text(encoding="utf-8"), _Loader)
+        return _combine(content)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"sweep {path}: {getattr(error, 'strerror', None) or error}") from None
+    except (yaml.YAMLError, InputError) as error:
+        raise InputError(f"sweep {path}: {error}") from None
+
+
+def _combine(content):
+    _mapping(content, "the file", _KEYS)
+    axes = []  # each a list of alternatives: ({column: label}, [files], {option: text})
+    files = _sequence(content.get("option_files") or [], "option_files")
+    for entry in files:
+        names = [_scalar(name, "option_files") for name in _listed(entry, "option_files")]
+        for name in names:
+            if not Path(name).is_file():
+                raise InputError(f"option_files: {name}: no such file")
+        label = len(names) > 1
+        axes.append([({"option_files": Path(name).stem} if label else {}, [name], {}) for name in names])
+    seen = set()
+    options = _mapping(content.get("options") or {}, "options")
+    for name, values in options.items():
+        values = _values(name, values, seen)
+        axes.append([_setting({name: value}, len(values) > 1) for value in values])
+    for group in _sequence(content.get("zip") or [], "zip"):
+        lists = {name: _values(name, values, seen) for name, values in _mapping(group, "zip").items()}
+        lengths = {name: len(values) for name, values in lists.items()}
+        if len(set(lengths.values())) != 1:
+            told = ", ".join(f"{name} {length}" for name, length in lengths.items()) or "nothing"
+            raise InputError(f"zip: lists of a group must be equally long; these have: {told}")
+        together = zip(*lists.values(), strict=True)
+        axes.append([_setting(dict(zip(lists, values, strict=True)), True) for values in together])
+    if not seen and not files:
+        raise InputError("neither option_files nor options are given")
+    excluded = []
+    for entry in _sequence(content.get("exclude") or [], "exclude"):
+        for name in _mapping(entry, "exclude"):
+            if name not in seen:
+                raise InputError(f"exclude: {name} is not among the options")
+        excluded.append({name: _listed(values, f"exclude, {name}") for name, values in entry.items()})
+        if not entry:
+            raise InputError("exclude: an entry must name an option")
+    runs = [_merge(combination) for combination in itertools.product(*axes)]
+    runs = [run for run in runs if not any(_matches(run, entry) for entry in excluded)]
+    if not runs:
+        raise InputError("exclude leaves no combination")
+    return runs
+
+
+def _setting(options, label):
+    given = {name: value for name, value in options.items() if value != LEFT_OUT}
+    labels = {name: _number(given.get(name)) for name in options} if label else {}
+    return labels, [], given
+
+
+def _merge(combination):
+    labels, files, options = {}, [], {}
+    for more_labels, more_files, more_options in combination:
+        if "option_files" in labels and "option_files" in more_labels:
+            more_labels = {"option_files": f"{labels['option_files']} {more_labels['option_files']}"}
+        labels |= more_labels
+        files += more_files
+        options |= more_options
+    return Run(tuple(files), options, labels)
+
+
+def _matches(run, entry):
+    return all(
+        any(_number(run.options.get(name, LEFT_OUT)) == _number(value) for value in values)
+        for name, values in entry.items()
+    )
+
+
+def _mapping(value, where, allowed=None):
+    if not isinstance(value, dict):
+        raise InputError(f"{where}: must be a mapping, name: value")
+    for name in value:
+        if allowed and name not in allowed:
+            raise InputError(f"{where}: unknown key {name}; allowed: {', '.join(allowed)}")
+    return value
+
+
+def _sequence(value, where):
+    if not isinstance(value, list):
+        raise InputError(f"{where}: must be a list")
+    return value
+
+
+def _listed(value, where):
+    """Return the value, or the values of a list, as a list."""
+    values = value if isinstance(value, list) else [value]
+    if not values:
+        raise InputError(f"{where}: the list is empty")
+    return [_scalar(item, where) for item in values]
+
+
+def _scalar(value, where):
+    if not isinstance(value, str):
+        raise InputError(f"{where}: {json.dumps(value)}: must be a number or text")
+    return value
+
+
+def _values(name, values, seen):
+    if not re.fullmatch(r"[A-Za-z]\w*", name):
+        raise InputError(f"option {name}: a name without dash and blanks is needed")
+    if name in _RESERVED:
+        raise InputError(f"option {name}: not allowed in a sweep, {_RESERVED[name]}")
+    if name in seen:
+        raise InputError(f"option {name}: is given twice")
+    seen.add(name)
+    return _listed(values, f"option {name}")
+
+
+def _number(value):
+    """Return the text as a number if it is one."""
+    for kind in (int, float):
+        try:
+            return kind(value)
+        except (TypeError, ValueError):
+            continue
+    return value

@@ -1,0 +1,133 @@
+"""Problems in files that our solver and the adapters read, and the judge of all answers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cached_property, partial
+
+import numpy as np
+from mpi4py import MPI
+
+from app.commands.problem_options import PROBLEM_OPTIONS, make_problem
+from app.halfspace.grid import Grid
+from app.options import OptionReader
+from app.petsc import OptionDatabase
+from benchmarks.bench import PROBLEMS, ROOT, self_affine
+from benchmarks.plain import PlainProduct, check, seconds
+
+
+def described(words):
+    """Problem and approach that a command line of app.solve describes."""
+    database = OptionDatabase()
+    for name, text in zip(words[::2], words[1::2], strict=True):
+        if name == "-options_file":
+            database.insert(f'{name} "{ROOT / text}"')
+        else:
+            database.set(name.removeprefix("-"), text)
+    texts = database.texts()
+    options = OptionReader(PROBLEM_OPTIONS, texts)
+    problem, _, _ = make_problem(options, texts, MPI.COMM_SELF)
+    return problem, options["approach"]
+
+
+class Case:
+    """A problem on a grid, in files that our solver and the adapters read.
+
+    Parameters
+    ----------
+    name : str
+        Of `benchmarks.bench.PROBLEMS`.
+    size : int
+        Cells per side.
+    folder : Path
+    square : bool
+        Take the smallest square patch around the usual one: the same bodies, on square cells.
+    """
+
+    def __init__(self, name, size, folder, square=False):
+        self.size = size
+        words = PROBLEMS[name] or self_affine(size, folder)
+        problem, self.approach = described([*words, "-grid", str(size)])
+        grid = problem.grid
+        self.domain = grid.x0, grid.x0 + size * grid.dx, grid.y0, grid.y0 + size * grid.dy
+        self.is_square = math.isclose(grid.dx, grid.dy)
+        if square and not self.is_square:
+            half = max(self.domain)
+            self.domain = -half, half, -half, half
+            problem = replace(problem, grid=Grid.from_domain(size, size, self.domain))
+        self.name = f"{name}, square patch" if square and not self.is_square else name
+        self.problem, self.grid, self.material = problem, problem.grid, problem.material
+        self.gap = problem.shape_on(self.grid)
+        self.load = math.nan
+        self.stem = folder / f"{self.name.replace(', ', '-').replace(' ', '-')}-{size}"
+        np.save(self.gap_file, self.gap)
+
+    @property
+    def gap_file(self):
+        """The distances at zero approach, for our solver."""
+        return self.stem.with_suffix(".npy")
+
+    def write(self):
+        """Write the file for the adapters, once the load is known."""
+        path = self.stem.with_suffix(".npz")
+        np.savez(
+            path,
+            gap=self.gap,
+            dx=self.grid.dx,
+            dy=self.grid.dy,
+            approach=self.approach,
+            load=self.load,
+            contact_modulus=self.material.contact_modulus,
+            shear_modulus=self.material.shear_modulus,
+            poisson_ratio=self.material.poisson_ratio,
+        )
+        return path
+
+    @cached_property
+    def product(self):
+        """The plain product, which is the unit and the judge."""
+        return PlainProduct(self.grid, self.material.compliance)
+
+    def unit(self):
+        """Seconds of a plain product now."""
+        pressure = np.where(self.gap < self.approach, 1.0, 0.0)
+        return seconds(partial(self.product, pressure))
+
+    def judge(self, pressure, control):
+        """Accuracy of a pressure by one plain product; see `Run`.
+
+        A prescribed load says nothing of the approach: it is the one that fits the cells under pressure best.
+        """
+        approach = self.approach
+        clean = np.isfinite(pressure).all() and (pressure > 0).any()
+        if not clean:
+            return {
+                "residual": math.inf,
+                "penetration": math.inf,
+                "tension": math.inf,
+                "load_error": math.inf,
+            }
+        gap = self.gap + self.product(pressure)
+        if control == "load":
+            approach = float(np.mean(gap[pressure > 0]))
+        h = self.gap - approach
+        found = check(self.product, pressure, h)
+        admissible, gap = ~np.isnan(h), gap - approach
+        defect = np.where(pressure > 0, gap, np.minimum(gap, 0.0))[admissible]
+        load = float(pressure.sum() * self.grid.cell_area)
+        return {
+            "residual": float(np.linalg.norm(defect) / np.linalg.norm(h[admissible]))
+            if found["outside"]
+            else math.inf,
+            "penetration": found["penetration"],
+            "tension": found["tension"] + 0.0,
+            "load_error": abs(load / self.load - 1) if control == "load" else 0.0,
+        }
+
+
+def warm_up(folder):
+    """A small Hertz problem, solved before anything is measured."""
+    case = Case("hertz", 128, folder, square=True)
+    case.load = case.problem.reference(case.approach).load
+    return case.write()

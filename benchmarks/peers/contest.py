@@ -1,0 +1,52 @@
+"""One problem on one grid, solved by everything that can."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+
+from benchmarks.peers.processes import say
+from benchmarks.peers.runs import Run, run_ours
+
+
+@dataclass(frozen=True)
+class Contest:
+    """What solved one problem on one grid with one thing given; `unit`: seconds of a plain product."""
+
+    problem: str
+    size: int
+    control: str
+    unit: float
+    ours: Run
+    others: list[Run]
+
+
+def compare(case, entrants, field, folder):
+    """Run one problem on one grid with everything that can.
+
+    Variants that need more than twice the time of the best one of their package are taken out of `field`.
+    """
+    say(f"{case.name} {case.size}^2")
+    unit = case.unit()
+    ours = {}
+    ours["approach"], case.load = run_ours(case, "approach", 3, folder)
+    if case.load is None:
+        return [Contest(case.name, case.size, "approach", unit, ours["approach"], [])]
+    ours["load"], _ = run_ours(case, "load", 3, folder)
+    problem_file = case.write()
+    others = defaultdict(list)
+    for name, searches in entrants.items():
+        groups = defaultdict(list)
+        for search in searches:
+            groups[search.control].append((search, search(case, problem_file, folder)))
+        for control, found in groups.items():
+            best = min((run for _, run in found), key=Run.rank)
+            others[control].append(best)
+            for search, run in found:
+                if best.accepted and not (run.accepted and run.seconds <= 2 * best.seconds):
+                    field[name].remove(search)
+        unit = min(unit, case.unit())
+    return [
+        Contest(case.name, case.size, control, unit, ours[control], found)
+        for control, found in others.items()
+    ]

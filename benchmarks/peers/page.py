@@ -1,0 +1,135 @@
+"""The page in Markdown."""
+
+from __future__ import annotations
+
+import datetime
+import math
+import os
+import platform
+import shlex
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from app.output.table import markdown
+from benchmarks.peers.packages import PEERS
+from benchmarks.peers.runs import TARGET, Run
+
+
+def row(contest, run):
+    """A line of the table."""
+    measured = run.seconds < math.inf
+    note = run.failure
+    if measured and not run.accepted:
+        reached = {"residual": run.residual, "tension": run.tension, "error of the load": run.load_error}
+        missed = [f"{what} {value:.0e}" for what, value in reached.items() if value > TARGET]
+        note = f"does not reach the accuracy: {', '.join(missed)}"
+
+    def number(value, form):
+        return format(value, form) if measured and value >= 0 else ""
+
+    return {
+        "problem": contest.problem,
+        "grid": f"{contest.size}^2",
+        "given": run.control,
+        "solver": run.solver,
+        "plain": number(run.seconds / contest.unit, ".1f"),
+        "over ours": number(run.seconds / contest.ours.seconds, ".2f") if contest.ours.accepted else "",
+        "iterations": number(run.iterations, "d"),
+        "products": number(run.products, ".4g"),
+        "seconds": number(run.seconds, ".3g"),
+        "set-up": number(run.setup_seconds, ".2g"),
+        "MiB": number(run.peak_memory / 2**20, ".0f"),
+        "tolerance": number(run.tolerance, ".0e"),
+        "residual": number(run.residual, ".1e"),
+        "penetration": number(run.penetration, ".1e"),
+        "note": note,
+    }
+
+
+TEXT = """\
+The unit is one *plain product*: zero-padded `scipy.fft.rfft2`, multiply, `irfft2` on the same grid, one thread,
+measured in the same run (`plain` is a time in this unit). One thread each; a small problem is solved before anything
+is measured; `plain` and `seconds` are the solve alone, the shortest of up to three, `set-up` (kernels and their
+transforms) apart. `over ours` is the time over that of our default method on one rank, with the same thing given:
+approach or load. `MiB` is the peak resident size of the whole process.
+
+Everybody gets the same array of distances; where a package knows no cells in which contact is impossible, these get a
+distance at which they stay open. A package's own tolerance is loosened or tightened by factors of sqrt(10) until its
+answer just reaches `residual` <= 1e-6, and its fastest setting and variant is reported. (Variants that need twice the
+time of another one on a grid are not tried on finer ones; after a solve of more than 20 s no looser tolerance is.)
+`residual` is computed here, by a plain product in double precision: ||r|| / ||h||, where r is the gap in the cells
+under pressure and the penetration elsewhere; `penetration` is the largest one over the largest |h|. Negative pressures
+and an error in the load must be below 1e-6 of the largest pressure and of the load. By load, the load is that of our
+answer by approach.
+
+Packages for square cells get the same bodies on the smallest square patch around the usual one (`square patch`), and
+so do we in these rows. `iterations` and `products` are those on the finest grid where a package tells them; ours are
+active set iterations, and all products on all grids in products on the finest.
+"""
+
+
+WINS = """\
+Rows of the table above in which a package reaches the accuracy and beats us. Our set-up includes the loading of
+compiled code, which the packages have loaded before; our memory includes PETSc, MPI and HDF5, theirs Python and what
+they import. What they have and we have not is in the first table: friction, adhesion, plasticity, lubrication, periodic
+surfaces, GPUs.
+"""
+
+
+def wins(name, contests):
+    """A line of the summary: in how many rows a package beats us, and in what."""
+    pairs = [(run, c.ours) for c in contests for run in c.others if run.solver.startswith(f"{name}:")]
+    good = [(run, ours) for run, ours in pairs if run.accepted]
+    return {
+        "package": name,
+        "rows": len(pairs),
+        "accurate enough": len(good),
+        "faster": sum(run.seconds < ours.seconds or not ours.accepted for run, ours in good),
+        "quicker set-up": sum(run.setup_seconds < ours.setup_seconds for run, ours in good),
+        "less memory": sum(run.peak_memory < ours.peak_memory for run, ours in good),
+    }
+
+
+def page(packages, contests):
+    """The whole page as Markdown."""
+    machine = Path("/proc/cpuinfo").read_text().splitlines()
+    cpu = next((line.split(":")[1].strip() for line in machine if line.startswith("model name")), "")
+    versions = f"numpy {np.__version__}, Python {platform.python_version()}"
+    command = shlex.join(["run/bench-peers", *sys.argv[1:]])
+    table = [
+        {
+            "package": name,
+            "versions": ", ".join(f"{key} {value}" for key, value in package.get("versions", {}).items())
+            or f"not installed: {package['failure']}",
+            "what it can do here, and what else": PEERS[name].about,
+        }
+        for name, package in packages.items()
+    ]
+    rows = [row(c, run) for c in contests for run in sorted([c.ours, *c.others], key=Run.rank)]
+    faster = [
+        f"- {run.solver}, {c.problem} {c.size}^2 by {c.control}: {run.seconds / c.ours.seconds:.2f} of our time"
+        for c in contests
+        for run in c.others
+        if run.accepted and (run.seconds < c.ours.seconds or not c.ours.accepted)
+    ]
+    return "\n".join(
+        [
+            "# Benchmark against the packages of PyPI\n",
+            f"Made by `{command}` on {datetime.date.today()}: {cpu}, {os.cpu_count()} cores; ours with {versions}.\n",
+            TEXT,
+            "## Packages\n",
+            markdown(table),
+            "",
+            "## Times\n",
+            markdown(rows),
+            "",
+            "## Where they win\n",
+            WINS,
+            markdown([wins(name, contests) for name in packages]),
+            "Faster than we are:\n",
+            "\n".join(faster) or "- in none of the rows above",
+            "",
+        ]
+    )

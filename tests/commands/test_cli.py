@@ -1,0 +1,310 @@
+"""app.solve from outside: what it refuses and how, exit status, result file."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from cases import APPROACH, hertz
+from processes import OPTIONS, TESTS, run, solve_arguments
+from running import solve
+
+from app.options import TABLE
+from app.output.result import read_result
+
+AT_ONCE = 3  # processes; half of their time is waiting
+RESULT = "result.h5"
+
+
+DEFAULT = [*solve_arguments("hertz")[2:], "-grid", "8"]
+COMMAND = [*solve_arguments("hertz", "norm"), "-grid", "8"]
+HERTZ = COMMAND[2:]
+
+
+def with_file(name, content, *arguments):
+    """Arguments after a file has been made in the folder of the case."""
+
+    def make(folder):
+        if isinstance(content, bytes):
+            (folder / name).write_bytes(content)
+        elif content is not None:
+            np.save(folder / name, content)
+        return [str(folder / name) if argument == "FILE" else argument for argument in arguments]
+
+    return make
+
+
+def gap_of(content, name="gap.npy"):
+    """Arguments for a problem whose gap file holds this."""
+    return with_file(
+        *(name, content, "-problem", "file", "-gap_file", "FILE", "-domain", "0,1,0,1", "-approach", "2"),
+        *("-shear_modulus", "1", "-poisson_ratio", "0.3", *solve_arguments("norm")[2:]),
+    )
+
+
+def infinite(j, i):
+    values = np.ones((8, 8))
+    values[j, i] = np.inf
+    return values
+
+
+# Name of the case: arguments (or a function of a folder that makes them), and a part of the line that must appear.
+CASES = {
+    "nothing at all": ([], "-problem is missing"),
+    "unknown option": ([*HERTZ, "-gird", "8"], "-gird"),
+    "misspelt PETSc option": ([*HERTZ, "-ksp_rtoll", "1e-3"], "-ksp_rtoll"),
+    "misspelt logging option": ([*HERTZ, "-log_vieww"], "-log_vieww"),
+    "options of another problem": ([*HERTZ, "-punch_diameter", "3", "-gap_file", "a"], "s: -gap_file, -punch_diameter"),
+    "stray word": ([*HERTZ, "16"], "16: neither an option"),
+    "approach and load": ([*HERTZ, "-approach", "0.1", "-load", "5"], "both -approach and -load"),
+    "nu too large": ([*HERTZ, "-poisson_ratio", "0.51"], "-poisson_ratio 0.51: not allowed; allowed: from 0 to 0.5"),
+    "G zero": ([*HERTZ, "-shear_modulus", "0"], "-shear_modulus 0: not allowed; allowed: a positive number"),
+    "reversed domain": ([*HERTZ, "-domain", "0,1,1,-1"], "-domain 0,1,1,-1"),
+    "grid zero": ([*HERTZ, "-grid", "0"], "-grid 0: not allowed; allowed: nx,ny or n"),
+    "no such folder": ([*HERTZ, "-output", "/no/such/folder/out.h5"], "/no/such/folder"),
+    "output of unknown type": ([*HERTZ, "-output", "out.txt"], ".h5"),
+    "no such ksp_type": ([*HERTZ, "-ksp_type", "gc"], "KSP type gc"),
+    "PETSc option is no number": ([*HERTZ, "-ksp_rtol", "small"], "small"),
+    "pc that needs a matrix": ([*HERTZ, "-pc_type", "ilu"], "ILU"),
+    "no such class": ([*HERTZ, "-pc_type", "python", "-pc_python_type", "faults.Thing"], "Thing"),
+    "too many levels": ([*HERTZ, "-pc_type", "mg", "-pc_mg_levels", "7"], "-pc_mg_levels 7"),
+    "no such option file": ([*HERTZ, "-options_file", "nowhere.opts"], "nowhere.opts: No such file"),
+    "option file without a dash": (with_file("a.opts", b"grid 8\n", *HERTZ, "-options_file", "FILE"), "line 1: grid 8"),
+    "no such gap file": (gap_of(None), "gap.npy: no such file"),
+    "gap file is none": (gap_of(b"\x93NUMPY nonsense"), "gap.npy"),
+    "gap of three dimensions": (gap_of(np.ones((2, 8, 8))), "shape (2, 8, 8)"),
+    "decimal commas": (gap_of(b"1,5;2,5\n3;4\n", "gap.csv"), "line 1, entry 1: '1,5' is no number"),
+    "empty field": (gap_of(b"1,,3\n4,,6\n", "gap.csv"), "line 1, entry 2: '' is no number"),
+    "archive of arrays": (gap_of(b"PK\x03\x04\xff\xfe", "gap.npz"), "it is no text; formats: .npy"),
+    "value that cannot be squared": (gap_of(np.full((8, 8), 1e200)), "1e+200 in row 0, column 0; allowed: numbers"),
+    "method of another solver": (
+        [*DEFAULT, "-lcp_type", "tao", "-options_file", str(OPTIONS / "fast.opts")], "active_set only"
+    ),
+    "method of the active set": (
+        [*DEFAULT, "-lcp_type", "tao", "-lcp_nested", "-lcp_merge", "0.4"], "unused options: -lcp_merge, -lcp_nested"
+    ),
+    "multigrid of another solver": (
+        [*DEFAULT, "-lcp_type", "snesvi", "-options_file", str(OPTIONS / "fmg_v11.opts")], "-pc_type mg: works with"
+    ),
+    "preconditioner of another solver": (
+        [*DEFAULT, "-lcp_type", "snesvi", "-pc_type", "python", "-pc_python_type", "app.multigrid.circulant.Circulant"],
+        "works with active_set only",
+    ),
+    "solver without bounds": (
+        [*DEFAULT, "-lcp_type", "snesvi", "-snes_type", "newtonls"], "allowed: vinewtonrsls"
+    ),
+    "solver that crashes": ([*DEFAULT, "-lcp_type", "tao", "-tao_type", "ssils"], "-tao_type ssils: allowed: tron"),
+    "pc of another solver that needs a matrix": ([*DEFAULT, "-lcp_type", "tao", "-pc_type", "ilu"], "ILU"),
+    "pc that crashes without entries": ([*HERTZ, "-pc_type", "hypre"], "-pc_type hypre: needs the entries"),
+    "no problem": (["-problem", "ball"], "allowed: one of hertz, punch, file"),
+    "no frequencies": ([*HERTZ, "-problem", "punch", "-surface_modes", "0"], "allowed: M,N or M"),
+    "no iterations": ([*DEFAULT, "-ksp_max_it", "0"], "-ksp_max_it 0: allowed: from 1"),
+    "no tolerance": ([*HERTZ, "-ksp_rtol", "-1"], "-ksp_rtol -1: allowed: from 0"),
+    "options of another solver": ([*DEFAULT, "-lcp_type", "tao", "-pc_circulant_extend", "3"], "-pc_circulant_extend"),
+    "all NaN": (gap_of(np.full((8, 8), np.nan)), "NaN"),
+    "units beyond single precision": ([*DEFAULT, "-shear_modulus", "1e40"], "-lcp_precision double"),
+    "heights beyond single precision": ([*DEFAULT, "-hertz_rx", "1e-30"], "-lcp_precision double"),
+    "one infinite value": (gap_of(infinite(7, 4)), "inf in row 7, column 4"),
+}  # fmt: skip
+ON_TWO_RANKS = [
+    "solver without bounds",
+    "no such ksp_type",
+    "option file without a dash",
+    "one infinite value",
+    "no such folder",
+]
+
+
+@pytest.fixture(scope="module")
+def refused(cli, tmp_path_factory, request):
+    """``refused(case, ranks)``: the run of a case and its folder; all cases that were asked for run ahead."""
+    wanted = {
+        (item.callspec.params["case"], item.callspec.params.get("ranks"))
+        for item in request.session.items
+        if "case" in getattr(getattr(item, "callspec", None), "params", ())
+    }
+
+    # The factory is not made for several threads: all folders are made here.
+    folders = {key: tmp_path_factory.mktemp("case") for key in sorted(wanted, key=str)}
+
+    def run_case(case, ranks):
+        folder = folders[case, ranks]
+        arguments, _ = CASES[case]
+        old = folder / RESULT
+        old.write_bytes(b"an earlier result")
+        if callable(arguments):
+            arguments = arguments(folder)
+        before = sorted(folder.iterdir())
+        done = cli("-output", old, *arguments, ranks=ranks, env={"PYTHONPATH": str(TESTS)})
+        return done, old, before
+
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        runs = {key: pool.submit(run_case, *key) for key in sorted(wanted, key=str)}
+        yield lambda *key: runs[key].result()
+
+
+def assert_refused(run, message, ranks=None):
+    done, old, before = run
+    lines = done.stderr.splitlines()
+    if ranks:  # mpiexec has something to say, too
+        assert "Traceback" not in done.stderr
+        lines = [line for line in lines if line.startswith("error: ")]
+    assert done.returncode == 2, done.stderr
+    assert len(lines) == 1, done.stderr
+    assert lines[0].startswith("error: ")
+    assert message in lines[0]
+    assert done.stdout == ""
+    assert old.read_bytes() == b"an earlier result"
+    assert sorted(old.parent.iterdir()) == before  # nothing is left lying about
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_bad_input_gets_one_line_and_status_2(refused, case):
+    assert_refused(refused(case, None), CASES[case][1])
+
+
+@pytest.mark.ranks(2)
+@pytest.mark.parametrize("case", ON_TWO_RANKS)
+def test_bad_input_on_two_ranks(refused, case, ranks):
+    assert_refused(refused(case, ranks), CASES[case][1], ranks)
+
+
+# --------------------------------------------------------------------------------- results and exit status
+
+
+def test_default_method_without_nested_iteration(cli):
+    done = cli("-grid", 32, "-lcp_nested", "false", methods=["hertz"])
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_not_converged_is_status_3_with_a_result(cli, tmp_path):
+    path = tmp_path / RESULT
+    done = cli("-grid", 16, "-lcp_max_it", 1, "-output", path, methods=["hertz", "norm"])
+    assert done.returncode == 3
+    assert done.stderr == ""
+    assert "NOT CONVERGED" in done.stdout
+    result = read_result(path)
+    assert result.attributes["converged"] is False
+    assert result.attributes["active_set_iterations"] == 1
+    assert "not enough" in result.attributes["reason"]
+    assert result.history["changed_cells"][-1] > 0
+
+
+def test_result_holds_what_was_printed_and_asked_for(cli, tmp_path):
+    path = tmp_path / RESULT
+    done = cli(
+        *("-grid", "20,12", "-approach", 0.07, "-output", path, "-lcp_monitor", "-ksp_view", "-log_view"),
+        methods=["hertz", "norm"],
+        ranks=2,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    result = read_result(path)
+    facts = result.attributes
+    assert (facts["approach"], facts["ranks"], facts["converged"]) == (0.07, 2, True)
+    assert result.pressure.shape == (12, 20)
+    cell_area = (20 / 20) * (12 / 12)
+    assert facts["load"] == pytest.approx(cell_area * result.pressure.sum(), rel=1e-12)
+    assert facts["max_pressure"] == result.pressure.max()
+    assert facts["contact_cells"] == result.contact.sum() == round(facts["contact_fraction"] * 240)
+    assert facts["inner_iterations"] == result.history["inner_iterations"].sum()
+    assert facts["work_units"] == pytest.approx(result.history["work_units"].sum())
+    assert facts["active_set_iterations"] == len(result.history["level"])
+    assert f"{facts['load']:.8g} N" in done.stdout
+    assert "-grid 20,12" in facts["options"]
+    assert "app" in facts["command_line"]
+    # -lcp_monitor, -ksp_view and -log_view show the iterations, our operator, stages and events
+    iterations = [line for line in done.stdout.splitlines() if line.split()[:2] == ["0", "1"]]
+    assert len(iterations) == 1
+    for words in (
+        "influence matrix of 20 x 12 cells",
+        "2 slabs",
+        "InfluenceMult",
+        "Setup:",
+        "Solve:",
+        "Output:",
+    ):
+        assert words in done.stdout
+
+
+def test_help_names_every_option(cli):
+    done = cli("-help")
+    assert done.returncode == 0
+    for option in TABLE:
+        assert f"-{option.name} " in done.stdout
+
+
+def test_runs_from_any_folder_with_relative_names(cli, tmp_path):
+    (tmp_path / "mine.opts").write_text("-grid 8\n-output out.h5\n")
+    done = cli("-options_file", "mine.opts", methods=["hertz", "norm"], cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert read_result(tmp_path / "out.h5").pressure.shape == (8, 8)
+
+
+def test_help_names_the_choices(cli):
+    told = cli("-help").stdout
+    assert "what is pressed together: hertz, punch, file" in told
+    assert "(default 12,10)" in told
+
+
+def test_nothing_in_sight_is_worth_a_warning(cli):
+    away = cli(*HERTZ, "-domain", "20,30,20,30")
+    assert away.returncode == 0
+    assert "smallest distance is found at the rim" in away.stderr
+    lifted = cli(*HERTZ, "-approach", "-1")
+    assert lifted.returncode == 0
+    assert lifted.stderr == ""
+
+
+def test_command_line_solves_a_gap_file_on_two_ranks(cli, tmp_path):
+    problem = hertz(32)
+    np.save(tmp_path / "gap.npy", problem.shape_on(problem.grid))
+    done = cli(
+        *("-problem", "file", "-gap_file", tmp_path / "gap.npy", "-domain", "-10,10,-6,6"),
+        *("-shear_modulus", 82000, "-poisson_ratio", 0.28, "-approach", APPROACH),
+        *("-output", tmp_path / "out.h5", "-lcp_rtol", 1e-12),
+        methods=["norm"],
+        ranks=2,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    result = read_result(tmp_path / "out.h5")
+    assert result.attributes["converged"] is True
+    assert result.attributes["ranks"] == 2
+    alone = solve(problem, APPROACH, lcp_rtol=1e-12)
+    np.testing.assert_allclose(result.pressure, alone.pressure, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(result.contact, alone.contact)
+    np.testing.assert_allclose(result.gap, result.undeformed_distance + result.displacement, atol=1e-15)
+
+
+def test_no_contact_is_a_valid_answer(cli, tmp_path):
+    done = cli("-grid", 16, "-approach", -0.1, "-output", tmp_path / "out.h5", methods=["hertz", "norm"])
+    assert (done.returncode, done.stderr) == (0, "")
+    result = read_result(tmp_path / "out.h5")
+    assert result.attributes["converged"] is True
+    assert result.attributes["load"] == result.attributes["max_pressure"] == 0
+    assert not result.pressure.any()
+    np.testing.assert_array_equal(result.gap, result.undeformed_distance)
+
+
+def test_contact_at_the_rim_is_solved_with_a_warning(cli, tmp_path):
+    done = cli(
+        *("-grid", 16, "-domain", "-3,3,-3,3", "-output", tmp_path / "out.h5"),
+        methods=["hertz", "norm"],
+        ranks=2,
+    )
+    assert done.returncode == 0
+    warnings = done.stderr.splitlines()
+    assert len(warnings) == 1
+    assert warnings[0].startswith("warning: ")
+    assert "rim" in warnings[0]
+    result = read_result(tmp_path / "out.h5")
+    assert result.attributes["converged"] is True
+    assert result.contact.all()
+    assert np.abs(result.gap).max() < 1e-5
+
+
+def test_windows_are_refused_where_they_mean_nothing():
+    common = (*solve_arguments("hertz"), "-grid", "32", "-lcp_window", "0.1", "-ksp_type", "cg")
+    for more, why in ((("-lcp_nested", "false"), "-lcp_nested"), (("-lcp_nested", "-pc_type", "mg"), "mg")):
+        done = run(*common, *more)
+        assert done.returncode == 2
+        assert "-lcp_window" in done.stderr
+        assert why in done.stderr

@@ -1,0 +1,101 @@
+"""app.plot: which pictures, of which results, and bad input in one line."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from results import MAX_PRESSURE, SEMI_AXES, made_up_result, with_attributes, write
+
+from app.halfspace.grid import Slabs
+from app.output.result import HISTORY
+from app.plot import analytic_reference, draw, main
+
+NAMES = ["contact", "pressure", "deformation", "sections", "history", "summary"]
+START = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
+
+
+@pytest.fixture(scope="module")
+def result():
+    return made_up_result()
+
+
+@pytest.fixture(scope="module")
+def path(result, tmp_path_factory):
+    path = tmp_path_factory.mktemp("result") / "result.h5"
+    write(path, MPI.COMM_SELF, Slabs(96), result)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["png", "pdf", "svg"])
+def test_command_writes_all_pictures_and_prints_their_paths(path, tmp_path, capsys, kind):
+    folder = tmp_path / "new"
+    assert main([str(path), "-o", str(folder), "--format", kind, "--dpi", "40"]) == 0
+    out, err = capsys.readouterr()
+    assert out.splitlines() == [str(folder / f"{name}.{kind}") for name in NAMES]
+    assert err == ""
+    assert sorted(f.name for f in folder.iterdir()) == sorted(f"{name}.{kind}" for name in NAMES)
+    assert all(f.read_bytes().startswith(START[kind]) for f in folder.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["RESULT"], "-o"),
+        (["absent.h5", "-o", "DIR"], "absent.h5: no such file"),
+        ([__file__, "-o", "DIR"], "not a readable HDF5 file"),
+        (["RESULT", "-o", "DIR", "--format", "bmp"], "bmp"),
+        (["RESULT", "-o", "DIR", "--dpi", "many"], "many"),
+        (["RESULT", "-o", "DIR", "--dpi", "5"], "--dpi 5: must be from 20 to 1200"),
+        (["RESULT", "-o", "DIR/below"], "does not exist"),
+        (["RESULT", "-o", "RESULT"], "not a folder"),
+    ],
+)
+def test_bad_input_is_one_line(path, tmp_path, capsys, arguments, message):
+    names = {"RESULT": str(path), "DIR": str(tmp_path / "dir"), "DIR/below": str(tmp_path / "dir" / "below")}
+    assert main([names.get(argument, argument) for argument in arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("error: ") and err.count("\n") == 1 and message in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_exit_status_of_the_command(tmp_path):
+    command = [sys.executable, "-m", "app.plot", "absent.h5", "-o", tmp_path]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (run.returncode, run.stdout) == (2, "")
+    assert run.stderr == "error: result file absent.h5: no such file\n"
+
+
+def test_reference_is_the_hertz_contact_of_the_paper(result):
+    exact = analytic_reference(result)
+    assert exact.pressure(0.0, 0.0) == pytest.approx(MAX_PRESSURE, rel=1e-6)
+    a, b = SEMI_AXES
+    assert exact.pressure(0.6 * a, 0.0) == pytest.approx(0.8 * MAX_PRESSURE, rel=1e-6)
+    assert exact.pressure(0.0, 0.6 * b) == pytest.approx(0.8 * MAX_PRESSURE, rel=1e-6)
+    assert analytic_reference(with_attributes(result, problem="punch")) is None
+    assert analytic_reference(with_attributes(result, without=["problem"])) is None
+    assert analytic_reference(with_attributes(result, approach=-0.1)) is None
+    with pytest.raises(ValueError, match="attribute hertz_rx, poisson_ratio is missing"):
+        analytic_reference(with_attributes(result, without=["hertz_rx", "poisson_ratio"]))
+
+
+def test_results_out_of_the_ordinary_are_drawn_too(result, tmp_path):
+    none = replace(
+        result,
+        pressure=np.zeros_like(result.pressure),
+        contact=np.zeros_like(result.contact),
+        history={name: np.zeros(0, dtype) for name, dtype in HISTORY.items()},
+    )
+    diverged = replace(
+        with_attributes(result, converged=False, load=np.nan),
+        pressure=np.full_like(result.pressure, np.nan),
+        displacement=np.full_like(result.pressure, np.nan),
+        history={k: np.full_like(v, np.inf) if k == "residual" else v for k, v in result.history.items()},
+    )
+    for number, case in enumerate([none, diverged, made_up_result(40, 1), made_up_result(40, 30, 3.0)]):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        assert all(path.stat().st_size > 500 for path in draw(case, folder, dpi=20))

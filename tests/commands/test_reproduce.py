@@ -1,0 +1,182 @@
+"""Reproduction: the paper's data, how its numbers are counted, what the report says, and what stays on disk."""
+
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from app import reproduce
+from app.reproduction import tables
+from app.reproduction.item import FULL, QUICK
+from app.runs import batch
+
+CYCLES = {"V11", "V10", "V01"}
+
+
+# -- a real run ----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Some items on small grids."""
+    folder = tmp_path_factory.mktemp("reproduce") / "out"
+    assert reproduce.main(["table1", "table4", "table8", "fig8", "fig5", "-o", str(folder), "--quick"]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def numbers(folder):
+    return json.loads((folder / "tables.json").read_text())
+
+
+def test_keys_are_those_of_the_paper(numbers):
+    assert numbers.keys() == {"source", "table1", "table4", "table8"}
+    for name in ("table1", "table4", "table8"):
+        for size in numbers[name].keys() - {"what"}:
+            assert numbers[name][size].keys() == tables.PAPER[name][size].keys()
+
+
+def test_first_contact_set_takes_the_cycles_of_the_paper(numbers):
+    for omega, (cycles, factor) in tables.PAPER["table1"]["64"].items():
+        assert numbers["table1"]["64"][omega][0] == cycles
+        assert numbers["table1"]["64"][omega][1] == pytest.approx(factor, abs=0.015)
+
+
+def test_full_multigrid_ends_at_the_discretisation_error(numbers):
+    discrete = [numbers["table4"][size]["discrete"] for size in ("8", "16", "32", "64")]
+    ratios = np.divide(discrete[:-1], discrete[1:])
+    assert ((ratios > 1.4) & (ratios < 2.6)).all()  # first order in the cell size
+    for size in ("8", "16", "32", "64"):
+        errors, paper = numbers["table4"][size]["errors"], tables.PAPER["table4"][size]
+        assert errors[-1] == pytest.approx(numbers["table4"][size]["discrete"], rel=1e-3)
+        assert errors[0] == pytest.approx(paper["errors"][0], rel=0.01)
+        assert numbers["table4"][size]["discrete"] == pytest.approx(paper["discrete"], rel=0.03)
+
+
+def test_inexact_cg_is_within_an_iteration_of_the_paper(numbers):
+    for size in ("32", "64"):
+        for k, (iterations, work) in numbers["table8"][size].items():
+            assert work == iterations * (int(k) + 2)
+            assert abs(iterations - tables.PAPER["table8"][size][k][0]) <= 1
+
+
+def test_every_run_is_listed_and_its_conditions_are_checked(folder):
+    rest = json.loads((folder / "report.json").read_text())
+    check = rest["checks"]["table8"]
+    assert check["runs"] == 10 and check["not_converged"] == 0
+    assert -1e-5 < check["worst_negative_gap"] <= 0 and check["worst_negative_pressure"] == 0
+    assert 0 <= check["complementarity"] < 1e-5
+    lines = (folder / "runs/table8.csv").read_text().splitlines()
+    assert len(lines) == 11 and all("punch.opts" in line for line in lines[1:])
+
+
+class Page(HTMLParser):
+    """Collects what a page shows, and checks that tags are closed in order."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.sources, self.links, self.ids = [], [], [], []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attributes):
+        attributes = dict(attributes)
+        self.ids += [attributes["id"]] if "id" in attributes else []
+        self.links += [attributes["href"]] if "href" in attributes else []
+        if tag == "img":
+            self.sources.append(attributes["src"])
+            assert attributes["alt"]
+        elif tag != "meta":
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def test_page_holds_all_it_shows(folder):
+    text = (folder / "report.html").read_text()
+    page = Page(text)
+    assert len(page.sources) == 2 and all(s.startswith("data:image/png;base64,iVBOR") for s in page.sources)
+    assert sorted(page.links) == sorted(f"#{name}" for name in page.ids)
+    assert page.ids == ["table1", "fig5", "fig8", "table4", "table8", "checks"]
+    assert "--quick" in text
+
+
+def test_markdown_has_paper_ours_and_difference(folder):
+    text = (folder / "tables.md").read_text()
+    assert re.search(r"\| 64 × 64 +\| ω = 0.8 +\| 9 \(0.19\) +\| 9 \(0\.\d\d\) +\| \+0 ", text)
+    assert text.count("## Table") == 3
+
+
+def test_second_call_goes_on_and_adds(folder, capsys, monkeypatch):
+    def no_run(*arguments):
+        raise AssertionError("all is done already")
+
+    monkeypatch.setattr(batch, "perform", no_run)
+    before = (folder / "tables.json").read_text()
+    assert reproduce.main(["table8", "fig2", "-o", str(folder), "--quick"]) == 0
+    assert json.loads((folder / "tables.json").read_text()) == json.loads(before)
+    assert len(Page((folder / "report.html").read_text()).sources) == 3
+    out = capsys.readouterr().out
+    assert "paper" in out and "ours" in out and "table8" in out
+    assert not (folder / "work").exists()
+
+
+# -- without runs --------------------------------------------------------------------------------------------
+
+
+def test_failed_run_leaves_its_item_out(tmp_path, capsys, monkeypatch):
+    failed = {"exit_status": 1, "message": "ValueError: broken"}
+    monkeypatch.setattr(batch, "perform", lambda *arguments: failed)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/tables.json").write_text('{"source": "", "table1": {"64": {"0.8": [9, 0.2]}}}')
+    assert reproduce.main(["table1", "fig10", "-o", str(tmp_path / "out"), "--quick"]) == 1
+    assert "table1: left out, because a run failed: 64 0.8: ValueError: broken" in capsys.readouterr().err
+    assert json.loads((tmp_path / "out/tables.json").read_text()).keys() == {"source"}
+    assert (tmp_path / "out/fig10.png").is_file() and (tmp_path / "out/report.html").is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["table9", "-o", "out"], "item table9: unknown; allowed: table1"),
+        (["table1"], "-o"),
+        (["table1", "-o", "file"], "not a folder"),
+        (["table1", "-o", "absent/out"], "does not exist"),
+        (["table1", "-o", "out", "--jobs", "none"], "at least 1"),
+        (["table1", "-o", "broken"], "tables.json: is not JSON"),
+    ],
+)
+def test_bad_input_is_one_line(tmp_path, capsys, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken/tables.json").write_text("{")
+    assert reproduce.main(arguments) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("error: ") and err.count("\n") == 1 and message in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_all_is_everything_but_what_is_optional():
+    names = [item.name for item in reproduce.select(["all"])]
+    assert names[:8] == [f"table{k}" for k in range(1, 9)]
+    assert {"fig2", "fig5", "fig6", "fig7", "fig8", "fig10", "fig11", "fig12", "seeds", "inexact"} < set(
+        names
+    )
+    assert "beyond" not in names and len(names) == len(set(names))
+    assert [item.name for item in reproduce.select(["fig7", "table2", "fig7"])] == ["table2", "fig7"]
+    placed = [item.name for item in reproduce._reading_order()]
+    assert sorted(placed) == sorted(reproduce.ITEMS)
+
+
+@pytest.mark.parametrize("name", [f"table{k}" for k in range(1, 9)])
+def test_plans_cover_the_whole_table_of_the_paper(tmp_path, name):
+    (item,) = reproduce.select([name])
+    expected = {(size, column) for size, row in tables.PAPER[name].items() for column in row}
+    assert item.plan(FULL, tmp_path).keys() == expected
+    quick = item.plan(QUICK, tmp_path)
+    assert quick and quick.keys() < expected
+    assert all(int(size) <= QUICK.largest for size, _ in quick)

@@ -1,0 +1,367 @@
+"""Sweeps: which combinations are run, what a row says, what survives an interrupt, and bad input."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from processes import TESTS
+
+from app.errors import InputError
+from app.output.result import read_result
+from app.runs import batch
+from app.runs.batch import rows_of, run_all
+from app.runs.journal import Journal
+from app.runs.processes import Processes, perform
+from app.runs.run import CHECKS, Run
+from app.runs.sweep_file import read_sweep
+from app.sweep import SUFFIXES, main
+
+ROOT = TESTS.parent
+HERTZ = ROOT / "petsc_options/hertz.opts"
+NORM = ROOT / "petsc_options/norm.opts"
+FMG = ROOT / "petsc_options/fmg_v11.opts"
+
+
+def write(tmp_path, text):
+    path = tmp_path / "sweep.yml"
+    path.write_text(text)
+    return path
+
+
+def combinations(tmp_path, text):
+    return [dict(run.options) for run in read_sweep(write(tmp_path, text))]
+
+
+# -- which combinations --------------------------------------------------------------------------------------
+
+
+def test_product_in_order_with_values_as_on_a_command_line(tmp_path):
+    runs = read_sweep(
+        write(tmp_path, "options: {grid: [8, '16,8'], approach: -0.110, lcp_rtol: [1e-6, 1.0e-7]}")
+    )
+    assert [run.arguments() for run in runs] == [
+        ["-grid", grid, "-approach", "-0.110", "-lcp_rtol", rtol]
+        for grid in ("8", "16,8")
+        for rtol in ("1e-6", "1.0e-7")
+    ]
+    assert [dict(run.labels) for run in runs] == [
+        {"grid": grid, "lcp_rtol": rtol} for grid in (8, "16,8") for rtol in (1e-6, 1e-7)
+    ]
+
+
+def test_zip_varies_together_and_a_tilde_leaves_out(tmp_path):
+    text = "options: {grid: [8, 16]}\nzip:\n- {ksp_type: [cg, gmres], ksp_gmres_restart: [~, 5]}"
+    cg, gmres = {"ksp_type": "cg"}, {"ksp_type": "gmres", "ksp_gmres_restart": "5"}
+    assert combinations(tmp_path, text) == [{"grid": n} | pair for n in ("8", "16") for pair in (cg, gmres)]
+    assert read_sweep(tmp_path / "sweep.yml")[0].labels["ksp_gmres_restart"] is None
+
+
+def test_exclude_needs_all_values_and_compares_numbers(tmp_path):
+    text = "options: {grid: [8, 16, 32], lcp_beta: [0, 0.003]}\nexclude: [{grid: [16, 32], lcp_beta: 0.0030}]"
+    found = combinations(tmp_path, text)
+    assert len(found) == 4
+    assert {(c["grid"], c["lcp_beta"]) for c in found if c["lcp_beta"] != "0"} == {("8", "0.003")}
+
+
+def test_empty_value_is_a_bare_option(tmp_path):
+    (run,) = read_sweep(write(tmp_path, "options:\n  grid: 8\n  ksp_converged_reason:\n"))
+    assert run.arguments() == ["-grid", "8", "-ksp_converged_reason"]
+
+
+def test_alternative_option_files_are_labelled_and_come_before_the_options(tmp_path):
+    runs = read_sweep(write(tmp_path, f"option_files: [{HERTZ}, [{NORM}, {FMG}]]\noptions: {{grid: 8}}"))
+    assert [run.labels for run in runs] == [{"option_files": "norm"}, {"option_files": "fmg_v11"}]
+    assert runs[1].arguments() == ["-options_file", str(HERTZ), "-options_file", str(FMG), "-grid", "8"]
+
+
+BAD = {
+    "options: [1, 2]": "mapping",
+    "options: {grid: 8": "line 1",
+    "options: {grid: 8, grid: 16}": "grid is given twice",
+    "options: {grid: 8}\nzip: [{grid: [1, 2]}]": "grid: is given twice",
+    "options: {-grid: 8}": "without dash",
+    "options: {grid: []}": "empty",
+    "options: {grid: {a: 1}}": "number or text",
+    "options: {grid: [[8, 8]]}": "number or text",
+    "options: {output: a.h5}": "output: not allowed",
+    "option: {grid: 8}": "unknown key option",
+    "options: {grid: 8}\nzip: [{approach: [1, 2], load: [1, 2, 3]}]": "approach 2, load 3",
+    "options: {grid: 8}\nzip: {approach: [1]}": "zip: must be a list",
+    "options: {grid: 8}\nexclude: [{grdi: 8}]": "grdi is not among",
+    "options: {grid: 8}\nexclude: [{grid: 8}]": "no combination",
+    "options: {grid: 8}\nexclude: [{}]": "must name an option",
+    "option_files: [absent.opts]": "absent.opts: no such file",
+    "description: nothing": "neither",
+    "": "mapping",
+    "- 1": "mapping",
+}
+
+
+@pytest.mark.parametrize("text", BAD)
+def test_bad_sweep_is_one_line_and_nothing_is_written(tmp_path, capsys, text):
+    path = write(tmp_path, text)
+    assert main([str(path), "-o", str(tmp_path / "out.csv")]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("error: ") and err.count("\n") == 1
+    assert BAD[text] in err
+    assert [file.name for file in tmp_path.iterdir()] == ["sweep.yml"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["absent.yml", "-o", "out.csv"], "absent.yml"),
+        (["sweep.yml"], "-o"),
+        (["sweep.yml", "-o", "out.xls"], "must end in one of"),
+        (["sweep.yml", "-o", "absent/out.csv"], "does not exist"),
+        (["sweep.yml", "-o", "folder.csv"], "not a regular file"),
+        (["sweep.yml", "-o", "out.csv", "--jobs", "0"], "at least 1"),
+        (["sweep.yml", "-o", "out.csv", "--ranks", "two"], "at least 1"),
+        (["sweep.yml", "-o", "out.csv", "--timeout", "-1"], "positive"),
+    ],
+)
+def test_bad_command_line_is_one_line(tmp_path, capsys, monkeypatch, arguments, message):
+    write(tmp_path, "options: {grid: 8}")
+    (tmp_path / "folder.csv").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("error: ") and err.count("\n") == 1 and message in err
+
+
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "petsc_options/sweeps").glob("*.yml")), ids=lambda path: path.stem
+)
+def test_shipped_sweeps_are_read(path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    runs = read_sweep(path)
+    assert len(runs) > 10
+    assert len({tuple(run.arguments()) for run in runs}) == len(runs)
+
+
+# -- real runs -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    """A small sweep: two solved, one refused, one that does not converge."""
+    folder = tmp_path_factory.mktemp("sweep")
+    path = write(
+        folder,
+        f"option_files: [{HERTZ}, {NORM}]\noptions: {{grid: 8}}\n"
+        "zip: [{approach: [0.05, 0.1, ten, 0.1], lcp_max_it: [~, ~, ~, 1]}]",
+    )
+    assert main([str(path), "-o", str(folder / "out.csv"), "--keep", "--jobs", "2"]) == 0
+    with (folder / "out.csv").open() as file:
+        return folder, list(csv.DictReader(file))
+
+
+def test_each_combination_is_a_row(swept):
+    _, rows = swept
+    assert [row["approach"] for row in rows] == ["0.05", "0.1", "ten", "0.1"]
+    assert [row["exit_status"] for row in rows] == ["0", "0", "2", "3"]
+    assert [row["converged"] for row in rows] == ["True", "True", "", "False"]
+    assert [row["result_approach"] for row in rows] == ["0.05", "0.1", "", "0.1"]
+    # Hertz: the load grows like approach^1.5; 8 x 8 cells are coarse.
+    assert float(rows[1]["load"]) / float(rows[0]["load"]) == pytest.approx(2**1.5, rel=0.1)
+
+
+def test_refused_and_unfinished_rows_say_why(swept):
+    _, rows = swept
+    assert rows[2]["message"].startswith("error: -approach ten: not allowed")
+    assert "1 active set iterations were not enough" in rows[3]["message"]
+    assert rows[2]["load"] == "" and float(rows[3]["load"]) > 0
+
+
+def test_checks_are_those_of_the_kept_result(swept):
+    _, rows = swept
+    for row in rows:
+        if row["result"]:
+            result = read_result(row["result"])
+            p, e, h = result.pressure, result.gap, result.undeformed_distance
+            expected = min(0, e.min()), min(0, p.min()), np.abs(p * e).max() / (p.max() * np.abs(h).max())
+            assert [float(row[name]) for name in CHECKS] == pytest.approx(expected, rel=1e-12)
+            assert float(row["worst_negative_gap"]) > -1e-6 or row["converged"] == "False"
+    assert sum(row["result"] != "" for row in rows) == 3
+
+
+def test_a_missing_kept_file_is_made_again(swept, tmp_path):
+    folder, rows = swept
+    before = len(journal_keys(folder / "out.runs.jsonl"))
+    Path(rows[0]["result"]).unlink()
+    assert main([str(folder / "sweep.yml"), "-o", str(folder / "out.csv"), "--keep", "--resume"]) == 0
+    assert Path(rows[0]["result"]).is_file()
+    assert len(journal_keys(folder / "out.runs.jsonl")) == before + 1
+
+
+@pytest.mark.ranks(2)
+def test_ranks_change_the_time_only(tmp_path, ranks):
+    run = Run((str(HERTZ), str(FMG)), {"grid": "16"})
+    outcomes = []
+    for n in (1, ranks):
+        journal = Journal(tmp_path / f"{n}.jsonl")
+        (outcome,), _ = run_all([run], tmp_path / "work", journal, ranks=n)
+        journal.close()
+        outcomes.append(outcome)
+    assert [outcome["exit_status"] for outcome in outcomes] == [0, 0]
+    one, two = outcomes
+    for name in ("active_set_iterations", "work_units", "contact_fraction"):
+        assert one[name] == two[name]
+    assert one["load"] == pytest.approx(two["load"], rel=1e-10)
+    assert run.key(1) != run.key(ranks)
+    assert not (tmp_path / "work").exists()
+
+
+def test_interrupt_leaves_a_table_and_resume_completes_it(tmp_path):
+    path = write(
+        tmp_path,
+        f"option_files: [{HERTZ}, {NORM}]\nzip: [{{grid: [8, 2048, 8], approach: [0.1, 0.1091, 0.2]}}]",
+    )
+    output, journal = tmp_path / "out.csv", tmp_path / "out.runs.jsonl"
+    command = [sys.executable, "-m", "app.sweep", str(path), "-o", str(output), "--timeout", "20"]
+    process = subprocess.Popen(command, cwd=ROOT, env=dict(os.environ), stdout=subprocess.DEVNULL)
+    wait_for(lambda: journal.is_file() and len(journal_keys(journal)) == 1)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(20) == 130
+    with output.open() as file:
+        assert [row["approach"] for row in csv.DictReader(file)] == ["0.1"]
+    assert not (tmp_path / "out.runs").exists()
+    commands = (path.read_bytes() for path in Path("/proc").glob("[0-9]*/cmdline") if path.is_file())
+    assert not any(str(tmp_path / "out.runs").encode() in command for command in commands)
+    # The long run is dropped; the first is not done again.
+    path.write_text(path.read_text().replace("8, 2048, 8", "8, 8").replace("0.1, 0.1091, 0.2", "0.1, 0.2"))
+    assert main([str(path), "-o", str(output), "--resume"]) == 0
+    assert len(journal_keys(journal)) == 2
+    with output.open() as file:
+        assert [row["exit_status"] for row in csv.DictReader(file)] == ["0", "0"]
+
+
+def journal_keys(path):
+    return [json.loads(line)["key"] for line in path.read_text().splitlines() if line.endswith("}")]
+
+
+def wait_for(condition, seconds=30):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+# -- without runs --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def performed(monkeypatch):
+    """Replace the program by one that solves at once; return the list of what was run."""
+    calls = []
+
+    def perform(run, output, processes, ranks=1, timeout=None):
+        calls.append(dict(run.options))
+        status = {"crash": 1, "refused": 2}.get(run.options.get("grid"), 0)
+        return {"exit_status": status, "message": "", "load": np.float64(len(calls))}
+
+    monkeypatch.setattr(batch, "perform", perform)
+    return calls
+
+
+def execute(tmp_path, runs, resume=True, **how):
+    journal = Journal(tmp_path / "journal", resume)
+    try:
+        return run_all(runs, tmp_path / "work", journal, **how)[0]
+    finally:
+        journal.close()
+
+
+def runs_on(*grids, **labels):
+    return [Run((), {"grid": grid}, labels) for grid in grids]
+
+
+def test_resume_does_only_what_is_new_or_crashed(tmp_path, performed):
+    first = execute(tmp_path, runs_on("8", "crash", "refused"))
+    again = execute(tmp_path, runs_on("8", "crash", "refused", "16"))
+    assert [call["grid"] for call in performed] == ["8", "crash", "refused", "crash", "16"]
+    assert again[0] == first[0] and again[2] == first[2]
+    execute(tmp_path, runs_on("8"), resume=False)
+    assert len(performed) == 6
+
+
+def test_equal_runs_are_performed_once_whatever_their_labels(tmp_path, performed):
+    outcomes = execute(tmp_path, [*runs_on("8", a=1), *runs_on("8", b=2)], jobs=2)
+    assert len(performed) == 1 and outcomes[0] == outcomes[1]
+
+
+@pytest.mark.parametrize("option", ["gap_file", "any_option_that_names_a_file"])
+@pytest.mark.parametrize("inside", ["", ":/dataset"])
+def test_key_follows_options_and_files_but_not_labels(tmp_path, option, inside):
+    file = tmp_path / "file"
+    file.write_text("before")
+    named = {option: f"{file}{inside}"}
+    run = Run((), named)
+    before = run.key()
+    assert Run((), named, {"a": 1}).key() == before
+    assert Run((), {**named, "grid": "8"}).key() != before
+    file.write_text("after")
+    assert run.key() != before
+
+
+def test_key_takes_any_value():
+    assert Run((), {"gap_file": "a" * 5000}).key() != Run((), {"gap_file": "/"}).key()
+
+
+def test_journal_survives_a_line_that_was_cut_off(tmp_path):
+    path = tmp_path / "journal"
+    journal = Journal(path)
+    journal.add("a", {"load": np.float64(1.5), "residual": float("nan")})
+    with pytest.raises(InputError, match="another process"):
+        Journal(path, resume=True)
+    journal.close()
+    with path.open("a") as file:
+        file.write('{"key": "b", "lo')
+    journal = Journal(path, resume=True)
+    journal.add("c", {"load": 2})
+    journal.close()
+    outcomes = Journal(path, resume=True).outcomes
+    assert list(outcomes) == ["a", "c"]
+    assert outcomes["a"]["load"] == 1.5 and np.isnan(outcomes["a"]["residual"])
+
+
+def test_a_run_that_hangs_or_crashes_is_a_row(tmp_path):
+    processes = Processes()
+    slow = perform(Run((str(HERTZ), str(NORM))), tmp_path / "a.h5", processes, timeout=0.1)
+    assert slow == {"exit_status": 124, "message": "stopped after 0.1 s"}
+    crashed = perform(Run(module="app.absent"), tmp_path / "a.h5", processes)
+    assert crashed["exit_status"] == 1 and "app.absent" in crashed["message"]
+    status, errors = processes.call([sys.executable, "-c", "import os; os.abort()"])
+    assert (status, errors) == (-signal.SIGABRT, "")
+    processes.close()
+    with pytest.raises(InterruptedError):
+        processes.call([sys.executable, "-c", ""])
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_every_kind_of_table(tmp_path, performed, suffix):
+    path = write(tmp_path, "options: {grid: [8, crash], lcp_rtol: [1e-6, 1e-8]}")
+    output = tmp_path / f"out{suffix}"
+    assert main([str(path), "-o", str(output)]) == 0
+    if suffix in (".h5", ".hdf5"):
+        with h5py.File(output) as file:
+            assert file["lcp_rtol"][()].tolist() == [1e-6, 1e-8, 1e-6, 1e-8]
+            assert file["exit_status"][()].tolist() == [0, 0, 1, 1]
+    else:
+        text = output.read_text()
+        assert all(name in text for name in ("grid", "lcp_rtol", "exit_status", *CHECKS))
+        assert len([line for line in text.splitlines() if "crash" in line]) == 2
+
+
+def test_columns_of_the_outcome_give_way_to_options():
+    (row,) = rows_of([Run(labels={"load": 5})], [{"load": 4.9, "exit_status": 0}])
+    assert (row["load"], row["result_load"]) == (5, 4.9)

@@ -1,0 +1,53 @@
+"""Extension over the rim on several ranks against one."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from operators import STENCIL
+
+from app.halfspace.grid import Slabs
+from app.multigrid.extension import RimExtension
+
+SHAPES = [
+    (32, 20),
+    (13, 7),
+    (5, 9),
+    (2, 6),
+    (1, 8),
+    (9, 1),
+]  # slabs thinner than the band; ranks without rows
+
+
+@pytest.mark.mpi(2, 3, 4)
+@pytest.mark.parametrize(
+    ("shape", "block", "density", "steps", "dtype"),
+    [
+        *product(SHAPES, (1, 4), (0.0, 0.05, 0.4, 1.0), (0, 1, 3), (np.float64,)),
+        ((24, 24), 1, 0.2, 3, np.float32),
+    ],
+)
+def test_each_rank_finds_its_rows_to_the_last_bit(comm, shape, block, density, steps, dtype):
+    rng = np.random.default_rng([*shape, block, steps, int(100 * density)])
+    slabs = Slabs(shape[0], comm.size, comm.rank, block)
+    alone = RimExtension(shape, None, None, steps)
+    here = RimExtension((slabs.local, shape[1]), slabs, comm, steps)
+    for extension in (alone, here):
+        extension.set_stencil(STENCIL)
+    for _ in range(2):  # the second contact set replaces the first
+        contact = rng.random(shape) < density
+        alone.set_contact(contact)
+        here.set_contact(contact[slabs.rows].copy())
+        field = rng.normal(size=shape).astype(dtype)
+
+        expected = field * contact
+        found = expected[slabs.rows].copy()
+        alone.extend(expected)
+        here.extend(found)
+        np.testing.assert_array_equal(found, expected[slabs.rows])
+
+        expected, found = field.copy(), field[slabs.rows].copy()
+        alone.restrict(expected)
+        here.restrict(found)
+        mine = contact[slabs.rows]
+        np.testing.assert_array_equal(found[mine], expected[slabs.rows][mine])

@@ -1,0 +1,43 @@
+"""Gauss-Seidel on several ranks against one."""
+
+import numpy as np
+import pytest
+from sweeps import GRIDS, block_sizes, empty_in_the_middle, make, random_problem, sweep
+
+from app.halfspace.grid import Slabs
+
+each_grid = pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
+
+
+def assert_same_as_alone(comm, grid, slabs, problems):
+    alone, together = make(grid), make(grid, slabs, comm)
+    for mask, r in problems:
+        for backward in (False, True):
+            expected = sweep(alone, r, mask, 0.8, backward)
+            found = sweep(together, r[slabs.rows], mask[slabs.rows], 0.8, backward)
+            error = np.abs(found - expected[slabs.rows]).max(initial=0.0)
+            assert error <= 1e-12 * np.abs(expected).max(), (grid, slabs.counts, backward, error)
+    assert len(set(comm.allgather(together.products_per_sweep))) == 1
+
+
+@pytest.mark.mpi(2, 3, 4)
+@each_grid
+@pytest.mark.parametrize("block", [1, 64])  # 64: some ranks own no rows
+def test_iterates_do_not_depend_on_the_number_of_ranks(comm, grid, block):
+    problems = [random_problem(grid), empty_in_the_middle(grid), random_problem(grid, share=0)]
+    assert_same_as_alone(comm, grid, Slabs(grid.ny, comm.size, comm.rank, block), problems)
+
+
+@pytest.mark.mpi(2, 3, 4)
+@each_grid
+def test_nor_with_blocks_of_another_size(comm, grid):
+    problems = [random_problem(grid), empty_in_the_middle(grid)]
+    with block_sizes(5, 16):
+        assert_same_as_alone(comm, grid, Slabs(grid.ny, comm.size, comm.rank), problems)
+
+
+@pytest.mark.mpi(2, 3, 4)
+@each_grid
+def test_nor_on_slabs_of_a_coarse_grid(comm, grid):
+    coarsened = Slabs(2 * grid.ny - 1, comm.size, comm.rank, 8).coarsen(2)
+    assert_same_as_alone(comm, grid, coarsened, [random_problem(grid)])

@@ -1,0 +1,170 @@
+"""E and its transpose against their definition on all cells, with every shape of contact set."""
+
+import numpy as np
+import pytest
+from operators import STENCIL
+from scipy.ndimage import binary_dilation, convolve
+
+from app.halfspace.grid import Grid
+from app.halfspace.influence import dense_matrix
+from app.halfspace.operator import InfluenceOperator
+from app.multigrid.circulant import circulant_of
+from app.multigrid.extension import RimExtension
+
+SHAPES = [(1, 1), (1, 11), (11, 1), (2, 3), (3, 2), (8, 8), (17, 26)]
+STEPS = [0, 1, 2, 3]
+each_shape = pytest.mark.parametrize("shape", SHAPES)
+each_number_of_steps = pytest.mark.parametrize("steps", STEPS)
+
+
+def contact_sets(shape):
+    """None, all, one cell in a corner, one inside, lines, random ones."""
+    rng = np.random.default_rng(5)
+    yield np.zeros(shape, bool)
+    yield np.ones(shape, bool)
+    for cell in ((0, 0), (-1, -1), (shape[0] // 2, shape[1] // 2)):
+        one = np.zeros(shape, bool)
+        one[cell] = True
+        yield one
+        yield ~one
+    yield np.broadcast_to(np.arange(shape[0])[:, None] == shape[0] // 2, shape).copy()
+    yield np.broadcast_to(np.arange(shape[1]) == shape[1] - 1, shape).copy()
+    for density in (0.02, 0.1, 0.3, 0.7):
+        yield rng.random(shape) < density
+
+
+def make(contact, steps, stencil=STENCIL):
+    extension = RimExtension(contact.shape, None, None, steps)
+    extension.set_stencil(stencil)
+    extension.set_contact(contact)
+    return extension
+
+
+def extended(contact, steps, r):
+    """E r by its definition: Jacobi sweeps outside contact, over the whole patch."""
+    x = r * contact
+    for _ in range(steps):
+        x = x - ~contact * convolve(x, np.array(STENCIL), mode="constant")
+    return x
+
+
+def restricted(contact, steps, b):
+    """E^T b: the transposed sweeps."""
+    for _ in range(steps):
+        b = b - convolve(~contact * b, np.array(STENCIL), mode="constant")
+    return b * contact
+
+
+def field(shape, dtype=float, seed=1):
+    return np.random.default_rng(seed).normal(size=shape).astype(dtype)
+
+
+def apply(operation, x):
+    x = x.copy()
+    operation(x)
+    return x
+
+
+@each_shape
+@each_number_of_steps
+@pytest.mark.parametrize(("dtype", "atol"), [(np.float64, 1e-14), (np.float32, 2e-6)])
+def test_both_operators_are_those_of_the_definition(shape, steps, dtype, atol):
+    for contact in contact_sets(shape):
+        extension, b = make(contact, steps), field(shape, dtype)
+        r = b * contact
+        found = apply(extension.extend, r), apply(extension.restrict, b)
+        assert found[0].dtype == found[1].dtype == dtype
+        np.testing.assert_allclose(found[0], extended(contact, steps, r), rtol=0, atol=atol)
+        np.testing.assert_allclose(found[1] * contact, restricted(contact, steps, b), rtol=0, atol=atol)
+
+
+@each_shape
+@each_number_of_steps
+def test_restriction_is_the_transpose_of_the_extension(shape, steps):
+    for contact in contact_sets(shape):
+        extension, b = make(contact, steps), field(shape, seed=2)
+        r = field(shape) * contact
+        outer, inner = apply(extension.extend, r) * b, r * apply(extension.restrict, b)
+        assert outer.sum() == pytest.approx(inner.sum(), rel=0, abs=1e-14 * (1 + np.abs(outer).sum()))
+
+
+@each_number_of_steps
+def test_extension_reaches_as_far_as_there_are_steps(steps):
+    contact = np.zeros((15, 15), bool)
+    contact[7, 7] = True
+    x = apply(make(contact, steps).extend, contact.astype(float))
+    rows, columns = np.indices(contact.shape)
+    distance = np.maximum(abs(rows - 7), abs(columns - 7))
+    np.testing.assert_array_equal(x != 0, distance <= steps)
+
+
+def test_many_steps_make_the_stencil_vanish_outside_contact():
+    contact = np.random.default_rng(3).random((17, 26)) < 0.3
+    x = apply(make(contact, 200).extend, field(contact.shape) * contact)
+    image = convolve(x, np.array(STENCIL), mode="constant")
+    np.testing.assert_allclose(image[~contact], 0, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("r", "off"),
+    [
+        (lambda x, y: 1 + 0 * x, 0.35),
+        (lambda x, y: x, 0.2),
+        (lambda x, y: np.cos(x / 3) * np.cos(y / 4), 0.2),
+        (lambda x, y: field(x.shape), 0.5),
+    ],
+    ids=["constant", "linear", "smooth", "noise"],
+)
+def test_extended_residual_foresees_the_displacement_beside_contact(r, off):
+    """A solve adds A z to u, with A z = r on C; beside C that is 1.5 E r, about (see -lcp_foresight)."""
+    grid = Grid(32, 32, 1.0, 1.0)
+    y, x = np.mgrid[:32, :32] - 15.5
+    contact = x**2 + y**2 < 10**2
+    matrix = dense_matrix(grid, 1.0)
+    inside = contact.reshape(-1)
+    r = r(x, y) * contact
+    change = matrix[:, inside] @ np.linalg.solve(matrix[np.ix_(inside, inside)], r[contact])
+    extension = make(contact, 3, circulant_of(InfluenceOperator(grid, 1.0)).centre())
+    beside = binary_dilation(contact) & ~contact
+    foreseen, change = 1.5 * apply(extension.extend, r)[beside], change.reshape(contact.shape)[beside]
+    assert np.linalg.norm(foreseen - change) < off * np.linalg.norm(change)
+
+
+def test_lists_follow_the_contact_set_and_weights_the_unit_of_the_stencil():
+    first, second = np.random.default_rng(3).random((2, 17, 26)) < 0.3
+    extension = make(first, 3, stencil=2.5 * np.array(STENCIL))
+    extension.set_contact(second)
+    r = field(second.shape) * second
+    np.testing.assert_allclose(apply(extension.extend, r), extended(second, 3, r), atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "stencil",
+    [
+        np.ones((2, 3)),
+        -np.array(STENCIL),
+        np.full((3, 3), np.nan),
+        [[0, 0, 0], [-0.2, 1, -0.1], [0, 0, 0]],
+        [[-0.1, 0, 0], [0, 1, 0], [0, 0, -0.1]],
+    ],
+)
+def test_stencils_that_are_not_even_are_refused(stencil):
+    with pytest.raises(ValueError, match="stencil"):
+        RimExtension((4, 4), None, None).set_stencil(stencil)
+
+
+def test_fields_that_cannot_be_changed_in_place_are_refused():
+    extension = make(np.eye(6, dtype=bool), 3)
+    for x in (np.zeros((6, 5)), np.zeros((6, 12))[:, ::2], np.zeros((6, 6), order="F")):
+        for operation in (extension.extend, extension.restrict):
+            with pytest.raises(ValueError, match="contiguous"):
+                operation(x)
+    for contact in (np.ones((5, 6), bool), np.ones((6, 6))):
+        with pytest.raises(ValueError, match="contact set"):
+            extension.set_contact(contact)
+
+
+@pytest.mark.parametrize("steps", [-1, 251])
+def test_numbers_of_steps_that_cannot_be_are_refused(steps):
+    with pytest.raises(ValueError, match="steps"):
+        RimExtension((4, 4), None, None, steps)

@@ -1,0 +1,284 @@
+"""Gauss-Seidel sweeps: those of the scalar double loop, for any grid, kernel and contact set."""
+
+import numba
+import numpy as np
+import processes
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sweeps import GRIDS, block_sizes, empty_in_the_middle, make, random_problem, sweep
+
+from app.halfspace.grid import Grid
+from app.halfspace.influence import dense_matrix, influence_quadrant
+from app.halfspace.product import Convolution
+from app.halfspace.relaxation import Jacobi, RedBlack
+from app.halfspace.sweeps.gauss_seidel import GaussSeidel
+
+each_grid = pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
+MEASURED = 1e-13  # relative, against the scalar loop: 1e-14 at most is seen
+
+
+@numba.njit
+def scalar_loop(kernel, r, mask, omega):
+    """One cell after the other, with what has been solved already."""
+    ny, nx = r.shape
+    d = np.zeros((ny, nx))
+    for j in range(ny):
+        for i in range(nx):
+            if mask[j, i]:
+                total = r[j, i]
+                for b in range(j + 1):
+                    for a in range(nx if b < j else i):
+                        total -= kernel[j - b, abs(i - a)] * d[b, a]
+                d[j, i] = omega / kernel[0, 0] * total
+    return d
+
+
+def expected_sweep(grid, r, mask, omega, backward):
+    kernel = influence_quadrant(grid, 1.0)
+    if backward:
+        return scalar_loop(kernel, r[::-1, ::-1].copy(), mask[::-1, ::-1].copy(), omega)[::-1, ::-1]
+    return scalar_loop(kernel, r, mask, omega)
+
+
+def assert_exact(grid, r, mask, omega, relaxation=None):
+    relaxation = relaxation or make(grid)
+    for backward in (False, True):
+        expected = expected_sweep(grid, r, mask, omega, backward)
+        found = sweep(relaxation, r, mask, omega, backward)
+        assert np.abs(found - expected).max() <= MEASURED * np.abs(expected).max()
+        assert (found[~mask] == 0).all()
+
+
+def ellipse(grid):
+    """The contact set of a Hertz contact, a third of the patch."""
+    x, y = ((np.arange(n) + 0.5) / n - 0.5 for n in (grid.nx, grid.ny))
+    return (x / 0.4) ** 2 + (y[:, None] / 0.266) ** 2 < 1
+
+
+def masked_matrix(grid, mask):
+    cells = mask.reshape(-1)
+    return dense_matrix(grid, 1.0)[np.ix_(cells, cells)]
+
+
+@each_grid
+@pytest.mark.parametrize("omega", [0.3, 0.8, 1.0, 1.9])
+def test_sweep_is_the_scalar_one(grid, omega):
+    relaxation = make(grid)
+    for share in (0.4, 1.1, 0.02):
+        assert_exact(grid, *reversed(random_problem(grid, share)), omega, relaxation)
+    assert_exact(grid, *reversed(empty_in_the_middle(grid)), omega, relaxation)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    shape=st.tuples(st.integers(1, 60), st.integers(1, 60)),
+    aspect=st.sampled_from([0.02, 1.0, 7.0]),
+    share=st.sampled_from([0.01, 0.1, 0.5, 1.1]),
+    omega=st.floats(0.05, 1.95),
+    blocks=st.tuples(st.integers(1, 12), st.integers(1, 20)),
+    seed=st.integers(0, 1000),
+)
+def test_sweep_is_the_scalar_one_for_all_blocks(shape, aspect, share, omega, blocks, seed):
+    ny, nx = shape
+    grid = Grid(nx, ny, 0.1, 0.1 * aspect)
+    mask, r = random_problem(grid, share, seed)
+    with block_sizes(*blocks):
+        assert_exact(grid, r, mask, omega)
+
+
+@pytest.mark.parametrize("single", [(0, 0), (0, -1), (-1, 0), (-1, -1), (40, 20)])
+def test_one_cell_in_contact(single):
+    grid = GRIDS["prime"]
+    mask = np.zeros(grid.shape, bool)
+    mask[single] = True
+    with block_sizes(7, 9):
+        d = sweep(make(grid), mask * 3.0, mask, 0.5)
+    assert d[single] == pytest.approx(1.5 / influence_quadrant(grid, 1.0)[0, 0], rel=1e-14)
+    assert np.count_nonzero(d) == 1
+
+
+def test_contact_in_first_and_last_row_only():
+    grid = GRIDS["prime"]
+    mask, r = random_problem(grid)
+    mask[1:-1] = False
+    with block_sizes(4, 8):
+        assert_exact(grid, r, mask, 0.8)
+
+
+def test_the_set_may_change_between_sweeps_and_the_defect_outside_it_does_not_matter():
+    grid = GRIDS["prime"]
+    relaxation = make(grid)
+    mask, _ = random_problem(grid)
+    r = np.random.default_rng(3).normal(size=grid.shape)
+    before = sweep(relaxation, r, mask, 0.8)
+    assert (sweep(relaxation, r * mask, mask, 0.8) == before).all()
+    kept = mask.copy()
+    mask[grid.ny // 3 :] = False
+    assert_exact(grid, r, mask, 0.8, relaxation)
+    assert (sweep(relaxation, r, kept, 0.8) == before).all()
+    assert (sweep(relaxation, r, np.zeros_like(mask), 0.8) == 0).all()
+
+
+def test_forward_and_backward_are_the_triangles_of_the_matrix():
+    grid = Grid(19, 23, 0.2, 0.3)
+    mask, r = random_problem(grid)
+    A = masked_matrix(grid, mask)
+    relaxation = make(grid)
+    for backward, triangle in ((False, np.tril(A, -1)), (True, np.triu(A, 1))):
+        d = sweep(relaxation, r, mask, 0.7, backward)[mask]
+        residual = d * A[0, 0] / 0.7 + triangle @ d - r[mask]
+        assert np.abs(residual).max() <= 1e-13 * np.abs(r).max()
+
+
+def test_a_symmetric_sweep_is_symmetric():
+    """<S a, b> = <a, S b> for a forward sweep from zero followed by a backward one."""
+    grid = Grid(37, 41, 0.2, 0.3)
+    mask, a = random_problem(grid)
+    b = random_problem(grid, seed=1)[1] * mask
+    A, relaxation = masked_matrix(grid, mask), make(grid)
+
+    def symmetric(r):
+        x = sweep(relaxation, r, mask, 0.8)
+        r = r.copy()
+        r[mask] -= A @ x[mask]
+        return x + sweep(relaxation, r, mask, 0.8, backward=True)
+
+    assert np.vdot(symmetric(a), b) == pytest.approx(np.vdot(a, symmetric(b)), rel=1e-12)
+
+
+@pytest.mark.parametrize("omega", [0.1, 0.8, 1.0, 1.5, 1.95])
+def test_energy_decreases_for_any_damping_between_0_and_2(omega):
+    """A is positive definite: Ostrowski and Reich."""
+    grid = Grid(21, 18, 0.3, 0.3)
+    mask, b = random_problem(grid)
+    A, relaxation = masked_matrix(grid, mask), make(grid)
+    x, energies = np.zeros(grid.shape), [0.0]
+    for step in range(8):
+        r = np.zeros(grid.shape)
+        r[mask] = b[mask] - A @ x[mask]
+        x += sweep(relaxation, r, mask, omega, backward=step % 2 == 1)
+        energies.append(0.5 * x[mask] @ A @ x[mask] - b[mask] @ x[mask])
+    assert (np.diff(energies) < 0).all()
+    assert energies[-1] > -0.5 * b[mask] @ np.linalg.solve(A, b[mask])
+
+
+def test_single_precision():
+    grid = GRIDS["prime"]
+    mask, r = random_problem(grid)
+    for backward in (False, True):
+        expected = sweep(make(grid), r, mask, 0.8, backward)
+        found = sweep(make(grid, dtype=np.float32), r, mask, 0.8, backward)
+        assert 1e-12 < np.abs(found - expected).max() / np.abs(expected).max() < 1e-5
+
+
+@pytest.mark.parametrize("shape", [(256, 256), (300, 500), (512, 512)])
+def test_holds_less_than_four_fields(shape):
+    ny, nx = shape
+    relaxation = make(Grid(nx, ny, 0.1, 0.1))
+    assert 2 <= relaxation.memory / (8 * nx * ny) <= 4
+    assert make(Grid(nx, ny, 0.1, 0.1), dtype=np.float32).memory < 0.52 * relaxation.memory
+
+
+def test_cost_in_products_grows_slowly():
+    costs = []
+    for n in (128, 256, 512):
+        grid = Grid(n, n, 0.1, 0.1)
+        relaxation = make(grid)
+        mask = ellipse(grid)
+        sweep(relaxation, mask * 1.0, mask, 0.8)
+        costs.append(relaxation.products_per_sweep)
+        sweep(relaxation, mask * 1.0, mask, 0.8, backward=True)
+        assert relaxation.products_per_sweep == pytest.approx(costs[-1], rel=0.05)
+    assert 0.5 < costs[0] < costs[1] < costs[2] < 2
+    assert costs[2] - costs[1] < 0.5
+
+
+def test_empty_rows_cost_nothing():
+    grid = Grid(200, 256, 0.1, 0.1)
+    mask, r = random_problem(grid)
+    whole, upper, none = make(grid), make(grid), make(grid)
+    sweep(whole, r, mask, 0.8)
+    mask[: grid.ny // 2] = False
+    sweep(upper, r, mask, 0.8)
+    sweep(none, r, np.zeros_like(mask), 0.8)
+    assert none.products_per_sweep == 0
+    assert upper.products_per_sweep < 0.5 * whole.products_per_sweep
+
+
+def test_fields_of_a_wrong_shape_are_refused():
+    relaxation = make(Grid(5, 4, 1.0, 1.0))
+    mask = np.ones((4, 5), bool)
+    with pytest.raises(ValueError, match=r"\(5, 4\).*\(4, 5\)"):
+        relaxation.sweep(np.zeros((5, 4)), mask, 1.0, np.zeros((4, 5)))
+    with pytest.raises(ValueError, match="float16"):
+        make(Grid(5, 4, 1.0, 1.0), dtype=np.float16)
+
+
+def test_kernel_is_asked_for_in_small_pieces():
+    grid = Grid(20, 300, 1.0, 1.0)
+    kernel, asked = influence_quadrant(grid, 1.0), []
+
+    def rows(first, last):
+        asked.append((first, last))
+        return kernel[first:last]
+
+    GaussSeidel(rows, grid.shape)
+    assert max(last - first for first, last in asked) <= 64
+    assert {j for first, last in asked for j in range(first, last)} == set(range(grid.ny))
+
+
+def test_plans_survive_those_of_mpi4py_fft():
+    """The first plan mpi4py_fft makes in a process lets FFTW forget all earlier ones."""
+    code = """
+import sys; sys.path.insert(0, "tests")
+import sweeps
+from app.halfspace.product import Convolution
+grid = sweeps.GRIDS["prime"]
+relaxation, (mask, r) = sweeps.make(grid), sweeps.random_problem(grid)
+before = sweeps.sweep(relaxation, r, mask, 0.8)
+Convolution(lambda rows: sweeps.influence_quadrant(grid, 1.0, rows), grid.shape)
+assert (sweeps.sweep(relaxation, r, mask, 0.8) == before).all()
+del relaxation  # crashes if the plans have been forgotten
+"""
+    done = processes.run("-c", code)
+    assert done.returncode == 0, done.stderr
+
+
+def test_jacobi_and_red_black_are_those_of_the_dense_matrix():
+    grid = Grid(13, 11, 0.3, 0.2)
+    mask, r = random_problem(grid, 0.6)
+    A = dense_matrix(grid, 1.0)
+    products = []
+
+    def convolve(p, out):
+        products.append(p.copy())
+        out[...] = (A @ p.reshape(-1)).reshape(grid.shape)
+
+    np.testing.assert_allclose(sweep(Jacobi(A[0, 0]), r, mask, 0.7), 0.7 * r / A[0, 0], rtol=1e-14)
+    red = np.add.outer(np.arange(grid.ny), np.arange(grid.nx)) % 2 == 0
+    relaxation = RedBlack(A[0, 0], convolve, grid.shape)
+    for backward, colour in ((False, red), (True, ~red)):
+        first, second = (mask & colour).reshape(-1), (mask & ~colour).reshape(-1)
+        expected = np.zeros(grid.n)
+        expected[first] = 0.7 / A[0, 0] * r.reshape(-1)[first]
+        expected[second] = 0.7 / A[0, 0] * (r.reshape(-1) - A @ expected)[second]
+        found = sweep(relaxation, r, mask, 0.7, backward)
+        np.testing.assert_allclose(found.reshape(-1), expected, rtol=1e-13, atol=0)
+    assert len(products) == 2
+    part = RedBlack(A[0, 0], lambda p, out: out.fill(0), (4, grid.nx), first_row=3)
+    assert (part._red == red[3:7]).all()
+
+
+def test_a_product_with_the_fft_serves_red_black():
+    grid = Grid(29, 31, 0.3, 0.2)
+    mask, r = random_problem(grid)
+    kernel = influence_quadrant(grid, 1.0)
+    product = Convolution(lambda rows: kernel[rows], grid.shape)
+    A = dense_matrix(grid, 1.0)
+    found = sweep(RedBlack(A[0, 0], product.apply, grid.shape), r, mask, 0.8)
+    dense = RedBlack(
+        A[0, 0], lambda p, out: out.__setitem__(..., (A @ p.ravel()).reshape(p.shape)), grid.shape
+    )
+    np.testing.assert_allclose(found, sweep(dense, r, mask, 0.8), atol=1e-13 * np.abs(found).max())
+    assert product.count == 1

@@ -1,0 +1,125 @@
+"""NORM, Sec. 3: the paper's Hertz contact, its limits, and holes."""
+
+import numpy as np
+import pytest
+from cases import APPROACH, COUNTS, assert_counts_of_norm, hertz
+from running import Sampled, assert_solves_lcp, solve
+
+from app.halfspace.grid import Grid
+from app.halfspace.influence import Material
+
+
+@pytest.fixture(scope="module")
+def solutions():
+    return {n: solve(hertz(n), APPROACH) for n in COUNTS}
+
+
+@pytest.mark.parametrize("n", COUNTS)
+def test_iterations_on_hertz(solutions, n):
+    outcome = solutions[n].outcome
+    assert_counts_of_norm(n, outcome)
+    assert_solves_lcp(solutions[n])
+    history = solutions[n].history
+    assert history["iteration"] == list(range(1, outcome.iterations + 1))
+    assert sum(history["inner_iterations"]) == outcome.inner_iterations
+    assert history["changed_cells"][-1] == 0
+    assert history["residual"][-1] == outcome.residual <= 1e-6
+    assert history["contact_cells"][-1] == solutions[n].contact.sum()
+    # On Hertz's problem C shrinks from the start set to the solution.
+    assert sum(history["added_cells"]) == 0
+    assert (np.diff(history["contact_cells"]) <= 0).all()
+
+
+def test_load_and_maximum_on_the_finest_grid(solutions):
+    assert solutions[256].load == pytest.approx(82004.6, abs=0.05)
+    assert solutions[256].pressure.max() == pytest.approx(1631.15, abs=0.02)
+
+
+def test_converges_to_the_analytic_solution(solutions):
+    # Measured orders: load 2.0, pressure 1.0 (its root singularity at the rim of the contact area).
+    exact = hertz(32).reference(APPROACH)
+    load_errors, pressure_errors = [], []
+    for n, solution in solutions.items():
+        grid = hertz(n).grid
+        error = solution.pressure - exact.pressure(grid.x()[None, :], grid.y()[:, None])
+        load_errors.append(abs(solution.load / exact.load - 1))
+        pressure_errors.append(np.sqrt(np.mean(error**2)) / exact.max_pressure)
+    refinements = np.log2(list(solutions))
+
+    def order(errors):
+        return -np.polyfit(refinements, np.log2(errors), 1)[0]
+
+    assert order(load_errors) == pytest.approx(2, abs=0.2)
+    assert order(pressure_errors) == pytest.approx(1, abs=0.1)
+    assert load_errors[-1] < 1e-5
+    assert pressure_errors[-1] < 1e-3
+
+
+@pytest.mark.parametrize(("nx", "ny"), [(63, 65), (96, 20), (20, 96)])
+def test_odd_grids_and_oblong_cells(nx, ny):
+    solution = solve(hertz(nx, ny), APPROACH)
+    assert_solves_lcp(solution)
+    assert solution.load == pytest.approx(hertz(8).reference(APPROACH).load, rel=3e-3)
+
+
+def test_sphere():
+    material = Material(1000.0, 0.5)
+    grid = Grid.from_domain(80, 80, (-1.3, 1.3, -1.3, 1.3))
+    sphere = type(hertz(8))(grid, material, rx=5.0, ry=5.0)
+    solution = solve(sphere, 0.2)
+    # Johnson, Contact Mechanics, eqs. (4.22)-(4.24): a^2 = R delta, F = 4/3 E* sqrt(R delta^3)
+    assert solution.load == pytest.approx(4 / 3 * 2000 * np.sqrt(5 * 0.2**3), rel=1e-3)
+    assert solution.contact.sum() * grid.cell_area == pytest.approx(np.pi * 5 * 0.2, rel=0.02)
+
+
+@pytest.mark.parametrize("method", ["norm", "mg_v11"])
+def test_holes_are_never_in_contact(method):
+    problem = hertz(48)
+    shape = problem.shape_on(problem.grid)
+    holes = np.random.default_rng(3).random(shape.shape) < 0.15
+    holes[:, 24] = True
+    shape[holes] = np.nan
+    solution = solve(Sampled(problem.grid, problem.material, shape), APPROACH, method)
+    assert_solves_lcp(solution)
+    assert not solution.contact[holes].any()
+    assert (solution.pressure[holes] == 0).all()
+    whole = solve(problem, APPROACH)
+    assert solution.load < whole.load
+    assert solution.pressure.max() > whole.pressure.max()  # what the holes cannot bear, others must
+
+
+def test_values_in_holes_do_not_matter():
+    problem = hertz(24)
+    shape = problem.shape_on(problem.grid)
+    shape[10:14, 3:20] = np.nan
+    far = np.where(np.isnan(shape), 1e3, shape)
+    with_holes = solve(Sampled(problem.grid, problem.material, shape), APPROACH, lcp_rtol=1e-12)
+    without = solve(Sampled(problem.grid, problem.material, far), APPROACH, lcp_rtol=1e-14)
+    np.testing.assert_allclose(with_holes.pressure, without.pressure, rtol=0, atol=1e-5)
+
+
+# ---------------------------------------------------------------------------------------- ends of the range
+
+
+@pytest.mark.parametrize("approach", [-1.0, -1e-12])
+def test_bodies_apart(approach):
+    solution = solve(hertz(16), approach)
+    assert_solves_lcp(solution)
+    assert solution.load == 0
+    assert not solution.contact.any()
+    assert "touch" in solution.outcome.reason
+
+
+def test_bodies_that_just_touch():
+    problem = hertz(15)  # a cell centre at the origin
+    solution = solve(problem, 0.0)
+    assert_solves_lcp(solution)
+    assert solution.load == 0
+    assert solution.contact.sum() == 1
+
+
+def test_flat_gap_of_zero():
+    problem = hertz(8)
+    solution = solve(Sampled(problem.grid, problem.material, np.zeros((8, 8))), 0.0)
+    assert solution.outcome.converged
+    assert solution.load == 0
