@@ -1,13 +1,20 @@
-"""Fixtures of all tests, and tests on several ranks: ``@pytest.mark.mpi(1, 2, 3)`` and an argument `ranks`."""
+"""Fixtures of all tests.
+
+Folders: unit (pieces), validation (against the paper, analytic solutions, oracles, invariances), commands (what
+users type), mpi (what several ranks do). Two kinds of tests use several ranks:
+
+- ``@pytest.mark.mpi(2, 3)`` with an argument `comm`: the *test* runs on every rank (see `on_ranks`).
+- ``@pytest.mark.ranks(2, 3)`` with an argument `ranks`: the test runs here and starts a *command* on that many
+  ranks, by ``cli(..., ranks=ranks)`` or ``running.run(..., ranks=ranks)``.
+"""
 
 import pytest
 import running
 
 
 def pytest_generate_tests(metafunc):
-    marker = metafunc.definition.get_closest_marker("mpi")
-    named = [mark.args[0] for mark in metafunc.definition.iter_markers("parametrize")]
-    if marker and marker.args and "ranks" in metafunc.fixturenames and "ranks" not in named:
+    marker = metafunc.definition.get_closest_marker("ranks")
+    if marker:
         metafunc.parametrize("ranks", marker.args)
 
 
@@ -19,15 +26,3 @@ def cli():
         return running.run(*running.solve_arguments(*methods), *arguments, **how)
 
     return run_solve
-
-
-@pytest.fixture(scope="session")
-def mpiexec():
-    """``mpiexec(3, "mpi_operator.py", ...)``: run a script of this folder; it must succeed."""
-
-    def run_script(ranks, script, *arguments, **how):
-        done = running.run(running.TESTS / script, *arguments, ranks=ranks, **how)
-        assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
-        return done.stdout
-
-    return run_script

@@ -45,6 +45,10 @@ def run(*command, ranks=None, timeout=60, env=None, cwd=None):
         process.terminate()  # lets mpiexec end its ranks
         out, err = process.communicate(timeout=20)
         raise AssertionError(f"hangs for {timeout} s: {' '.join(line)}\n{out}\n{err}") from None
+    except BaseException:  # the time limit of pytest, Ctrl-C
+        process.terminate()
+        process.wait()
+        raise
     return subprocess.CompletedProcess(line, process.returncode, out, err)
 
 
@@ -135,6 +139,13 @@ def solve(problem, approach, method="norm", load=None, **options):
     setup.hierarchy.destroy()
     state.destroy()
     return solution
+
+
+@contextmanager
+def alone():
+    """Inside the block a rank solves by itself."""
+    with mock.patch.object(MPI, "COMM_WORLD", MPI.COMM_SELF):
+        yield
 
 
 def assert_solves_lcp(solution, tolerance=1e-6):

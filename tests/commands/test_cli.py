@@ -1,25 +1,14 @@
-"""app.solve from outside: what it refuses and how, exit status, result file; and crashes that must not hang."""
+"""app.solve from outside: what it refuses and how, exit status, result file."""
 
-import os
-import re
-import shlex
-import signal
-import subprocess
-import sys
-import time
 from concurrent.futures import ThreadPoolExecutor
 
-import h5py
 import numpy as np
 import pytest
-from running import OPTIONS, TESTS, petsc_options, solve_arguments
+from cases import APPROACH, hertz
+from running import OPTIONS, TESTS, run, solve, solve_arguments
 
-from app.halfspace.grid import Grid
-from app.halfspace.influence import Material
-from app.options import TABLE, Options, loading
+from app.options import TABLE
 from app.output.result import read_result
-from app.problems.gap_file import GapArray, GapFile
-from app.session import InputError, option_names
 
 AT_ONCE = 3  # processes; half of their time is waiting
 RESULT = "result.h5"
@@ -172,242 +161,10 @@ def test_bad_input_gets_one_line_and_status_2(refused, case):
     assert_refused(refused(case, None), CASES[case][1])
 
 
-@pytest.mark.mpi(2)
+@pytest.mark.ranks(2)
 @pytest.mark.parametrize("case", ON_TWO_RANKS)
 def test_bad_input_on_two_ranks(refused, case, ranks):
     assert_refused(refused(case, ranks), CASES[case][1], ranks)
-
-
-# ------------------------------------------------------------------------ bad input, without a process each
-
-BAD_VALUES = [
-    ("problem", "herz", "one of hertz"),
-    ("problem", "", "one of hertz"),
-    ("grid", "8,-8", "nx,ny or n"),
-    ("grid", "10,20,30", "nx,ny or n"),
-    ("grid", "8.5", "nx,ny or n"),
-    ("grid", "", "nx,ny or n"),
-    ("grid", ",", "nx,ny or n"),
-    ("grid", "60000", "at most 2147483647 cells"),
-    ("grid", "99999999999999999999", "at most 2147483647 cells"),
-    ("domain", "0,0,0,1", "x0 < x1"),
-    ("domain", "0,1", "x0,x1,y0,y1"),
-    ("domain", "0,1,0,1,2", "x0,x1,y0,y1"),
-    ("domain", "0,inf,0,1", "x0,x1,y0,y1"),
-    ("domain", "-1e308,1e308,0,1", "x0,x1,y0,y1"),
-    ("shear_modulus", "-82000", "a positive number"),
-    ("shear_modulus", "1e-320", "1e-50 to 1e+50"),
-    ("poisson_ratio", "-0.1", "from 0 to 0.5"),
-    ("poisson_ratio", "nan", "from 0 to 0.5"),
-    ("approach", "deep", "a finite number"),
-    ("approach", "", "a finite number"),
-    ("approach", "nan", "a finite number"),
-    ("approach", "1e200", "1e-50 to 1e+50"),
-    ("hertz_rx", "0", "a positive number"),
-    ("lcp_nested", "maybe", "true or false"),
-    ("lcp_rtol", "0", "a positive number"),
-    ("lcp_max_it", "0", "a whole number"),
-    ("lcp_max_it", "1e3", "a whole number"),
-    ("lcp_beta", "-1", "a number from 0"),
-    ("gap_file", "", "a name must follow"),
-    ("output", "", "a name must follow"),
-]
-
-
-@pytest.mark.parametrize(("name", "text", "allowed"), BAD_VALUES)
-def test_value_that_is_not_allowed(name, text, allowed):
-    with petsc_options(**{name: text}), pytest.raises(InputError) as refusal:
-        Options()[name]
-    wrong = f"-{name} {text}: not allowed" if text else f"-{name}: its value is missing"
-    assert str(refusal.value).startswith(f"{wrong}; allowed: ")
-    assert allowed in str(refusal.value)
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "value"),
-    [
-        ("grid", "8", (8, 8)),
-        ("grid", "8,5", (8, 5)),
-        ("domain", "-1,1,0,1e-3", (-1, 1, 0, 1e-3)),
-        ("approach", "-0.11", -0.11),
-        ("poisson_ratio", "0.5", 0.5),
-        ("lcp_nested", "", True),
-        ("lcp_nested", "no", False),
-    ],
-)
-def test_value_that_is(name, text, value):
-    with petsc_options(**{name: text}):
-        assert Options()[name] == value
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("a.opts", b"# a comment\ngrid 8\n", "line 2: grid 8"),
-        ("a.opts", b"-grid 8 -approach 1\n", "line 1"),
-        ("a.opts", b"-domain -1, 1, -1, 1\n", "line 1"),
-        ("a.opts", b"-problem 'hertz\n", "line 1"),
-        ("a.opts", b"-\n", "line 1"),
-        ("a.opts", bytes(range(128, 256)), "not a text file"),
-        ("a.yml", b"grid: [8\nproblem: }\n", "a.yml"),
-        ("a.yaml", b"- grid\n- 8\n", "option: value"),
-    ],
-)
-def test_file_that_is_no_option_file(name, content, message, tmp_path):
-    (tmp_path / name).write_bytes(content)
-    with pytest.raises(InputError, match=re.escape(message)):
-        option_names(str(tmp_path / name))
-
-
-def test_folder_as_option_file(tmp_path):
-    with pytest.raises(InputError, match="Is a directory"):
-        option_names(str(tmp_path))
-
-
-def test_names_in_option_files(tmp_path):
-    opts, yml = tmp_path / "a.opts", tmp_path / "a.yml"
-    opts.write_text("# c\n\n-grid 8,9 # cells\n  -lcp_monitor\n-domain '-1,1,-1,1'\n")
-    yml.write_text("grid: [8, 9]\nlcp:\n  rtol: 1e-3\n")
-    assert option_names(str(opts)) == ["-grid", "-lcp_monitor", "-domain"]
-    assert option_names(str(yml)) == ["-grid", "-lcp"]
-    for path in OPTIONS.glob("*.opts"):
-        assert option_names(str(path))
-
-
-def save_archive(path):
-    np.savez(path.with_suffix(".npz"), a=np.ones((8, 8)))
-    path.with_suffix(".npz").rename(path)
-
-
-def save_hdf5(**datasets):
-    def save(path):
-        with h5py.File(path, "w") as file:
-            for name, values in datasets.items():
-                file[name] = values
-
-    return save
-
-
-def save_part(save, share):
-    def save_and_cut(path):
-        save(path)
-        path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
-
-    return save_and_cut
-
-
-def save_array(values):
-    return lambda path: np.save(path, values, allow_pickle=True)
-
-
-def save_bytes(content):
-    return lambda path: path.write_bytes(content)
-
-
-SQUARE = np.ones((8, 8))
-
-
-@pytest.mark.parametrize(
-    ("name", "save", "message"),
-    [
-        ("gap.npy", lambda path: path.mkdir(), "not a file"),
-        ("gap.npy", save_array(np.ones(8)), "shape (8,)"),
-        ("gap.npy", save_array(np.float64(8)), "shape ()"),
-        ("gap.npy", save_array(np.ones((0, 8))), "shape (0, 8)"),
-        ("gap.npy", save_array(SQUARE.astype(complex)), "complex128"),
-        ("gap.npy", save_array(SQUARE.astype(bool)), "bool"),
-        ("gap.npy", save_array(np.array([[1, None]], object)), "objects"),
-        ("gap.npy", save_array(np.array([["a", "b"]])), "U1"),
-        ("gap.npy", save_part(save_array(SQUARE), 0.6), "cannot be read"),
-        ("gap.npy", save_part(save_array(SQUARE), 0.05), "cannot be read"),
-        ("gap.npy", save_bytes(b""), "cannot be read"),
-        ("gap.npy", save_archive, "archive"),
-        ("gap.h5", save_part(save_hdf5(gap=SQUARE), 0.5), "cannot be read"),
-        ("gap.h5", save_bytes(b"not HDF5"), "cannot be read"),
-        ("gap.h5", save_hdf5(a=SQUARE, b=SQUARE), "FILE:/DATASET; there are: a, b"),
-        ("gap.h5", save_hdf5(a=np.ones(8)), "there are: none"),
-        ("gap.h5:/c", save_hdf5(a=SQUARE), "no dataset /c"),
-        ("gap.h5:/g", save_hdf5(**{"g/a": SQUARE}), "no dataset /g"),
-        ("gap.h5:/a", save_hdf5(a=h5py.Empty("f8")), "shape None"),
-        ("gap.h5:/a", save_hdf5(a=SQUARE.astype(complex)), "complex128"),
-        ("gap.h5:/a", save_hdf5(a="text"), "object"),
-        ("gap.npy", save_bytes(b"0.1 0.2"), "no .npy file"),
-        ("gap.h5:a", save_hdf5(a=SQUARE), "FILE:/DATASET"),
-        ("gap.txt", save_bytes(b""), "empty"),
-        ("gap.txt", save_bytes(b"# nothing\n"), "empty"),
-        ("gap.txt", save_bytes(b"1 2 3\n4 5\n"), "line 2 has 2 entries, line 1 has 3"),
-        ("gap.txt", save_bytes(b"1 2\n3 four\n"), "four"),
-        ("gap.txt", save_bytes(b"1 2\n3 4+5j\n"), "4+5j"),
-        ("gap.txt", save_bytes(bytes(range(128, 256))), "cannot be read"),
-    ],
-)
-def test_file_that_is_no_gap(name, save, message, tmp_path):
-    path = str(tmp_path / name)
-    save(tmp_path / name.partition(":")[0])
-    with pytest.raises(ValueError, match=re.escape(message)) as refusal:
-        GapArray(path)
-    assert str(refusal.value).startswith(f"gap file {tmp_path}/gap.")
-
-
-def test_gap_of_another_shape_than_the_grid(tmp_path):
-    np.save(tmp_path / "gap.npy", np.ones((8, 9)))
-    with pytest.raises(ValueError, match=re.escape("-grid 8,9 needs (ny, nx) = (9, 8)")):
-        GapFile(Grid(8, 9, 1.0, 1.0), Material(1.0, 0.3), GapArray(str(tmp_path / "gap.npy")))
-
-
-@pytest.mark.parametrize("value", [np.inf, -np.inf])
-def test_infinite_gap(value, tmp_path):
-    values = SQUARE.copy()
-    values[5, 2], values[6, 0] = value, np.nan
-    np.save(tmp_path / "gap.npy", values)
-    gap = GapArray(str(tmp_path / "gap.npy"))
-    with pytest.raises(ValueError, match="row 5, column 2"):
-        gap.check(slice(4, 8))
-    assert gap.check(slice(0, 4)) == 32
-    assert gap.check(slice(6, 8)) == 15
-
-
-# -------------------------------------------------------------------------------------- approach or load
-
-
-def prescribed(*argv, environment="", monkeypatch=None):
-    """What `loading` makes of a command line."""
-    with petsc_options() as database:
-        if monkeypatch:
-            monkeypatch.setenv("PETSC_OPTIONS", environment)
-        database.insertString(" ".join([environment, *map(str, argv)]))
-        return loading(Options(), ["solve.py", *map(str, argv)])
-
-
-@pytest.fixture
-def files(tmp_path):
-    (tmp_path / "approach.opts").write_text("-approach 0.1 # mm\n")
-    (tmp_path / "load.opts").write_text("# N\n-load 7e3\n")
-    (tmp_path / "load.yml").write_text("lcp:\n  rtol: 1e-6\nload: 7e3\n")
-    return {path.name: ("-options_file", path) for path in tmp_path.iterdir()}
-
-
-def test_one_of_approach_and_load_replaces_the_other_from_an_earlier_place(files):
-    approach, load = files["approach.opts"], files["load.opts"]
-    assert prescribed(*approach) == ("approach", 0.1)
-    assert prescribed(*approach, "-approach", 0.2) == ("approach", 0.2)
-    assert prescribed(*approach, "-load", 5) == ("load", 5)
-    assert prescribed("-load", 5, *approach) == ("load", 5)  # the command line wins wherever it stands
-    assert prescribed(*load, "-approach", -0.2) == ("approach", -0.2)
-    assert prescribed(*approach, *load) == ("load", 7e3)
-    assert prescribed(*load, *approach) == ("approach", 0.1)
-    assert prescribed(*approach, *files["load.yml"]) == ("load", 7e3)
-
-
-def test_environment_comes_first(files, monkeypatch):
-    assert prescribed("-load", 5, environment="-approach 0.3", monkeypatch=monkeypatch) == ("load", 5)
-    assert prescribed(environment="-approach 0.3", monkeypatch=monkeypatch) == ("approach", 0.3)
-
-
-@pytest.mark.parametrize("argv", [[], ["-grid", 8], ["-approach", 1, "-load", 2]])
-def test_exactly_one_of_approach_and_load(argv):
-    with pytest.raises(InputError, match="exactly one"):
-        prescribed(*argv)
 
 
 # --------------------------------------------------------------------------------- results and exit status
@@ -481,53 +238,6 @@ def test_runs_from_any_folder_with_relative_names(cli, tmp_path):
     assert read_result(tmp_path / "out.h5").pressure.shape == (8, 8)
 
 
-# ------------------------------------------------------------------------------------------------- crashes
-
-FAULTY = ["-grid", "16", "-ksp_type", "cg", "-pc_type", "python", "-pc_python_type"]
-
-
-@pytest.mark.mpi(1, 2, 3)
-def test_exception_on_one_rank_ends_the_job_with_its_traceback(cli, ranks, tmp_path):
-    path = tmp_path / RESULT
-    path.write_bytes(b"an earlier result")
-    done = cli(
-        *FAULTY, "faults.RaisesOnLastRank", "-output", path,
-        methods=["hertz"], ranks=ranks, env={"PYTHONPATH": str(TESTS)},
-    )  # fmt: skip
-    assert done.returncode not in (0, 2, 3)
-    assert "Traceback" in done.stderr
-    assert "RuntimeError: this rank has a problem of its own" in done.stderr
-    assert "Segmentation" not in done.stderr
-    assert path.read_bytes() == b"an earlier result"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.parametrize("ranks", [None, 2])
-def test_killed_run_leaves_the_earlier_result_whole(cli, ranks, tmp_path):
-    path, begun = tmp_path / RESULT, tmp_path / "begun"
-    assert cli("-grid", 16, "-output", path, methods=["hertz", "norm"]).returncode == 0
-    before = path.read_bytes()
-    python = [sys.executable, *solve_arguments("hertz"), *FAULTY, "faults.TakesForEver", "-output", str(path)]
-    process = subprocess.Popen(
-        python if ranks is None else ["mpiexec", "-n", str(ranks), *python],
-        env={**os.environ, "PYTHONPATH": str(TESTS), "SOLVE_HAS_BEGUN": str(begun)},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        deadline = time.monotonic() + 60
-        while not begun.exists() and process.poll() is None and time.monotonic() < deadline:
-            time.sleep(0.05)
-        assert begun.exists()
-    finally:
-        process.send_signal(signal.SIGKILL if ranks is None else signal.SIGTERM)
-        process.wait(timeout=30)
-    begun.unlink()
-    assert path.read_bytes() == before
-    assert read_result(path).attributes["converged"] is True
-    assert list(tmp_path.iterdir()) == [path]
-
-
 def test_help_names_the_choices(cli):
     told = cli("-help").stdout
     assert "what is pressed together: hertz, punch, file" in told
@@ -543,31 +253,57 @@ def test_nothing_in_sight_is_worth_a_warning(cli):
     assert lifted.stderr == ""
 
 
-def test_a_reader_may_go_away(tmp_path):
-    """A closed pipe is no crash, and what was asked for is still written."""
-    out = tmp_path / "out.h5"
-    command = shlex.join([sys.executable, *COMMAND, "-output", str(out)])
-    done = subprocess.run(
-        ["bash", "-c", f"set -o pipefail; {command} -lcp_monitor | head -1"],
-        cwd=TESTS.parent, capture_output=True, text=True, timeout=60,
-    )  # fmt: skip
-    assert done.stdout.startswith("level")
-    assert done.stderr == ""
+def test_command_line_solves_a_gap_file_on_two_ranks(cli, tmp_path):
+    problem = hertz(32)
+    np.save(tmp_path / "gap.npy", problem.shape_on(problem.grid))
+    done = cli(
+        *("-problem", "file", "-gap_file", tmp_path / "gap.npy", "-domain", "-10,10,-6,6"),
+        *("-shear_modulus", 82000, "-poisson_ratio", 0.28, "-approach", APPROACH),
+        *("-output", tmp_path / "out.h5", "-lcp_rtol", 1e-12),
+        methods=["norm"],
+        ranks=2,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    result = read_result(tmp_path / "out.h5")
+    assert result.attributes["converged"] is True
+    assert result.attributes["ranks"] == 2
+    alone = solve(problem, APPROACH, lcp_rtol=1e-12)
+    np.testing.assert_allclose(result.pressure, alone.pressure, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(result.contact, alone.contact)
+    np.testing.assert_allclose(result.gap, result.undeformed_distance + result.displacement, atol=1e-15)
+
+
+def test_no_contact_is_a_valid_answer(cli, tmp_path):
+    done = cli("-grid", 16, "-approach", -0.1, "-output", tmp_path / "out.h5", methods=["hertz", "norm"])
+    assert (done.returncode, done.stderr) == (0, "")
+    result = read_result(tmp_path / "out.h5")
+    assert result.attributes["converged"] is True
+    assert result.attributes["load"] == result.attributes["max_pressure"] == 0
+    assert not result.pressure.any()
+    np.testing.assert_array_equal(result.gap, result.undeformed_distance)
+
+
+def test_contact_at_the_rim_is_solved_with_a_warning(cli, tmp_path):
+    done = cli(
+        *("-grid", 16, "-domain", "-3,3,-3,3", "-output", tmp_path / "out.h5"),
+        methods=["hertz", "norm"],
+        ranks=2,
+    )
     assert done.returncode == 0
-    assert read_result(out).attributes["converged"]
+    warnings = done.stderr.splitlines()
+    assert len(warnings) == 1
+    assert warnings[0].startswith("warning: ")
+    assert "rim" in warnings[0]
+    result = read_result(tmp_path / "out.h5")
+    assert result.attributes["converged"] is True
+    assert result.contact.all()
+    assert np.abs(result.gap).max() < 1e-5
 
 
-def test_interrupted(tmp_path):
-    """Ctrl-C: one line, status 130, no file."""
-    out = tmp_path / "out.h5"
-    slow = "-grid 512 -lcp_rtol 1e-14 -lcp_max_it 100000 -ksp_rtol 1e-15 -lcp_monitor".split()
-    process = subprocess.Popen(
-        [sys.executable, *COMMAND, *slow, "-output", str(out)],
-        cwd=TESTS.parent, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
-    assert process.stdout.readline().startswith("level")
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert errors == "interrupted\n"
-    assert list(tmp_path.iterdir()) == []
+def test_windows_are_refused_where_they_mean_nothing():
+    common = (*solve_arguments("hertz"), "-grid", "32", "-lcp_window", "0.1", "-ksp_type", "cg")
+    for more, why in ((("-lcp_nested", "false"), "-lcp_nested"), (("-lcp_nested", "-pc_type", "mg"), "mg")):
+        done = run(*common, *more)
+        assert done.returncode == 2
+        assert "-lcp_window" in done.stderr
+        assert why in done.stderr

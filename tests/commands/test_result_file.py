@@ -1,24 +1,20 @@
-"""Result files and tables: exact round trips, whole files or none, errors in one line."""
+"""Result files: exact round trips, whole files or none, errors in one line."""
 
-import csv
-import io
 import os
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 from mpi4py import MPI
-from mpi_result_file import assert_same, full_disk, made_up_result, write
+from results import assert_same, full_disk, made_up_result, write
+from running import TESTS
 
 from app.halfspace.grid import Slabs
 from app.output.result import FIELDS, check_output_path, read_result, whole_file
-from app.output.table import comma_separated, markdown, text, write_table
 
-SCRIPT = Path(__file__).with_name("mpi_result_file.py")
 SELF = MPI.COMM_SELF
 DATASETS = ["pressure", "gap", "displacement", "undeformed_distance", "contact", "x", "y"]
 COLUMNS = ["level", "contact_cells", "changed_cells", "residual", "inner_iterations", "work_units"]
@@ -148,11 +144,11 @@ def test_killed_run_leaves_the_previous_result(path):
     before = path.read_bytes()
     program = (
         "import os, signal, sys; from mpi4py import MPI; from app.halfspace.grid import Slabs\n"
-        "import mpi_result_file as m\n"
+        "import results as m\n"
         "os.fsync = lambda handle: os.kill(os.getpid(), signal.SIGKILL)\n"
         "m.write(sys.argv[1], MPI.COMM_SELF, Slabs(96), m.made_up_result())\n"
     )
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(SCRIPT.parent), str(SCRIPT.parents[1])])}
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(TESTS), str(TESTS.parent)])}
     run = subprocess.run([sys.executable, "-c", program, path], env=environment, timeout=60, check=False)
     assert run.returncode == -9
     assert path.read_bytes() == before
@@ -187,58 +183,3 @@ def test_output_path_is_checked_early(tmp_path):
             check_output_path(name)
         assert str(name) in str(caught.value)
         assert "\n" not in str(caught.value)
-
-
-@pytest.mark.mpi(2, 3)
-@pytest.mark.parametrize("ranks", [2, 3])
-def test_several_ranks_write_the_same_file_and_fail_together(result, tmp_path, ranks):
-    folder = tmp_path / "parallel"
-    folder.mkdir()
-    command = ["mpiexec", "-n", str(ranks), sys.executable, SCRIPT, folder]
-    environment = os.environ | {"PYTHONPATH": str(SCRIPT.parents[1])}
-    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert f"passed on {ranks} ranks" in run.stdout
-    write(tmp_path / "serial.h5", SELF, Slabs(48), result)
-    assert (folder / "result.h5").read_bytes() == (tmp_path / "serial.h5").read_bytes()
-
-
-ROWS = [
-    {"grid": "32|32", "its": 6, "residual": 1.25e-7},
-    {"grid": "64|64", "its": 10, "residual": None, "note": "C"},
-]
-
-
-def test_markdown_and_text_align_numbers_to_the_right():
-    assert markdown(
-        ROWS, {"grid": "Grid", "residual": "‖r‖", "its": "Its"}, {"residual": ".1e"}
-    ).splitlines() == [
-        "| Grid   |     ‖r‖ | Its |",
-        "|--------|--------:|----:|",
-        r"| 32\|32 | 1.2e-07 |   6 |",
-        r"| 64\|64 |         |  10 |",
-    ]
-    assert text(ROWS, ["its", "note"]).splitlines() == ["its  note", "---  ----", "  6", " 10  C"]
-
-
-def test_csv_keeps_all_digits():
-    rows = [{"a": 0.1 + 0.2, "b": np.float64(1 / 3), "c": 'x, "y"'}, {"a": np.nan, "b": 1e-300, "c": True}]
-    found = list(csv.DictReader(io.StringIO(comma_separated(rows))))
-    assert [float(row["b"]) for row in found] == [1 / 3, 1e-300]
-    assert float(found[0]["a"]) == 0.1 + 0.2
-    assert [row["c"] for row in found] == ['x, "y"', "True"]
-
-
-def test_tables_of_every_kind(tmp_path):
-    for name, render in (("a.md", markdown), ("a.txt", text), ("a.csv", comma_separated)):
-        write_table(tmp_path / name, ROWS)
-        assert (tmp_path / name).read_text() == render(ROWS)
-    write_table(tmp_path / "a.h5", ROWS)
-    with h5py.File(tmp_path / "a.h5") as file:
-        assert file["its"].dtype == np.int64
-        assert file["its"][:].tolist() == [6, 10]
-        assert np.array_equal(file["residual"], [1.25e-7, np.nan], equal_nan=True)
-        assert file["note"].asstr()[:].tolist() == ["", "C"]
-    with pytest.raises(ValueError, match=r"a\.xls: the name must end in one of"):
-        write_table(tmp_path / "a.xls", ROWS)
-    assert markdown([], ["a"]).splitlines() == ["| a   |", "|-----|"]

@@ -12,12 +12,13 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from running import TESTS
 
 from app import sweep
 from app.output.result import read_result
 from app.sweep import CHECKS, InputError, Journal, Run, main, read_sweep, rows_of, run_all
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = TESTS.parent
 HERTZ = ROOT / "petsc_options/hertz.opts"
 NORM = ROOT / "petsc_options/norm.opts"
 FMG = ROOT / "petsc_options/fmg_v11.opts"
@@ -196,7 +197,7 @@ def test_a_missing_kept_file_is_made_again(swept, tmp_path):
     assert len(journal_keys(folder / "out.runs.jsonl")) == before + 1
 
 
-@pytest.mark.mpi(2)
+@pytest.mark.ranks(2)
 def test_ranks_change_the_time_only(tmp_path, ranks):
     run = Run((str(HERTZ), str(FMG)), {"grid": "16"})
     outcomes = []

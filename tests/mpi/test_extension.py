@@ -1,12 +1,14 @@
-"""Extension over the rim on several ranks against one: ``mpiexec -n 3 python tests/mpi_extension.py``."""
+"""Extension over the rim on several ranks against one."""
+
+from itertools import product
 
 import numpy as np
-from mpi4py import MPI
+import pytest
+from operators import STENCIL
 
 from app.halfspace.grid import Slabs
 from app.multigrid.extension import RimExtension
 
-STENCIL = [[-0.037, -0.161, -0.037], [-0.189, 1.0, -0.189], [-0.037, -0.161, -0.037]]
 SHAPES = [
     (32, 20),
     (13, 7),
@@ -17,8 +19,15 @@ SHAPES = [
 ]  # slabs thinner than the band; ranks without rows
 
 
-def check(comm, shape, block, density, steps, dtype):
-    """Both operators give this rank its rows of what one rank alone finds, to the last bit."""
+@pytest.mark.mpi(2, 3, 4)
+@pytest.mark.parametrize(
+    ("shape", "block", "density", "steps", "dtype"),
+    [
+        *product(SHAPES, (1, 4), (0.0, 0.05, 0.4, 1.0), (0, 1, 3), (np.float64,)),
+        ((24, 24), 1, 0.2, 3, np.float32),
+    ],
+)
+def test_each_rank_finds_its_rows_to_the_last_bit(comm, shape, block, density, steps, dtype):
     rng = np.random.default_rng([*shape, block, steps, int(100 * density)])
     slabs = Slabs(shape[0], comm.size, comm.rank, block)
     alone = RimExtension(shape, None, None, steps)
@@ -42,15 +51,3 @@ def check(comm, shape, block, density, steps, dtype):
         here.restrict(found)
         mine = contact[slabs.rows]
         np.testing.assert_array_equal(found[mine], expected[slabs.rows][mine])
-
-
-if __name__ == "__main__":
-    comm = MPI.COMM_WORLD
-    for shape in SHAPES:
-        for block in (1, 4):
-            for density in (0.0, 0.05, 0.4, 1.0):
-                for steps in (0, 1, 3):
-                    check(comm, shape, block, density, steps, np.float64)
-    check(comm, (24, 24), 1, 0.2, 3, np.float32)
-    if comm.rank == 0:
-        print(f"passed on {comm.size} ranks")

@@ -1,58 +1,15 @@
-"""Gauss-Seidel on several ranks against one: ``mpiexec -n 3 python tests/mpi_gauss_seidel.py``."""
-
-from contextlib import contextmanager
-from unittest import mock
+"""Gauss-Seidel on several ranks against one."""
 
 import numpy as np
-from mpi4py import MPI
+import pytest
+from sweeps import GRIDS, block_sizes, empty_in_the_middle, make, random_problem, sweep
 
-from app.halfspace.grid import Grid, Slabs
-from app.halfspace.influence import influence_quadrant
-from app.halfspace.sweeps import gauss_seidel
-from app.halfspace.sweeps.gauss_seidel import GaussSeidel
+from app.halfspace.grid import Slabs
 
-GRIDS = {
-    "prime": Grid(61, 97, 0.3, 0.2),
-    "wide": Grid(211, 13, 0.2, 0.2),
-    "one row": Grid(101, 1, 1.0, 1.0),
-    "one column": Grid(1, 101, 1.0, 1.0),
-    "three rows": Grid(70, 3, 1.0, 0.5),
-    "one cell": Grid(1, 1, 1.0, 1.0),
-    "even": Grid(32, 128, 1.0, 1.0),
-}
+each_grid = pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
 
 
-@contextmanager
-def block_sizes(leaf_rows, segment_columns):
-    """Small blocks, so that small grids exercise every level of the scheme."""
-    with mock.patch.multiple(gauss_seidel, LEAF_ROWS=leaf_rows, SEGMENT_COLUMNS=segment_columns):
-        yield
-
-
-def make(grid, slabs=None, comm=None, dtype=float):
-    kernel = influence_quadrant(grid, 1.0)
-    return GaussSeidel(lambda first, last: kernel[first:last], grid.shape, slabs, comm, dtype)
-
-
-def random_problem(grid, share=0.4, seed=0):
-    rng = np.random.default_rng(seed)
-    mask = rng.random(grid.shape) < share
-    return mask, np.where(mask, rng.normal(size=grid.shape), 0.0)
-
-
-def empty_in_the_middle(grid):
-    mask, r = random_problem(grid)
-    mask[grid.ny // 5 : -grid.ny // 5] = False
-    return mask, r * mask
-
-
-def sweep(relaxation, r, mask, omega, backward=False):
-    d = np.full(r.shape, np.nan)
-    relaxation.sweep(r, mask, omega, d, backward=backward)
-    return d
-
-
-def check(comm, grid, slabs, problems):
+def assert_same_as_alone(comm, grid, slabs, problems):
     alone, together = make(grid), make(grid, slabs, comm)
     for mask, r in problems:
         for backward in (False, True):
@@ -63,19 +20,24 @@ def check(comm, grid, slabs, problems):
     assert len(set(comm.allgather(together.products_per_sweep))) == 1
 
 
-def main():
-    comm = MPI.COMM_WORLD
-    for grid in GRIDS.values():
-        problems = [random_problem(grid), empty_in_the_middle(grid), random_problem(grid, share=0)]
-        for block in (1, 64):  # 64: some ranks own no rows
-            check(comm, grid, Slabs(grid.ny, comm.size, comm.rank, block), problems)
-        with block_sizes(5, 16):
-            check(comm, grid, Slabs(grid.ny, comm.size, comm.rank), problems[:2])
-        coarsened = Slabs(2 * grid.ny - 1, comm.size, comm.rank, 8).coarsen(2)
-        check(comm, grid, coarsened, problems[:1])
-    if comm.rank == 0:
-        print(f"passed on {comm.size} ranks")
+@pytest.mark.mpi(2, 3, 4)
+@each_grid
+@pytest.mark.parametrize("block", [1, 64])  # 64: some ranks own no rows
+def test_iterates_do_not_depend_on_the_number_of_ranks(comm, grid, block):
+    problems = [random_problem(grid), empty_in_the_middle(grid), random_problem(grid, share=0)]
+    assert_same_as_alone(comm, grid, Slabs(grid.ny, comm.size, comm.rank, block), problems)
 
 
-if __name__ == "__main__":
-    main()
+@pytest.mark.mpi(2, 3, 4)
+@each_grid
+def test_nor_with_blocks_of_another_size(comm, grid):
+    problems = [random_problem(grid), empty_in_the_middle(grid)]
+    with block_sizes(5, 16):
+        assert_same_as_alone(comm, grid, Slabs(grid.ny, comm.size, comm.rank), problems)
+
+
+@pytest.mark.mpi(2, 3, 4)
+@each_grid
+def test_nor_on_slabs_of_a_coarse_grid(comm, grid):
+    coarsened = Slabs(2 * grid.ny - 1, comm.size, comm.rank, 8).coarsen(2)
+    assert_same_as_alone(comm, grid, coarsened, [random_problem(grid)])

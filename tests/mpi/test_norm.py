@@ -1,40 +1,27 @@
-"""Hertz's contact by norm.opts on several ranks: ``mpiexec -n 3 python tests/mpi_norm.py RESULT.npz``.
-
-Writes what `test_norm` compares with one rank: for every grid the counts and the load, and a pressure.
-"""
-
-import sys
+"""NORM on several ranks."""
 
 import numpy as np
-from mpi4py import MPI
-from running import solve
-
-from app.halfspace.grid import Grid
-from app.halfspace.influence import Material
-from app.problems.hertz import Hertz
-
-APPROACH = 0.1091
-SMALL = 45, 37
-COUNTS = {32: (5, 73), 64: (7, 122), 128: (8, 176), 256: (9, 250)}  # active set and CG iterations
+import pytest
+from cases import APPROACH, COUNTS, assert_counts_of_norm, hertz
+from running import alone, solve
 
 
-def hertz(nx, ny=None):
-    """The problem of Sec. 5.1."""
-    grid = Grid.from_domain(nx, ny or nx, (-10.0, 10.0, -6.0, 6.0))
-    return Hertz(grid, Material(82000.0, 0.28), rx=300.0, ry=163.0)
-
-
-def main(path):
-    comm = MPI.COMM_WORLD
-    found = {}
-    for n in COUNTS:
-        solution = solve(hertz(n), APPROACH)
-        outcome = solution.outcome
-        found[str(n)] = outcome.iterations, outcome.inner_iterations, solution.load
-    rows = comm.gather(solve(hertz(*SMALL), APPROACH, lcp_rtol=1e-12).pressure)
+@pytest.mark.mpi(2, 3)
+@pytest.mark.parametrize("n", COUNTS)
+def test_several_ranks_take_as_many_iterations(comm, n):
+    together = solve(hertz(n), APPROACH)
+    assert_counts_of_norm(n, together.outcome)
     if comm.rank == 0:
-        np.savez(path, pressure=np.vstack(rows), **found)
+        with alone():
+            expected = solve(hertz(n), APPROACH)
+        assert together.load == pytest.approx(expected.load, rel=5e-6)  # both are solved to 1e-6
 
 
-if __name__ == "__main__":
-    main(sys.argv[1])
+@pytest.mark.mpi(2, 3)
+def test_several_ranks_find_the_same(comm):
+    pressure = np.vstack(comm.allgather(solve(hertz(45, 37), APPROACH, lcp_rtol=1e-12).pressure))
+    if comm.rank == 0:
+        with alone():
+            expected = solve(hertz(45, 37), APPROACH, lcp_rtol=1e-12)
+        np.testing.assert_allclose(pressure, expected.pressure, rtol=0, atol=1e-6)
+        assert ((pressure > 0) == expected.contact).all()

@@ -1,38 +1,20 @@
-"""The influence operator against the dense matrix: ``mpiexec -n 3 python tests/mpi_operator.py``.
-
-The checks are collective and also run by `test_convolution` on one rank.
-"""
+"""The influence operator on one and several ranks against the dense matrix."""
 
 from contextlib import contextmanager
-from functools import cache, partial
 from unittest import mock
 
 import numpy as np
-import running  # noqa: F401  (starts PETSc without this script's arguments)
+import pytest
 from mpi4py import MPI
+from operators import DOUBLE, GRIDS, SINGLE, STEEL, make_convolution, matrix_of, random_field, slabs_of
 from petsc4py import PETSc
 
 from app.halfspace.fft import transpose
-from app.halfspace.grid import Grid, Slabs
-from app.halfspace.influence import Material, dense_matrix, influence_quadrant
+from app.halfspace.influence import influence_quadrant
 from app.halfspace.operator import InfluenceOperator
-from app.halfspace.product import Convolution
 
-STEEL = Material(82000.0, 0.28).compliance
-GRIDS = {
-    "one cell": Grid(1, 1, 0.3, 0.2),
-    "one row": Grid(45, 1, 0.1, 0.4),
-    "one column": Grid(1, 45, 0.1, 0.4),
-    "two rows": Grid(38, 2, 1.0, 1.0),
-    "even": Grid(24, 16, 0.5, 0.5),
-    "odd": Grid(23, 17, 0.5, 0.5),
-    "prime": Grid(29, 31, 0.3, 0.2),
-    "wide cells": Grid(20, 21, 30.0, 0.1),
-    "tall cells": Grid(21, 20, 0.1, 30.0),
-    "many groups": Grid(240, 3, 0.2, 0.3),  # of columns
-    "more than a block": Grid(40, 36, 0.2, 0.3),  # rows and columns go through the FFT 32 and 16 at a time
-}
-DOUBLE, SINGLE = 1e-14, 1e-6  # measured: 2e-15 and 2e-7
+each_grid = pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
+each_block = pytest.mark.parametrize("block", [1, 8])  # 8: some ranks own no rows
 
 
 @contextmanager
@@ -42,24 +24,10 @@ def many_groups():
         yield
 
 
-def slabs_of(comm, grid, block=1):
-    return Slabs(grid.ny, comm.size, comm.rank, block)
-
-
-def random_field(grid, seed):
-    """The same field on all ranks."""
-    return np.random.default_rng(seed).normal(size=grid.shape)
-
-
 def random_mask(grid, seed, share=0.4):
     mask = np.random.default_rng(seed).random(grid.shape) < share
     mask[grid.ny // 2 :] &= grid.ny < 4  # ranks without a cell in contact
     return mask
-
-
-@cache
-def matrix_of(grid):
-    return dense_matrix(grid, STEEL)
 
 
 def dense_product(grid, p):
@@ -73,12 +41,7 @@ def assert_close(comm, found, expected, tolerance):
     assert comm.allreduce(error, MPI.MAX) <= tolerance, error
 
 
-def make_convolution(comm, grid, block=1, dtype=np.float64):
-    quadrant = partial(influence_quadrant, grid, STEEL)
-    return Convolution(quadrant, grid.shape, slabs_of(comm, grid, block), comm, dtype)
-
-
-def check_product(comm, grid, block=1, dtype=np.float64, tolerance=DOUBLE):
+def assert_product(comm, grid, block=1, dtype=np.float64, tolerance=DOUBLE):
     """A p and C A C p are those of the dense matrix, also in place and again."""
     product = make_convolution(comm, grid, block, dtype)
     rows = slabs_of(comm, grid, block).rows
@@ -102,8 +65,31 @@ def check_product(comm, grid, block=1, dtype=np.float64, tolerance=DOUBLE):
     assert product.count == 8
 
 
-def check_mat(comm, grid, block=1):
-    """The same as PETSc sees it, with a contact set that changes."""
+@pytest.mark.mpi(1, 2, 3)
+@each_grid
+@each_block
+def test_product_is_that_of_the_dense_matrix(comm, grid, block):
+    assert_product(comm, grid, block)
+    with many_groups():
+        assert_product(comm, grid, block)
+
+
+@pytest.mark.mpi(1, 2, 3)
+@each_grid
+def test_single_precision(comm, grid):
+    assert_product(comm, grid, dtype=np.float32, tolerance=SINGLE)
+
+
+@pytest.mark.mpi(2, 3)
+def test_small_groups_are_many(comm):
+    with many_groups():
+        assert len(make_convolution(comm, GRIDS["many groups"])._groups) > 4
+
+
+@pytest.mark.mpi(1, 2, 3)
+@each_grid
+@each_block
+def test_mat_with_a_contact_set_that_changes(comm, grid, block):
     slabs = slabs_of(comm, grid, block)
     operator = InfluenceOperator(grid, STEEL, slabs, comm if comm.size > 1 else None)
     mat = operator.mat(PETSc.Comm(comm))
@@ -133,22 +119,3 @@ def check_mat(comm, grid, block=1):
     x.destroy()
     y.destroy()
     operator.free()
-
-
-def main():
-    comm = MPI.COMM_WORLD
-    for grid in GRIDS.values():
-        for block in (1, 8):  # 8: some ranks own no rows
-            check_product(comm, grid, block)
-            with many_groups():
-                check_product(comm, grid, block)
-            check_mat(comm, grid, block)
-        check_product(comm, grid, dtype=np.float32, tolerance=SINGLE)
-    with many_groups():
-        assert comm.size == 1 or len(make_convolution(comm, GRIDS["many groups"])._groups) > 4
-    if comm.rank == 0:
-        print(f"passed on {comm.size} ranks")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,8 +1,9 @@
-"""Transfers on several ranks against those on one: ``mpiexec -n 3 python tests/mpi_transfer.py``."""
+"""Transfers on several ranks against those on one."""
 
 import numpy as np
-import running  # noqa: F401  (starts PETSc without this script's arguments)
+import pytest
 from mpi4py import MPI
+from operators import mat_times
 from petsc4py import PETSc
 
 from app.halfspace.grid import Grid
@@ -18,17 +19,7 @@ GRIDS = [
 REPLICATE = (1, 100, 10**6)  # no coarse grid is on every rank; the smaller ones; all
 
 
-def mat_times(mat, values):
-    x, y = mat.createVecs()
-    x.setArray(values.reshape(-1))
-    mat.mult(x, y)
-    found = y.getArray(readonly=True).copy()
-    x.destroy()
-    y.destroy()
-    return found
-
-
-def check_level(comm, here, alone, seed):
+def assert_same_as_alone(comm, here, alone, seed):
     """Every operation of a transfer gives this rank its rows of what one rank alone finds."""
     rng = np.random.default_rng(seed)
     fine, coarse = alone.fine.grid.shape, alone.coarse.grid.shape
@@ -64,23 +55,17 @@ def check_level(comm, here, alone, seed):
             mat.destroy()
 
 
-def main():
-    comm = MPI.COMM_WORLD
+@pytest.mark.mpi(2, 3)
+@pytest.mark.parametrize("grid", GRIDS)
+def test_each_rank_finds_its_rows(comm, grid):
     handed_over = 0
-    for grid in GRIDS:
-        alone = Hierarchy(grid, 1.0, MPI.COMM_SELF)
-        for replicate in REPLICATE:
-            here = Hierarchy(grid, 1.0, comm, replicate=replicate)
-            assert len(here.levels) == len(alone.levels)
-            for level in range(1, len(here.levels)):
-                check_level(comm, here.transfers[level], alone.transfers[level], seed=level)
-                handed_over += here.transfers[level].gathers
-            here.destroy()
-        alone.destroy()
-    assert comm.size == 1 or handed_over >= 2 * len(GRIDS)
-    if comm.rank == 0:
-        print(f"passed on {comm.size} ranks")
-
-
-if __name__ == "__main__":
-    main()
+    alone = Hierarchy(grid, 1.0, MPI.COMM_SELF)
+    for replicate in REPLICATE:
+        here = Hierarchy(grid, 1.0, comm, replicate=replicate)
+        assert len(here.levels) == len(alone.levels)
+        for level in range(1, len(here.levels)):
+            assert_same_as_alone(comm, here.transfers[level], alone.transfers[level], seed=level)
+            handed_over += here.transfers[level].gathers
+        here.destroy()
+    alone.destroy()
+    assert handed_over >= 2

@@ -1,10 +1,11 @@
-"""Windows on several ranks: ``mpiexec -n 3 python tests/mpi_window.py``."""
+"""Windows on one and several ranks."""
 
 from contextlib import nullcontext
 from itertools import product
 from unittest import mock
 
 import numpy as np
+import pytest
 from mpi4py import MPI
 from running import Sampled, assert_solves_lcp, solve
 
@@ -13,11 +14,12 @@ from app.halfspace.influence import Material
 from app.halfspace.window import Passage, Window, bounding_box
 from app.multigrid.hierarchy import Hierarchy
 
+each_number_of_ranks = pytest.mark.mpi(1, 2, 3, 5)
 WINDOWS = [(0, 20, 0, 9), (3, 4, 2, 3), (0, 1, 0, 9), (15, 20, 1, 8), (2, 19, 4, 5)]
 
 
-def check_passage(comm):
-    """Fields get into a window and out again whatever the slabs; masks too."""
+@each_number_of_ranks
+def test_fields_and_masks_get_in_and_out_again_whatever_the_slabs(comm):
     ny, nx = 20, 9
     outer = Slabs(ny, comm.size, comm.rank, 2)
     numbers = np.arange(ny * nx, dtype=float).reshape(ny, nx)
@@ -36,8 +38,8 @@ def check_passage(comm):
                 np.testing.assert_array_equal(back, expected[outer.rows])
 
 
-def check_box(comm):
-    """The bounding box is the same on all ranks and holds every cell."""
+@each_number_of_ranks
+def test_bounding_box_is_the_same_on_all_ranks_and_holds_every_cell(comm):
     slabs = Slabs(20, comm.size, comm.rank)
     mask = np.zeros((20, 9), bool)
     assert bounding_box(mask[slabs.rows], slabs, comm) is None
@@ -54,7 +56,8 @@ def spiked(n):
     return Sampled(grid, Material(80000.0, 0.3), shape)
 
 
-def check_spike(comm):
+@each_number_of_ranks
+def test_nothing_outside_is_forgotten(comm):
     """What no coarse grid sees is in the window, and what lies outside is not forgotten all the same."""
     everywhere = solve(spiked(128), 0.02, "fast", lcp_window=0, lcp_rtol=1e-9)
     for load, blind in product((None, everywhere.load), (False, True)):
@@ -72,8 +75,8 @@ def check_spike(comm):
         assert_solves_lcp(solution)
 
 
-def check_holes(comm):
-    """Cells where contact is impossible stay so in a window as wide as the grid."""
+@each_number_of_ranks
+def test_holes_stay_so_in_a_window_as_wide_as_the_grid(comm):
     grid = Grid.from_domain(128, 128, (-1.0, 1.0, -1.0, 1.0))
     x, y = np.meshgrid(grid.x(), grid.y())
     strip = np.where(x**2 + y**2 < 0.02, np.nan, y**2 / 2)
@@ -87,7 +90,8 @@ def check_holes(comm):
         np.testing.assert_allclose(found.load, everywhere.load, rtol=1e-5)
 
 
-def check_narrow(comm):
+@each_number_of_ranks
+def test_narrow_grids(comm):
     """A grid so narrow that ranks have as many rows of one level as others of another."""
     for ny in (2047, 2048):
         grid = Grid.from_domain(4, ny, (-0.004, 0.004, -2.0, 2.0))
@@ -97,18 +101,3 @@ def check_narrow(comm):
         )
         np.testing.assert_allclose(found.load, everywhere.load, rtol=1e-5)
         assert solve(ball, -0.01, "fast").load == 0  # no grid has anything to look out for
-
-
-def main():
-    comm = MPI.COMM_WORLD
-    check_passage(comm)
-    check_box(comm)
-    check_spike(comm)
-    check_holes(comm)
-    check_narrow(comm)
-    if comm.rank == 0:
-        print(f"passed on {comm.size} ranks")
-
-
-if __name__ == "__main__":
-    main()

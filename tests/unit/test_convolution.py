@@ -1,13 +1,12 @@
-"""The influence operator: equal to the dense matrix, symmetric, positive definite, small, on any number of ranks."""
+"""The influence operator: symmetric, positive definite, small."""
 
 import tracemalloc
 
-import mpi_operator as checks
 import numpy as np
 import pytest
 import scipy.fft
 from mpi4py import MPI
-from mpi_operator import GRIDS, make_convolution
+from operators import GRIDS, make_convolution, matrix_of, random_field
 from petsc4py import PETSc
 
 from app.halfspace.fft.lengths import transform_length
@@ -20,22 +19,6 @@ SELF = MPI.COMM_SELF
 each_grid = pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
 
 
-@each_grid
-def test_product_is_that_of_the_dense_matrix(grid):
-    checks.check_product(SELF, grid)
-    checks.check_mat(SELF, grid)
-
-
-@each_grid
-def test_single_precision(grid):
-    checks.check_product(SELF, grid, dtype=np.float32, tolerance=checks.SINGLE)
-
-
-@pytest.mark.mpi(2, 3)
-def test_product_on_several_ranks(mpiexec, ranks):
-    assert f"passed on {ranks} ranks" in mpiexec(ranks, "mpi_operator.py")
-
-
 def test_small_grids_are_multiplied_as_dense_matrices():
     assert isinstance(InfluenceOperator(GRIDS["two rows"], 1.0).product, DenseProduct)
     assert isinstance(InfluenceOperator(GRIDS["even"], 1.0).product, Convolution)
@@ -44,9 +27,9 @@ def test_small_grids_are_multiplied_as_dense_matrices():
 @each_grid
 def test_symmetric_and_positive_definite(grid):
     product = make_convolution(SELF, grid)
-    scale = checks.matrix_of(grid).max() * grid.n
+    scale = matrix_of(grid).max() * grid.n
     for seed in range(5):
-        p, q = checks.random_field(grid, seed), checks.random_field(grid, 100 + seed)
+        p, q = random_field(grid, seed), random_field(grid, 100 + seed)
         Ap, Aq = np.empty_like(p), np.empty_like(q)
         product.apply(p, Ap)
         product.apply(q, Aq)
@@ -105,7 +88,7 @@ def test_needs_three_arrays_of_n_doubles(dtype, share):
     n_doubles = 8 * grid.n
     cache = 1 << 20  # blocks of rows and columns, whatever n
     assert product.memory <= share * (3.02 * n_doubles + cache)
-    p, out = checks.random_field(grid, 1), np.empty(grid.shape)
+    p, out = random_field(grid, 1), np.empty(grid.shape)
     tracemalloc.start()
     try:
         product.apply(p, out)

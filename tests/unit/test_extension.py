@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mpi_extension import STENCIL
+from operators import STENCIL
 from scipy.ndimage import binary_dilation, convolve
 
 from app.halfspace.grid import Grid
@@ -168,8 +168,3 @@ def test_fields_that_cannot_be_changed_in_place_are_refused():
 def test_numbers_of_steps_that_cannot_be_are_refused(steps):
     with pytest.raises(ValueError, match="steps"):
         RimExtension((4, 4), None, None, steps)
-
-
-@pytest.mark.mpi(2, 3, 4)
-def test_several_ranks_do_what_one_does(mpiexec, ranks):
-    assert f"passed on {ranks} ranks" in mpiexec(ranks, "mpi_extension.py")

@@ -1,13 +1,12 @@
-"""Gauss-Seidel sweeps: those of the scalar double loop, for any grid, kernel, contact set and number of ranks."""
+"""Gauss-Seidel sweeps: those of the scalar double loop, for any grid, kernel and contact set."""
 
-import mpi_gauss_seidel as checks
 import numba
 import numpy as np
 import pytest
 import running
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mpi_gauss_seidel import GRIDS, block_sizes, make, random_problem, sweep
+from sweeps import GRIDS, block_sizes, empty_in_the_middle, make, random_problem, sweep
 
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix, influence_quadrant
@@ -68,7 +67,7 @@ def test_sweep_is_the_scalar_one(grid, omega):
     relaxation = make(grid)
     for share in (0.4, 1.1, 0.02):
         assert_exact(grid, *reversed(random_problem(grid, share)), omega, relaxation)
-    assert_exact(grid, *reversed(checks.empty_in_the_middle(grid)), omega, relaxation)
+    assert_exact(grid, *reversed(empty_in_the_middle(grid)), omega, relaxation)
 
 
 @settings(max_examples=60, deadline=None)
@@ -233,22 +232,17 @@ def test_plans_survive_those_of_mpi4py_fft():
     """The first plan mpi4py_fft makes in a process lets FFTW forget all earlier ones."""
     code = """
 import sys; sys.path.insert(0, "tests")
-import mpi_gauss_seidel as checks
+import sweeps
 from app.halfspace.product import Convolution
-grid = checks.GRIDS["prime"]
-relaxation, (mask, r) = checks.make(grid), checks.random_problem(grid)
-before = checks.sweep(relaxation, r, mask, 0.8)
-Convolution(lambda rows: checks.influence_quadrant(grid, 1.0, rows), grid.shape)
-assert (checks.sweep(relaxation, r, mask, 0.8) == before).all()
+grid = sweeps.GRIDS["prime"]
+relaxation, (mask, r) = sweeps.make(grid), sweeps.random_problem(grid)
+before = sweeps.sweep(relaxation, r, mask, 0.8)
+Convolution(lambda rows: sweeps.influence_quadrant(grid, 1.0, rows), grid.shape)
+assert (sweeps.sweep(relaxation, r, mask, 0.8) == before).all()
 del relaxation  # crashes if the plans have been forgotten
 """
     done = running.run("-c", code)
     assert done.returncode == 0, done.stderr
-
-
-@pytest.mark.mpi(2, 3, 4)
-def test_iterates_do_not_depend_on_the_number_of_ranks(mpiexec, ranks):
-    assert f"passed on {ranks} ranks" in mpiexec(ranks, "mpi_gauss_seidel.py")
 
 
 def test_jacobi_and_red_black_are_those_of_the_dense_matrix():

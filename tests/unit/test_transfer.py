@@ -1,11 +1,11 @@
-"""Restriction and prolongation of Sec. 4.2 and 4.3, on even, odd and thin grids and on any number of ranks."""
+"""Restriction and prolongation of Sec. 4.2 and 4.3, on even, odd and thin grids."""
 
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from mpi4py import MPI
-from mpi_transfer import mat_times
+from operators import mat_times
 from petsc4py import PETSc
 
 from app.halfspace.grid import Grid, Slabs
@@ -181,11 +181,6 @@ def test_as_matrices_of_petsc(shape, factors):
         np.testing.assert_array_equal(y.getArray(readonly=True), 1 + copied.reshape(-1))
     for thing in (x, y, v, restriction, interpolation):
         thing.destroy()
-
-
-@pytest.mark.mpi(2, 3)
-def test_several_ranks_do_what_one_does(mpiexec, ranks):
-    assert f"passed on {ranks} ranks" in mpiexec(ranks, "mpi_transfer.py")
 
 
 @pytest.mark.parametrize("shape", [(256, 256), (37, 100), (1, 1000), (5, 3), (1, 1)])

@@ -1,4 +1,4 @@
-"""The contact set and its iteration: order of the update, conditions, symmetries and scaling of the solution."""
+"""Conditions, symmetries and scaling of the solution."""
 
 from itertools import pairwise
 
@@ -6,127 +6,10 @@ import numpy as np
 import pytest
 from running import Sampled, assert_solves_lcp, solve
 
-from app.contact.active_set import ContactGrid
-from app.contact.loading import PrescribedApproach
-from app.contact.loop import Controls, History, iterate
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material, dense_matrix
-from app.halfspace.operator import InfluenceOperator
-from app.reference import Cone, FlatCircularPunch
 
 UNIT = Material(1 / np.pi, 0.0)  # compliance 1
-
-# ------------------------------------------------------------------------------------ one update, by hand
-
-
-class Given:
-    """A linear solver that answers with a given pressure."""
-
-    level, work_units, tracks, exact = 0, 0.0, False, False
-
-    def __init__(self, state, pressure):
-        self._state, self._pressure = state, np.array(pressure, float)
-        self.work = state.pressure.duplicate()
-
-    def contact_changed(self):
-        pass
-
-    def solve(self, right, correction, allowed):
-        correction.setArray(self._pressure - self._state.pressure.getArray(readonly=True))
-        return 1, ""
-
-
-def updated(shape, contact, pressure, approach=0.0):
-    """Run one iteration from a contact set on a row of unit cells, with this pressure from the linear solver."""
-    operator = InfluenceOperator(Grid(len(shape), 1, 1.0, 1.0), UNIT.compliance)
-    state = ContactGrid(operator, np.array([shape], float))
-    state.approach = approach
-    state.contact[...] = [contact]
-    history = History()
-    solver = Given(state, pressure)
-    iterate(state, solver, PrescribedApproach(approach), Controls(max_it=1), history)
-    p = state.pressure.getArray(readonly=True).copy()
-    found = p.tolist(), state.contact[0].astype(int).tolist(), state.u[0].copy(), history.entries[0]
-    solver.work.destroy()
-    state.destroy()
-    return found
-
-
-def counts(entry):
-    return tuple(entry[name] for name in ("contact_cells", "added_cells", "dropped_cells", "changed_cells"))
-
-
-A = dense_matrix(Grid(3, 1, 1.0, 1.0), 1.0)
-
-
-def test_tensile_cells_leave_and_their_pressure_goes_before_u_is_computed():
-    p, contact, u, entry = updated([-2, 1, 5], [1, 1, 0], [1.0, -0.5, 0])
-    assert p == [1, 0, 0]
-    np.testing.assert_allclose(u, A @ [1, 0, 0], rtol=1e-14)
-    assert contact == [1, 0, 0]
-    assert counts(entry) == (1, 0, 1, 1)
-
-
-def test_cell_that_left_comes_back_if_it_overlaps_without_its_pull():
-    # h between: with the pull of cell 1 itself it would overlap, without it does not, and the other way round.
-    pull = A @ [1, -0.5, 0]
-    free = A @ [1, 0, 0]
-    assert pull[1] < free[1]
-    between = -(pull[1] + free[1]) / 2
-    assert updated([-2, between, 5], [1, 1, 0], [1.0, -0.5, 0])[1] == [1, 0, 0]
-    deeper = -free[1] - 1e-9
-    _, contact, _, entry = updated([-2, deeper, 5], [1, 1, 0], [1.0, -0.5, 0])
-    assert contact == [1, 1, 0]
-    assert counts(entry) == (2, 0, 0, 0)
-
-
-def test_cells_that_overlap_or_touch_enter():
-    u2 = (A @ [1, 0, 0])[2]
-    for h2, expected in ((-u2 - 1e-9, 1), (-u2, 1), (-u2 + 1e-9, 0)):
-        _, contact, _, entry = updated([0, 5, h2], [1, 0, 0], [1.0, 0, 0])
-        assert contact == [1, 0, expected]
-        assert counts(entry) == (1 + expected, expected, 0, expected)
-
-
-def test_cells_with_positive_pressure_stay_however_far_apart():
-    # Only the sign of the pressure decides: the linear solver need not have converged.
-    _, contact, _, entry = updated([7, -7, 9], [1, 1, 0], [1.0, 2.0, 0])
-    assert contact == [1, 1, 0]
-    expected = np.linalg.norm(np.array([7, -7]) + (A @ [1, 2, 0])[:2]) / np.linalg.norm([7, -7, 9])
-    assert entry["residual"] == pytest.approx(expected, rel=1e-14)
-
-
-def test_cells_without_pressure_stay():
-    assert updated([0, 0, 9], [1, 1, 0], [1.0, 0.0, 0])[1] == [1, 1, 0]
-
-
-def test_inadmissible_cells_never_enter():
-    _, contact, u, entry = updated([-1, np.nan, -1], [1, 0, 0], [0, 0, 0])
-    assert contact == [1, 0, 1]
-    assert np.isfinite(u).all()
-    assert counts(entry) == (2, 1, 0, 1)
-
-
-def test_approach_moves_the_shape():
-    assert updated([0.5, 1.5, np.nan, -9], [0, 0, 0, 1], [0, 0, 0, 0], approach=1.0)[1] == [1, 0, 0, 1]
-
-
-def test_start_and_norm():
-    operator = InfluenceOperator(Grid(4, 1, 1.0, 1.0), 1.0)
-    state = ContactGrid(operator, np.array([[0.5, 1.0, 2.0, np.nan]]))
-    state.approach = 1.0
-    state.pressure.set(3)
-    state.start_from_interpenetration()
-    assert state.contact.tolist() == [[True, True, False, False]]
-    assert state.pressure.norm() == 0
-    assert state.gap_norm() == pytest.approx(np.sqrt(0.5**2 + 1), rel=1e-15)
-    state.right_hand_side_to(state.right)
-    assert state.right.getArray(readonly=True).tolist() == [0.5, 0, 0, 0]
-    assert state.contact is operator.mask
-    state.destroy()
-
-
-# ------------------------------------------------------------------------------------------- the solution
 
 GRID = Grid(40, 31, 0.3, 0.2, x0=-6.0, y0=-3.1)
 
@@ -266,46 +149,3 @@ def test_empty_start_set_of_a_nested_iteration_does_not_mean_no_contact(method):
     found = solve(problem, 8.0, method, lcp_nested=True)
     assert_solves_lcp(found)
     assert found.load == pytest.approx(expected.load, rel=1e-5)
-
-
-# ------------------------------------------------------------------------------- other analytic solutions
-
-
-def analytic(contact, n, patch):
-    """The problem of a reference solution on a square patch of n x n cells, and its grid."""
-    grid = Grid.from_domain(n, n, (-patch, patch, -patch, patch))
-    material = Material(contact.e_star, 0.0)
-    return Sampled(grid, material, contact.undeformed_distance)
-
-
-def test_flat_punch():
-    # A circle of cells is a staircase: compared with the punch of the same area, the load is of first order.
-    punch = FlatCircularPunch.from_approach(1.0, 100.0, 0.01)
-    errors = []
-    for n in (16, 32, 64, 128):
-        problem = analytic(punch, n, 1.0)
-        solution = solve(problem, punch.approach)
-        assert_solves_lcp(solution)
-        x, y = np.meshgrid(problem.grid.x(), problem.grid.y())
-        np.testing.assert_array_equal(solution.contact, np.hypot(x, y) <= 1)
-        radius = np.sqrt(solution.contact.sum() * problem.grid.cell_area / np.pi)
-        same_area = FlatCircularPunch.from_approach(radius, punch.e_star, punch.approach)
-        errors.append(abs(solution.load / same_area.load - 1))
-    assert -np.polyfit([4, 5, 6, 7], np.log2(errors), 1)[0] == pytest.approx(1, abs=0.1)
-    assert solution.load == pytest.approx(punch.load, rel=2e-3)
-    middle = np.hypot(x, y) < 0.8
-    np.testing.assert_allclose(solution.pressure[middle], punch.pressure(x, y)[middle], rtol=0.01)
-
-
-def test_cone():
-    cone = Cone.from_approach(0.05, 100.0, 0.05)  # radius 2/pi of the contact area
-    errors, areas = [], []
-    for n in (17, 33, 65, 129):  # odd: a cell on the tip
-        problem = analytic(cone, n, 1.0)
-        solution = solve(problem, cone.approach)
-        assert_solves_lcp(solution)
-        errors.append(abs(solution.load / cone.load - 1))
-        areas.append(solution.contact.sum() * problem.grid.cell_area)
-    assert errors[-1] < 2e-3
-    assert -np.polyfit(np.log2([17, 33, 65, 129]), np.log2(errors), 1)[0] > 1
-    assert areas[-1] == pytest.approx(cone.contact_area, rel=0.02)

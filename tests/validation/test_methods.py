@@ -6,7 +6,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from mpi_norm import APPROACH, hertz
+from cases import APPROACH, hertz, punch
 from running import Sampled, assert_solves_lcp, solve
 
 from app.contact import loop, nested
@@ -15,9 +15,6 @@ from app.contact.certificate import certify
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material, dense_matrix
 from app.halfspace.operator import InfluenceOperator
-from app.output.result import read_result
-from app.problems.punch import Punch
-from app.problems.surfaces import WavySurface
 
 SIZES = (32, 64, 128, 256)
 # Active set iterations on the target grid; the paper's Tables 2 and 3 differ by at most 2 everywhere.
@@ -36,13 +33,6 @@ PAPER_WORK = {
 }
 CASES = (-0.11, 0.01, 0.25)
 METHODS = (*COUNTS, "norm", "fmg_lift", "fmg_fft", "fast")
-
-
-def punch(n):
-    """Rough contact of Sec. 5.2."""
-    surface = WavySurface((12, 10), 0.8, 0.1, 7, (12.0, 10.0), (-6.0, -5.0))
-    grid = Grid.from_domain(n, n, (-6.0, 6.0, -5.0, 5.0))
-    return Punch(grid, Material(80000.0, 0.28), 8.97, surface)
 
 
 @pytest.mark.parametrize("method", COUNTS)
@@ -65,21 +55,6 @@ def test_rough_contact_by_full_multigrid(approach, method, most):
         assert_solves_lcp(solution)
         counts.append(solution.outcome.iterations)
     assert max(counts) <= most
-
-
-@pytest.mark.mpi(2, 3, 4)
-@pytest.mark.parametrize("grid", ["64", "52,37"])
-@pytest.mark.parametrize("method", ["mg_v11", "fmg_v10", "fast", "fmg_lift"])
-def test_any_number_of_ranks_iterates_alike(cli, ranks, method, grid, tmp_path):
-    # Small replicated levels, so that several levels are distributed; double precision to compare digits.
-    arguments = ("-grid", grid, "-lcp_replicate", "8", "-lcp_precision", "double", "-output")
-    for where, count in (("one.h5", None), ("many.h5", ranks)):
-        done = cli(*arguments, tmp_path / where, methods=("hertz", method), ranks=count)
-        assert done.returncode == 0, done.stderr
-    one, many = (read_result(tmp_path / name) for name in ("one.h5", "many.h5"))
-    assert list(one.history["contact_cells"]) == list(many.history["contact_cells"])
-    assert one.attributes["work_units"] == pytest.approx(many.attributes["work_units"])
-    np.testing.assert_allclose(many.pressure, one.pressure, rtol=0, atol=1e-10 * one.pressure.max())
 
 
 @pytest.mark.parametrize("method", ["mg_v11", "fmg_v10", "fmg_lift", "fast"])
@@ -157,22 +132,6 @@ def test_load_and_approach_are_two_descriptions_of_one_contact(method, problem, 
     np.testing.assert_allclose(
         by_load.pressure, by_approach.pressure, rtol=0, atol=1e-5 * by_approach.pressure.max()
     )
-
-
-@pytest.mark.mpi(2)
-@pytest.mark.parametrize("method", ["mg_v10", "fmg_v11", "fast"])
-def test_load_on_two_ranks(cli, ranks, method, tmp_path):
-    def run(*loading):
-        where = tmp_path / "result.h5"
-        done = cli("-grid", "96", *loading, "-output", where, methods=("punch", method), ranks=ranks)
-        assert done.returncode == 0, done.stderr
-        return read_result(where).attributes
-
-    by_approach = run("-approach", "0.1")
-    by_load = run("-load", repr(float(by_approach["load"])))
-    assert by_load["operator_applications"] <= 1.5 * by_approach["operator_applications"]
-    assert by_load["load"] == pytest.approx(by_approach["load"], rel=1e-12)
-    assert by_load["approach"] == pytest.approx(0.1, abs=1e-6)
 
 
 @pytest.mark.parametrize("method", ["norm", "mg_v11", "fmg_v10", "fmg_lift"])

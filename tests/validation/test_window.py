@@ -2,31 +2,11 @@
 
 import numpy as np
 import pytest
-from mpi4py import MPI
-from mpi_norm import APPROACH, hertz
-from mpi_window import check_box, check_holes, check_narrow, check_passage, check_spike
-from running import Sampled, assert_solves_lcp, run, solve, solve_arguments
+from cases import APPROACH, hertz, punch
+from running import Sampled, assert_solves_lcp, solve
 
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
-from app.problems.punch import Punch
-from app.problems.surfaces import WavySurface
-
-
-def test_fields_pass_and_nothing_outside_is_forgotten():
-    for check in (check_passage, check_box, check_spike, check_holes, check_narrow):
-        check(MPI.COMM_SELF)
-
-
-@pytest.mark.mpi(2, 3, 5)
-def test_several_ranks_do_what_one_does(mpiexec, ranks):
-    assert f"passed on {ranks} ranks" in mpiexec(ranks, "mpi_window.py")
-
-
-def punch(nx, ny):
-    surface = WavySurface((12, 10), 0.8, 0.1, 7, (12.0, 10.0), (-6.0, -5.0))
-    grid = Grid.from_domain(nx, ny, (-6.0, 6.0, -5.0, 5.0))
-    return Punch(grid, Material(80000.0, 0.28), 8.97, surface)
 
 
 @pytest.mark.parametrize(
@@ -61,15 +41,6 @@ def test_small_contact_in_a_large_patch_is_cheap():
     solution = solve(ball, 0.01, "fast")
     assert_solves_lcp(solution)
     assert solution.applications < 2
-
-
-def test_windows_are_refused_where_they_mean_nothing():
-    common = (*solve_arguments("hertz"), "-grid", "32", "-lcp_window", "0.1", "-ksp_type", "cg")
-    for more, why in ((("-lcp_nested", "false"), "-lcp_nested"), (("-lcp_nested", "-pc_type", "mg"), "mg")):
-        done = run(*common, *more)
-        assert done.returncode == 2
-        assert "-lcp_window" in done.stderr
-        assert why in done.stderr
 
 
 @pytest.mark.parametrize("method", ["fast", "fmg_v11", "mg_v11", "norm"])

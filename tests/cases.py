@@ -1,0 +1,34 @@
+"""The paper's problems."""
+
+import pytest
+
+from app.halfspace.grid import Grid
+from app.halfspace.influence import Material
+from app.problems.hertz import Hertz
+from app.problems.punch import Punch
+from app.problems.surfaces import WavySurface
+
+APPROACH = 0.1091  # of Hertz's problem
+COUNTS = {32: (5, 73), 64: (7, 122), 128: (8, 176), 256: (9, 250)}  # NORM: active set and CG iterations
+
+
+def hertz(nx, ny=None):
+    """Sec. 5.1."""
+    grid = Grid.from_domain(nx, ny or nx, (-10.0, 10.0, -6.0, 6.0))
+    return Hertz(grid, Material(82000.0, 0.28), rx=300.0, ry=163.0)
+
+
+def punch(nx, ny=None):
+    """Sec. 5.2: rough contact."""
+    surface = WavySurface((12, 10), 0.8, 0.1, 7, (12.0, 10.0), (-6.0, -5.0))
+    grid = Grid.from_domain(nx, ny or nx, (-6.0, 6.0, -5.0, 5.0))
+    return Punch(grid, Material(80000.0, 0.28), 8.97, surface)
+
+
+def assert_counts_of_norm(n, outcome):
+    """Compare with `COUNTS`."""
+    # The count of CG iterations depends on round-off: the problem is symmetric about both axes, so only
+    # round-off makes unsymmetric components, which grow until CG has to remove them.
+    outer, inner = COUNTS[n]
+    assert outcome.iterations == outer
+    assert outcome.inner_iterations == pytest.approx(inner, rel=0.03, abs=3)

@@ -1,0 +1,56 @@
+"""The influence operator on grids of all kinds, and its dense matrix."""
+
+from functools import cache, partial
+
+import numpy as np
+
+from app.halfspace.grid import Grid, Slabs
+from app.halfspace.influence import Material, dense_matrix, influence_quadrant
+from app.halfspace.product import Convolution
+
+STEEL = Material(82000.0, 0.28).compliance
+GRIDS = {
+    "one cell": Grid(1, 1, 0.3, 0.2),
+    "one row": Grid(45, 1, 0.1, 0.4),
+    "one column": Grid(1, 45, 0.1, 0.4),
+    "two rows": Grid(38, 2, 1.0, 1.0),
+    "even": Grid(24, 16, 0.5, 0.5),
+    "odd": Grid(23, 17, 0.5, 0.5),
+    "prime": Grid(29, 31, 0.3, 0.2),
+    "wide cells": Grid(20, 21, 30.0, 0.1),
+    "tall cells": Grid(21, 20, 0.1, 30.0),
+    "many groups": Grid(240, 3, 0.2, 0.3),  # of columns
+    "more than a block": Grid(40, 36, 0.2, 0.3),  # rows and columns go through the FFT 32 and 16 at a time
+}
+STENCIL = [[-0.037, -0.161, -0.037], [-0.189, 1.0, -0.189], [-0.037, -0.161, -0.037]]  # of an inverse
+DOUBLE, SINGLE = 1e-14, 1e-6  # measured: 2e-15 and 2e-7
+
+
+def slabs_of(comm, grid, block=1):
+    return Slabs(grid.ny, comm.size, comm.rank, block)
+
+
+def random_field(grid, seed):
+    """The same field on all ranks."""
+    return np.random.default_rng(seed).normal(size=grid.shape)
+
+
+@cache
+def matrix_of(grid):
+    return dense_matrix(grid, STEEL)
+
+
+def make_convolution(comm, grid, block=1, dtype=np.float64):
+    quadrant = partial(influence_quadrant, grid, STEEL)
+    return Convolution(quadrant, grid.shape, slabs_of(comm, grid, block), comm, dtype)
+
+
+def mat_times(mat, values):
+    """What a Mat makes of an array, which holds this rank's entries."""
+    x, y = mat.createVecs()
+    x.setArray(values.reshape(-1))
+    mat.mult(x, y)
+    found = y.getArray(readonly=True).copy()
+    x.destroy()
+    y.destroy()
+    return found

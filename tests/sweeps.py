@@ -1,0 +1,51 @@
+"""Gauss-Seidel sweeps over contact sets and grids of all kinds."""
+
+from contextlib import contextmanager
+from unittest import mock
+
+import numpy as np
+
+from app.halfspace.grid import Grid
+from app.halfspace.influence import influence_quadrant
+from app.halfspace.sweeps import gauss_seidel
+from app.halfspace.sweeps.gauss_seidel import GaussSeidel
+
+GRIDS = {
+    "prime": Grid(61, 97, 0.3, 0.2),
+    "wide": Grid(211, 13, 0.2, 0.2),
+    "one row": Grid(101, 1, 1.0, 1.0),
+    "one column": Grid(1, 101, 1.0, 1.0),
+    "three rows": Grid(70, 3, 1.0, 0.5),
+    "one cell": Grid(1, 1, 1.0, 1.0),
+    "even": Grid(32, 128, 1.0, 1.0),
+}
+
+
+@contextmanager
+def block_sizes(leaf_rows, segment_columns):
+    """Small blocks, so that small grids exercise every level of the scheme."""
+    with mock.patch.multiple(gauss_seidel, LEAF_ROWS=leaf_rows, SEGMENT_COLUMNS=segment_columns):
+        yield
+
+
+def make(grid, slabs=None, comm=None, dtype=float):
+    kernel = influence_quadrant(grid, 1.0)
+    return GaussSeidel(lambda first, last: kernel[first:last], grid.shape, slabs, comm, dtype)
+
+
+def random_problem(grid, share=0.4, seed=0):
+    rng = np.random.default_rng(seed)
+    mask = rng.random(grid.shape) < share
+    return mask, np.where(mask, rng.normal(size=grid.shape), 0.0)
+
+
+def empty_in_the_middle(grid):
+    mask, r = random_problem(grid)
+    mask[grid.ny // 5 : -grid.ny // 5] = False
+    return mask, r * mask
+
+
+def sweep(relaxation, r, mask, omega, backward=False):
+    d = np.full(r.shape, np.nan)
+    relaxation.sweep(r, mask, omega, d, backward=backward)
+    return d

@@ -1,0 +1,127 @@
+"""The paper's data: how its numbers are counted, what the report says of them, and pictures."""
+
+import numpy as np
+import pytest
+
+from app import reproduce
+from app.halfspace.influence import Material, influence_quadrant
+from app.reproduction import pictures, report, studies, tables
+from app.reproduction.item import QUICK
+from app.reproduction.report import Entry
+
+
+def test_counts_of_the_paper():
+    outcome = {
+        "converged": True, "active_set_iterations": 6, "work_units": 26.25, "inner_iterations": 71,
+    }  # fmt: skip
+    data = tables.evaluate_methods({("32", "V11"): outcome, ("32", "norm_cg"): outcome})
+    assert data == {"32": {"V11": [6, 26.2], "norm_cg": [6, 71]}}
+    assert tables.inexact_counts(outcome, 4) == [6, 36]
+    assert tables.inexact_counts({**outcome, "converged": False}, 4) is None
+
+
+@pytest.mark.parametrize(
+    ("paper", "ours", "difference", "noticeable"),
+    [
+        ([9, 35], [9, 35.4], "+0 (+1%)", False),
+        ([7, 24], [8, 27], "+1 (+12%)", True),
+        ([20, 200], [18, 190], "-2 (-5%)", True),
+        ([9, 0.19], [9, 0.204], "+0 (+0.01)", False),
+        ([9, 0.19], [9, 0.25], "+0 (+0.06)", True),
+        (45.29, 45.06, "-1%", False),
+        (3.70, 4.18, "+13%", True),
+        (None, [21, 126], "one diverged", True),
+        (None, None, "", False),
+    ],
+)
+def test_differences(paper, ours, difference, noticeable):
+    entry = Entry("32 × 32", "V(1,1)", paper, ours)
+    assert (entry.difference(), entry.noticeable) == (difference, noticeable)
+
+
+def test_verdict_names_what_differs():
+    same, other = Entry("a", "b", [9, 35], [9, 35.4]), Entry("c", "d", [9, 35], [5, 35])
+    assert (
+        report.verdict([same])
+        == "1 entries, 1 of them equal in all digits printed; no noticeable difference."
+    )
+    assert report.verdict([same, other]).endswith("noticeably different: c d.")
+
+
+def test_numbers_are_written_as_in_the_paper():
+    assert [report.show(v) for v in ([9, 0.194], [9, 35.4375], [5, 110], 45.286, None)] == [
+        "9 (0.19)", "9 (35)", "5 (110)", "45.29", "diverged",
+    ]  # fmt: skip
+
+
+def test_spread_and_slope():
+    assert studies.spread([3, None, 1, 2, 10]) == [1, 2.5, 10]
+    assert studies.spread([None]) is None
+    points = [{"share": 0.1, "pressure": 0.05}, {"share": 0.32, "pressure": 0.15}]
+    assert studies.kappa(points) == pytest.approx(2.1)
+
+
+def test_self_affine_loads_are_in_units_of_the_slope_on_the_patch(tmp_path):
+    plan = studies.plan_selfaffine(QUICK, tmp_path)
+    for (load, seed, slope), run in plan.items():
+        height = -np.load(run.options["gap_file"])
+        cell = studies.SIDE / len(height)
+        gradient = np.gradient(height, cell)
+        assert float(slope) == pytest.approx(np.sqrt(sum(np.mean(g**2) for g in gradient)), rel=0.05)
+        assert float(slope) == pytest.approx(studies.SLOPE, rel=0.15)
+        pressure = float(run.options["load"]) / studies.SIDE**2
+        assert pressure / studies.MATERIAL.contact_modulus / float(slope) == pytest.approx(float(load))
+        assert f"-{seed}.npy" in run.options["gap_file"]
+
+
+# -- pictures ------------------------------------------------------------------------------------------------
+
+
+def drawn(name, outcomes=None):
+    (item,) = reproduce.select([name])
+    return item.evaluate(outcomes or {})
+
+
+@pytest.mark.parametrize("name", ["fig2", "fig5", "fig6", "fig7", "fig10", "fig12"])
+def test_panels_are_lettered_and_axes_labelled(name):
+    panels = [axes for axes in drawn(name).axes if axes.get_label() != "<colorbar>"]
+    titles = [axes.get_title(loc="left") for axes in panels]
+    assert [title[:3] for title in titles] == [f"({letter})" for letter in "abcdef"[: len(panels)]]
+    outer = [axes for axes in panels if not (name == "fig10" and axes in panels[:2])]
+    assert all(axes.get_xlabel() for axes in outer)
+    assert panels[0].get_ylabel() and panels[-2 if name == "fig10" else -1].get_ylabel()
+
+
+def test_figure_2_shows_the_coefficients_in_their_places():
+    image = drawn("fig2").axes[0].images[0]
+    values = np.asarray(image.get_array())
+    material = Material(82000.0, 0.28)
+    grid = pictures.Grid.from_domain(32, 32, pictures.HERTZ_DOMAIN)
+    quadrant = material.shear_modulus * influence_quadrant(grid, material.compliance)
+    assert values.shape == (33, 33)
+    for j, i in ((0, 0), (3, 5), (-16, 16), (7, -2)):
+        assert values[16 + j, 16 + i] == pytest.approx(quadrant[abs(j), abs(i)])
+
+
+def test_figure_5_shows_all_eigenvalues():
+    first, second, third = drawn("fig5").axes
+    jacobi = first.lines[0].get_ydata()
+    assert len(jacobi) == 32 and jacobi.min() == pytest.approx(-19.8, abs=0.05)
+    points = second.lines[-1].get_xydata()
+    assert np.sort(np.hypot(*points.T)) == pytest.approx(np.sort(third.lines[0].get_ydata()))
+
+
+def test_figure_12_normal_plot_is_nearly_straight():
+    axes = next(axes for axes in drawn("fig12").axes if axes.get_ylabel() == "probability")
+    height, quantile = axes.lines[0].get_data()
+    assert len(height) == 64**2
+    assert np.corrcoef(height, quantile)[0, 1] > 0.99
+
+
+def test_contact_panels_show_start_and_end():
+    n = 4
+    fields = {"x": list(range(n)), "y": list(range(n)), "admissible": np.ones((n, n), int).tolist()}
+    full, empty = np.ones((n, n), int).tolist(), np.zeros((n, n), int).tolist()
+    outcomes = {("1", m): {**fields, "first": full, "last": empty} for m in ("norm", "fmg_v11")}
+    titles = [axes.get_title(loc="left") for axes in drawn("fig8", outcomes).axes]
+    assert "16 cells, 16 unlike the last" in titles[0] and titles[2].endswith("converged\n0 cells")

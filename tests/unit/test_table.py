@@ -1,0 +1,50 @@
+"""Tables of every kind."""
+
+import csv
+import io
+
+import h5py
+import numpy as np
+import pytest
+
+from app.output.table import comma_separated, markdown, text, write_table
+
+ROWS = [
+    {"grid": "32|32", "its": 6, "residual": 1.25e-7},
+    {"grid": "64|64", "its": 10, "residual": None, "note": "C"},
+]
+
+
+def test_markdown_and_text_align_numbers_to_the_right():
+    assert markdown(
+        ROWS, {"grid": "Grid", "residual": "‖r‖", "its": "Its"}, {"residual": ".1e"}
+    ).splitlines() == [
+        "| Grid   |     ‖r‖ | Its |",
+        "|--------|--------:|----:|",
+        r"| 32\|32 | 1.2e-07 |   6 |",
+        r"| 64\|64 |         |  10 |",
+    ]
+    assert text(ROWS, ["its", "note"]).splitlines() == ["its  note", "---  ----", "  6", " 10  C"]
+
+
+def test_csv_keeps_all_digits():
+    rows = [{"a": 0.1 + 0.2, "b": np.float64(1 / 3), "c": 'x, "y"'}, {"a": np.nan, "b": 1e-300, "c": True}]
+    found = list(csv.DictReader(io.StringIO(comma_separated(rows))))
+    assert [float(row["b"]) for row in found] == [1 / 3, 1e-300]
+    assert float(found[0]["a"]) == 0.1 + 0.2
+    assert [row["c"] for row in found] == ['x, "y"', "True"]
+
+
+def test_tables_of_every_kind(tmp_path):
+    for name, render in (("a.md", markdown), ("a.txt", text), ("a.csv", comma_separated)):
+        write_table(tmp_path / name, ROWS)
+        assert (tmp_path / name).read_text() == render(ROWS)
+    write_table(tmp_path / "a.h5", ROWS)
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert file["its"].dtype == np.int64
+        assert file["its"][:].tolist() == [6, 10]
+        assert np.array_equal(file["residual"], [1.25e-7, np.nan], equal_nan=True)
+        assert file["note"].asstr()[:].tolist() == ["", "C"]
+    with pytest.raises(ValueError, match=r"a\.xls: the name must end in one of"):
+        write_table(tmp_path / "a.xls", ROWS)
+    assert markdown([], ["a"]).splitlines() == ["| a   |", "|-----|"]
