@@ -1,13 +1,14 @@
 """Tests that run on several ranks: ``@pytest.mark.mpi(2, 3)`` on a function with an argument `comm`.
 
 Such a function is an ordinary test that every rank calls. The session that was started by hand (the parent) does
-not call it: for each file and number of ranks it starts ``mpiexec -n RANKS python -m pytest IDS --on-ranks=FOLDER``
-once, for starting takes longer than most tests, and tells what became of each test. With ``mpi(1, 2)`` the parent
-calls the function for one rank itself.
+not call it: for each number of ranks it starts ``mpiexec -n RANKS python -m pytest IDS --on-ranks=FOLDER`` once, for
+starting takes longer than most tests, and tells what became of each test. With ``mpi(1, 2)`` the parent calls the
+function for one rank itself.
 
 Every rank writes what it finds to a file of its own in FOLDER, line by line. A test fails if it fails on any rank.
 After each test the ranks meet. If one waits for ever, be it in the test or for ranks that a failure elsewhere left
-behind, it ends the job: the test at fault fails with the tracebacks of all ranks, the ones after it fail unrun.
+behind, it ends the job: the test at fault fails with the tracebacks of all ranks, and a new job runs the tests after
+it.
 """
 
 import faulthandler
@@ -23,7 +24,8 @@ from mpi4py import MPI
 from running import run
 
 AFTER_A_FAILURE = 10  # seconds that the others have to end a test that has failed on one rank
-START = 60  # seconds for starting, compiling included, beside those for the tests
+TOGETHER = 500  # seconds for all tests on so many ranks; less than the time limit of the parent's test
+STARTS = 3  # of mpiexec on so many ranks, if tests end the job
 
 
 def pytest_addoption(parser):
@@ -43,9 +45,8 @@ def pytest_configure(config):
 def pytest_generate_tests(metafunc):
     marker = metafunc.definition.get_closest_marker("mpi")
     if marker:
-        metafunc.parametrize(
-            "comm", marker.args, indirect=True, ids=[f"{n}ranks" if n > 1 else "1rank" for n in marker.args]
-        )
+        names = [f"{n}ranks" if n > 1 else "1rank" for n in marker.args]
+        metafunc.parametrize("comm", marker.args, indirect=True, ids=names)
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -85,7 +86,7 @@ class OnRanks(pytest.Item):
         outcomes = self.session.stash.setdefault(OUTCOMES, {})
         if self.nodeid not in outcomes:
             like = [i for i in self.session.items if isinstance(i, OnRanks) and i.ranks == self.ranks]
-            outcomes.update(run_batch([i for i in like if i.path == self.path]))
+            outcomes.update(run_on_ranks(like))
         outcome, text = outcomes[self.nodeid]
         if outcome == "skipped":
             pytest.skip(text)
@@ -103,41 +104,45 @@ class FailedOnRanks(Exception):
     """The message has the tracebacks of the ranks."""
 
 
-def run_batch(items):
-    """Run tests of one file on one number of ranks: ``{node id: (outcome, text)}``."""
+def run_on_ranks(items):
+    """Run tests on as many ranks as they ask for: ``{node id: (outcome, text)}``."""
     config, ranks = items[0].config, items[0].ranks
-    names = [item.nodeid for item in items]
-    seconds = START + len(names) * float(config.getini("seconds_on_ranks"))
-    with TemporaryDirectory(prefix="on_ranks-", ignore_cleanup_errors=True) as folder:
-        command = ["-m", "pytest", *names, f"--on-ranks={folder}", "-p", "no:cacheprovider", "--timeout=0"]
-        try:
-            done = run(*command, ranks=ranks, timeout=seconds, cwd=config.rootpath)
-            end = f"mpiexec ended with status {done.returncode}\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
-        except AssertionError as error:  # it hangs outside of any test
-            end = str(error)
-        return read_outcomes(Path(folder), names, ranks, end)
+    left, outcomes = [item.nodeid for item in items], {}
+    for _ in range(STARTS):
+        with TemporaryDirectory(prefix="on_ranks-", ignore_cleanup_errors=True) as folder:
+            command = ["-m", "pytest", *left, f"--on-ranks={folder}", "-p", "no:cacheprovider", "--timeout=0"]
+            try:
+                done = run(*command, ranks=ranks, timeout=TOGETHER, cwd=config.rootpath)
+                end = f"mpiexec ended with status {done.returncode}\n{done.stdout[-3000:]}\n{done.stderr[-3000:]}"
+                bad_end = done.returncode != 0
+            except AssertionError as error:  # it hangs outside of any test
+                end, bad_end = str(error), True
+            outcomes |= read_outcomes(Path(folder), left, ranks, end)
+        if left[-1] in outcomes:
+            if bad_end and outcomes[left[-1]][0] != "failed":
+                outcomes[left[-1]] = "failed", f"after this last test on {ranks} ranks: {end}"
+            return outcomes
+        *_, culprit = outcomes
+        left = left[left.index(culprit) + 1 :]
+    return outcomes | {name: ("failed", f"not run: {culprit} and others ended the job") for name in left}
 
 
 def read_outcomes(folder, names, ranks, end):
-    """What the ranks have written; `end` says how they ended."""
+    """What the ranks have written, up to the test that ended the job, if one did; `end` says how it ended."""
     found = defaultdict(dict)  # name -> rank -> (outcome, text)
     for rank in range(ranks):
         path = folder / f"{rank}.jsonl"
         for line in path.read_text().splitlines() if path.is_file() else ():
             name, outcome, text = json.loads(line)
             found[name][rank] = outcome, text
-    culprit, outcomes = None, {}
+    outcomes = {}
     for name in names:
-        reports = found[name]
-        if len(reports) == ranks:
-            outcomes[name] = verdict(reports)
-        elif culprit is None:
-            culprit = name
-            stacks = [stack_of(folder, rank) for rank in range(ranks) if rank not in reports]
-            text = "\n".join(["the ranks did not all come to its end", verdict(reports)[1], *stacks, end])
+        outcomes[name] = verdict(found[name])
+        if len(found[name]) < ranks:
+            stacks = [stack_of(folder, rank) for rank in range(ranks) if rank not in found[name]]
+            text = "\n".join(["the ranks did not all come to its end", outcomes[name][1], *stacks, end])
             outcomes[name] = "failed", text
-        else:
-            outcomes[name] = "failed", f"not run: {culprit} ended the job"
+            break
     return outcomes
 
 

@@ -2,11 +2,10 @@
 
 import re
 
-import pytest
 from running import TESTS, run
 
 BEGIN = """
-import os, time
+import os
 import pytest
 
 pytestmark = pytest.mark.mpi(2)
@@ -61,28 +60,58 @@ def test_alone(comm):
     assert "heard of it" in said
 
 
-@pytest.mark.parametrize(
-    ("trouble", "message"),
-    [
-        ("if comm.rank == 0: raise KeyError('what is missing')", "KeyError: 'what is missing'"),
-        ("if comm.rank == 0: os.abort()", "Aborted"),
-        ("if comm.rank == 0: comm.Barrier()", "in test_trouble"),
-    ],
-    ids=["raises", "crashes", "hangs"],
-)
-def test_ranks_that_wait_for_ever_are_ended(tmp_path, trouble, message):
-    body = f"""
+def test_ranks_that_wait_for_ever_or_crash_are_ended_and_the_next_test_is_run(tmp_path):
+    found, said = outcomes(
+        tmp_path,
+        """
 def test_before(comm):
     pass
 
-def test_trouble(comm):
-    {trouble}
+def test_raises(comm):
+    if comm.rank == 0:
+        raise KeyError("what is missing")
+    comm.Barrier()
+
+def test_between(comm):
+    assert comm.allreduce(1) == 2
+
+def test_crashes(comm):
+    if comm.rank == 1:
+        os.abort()
     comm.Barrier()
 
 def test_after(comm):
+    assert comm.allreduce(1) == 2
+
+def test_hangs(comm):
+    comm.Recv(bytearray(1), source=1 - comm.rank)
+
+def test_last(comm):
     pass
-"""
-    found, said = outcomes(tmp_path, body, seconds=3)
-    assert found == {"before": "PASSED", "trouble": "FAILED", "after": "FAILED"}
-    assert message in said
-    assert "test_after" in said and "not run: test_them.py::test_trouble[2ranks] ended the job" in said
+""",
+        seconds=2,
+    )
+    assert found == {
+        "before": "PASSED", "raises": "FAILED", "between": "PASSED", "crashes": "FAILED", "after": "PASSED",
+        "hangs": "FAILED", "last": "FAILED",
+    }  # fmt: skip
+    assert "KeyError: 'what is missing'" in said
+    assert "Aborted" in said
+    assert "in test_hangs" in said
+    assert "not run: test_them.py::test_hangs[2ranks] and others ended the job" in said
+
+
+def test_a_job_that_crashes_at_its_end_is_a_failure(tmp_path):
+    found, said = outcomes(
+        tmp_path,
+        """
+def test_first(comm):
+    pass
+
+def test_last(comm):
+    import atexit
+    atexit.register(os.abort)
+""",
+    )
+    assert found == {"first": "PASSED", "last": "FAILED"}
+    assert "after this last test on 2 ranks" in said
