@@ -21,7 +21,7 @@ from tempfile import TemporaryDirectory
 
 import pytest
 from mpi4py import MPI
-from running import run
+from processes import run
 
 AFTER_A_FAILURE = 10  # seconds that the others have to end a test that has failed on one rank
 TOGETHER = 500  # seconds for all tests on so many ranks; less than the time limit of the parent's test

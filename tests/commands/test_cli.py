@@ -5,7 +5,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from cases import APPROACH, hertz
-from running import OPTIONS, TESTS, run, solve, solve_arguments
+from processes import OPTIONS, TESTS, run, solve_arguments
+from running import solve
 
 from app.options import TABLE
 from app.output.result import read_result

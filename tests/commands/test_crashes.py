@@ -8,7 +8,7 @@ import sys
 import time
 
 import pytest
-from running import TESTS, solve_arguments
+from processes import TESTS, solve_arguments
 
 from app.output.result import read_result
 

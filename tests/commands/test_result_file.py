@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 import pytest
 from mpi4py import MPI
+from processes import TESTS
 from results import assert_same, full_disk, made_up_result, write
-from running import TESTS
 
 from app.halfspace.grid import Slabs
 from app.output.result import FIELDS, check_output_path, read_result, whole_file

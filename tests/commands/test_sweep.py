@@ -12,7 +12,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from running import TESTS
+from processes import TESTS
 
 from app import sweep
 from app.output.result import read_result

@@ -2,7 +2,7 @@
 
 import re
 
-from running import TESTS, run
+from processes import TESTS, run
 
 BEGIN = """
 import os

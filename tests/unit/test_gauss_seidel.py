@@ -2,8 +2,8 @@
 
 import numba
 import numpy as np
+import processes
 import pytest
-import running
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sweeps import GRIDS, block_sizes, empty_in_the_middle, make, random_problem, sweep
@@ -241,7 +241,7 @@ Convolution(lambda rows: sweeps.influence_quadrant(grid, 1.0, rows), grid.shape)
 assert (sweeps.sweep(relaxation, r, mask, 0.8) == before).all()
 del relaxation  # crashes if the plans have been forgotten
 """
-    done = running.run("-c", code)
+    done = processes.run("-c", code)
     assert done.returncode == 0, done.stderr
 
 

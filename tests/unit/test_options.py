@@ -3,7 +3,8 @@
 import re
 
 import pytest
-from running import OPTIONS, petsc_options
+from processes import OPTIONS
+from running import petsc_options
 
 from app.options import Options, loading
 from app.session import InputError, option_names
