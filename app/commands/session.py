@@ -20,7 +20,7 @@ from contextlib import contextmanager, suppress
 from app.commands import streams
 from app.errors import InputError, agree, one_line
 
-PATIENCE = 5.0  # s; of a rank that has met an error, until it believes that the others have not
+PATIENCE = 3.0  # s; of a rank that has met an error, until it believes that the others have not
 
 
 def start(argv):

@@ -21,7 +21,9 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import re
 import sys
+import sysconfig
 import traceback
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,6 +33,10 @@ import numpy as np
 from app.errors import InputError, one_line
 from app.options import LARGEST
 from app.problems.problem import Problem
+
+_NOT_THE_USERS = re.compile(
+    rf"^<|/(site|dist)-packages/|^{re.escape(sysconfig.get_path('stdlib'))}/|^{re.escape(__file__)}$"
+)
 
 
 @dataclass(frozen=True)
@@ -176,8 +182,9 @@ def _called(name, function, *parts):
     except InputError as error:
         raise InputError(f"-problem_type {name}: {error}") from None
     except Exception as error:
-        at = traceback.extract_tb(error.__traceback__)[-1]
-        inside = Path(at.filename).resolve().parent == Path(__file__).resolve().parent
-        where = "" if inside or at.filename.startswith("<") else f" ({at.filename}, line {at.lineno})"
-        kind = "" if inside else f"{type(error).__name__}: "
-        raise InputError(f"-problem_type {name}: {kind}{one_line(error)}{where}") from error
+        frames = traceback.extract_tb(error.__traceback__)
+        if frames[-1].filename == __file__:
+            raise InputError(f"-problem_type {name}: {one_line(error)}") from None
+        theirs = [frame for frame in frames if not _NOT_THE_USERS.search(frame.filename)]
+        where = f" ({theirs[-1].filename}, line {theirs[-1].lineno})" if theirs else ""
+        raise InputError(f"-problem_type {name}: {type(error).__name__}: {one_line(error)}{where}") from error

@@ -1,0 +1,104 @@
+"""Tables of options: which values are allowed, who asked for what, names of yesterday."""
+
+import numpy as np
+import pytest
+
+from app.commands.problem_options import PROBLEM_OPTIONS
+from app.errors import InputError
+from app.options import METHOD_OPTIONS, REQUIRED, Option, OptionReader, as_texts, real, renamed
+
+TABLE = [*PROBLEM_OPTIONS, *METHOD_OPTIONS]
+
+BAD_VALUES = [
+    ("problem", "herz", "one of hertz"),
+    ("problem", "", "one of hertz"),
+    ("grid", "8,-8", "nx,ny or n"),
+    ("grid", "10,20,30", "nx,ny or n"),
+    ("grid", "8.5", "nx,ny or n"),
+    ("grid", "", "nx,ny or n"),
+    ("grid", ",", "nx,ny or n"),
+    ("grid", "60000", "at most 2147483647 cells"),
+    ("grid", "99999999999999999999", "at most 2147483647 cells"),
+    ("domain", "0,0,0,1", "x0 < x1"),
+    ("domain", "0,1", "x0,x1,y0,y1"),
+    ("domain", "0,1,0,1,2", "x0,x1,y0,y1"),
+    ("domain", "0,inf,0,1", "x0,x1,y0,y1"),
+    ("domain", "-1e308,1e308,0,1", "x0,x1,y0,y1"),
+    ("shear_modulus", "-82000", "a positive number"),
+    ("shear_modulus", "1e-320", "1e-50 to 1e+50"),
+    ("poisson_ratio", "-0.1", "from 0 to 0.5"),
+    ("poisson_ratio", "nan", "from 0 to 0.5"),
+    ("approach", "deep", "a finite number"),
+    ("approach", "", "a finite number"),
+    ("approach", "nan", "a finite number"),
+    ("approach", "1e200", "1e-50 to 1e+50"),
+    ("hertz_rx", "0", "a positive number"),
+    ("lcp_nested", "maybe", "true or false"),
+    ("lcp_rtol", "0", "a positive number"),
+    ("lcp_max_it", "0", "a whole number"),
+    ("lcp_max_it", "1e3", "a whole number"),
+    ("lcp_beta", "-1", "a number from 0"),
+    ("gap_file", "", "a name must follow"),
+    ("output", "", "a name must follow"),
+]
+
+
+@pytest.mark.parametrize(("name", "text", "allowed"), BAD_VALUES)
+def test_value_that_is_not_allowed(name, text, allowed):
+    with pytest.raises(InputError) as refusal:
+        OptionReader(TABLE, {name: text})[name]
+    wrong = f"-{name} {text}: not allowed" if text else f"-{name}: its value is missing"
+    assert str(refusal.value).startswith(f"{wrong}; allowed: ")
+    assert allowed in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "value"),
+    [
+        ("grid", "8", (8, 8)),
+        ("grid", "8,5", (8, 5)),
+        ("domain", "-1,1,0,1e-3", (-1, 1, 0, 1e-3)),
+        ("approach", "-0.11", -0.11),
+        ("poisson_ratio", "0.5", 0.5),
+        ("lcp_nested", "", True),
+        ("lcp_nested", "no", False),
+    ],
+)
+def test_value_that_is(name, text, value):
+    assert OptionReader(TABLE, {name: text})[name] == value
+
+
+SMALL = (
+    Option("force", real(), REQUIRED, "what presses [N]"),
+    Option("size", real(), 1.0, "how large [mm]"),
+    Option("shift", real(), None, "where [mm]"),
+)
+
+
+def test_reader_tells_what_is_missing_and_what_nobody_asked_for():
+    reader = OptionReader(SMALL, {"Size": 2, "SHIFT": "0.5", "ksp_rtol": "1"})
+    assert reader.given("size") and not reader.given("force")
+    assert reader.unused() == ["shift", "size"]
+    assert reader["size"] == 2.0
+    assert reader.unused() == ["shift"]
+    with pytest.raises(InputError, match=r"^-force is missing: what presses \[N\]$"):
+        reader["force"]
+    assert reader.asked == {"size", "force"}
+    assert OptionReader(SMALL, {})["size"] == 1.0
+
+
+def test_values_of_python_are_read_like_texts():
+    values = {"domain": (-1, 1.5, 0, np.float64(2)), "lcp_nested": np.True_, "grid": [8, 4], "lcp_rtol": 1e-8}
+    reader = OptionReader(TABLE, values)
+    assert [reader[name] for name in values] == [(-1, 1.5, 0, 2), True, (8, 4), 1e-8]
+    assert as_texts({"lcp_rtol": 0.1 + 0.2})["lcp_rtol"] == "0.30000000000000004"
+
+
+def test_names_of_yesterday_are_renamed_with_a_warning_each():
+    aliases = {"force": "load", "depth": "approach"}
+    texts, warnings = renamed({"force": "7", "grid": "8"}, aliases)
+    assert texts == {"load": "7", "grid": "8"}
+    assert len(warnings) == 1 and "-force" in warnings[0] and "-load" in warnings[0]
+    assert renamed({"load": "7"}, aliases) == ({"load": "7"}, [])
+    with pytest.raises(InputError, match="-depth is called -approach now"):
+        renamed({"depth": "1", "approach": "2"}, aliases)
