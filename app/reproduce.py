@@ -24,7 +24,7 @@ from pathlib import Path
 
 from app import __version__
 from app.output.figures import save_figure
-from app.output.result import whole_file
+from app.output.files import whole_file
 from app.output.table import write_table
 from app.reproduction import report
 from app.reproduction.item import FULL, QUICK

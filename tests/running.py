@@ -15,10 +15,10 @@ petsc4py.init([])  # the arguments of pytest are not PETSc's
 from mpi4py import MPI  # noqa: E402
 from petsc4py import PETSc  # noqa: E402
 
-from app.commands import places, solving  # noqa: E402
+import app.solve  # noqa: E402
 from app.contact.certificate import certify  # noqa: E402
 from app.contact.loop import History  # noqa: E402
-from app.options import OptionReader  # noqa: E402
+from app.options import Options  # noqa: E402
 from app.problems.problem import Problem  # noqa: E402
 
 TESTS = Path(__file__).resolve().parent
@@ -112,18 +112,11 @@ def solve(problem, approach, method="norm", load=None, **options):
     """
     loading = {"approach": repr(approach)} if load is None else {"load": repr(load)}
     options = loading | {name: str(value) for name, value in options.items()}
-    words = [
-        "running.py",
-        "-skip_petscrc",
-        *(("-options_file", str(OPTIONS / f"{method}.opts")) if method else ()),
-    ]
-    words += [word for name, value in options.items() for word in (f"-{name}", value) if word]
-    given = solving.Options(places.read(words, {}))
-    made = problem, OptionReader((), {}), []
-    with given.database.active(), mock.patch.object(solving, "make_problem", return_value=made):
-        setup = solving.prepare(given, MPI.COMM_WORLD)
+    files = (method,) if method else ()
+    with petsc_options(*files, **options), mock.patch.object(app.solve, "make_problem", return_value=problem):
+        setup = app.solve.prepare(Options(), MPI.COMM_WORLD)
         history = History()
-        state, outcome = solving.solve(setup, history)
+        state, outcome = app.solve.solve(setup, history)
     applications = setup.hierarchy.operator_applications()
     shape = np.where(state.admissible, state.shape, np.nan)
     solution = Solution(

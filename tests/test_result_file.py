@@ -15,7 +15,8 @@ from mpi4py import MPI
 from mpi_result_file import assert_same, full_disk, made_up_result, write
 
 from app.halfspace.grid import Slabs
-from app.output.result import FIELDS, check_output_path, read_result, whole_file
+from app.output.files import check_output_path, whole_file
+from app.output.result import FIELDS, read_result
 from app.output.table import comma_separated, markdown, text, write_table
 
 SCRIPT = Path(__file__).with_name("mpi_result_file.py")

@@ -124,6 +124,15 @@ def warn(message):
         streams.complain(f"warning: {message}")
 
 
+def peak_memory():
+    """Largest memory of all ranks together so far [bytes]. Collective."""
+    import resource
+
+    from mpi4py import MPI
+
+    return MPI.COMM_WORLD.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+
+
 def _rank():
     from mpi4py import MPI
 

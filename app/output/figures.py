@@ -23,7 +23,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from app.halfspace.grid import Grid
-from app.output.result import whole_file
+from app.output.files import whole_file
 
 BLUE, ORANGE, GREY, PALE = "#0072b2", "#d55e00", "#c8c8c8", "#cfe3f1"  # told apart by colour-blind readers
 PRESSURE_MAP, LENGTH_MAP = "viridis", "cividis"

@@ -14,7 +14,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from app.output.result import whole_file
+from app.output.files import whole_file
 
 
 def markdown(rows, columns=None, formats=None):

@@ -43,32 +43,23 @@ class Recorder:
         """Nothing is open."""
 
     def _keep(self, state):
-        self.pressure.append(state.pressure.getArray(readonly=True).reshape(state.u.shape).copy())
+        self.pressure.append(state.p.copy())
         self.contact.append(state.contact.astype(np.uint8))
 
 
 def main(given):
     """Solve and write; return the exit status."""
     # Not before the session has started: PETSc starts when it is imported.
-    from app.commands import solving
-
-    options = solving.Options(given)
-    with options.database.active():
-        return _record(options)
-
-
-def _record(options):
     from mpi4py import MPI
 
-    from app.commands import solving
-    from app.contact.loop import History
+    from app.commands.problem_options import Request
     from app.errors import InputError
     from app.output.files import whole_file
+    from app.solver import ContactSolver
 
-    setup = solving.prepare(options, MPI.COMM_WORLD)
-    if MPI.COMM_WORLD.size > 1 or not setup.output:
+    request = Request(given, MPI.COMM_WORLD)
+    if MPI.COMM_WORLD.size > 1 or not request.output:
         raise InputError("a trace needs one rank and -output")
-    recorder = Recorder(setup.solver.level)
     residuals = []
 
     def listen(ksp, iteration, norm):
@@ -76,21 +67,21 @@ def _record(options):
             residuals.clear()
         residuals.append(norm)
 
-    setup.solver.ksp.setMonitor(listen)  # PETSc's own history stays empty if the PC iterates, as PCMG does
-    state, outcome = solving.solve(setup, History([recorder]))
-    grid, exact = setup.problem.grid, setup.problem.reference(state.approach)
-    with whole_file(setup.output) as temporary, h5py.File(temporary, "w") as file:
+    with ContactSolver(request.problem, options=request.method) as solver:
+        recorder = Recorder(len(solver.hierarchy.levels) - 1)
+        solver.listeners.append(recorder)
+        solver.ksp.setMonitor(listen)  # PETSc's own history stays empty if the PC iterates, as PCMG does
+        solution = solver.solve(**request.loading)
+    exact = request.problem.reference(solution.approach)
+    with whole_file(request.output) as temporary, h5py.File(temporary, "w") as file:
         file["pressure"] = np.stack(recorder.pressure)
         file["contact"] = np.stack(recorder.contact)
         file["linear_residuals"] = np.array(residuals)
-        file["admissible"] = state.admissible.astype(np.uint8)
-        file["x"], file["y"] = grid.x(), grid.y()
+        file["admissible"] = (~np.isnan(solution.undeformed_distance)).astype(np.uint8)
+        file["x"], file["y"] = solution.x, solution.y
         if exact is not None:
-            file["exact_pressure"] = exact.pressure(grid.x(), grid.y()[:, None])
-    setup.solver.destroy()
-    setup.hierarchy.destroy()
-    state.destroy()
-    return 0 if outcome.converged else 3
+            file["exact_pressure"] = exact.pressure(solution.x, solution.y[:, None])
+    return 0 if solution.converged else 3
 
 
 def collect_cycles(path):

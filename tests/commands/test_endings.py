@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from running import TESTS, run, solve_arguments
+from processes import TESTS, run, solve_arguments
 
 from app.output.result import read_result
 

@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from running import OPTIONS
+from processes import OPTIONS
 
 from app.commands import places
 from app.commands.problem_options import loading

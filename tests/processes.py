@@ -1,0 +1,42 @@
+"""Commands run from outside. Nothing of app/ is needed here."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+TESTS = Path(__file__).resolve().parent
+OPTIONS = TESTS.parent / "petsc_options"
+
+
+def run(*command, ranks=None, timeout=60, env=None, cwd=None):
+    """Run ``python command``, under mpiexec if `ranks` is given; return status and output as text."""
+    line = [sys.executable, *map(str, command)]
+    if ranks is not None:
+        line = ["mpiexec", "-n", str(ranks), *line]
+    process = subprocess.Popen(
+        line,
+        env={**os.environ, **(env or {})},  # Open MPI's own variables, if we run under it, must go along
+        cwd=cwd or TESTS.parent,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    try:
+        out, err = process.communicate(timeout=timeout)
+    except subprocess.TimeoutExpired:
+        process.terminate()  # lets mpiexec end its ranks
+        out, err = process.communicate(timeout=20)
+        raise AssertionError(f"hangs for {timeout} s: {' '.join(line)}\n{out}\n{err}") from None
+    except BaseException:  # the time limit of pytest, Ctrl-C
+        process.terminate()
+        process.wait()
+        raise
+    return subprocess.CompletedProcess(line, process.returncode, out, err)
+
+
+def solve_arguments(*methods):
+    """Arguments of python for app.solve with these option files of the project."""
+    files = [argument for name in methods for argument in ("-options_file", str(OPTIONS / f"{name}.opts"))]
+    return ["-m", "app.solve", *files]
