@@ -5,7 +5,8 @@ import pytest
 
 from app.commands.problem_options import PROBLEM_OPTIONS
 from app.errors import InputError
-from app.options import METHOD_OPTIONS, REQUIRED, Option, OptionReader, as_texts, real, renamed
+from app.method import METHOD_OPTIONS
+from app.options import REQUIRED, Option, OptionReader, as_texts, real, renamed
 
 TABLE = [*PROBLEM_OPTIONS, *METHOD_OPTIONS]
 
@@ -34,7 +35,8 @@ BAD_VALUES = [
     ("approach", "1e200", "1e-50 to 1e+50"),
     ("hertz_rx", "0", "a positive number"),
     ("lcp_nested", "maybe", "true or false"),
-    ("lcp_rtol", "0", "a positive number"),
+    ("lcp_rtol", "0", "above 0 and below 1"),
+    ("lcp_rtol", "1", "above 0 and below 1"),
     ("lcp_max_it", "0", "a whole number"),
     ("lcp_max_it", "1e3", "a whole number"),
     ("lcp_beta", "-1", "a number from 0"),

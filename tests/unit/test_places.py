@@ -6,8 +6,10 @@ import pytest
 from processes import OPTIONS
 
 from app.commands import places
-from app.commands.problem_options import loading
+from app.commands.problem_options import PROBLEM_OPTIONS
+from app.commands.problem_options import loading as loading_of
 from app.errors import InputError
+from app.options import OptionReader
 
 
 @pytest.fixture
@@ -157,6 +159,11 @@ def test_start_file_that_is_none(read, files):
 # -------------------------------------------------------------------------------------- approach or load
 
 
+def loading(given):
+    [(kind, value)] = loading_of(given, OptionReader(PROBLEM_OPTIONS, given.texts)).items()
+    return kind, value
+
+
 @pytest.fixture
 def prescribed(read, files):
     """What is prescribed by a command line."""
@@ -216,7 +223,6 @@ def test_environment_comes_first(prescribed):
         ("-approach 1 -load 2", "on the command line"),
         ("both.opts", "in both.opts"),
         ("approach.opts both.opts", "in both.opts"),
-        ("-load -1", "at least 0 N"),
     ],
 )
 def test_exactly_one_of_approach_and_load(prescribed, line, where):
