@@ -91,12 +91,13 @@ class Request:
     def __init__(self, given, comm):
         from app.output.files import check_output_path
 
-        options = OptionReader(PROBLEM_OPTIONS, given.texts)
+        options = reader_of(given)
         self.output = agree(comm, options.__getitem__, "output")
         if self.output:
             agree(comm, check_output_path, self.output, [*given.files, *input_files(options)])
         self.problem, own, self.notes = agree(comm, make_problem, options, given.texts, comm)
-        self.loading = loading(given, options)
+        self.loading = dict([loading(given)])
+        options.asked |= set(LOADING)  # the one replaced, too
         self.wants_monitor = options["lcp_monitor"]
         if options.unused():
             raise InputError(unused(options.unused()))
@@ -109,15 +110,15 @@ def unused(names):
     return f"unknown or unused option{'s'[: len(names) > 1]}: -{', -'.join(sorted(names))}"
 
 
-def loading(given, options):
-    """What is prescribed: ``{"approach": mm}`` or ``{"load": N}``; one in a later place replaces the other.
+def reader_of(given):
+    """Reader of the problem's options. Not collective."""
+    return OptionReader(PROBLEM_OPTIONS, given.texts)
+
+
+def loading(given):
+    """What is prescribed: ``("approach", mm)`` or ``("load", N)``; one in a later place replaces the other.
 
     Not collective.
-
-    Parameters
-    ----------
-    given : app.commands.places.Given
-    options : OptionReader
 
     Raises
     ------
@@ -125,8 +126,7 @@ def loading(given, options):
         If neither is given, or both in the same place.
     """
     kind = given.last_of(LOADING, "-approach [mm] nor -load [N]")
-    options.asked |= set(LOADING)  # those replaced, too
-    return {kind: options[kind]}
+    return kind, reader_of(given)[kind]
 
 
 def input_files(options):

@@ -20,27 +20,29 @@ import h5py
 import numpy as np
 
 from app.commands import session
+from app.contact.history import Listener
 
 
-class Recorder:
-    """Listener that keeps pressure and contact set of one level before and after every iteration."""
+class Recorder(Listener):
+    """Keeps pressure and contact set of the last grid before and after every iteration, and the last linear solve."""
 
-    def __init__(self, level):
-        self.level = level
-        self.pressure, self.contact = [], []
+    def __init__(self):
+        self.pressure, self.contact, self.linear_residuals = [], [], []
 
     def start(self, state, level):
-        """Keep the first contact set."""
-        if level == self.level:
-            self._keep(state)
+        """Forget coarser grids; keep the first contact set."""
+        self.pressure, self.contact = [], []
+        self._keep(state)
 
     def iteration(self, entry, state):
         """Keep the state after an iteration."""
-        if entry["level"] == self.level:
-            self._keep(state)
+        self._keep(state)
 
-    def end(self):
-        """Nothing is open."""
+    def monitor(self, ksp, iteration, norm):
+        """Keep the norm of a defect; a monitor of the KSP."""
+        if iteration == 0:
+            self.linear_residuals = []
+        self.linear_residuals.append(norm)
 
     def _keep(self, state):
         self.pressure.append(state.p.copy())
@@ -52,36 +54,39 @@ def main(given):
     # Not before the session has started: PETSc starts when it is imported.
     from mpi4py import MPI
 
-    from app.commands.problem_options import Request
-    from app.errors import InputError
-    from app.output.files import whole_file
+    from app.commands.problem_options import PROBLEM_OPTIONS, loading, make_problem, reader_of
+    from app.errors import InputError, agree
     from app.solver import ContactSolver
 
-    request = Request(given, MPI.COMM_WORLD)
-    if MPI.COMM_WORLD.size > 1 or not request.output:
+    comm, options = MPI.COMM_WORLD, reader_of(given)
+    if comm.size > 1 or not options["output"]:
         raise InputError("a trace needs one rank and -output")
-    residuals = []
+    kind, value = loading(given)
+    problem, own, _ = agree(comm, make_problem, options, given.texts, comm)
+    of_problem = own.asked | {option.name for option in PROBLEM_OPTIONS}
+    method = {name: text for name, text in given.texts.items() if name not in of_problem}
+    recorder = Recorder()
+    with ContactSolver(problem, options=method, comm=comm, listeners=[recorder]) as solver:
+        if solver.ksp is not None:
+            # PETSc's own history stays empty if the PC iterates, as PCMG does.
+            solver.ksp.setMonitor(recorder.monitor)
+        solution = solver.solve(**{kind: value})
+    write(options["output"], recorder, solution, problem.reference(solution.approach))
+    return 0 if solution.converged else 3
 
-    def listen(ksp, iteration, norm):
-        if iteration == 0:
-            residuals.clear()
-        residuals.append(norm)
 
-    with ContactSolver(request.problem, options=request.method) as solver:
-        recorder = Recorder(len(solver.hierarchy.levels) - 1)
-        solver.listeners.append(recorder)
-        solver.ksp.setMonitor(listen)  # PETSc's own history stays empty if the PC iterates, as PCMG does
-        solution = solver.solve(**request.loading)
-    exact = request.problem.reference(solution.approach)
-    with whole_file(request.output) as temporary, h5py.File(temporary, "w") as file:
+def write(path, recorder, solution, exact):
+    """Write the file; `exact`: analytic solution, or None. Not collective."""
+    from app.output.files import whole_file
+
+    with whole_file(path) as temporary, h5py.File(temporary, "w") as file:
         file["pressure"] = np.stack(recorder.pressure)
         file["contact"] = np.stack(recorder.contact)
-        file["linear_residuals"] = np.array(residuals)
+        file["linear_residuals"] = np.array(recorder.linear_residuals)
         file["admissible"] = (~np.isnan(solution.undeformed_distance)).astype(np.uint8)
         file["x"], file["y"] = solution.x, solution.y
         if exact is not None:
             file["exact_pressure"] = exact.pressure(solution.x, solution.y[:, None])
-    return 0 if solution.converged else 3
 
 
 def collect_cycles(path):

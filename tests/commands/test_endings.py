@@ -177,6 +177,14 @@ def test_full_standard_error(tmp_path):
     assert shell("-bogus 2>/dev/full", tmp_path).returncode == 2
 
 
+def test_pictures_do_not_need_standard_output(solve, tmp_path):
+    assert solve(*HERTZ, "-output", "out.h5").returncode == 0
+    command = f"{sys.executable} -m app.plot out.h5 -o pictures --dpi 20 >/dev/full"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=LIMIT, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "warning: standard output: No space left on device\n")
+    assert len(list((tmp_path / "pictures").iterdir())) == 6
+
+
 def test_removed_folder(tmp_path):
     gone = tmp_path / "gone"
     gone.mkdir()

@@ -7,6 +7,7 @@ import sys
 import pytest
 
 from app.output.files import check_output_path, temporary_name, whole_file
+from app.output.result import read_result
 
 
 def write(path, text):
@@ -82,3 +83,14 @@ def test_what_killed_runs_leave_is_cleared_by_the_next(tmp_path):
 
 def test_temporary_names_are_all_different(tmp_path):
     assert len({temporary_name(tmp_path / name) for name in ("a.h5", "a.h5", "b.h5")}) == 3
+
+
+def test_result_file_whose_links_go_in_a_circle(tmp_path):
+    import h5py
+
+    with h5py.File(tmp_path / "loop.h5", "w") as file:
+        file["pressure"] = h5py.SoftLink("/pressure")
+        file["gap"] = [[1.0]]
+    with pytest.raises(ValueError, match=r"loop\.h5: ") as refusal:
+        read_result(tmp_path / "loop.h5")
+    assert "\n" not in str(refusal.value)

@@ -6,10 +6,8 @@ import pytest
 from processes import OPTIONS
 
 from app.commands import places
-from app.commands.problem_options import PROBLEM_OPTIONS
-from app.commands.problem_options import loading as loading_of
+from app.commands.problem_options import loading
 from app.errors import InputError
-from app.options import OptionReader
 
 
 @pytest.fixture
@@ -157,11 +155,6 @@ def test_start_file_that_is_none(read, files):
 
 
 # -------------------------------------------------------------------------------------- approach or load
-
-
-def loading(given):
-    [(kind, value)] = loading_of(given, OptionReader(PROBLEM_OPTIONS, given.texts)).items()
-    return kind, value
 
 
 @pytest.fixture
