@@ -19,7 +19,7 @@ from pathlib import Path
 from petsc4py import PETSc
 
 from app.errors import InputError
-from app.options import ALIASES, Option, OptionReader, as_texts, choice, count, flag, from_zero, real, renamed
+from app.options import Option, OptionReader, as_texts, choice, count, flag, from_zero, real, renamed
 from app.petsc import OptionDatabase, error_message
 
 DEFAULT = "fast"
@@ -41,7 +41,6 @@ METHOD_OPTIONS = [
     Option("lcp_replicate", count, 64, "grids of up to this many cells squared are held by all ranks"),
     Option("lcp_precision", choice("double", "single"), "double", "fast: of products; answers are verified in double"),
 ]  # fmt: skip
-ALIASES["lcp_foresight"] = "lcp_predictor"
 _GONE = {
     "lcp_merge": "tighter contact sets (-ksp_rtol) do what it did",
     "lcp_cheap": "a larger -lcp_rtol does what it did, with a certificate",

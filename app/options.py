@@ -15,7 +15,8 @@ from app.errors import InputError
 
 LARGEST = 1e50  # and 1 / LARGEST the smallest number besides 0: neither squares nor quotients overflow
 REQUIRED = object()
-ALIASES = {}  # old name -> name of today, of options that were renamed in this release
+# Old name -> name of today, of options that were renamed in this release.
+ALIASES = {"lcp_foresight": "lcp_predictor"}
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from app.commands import streams
+from app.errors import one_line
 from app.output import figures
 from app.output.result import read_result
 from app.reference.hertz import EllipticHertz
@@ -79,12 +81,13 @@ def main(argv=None):
             paths = draw(result, arguments.output, arguments.format, arguments.dpi)
         except OSError as error:
             raise ValueError(f"-o {arguments.output}: cannot be written to: {error.strerror}") from None
-        print(*paths, sep="\n")
-    except (ValueError, OSError) as error:
-        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+    except (ValueError, OSError, MemoryError) as error:
+        streams.complain(f"error: {one_line(error)}")
         return 2
+    streams.say("\n".join(map(str, paths)))
     return 0
 
 
 if __name__ == "__main__":
+    streams.repair()
     sys.exit(main())

@@ -7,19 +7,46 @@ from app.commands import session
 
 def main(given):
     """Solve, write, report; return the exit status. Collective."""
-    # Not before the session has started: PETSc and MPI start when they are imported.
-    from app.commands import solving
-    from app.commands.problem_options import PROBLEM_OPTIONS
-    from app.commands.report import help_text
-    from app.options import METHOD_OPTIONS
+    # Not before the session has started: MPI and PETSc start when they are imported.
+    import gc
+    import shlex
+    import sys
+    import time
+    import warnings
+
+    from mpi4py import MPI
+    from petsc4py import PETSc
+
+    from app.commands import monitor
+    from app.commands.problem_options import Request, help_text
+    from app.commands.report import report
+    from app.solver import ContactSolver
 
     if "help" in given.of_petsc:
-        session.say(help_text(PROBLEM_OPTIONS, METHOD_OPTIONS))
+        session.say(help_text())
         if "problem" not in given.texts:
             return 0
-    options = solving.Options(given)
-    with options.database.active():
-        return solving.run(options)
+    started = time.perf_counter()
+    with PETSc.Log.Stage("Setup"):
+        request = Request(given, MPI.COMM_WORLD)
+        solver = ContactSolver(request.problem, options=request.method)
+        solver.listeners += monitor.listeners(request.wants_monitor, solver.settings.rtol)
+    facts = {
+        "setup_seconds": time.perf_counter() - started,
+        "command_line": shlex.join(sys.argv),
+    }
+    gc.freeze()  # all this stays: looking for garbage in it takes as long as a small solve
+    with solver, PETSc.Log.Stage("Solve"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of what the report says: not converged
+        solution = solver.solve(**request.loading)
+    with PETSc.Log.Stage("Output"):
+        facts["peak_memory"] = session.peak_memory()
+        if request.output:
+            solution.save(request.output, **facts)
+    session.say(report(solution.attributes | facts, solution.grid, request.output))
+    for line in (*request.notes, *solution.notes):
+        session.warn(line)
+    return 0 if solution.converged else 3
 
 
 if __name__ == "__main__":

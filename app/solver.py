@@ -13,7 +13,6 @@ one changes, nor does anybody's command line count.
 
 from __future__ import annotations
 
-import os
 import re
 import time
 import warnings
@@ -40,6 +39,7 @@ from app.fast.iteration import InexactStop
 from app.fast.lift import lift
 from app.fast.nested import nested_iteration, solve_on
 from app.fast.solver import TrackingSolver
+from app.halfspace.grid import check_memory
 from app.halfspace.influence import influence_quadrant
 from app.halfspace.sweeps import gauss_seidel
 from app.multigrid import transfer
@@ -52,7 +52,6 @@ from app.solution import Solution
 
 __all__ = ["ContactProblem", "ContactSolver", "Solution", "solve"]
 
-_DOUBLES_PER_CELL = 12  # at the least, of memory
 # Options that PETSc looks up only while solving, or never marks as used.
 _READ_LATE = re.compile(r"(\w+_)?(ksp|snes|tao)_converged_reason|(\w+_)?(ksp|pc|mat|vec|snes|tao)_view\w*")
 # PETSc's errors that say that types do not go together: unsupported, wrong argument or state, method missing, unknown
@@ -117,7 +116,7 @@ class ContactSolver:
         self._outer_comm = MPI.COMM_WORLD if comm is None else comm
         self.comm = self._resources.comm = self._outer_comm.Dup()
         try:
-            agree(self.comm, _check_memory, problem.grid, self.comm)
+            agree(self.comm, check_memory, problem.grid, self.comm.size)
             texts = dict(options or {}) | _global_options(prefix)
             self.settings = agree(self.comm, methods.settings, method, texts)
             self._database = OptionDatabase(self.settings.texts)
@@ -448,17 +447,6 @@ def _shape_on_target(problem, rows):
             f"problem {problem.name}: allowed: distances up to {LARGEST:g}, NaN where contact is impossible"
         )
     return shape
-
-
-def _check_memory(grid, comm):
-    """Refuse a grid that cannot fit into this rank's machine, before trying. Not collective."""
-    needed = _DOUBLES_PER_CELL * 8 * grid.n / comm.size
-    there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    if needed > there:
-        raise InputError(
-            f"grid {grid.nx},{grid.ny}: needs about {needed / 2**30:.0f} GiB on each of {comm.size} rank(s); "
-            f"this machine has {there / 2**30:.0f} GiB"
-        )
 
 
 def _check_single(what, value, unit):

@@ -6,6 +6,8 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from app.errors import InputError
+
 
 class RaisesOnLastRank:
     """Raises in the middle of a solve, on one rank only, while the others go on to the next reduction."""
@@ -24,3 +26,21 @@ class TakesForEver:
         """Wait to be killed."""
         Path(os.environ["SOLVE_HAS_BEGUN"]).touch()
         time.sleep(600)
+
+
+class RefusesOnLastRank:
+    """Refuses the input in the middle of a solve, on one rank only."""
+
+    error = InputError
+
+    def apply(self, pc, x, y):
+        """Fail."""
+        if MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1:
+            raise self.error("only this rank\nminds")
+        x.copy(y)
+
+
+class HasNoMemoryOnLastRank(RefusesOnLastRank):
+    """Runs out of memory likewise."""
+
+    error = MemoryError

@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import math
+import sys
 
 from app.commands.session import say
-from app.contact.loop import Listener
+from app.contact.history import Listener
 
 _HEADER = (
     "level   it inner   contact   added dropped   residual    work       load [N]  approach [mm]  time [s]"
 )
+
+
+def listeners(monitor, rtol):
+    """Listeners for the solver: the monitor, if it is wanted; else a bar, if anybody looks. Not collective."""
+    from mpi4py import MPI
+
+    if monitor:
+        return [Monitor()]
+    return [Progress(rtol)] if MPI.COMM_WORLD.rank == 0 and sys.stderr.isatty() else []
 
 
 class Monitor(Listener):
@@ -50,8 +60,7 @@ class Progress(Listener):
     def iteration(self, entry, state):
         """Show an entry of the history."""
         residual = min(max(entry["residual"], self._rtol), 1.0)
-        share = 100 * math.log(residual) / math.log(self._rtol) if self._rtol < 1 else 100
-        self._bar.n = round(share)
+        self._bar.n = round(100 * math.log(residual) / math.log(self._rtol))
         self._bar.set_description(f"level {entry['level']}, iteration {entry['iteration']}", refresh=False)
         self._bar.set_postfix_str(
             f"residual {entry['residual']:.1e}, {entry['contact_cells']} cells in contact"

@@ -162,10 +162,10 @@ class _Reader:
     """Reads place after place: each for itself to know what it sets, then all of them into one database."""
 
     def __init__(self):
-        self._places, self._last, self._files, self._steps = [], [], [], []
+        self._places, self._files, self._steps = [], [], []
 
     def take(self, pairs, description):
-        """Take the options and option files of some words."""
+        """Take the option files and then the options of some words."""
         own = []
         for name, text in pairs:
             if name.lower() in OPTION_FILES:
@@ -176,7 +176,7 @@ class _Reader:
                 own.append((name, text))
             self._steps.append((name, text, description))
         if own:
-            self._last.append(Place(description, frozenset(_read(own, description))))
+            self._places.append(Place(description, frozenset(_read(own, description))))
 
     def _file(self, flag, path, inside):
         """Take an option file, after those it includes."""
@@ -187,15 +187,14 @@ class _Reader:
             self._file(inner_flag, inner, (*inside, identity))
         included = set().union(*(place.names for place in self._places[before:]))
         names = set(_read([(flag, path)], f"option file {path}"))
-        self._places.append(Place(f"in {path}", frozenset(names - (included - mentioned))))
-        self._files.append(str(Path(path).absolute()))
+        place = Place(f"in {path}", frozenset(names - (included - mentioned)))
+        _refuse_what_is_too_late(place)
+        self._places.append(place)
+        self._files.append(identity)
 
     def given(self):
         """Return what was found."""
-        places = [*self._places, *self._last]
-        for place in self._places:
-            _refuse_what_is_too_late(place)
-        used = set().union(*(place.names for place in places))
+        used = set().union(*(place.names for place in self._places))
         old = sorted(used & ALIASES.keys())
         texts = _read(self._steps, aliases={name: ALIASES[name] for name in old})
         of_petsc = {name: text for name, text in texts.items() if _OF_PETSC.fullmatch(name)}
@@ -203,7 +202,7 @@ class _Reader:
             texts={name: text for name, text in texts.items() if name not in of_petsc},
             places=[
                 Place(place.description, frozenset(ALIASES.get(name, name) for name in place.names))
-                for place in places
+                for place in self._places
             ],
             files=self._files,
             of_petsc=of_petsc,

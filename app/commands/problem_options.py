@@ -1,18 +1,17 @@
-"""Options that describe the problem, and the problem they describe."""
+"""Options of the command that are not the solver's: the problem, what is prescribed, the output."""
 
 from __future__ import annotations
 
-import os
-
 import numpy as np
 
-from app.errors import InputError
+from app.errors import InputError, agree
 from app.options import (
     REQUIRED,
     Option,
     OptionReader,
     choice,
     domain,
+    flag,
     from_zero,
     integer,
     pair,
@@ -20,8 +19,6 @@ from app.options import (
     real,
     word,
 )
-
-_DOUBLES_PER_CELL = 12  # at the least, of memory
 
 
 def most_cells():
@@ -58,8 +55,59 @@ PROBLEM_OPTIONS = [
     Option("gap_file", word, REQUIRED, "undeformed distance (ny, nx): .npy, .h5[:/dataset] or text; NaN: no contact"),
     Option("problem_type", word, REQUIRED, "python: module.Name or file.py:Name, a Problem or a function of x and y"),
     Option("output", word, None, "result file (HDF5)"),
+    Option("lcp_monitor", flag, False, "a line for each active set iteration"),
 ]  # fmt: skip
 LOADING = ("approach", "load")
+
+
+class Request:
+    """All that a command is asked to do, checked before any work.
+
+    Collective.
+
+    Parameters
+    ----------
+    given : app.commands.places.Given
+    comm : mpi4py.MPI.Comm
+
+    Attributes
+    ----------
+    problem : app.problems.problem.Problem
+    loading : dict
+        Argument of `app.solver.ContactSolver.solve`.
+    method : dict of str to str
+        Options left for the solver, which knows which of them there are.
+    output : str or None
+    wants_monitor : bool
+    notes : list of str
+        What the user should look at twice.
+
+    Raises
+    ------
+    InputError
+        On all ranks.
+    """
+
+    def __init__(self, given, comm):
+        from app.output.files import check_output_path
+
+        options = reader_of(given)
+        self.output = agree(comm, options.__getitem__, "output")
+        if self.output:
+            agree(comm, check_output_path, self.output, [*given.files, *input_files(options)])
+        self.problem, own, self.notes = agree(comm, make_problem, options, given.texts, comm)
+        self.loading = dict([loading(given)])
+        options.asked |= set(LOADING)  # the one replaced, too
+        self.wants_monitor = options["lcp_monitor"]
+        if options.unused():
+            raise InputError(unused(options.unused()))
+        taken = {option.name for option in PROBLEM_OPTIONS} | own.asked
+        self.method = {name: text for name, text in given.texts.items() if name not in taken}
+
+
+def unused(names):
+    """Complain about options that have no effect."""
+    return f"unknown or unused option{'s'[: len(names) > 1]}: -{', -'.join(sorted(names))}"
 
 
 def reader_of(given):
@@ -75,15 +123,10 @@ def loading(given):
     Raises
     ------
     InputError
-        If neither is given, or both in the same place, or the load is negative.
+        If neither is given, or both in the same place.
     """
     kind = given.last_of(LOADING, "-approach [mm] nor -load [N]")
-    value = reader_of(given)[kind]
-    if kind == "load" and value < 0:
-        raise InputError(
-            f"-load {value:g}: the bodies do not stick together; allowed: a force of at least 0 N"
-        )
-    return kind, value
+    return kind, reader_of(given)[kind]
 
 
 def input_files(options):
@@ -119,7 +162,7 @@ def make_problem(options, texts, comm):
     InputError, ValueError, OSError
         If something is missing or of no use.
     """
-    from app.halfspace.grid import Grid, Slabs
+    from app.halfspace.grid import Grid, Slabs, check_memory
     from app.halfspace.influence import Material
 
     name = options["problem"]
@@ -129,7 +172,7 @@ def make_problem(options, texts, comm):
         problem, notes = _file_problem(options, material, comm)
         return problem, own, notes
     grid = Grid.from_domain(*options["grid"], options["domain"])
-    check_memory(grid, comm)
+    check_memory(grid, comm.size)
     if name == "python":
         from app.problems import own as own_problems
 
@@ -146,7 +189,7 @@ def make_problem(options, texts, comm):
 
 
 def _file_problem(options, material, comm):
-    from app.halfspace.grid import Grid, Slabs
+    from app.halfspace.grid import Grid, Slabs, check_memory
     from app.problems.gap_file import GapArray, GapFile
 
     gap = GapArray(options["gap_file"])
@@ -159,7 +202,7 @@ def _file_problem(options, material, comm):
     elif nx == 3 and ny > 9:
         notes.append(f"gap file {gap.name}: taken for {ny} rows of 3 cells, not for points x, y, z")
     problem = GapFile(Grid.from_domain(nx, ny, options["domain"]), material, gap)
-    check_memory(problem.grid, comm)
+    check_memory(problem.grid, comm.size)
     gap.check(Slabs.over(comm, ny).rows)
     return problem, notes
 
@@ -176,12 +219,17 @@ def _punch(options, grid, material):
     return Punch(grid, material, options["punch_diameter"], surface)
 
 
-def check_memory(grid, comm):
-    """Refuse a grid that cannot fit into this rank's machine, before trying. Not collective."""
-    needed = _DOUBLES_PER_CELL * 8 * grid.n / comm.size
-    there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    if needed > there:
-        raise InputError(
-            f"-grid {grid.nx},{grid.ny}: needs about {needed / 2**30:.0f} GiB on each of {comm.size} rank(s); "
-            f"this machine has {there / 2**30:.0f} GiB"
-        )
+def help_text():
+    """All options of the command, for ``-help``. Not collective."""
+    from app.method import METHOD_OPTIONS
+
+    circulant = "app.fast.circulant.Circulant"
+    lines = ["Options of app.solve (lengths mm, forces N, stresses N/mm2):"]
+    lines += [option.help() for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)]
+    lines += [
+        f"Of the FFT preconditioner (-pc_type python -pc_python_type {circulant}):",
+        f"  -{'pc_circulant_extend':<20} cells by which the residual is extended over the rim (default 0)",
+        f"  -{'pc_circulant_margin':<20} share of the patch left free before it is continued periodically (default 0)",
+        "Linear solvers: PETSc's own -ksp_*, -pc_*, -mg_levels_*, -mg_coarse_*; see petsc_options/ and README.md.",
+    ]
+    return "\n".join(lines)

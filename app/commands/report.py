@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-def report(facts, nx, ny, output=None):
+def report(facts, grid, output=None):
     """Text for standard output.
 
     Not collective.
@@ -12,14 +12,13 @@ def report(facts, nx, ny, output=None):
     ----------
     facts : mapping
         Root attributes of the result file.
-    nx, ny : int
-        Cells.
+    grid : app.halfspace.grid.Grid
     output : str, optional
         Where the result was written.
     """
     state = "solved" if facts["converged"] else "NOT CONVERGED"
     lines = [
-        f"{facts['problem']} {nx} x {ny}: {state} ({facts['reason']})",
+        f"{facts['problem']} {grid.nx} x {grid.ny}: {state} ({facts['reason']})",
         f"approach {facts['approach']:.8g} mm, load {facts['load']:.8g} N, "
         f"maximum pressure {facts['max_pressure']:.8g} N/mm2",
         f"contact {_count(facts['contact_cells'], 'cell')}, "
@@ -38,19 +37,6 @@ def report(facts, nx, ny, output=None):
     if output:
         lines.append(f"result in {output}")
     return "\n  ".join(lines)
-
-
-def help_text(*tables):
-    """The options of some tables, for ``-help``. Not collective."""
-    lines = ["Options of app.solve (lengths mm, forces N, stresses N/mm2):"]
-    lines += [option.help() for table in tables for option in table]
-    lines += [
-        "Of the FFT preconditioner (-pc_type python -pc_python_type app.multigrid.circulant.Circulant):",
-        f"  -{'pc_circulant_extend':<20} cells by which the residual is extended over the rim (default 0)",
-        f"  -{'pc_circulant_margin':<20} share of the patch left free before it is continued periodically (default 0)",
-        "Linear solvers: PETSc's own -ksp_*, -pc_*, -mg_levels_*, -mg_coarse_*; see petsc_options/ and README.md.",
-    ]
-    return "\n".join(lines)
 
 
 def _count(number, what):

@@ -20,7 +20,7 @@ from contextlib import contextmanager, suppress
 from app.commands import streams
 from app.errors import InputError, agree, one_line
 
-PATIENCE = 5.0  # s; of a rank that has met an error, until it believes that the others have not
+PATIENCE = 3.0  # s; of a rank that has met an error, until it believes that the others have not
 
 
 def start(argv):
@@ -122,6 +122,15 @@ def warn(message):
     """Print a warning. Not collective: only rank 0 prints."""
     if _rank() == 0:
         streams.complain(f"warning: {message}")
+
+
+def peak_memory():
+    """Largest memory of all ranks together so far [bytes]. Collective."""
+    import resource
+
+    from mpi4py import MPI
+
+    return MPI.COMM_WORLD.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
 
 
 def _rank():

@@ -11,9 +11,14 @@ padding. A direction of at most `coarsest` cells is not coarsened any further.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 
 import numpy as np
+
+from app.errors import InputError
+
+_DOUBLES_PER_CELL = 12  # of memory, at the least
 
 
 @dataclass(frozen=True)
@@ -80,6 +85,22 @@ class Grid:
         if fy == fx == 1:
             return None
         return Grid(-(-self.nx // fx), -(-self.ny // fy), fx * self.dx, fy * self.dy, self.x0, self.y0)
+
+
+def check_memory(grid, ranks):
+    """Refuse a grid that cannot fit into this rank's machine, before trying. Not collective.
+
+    Raises
+    ------
+    InputError
+    """
+    needed = _DOUBLES_PER_CELL * 8 * grid.n / ranks
+    there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if needed > there:
+        raise InputError(
+            f"grid {grid.nx},{grid.ny}: needs about {needed / 2**30:.0f} GiB on each of {ranks} rank(s); "
+            f"this machine has {there / 2**30:.0f} GiB"
+        )
 
 
 class Slabs:

@@ -1,7 +1,7 @@
 """Problems of the user's own, by name: a class or a function in a Python module, without touching this program.
 
-A function takes arrays x and y of the cell centres [mm] and returns the undeformed distance [mm], NaN where contact is
-impossible::
+A function is that of `app.problems.given.ContactProblem`: it takes arrays x and y of cell centres [mm] and returns the
+undeformed distance [mm], NaN where contact is impossible::
 
     def rounded_punch(x, y):
         return np.where(np.hypot(x, y) <= 4, np.maximum(np.hypot(x, y) - 3, 0) ** 2 / 20, np.nan)
@@ -21,44 +21,23 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import re
 import sys
+import sysconfig
 import traceback
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from app.errors import InputError, one_line
 from app.options import LARGEST
+from app.problems.given import ContactProblem
 from app.problems.problem import Problem
 
-
-@dataclass(frozen=True)
-class FunctionProblem(Problem):
-    """Undeformed distance from a function of x and y.
-
-    Parameters
-    ----------
-    function : callable
-        ``function(x, y)``, arrays of shape (rows, nx) [mm], returns the distance likewise.
-    name : str
-        What messages and the result file call it.
-    """
-
-    function: object = field(default=None)
-    name: str = "function"
-
-    def shape_on(self, grid, rows=slice(None)):
-        """See `Problem.shape_on`."""
-        x, y = np.meshgrid(grid.x(), grid.y(rows))
-        values = self.function(x, y)
-        try:
-            return np.array(np.broadcast_to(np.asarray(values, dtype=np.float64), x.shape))
-        except (TypeError, ValueError):
-            raise ValueError(
-                f"returns {type(values).__name__} of shape {np.shape(values)} for x and y of shape {x.shape}; "
-                "needed: real numbers of that shape"
-            ) from None
+_HERE = Path(__file__).parent
+_NOT_THE_USERS = re.compile(
+    rf"^<|/(site|dist)-packages/|^{re.escape(sysconfig.get_path('stdlib'))}/|^{re.escape(str(_HERE))}/"
+)
 
 
 def find(name):
@@ -107,14 +86,15 @@ def make(kind, name, grid, material, options):
     InputError
         If that fails.
     """
-    if not isinstance(kind, type):
-        return FunctionProblem(grid, material, kind, name)
-    make_it = getattr(kind, "from_options", None)
-    parts = (grid, material) if make_it is None else (grid, material, options)
-    problem = _called(name, make_it or kind, *parts)
-    if not isinstance(problem, Problem):
-        raise InputError(f"-problem_type {name}: from_options returns no {Problem.__module__}.Problem")
-    if not problem.name:
+    if isinstance(kind, type):
+        make_it = getattr(kind, "from_options", None)
+        parts = (grid, material) if make_it is None else (grid, material, options)
+        problem = _called(name, make_it or kind, *parts)
+        if not isinstance(problem, Problem):
+            raise InputError(f"-problem_type {name}: from_options returns no {Problem.__module__}.Problem")
+    else:
+        problem = ContactProblem(grid, material, kind)
+    if not problem.name or problem.name == ContactProblem.name:
         object.__setattr__(problem, "name", name)
     return problem
 
@@ -176,8 +156,9 @@ def _called(name, function, *parts):
     except InputError as error:
         raise InputError(f"-problem_type {name}: {error}") from None
     except Exception as error:
-        at = traceback.extract_tb(error.__traceback__)[-1]
-        inside = Path(at.filename).resolve().parent == Path(__file__).resolve().parent
-        where = "" if inside or at.filename.startswith("<") else f" ({at.filename}, line {at.lineno})"
-        kind = "" if inside else f"{type(error).__name__}: "
-        raise InputError(f"-problem_type {name}: {kind}{one_line(error)}{where}") from error
+        frames = traceback.extract_tb(error.__traceback__)
+        if frames[-1].filename == __file__:  # found here, not there
+            raise InputError(f"-problem_type {name}: {one_line(error)}") from None
+        theirs = [frame for frame in frames if not _NOT_THE_USERS.search(frame.filename)]
+        where = f" ({theirs[-1].filename}, line {theirs[-1].lineno})" if theirs else ""
+        raise InputError(f"-problem_type {name}: {type(error).__name__}: {one_line(error)}{where}") from error

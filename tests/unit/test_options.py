@@ -1,13 +1,14 @@
-"""Values of options, option files, and which of approach and load counts."""
+"""Tables of options: which values are allowed, who asked for what, names of yesterday."""
 
-import re
-
+import numpy as np
 import pytest
-from processes import OPTIONS
-from running import petsc_options
 
-from app.options import Options, loading
-from app.session import InputError, option_names
+from app.commands.problem_options import PROBLEM_OPTIONS
+from app.errors import InputError
+from app.method import METHOD_OPTIONS
+from app.options import REQUIRED, Option, OptionReader, as_texts, real, renamed
+
+TABLE = [*PROBLEM_OPTIONS, *METHOD_OPTIONS]
 
 BAD_VALUES = [
     ("problem", "herz", "one of hertz"),
@@ -34,7 +35,8 @@ BAD_VALUES = [
     ("approach", "1e200", "1e-50 to 1e+50"),
     ("hertz_rx", "0", "a positive number"),
     ("lcp_nested", "maybe", "true or false"),
-    ("lcp_rtol", "0", "a positive number"),
+    ("lcp_rtol", "0", "above 0 and below 1"),
+    ("lcp_rtol", "1", "above 0 and below 1"),
     ("lcp_max_it", "0", "a whole number"),
     ("lcp_max_it", "1e3", "a whole number"),
     ("lcp_beta", "-1", "a number from 0"),
@@ -45,8 +47,8 @@ BAD_VALUES = [
 
 @pytest.mark.parametrize(("name", "text", "allowed"), BAD_VALUES)
 def test_value_that_is_not_allowed(name, text, allowed):
-    with petsc_options(**{name: text}), pytest.raises(InputError) as refusal:
-        Options()[name]
+    with pytest.raises(InputError) as refusal:
+        OptionReader(TABLE, {name: text})[name]
     wrong = f"-{name} {text}: not allowed" if text else f"-{name}: its value is missing"
     assert str(refusal.value).startswith(f"{wrong}; allowed: ")
     assert allowed in str(refusal.value)
@@ -65,79 +67,40 @@ def test_value_that_is_not_allowed(name, text, allowed):
     ],
 )
 def test_value_that_is(name, text, value):
-    with petsc_options(**{name: text}):
-        assert Options()[name] == value
+    assert OptionReader(TABLE, {name: text})[name] == value
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("a.opts", b"# a comment\ngrid 8\n", "line 2: grid 8"),
-        ("a.opts", b"-grid 8 -approach 1\n", "line 1"),
-        ("a.opts", b"-domain -1, 1, -1, 1\n", "line 1"),
-        ("a.opts", b"-problem 'hertz\n", "line 1"),
-        ("a.opts", b"-\n", "line 1"),
-        ("a.opts", bytes(range(128, 256)), "not a text file"),
-        ("a.yml", b"grid: [8\nproblem: }\n", "a.yml"),
-        ("a.yaml", b"- grid\n- 8\n", "option: value"),
-    ],
+SMALL = (
+    Option("force", real(), REQUIRED, "what presses [N]"),
+    Option("size", real(), 1.0, "how large [mm]"),
+    Option("shift", real(), None, "where [mm]"),
 )
-def test_file_that_is_no_option_file(name, content, message, tmp_path):
-    (tmp_path / name).write_bytes(content)
-    with pytest.raises(InputError, match=re.escape(message)):
-        option_names(str(tmp_path / name))
 
 
-def test_folder_as_option_file(tmp_path):
-    with pytest.raises(InputError, match="Is a directory"):
-        option_names(str(tmp_path))
+def test_reader_tells_what_is_missing_and_what_nobody_asked_for():
+    reader = OptionReader(SMALL, {"Size": 2, "SHIFT": "0.5", "ksp_rtol": "1"})
+    assert reader.given("size") and not reader.given("force")
+    assert reader.unused() == ["shift", "size"]
+    assert reader["size"] == 2.0
+    assert reader.unused() == ["shift"]
+    with pytest.raises(InputError, match=r"^-force is missing: what presses \[N\]$"):
+        reader["force"]
+    assert reader.asked == {"size", "force"}
+    assert OptionReader(SMALL, {})["size"] == 1.0
 
 
-def test_names_in_option_files(tmp_path):
-    opts, yml = tmp_path / "a.opts", tmp_path / "a.yml"
-    opts.write_text("# c\n\n-grid 8,9 # cells\n  -lcp_monitor\n-domain '-1,1,-1,1'\n")
-    yml.write_text("grid: [8, 9]\nlcp:\n  rtol: 1e-3\n")
-    assert option_names(str(opts)) == ["-grid", "-lcp_monitor", "-domain"]
-    assert option_names(str(yml)) == ["-grid", "-lcp"]
-    for path in OPTIONS.glob("*.opts"):
-        assert option_names(str(path))
+def test_values_of_python_are_read_like_texts():
+    values = {"domain": (-1, 1.5, 0, np.float64(2)), "lcp_nested": np.True_, "grid": [8, 4], "lcp_rtol": 1e-8}
+    reader = OptionReader(TABLE, values)
+    assert [reader[name] for name in values] == [(-1, 1.5, 0, 2), True, (8, 4), 1e-8]
+    assert as_texts({"lcp_rtol": 0.1 + 0.2})["lcp_rtol"] == "0.30000000000000004"
 
 
-def prescribed(*argv, environment="", monkeypatch=None):
-    """What `loading` makes of a command line."""
-    with petsc_options() as database:
-        if monkeypatch:
-            monkeypatch.setenv("PETSC_OPTIONS", environment)
-        database.insertString(" ".join([environment, *map(str, argv)]))
-        return loading(Options(), ["solve.py", *map(str, argv)])
-
-
-@pytest.fixture
-def files(tmp_path):
-    (tmp_path / "approach.opts").write_text("-approach 0.1 # mm\n")
-    (tmp_path / "load.opts").write_text("# N\n-load 7e3\n")
-    (tmp_path / "load.yml").write_text("lcp:\n  rtol: 1e-6\nload: 7e3\n")
-    return {path.name: ("-options_file", path) for path in tmp_path.iterdir()}
-
-
-def test_one_of_approach_and_load_replaces_the_other_from_an_earlier_place(files):
-    approach, load = files["approach.opts"], files["load.opts"]
-    assert prescribed(*approach) == ("approach", 0.1)
-    assert prescribed(*approach, "-approach", 0.2) == ("approach", 0.2)
-    assert prescribed(*approach, "-load", 5) == ("load", 5)
-    assert prescribed("-load", 5, *approach) == ("load", 5)  # the command line wins wherever it stands
-    assert prescribed(*load, "-approach", -0.2) == ("approach", -0.2)
-    assert prescribed(*approach, *load) == ("load", 7e3)
-    assert prescribed(*load, *approach) == ("approach", 0.1)
-    assert prescribed(*approach, *files["load.yml"]) == ("load", 7e3)
-
-
-def test_environment_comes_first(files, monkeypatch):
-    assert prescribed("-load", 5, environment="-approach 0.3", monkeypatch=monkeypatch) == ("load", 5)
-    assert prescribed(environment="-approach 0.3", monkeypatch=monkeypatch) == ("approach", 0.3)
-
-
-@pytest.mark.parametrize("argv", [[], ["-grid", 8], ["-approach", 1, "-load", 2]])
-def test_exactly_one_of_approach_and_load(argv):
-    with pytest.raises(InputError, match="exactly one"):
-        prescribed(*argv)
+def test_names_of_yesterday_are_renamed_with_a_warning_each():
+    aliases = {"force": "load", "depth": "approach"}
+    texts, warnings = renamed({"force": "7", "grid": "8"}, aliases)
+    assert texts == {"load": "7", "grid": "8"}
+    assert len(warnings) == 1 and "-force" in warnings[0] and "-load" in warnings[0]
+    assert renamed({"load": "7"}, aliases) == ({"load": "7"}, [])
+    with pytest.raises(InputError, match="-depth is called -approach now"):
+        renamed({"depth": "1", "approach": "2"}, aliases)

@@ -1,0 +1,220 @@
+"""Every refusal and every failure ends every rank: tests look at the exit, within a time limit, on one rank and two."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from processes import TESTS, run, solve_arguments
+
+from app.output.result import read_result
+
+LIMIT = 60  # seconds; a few are enough on an idle machine
+HERTZ = [*solve_arguments("hertz", "norm")[2:], "-grid", "8"]
+RANKS = pytest.mark.parametrize("ranks", [None, 2])
+GAP = "-problem file -domain 0,1,0,1 -approach 2 -shear_modulus 1 -poisson_ratio 0.3".split()
+
+
+@pytest.fixture
+def solve(tmp_path):
+    """``solve("-grid", 8, ranks=2)``: run app.solve in an empty folder, which is also the user's home."""
+
+    def run_there(*arguments, ranks=None, program=("-m", "app.solve"), **environment):
+        environment = {"HOME": str(tmp_path), "PYTHONPATH": str(TESTS), **environment}
+        return run(*program, *arguments, ranks=ranks, timeout=LIMIT, env=environment, cwd=tmp_path)
+
+    return run_there
+
+
+def assert_ended(done, message, status=2):
+    """One line from one rank, the right status, nothing computed."""
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert done.returncode == status, done.stderr
+    assert len(errors) == 1, done.stderr
+    assert message in errors[0]
+    assert "Traceback" not in done.stderr
+    assert "PETSC ERROR" not in done.stderr
+    assert "Segmentation" not in done.stderr
+    assert done.stdout == ""
+
+
+@RANKS
+def test_option_file_that_includes_itself(solve, tmp_path, ranks):
+    (tmp_path / "a.opts").write_text("-grid 8\n-options_file a.opts\n")
+    assert_ended(solve(*HERTZ, "-options_file", "a.opts", ranks=ranks), "a.opts: includes itself")
+
+
+@pytest.mark.parametrize(
+    ("ranks", "words", "message"),
+    [
+        (2, "-approach '0.1", "PETSC_OPTIONS: No closing quotation"),
+        (None, "bogus", "PETSC_OPTIONS: bogus: neither an option"),
+        (None, "-malloc_debug maybe", "PETSc does not accept -malloc_debug maybe: "),
+    ],
+)
+def test_environment_that_makes_no_sense(solve, words, message, ranks):
+    assert_ended(solve(*HERTZ, ranks=ranks, PETSC_OPTIONS=words), message)
+
+
+def test_start_file_that_makes_no_sense(solve, tmp_path):
+    (tmp_path / ".petscrc").write_text("grid 8\n")
+    assert_ended(solve(*HERTZ, ranks=2), ".petscrc line 1: grid")
+
+
+@RANKS
+def test_full_disk(solve, tmp_path, ranks):
+    """By the default method on this grid PETSc's finalisation once waited for ever."""
+    arguments = [*solve_arguments("hertz")[2:], "-grid", 128, "-output", "out.h5"]
+    done = solve(*arguments, ranks=ranks, program=(TESTS / "troubled.py", "full_disk", 0))
+    assert_ended(done, "out.h5: cannot be written: ")
+    assert "No space left on device" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_longest_name_that_the_folder_takes(solve, tmp_path):
+    name = "a" * (os.pathconf(tmp_path, "PC_NAME_MAX") - 3) + ".h5"
+    done = solve(*HERTZ, "-output", name, ranks=2)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_one_host_has_less_memory(solve):
+    done = solve(*HERTZ, "-grid", 16, ranks=2, program=(TESTS / "troubled.py", "little_memory", 1))
+    assert_ended(done, "grid 16,16: needs about ")
+
+
+@pytest.mark.parametrize(
+    ("ranks", "fault", "message"),
+    [
+        (None, "RefusesOnLastRank", "error: only this rank minds"),
+        (2, "RefusesOnLastRank", "error: rank 1: only this rank minds"),
+        (2, "HasNoMemoryOnLastRank", "error: rank 1: not enough memory: only this rank"),
+    ],
+)
+def test_refusal_that_the_other_ranks_never_hear_of(solve, fault, message, ranks, tmp_path):
+    faulty = "-pc_type", "python", "-pc_python_type", f"faults.{fault}"
+    assert_ended(solve(*HERTZ, *faulty, "-output", "out.h5", ranks=ranks), message)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_files_need_to_be_on_the_first_host_only(tmp_path):
+    folders = tmp_path / "first", tmp_path / "second"
+    for folder in folders:
+        folder.mkdir()
+    (folders[0] / "first.opts").write_text("-options_file nested.opts\n")
+    (folders[0] / "nested.opts").write_text("-grid 9\n")
+    (folders[0] / ".petscrc").write_text("-approach 0.1\n")
+
+    def solve_on_two_hosts(file):
+        command = ["mpiexec"]
+        for folder in folders:
+            command += ["-n", "1", "-wdir", str(folder), sys.executable, *solve_arguments("hertz", "norm")]
+            command += ["-options_file", file, "-output", str(tmp_path / "out.h5"), ":"]
+        return subprocess.run(
+            command[:-1], capture_output=True, text=True, timeout=LIMIT, cwd=tmp_path, env={**os.environ}
+        )
+
+    done = solve_on_two_hosts("first.opts")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert read_result(tmp_path / "out.h5").pressure.shape == (9, 9)
+    assert_ended(solve_on_two_hosts("second.opts"), "option file second.opts: No such file")
+
+
+# ---------------------------------------------------------------------------------------------- lost data
+
+
+@RANKS
+def test_measurement_is_not_overwritten(solve, tmp_path, ranks):
+    np.savetxt(tmp_path / "gap.txt", np.ones((8, 8)))
+    before = (tmp_path / "gap.txt").read_bytes()
+    (tmp_path / "link.h5").symlink_to("gap.txt")
+    done = solve(*GAP, "-gap_file", "gap.txt", "-output", "link.h5", ranks=ranks)
+    assert_ended(done, "is the input gap.txt; choose another name")
+    assert (tmp_path / "gap.txt").read_bytes() == before
+
+
+def test_option_file_is_not_overwritten(solve, tmp_path):
+    (tmp_path / "opts.h5").write_text("-grid 8\n")
+    assert_ended(solve(*HERTZ, "-options_file", "opts.h5", "-output", "opts.h5"), "is the input ")
+    assert (tmp_path / "opts.h5").read_text() == "-grid 8\n"
+
+
+def test_result_is_written_through_a_link(solve, tmp_path):
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "result").write_text("an earlier result")
+    (tmp_path / "link.h5").symlink_to("there/result")
+    assert solve(*HERTZ, "-output", "link.h5", ranks=2).returncode == 0
+    assert (tmp_path / "link.h5").is_symlink()
+    assert read_result(tmp_path / "there" / "result").pressure.shape == (8, 8)
+    assert [path.name for path in (tmp_path / "there").iterdir()] == ["result"]
+
+
+# ------------------------------------------------------------------------------------------------ streams
+
+
+def shell(line, tmp_path):
+    command = f"{sys.executable} -m app.solve {' '.join(HERTZ)} {line}"
+    return subprocess.run(
+        ["bash", "-c", command], capture_output=True, text=True, timeout=LIMIT, cwd=tmp_path
+    )
+
+
+def test_closed_streams(tmp_path):
+    assert shell("-output out.h5 <&- >&- 2>&-", tmp_path).returncode == 0
+    assert read_result(tmp_path / "out.h5").attributes["converged"]
+    refused = shell("-bogus 2>&-", tmp_path)
+    assert (refused.returncode, refused.stdout) == (2, "")
+
+
+def test_full_standard_output(tmp_path):
+    done = shell("-lcp_max_it 1 -output out.h5 >/dev/full", tmp_path)
+    assert (done.returncode, done.stderr) == (3, "warning: standard output: No space left on device\n")
+    assert read_result(tmp_path / "out.h5").attributes["converged"] is False
+
+
+def test_full_standard_error(tmp_path):
+    assert shell("-bogus 2>/dev/full", tmp_path).returncode == 2
+
+
+def test_pictures_do_not_need_standard_output(solve, tmp_path):
+    assert solve(*HERTZ, "-output", "out.h5").returncode == 0
+    command = f"{sys.executable} -m app.plot out.h5 -o pictures --dpi 20 >/dev/full"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=LIMIT, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "warning: standard output: No space left on device\n")
+    assert len(list((tmp_path / "pictures").iterdir())) == 6
+
+
+def test_removed_folder(tmp_path):
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    command = f"rmdir {gone}; {sys.executable} -m app.solve {' '.join(HERTZ)}"
+    environment = {**os.environ, "PYTHONPATH": ""}  # Python itself minds relative ones
+    done = subprocess.run(
+        ["bash", "-c", command], capture_output=True, text=True, timeout=LIMIT, cwd=gone, env=environment
+    )
+    assert_ended(done, "the current folder has been removed")
+    assert len(done.stderr.splitlines()) == 1
+
+
+# ---------------------------------------------------------------------------------------------- the rest
+
+
+def test_logging_may_be_asked_for_in_a_file(solve, tmp_path):
+    (tmp_path / "log.opts").write_text("-log_view\n")
+    done = solve(*HERTZ, "-options_file", "log.opts", ranks=2)
+    assert done.returncode == 0
+    for words in ("InfluenceMult", "Setup:", "Solve:", "Output:"):
+        assert words in done.stdout
+
+
+def test_own_problem(solve, tmp_path):
+    (tmp_path / "mine.py").write_text("def bowl(x, y):\n    return x**2 + y**2\n")
+    problem = (
+        "-problem python -grid 8 -domain -1,1,-1,1 -shear_modulus 1 -poisson_ratio 0.3 -load 0.1".split()
+    )
+    done = solve(*problem, "-problem_type", "mine.py:bowl", ranks=2)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("mine.py:bowl 8 x 8: solved")
+    assert_ended(solve(*problem, "-problem_type", "mine.bowls", ranks=2), "mine has no bowls")
+    assert_ended(solve(*problem, "-problem_type", "mine.bowl", "-cone_slope", 1), "-cone_slope")

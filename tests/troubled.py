@@ -1,0 +1,29 @@
+"""app.solve with something wrong on some ranks: ``python tests/troubled.py TROUBLE RANK [arguments of app.solve]``."""
+
+import errno
+import os
+import runpy
+import sys
+
+
+def full_disk():
+    """No space can be taken on any disk."""
+
+    def refuse(*arguments):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    os.posix_fallocate = refuse
+
+
+def little_memory():
+    """The host has a single page."""
+    sysconf = os.sysconf
+    os.sysconf = lambda name: 1 if name == "SC_PHYS_PAGES" else sysconf(name)
+
+
+if __name__ == "__main__":
+    trouble, rank = sys.argv[1:3]
+    if os.environ.get("OMPI_COMM_WORLD_RANK", "0") == rank:
+        {"full_disk": full_disk, "little_memory": little_memory}[trouble]()
+    sys.argv[1:] = sys.argv[3:]
+    runpy.run_module("app.solve", run_name="__main__", alter_sys=True)

@@ -1,0 +1,96 @@
+"""Files that appear whole or not at all: links, inputs, long names, what killed runs leave."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from app.output.files import check_output_path, temporary_name, whole_file
+from app.output.result import read_result
+
+
+def write(path, text):
+    with whole_file(path) as temporary:
+        temporary.write_text(text)
+
+
+def test_output_must_not_be_an_input(tmp_path):
+    gap, other = tmp_path / "gap.h5", tmp_path / "other.h5"
+    gap.write_text("measured")
+    (tmp_path / "link.h5").symlink_to(gap)
+    (tmp_path / "hard.h5").hardlink_to(gap)
+    (tmp_path / "folder").symlink_to(tmp_path)
+    for name in ("gap.h5", "link.h5", "hard.h5", "folder/gap.h5", f"../{tmp_path.name}/gap.h5"):
+        with pytest.raises(ValueError, match=rf"is the input {gap}") as refusal:
+            check_output_path(tmp_path / name, [tmp_path / "absent", gap])
+        assert str(tmp_path / name) in str(refusal.value)
+    assert check_output_path(other, [gap]) == other
+
+
+def test_link_stays_and_its_target_is_replaced(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    target, link = tmp_path / "elsewhere" / "target.h5", tmp_path / "link.h5"
+    link.symlink_to("elsewhere/target.h5")
+    for text in ("new", "newer"):  # the first time the link leads nowhere
+        assert check_output_path(link) == target
+        write(link, text)
+        assert link.is_symlink()
+        assert target.read_text() == text
+        assert list((tmp_path / "elsewhere").iterdir()) == [target]
+
+
+def test_link_that_leads_to_no_file(tmp_path):
+    (tmp_path / "self.h5").symlink_to(tmp_path / "self.h5")
+    (tmp_path / "away.h5").symlink_to(tmp_path / "absent" / "a")
+    (tmp_path / "up.h5").symlink_to(tmp_path)
+    for name, reason in (
+        ("self", "leads to itself"),
+        ("away", "absent does not exist"),
+        ("up", "not a regular file"),
+    ):
+        with pytest.raises(ValueError, match=reason):
+            check_output_path(tmp_path / f"{name}.h5")
+
+
+def test_every_name_that_the_folder_takes_can_be_written(tmp_path):
+    longest = os.pathconf(tmp_path, "PC_NAME_MAX")
+    path = check_output_path(tmp_path / ("a" * (longest - 3) + ".h5"))
+    write(path, "content")
+    assert list(tmp_path.iterdir()) == [path]
+    with pytest.raises(ValueError, match="File name too long"):
+        check_output_path(tmp_path / ("a" * (longest - 2) + ".h5"))
+
+
+def test_what_killed_runs_leave_is_cleared_by_the_next(tmp_path):
+    path = tmp_path / "result.h5"
+    killed = (
+        "import os, signal, sys; from pathlib import Path; from app.output.files import whole_file\n"
+        "with whole_file(Path(sys.argv[1])) as temporary:\n"
+        "    temporary.write_text('half'); os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    for name in ("result.h5", "other.h5"):
+        assert subprocess.run([sys.executable, "-c", killed, tmp_path / name], timeout=60).returncode == -9
+    left = set(tmp_path.iterdir())
+    assert len(left) == 2
+    running = temporary_name(path)
+    mine = left - set(tmp_path.iterdir())
+    assert len(mine) == 1  # of the same target
+    running.write_text("of a process that runs")
+    write(path, "whole")
+    assert set(tmp_path.iterdir()) == {path, running, *(left - mine)}
+
+
+def test_temporary_names_are_all_different(tmp_path):
+    assert len({temporary_name(tmp_path / name) for name in ("a.h5", "a.h5", "b.h5")}) == 3
+
+
+def test_result_file_whose_links_go_in_a_circle(tmp_path):
+    import h5py
+
+    with h5py.File(tmp_path / "loop.h5", "w") as file:
+        file["pressure"] = h5py.SoftLink("/pressure")
+        file["gap"] = [[1.0]]
+    with pytest.raises(ValueError, match=r"loop\.h5: ") as refusal:
+        read_result(tmp_path / "loop.h5")
+    assert "\n" not in str(refusal.value)

@@ -1,0 +1,148 @@
+"""-problem python: problems of the user's own, as functions and classes."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from app.commands.problem_options import PROBLEM_OPTIONS, make_problem
+from app.errors import InputError
+from app.options import OptionReader
+
+MODULE = """
+import numpy as np
+from app.options import Option, REQUIRED, positive
+from app.problems.problem import Problem
+
+def bowl(x, y):
+    return x**2 + y**2
+
+def ring(x, y):
+    return np.where(np.hypot(x, y) > 1, np.nan, 0)
+
+def scalar(x, y):
+    return max(x, 0)
+
+def short(x, y):
+    return np.zeros(3)
+
+def words(x, y):
+    return "deep"
+
+def huge(x, y):
+    return np.where(x > 0.5, np.inf, x)
+
+number = 3
+
+class Other:
+    pass
+
+class Plane(Problem):
+    def shape_on(self, grid, rows=slice(None)):
+        return np.zeros((len(grid.y(rows)), grid.nx))
+
+class Cone(Problem):
+    OPTIONS = (Option("cone_slope", positive, REQUIRED, "height over radius"),)
+    name = "cone"
+
+    def __init__(self, grid, material, slope):
+        super().__init__(grid, material)
+        object.__setattr__(self, "slope", slope)
+
+    @classmethod
+    def from_options(cls, grid, material, options):
+        return cls(grid, material, options["cone_slope"])
+
+    def shape_on(self, grid, rows=slice(None)):
+        return self.slope * np.hypot(grid.x()[None, :], grid.y(rows)[:, None])
+
+class Forgets(Cone):
+    @classmethod
+    def from_options(cls, grid, material, options):
+        pass
+
+class Transposed(Plane):
+    def shape_on(self, grid, rows=slice(None)):
+        return super().shape_on(grid, rows).T
+"""
+
+
+@pytest.fixture
+def make(tmp_path, monkeypatch):
+    """``make("my_module.bowl")``: the problem of a name, in a folder that holds my_module.py."""
+    (tmp_path / "my_module.py").write_text(MODULE)
+    (tmp_path / "broken.py").write_text("import numpy\nnumpy.no_such_thing\n")
+    (tmp_path / "typo.py").write_text("def f(x, y:\n")
+    monkeypatch.chdir(tmp_path)
+
+    def make_named(name, **texts):
+        given = {
+            "problem": "python",
+            "problem_type": name,
+            "grid": "6,4",
+            "domain": "-2,1,-1,1",
+            "shear_modulus": "1",
+        }
+        given |= {"poisson_ratio": "0.3", **texts}
+        problem, own, notes = make_problem(OptionReader(PROBLEM_OPTIONS, given), given, MPI.COMM_SELF)
+        assert notes == []
+        return problem, own
+
+    return make_named
+
+
+@pytest.mark.parametrize("name", ["my_module.bowl", "my_module.py:bowl"])
+def test_function_is_called_with_the_cell_centres_of_any_grid(make, name):
+    problem, own = make(name)
+    for grid in (problem.grid, problem.grid.coarsen(2)):
+        expected = grid.x()[None, :] ** 2 + grid.y()[:, None] ** 2
+        assert np.array_equal(problem.shape_on(grid), expected)
+        assert np.array_equal(problem.shape_on(grid, slice(1, 2)), expected[1:2])
+    assert problem.describe()["problem"] == name
+    assert not own.asked
+
+
+def test_function_may_say_where_contact_is_impossible(make):
+    shape = make("my_module.ring")[0].shape_on(make("my_module.ring")[0].grid)
+    assert np.isnan(shape).any() and (shape[~np.isnan(shape)] == 0).all()
+
+
+def test_class_reads_options_of_its_own(make):
+    problem, own = make("my_module.Cone", cone_slope="0.5")
+    assert problem.shape_on(problem.grid)[0, 0] == 0.5 * np.hypot(-1.75, -0.75)
+    assert own.asked == {"cone_slope"}
+    assert problem.describe()["problem"] == "cone"
+    assert make("my_module.Plane")[0].describe()["problem"] == "my_module.Plane"
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("bowl", "needed: module.Name or file.py:Name"),
+        ("my_module.", "needed: module.Name"),
+        ("nowhere.bowl", "No module named 'nowhere'"),
+        ("nowhere.py:bowl", "no such file"),
+        ("my_module.bowls", "my_module has no bowls"),
+        (
+            "my_module.number",
+            "needed: a function of x and y, or a class derived from app.problems.problem.Problem",
+        ),
+        ("my_module.Other", "needed: a function of x and y, or a class"),
+        ("my_module.Forgets", "from_options returns no"),
+        ("my_module.Cone", "-cone_slope is missing: height over radius"),
+        ("my_module.Transposed", r"shape \(6, 4\); needed: .* = \(4, 6\)"),
+        ("my_module.scalar", r"ValueError: The truth value .* \(.*my_module.py, line 13\)"),
+        (
+            "my_module.short",
+            r"ValueError: .*\(3,\).*\(4, ?6\)",
+        ),
+        ("my_module.words", "ValueError: could not convert string to float"),
+        ("my_module.huge", "allowed: numbers up to"),
+        ("broken.f", r"AttributeError: .*no_such_thing.* \(.*broken.py, line 2\)"),
+        ("typo.f", r"SyntaxError: .*line 1"),
+    ],
+)
+def test_what_is_wrong_is_told_in_one_line(make, name, message):
+    with pytest.raises(InputError, match=message) as refusal:
+        make(name)
+    assert str(refusal.value).startswith(f"-problem_type {name}: ")
+    assert "\n" not in str(refusal.value)

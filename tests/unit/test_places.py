@@ -1,0 +1,239 @@
+"""Where options come from, what overrides what, and what is wrong with files: read by PETSc, told in one line."""
+
+import re
+
+import pytest
+from processes import OPTIONS
+
+from app.commands import places
+from app.commands.problem_options import loading
+from app.errors import InputError
+
+
+@pytest.fixture
+def read(tmp_path, monkeypatch):
+    """``read("-grid 8")``: read a command line in an empty folder that is also the home of the user."""
+    monkeypatch.chdir(tmp_path)
+
+    def read_line(line="", **environment):
+        return places.read(["solve.py", *line.split()], {"HOME": str(tmp_path), **environment})
+
+    return read_line
+
+
+@pytest.fixture
+def files(tmp_path):
+    """Write files of these contents into the folder."""
+
+    def write(**contents):
+        for name, content in contents.items():
+            path = tmp_path / name.replace("__", ".")
+            path.write_bytes(content) if isinstance(content, bytes) else path.write_text(content)
+
+    return write
+
+
+def test_later_places_override_earlier_ones(read, files, tmp_path):
+    files(__petscrc="-a 1\n-b 1\n-c 1\n-d 1\n-e 1\n", petscrc="-b 2\n", file__opts="-d 4\n-e 4\n")
+    assert (tmp_path / ".petscrc").exists()
+    found = read("-options_file file.opts -e 5", PETSC_OPTIONS="-c 3 -d 3 -e 3").texts
+    assert found == {"a": "1", "b": "2", "c": "3", "d": "4", "e": "5"}
+    assert read("-e 5 -options_file file.opts -skip_petscrc").texts == {"d": "4", "e": "4"}  # as in PETSc
+
+
+def test_values_are_whole(read, files):
+    files(a__opts='# c\n\n-grid 8,9 # cells\n\t-lcp_monitor\r\n-title "a -b c"\n-approach -inf\n')
+    assert read("-options_file a.opts").texts == {
+        "grid": "8,9", "lcp_monitor": "", "title": "a -b c", "approach": "-inf"
+    }  # fmt: skip
+    long = "x" * 3000
+    assert read(f"-output {long} -load -7").texts == {"output": long, "load": "-7"}
+
+
+def test_yaml(read, files):
+    files(a__yml="grid: [8, 9]\nlcp:\n  rtol: 1e-3\n", b__txt="load: 5\n")
+    assert read("-options_file a.yml").texts == {"grid": "8,9", "lcp_rtol": "1e-3"}
+    assert read("-options_file_yaml b.txt").texts == {"load": "5"}
+    assert read(PETSC_OPTIONS_YAML="load: 6").texts == {"load": "6"}
+
+
+def test_names_are_told_apart_without_regard_to_case(read):
+    assert read("-Load 5 -LOAD 6 -Grid 8").texts == {"load": "6", "grid": "8"}
+
+
+def test_prefixes_and_aliases_of_petsc(read, files):
+    files(
+        a__opts="-prefix_push x_\n-grid 3\n-prefix_pop\nalias -force -load\n-force 5\n", b__opts="-rtol 2\n"
+    )
+    assert read("-options_file a.opts").texts == {"x_grid": "3", "load": "5"}
+    assert read("-prefix_push ksp_ -options_file b.opts -prefix_pop -a 1").texts == {
+        "ksp_rtol": "2",
+        "a": "1",
+    }
+
+
+def test_option_files_of_the_project_can_be_read(read):
+    for path in OPTIONS.glob("*.opts"):
+        given = read(f"-options_file {path}")
+        assert given.texts
+        assert given.files == [str(path)]
+
+
+def test_options_that_are_petscs_own_are_kept_apart(read, files):
+    files(a__opts="-options_left\n-grid 8\n")
+    given = read("-options_file a.opts -log_view :log.txt -help")
+    assert given.texts == {"grid": "8"}
+    assert given.of_petsc == {"options_left": "", "log_view": ":log.txt", "help": ""}
+    words = places.for_the_start(
+        ["solve.py", "-grid", "8", "-log_view", "-options_file", "a.opts"],
+        {"PETSC_OPTIONS": "-malloc_debug true"},
+    )
+    assert words == ["solve.py", "-malloc_debug", "true", "-log_view", "-skip_petscrc"]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("# a comment\ngrid 8\n", "a.opts line 2: grid"),
+        ("-grid 8 -approach 1\n", "line 1: extra token -approach"),
+        ("-domain -1, 1, -1, 1\n", "line 1: extra token"),
+        ('-grid 8\n-title "a b\n', 'line 2: -title "a b: a quote is not closed'),
+        ("-\n", "line 1: invalid option -"),
+        (bytes(range(128, 256)), "option file a.opts: is not a text file"),
+        ("-options_file a.opts\n", "option file a.opts: includes itself"),
+        ("-grid 8\n-options_file b.opts\n", "option file ./a.opts: includes itself (included by"),
+        ("-options_file\n", "a.opts, line 1: -options_file: a file name must follow"),
+        ("-options_file nowhere.opts\n", "option file nowhere.opts (included by"),
+        ("-OPTIONS_FILE 'no.opts'\n", "No such file or directory"),
+        ("-malloc_debug\n", "-malloc_debug in a.opts: PETSc needs it when it starts"),
+        ("x" * (places.LARGEST_FILE + 1), "option file a.opts: is larger than 16 MiB"),
+    ],
+)
+def test_file_that_is_no_option_file(content, message, read, files):
+    files(a__opts=content, b__opts='-options_file "./a.opts"\n')
+    with pytest.raises(InputError, match=re.escape(message)) as refusal:
+        read("-options_file a.opts")
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.yml", "grid: [8\nproblem: }\n", "a.yml: YAML"),
+        ("a.yaml", "- grid\n- 8\n", "a.yaml: Unsupported YAML"),
+    ],
+)
+def test_file_that_is_no_yaml(name, content, message, read, tmp_path):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=message):
+        read(f"-options_file {name}")
+
+
+@pytest.mark.parametrize(
+    ("line", "environment", "message"),
+    [
+        ("-grid 8 9", "", "9: neither an option nor the value of one"),
+        ("8", "", "8: neither an option"),
+        ("-options_file", "", "-options_file: a file name must follow"),
+        ("-options_file .", "", "option file .: Is a directory"),
+        ("-options_file /dev/null", "", "/dev/null: is not a regular file"),
+        ("", "bogus", "PETSC_OPTIONS: bogus: neither an option"),
+        ("", "-x 'a", "PETSC_OPTIONS: No closing quotation"),
+        ("", "-options_file nowhere", "option file nowhere: No such file"),
+        ("-output \udce9.h5", "", "is not UTF-8 text"),
+    ],
+)
+def test_words_that_are_no_options(line, environment, message, read):
+    with pytest.raises(InputError, match=re.escape(message)):
+        read(line, PETSC_OPTIONS=environment)
+
+
+def test_start_file_that_is_none(read, files):
+    files(__petscrc="grid 8\n")
+    with pytest.raises(InputError, match="Unknown first token"):
+        read()
+
+
+# -------------------------------------------------------------------------------------- approach or load
+
+
+@pytest.fixture
+def prescribed(read, files):
+    """What is prescribed by a command line."""
+    files(
+        approach__opts="-approach 0.1 # mm\n",
+        load__opts="# N\n-load 7e3\n",
+        load__yml="lcp:\n  rtol: 1e-6\nload: 7e3\n",
+        both__opts="-load 1\n-approach 2\n",
+        own__opts="-options_file approach.opts\n-Load 8\n",
+        replaced__opts="-options_file both.opts\n-load 8\n",
+    )
+
+    def value(line, **environment):
+        return loading(read(re.sub(r"(\w+\.(opts|yml))", r"-options_file \1", line), **environment))
+
+    return value
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("approach.opts", ("approach", 0.1)),
+        ("approach.opts -approach 0.2", ("approach", 0.2)),
+        ("approach.opts -load 5", ("load", 5)),
+        ("-load 5 approach.opts", ("load", 5)),  # the command line wins wherever it stands
+        ("load.opts -approach -0.2", ("approach", -0.2)),
+        ("approach.opts load.opts", ("load", 7e3)),
+        ("load.opts approach.opts", ("approach", 0.1)),
+        ("approach.opts load.yml", ("load", 7e3)),
+        ("own.opts", ("load", 8)),  # a file comes after those that it includes
+        ("own.opts approach.opts", ("approach", 0.1)),
+        ("both.opts -Approach 3", ("approach", 3)),
+        ("replaced.opts", ("load", 8)),
+    ],
+)
+def test_one_of_approach_and_load_replaces_the_other_from_an_earlier_place(prescribed, line, expected):
+    assert prescribed(line) == expected
+
+
+def test_the_one_replaced_is_forgotten(read):
+    given = read("-load 5", PETSC_OPTIONS="-approach 0.3")
+    assert loading(given) == ("load", 5)
+    assert given.texts == {"load": "5"}
+
+
+def test_environment_comes_first(prescribed):
+    assert prescribed("-load 5", PETSC_OPTIONS="-approach 0.3") == ("load", 5)
+    assert prescribed("", PETSC_OPTIONS="-approach 0.3") == ("approach", 0.3)
+    assert prescribed("load.opts", PETSC_OPTIONS="-approach 0.3") == ("load", 7e3)
+
+
+@pytest.mark.parametrize(
+    ("line", "where"),
+    [
+        ("", "neither"),
+        ("-grid 8", "neither"),
+        ("-approach 1 -load 2", "on the command line"),
+        ("both.opts", "in both.opts"),
+        ("approach.opts both.opts", "in both.opts"),
+    ],
+)
+def test_exactly_one_of_approach_and_load(prescribed, line, where):
+    with pytest.raises(InputError, match=where):
+        prescribed(line)
+
+
+# ------------------------------------------------------------------------------------ names of yesterday
+
+
+def test_old_names_keep_their_place_and_warn_once(read, files, monkeypatch):
+    monkeypatch.setitem(places.ALIASES, "force", "load")
+    monkeypatch.setitem(places.ALIASES, "width", "size")
+    files(old__opts="-force 1\n", new__opts="-load 2\n-approach 1\n")
+    assert read("-options_file new.opts -force 3").texts == {"load": "3", "approach": "1"}
+    assert read("-options_file old.opts -load 3").texts == {"load": "3"}
+    given = read("-options_file old.opts -Force 4", PETSC_OPTIONS="-approach 5")
+    assert given.texts == {"load": "4", "approach": "5"}
+    assert len(given.warnings) == 1 and "-force is called -load now" in given.warnings[0]
+    assert loading(given) == ("load", 4)
+    assert read("-load 1").warnings == []

@@ -1,0 +1,90 @@
+"""Problems made from options: sizes that cannot be, before anything is read."""
+
+import os
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from app.commands.problem_options import PROBLEM_OPTIONS, input_files, make_problem
+from app.errors import InputError
+from app.options import OptionReader
+from app.problems.gap_file import GapArray
+
+
+def made(**texts):
+    given = {"domain": "0,1,0,1", "shear_modulus": "1", "poisson_ratio": "0.3", **texts}
+    return make_problem(OptionReader(PROBLEM_OPTIONS, given), given, MPI.COMM_SELF)
+
+
+@pytest.fixture
+def sparse(tmp_path):
+    """``sparse("gap.npy", n)``: a file of n x n cells without content, a few kB on the disk."""
+
+    def make(name, n):
+        import h5py
+
+        path = tmp_path / name
+        if name.endswith(".h5"):
+            with h5py.File(path, "w") as file:
+                file.create_dataset("gap", (n, n), "f8", chunks=(1000, 1000))
+        else:
+            with path.open("wb") as file:
+                if name.endswith(".npy"):
+                    header = {"descr": "<f8", "fortran_order": False, "shape": (n, n)}
+                    np.lib.format.write_array_header_1_0(file, header)
+                file.truncate(file.tell() + 8 * n * n)
+        return str(path)
+
+    return make
+
+
+def small_machine(monkeypatch):
+    sysconf = os.sysconf
+    monkeypatch.setattr(
+        os, "sysconf", lambda name: 1 << 18 if name == "SC_PHYS_PAGES" else sysconf(name)
+    )  # 1 GiB
+
+
+@pytest.mark.parametrize("name", ["gap.h5", "gap.npy"])
+def test_sparse_and_huge_gap_file(sparse, name, monkeypatch):
+    small_machine(monkeypatch)
+    with pytest.raises(InputError, match=r"grid 40000,40000: needs about 143 GiB .* has 1 GiB"):
+        made(problem="file", gap_file=sparse(name, 40_000))
+    with pytest.raises(InputError, match=r"has 1000000 x 1000000 cells; at most 2147483647 are possible"):
+        made(problem="file", gap_file=sparse(name, 1_000_000))
+
+
+def test_sparse_and_huge_text(sparse, monkeypatch):
+    small_machine(monkeypatch)
+    with pytest.raises(ValueError, match=r"11\.9 GiB of text are too much"):
+        GapArray(sparse("gap.txt", 40_000))
+
+
+def test_grid_beyond_the_machine(monkeypatch):
+    small_machine(monkeypatch)
+    with pytest.raises(InputError, match="grid 20000,20000: needs about 36 GiB"):
+        made(problem="hertz", grid="20000", hertz_rx="1", hertz_ry="1")
+
+
+@pytest.mark.parametrize("link", ["/gap", "/other"])
+def test_dataset_linked_to_itself(tmp_path, link):
+    import h5py
+
+    with h5py.File(tmp_path / "gap.h5", "w") as file:
+        file["gap"] = h5py.SoftLink(link)
+        file["other"] = h5py.SoftLink("/gap")
+    with pytest.raises(ValueError, match="cannot be read: .*too many links"):
+        GapArray(f"{tmp_path}/gap.h5:/gap")
+
+
+def test_list_that_looks_like_points_is_worth_a_note(tmp_path):
+    np.savetxt(tmp_path / "gap.txt", np.zeros((10, 3)))
+    problem, _, notes = made(problem="file", gap_file=str(tmp_path / "gap.txt"))
+    assert problem.grid.shape == (10, 3)
+    assert len(notes) == 1 and "10 rows of 3 cells" in notes[0]
+
+
+def test_input_files():
+    options = OptionReader(PROBLEM_OPTIONS, {"gap_file": "a.h5:/b", "problem_type": "mine.py:bowl"})
+    assert {"a.h5", "mine.py"} <= set(input_files(options))
