@@ -50,8 +50,8 @@ class PrescribedApproach:
         """Prepare the iteration on a grid. Not collective."""
 
     def update(self, state):
-        """Keep the approach; return whether it moved. Not collective."""
-        return False
+        """Keep the approach; return by how much it moved [mm]. Not collective."""
+        return 0.0
 
     def settle(self, state, update):
         """Return what `update` says: there is nothing else to be met."""
@@ -163,7 +163,7 @@ class PrescribedLoad:
         state.first_contact()
 
     def update(self, state):
-        """Move the approach by what the load lacks over the slope; return whether it did. Collective; u is A p.
+        """Move the approach by what the load lacks over the slope; return how far [mm]. Collective; u is A p.
 
         The mean gap left in contact tells what the load will be at this approach when the system is solved.
         """
@@ -179,10 +179,10 @@ class PrescribedLoad:
             self._before = None
         lacks = (self.load - here[1]) / self.slope
         if abs(lacks) <= rms:
-            return False
+            return 0.0
         state.depth += lacks
         self._before = here
-        return True
+        return abs(lacks)
 
     def settle(self, state, update):
         """Make the load exact by a factor, and the approach what the gap in contact then says. Collective; u is A p.

@@ -212,6 +212,10 @@ class ContactState:
         """Depth at which the first cells of the undeformed bodies touch [mm]. Collective."""
         return self.depth + float(self.minimum(-self.distance.b[self.admissible].max(initial=-np.inf)))
 
+    def cells_in_contact(self):
+        """Number of cells in the contact set, 1 at least. Collective."""
+        return max(self.sum([np.count_nonzero(self.contact)])[0], 1.0)
+
     def h_on_contact(self):
         """||h||_2 over C [mm]. Collective."""
         return float(np.sqrt(self.sum([kernels.sum_squares(self.distance.b, 0.0, self.contact)])[0]))
