@@ -169,7 +169,9 @@ def _refuse_what_crashes(strategy, texts):
         # These work on parts of the operator, which are none of this program's.
         of_ours = name.endswith("python_type") and text.startswith("app.")
         if strategy not in _ACTIVE_SET and (of_ours or (name == "pc_type" and text == "mg")):
-            raise InputError(f"-{name} {text}: works with active_set and fast only, not with -lcp_type {strategy}")
+            raise InputError(
+                f"-{name} {text}: works with active_set and fast only, not with -lcp_type {strategy}"
+            )
 
 
 def _neutral(name):
