@@ -19,7 +19,7 @@ from pathlib import Path
 from petsc4py import PETSc
 
 from app.errors import InputError
-from app.options import Option, OptionReader, as_texts, choice, count, flag, from_zero, real, renamed
+from app.options import Option, OptionReader, as_line, as_texts, choice, count, flag, from_zero, real, renamed
 from app.petsc import OptionDatabase, error_message
 
 DEFAULT = "fast"
@@ -48,6 +48,7 @@ _GONE = {
 _ONLY_FAST = ("lcp_coarse_rtol", "lcp_predictor", "lcp_window", "lcp_precision")
 _ONLY_NESTED = ("lcp_prolongation", "lcp_beta", "lcp_window", "lcp_coarse_rtol")
 _ACTIVE_SET = ("active_set", "fast")
+_NEED_ENTRIES = ("hypre", "hmg", "kaczmarz", "redistribute")  # PETSc's preconditioners that crash without
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ class Settings:
     @property
     def summary(self):
         """All options as one text, as they would be written on a command line."""
-        return " ".join(f"-{name} {self.texts[name]}".strip() for name in sorted(self.texts))
+        return as_line(self.texts)
 
 
 def method_file(name):
@@ -137,6 +138,7 @@ def settings(method=None, options=None):
     reader = OptionReader(METHOD_OPTIONS, texts)
     strategy, nested = reader["lcp_type"], reader["lcp_nested"]
     _refuse_without_effect(strategy, nested, texts, reader, given)
+    _refuse_what_crashes(strategy, texts)
     return Settings(
         strategy, nested, reader["lcp_rtol"], reader["lcp_error_bound"], reader["lcp_max_it"],
         reader["lcp_coarse_rtol"], reader["lcp_predictor"], reader["lcp_prolongation"] == "lift",
@@ -158,6 +160,18 @@ def _refuse_without_effect(strategy, nested, texts, reader, given):
             refuse(name, "-lcp_nested only")
     if "lcp_beta" in given and reader["lcp_prolongation"] == "lift":
         refuse("lcp_beta", "-lcp_prolongation copy only")
+
+
+def _refuse_what_crashes(strategy, texts):
+    for name, text in texts.items():
+        if name.endswith("pc_type") and text in _NEED_ENTRIES:
+            raise InputError(f"-{name} {text}: needs the entries of the matrix, which are never stored")
+        # These work on parts of the operator, which are none of this program's.
+        of_ours = name.endswith("python_type") and text.startswith("app.")
+        if strategy not in _ACTIVE_SET and (of_ours or (name == "pc_type" and text == "mg")):
+            raise InputError(
+                f"-{name} {text}: works with active_set and fast only, not with -lcp_type {strategy}"
+            )
 
 
 def _neutral(name):

@@ -117,6 +117,17 @@ def as_texts(options):
     return {name.lower(): _text(value) for name, value in options.items()}
 
 
+def as_line(texts):
+    """Options as they would be written on a command line.
+
+    Examples
+    --------
+    >>> as_line({"lcp_rtol": "1e-8", "grid": "8"})
+    '-grid 8 -lcp_rtol 1e-8'
+    """
+    return " ".join(f"-{name} {texts[name]}".strip() for name in sorted(texts))
+
+
 def _text(value):
     if isinstance(value, bool | np.bool_):
         return str(value).lower()

@@ -186,3 +186,5 @@ class Solution:
             write_result(path, self.comm, self.slabs, fields, self.x, self.grid.y(), facts, self.history)
         except OSError as error:
             raise InputError(f"result file {path}: cannot be written: {error}") from None
+        except ValueError as error:  # the folder is gone, which was there when the solve began
+            raise InputError(str(error)) from None

@@ -39,6 +39,7 @@ def main(given):
     with solver, PETSc.Log.Stage("Solve"), warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of what the report says: not converged
         solution = solver.solve(**request.loading)
+    facts["options"] = f"{request.options_text} {solution.options}"
     with PETSc.Log.Stage("Output"):
         facts["peak_memory"] = session.peak_memory()
         if request.output:

@@ -1,6 +1,7 @@
 """Preconditioners that go wrong, for ``-pc_type python -pc_python_type faults.X``."""
 
 import os
+import shutil
 import time
 from pathlib import Path
 
@@ -26,6 +27,15 @@ class TakesForEver:
         """Wait to be killed."""
         Path(os.environ["SOLVE_HAS_BEGUN"]).touch()
         time.sleep(600)
+
+
+class RemovesFolder:
+    """Takes away the folder of the result while it is being computed."""
+
+    def apply(self, pc, x, y):
+        """Copy."""
+        shutil.rmtree(os.environ["FOLDER_OF_RESULT"], ignore_errors=True)
+        x.copy(y)
 
 
 class RefusesOnLastRank:

@@ -1,5 +1,6 @@
 """Problems solved in this process."""
 
+import warnings
 from contextlib import contextmanager
 from dataclasses import dataclass
 from unittest import mock
@@ -9,29 +10,10 @@ import petsc4py
 
 petsc4py.init([])  # the arguments of pytest are not PETSc's
 from mpi4py import MPI  # noqa: E402
-from petsc4py import PETSc  # noqa: E402
-from processes import OPTIONS  # noqa: E402
 
-import app.solve  # noqa: E402
-from app.contact.certificate import certify  # noqa: E402
-from app.contact.loop import History  # noqa: E402
-from app.options import Options  # noqa: E402
+from app import ContactSolver  # noqa: E402
+from app.contact.history import Outcome  # noqa: E402
 from app.problems.problem import Problem  # noqa: E402
-
-
-@contextmanager
-def petsc_options(*files, **options):
-    """PETSc's options inside the block: option files of the project, then single ones."""
-    database = PETSc.Options()
-    for name in files:
-        database.insertString(f"-options_file {OPTIONS / name}.opts")
-    for name, value in options.items():
-        database.setValue(name, value)
-    try:
-        yield database
-    finally:
-        for name in database.getAll():  # clear() does nothing to PETSc's own database
-            database.delValue(name)
 
 
 @dataclass(frozen=True)
@@ -71,35 +53,29 @@ class Solution:
 
 
 def solve(problem, approach, method="norm", load=None, **options):
-    """Solve a problem in this process the way app.solve does, with a method of petsc_options and more options.
+    """Solve a problem in this process, with a method of petsc_options and more options.
 
     Collective over all ranks. A given `load` takes the place of the approach.
     """
-    loading = {"approach": repr(approach)} if load is None else {"load": repr(load)}
-    options = loading | {name: str(value) for name, value in options.items()}
-    files = (method,) if method else ()
-    with petsc_options(*files, **options), mock.patch.object(app.solve, "make_problem", return_value=problem):
-        setup = app.solve.prepare(Options(), MPI.COMM_WORLD)
-        history = History()
-        state, outcome = app.solve.solve(setup, history)
-    applications = setup.hierarchy.operator_applications()
-    shape = np.where(state.admissible, state.shape, np.nan)
-    solution = Solution(
-        pressure=state.pressure.getArray(readonly=True).reshape(shape.shape).copy(),
-        contact=state.contact.copy(),
-        u=state.u.copy(),
-        h=shape - state.approach,
-        load=state.load,
-        outcome=outcome,
-        history=history.columns(),
-        approach=state.approach,
-        applications=applications,
-        certificate=certify(state),
-    )
-    setup.free_solver()
-    setup.hierarchy.destroy()
-    state.destroy()
-    return solution
+    loading = {"approach": approach} if load is None else {"load": load}
+    with ContactSolver(problem, method, options, MPI.COMM_WORLD) as solver, warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # not converged
+        found = solver.solve(**loading)
+    return Solution(
+        pressure=found.pressure,
+        contact=found.contact,
+        u=found.displacement,
+        h=found.undeformed_distance,
+        load=found.load,
+        outcome=Outcome(
+            found.converged, found.message, found.iterations, found.inner_iterations, found.residual,
+            found.discretisation_error, found.fallbacks,
+        ),
+        history=found.history,
+        approach=found.approach,
+        applications=found.operator_applications,
+        certificate=found.certificate,
+    )  # fmt: skip
 
 
 @contextmanager

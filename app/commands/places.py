@@ -24,7 +24,7 @@ LARGEST_FILE = 1 << 24  # bytes of an option file
 
 # PETSc's options that are none of a solver's: most of them must be there when PETSc starts ...
 _OF_PETSC = re.compile(
-    r"help|version|skip_petscrc|petsc_(ci\w*|sleep)|log(_(all|exclude\w*|summary|sync|threshold|trace|view\w*))?"
+    r"help|version|skip_petscrc|petsc_(ci\w*|sleep)|log(_(all|exclude(_actions|_objects)?|summary|sync|threshold|trace|view(_gpu_time|_memory)?))?"
     r"|options_(left|view|monitor|monitor_cancel|suppress_deprecated_warnings)|info(_exclude)?|memory_view"
     r"|malloc(_(coalesce|debug|dump|hbw|info|requested_size|test|view|view_threshold))?|objects_dump|on_error_\w+"
     r"|error_output_(none|stdout)|fp_trap|debug_terminal|debugger_(nodes|pause|ranks)|start_in_debugger"

@@ -9,6 +9,7 @@ from app.options import (
     REQUIRED,
     Option,
     OptionReader,
+    as_line,
     choice,
     domain,
     flag,
@@ -77,6 +78,8 @@ class Request:
         Argument of `app.solver.ContactSolver.solve`.
     method : dict of str to str
         Options left for the solver, which knows which of them there are.
+    options_text : str
+        The other options, as they would be written on a command line.
     output : str or None
     wants_monitor : bool
     notes : list of str
@@ -94,7 +97,7 @@ class Request:
         options = reader_of(given)
         self.output = agree(comm, options.__getitem__, "output")
         if self.output:
-            agree(comm, check_output_path, self.output, [*given.files, *input_files(options)])
+            agree(comm, check_output_path, self.output, [*given.files, *input_files(given.texts)])
         self.problem, own, self.notes = agree(comm, make_problem, options, given.texts, comm)
         self.loading = dict([loading(given)])
         options.asked |= set(LOADING)  # the one replaced, too
@@ -103,6 +106,7 @@ class Request:
             raise InputError(unused(options.unused()))
         taken = {option.name for option in PROBLEM_OPTIONS} | own.asked
         self.method = {name: text for name, text in given.texts.items() if name not in taken}
+        self.options_text = as_line({name: given.texts[name] for name in given.texts.keys() & taken})
 
 
 def unused(names):
@@ -129,9 +133,9 @@ def loading(given):
     return kind, reader_of(given)[kind]
 
 
-def input_files(options):
+def input_files(texts):
     """Names of the files that the problem is read from; a result must not take their place. Not collective."""
-    names = [options[name] for name in ("gap_file", "problem_type") if options.given(name)]
+    names = [texts[name] for name in ("gap_file", "problem_type") if name in texts]
     return [part for name in names for part in (name, name.rpartition(":")[0]) if part]
 
 

@@ -20,7 +20,6 @@ def reason_names(reasons):
 
 _REASONS = reason_names(PETSc.KSP.ConvergedReason)
 _KRYLOV_RESIDUAL_IS_TRUE = (PETSc.KSP.NormType.UNPRECONDITIONED,)
-_NEED_ENTRIES = ("hypre", "hmg", "kaczmarz", "redistribute")  # and crash without
 _NEED_PARTS = ("shell", "composite", "galerkin", "fieldsplit", "ksp", "mat")  # that options alone cannot give
 
 

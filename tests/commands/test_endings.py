@@ -72,6 +72,14 @@ def test_full_disk(solve, tmp_path, ranks):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_folder_that_vanishes_while_solving(solve, tmp_path):
+    folder = tmp_path / "results"
+    folder.mkdir()
+    faulty = "-pc_type", "python", "-pc_python_type", "faults.RemovesFolder"
+    done = solve(*HERTZ, *faulty, "-output", "results/out.h5", ranks=2, FOLDER_OF_RESULT=str(folder))
+    assert_ended(done, "results does not exist")
+
+
 def test_longest_name_that_the_folder_takes(solve, tmp_path):
     name = "a" * (os.pathconf(tmp_path, "PC_NAME_MAX") - 3) + ".h5"
     done = solve(*HERTZ, "-output", name, ranks=2)
@@ -180,7 +188,9 @@ def test_full_standard_error(tmp_path):
 def test_pictures_do_not_need_standard_output(solve, tmp_path):
     assert solve(*HERTZ, "-output", "out.h5").returncode == 0
     command = f"{sys.executable} -m app.plot out.h5 -o pictures --dpi 20 >/dev/full"
-    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=LIMIT, cwd=tmp_path)
+    done = subprocess.run(
+        ["bash", "-c", command], capture_output=True, text=True, timeout=LIMIT, cwd=tmp_path
+    )
     assert (done.returncode, done.stderr) == (0, "warning: standard output: No space left on device\n")
     assert len(list((tmp_path / "pictures").iterdir())) == 6
 

@@ -86,5 +86,4 @@ def test_list_that_looks_like_points_is_worth_a_note(tmp_path):
 
 
 def test_input_files():
-    options = OptionReader(PROBLEM_OPTIONS, {"gap_file": "a.h5:/b", "problem_type": "mine.py:bowl"})
-    assert {"a.h5", "mine.py"} <= set(input_files(options))
+    assert {"a.h5", "mine.py"} <= set(input_files({"gap_file": "a.h5:/b", "problem_type": "mine.py:bowl"}))
