@@ -24,7 +24,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app import method as methods
-from app.contact import kernels
+from app.contact import certificate, kernels
 from app.contact.certificate import certify
 from app.contact.full_multigrid import full_multigrid
 from app.contact.history import History
@@ -188,6 +188,7 @@ class ContactSolver:
         """Load compiled loops now, not in the first iteration."""
         texts = self.settings.texts
         kernels.warm_up()
+        certificate.warm_up()
         transfer.warm_up()
         kind = texts.get("pc_type", "")
         if kind == "sor" or (kind == "mg" and texts.get("mg_levels_pc_type", "") in ("", "sor")):
@@ -347,8 +348,8 @@ class ContactSolver:
     def _solution(self, state, outcome, history, started, products):
         applications = self.hierarchy.operator_applications() - products
         seconds = time.perf_counter() - started
-        certificate = certify(state)
-        bound, allowed = certificate.error_bound, self.settings.error_bound
+        proof = certify(state)
+        bound, allowed = proof.error_bound, self.settings.error_bound
         if outcome.converged and not bound <= allowed:
             outcome = replace(
                 outcome,
@@ -379,7 +380,7 @@ class ContactSolver:
             contact_cells=cells,
             contact_fraction=cells / distance.statistics.cells,
             rtol=self.settings.rtol,
-            certificate=certificate,
+            certificate=proof,
             history=history.columns(),
             problem=self.problem.describe(),
             options=self.settings.summary,

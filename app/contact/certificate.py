@@ -18,13 +18,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from app.contact.state import Displacement
 from app.halfspace.grid import Grid
 from app.halfspace.influence import influence_quadrant
+from app.halfspace.reductions import any_order
 
-_ROWS_AT_ONCE = 64
 _TRIALS = 12
 
 
@@ -59,13 +60,8 @@ def certify(state):
 
 def estimate(state):
     """Certify the pressure as far as the displacement of `state` is that of the pressure. Collective; see `certify`."""
-    largest = np.full(6, -np.inf)
-    sums = np.zeros(2)
-    for p, u, h, e in _blocks(state):
-        lift = np.divide(-e, u, out=np.zeros_like(e), where=u > 0)
-        here = lift.max(), -e.min(), -p.min(), np.abs(p * e).max(), p.max(), np.abs(h).max()
-        largest = np.maximum(largest, here)
-        sums += np.vdot(p, u), np.vdot(p, e)
+    b, u, p, admissible = state.distance.b, state.u, state.p, state.admissible
+    largest, sums = _survey(b, u, p, admissible)
     largest = np.maximum(-state.minimum(-largest), [0, 0, -np.inf, 0, 0, 0])
     most, penetration, minus_smallest, product, highest, deepest = (float(value) for value in largest)
     energy, defect = state.sum(sums)
@@ -80,28 +76,69 @@ def estimate(state):
     )
 
 
-def _blocks(state):
-    """Yield p, u, h and e, a few rows at a time; h and e are zero in inadmissible cells."""
-    for first in range(0, len(state.u), _ROWS_AT_ONCE):
-        rows = slice(first, first + _ROWS_AT_ONCE)
-        p, u, admissible = state.p[rows], state.u[rows], state.admissible[rows]
-        h = np.where(admissible, -state.distance.b[rows], 0.0)
-        yield p, u, h, np.where(admissible, h + u, 0.0)
-
-
 def _lifting(state, most, energy):
     """What the lifting of penetrations adds to the gap: the least for some t between 0 and `most`. Collective."""
     shares = most * np.append(0.5 ** np.arange(_TRIALS), 0.0)
-    sums = np.zeros((2, len(shares)))
-    for _, u, _, e in _blocks(state):
-        u, e = u[e < 0], e[e < 0]
-        for k, t in enumerate(shares):
-            w = np.maximum(-(e + t * u), 0.0)
-            sums[:, k] += np.vdot(w, u), np.vdot(w, w)
-    to_u, squares = state.sum(sums)
+    to_u, squares = state.sum(_lift(state.distance.b, state.u, state.admissible, shares))
     grid, diagonal = state.grid, state.operator.diagonal
     to_u, squares = to_u / diagonal, squares / diagonal**2
     # Rows of A add up to less than the displacement in the middle of twice the patch under unit pressure.
     twice = Grid(1, 1, 2 * grid.nx * grid.dx, 2 * grid.ny * grid.dy)
     norm = float(influence_quadrant(twice, state.operator.compliance)[0, 0])
     return np.min((shares + shares**2 / 2) * energy + (1 + shares) * to_u + norm * squares / 2)
+
+
+@any_order
+def _survey_row(b, u, p, admissible):
+    lift, penetration, tension, product = 0.0, 0.0, -np.inf, 0.0
+    highest, deepest, energy, defect = -np.inf, 0.0, 0.0, 0.0
+    for i in range(b.size):
+        h = -b[i] if admissible[i] else 0.0
+        e = h + u[i] if admissible[i] else 0.0
+        lift = max(lift, -e / u[i] if u[i] > 0 else 0.0)
+        penetration = max(penetration, -e)
+        tension = max(tension, -p[i])
+        product = max(product, abs(p[i] * e))
+        highest = max(highest, p[i])
+        deepest = max(deepest, abs(h))
+        energy += p[i] * u[i]
+        defect += p[i] * e
+    return lift, penetration, tension, product, highest, deepest, energy, defect
+
+
+@numba.njit(cache=True)
+def _survey(b, u, p, admissible):
+    """Largest of -e / u, -e, -p, |p e|, p, |h|; sums of p u and p e. h and e are zero in inadmissible cells."""
+    largest, sums = np.full(6, -np.inf), np.zeros(2)
+    for j in range(b.shape[0]):
+        row = _survey_row(b[j], u[j], p[j], admissible[j])
+        for k in range(6):
+            largest[k] = max(largest[k], row[k])
+        sums[0] += row[6]
+        sums[1] += row[7]
+    return largest, sums
+
+
+@numba.njit(cache=True)
+def _lift(b, u, admissible, shares):
+    """Sums of w u and w w for ``w = max(-(e + t u), 0)`` where e < 0, for each share t."""
+    sums = np.zeros((2, shares.size))
+    for j in range(b.shape[0]):
+        for i in range(b.shape[1]):
+            e = u[j, i] - b[j, i]
+            if e < 0 and admissible[j, i]:
+                for k in range(shares.size):
+                    w = -(e + shares[k] * u[j, i])
+                    if w > 0:
+                        sums[0, k] += w * u[j, i]
+                        sums[1, k] += w * w
+    return sums
+
+
+def warm_up():
+    """Load the compiled loops now, not after the first solve. Not collective."""
+    field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
+    fixed = field.view()
+    fixed.flags.writeable = False
+    _survey(fixed, field, fixed, mask)
+    _lift(fixed, field, mask, np.zeros(1))

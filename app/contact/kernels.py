@@ -168,11 +168,13 @@ def fingerprint(mask):
 def warm_up():
     """Load the compiled loops now, not in the first iteration. Not collective."""
     field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
-    defect(field, field, mask, field)
+    fixed = field.view()
+    fixed.flags.writeable = False  # as Vecs are read
+    defect(fixed, field, mask, field)
     release(field, mask, mask)
     for change in (field, field.astype(np.float32)):
-        tension(field, mask, change)
+        tension(fixed, mask, change)
     for expected in (None, field):
-        activate(field, field, mask, mask, mask, expected)
-    sum_squares(field, 0.0, mask)
-    gap_on(field, field, mask, mask)
+        activate(fixed, field, mask, mask, mask, expected)
+    sum_squares(fixed, 0.0, mask)
+    gap_on(fixed, field, mask, mask)

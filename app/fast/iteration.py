@@ -59,6 +59,12 @@ class InexactStop(StoppingTest):
             self.rtol * whole, max(self.rtol * IN_CONTACT * inside, ROUNDING * whole) or self.rtol * whole
         )
 
+    def promising(self, state):
+        """Whether the certificate holds with the displacement there is, or more cannot be asked for. Collective."""
+        if not self.final or self.rtol <= ROUNDING:
+            return True
+        return estimate(state).error_bound <= self.error_bound
+
     def for_coarse_grid(self):
         """See `StoppingTest.for_coarse_grid`."""
         return replace(self, final=False)
@@ -93,38 +99,29 @@ def inexact_active_set(state, solver, loading, stop, history):
     if state.u_is is Displacement.STALE:
         state.compute_displacement()
     for k in range(1, stop.max_it + 1):
-        allowed = stop.allowed(state)
+        allowed, done = stop.allowed(state), False
         solver.set_contact()  # 2. (2.11) on C^k
-        its, failure, norm = solver.improve(state, allowed, resume)  # 3.
+        its, failure, norm = solver.improve(state, allowed, resume)  # 3. a little, u along with p
         inner += its
-        rough = norm > allowed
-        enough = not (stop.final or rough or solver.tension(state) > RELEASED)
-        enough = enough and loading.update(state) <= NEAR * allowed / np.sqrt(state.cells_in_contact())
-        if enough:  # for a grid on the way: what the last steps do to u is for the finer one to find out
-            released = state.release_tensile()
+        if norm <= allowed and not stop.final:
+            released, update, done = _leave(state, solver, loading, allowed)
+        elif norm <= allowed and stop.promising(state):
+            released, update, done = _verify(state, loading, stop)
         else:
             released = solver.release(state)  # (4.a), and u along with it
             loading.update(state)
-        prediction = solver.predict(state, stop.predictor) if rough and stop.predictor else None
-        update = state.activate_penetrating(prediction)  # (4.b)
-        if stop.final and not update.changed and update.residual <= allowed:
-            update = loading.settle(state, update)
-            if estimate(state).error_bound > stop.error_bound and stop.rtol > ROUNDING:
-                stop = replace(stop, rtol=0.1 * stop.rtol)
-            elif state.u_is is not Displacement.EXACT:
-                state.compute_displacement(exact=True)
-                update = state.activate_penetrating().after(update)
+            expected = solver.predict(state, stop.predictor) if norm > allowed else None
+            update = state.activate_penetrating(expected)  # (4.b)
         history.add(state, solver, update, its, released)
         residual = update.residual / state.distance.norm()
         if failure:
             return Outcome(False, f"the linear solver failed: {failure}", k, inner, residual)
         if not residual < float("inf"):
             return Outcome(False, "the residual is not a finite number", k, inner, residual)
-        verified = stop.final and state.u_is is Displacement.EXACT and not update.changed
-        if enough:
+        if done and stop.promising(state):
             return Outcome(True, CONVERGED, k, inner, residual)
-        if verified and update.residual <= stop.allowed(state):  # 5. and 6. (5.1)
-            return Outcome(True, CONVERGED, k, inner, residual)
+        if norm <= allowed and not stop.promising(state):
+            stop = replace(stop, rtol=0.1 * stop.rtol)
         resume = not (update.changed or released) and state.u_is is Displacement.CARRIED
         since += 1
         if update.residual <= 0.5 * best:
@@ -134,3 +131,35 @@ def inexact_active_set(state, solver, loading, stop, history):
     return Outcome(
         False, f"{stop.max_it} active set iterations were not enough", stop.max_it, inner, residual
     )
+
+
+def _verify(state, loading, stop):
+    """Steps 4 to 6 on the target grid by a product in double precision, the load met exactly. Collective.
+
+    Returns
+    -------
+    int, Update, bool
+        Cells released; whether the problem is solved.
+    """
+    released = state.release_tensile()  # (4.a)
+    state.compute_displacement(exact=True)
+    loading.update(state)
+    update = state.activate_penetrating()  # (4.b)
+    if not update.changed and update.residual <= stop.allowed(state):
+        update = loading.settle(state, update)
+    return released, update, not update.changed and update.residual <= stop.allowed(state)  # 5. and 6. (5.1)
+
+
+def _leave(state, solver, loading, allowed):
+    """Step 4 on a coarse grid whose system is solved well enough; as `_verify`.
+
+    What little the last release does to u is for the finer grid to find out, if the load is nearly met.
+    """
+    near = NEAR * allowed / np.sqrt(state.cells_in_contact())
+    enough = solver.tension(state) <= RELEASED and loading.update(state) <= near
+    if enough:
+        released = state.release_tensile()  # (4.a)
+    else:
+        released = solver.release(state)  # (4.a), and u along with it
+        loading.update(state)
+    return released, state.activate_penetrating(), enough  # (4.b)

@@ -89,6 +89,8 @@ class TrackingSolver(LinearSolver):
         ndarray, shape (local rows, nx), [mm], or None
             In the solver's work array.
         """
+        if not share:
+            return None
         pc = self.ksp.getPC()
         extend = getattr(pc.getPythonContext(), "extend", None) if pc.getType() == "python" else None
         if extend is None:
