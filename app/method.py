@@ -176,3 +176,15 @@ def _refuse_what_crashes(strategy, texts):
 
 def _neutral(name):
     return next(option.default for option in METHOD_OPTIONS if option.name == name)
+
+
+def global_options(prefix):
+    """Options of PETSc's global database that begin with a prefix, without it; none for an empty one. Not collective."""
+    if not prefix:
+        return {}
+    database = PETSc.Options()
+    return {
+        name.removeprefix(prefix): database.getString(name, "")
+        for name in database.getAll()
+        if name.startswith(prefix)
+    }

@@ -45,6 +45,7 @@ from app.halfspace.sweeps import gauss_seidel
 from app.multigrid import transfer
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
+from app.notes import notes_on
 from app.options import LARGEST
 from app.petsc import OptionDatabase, error_message
 from app.problems.given import ContactProblem
@@ -117,7 +118,7 @@ class ContactSolver:
         self.comm = self._resources.comm = self._outer_comm.Dup()
         try:
             agree(self.comm, check_memory, problem.grid, self.comm.size)
-            texts = dict(options or {}) | _global_options(prefix)
+            texts = dict(options or {}) | methods.global_options(prefix)
             self.settings = agree(self.comm, methods.settings, method, texts)
             self._database = OptionDatabase(self.settings.texts)
             for name in self.settings.texts:
@@ -384,7 +385,7 @@ class ContactSolver:
             history=history.columns(),
             problem=self.problem.describe(),
             options=self.settings.summary,
-            notes=(*self.settings.warnings, *_notes(state)),
+            notes=(*self.settings.warnings, *notes_on(state)),
             solve_seconds=seconds,
             setup_seconds=self.setup_seconds,
             grid=self.problem.grid,
@@ -425,17 +426,6 @@ class _Resources:
             self.comm = None
 
 
-def _global_options(prefix):
-    if not prefix:
-        return {}
-    database = PETSc.Options()
-    return {
-        name.removeprefix(prefix): database.getString(name, "")
-        for name in database.getAll()
-        if name.startswith(prefix)
-    }
-
-
 def _shape_on_target(problem, rows):
     """Undeformed distance at zero approach in the rows of this rank, checked. Not collective."""
     grid = problem.grid
@@ -457,26 +447,3 @@ def _check_single(what, value, unit):
             f"-lcp_precision single: {what} of {value:.0e} {unit} are beyond it; choose -lcp_precision double, "
             "or units nearer to the bodies'"
         )
-
-
-def _notes(state):
-    """What a user should look at twice. Collective."""
-    if _touches_rim(state):
-        what = "contact reaches" if state.in_contact() else "the smallest distance is found at"
-        return [f"{what} the rim of the patch: enlarge the domain if the bodies go on beyond it"]
-    return []
-
-
-def _touches_rim(state):
-    """Whether a cell on the rim of the patch is in contact, or is nearest to it if there is none. Collective."""
-    if state.in_contact():
-        cells = state.contact
-    else:
-        b = np.where(state.admissible, state.distance.b, -np.inf)
-        cells = -b == float(state.minimum(-b.max(initial=-np.inf)))
-    rows = state.operator.slabs.rows
-    touches = cells[:, [0, -1]].any()
-    if cells.size:
-        touches |= rows.start == 0 and cells[0].any()
-        touches |= rows.stop == state.grid.ny and cells[-1].any()
-    return state.sum([touches])[0] > 0

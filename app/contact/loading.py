@@ -15,7 +15,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import brentq
 
-TRUSTED = 3.0  # a secant counts if the approach moved by so many residuals; so much may the slope change at once
+TRUSTED = (
+    3.0  # a secant counts if the approach moved by so many residuals; so much may the slope change at once
+)
 
 
 class PrescribedApproach:

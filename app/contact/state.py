@@ -250,6 +250,7 @@ class ContactState:
         """A Vec for right-hand sides. Collective when first asked for."""
         return self.pressure.duplicate()
 
+    @PETSc.Log.EventDecorator("ContactUpdate")
     def defect(self):
         """Step 2, (2.11) for the correction of p: the Vec ``right`` = -(h + u) on C. Not collective."""
         with self.right as values:
@@ -261,6 +262,7 @@ class ContactState:
         self.pressure.axpy(1.0, correction)
         self.u_is = Displacement.STALE
 
+    @PETSc.Log.EventDecorator("ContactUpdate")
     def release_tensile(self):
         """Step 4.a: cells with p < 0 leave C, p = 0 there. Return how many. Collective."""
         with self.pressure as values:
@@ -277,6 +279,7 @@ class ContactState:
         compute(self.p, self.u)
         self.u_is = Displacement.EXACT if exact else Displacement.CARRIED
 
+    @PETSc.Log.EventDecorator("ContactUpdate")
     def activate_penetrating(self, expected=None):
         """Step 4.b: cells with h + u <= 0 enter C, those just released among them. Collective.
 

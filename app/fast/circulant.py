@@ -151,6 +151,7 @@ class Circulant:
         shape = operator.local_shape
         with _event, y as out:
             r, z = x.getArray(readonly=True).reshape(shape), out.reshape(shape)
+            PETSc.Log.logFlops(self.multiplier.flops)
             if self.extension is None:
                 self.multiplier.apply(r, z, operator.mask)
                 return

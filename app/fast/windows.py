@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from petsc4py import PETSc
 from scipy.fft import next_fast_len
 
 from app.contact.state import ContactState, UndeformedDistance
@@ -108,6 +109,7 @@ class Stage:
         else:
             self.state = ContactState(level, distance)
 
+    @PETSc.Log.EventDecorator("ContactWindow")
     def _look_through(self, coarse_window, coarse_grid):
         """Make operators, transfer and state of a window, which is given by that of the coarser grid."""
         hierarchy, level = self._hierarchy, self._level

@@ -13,6 +13,7 @@ from functools import cached_property, partial
 import numpy as np
 from petsc4py import PETSc
 
+from app.halfspace.fft import transpose
 from app.halfspace.fft.lengths import transform_length
 from app.halfspace.grid import Slabs
 from app.halfspace.influence import dense_matrix, influence_quadrant
@@ -22,6 +23,7 @@ _FORWARD, _BACKWARD = 1 | 4, 2 | 8  # MatSORType: the "local" kinds mean the sam
 _ZERO_GUESS = 16
 _mult_event = PETSc.Log.Event("InfluenceMult")
 _sweep_event = PETSc.Log.Event("InfluenceSOR")
+transpose.exchange_event = PETSc.Log.Event("InfluenceAlltoall")
 
 
 class InfluenceOperator:
@@ -169,11 +171,13 @@ class InfluenceOperator:
         """Compute u = A p, (2.6) and (2.7), on all cells. Collective; arrays of shape `local_shape`."""
         with _mult_event:
             self.product.apply(p, u)
+            PETSc.Log.logFlops(self.product.flops)
 
     def exact_displacement(self, p, u):
         """Compute u = A p in double precision whatever that of the other products. Collective."""
         with _mult_event:
             self.exact_product.apply(p, u)
+            PETSc.Log.logFlops(getattr(self.exact_product, "flops", 0))  # a window's is counted by its grid
 
     # -- what PETSc calls --------------------------------------------------------------------------------
 
@@ -183,6 +187,7 @@ class InfluenceOperator:
         with _mult_event, y as out:
             p = x.getArray(readonly=True).reshape(self.local_shape)
             self.product.apply(p, out.reshape(self.local_shape), self.mask)
+            PETSc.Log.logFlops(self.product.flops)
 
     multTranspose = mult
 
@@ -216,6 +221,7 @@ class InfluenceOperator:
                     np.subtract(right, r, out=r)
                     r *= self.mask
                 relaxation.sweep(r, self.mask, omega, d, backward=backward)
+                PETSc.Log.logFlops(relaxation.products_per_sweep * self.product.flops)
                 p += d
                 self.sweeps += 1
 

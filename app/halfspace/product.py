@@ -49,6 +49,11 @@ class DenseProduct:
         self.count = 0
 
     @property
+    def flops(self):
+        """Floating point operations of a product."""
+        return 2 * self.matrix.size
+
+    @property
     def memory(self):
         """Bytes held on this rank."""
         return self.matrix.nbytes

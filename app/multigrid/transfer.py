@@ -48,6 +48,7 @@ class Transfer:
         self.fine.comm.Allgatherv(mine, [everything, self._parts])
         return everything
 
+    @PETSc.Log.EventDecorator("ContactTransfer")
     def restrict_defect(self, fine):
         """Sec. 4.2, 3: four-point average; children outside the patch count as zero. Collective."""
         mine = np.zeros(self._local)
@@ -56,6 +57,7 @@ class Transfer:
         mine *= 1.0 / (self.fy * self.fx)
         return self._complete(mine, float)
 
+    @PETSc.Log.EventDecorator("ContactTransfer")
     def restrict_contact(self):
         """Sec. 4.2, 3: a coarse cell is in C_H if any of its children is in C_h. Collective."""
         mine = np.zeros(self._local, bool)
@@ -81,6 +83,7 @@ class Transfer:
             np.fmin(here, view, out=here)
         return self._complete(mine, float)
 
+    @PETSc.Log.EventDecorator("ContactTransfer")
     def add_copies(self, coarse, fine):
         """Sec. 4.2, 5 and 6: v_H copied to the children, v_h = 0 in E_h; p_h + v_h. Not collective."""
         mine = coarse[self.rows]
@@ -89,12 +92,14 @@ class Transfer:
         ):
             np.add(view, mine[rows, columns], out=view, where=mask)
 
+    @PETSc.Log.EventDecorator("ContactTransfer")
     def copy(self, coarse, fine):
         """Sec. 4.3, 2: the "copy" strategy for p: children get the value of their coarse cell. Not collective."""
         mine = coarse[self.rows]
         for view, rows, columns in self._children(fine):
             view[...] = mine[rows, columns]
 
+    @PETSc.Log.EventDecorator("ContactTransfer")
     def interpolate(self, coarse, fine):
         """Sec. 4.3, 2: bilinear interpolation of u; extrapolation at the rim of patch or window. Collective."""
         wide, first = self._with_neighbours(coarse)

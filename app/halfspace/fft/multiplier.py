@@ -258,6 +258,14 @@ class EvenMultiplier:
         )
         return sum(a.nbytes for a in arrays if a is not None)
 
+    @property
+    def flops(self):
+        """Floating point operations of a product on this rank, by the usual count for its transforms."""
+        ny_fft, nx_fft = self.periods
+        columns = len(self._spectrum)
+        in_x, in_y = (5 * n * np.log2(max(n, 2)) for n in (nx_fft, ny_fft))
+        return self.slabs.local * in_x + 2 * columns * (in_y + ny_fft)
+
     def apply_inverse(self, p, out):
         """Multiply p, continued by zeros, by the inverse of the periodic operator. Collective."""
         self._inverse = True

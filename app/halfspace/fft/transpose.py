@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import itertools
+from contextlib import nullcontext
 
 import numpy as np
 
 from app.halfspace.fft.strips import STRIP
 
+exchange_event = nullcontext()  # who logs what takes time puts an event here (`app.halfspace.operator`)
 _GROUP_BYTES = 1 << 22  # what a rank sends at once, at most about
 
 
@@ -72,7 +74,8 @@ class ColumnGroup:
         own = part[first : first + self._rows * self._columns]
         if comm is None:
             return [own]
-        comm.Alltoallv([part, self._by_column], [received, self._by_row])
+        with exchange_event:
+            comm.Alltoallv([part, self._by_column], [received, self._by_row])
         spans = zip(*self._by_row, strict=True)
         return [
             own if rank == self._rank else received[start : start + count]
@@ -82,4 +85,5 @@ class ColumnGroup:
     def give_back(self, comm, part, received):
         """Send back what `deal` got. Collective."""
         if comm is not None:
-            comm.Alltoallv([received, self._by_row], [part, self._by_column])
+            with exchange_event:
+                comm.Alltoallv([received, self._by_row], [part, self._by_column])
