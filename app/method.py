@@ -179,7 +179,7 @@ def _neutral(name):
 
 
 def global_options(prefix):
-    """Options of PETSc's global database that begin with a prefix, without it; none for an empty one. Not collective."""
+    """Options of PETSc's global database that begin with a prefix, without it. Not collective."""
     if not prefix:
         return {}
     database = PETSc.Options()

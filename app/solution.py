@@ -21,8 +21,6 @@ class Solution:
     pressure : ndarray of float64, [N/mm2]
     displacement : ndarray of float64, [mm]
         u = A p, (2.7).
-    undeformed_distance : ndarray of float64, [mm]
-        h, the approach taken off; NaN where contact is impossible.
     contact : ndarray of bool
     converged : bool
         Contact area unchanged, (5.1) met, and proved to the error bound asked for.
@@ -56,7 +54,6 @@ class Solution:
 
     pressure: np.ndarray
     displacement: np.ndarray
-    undeformed_distance: np.ndarray
     contact: np.ndarray
     converged: bool
     message: str
@@ -83,6 +80,12 @@ class Solution:
     grid: Grid
     slabs: Slabs
     comm: object = field(repr=False)
+    distance: object = field(repr=False)  # gives `undeformed_distance` when called
+
+    @property
+    def undeformed_distance(self):
+        """h, the approach taken off, shape (rows, nx) [mm]; NaN where contact is impossible. Made when asked for."""
+        return self.distance()
 
     @property
     def gap(self):
@@ -145,16 +148,16 @@ class Solution:
         """
         if self.comm.size == 1:
             return self
-        names = "pressure", "displacement", "undeformed_distance", "contact"
         whole = {}
-        for name in names:
+        for name in ("pressure", "displacement", "contact", "undeformed_distance"):
             parts = self.comm.gather(getattr(self, name), root)
             whole[name] = None if parts is None else np.vstack(parts)
+        h = whole.pop("undeformed_distance")
         if self.comm.rank != root:
             return None
         from mpi4py import MPI
 
-        return replace(self, **whole, slabs=Slabs(self.grid.ny), comm=MPI.COMM_SELF)
+        return replace(self, **whole, distance=lambda: h, slabs=Slabs(self.grid.ny), comm=MPI.COMM_SELF)
 
     def save(self, path, **attributes):
         """Write a result file (HDF5), whole or not at all. Collective.

@@ -358,13 +358,13 @@ class ContactSolver:
                 reason=f"{outcome.reason}, but the pressure is proved to {bound:.2g} only "
                 f"(-lcp_error_bound {allowed:g}); a smaller -lcp_rtol is more accurate",
             )
-        p, distance = state.p.copy(), state.distance
+        p, distance, depth = state.p, state.distance, state.depth
         cells = int(state.sum([state.contact.sum()])[0])
         last = len(self.hierarchy.levels) - 1
         return Solution(
             pressure=p,
             displacement=state.u,
-            undeformed_distance=np.where(state.admissible, -distance.b, np.nan),
+            distance=lambda: distance.h_at(depth),
             contact=state.contact.copy(),
             converged=outcome.converged,
             message=outcome.reason,

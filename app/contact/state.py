@@ -78,16 +78,21 @@ class UndeformedDistance:
         Undeformed distance at the reference; NaN in inadmissible cells. Left as it is.
     reference : float
         An approach, the same on all grids of a problem [mm].
+
+    Attributes
+    ----------
+    rhs : Vec
+        -h; anything in inadmissible cells.
+    b : ndarray, shape (local rows, nx), [mm]
+        The same, to read.
+    admissible : ndarray of bool, shape (local rows, nx)
     """
 
     def __init__(self, operator, shape, reference=0.0):
         self.admissible = ~np.isnan(shape)
-        self.rhs = PETSc.Vec().createMPI((shape.size, PETSc.DETERMINE), comm=operator.petsc_comm)
-        self._size = shape.shape
-        with self.rhs as values:
-            b = values.reshape(self._size)
-            np.negative(shape, out=b)
-            np.copyto(b, 0.0, where=~self.admissible)
+        b = np.negative(shape)
+        np.copyto(b, 0.0, where=~self.admissible)
+        self._hold(b, operator)
         self.depth, self.reference = 0.0, reference
         self.statistics = self._measure(operator.comm)
 
@@ -96,10 +101,16 @@ class UndeformedDistance:
         """Return the same h in a window of the grid, with the norm that it has on all of it. Collective."""
         part = cls.__new__(cls)
         part.admissible, b = scatter.forward(whole.admissible), scatter.forward(whole.b)
-        part.rhs = PETSc.Vec().createWithArray(b.reshape(-1), comm=operator.petsc_comm)
-        part._size, part.statistics = b.shape, whole.statistics
+        part._hold(b, operator)
+        part.statistics = whole.statistics
         part.depth, part.reference = whole.depth, whole.reference
         return part
+
+    def _hold(self, b, operator):
+        """Keep -h in memory that stays when the Vec is gone: solutions refer to it."""
+        self.b = b.view()
+        self.b.flags.writeable = False
+        self.rhs = PETSc.Vec().createWithArray(b.reshape(-1), comm=operator.petsc_comm)
 
     def _measure(self, comm):
         b = self.b
@@ -108,10 +119,9 @@ class UndeformedDistance:
         deviation = sum_over(comm, [kernels.sum_squares(b, -mean, self.admissible)])[0]
         return Statistics(int(cells), mean, float(deviation))
 
-    @property
-    def b(self):
-        """-h as array (rows, nx), to read; anything in inadmissible cells. Not collective."""
-        return self.rhs.getArray(readonly=True).reshape(self._size)
+    def h_at(self, depth):
+        """Return h at a depth, shape (rows, nx) [mm]; NaN in inadmissible cells. Not collective."""
+        return np.where(self.admissible, (self.depth - depth) - self.b, np.nan)
 
     @property
     def approach(self):
@@ -154,7 +164,8 @@ class ContactState:
     def __init__(self, operator, distance, window=None, u=None):
         self.operator, self.grid, self.comm = operator, operator.grid, operator.comm
         self.distance, self.admissible = distance, distance.admissible
-        self.pressure = distance.rhs.duplicate()
+        self._p = np.zeros(operator.local_shape)
+        self.pressure = PETSc.Vec().createWithArray(self._p.reshape(-1), comm=operator.petsc_comm)
         self.u = np.zeros(operator.local_shape) if u is None else u
         self.u_is = Displacement.EXACT
         self._released = np.zeros(operator.local_shape, bool)
@@ -188,8 +199,10 @@ class ContactState:
 
     @property
     def p(self):
-        """The local pressure as array (rows, nx), to read. Not collective."""
-        return self.pressure.getArray(readonly=True).reshape(self.u.shape)
+        """The local pressure as array (rows, nx), to read; it stays when the Vec is gone. Not collective."""
+        p = self._p.view()
+        p.flags.writeable = False
+        return p
 
     @property
     def load(self):
