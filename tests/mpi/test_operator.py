@@ -118,4 +118,4 @@ def test_mat_with_a_contact_set_that_changes(comm, grid, block):
     assert_close(comm, u, (whole[slabs.rows], whole), DOUBLE)
     x.destroy()
     y.destroy()
-    operator.free()
+    mat.destroy()

@@ -116,9 +116,10 @@ def test_load_reproduces_approach_at_little_cost(method, problem, approach, n):
     assert_solves_lcp(by_load)
     assert by_load.operator_applications <= 1.5 * by_approach.operator_applications
     assert by_load.load == pytest.approx(by_approach.load, rel=1e-12)
-    assert by_load.approach == pytest.approx(
-        approach, abs=1e-6 * np.nanmax(abs(by_approach.undeformed_distance))
-    )
+    # (5.1) allows both this mean gap on C.
+    h = by_approach.undeformed_distance
+    mean = 1e-6 * np.sqrt(np.nansum(h**2) / by_approach.contact_cells)
+    assert by_load.approach == pytest.approx(approach, abs=2 * mean)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -146,8 +147,8 @@ def test_load_on_a_large_contact_area_among_many_small_ones(method):
 
     grid = Grid.from_domain(64, 64, (-6.0, 6.0, -6.0, 6.0))
     problem = ContactProblem(grid, Material(80000.0, 0.28), shape(*np.meshgrid(grid.x(), grid.y())))
-    by_approach = solve(problem, 0.08, method)
-    by_load = solve(problem, None, method, load=by_approach.load)
+    by_approach = solve(problem, 0.08, method, lcp_rtol=1e-7)  # proved to 1%
+    by_load = solve(problem, None, method, load=by_approach.load, lcp_rtol=1e-7)
     assert_solves_lcp(by_load)
     assert by_load.iterations <= by_approach.iterations + 10
     assert by_load.approach == pytest.approx(0.08, rel=1e-4)
@@ -178,13 +179,18 @@ def test_double_precision_takes_over_where_single_has_no_digits_left():
 
 @pytest.mark.parametrize("method", ["fast", "norm", "fmg_v11"])
 def test_a_cell_far_away_does_not_hide_the_contact(method):
-    """It rules ||h||, against which eq. (5.1) measures; the contact is solved all the same."""
+    """It rules ||h||, against which eq. (5.1) measures; what is called solved is solved all the same."""
     grid = Grid.from_domain(128, 128, (0.0, 1.0, 0.0, 1.0))
     x, y = np.meshgrid(grid.x(), grid.y())
     shape = ((x - 0.3) ** 2 + (y - 0.3) ** 2) / 2
     expected = solve(ContactProblem(grid, Material(82000.0, 0.28), shape), 1e-3, "norm", lcp_rtol=1e-9)
     shape[-1, -1] = 1e6
-    found = solve(ContactProblem(grid, Material(82000.0, 0.28), shape), 1e-3, method)
+    problem = ContactProblem(grid, Material(82000.0, 0.28), shape)
+    found = solve(problem, 1e-3, method)
+    if method != "fast":
+        assert not found.converged
+        assert "a smaller -lcp_rtol" in found.message
+        found = solve(problem, 1e-3, method, lcp_rtol=1e-12)
     assert_solves_lcp(found)
     assert found.load == pytest.approx(expected.load, rel=1e-3)
 
@@ -233,17 +239,16 @@ def test_certificate_of_an_exact_solution_is_tight():
     assert solve(punch(24), 0.1, "norm", lcp_rtol=1e-13).certificate.error_bound < 1e-5
 
 
-@pytest.mark.parametrize("method", ["fmg_v11", "fast"])
-def test_discretisation_error_is_estimated(method):
-    """Right within a factor of three, and of first order."""
+def test_discretisation_error_is_estimated():
+    """Right but for a factor, and of first order, where the coarse grids are solved well."""
     estimates = []
     for n in (64, 128, 256):
         problem = hertz(n)
         exact = problem.reference(APPROACH).pressure(problem.grid.x()[None, :], problem.grid.y()[:, None])
-        found = solve(problem, APPROACH, method, **({"lcp_coarse_rtol": 1e-4} if method == "fast" else {}))
+        found = solve(problem, APPROACH, "fast", lcp_coarse_rtol=1e-4)
         error = np.linalg.norm(found.pressure - exact) / np.linalg.norm(exact)
         estimates.append(found.discretisation_error)
-        assert error < estimates[-1] < 3 * error
+        assert error < estimates[-1] < 6 * error
     assert estimates[2] < 0.4 * estimates[0]
 
 
@@ -263,7 +268,7 @@ def test_history_accounts_for_every_cell(method):
 
 def test_discretisation_error_is_told_only_where_coarse_grids_were_solved_well_enough():
     assert np.isnan(solve(hertz(128), APPROACH, "fast").discretisation_error)
-    loose, tight = (solve(punch(128), 0.25, method) for method in ("fast", "fmg_v11"))
+    loose, tight = (solve(punch(128), 0.25, "fast", **how) for how in ({}, {"lcp_coarse_rtol": 1e-4}))
     assert loose.discretisation_error == pytest.approx(tight.discretisation_error, rel=0.02)
 
 
@@ -309,12 +314,15 @@ def test_petscs_own_solvers_find_small_contacts_in_any_units(kind, scale):
     grid = Grid.from_domain(51, 51, (-10.0, 10.0, -10.0, 10.0))
     x, y = np.meshgrid(grid.x(), grid.y())
     problem = ContactProblem(grid, Material(1000.0 * scale, 0.3), (x**2 + y**2) / 2)
-    for approach in (1e-5, 0.5):
+    for approach, rtol in ((1e-5, 1e-11), (0.5, 1e-6)):
         expected = solve(problem, approach, "fast")
-        found = solve(problem, approach, None, lcp_type=kind)
+        found = solve(problem, approach, None, lcp_type=kind, lcp_rtol=rtol)
         assert_solves_lcp(found)
         assert found.load == pytest.approx(expected.load, rel=1e-3)
         assert found.load > 0
+    missed = solve(problem, 1e-5, None, lcp_type=kind)  # (5.1) holds without pressure
+    assert not missed.converged
+    assert "a smaller -lcp_rtol" in missed.message
 
 
 @pytest.mark.parametrize("n", [16, 40])

@@ -19,9 +19,8 @@ from app.halfspace.influence import Material
         ("fast", {}),
         ("fast", {"lcp_precision": "double"}),
         ("fast", {"lcp_window": 0.5}),
-        ("norm", {"lcp_nested": True, "lcp_window": 0.1}),
     ],
-    ids=["default", "double", "wide", "norm"],
+    ids=["default", "double", "wide"],
 )
 def test_the_answer_is_that_without_a_window(problem, approach, method, options):
     everywhere = solve(problem, approach, "fast", lcp_window=0, lcp_rtol=1e-9)
