@@ -6,3 +6,5 @@ import pytest
 petsc4py.init([])
 pytest.register_assert_rewrite("running", "cases", "results")
 pytest_plugins = ["on_ranks"]  # tests/on_ranks.py
+# The command, once imported, would hide the function of that name in what `from app import solve` finds.
+collect_ignore = ["app/solve.py"]

@@ -25,10 +25,10 @@ def punch(nx, ny=None):
     return Punch(grid, Material(80000.0, 0.28), 8.97, surface)
 
 
-def assert_counts_of_norm(n, outcome):
+def assert_counts_of_norm(n, solution):
     """Compare with `COUNTS`."""
     # The count of CG iterations depends on round-off: the problem is symmetric about both axes, so only
     # round-off makes unsymmetric components, which grow until CG has to remove them.
     outer, inner = COUNTS[n]
-    assert outcome.iterations == outer
-    assert outcome.inner_iterations == pytest.approx(inner, rel=0.03, abs=3)
+    assert solution.iterations == outer
+    assert solution.inner_iterations == pytest.approx(inner, rel=0.03, abs=3)

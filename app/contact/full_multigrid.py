@@ -82,12 +82,13 @@ def route(hierarchy, distances, loading, nested):
     """Numbers of the levels to visit. Not collective.
 
     Without nested iteration that is the target alone; a prescribed load is met on a grid that is solved directly first,
-    which is where the approach to begin with comes from. Grids so coarse that no cell is admissible say nothing.
+    which is where the approach to begin with comes from. Grids so coarse that no cell is admissible say nothing, and a
+    function may have one on a grid and none on the next finer one.
     """
     last = len(hierarchy.levels) - 1
     sighted = [number for number, distance in enumerate(distances) if distance.statistics.cells]
     if nested:
-        return range(sighted[0], last + 1)
+        return range(max(set(range(last)).difference(sighted), default=-1) + 1, last + 1)
     small = [number for number in sighted if number < last and solves_directly(hierarchy.levels[number])]
     return [*small[-1:], last] if loading.prescribes_load else [last]
 

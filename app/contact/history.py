@@ -35,8 +35,8 @@ class History:
         for listener in self.listeners:
             listener.start(state, solver.level)
 
-    def add(self, state, solver, update, inner, released):
-        """Record an iteration: the update of the contact set, inner iterations, cells released. Collective."""
+    def add(self, state, solver, update, inner):
+        """Record an iteration: the update of the contact set and the inner iterations. Collective."""
         self._iteration += 1
         self._work, before = solver.work_units, self._work
         entry = {
@@ -44,7 +44,7 @@ class History:
             "iteration": self._iteration,
             "contact_cells": update.cells,
             "added_cells": update.added,
-            "dropped_cells": released,
+            "dropped_cells": update.released,
             "changed_cells": update.changed,
             "residual": update.residual / state.distance.norm(),
             "inner_iterations": inner,

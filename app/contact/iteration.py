@@ -46,12 +46,12 @@ def active_set(state, solver, loading, stop, history):
         solver.set_contact()  # 2. (2.11) on C^k
         correction, its, failure = solver.solve(state.defect(), stop.allowed(state))
         state.add(correction)  # 3. one multigrid cycle, or CG
-        released = state.release_tensile()  # (4.a)
+        state.release_tensile()  # (4.a)
         state.compute_displacement()  # u = A p, after the zeroing: any other order oscillates
         loading.update(state)  # a prescribed load only: the approach
         update = state.activate_penetrating()  # (4.b)
         inner += its
-        history.add(state, solver, update, its, released)
+        history.add(state, solver, update, its)
         residual = update.residual / state.distance.norm()
         if failure:
             return Outcome(False, f"the linear solver failed: {failure}", k, inner, residual)

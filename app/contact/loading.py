@@ -119,6 +119,7 @@ class PrescribedLoad:
                 low, high = touching, touching + self.load / stiffness_of_patch(state)
             else:
                 low, high = max(touching, state.depth - step), max(touching, state.depth) + step
+            high = max(high, low + 4 * np.spacing(abs(low)))  # the least that can be told from low
             while lacks(high) < 0:
                 low, high = high, high + 2 * (high - low)
             while lacks(low) > 0:

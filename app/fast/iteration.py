@@ -112,7 +112,7 @@ def inexact_active_set(state, solver, loading, stop, history):
             loading.update(state)
             expected = solver.predict(state, stop.predictor) if norm > allowed else None
             update = state.activate_penetrating(expected)  # (4.b)
-        history.add(state, solver, update, its, released)
+        history.add(state, solver, update, its)
         residual = update.residual / state.distance.norm()
         if failure:
             return Outcome(False, f"the linear solver failed: {failure}", k, inner, residual)

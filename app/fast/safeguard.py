@@ -81,7 +81,7 @@ def projected_newton(state, solver, stop, history):
             state.compute_displacement(exact=True)
             gap = state.u - state.distance.b
             update = _contact_from(state, gap, before)
-        history.add(state, solver, update, its, update.released)
+        history.add(state, solver, update, its)
         residual = update.residual / state.distance.norm()
         if failure:
             return Outcome(False, f"the linear solver failed: {failure}", k, inner, residual)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from operators import STENCIL
 
+from app.fast.rim import RimExtension
 from app.halfspace.grid import Slabs
-from app.multigrid.extension import RimExtension
 
 SHAPES = [
     (32, 20),

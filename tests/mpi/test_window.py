@@ -7,11 +7,12 @@ from unittest import mock
 import numpy as np
 import pytest
 from mpi4py import MPI
-from running import Sampled, assert_solves_lcp, solve
+from running import assert_solves_lcp, solve
 
+from app import ContactProblem
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.influence import Material
-from app.halfspace.window import Passage, Window, bounding_box
+from app.halfspace.window import Scatter, Window, bounding_box
 from app.multigrid.hierarchy import Hierarchy
 
 each_number_of_ranks = pytest.mark.mpi(1, 2, 3, 5)
@@ -26,13 +27,13 @@ def test_fields_and_masks_get_in_and_out_again_whatever_the_slabs(comm):
     for y0, y1, x0, x1 in WINDOWS:
         for block in (1, 2, 8):
             inner = Slabs(y1 - y0, comm.size, comm.rank, block)
-            passage = Passage(Window(y0, y1, x0, x1), outer, inner, comm)
+            scatter = Scatter(Window(y0, y1, x0, x1), outer, inner, comm)
             for field in (numbers, numbers % 3 == 0):
-                part = passage.enter(field[outer.rows])
+                part = scatter.forward(field[outer.rows])
                 np.testing.assert_array_equal(part, field[y0:y1, x0:x1][inner.rows])
                 assert part.dtype == field.dtype
                 back = np.zeros_like(field)[outer.rows]
-                passage.leave(part, back)
+                scatter.reverse(part, back)
                 expected = np.zeros_like(field)
                 expected[y0:y1, x0:x1] = field[y0:y1, x0:x1]
                 np.testing.assert_array_equal(back, expected[outer.rows])
@@ -53,7 +54,7 @@ def spiked(n):
     x, y = np.meshgrid(grid.x(), grid.y())
     shape = (x**2 + y**2) / 2
     shape[3, n - 5] = 0.005
-    return Sampled(grid, Material(80000.0, 0.3), shape)
+    return ContactProblem(grid, Material(80000.0, 0.3), shape)
 
 
 @each_number_of_ranks
@@ -61,12 +62,12 @@ def test_nothing_outside_is_forgotten(comm):
     """What no coarse grid sees is in the window, and what lies outside is not forgotten all the same."""
     everywhere = solve(spiked(128), 0.02, "fast", lcp_window=0, lcp_rtol=1e-9)
     for load, blind in product((None, everywhere.load), (False, True)):
-        with mock.patch.object(Hierarchy, "lowest", return_value=None) if blind else nullcontext():
+        with mock.patch.object(Hierarchy, "coarse_minimum", return_value=None) if blind else nullcontext():
             solution = solve(spiked(128), 0.02, "fast", load, lcp_rtol=1e-9)
         level, iteration = (np.array(solution.history[name]) for name in ("level", "iteration"))
         starts = np.count_nonzero((level == level.max()) & (iteration == 1))
         assert starts == (2 if blind else 1)
-        assert solution.outcome.converged, solution.outcome
+        assert solution.converged, solution.message
         assert comm.allreduce(int(solution.contact.sum())) == comm.allreduce(int(everywhere.contact.sum()))
         highest = comm.allreduce(everywhere.pressure.max(initial=0.0), MPI.MAX)
         np.testing.assert_allclose(solution.pressure, everywhere.pressure, rtol=0, atol=1e-4 * highest)
@@ -82,11 +83,13 @@ def test_holes_stay_so_in_a_window_as_wide_as_the_grid(comm):
     strip = np.where(x**2 + y**2 < 0.02, np.nan, y**2 / 2)
     for across in (strip, strip.T):  # in C and in Fortran order
         everywhere, found = (
-            solve(Sampled(grid, Material(80000.0, 0.3), across), 0.01, "fast", lcp_window=margin)
+            solve(ContactProblem(grid, Material(80000.0, 0.3), across), 0.01, "fast", lcp_window=margin)
             for margin in (0, 0.06)
         )
-        assert found.applications < everywhere.applications
-        np.testing.assert_array_equal(np.isnan(found.h), np.isnan(everywhere.h))
+        assert found.operator_applications < everywhere.operator_applications
+        np.testing.assert_array_equal(
+            np.isnan(found.undeformed_distance), np.isnan(everywhere.undeformed_distance)
+        )
         np.testing.assert_allclose(found.load, everywhere.load, rtol=1e-5)
 
 
@@ -95,7 +98,7 @@ def test_narrow_grids(comm):
     """A grid so narrow that ranks have as many rows of one level as others of another."""
     for ny in (2047, 2048):
         grid = Grid.from_domain(4, ny, (-0.004, 0.004, -2.0, 2.0))
-        ball = Sampled(grid, Material(80000.0, 0.3), lambda x, y: (x**2 + y**2) / 2)
+        ball = ContactProblem(grid, Material(80000.0, 0.3), lambda x, y: (x**2 + y**2) / 2)
         everywhere, found = (
             solve(ball, 0.01, "fast", lcp_window=margin, lcp_rtol=1e-9) for margin in (0, 0.06)
         )

@@ -3,46 +3,54 @@
 import numpy as np
 import pytest
 
-from app.contact.active_set import ContactGrid
+from app.contact.history import History
+from app.contact.iteration import active_set
 from app.contact.loading import PrescribedApproach
-from app.contact.loop import Controls, History, iterate
+from app.contact.state import ContactState, UndeformedDistance
+from app.contact.stopping import StoppingTest
 from app.halfspace.grid import Grid
-from app.halfspace.influence import Material, dense_matrix
+from app.halfspace.influence import dense_matrix
 from app.halfspace.operator import InfluenceOperator
 
-UNIT = Material(1 / np.pi, 0.0)  # compliance 1
+
+def make_state(shape, approach=0.0):
+    """State on a row of unit cells of compliance 1."""
+    operator = InfluenceOperator(Grid(len(shape), 1, 1.0, 1.0), 1.0)
+    state = ContactState(operator, UndeformedDistance(operator, np.array([shape], float)))
+    state.approach = approach
+    return state
 
 
 class Given:
     """A linear solver that answers with a given pressure."""
 
-    level, work_units, tracks, exact = 0, 0.0, False, False
+    level, work_units = 0, 0.0
 
     def __init__(self, state, pressure):
         self._state, self._pressure = state, np.array(pressure, float)
-        self.work = state.pressure.duplicate()
+        self._correction = state.pressure.duplicate()
 
-    def contact_changed(self):
+    def set_contact(self):
         pass
 
-    def solve(self, right, correction, allowed):
-        correction.setArray(self._pressure - self._state.pressure.getArray(readonly=True))
-        return 1, ""
+    def solve(self, right, allowed):
+        self._correction.setArray(self._pressure - self._state.pressure.getArray(readonly=True))
+        return self._correction, 1, ""
+
+    def destroy(self):
+        self._correction.destroy()
 
 
 def updated(shape, contact, pressure, approach=0.0):
-    """Run one iteration from a contact set on a row of unit cells, with this pressure from the linear solver."""
-    operator = InfluenceOperator(Grid(len(shape), 1, 1.0, 1.0), UNIT.compliance)
-    state = ContactGrid(operator, np.array([shape], float))
-    state.approach = approach
+    """Run one iteration from a contact set with this pressure from the linear solver."""
+    state = make_state(shape, approach)
     state.contact[...] = [contact]
-    history = History()
-    solver = Given(state, pressure)
-    iterate(state, solver, PrescribedApproach(approach), Controls(max_it=1), history)
-    p = state.pressure.getArray(readonly=True).copy()
+    history, solver = History(), Given(state, pressure)
+    active_set(state, solver, PrescribedApproach(approach), StoppingTest(max_it=1), history)
+    p = state.p.reshape(-1)
     found = p.tolist(), state.contact[0].astype(int).tolist(), state.u[0].copy(), history.entries[0]
-    solver.work.destroy()
-    state.destroy()
+    for part in (solver, state, state.distance):
+        part.destroy()
     return found
 
 
@@ -106,15 +114,12 @@ def test_approach_moves_the_shape():
 
 
 def test_start_and_norm():
-    operator = InfluenceOperator(Grid(4, 1, 1.0, 1.0), 1.0)
-    state = ContactGrid(operator, np.array([[0.5, 1.0, 2.0, np.nan]]))
-    state.approach = 1.0
+    state = make_state([0.5, 1.0, 2.0, np.nan], approach=1.0)
     state.pressure.set(3)
     state.start_from_interpenetration()
     assert state.contact.tolist() == [[True, True, False, False]]
     assert state.pressure.norm() == 0
-    assert state.gap_norm() == pytest.approx(np.sqrt(0.5**2 + 1), rel=1e-15)
-    state.right_hand_side_to(state.right)
-    assert state.right.getArray(readonly=True).tolist() == [0.5, 0, 0, 0]
-    assert state.contact is operator.mask
+    assert state.distance.norm() == pytest.approx(np.sqrt(0.5**2 + 1), rel=1e-15)
+    assert state.defect().getArray(readonly=True).tolist() == [0.5, 0, 0, 0]
+    assert state.contact is state.operator.mask
     state.destroy()

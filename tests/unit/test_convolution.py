@@ -122,5 +122,5 @@ def test_vectors_know_that_they_have_changed():
     assert mat.isSymmetricKnown() == (True, True)
     x.destroy()
     y.destroy()
-    operator.free()
+    mat.destroy()
     assert not mat

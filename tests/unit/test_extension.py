@@ -5,11 +5,11 @@ import pytest
 from operators import STENCIL
 from scipy.ndimage import binary_dilation, convolve
 
+from app.fast.circulant import circulant_of
+from app.fast.rim import RimExtension
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix
 from app.halfspace.operator import InfluenceOperator
-from app.multigrid.circulant import circulant_of
-from app.multigrid.extension import RimExtension
 
 SHAPES = [(1, 1), (1, 11), (11, 1), (2, 3), (3, 2), (8, 8), (17, 26)]
 STEPS = [0, 1, 2, 3]
@@ -115,8 +115,8 @@ def test_many_steps_make_the_stencil_vanish_outside_contact():
     ],
     ids=["constant", "linear", "smooth", "noise"],
 )
-def test_extended_residual_foresees_the_displacement_beside_contact(r, off):
-    """A solve adds A z to u, with A z = r on C; beside C that is 1.5 E r, about (see -lcp_foresight)."""
+def test_extended_residual_predicts_the_displacement_beside_contact(r, off):
+    """A solve adds A z to u, with A z = r on C; beside C that is 1.5 E r, about (see -lcp_predictor)."""
     grid = Grid(32, 32, 1.0, 1.0)
     y, x = np.mgrid[:32, :32] - 15.5
     contact = x**2 + y**2 < 10**2
@@ -126,8 +126,8 @@ def test_extended_residual_foresees_the_displacement_beside_contact(r, off):
     change = matrix[:, inside] @ np.linalg.solve(matrix[np.ix_(inside, inside)], r[contact])
     extension = make(contact, 3, circulant_of(InfluenceOperator(grid, 1.0)).centre())
     beside = binary_dilation(contact) & ~contact
-    foreseen, change = 1.5 * apply(extension.extend, r)[beside], change.reshape(contact.shape)[beside]
-    assert np.linalg.norm(foreseen - change) < off * np.linalg.norm(change)
+    predicted, change = 1.5 * apply(extension.extend, r)[beside], change.reshape(contact.shape)[beside]
+    assert np.linalg.norm(predicted - change) < off * np.linalg.norm(change)
 
 
 def test_lists_follow_the_contact_set_and_weights_the_unit_of_the_stencil():

@@ -195,7 +195,6 @@ def test_grids_of_a_hierarchy(shape):
             assert n_coarse == (-(-n_fine // 2) if n_fine > 4 else n_fine)
         assert coarse.nx * coarse.dx >= fine.nx * fine.dx * (1 - 1e-14)  # no cell gets lost
         assert (coarse.x0, coarse.y0) == (fine.x0, fine.y0)
-    hierarchy.destroy()
 
 
 @pytest.mark.parametrize("ny", [1, 5, 16, 37])

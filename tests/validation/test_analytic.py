@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from running import Sampled, assert_solves_lcp, solve
+from running import assert_solves_lcp, solve
 
+from app import ContactProblem
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
 from app.reference import Cone, FlatCircularPunch
@@ -13,7 +14,7 @@ def analytic(contact, n, patch):
     """The problem of a reference solution on a square patch of n x n cells, and its grid."""
     grid = Grid.from_domain(n, n, (-patch, patch, -patch, patch))
     material = Material(contact.e_star, 0.0)
-    return Sampled(grid, material, contact.undeformed_distance)
+    return ContactProblem(grid, material, contact.undeformed_distance)
 
 
 def test_flat_punch():

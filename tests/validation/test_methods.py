@@ -1,17 +1,16 @@
 """Multigrid, full multigrid and the fast path: counts of the paper, same answers, loads, certificates."""
 
 from dataclasses import replace
-from itertools import chain, pairwise, product, repeat
-from unittest import mock
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
 from cases import APPROACH, hertz, punch
-from running import Sampled, assert_solves_lcp, solve
+from running import assert_solves_lcp, solve
 
-from app.contact import loop, nested
-from app.contact.active_set import ContactGrid
+from app import ContactProblem
 from app.contact.certificate import certify
+from app.contact.state import ContactState, UndeformedDistance
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material, dense_matrix
 from app.halfspace.operator import InfluenceOperator
@@ -41,7 +40,7 @@ def test_iterations_of_the_paper(method, size):
     solution = solve(hertz(SIZES[size]), APPROACH, method)
     assert_solves_lcp(solution)
     exact = 0 if method == "mg_v11" else 1
-    assert abs(solution.outcome.iterations - COUNTS[method][size]) <= exact
+    assert abs(solution.iterations - COUNTS[method][size]) <= exact
     if method in PAPER_WORK:
         assert sum(solution.history["work_units"]) == pytest.approx(PAPER_WORK[method][size], rel=0.15)
 
@@ -53,7 +52,7 @@ def test_rough_contact_by_full_multigrid(approach, method, most):
     for n in (64, 128):
         solution = solve(punch(n), approach, method)
         assert_solves_lcp(solution)
-        counts.append(solution.outcome.iterations)
+        counts.append(solution.iterations)
     assert max(counts) <= most
 
 
@@ -72,7 +71,7 @@ def test_petscs_own_solvers_agree(kind):
     expected = solve(punch(24), 0.1, "norm", lcp_rtol=1e-10)
     found = solve(punch(24), 0.1, None, lcp_type=kind, lcp_rtol=1e-10)
     assert_solves_lcp(found, 1e-10)
-    assert found.outcome.inner_iterations > found.outcome.iterations
+    assert found.inner_iterations > found.iterations
     np.testing.assert_allclose(found.pressure, expected.pressure, rtol=0, atol=1e-6 * expected.pressure.max())
 
 
@@ -80,12 +79,12 @@ def test_petscs_own_solvers_agree(kind):
 def test_petscs_own_solvers_keep_a_history_and_their_options(kind):
     found = solve(punch(24), 0.1, None, lcp_type=kind)
     history = found.history
-    assert list(history["iteration"]) == list(range(1, found.outcome.iterations + 1))
-    assert history["residual"][-1] == found.outcome.residual
+    assert list(history["iteration"]) == list(range(1, found.iterations + 1))
+    assert history["residual"][-1] == found.residual
     assert history["contact_cells"][-1] == found.contact.sum()
-    assert sum(history["inner_iterations"]) == found.outcome.inner_iterations
+    assert sum(history["inner_iterations"]) == found.inner_iterations
     for limit in ({"lcp_max_it": 2}, {"tao_max_it" if kind == "tao" else "snes_max_it": 2}):
-        stopped = solve(punch(24), 0.1, None, lcp_type=kind, **limit).outcome
+        stopped = solve(punch(24), 0.1, None, lcp_type=kind, **limit)
         assert not stopped.converged
         assert stopped.iterations == 2
 
@@ -98,7 +97,7 @@ def test_fast_path_needs_few_products_on_any_grid(problem, approach, most):
     for n in (64, 128, 256):
         solution = solve(problem(n), approach, "fast")
         assert_solves_lcp(solution)
-        assert solution.applications <= most
+        assert solution.operator_applications <= most
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -115,9 +114,12 @@ def test_load_reproduces_approach_at_little_cost(method, problem, approach, n):
     by_approach = solve(problem(n), approach, method)
     by_load = solve(problem(n), None, method, load=by_approach.load)
     assert_solves_lcp(by_load)
-    assert by_load.applications <= 1.5 * by_approach.applications
+    assert by_load.operator_applications <= 1.5 * by_approach.operator_applications
     assert by_load.load == pytest.approx(by_approach.load, rel=1e-12)
-    assert by_load.approach == pytest.approx(approach, abs=1e-6 * np.nanmax(abs(by_approach.h)))
+    # (5.1) allows both this mean gap on C.
+    h = by_approach.undeformed_distance
+    mean = 1e-6 * np.sqrt(np.nansum(h**2) / by_approach.contact_cells)
+    assert by_load.approach == pytest.approx(approach, abs=2 * mean)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -126,7 +128,7 @@ def test_load_and_approach_are_two_descriptions_of_one_contact(method, problem, 
     tight = {"lcp_rtol": 1e-9, "lcp_precision": "double"}
     by_approach = solve(problem(48), approach, method, **tight)
     by_load = solve(problem(48), None, method, load=by_approach.load, **tight)
-    assert by_load.outcome.converged
+    assert by_load.converged
     assert by_load.approach == pytest.approx(approach, rel=1e-6)
     assert (by_load.contact == by_approach.contact).all()
     np.testing.assert_allclose(
@@ -144,11 +146,11 @@ def test_load_on_a_large_contact_area_among_many_small_ones(method):
         return np.where(posts, 0.02, np.where(far < 1.5, far**2 / 40, 1.0))
 
     grid = Grid.from_domain(64, 64, (-6.0, 6.0, -6.0, 6.0))
-    problem = Sampled(grid, Material(80000.0, 0.28), shape(*np.meshgrid(grid.x(), grid.y())))
-    by_approach = solve(problem, 0.08, method)
-    by_load = solve(problem, None, method, load=by_approach.load)
+    problem = ContactProblem(grid, Material(80000.0, 0.28), shape(*np.meshgrid(grid.x(), grid.y())))
+    by_approach = solve(problem, 0.08, method, lcp_rtol=1e-7)  # proved to 1%
+    by_load = solve(problem, None, method, load=by_approach.load, lcp_rtol=1e-7)
     assert_solves_lcp(by_load)
-    assert by_load.outcome.iterations <= by_approach.outcome.iterations + 10
+    assert by_load.iterations <= by_approach.iterations + 10
     assert by_load.approach == pytest.approx(0.08, rel=1e-4)
 
 
@@ -159,54 +161,36 @@ def test_load_from_one_cell_to_the_whole_punch(method, load):
     assert_solves_lcp(solution)
     assert solution.load == pytest.approx(load, rel=1e-12)
     if load == 1e7:
-        assert solution.contact.sum() == (~np.isnan(solution.h)).sum()
+        assert solution.contact.sum() == (~np.isnan(solution.undeformed_distance)).sum()
 
 
 def test_no_load_just_touches():
     solution = solve(punch(32), None, "fast", load=0.0)
     assert solution.load == 0
-    assert np.nanmin(solution.h) == 0
-
-
-@pytest.mark.parametrize("method", ["fast", "norm", "fmg_v11"])
-@pytest.mark.parametrize("approach", [-0.11, 0.25])
-def test_load_that_wanders_is_found_by_searching_for_the_approach(method, approach):
-    by_approach = solve(punch(64), approach, method, lcp_rtol=1e-9)
-    with mock.patch.object(loop._Progress, "wanders", side_effect=chain([True], repeat(False))):
-        by_load = solve(punch(64), None, method, load=by_approach.load, lcp_rtol=1e-9)
-    assert_solves_lcp(by_load, 1e-9)
-    assert by_load.load == pytest.approx(by_approach.load, rel=1e-12)
-    assert by_load.approach == pytest.approx(approach, rel=1e-6)
-    assert (by_load.contact == by_approach.contact).all()
-    iteration, level = np.array(by_load.history["iteration"]), np.array(by_load.history["level"])
-    assert np.count_nonzero((iteration == 1) & (level == level.max())) > 2  # there was a search
-
-
-def test_load_that_no_approach_meets_is_not_called_converged():
-    with (
-        mock.patch.object(nested, "_SEARCHES", 1),
-        mock.patch.object(loop._Progress, "wanders", return_value=True),
-    ):
-        solution = solve(punch(64), None, "fast", load=3e4)
-    assert not solution.outcome.converged
+    assert np.nanmin(solution.undeformed_distance) == 0
 
 
 def test_double_precision_takes_over_where_single_has_no_digits_left():
     for approach in (-0.11, 0.25):
         solution = solve(punch(128), approach, "fast", lcp_rtol=1e-11)
         assert_solves_lcp(solution, 1e-11)
-        assert solution.applications < 50
+        assert solution.operator_applications < 50
 
 
 @pytest.mark.parametrize("method", ["fast", "norm", "fmg_v11"])
 def test_a_cell_far_away_does_not_hide_the_contact(method):
-    """It rules ||h||, against which eq. (5.1) measures; the contact is solved all the same."""
+    """It rules ||h||, against which eq. (5.1) measures; what is called solved is solved all the same."""
     grid = Grid.from_domain(128, 128, (0.0, 1.0, 0.0, 1.0))
     x, y = np.meshgrid(grid.x(), grid.y())
     shape = ((x - 0.3) ** 2 + (y - 0.3) ** 2) / 2
-    expected = solve(Sampled(grid, Material(82000.0, 0.28), shape), 1e-3, "norm", lcp_rtol=1e-9)
+    expected = solve(ContactProblem(grid, Material(82000.0, 0.28), shape), 1e-3, "norm", lcp_rtol=1e-9)
     shape[-1, -1] = 1e6
-    found = solve(Sampled(grid, Material(82000.0, 0.28), shape), 1e-3, method)
+    problem = ContactProblem(grid, Material(82000.0, 0.28), shape)
+    found = solve(problem, 1e-3, method)
+    if method != "fast":
+        assert not found.converged
+        assert "a smaller -lcp_rtol" in found.message
+        found = solve(problem, 1e-3, method, lcp_rtol=1e-13)
     assert_solves_lcp(found)
     assert found.load == pytest.approx(expected.load, rel=1e-3)
 
@@ -227,7 +211,7 @@ def test_certificate_bounds_the_error(rtol):
     found = rough.certificate
     assert energy <= found.error_bound <= np.sqrt(rtol) * 30
     assert found.smallest_pressure >= 0
-    admissible = ~np.isnan(rough.h)
+    admissible = ~np.isnan(rough.undeformed_distance)
     assert found.largest_penetration == pytest.approx(max(0.0, -rough.gap[admissible].min()), abs=1e-15)
 
 
@@ -238,13 +222,14 @@ def test_certificate_bounds_the_error_of_any_pressure(seed):
     exact = solve(problem, 0.1, "norm", lcp_rtol=1e-13)
     a = dense_matrix(problem.grid, problem.material.compliance)
     operator = InfluenceOperator(problem.grid, problem.material.compliance)
-    state = ContactGrid(operator, problem.shape_on(problem.grid))
+    state = ContactState(operator, UndeformedDistance(operator, problem.shape_on(problem.grid)))
     state.approach = 0.1
     size = (1e-6, 1e-3, 0.1, 1.0, 10.0)[seed]
     p = np.maximum(exact.pressure + size * exact.pressure.max() * rng.normal(size=(20, 20)), 0)
     p *= state.admissible
     p[rng.random((20, 20)) < 0.02] = 0.0  # outliers
     state.pressure.setArray(p.reshape(-1))
+    state.compute_displacement()
     found = certify(state)
     error = (p - exact.pressure).reshape(-1)
     assert np.sqrt(error @ a @ error / (p.reshape(-1) @ a @ p.reshape(-1))) <= found.error_bound < np.inf
@@ -254,39 +239,25 @@ def test_certificate_of_an_exact_solution_is_tight():
     assert solve(punch(24), 0.1, "norm", lcp_rtol=1e-13).certificate.error_bound < 1e-5
 
 
-@pytest.mark.parametrize("method", ["fast", "fmg_v11"])
-def test_cheap_mode_ends_below_the_discretisation_error(method):
-    """Its estimate is right within a factor of three, of first order, and what is left to iterate is much less."""
+def test_discretisation_error_is_estimated():
+    """Right but for a factor, and of first order, where the coarse grids are solved well."""
     estimates = []
     for n in (64, 128, 256):
         problem = hertz(n)
         exact = problem.reference(APPROACH).pressure(problem.grid.x()[None, :], problem.grid.y()[:, None])
-        cheap, full = (solve(problem, APPROACH, method, lcp_cheap=cheap) for cheap in (True, False))
-        assert cheap.outcome.converged
-        error, left = (
-            np.linalg.norm(cheap.pressure - p) / np.linalg.norm(exact) for p in (exact, full.pressure)
-        )
-        assert left < 0.6 * error
-        estimates.append(cheap.outcome.discretisation_error)
-        assert error < estimates[-1] < 3 * error
+        found = solve(problem, APPROACH, "fast", lcp_coarse_rtol=1e-4)
+        error = np.linalg.norm(found.pressure - exact) / np.linalg.norm(exact)
+        estimates.append(found.discretisation_error)
+        assert error < estimates[-1] < 6 * error
     assert estimates[2] < 0.4 * estimates[0]
 
 
 @pytest.mark.parametrize("method", ["fast", "fmg_v11"])
-def test_cheap_mode_is_cheap(method):
-    cheap, full = (solve(punch(128), 0.25, method, lcp_cheap=cheap) for cheap in (True, False))
-    assert cheap.applications < 0.7 * full.applications
-    left = np.linalg.norm(cheap.pressure - full.pressure) / np.linalg.norm(full.pressure)
-    assert left < 0.05 * cheap.outcome.discretisation_error
-
-
-@pytest.mark.parametrize("method", ["fast", "fmg_v11"])
-@pytest.mark.parametrize("cheap", [False, True])
-def test_history_accounts_for_every_cell(method, cheap):
+def test_history_accounts_for_every_cell(method):
     """Between two iterations on a grid the contact set grows by what was added and shrinks by what was dropped."""
     followed = 0
     for approach, n in product((-0.11, 0.01, 0.25), (128, 200)):
-        history = solve(punch(n), approach, method, lcp_cheap=cheap).history
+        history = solve(punch(n), approach, method).history
         columns = (history[name] for name in ("level", "contact_cells", "added_cells", "dropped_cells"))
         for (level, cells, _, _), (same, now, added, dropped) in pairwise(zip(*columns, strict=True)):
             if level == same:
@@ -296,15 +267,15 @@ def test_history_accounts_for_every_cell(method, cheap):
 
 
 def test_discretisation_error_is_told_only_where_coarse_grids_were_solved_well_enough():
-    assert np.isnan(solve(hertz(128), APPROACH, "fast").outcome.discretisation_error)
-    loose, tight = (solve(punch(128), 0.25, method).outcome for method in ("fast", "fmg_v11"))
+    assert np.isnan(solve(hertz(128), APPROACH, "fast").discretisation_error)
+    loose, tight = (solve(punch(128), 0.25, "fast", **how) for how in ({}, {"lcp_coarse_rtol": 1e-4}))
     assert loose.discretisation_error == pytest.approx(tight.discretisation_error, rel=0.02)
 
 
 def test_contact_that_the_coarse_grids_miss():
     grid = Grid.from_domain(5, 1, (0.0, 5.0, 0.0, 0.7))
     shape = np.array([[-2e-6, np.nan, 0.0, np.nan, np.nan]])
-    problem = Sampled(grid, Material(1000.0, 0.3), shape)
+    problem = ContactProblem(grid, Material(1000.0, 0.3), shape)
     for method in ("fast", "fmg_v11", "fmg_lift", "norm"):
         solution = solve(problem, 5e-7, method)
         assert_solves_lcp(solution)
@@ -312,10 +283,10 @@ def test_contact_that_the_coarse_grids_miss():
 
 
 def test_shifting_the_pattern_does_not_matter():
-    turned = Sampled(
+    turned = ContactProblem(
         punch(48).grid, punch(48).material, punch(48).shape_on(punch(48).grid)[::-1, ::-1].copy()
     )
-    straight = Sampled(punch(48).grid, punch(48).material, punch(48).shape_on(punch(48).grid))
+    straight = ContactProblem(punch(48).grid, punch(48).material, punch(48).shape_on(punch(48).grid))
     one, other = (solve(problem, 0.1, "fast", lcp_rtol=1e-9) for problem in (straight, turned))
     np.testing.assert_allclose(
         other.pressure[::-1, ::-1], one.pressure, rtol=0, atol=1e-6 * one.pressure.max()
@@ -342,13 +313,16 @@ def test_variants_by_petscs_options(options):
 def test_petscs_own_solvers_find_small_contacts_in_any_units(kind, scale):
     grid = Grid.from_domain(51, 51, (-10.0, 10.0, -10.0, 10.0))
     x, y = np.meshgrid(grid.x(), grid.y())
-    problem = Sampled(grid, Material(1000.0 * scale, 0.3), (x**2 + y**2) / 2)
-    for approach in (1e-5, 0.5):
+    problem = ContactProblem(grid, Material(1000.0 * scale, 0.3), (x**2 + y**2) / 2)
+    for approach, rtol in ((1e-5, 1e-11), (0.5, 1e-6)):
         expected = solve(problem, approach, "fast")
-        found = solve(problem, approach, None, lcp_type=kind)
+        found = solve(problem, approach, None, lcp_type=kind, lcp_rtol=rtol)
         assert_solves_lcp(found)
         assert found.load == pytest.approx(expected.load, rel=1e-3)
         assert found.load > 0
+    missed = solve(problem, 1e-5, None, lcp_type=kind)  # (5.1) holds without pressure
+    assert not missed.converged
+    assert "a smaller -lcp_rtol" in missed.message
 
 
 @pytest.mark.parametrize("n", [16, 40])
@@ -359,18 +333,20 @@ def test_residual_is_that_of_the_answer(n, options, rtol):
     problem = hertz(n)
     found = solve(problem, APPROACH, "fast", lcp_rtol=rtol, **options)
     a = dense_matrix(problem.grid, problem.material.compliance)
-    gap = found.h + (a @ found.pressure.reshape(-1)).reshape(found.h.shape)
-    residual = np.linalg.norm(gap[found.contact]) / np.linalg.norm(found.h)
-    assert found.outcome.residual == pytest.approx(residual, rel=0.1, abs=1e-15)
-    assert found.outcome.converged == (rtol > 1e-16)
+    gap = found.undeformed_distance + (a @ found.pressure.reshape(-1)).reshape(
+        found.undeformed_distance.shape
+    )
+    residual = np.linalg.norm(gap[found.contact]) / np.linalg.norm(found.undeformed_distance)
+    assert found.residual == pytest.approx(residual, rel=0.1, abs=1e-15)
+    assert found.converged == (rtol > 1e-16)
 
 
 def test_load_zero_is_no_pressure_at_all():
     for method in ("fast", "fmg_v11", "norm"):
         found = solve(punch(64), None, method, load=0.0)
-        assert found.outcome.converged
+        assert found.converged
         assert found.load == 0
-        assert found.approach == np.nanmin(found.h + found.approach)
+        assert found.approach == np.nanmin(found.undeformed_distance + found.approach)
         assert found.certificate.error_bound == 0
 
 
@@ -381,20 +357,20 @@ def test_the_unit_of_stress_does_not_matter(method):
         problem = hertz(33)
         material = Material(problem.material.shear_modulus * scale, problem.material.poisson_ratio)
         found = solve(replace(problem, material=material), APPROACH, method)
-        assert found.outcome.converged
-        counts.add((found.outcome.iterations, int(found.contact.sum())))
+        assert found.converged
+        counts.add((found.iterations, int(found.contact.sum())))
     assert len(counts) == 1
 
 
 def test_constant_added_to_the_distances_shifts_the_approach():
     """Under a load, down to what rounding leaves of the distances."""
     for shape, load in ((np.array([[1.001, 1.0]]), 1e-4), (np.array([[1.1, 1.0], [1.0, 1.2]]), 1e-3)):
-        problem = Sampled(
+        problem = ContactProblem(
             Grid.from_domain(*shape.shape[::-1], (0.0, 1.0, 0.0, 1.0)), Material(1e9, 0.28), shape
         )
         for method in ("fast", "norm"):
             found = solve(problem, None, method, load=load)
-            assert found.outcome.converged
+            assert found.converged
             assert found.load == pytest.approx(load, rel=1e-12)
             assert found.approach == pytest.approx(1.0, abs=1e-9)
 
@@ -404,14 +380,14 @@ def test_crowds_of_stretched_asperities_are_met_by_load(seed):
     """White noise on cells of 50 times their width made the contact set flicker for ever."""
     x, y = np.linspace(-1, 1, 128), np.linspace(-1, 1, 100)
     shape = 0.01 * (x**2 + y[:, None] ** 2) + 0.03 * np.random.default_rng(seed).standard_normal((100, 128))
-    problem = Sampled(Grid.from_domain(128, 100, (0.0, 1.0, 0.0, 39.0625)), Material(1000.0, 0.3), shape)
+    problem = ContactProblem(
+        Grid.from_domain(128, 100, (0.0, 1.0, 0.0, 39.0625)), Material(1000.0, 0.3), shape
+    )
     assert_solves_lcp(solve(problem, None, "fast", load=39062.5))
-    with mock.patch.object(loop._Progress, "_stubborn", 10**6):
-        assert not solve(problem, None, "fast", load=39062.5).outcome.converged
 
 
 def test_coarsest_grid_of_one_cell():
     whole, small = (solve(hertz(64), APPROACH, "fmg_v11", lcp_coarsest=coarsest) for coarsest in (1, 4))
     assert max(whole.history["level"]) == 6
     assert_solves_lcp(whole)
-    assert abs(whole.outcome.iterations - small.outcome.iterations) <= 1
+    assert abs(whole.iterations - small.iterations) <= 1
