@@ -37,7 +37,7 @@ STEEL = Material(shear_modulus=82000.0, poisson_ratio=0.28)
 
 @dataclass(frozen=True)
 class LineContact:
-    """Contact of a long cylinder, one row of cells.
+    """Contact of a long cylinder, one row of cells (Sec. 4.4).
 
     Attributes
     ----------
@@ -154,7 +154,7 @@ class ModePair:
 
 
 def jacobi(matrix, omega=1.0):
-    """Iteration matrix of Jacobi, ``I - omega D^-1 A``.
+    """Iteration matrix of Jacobi, Fig. 5(a), ``I - omega D^-1 A``.
 
     Not collective.
 
@@ -172,7 +172,7 @@ def jacobi(matrix, omega=1.0):
 
 
 def gauss_seidel(matrix, omega=1.0):
-    """Iteration matrix of lexicographic Gauss-Seidel, ``I - (D / omega + L)^-1 A``.
+    """Iteration matrix of lexicographic Gauss-Seidel, Fig. 5(b), ``I - (D / omega + L)^-1 A``.
 
     Not collective. Parameters and result as in `jacobi`.
     """
@@ -210,7 +210,7 @@ def paper_mode(number, n):
 
 
 def sweep_history(iteration_matrix, solution, sweeps=(0, 10, 20)):
-    """Errors of a stationary iteration that starts from zero.
+    """Errors of a stationary iteration that starts from zero, Fig. 6.
 
     Not collective. The right-hand side does not matter but for its exact solution: p - p^i = S^i p.
 

@@ -51,7 +51,7 @@ def full_multigrid(
             state.depth = loading.predict(coarse.depth)
             if nested:
                 transfer = hierarchy.transfers[number]
-                transfer.interpolate(coarse.u, state.u)  # 2. of Sec. 4.3: u bilinear
+                transfer.interpolate(coarse.u, state.u)  # Sec. 4.3, 2: u bilinear
                 state.u_is = Displacement.STALE
                 if not (prolong and prolong(transfer, coarse, state)):
                     copy_prolongation(transfer, coarse, state, beta)
@@ -68,7 +68,7 @@ def full_multigrid(
                 test = stop if target else stop.for_coarse_grid()
                 return active_set(state, solver, loading, test, history)
 
-            # 1. the coarsest grid, directly if it is small; 3. and 4.: the others
+            # Sec. 4.3, 1: the coarsest grid, directly if it is small; Sec. 4.3, 3 and 4: the others, to the target
             outcome = loading.first_solve(state, solve) if coarse is None else solve(loading)
             if solver is not target_solver:
                 solver.destroy()
@@ -94,7 +94,7 @@ def route(hierarchy, distances, loading, nested):
 
 
 def copy_prolongation(transfer, coarse, state, beta):
-    """2. and (3.a): p by copy, C = {e <= beta max(u)} (4.1), p = 0 outside; u is there already. Collective."""
+    """Sec. 4.3, 2 and (3.a): p by copy, C = {e <= beta max(u)} (4.1), p = 0 outside; u is there already. Collective."""
     highest = -float(state.minimum(-state.u.max(initial=-np.inf)))
     np.less_equal(state.u - state.distance.b, beta * highest, out=state.contact)  # (4.1)
     state.contact &= state.admissible

@@ -14,7 +14,7 @@ NO_CONTACT = "the bodies do not touch"
 
 
 def active_set(state, solver, loading, stop, history):
-    """Solve (2.8)-(2.10) on one grid from the contact set and pressure in `state`, Sec. 4.1, steps 2 to 6.
+    """Solve (2.8)-(2.10) on one grid from the contact set and pressure in `state`: Sec. 3; Sec. 4.1, steps 2 to 6.
 
     Collective over the ranks of `state`.
 

@@ -146,7 +146,7 @@ class UndeformedDistance:
 
 
 class ContactState:
-    """Contact set, pressure, displacement and approach on one grid.
+    """Contact set, pressure, displacement and approach on one grid: C, p, u and e = h + A p of (2.8).
 
     Collective.
 
@@ -241,7 +241,7 @@ class ContactState:
     # -- Sec. 4.1, step by step -----------------------------------------------------------------------
 
     def start_from_interpenetration(self):
-        """Step 1: C^1 = {h <= 0}, p = 0. Not collective."""
+        """Sec. 4.1, step 1: C^0 = {h <= 0}, p = 0. Not collective."""
         np.greater_equal(self.distance.b, 0.0, out=self.contact)
         self.contact &= self.admissible
         self.pressure.set(0)
@@ -265,19 +265,19 @@ class ContactState:
 
     @PETSc.Log.EventDecorator("ContactUpdate")
     def defect(self):
-        """Step 2, (2.11) for the correction of p: the Vec ``right`` = -(h + u) on C. Not collective."""
+        """Sec. 4.1, step 2: (2.11) for the correction of p: the Vec ``right`` = -(h + u) on C. Not collective."""
         with self.right as values:
             kernels.defect(self.distance.b, self.u, self.contact, values.reshape(self.u.shape))
         return self.right
 
     def add(self, correction):
-        """Step 3: p += correction. Not collective."""
+        """Sec. 4.1, step 3: p += correction. Not collective."""
         self.pressure.axpy(1.0, correction)
         self.u_is = Displacement.STALE
 
     @PETSc.Log.EventDecorator("ContactUpdate")
     def release_tensile(self):
-        """Step 4.a: cells with p < 0 leave C, p = 0 there. Return how many. Collective."""
+        """(4.a): cells with p < 0 leave C, p = 0 there, for p >= 0 in (2.9). Return how many. Collective."""
         with self.pressure as values:
             cells = kernels.release(values.reshape(self.u.shape), self.contact, self._released)
         cells = int(self.sum([cells])[0])
@@ -294,7 +294,7 @@ class ContactState:
 
     @PETSc.Log.EventDecorator("ContactUpdate")
     def activate_penetrating(self, expected=None):
-        """Step 4.b: cells with h + u <= 0 enter C, those just released among them. Collective.
+        """(4.b): cells with e = h + u <= 0 enter C, those just released too, for e > 0 in (2.10). Collective.
 
         Parameters
         ----------

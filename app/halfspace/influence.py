@@ -59,7 +59,7 @@ class Material:
 
     @property
     def compliance(self):
-        """(1 - nu) / (pi G) [mm2/N]."""
+        """(1 - nu) / (pi G), the factor of 1/rho in (2.5) [mm2/N]."""
         return (1 - self.poisson_ratio) / (np.pi * self.shear_modulus)
 
     @property
@@ -111,7 +111,8 @@ def _edge(distance, i, length):
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
 def _fill(quadrant, offsets, sides, squares, series, near, far):
-    """Rows `offsets` of the quadrant: `near` times the integral of 1/rho, or `far` times the mean.
+    """Rows `offsets` of the quadrant, (2.4) for a cell under unit pressure: `near` times the integral of 1/rho, or
+    `far` times the mean.
 
     The integral is that of ``div(r / rho)``: a sum over edges, their signed distance times the integral of 1/rho.
     """

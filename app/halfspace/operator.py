@@ -182,7 +182,7 @@ class InfluenceOperator:
     # -- what PETSc calls --------------------------------------------------------------------------------
 
     def mult(self, mat, x, y):
-        """Compute y = C A C x."""
+        """Compute y = C A C x, the left side of (2.11); from it PCMG has the defect of Sec. 4.2, 2."""
         self.products += 1
         with _mult_event, y as out:
             p = x.getArray(readonly=True).reshape(self.local_shape)

@@ -13,7 +13,7 @@ from app.halfspace.fft.multiplier import EvenMultiplier
 
 
 class Convolution(EvenMultiplier):
-    """u = A p for the influence matrix of a grid, by FFT on a grid of twice the size.
+    """u = A p, the sum (2.6), for the influence matrix of a grid, by FFT on a grid of twice the size.
 
     Collective over `comm`.
 

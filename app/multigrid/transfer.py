@@ -50,7 +50,7 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def restrict_defect(self, fine):
-        """Sec. 4.2, 3: four-point average; children outside the patch count as zero. Collective."""
+        """Sec. 4.2, 3, formula 1: four-point average; children outside the patch count as zero. Collective."""
         mine = np.zeros(self._local)
         for view, rows, columns in self._children(fine):
             mine[rows, columns] += view
@@ -59,7 +59,7 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def restrict_contact(self):
-        """Sec. 4.2, 3: a coarse cell is in C_H if any of its children is in C_h. Collective."""
+        """Sec. 4.2, 3, formula 2: a coarse cell is in C_H if any of its children is in C_h. Collective."""
         mine = np.zeros(self._local, bool)
         for view, rows, columns in self._children(self.fine.mask):
             mine[rows, columns] |= view
@@ -85,7 +85,7 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def add_copies(self, coarse, fine):
-        """Sec. 4.2, 5 and 6: v_H copied to the children, v_h = 0 in E_h; p_h + v_h. Not collective."""
+        """Sec. 4.2, 5, formula 3, and 6: v_H copied to the children, 0 in E_h; p_h + v_h. Not collective."""
         mine = coarse[self.rows]
         for (view, rows, columns), (mask, _, _) in zip(
             self._children(fine), self._children(self.fine.mask), strict=True

@@ -116,7 +116,7 @@ class WavySurface:
 
     @cached_property
     def coefficients(self):
-        """Amplitudes a [mm] and phases phi, theta, each of shape (M, N)."""
+        """Amplitudes a [mm], scaled to sigma by (6.2), and phases phi, theta, each of shape (M, N)."""
         rng = np.random.default_rng(self.seed)
         m, n = (np.arange(k) for k in self.modes)  # exponents m - 1 and n - 1 of the paper
         a = rng.random(self.modes) * self.decay ** (m[:, None] + n)
@@ -144,7 +144,7 @@ class WavySurface:
         return float(np.sqrt(np.sum(a**2 * (qx[:, None] ** 2 + qy**2)) / 4))
 
     def height(self, x, y):
-        """Height in the points of a rectangular lattice.
+        """Height in the points of a rectangular lattice, (6.1).
 
         Not collective. A value depends on its own x and y only, to the bit. Costs O(M + N) per point: with
         cos(a + b) = cos a cos b - sin a sin b the double sum over the modes becomes two matrix products.

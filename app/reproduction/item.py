@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
-from app.runs.run import Run
+from app.runs.run import OPTIONS, Run
 
-OPTIONS = Path(__file__).resolve().parents[2] / "petsc_options"
 CASES = {1: "-0.11", 2: "0.01", 3: "0.25"}  # approach of the rough punch [mm], Sec. 5.2
 
 

@@ -1,0 +1,55 @@
+"""docs/equations.md says where the paper is in the code."""
+
+import re
+
+import equations
+import pytest
+
+ROWS = list(equations.rows(equations.TABLE.read_text(encoding="utf-8")))
+
+
+def test_every_line_of_the_table_is_a_row_that_is_understood():
+    lines = equations.TABLE.read_text(encoding="utf-8").splitlines()
+    links = [line for line in lines if line.startswith("|") and "](../app" in line]
+    assert len(links) == len(ROWS) > 40
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row.paper}-{row.name}")
+def test_row_names_the_line_that_carries_its_words(row):
+    assert row.line == row.found_in(), "python tests/equations.py writes the numbers anew"
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [f"(2.{k})" for k in range(3, 12)]
+    + ["Sec. 3", "(4.a)", "(4.b)", "(3.a)", "(3.b)", "(4.1)", "(5.1)", "(6.1)", "(6.2)"]
+    + [f"Sec. 4.1, {k}" for k in (1, 2, 3, 5, 6)]
+    + [f"Sec. 4.2, {k}" for k in range(1, 7)]
+    + [f"formula {k}" for k in (1, 2, 3)]
+    + [f"Sec. 4.3, {k}" for k in (1, 2, 3)]
+    + ["and 4", "Sec. 4.4"],
+)
+def test_table_has_the_paper(wanted):
+    assert any(wanted in row.paper for row in ROWS)
+
+
+@pytest.mark.parametrize(
+    "tag", ["(2.5)", "(2.7)", "(2.11)", "(4.1)", "(5.1)", "(4.a)", "(4.b)", "(3.a)", "(3.b)"]
+)
+def test_grep_finds_the_paper_s_numbers(tag):
+    sources = (equations.ROOT / "app").rglob("*.py")
+    assert any(tag in source.read_text(encoding="utf-8") for source in sources)
+
+
+def test_a_row_that_is_wrong_is_noticed():
+    row = equations.Row("(2.7)", "app/contact/state.py", 1, "ContactState.compute_displacement", "(9.9)")
+    with pytest.raises(LookupError, match=re.escape("does not say '(9.9)'")):
+        row.found_in()
+    with pytest.raises(LookupError, match="has no ContactState.nothing"):
+        equations.Row("(2.7)", row.path, 1, "ContactState.nothing", "(2.7)").found_in()
+
+
+def test_numbers_are_written_anew():
+    row = ROWS[0]
+    old = f"| (1) | a | [{row.path}:1](../{row.path}#L1) | `{row.name}` | `{row.words}` |\n"
+    assert f"{row.path}:{row.line}](../{row.path}#L{row.line})" in equations.renumbered("text\n" + old)
