@@ -111,7 +111,7 @@ class ContactSolver:
 
     def __init__(self, problem, method=None, options=None, comm=None, prefix="", listeners=()):
         started = time.perf_counter()
-        self._resources = _Resources()
+        self._resources, self._distances = _Resources(), []
         self._finalizer = weakref.finalize(self, self._resources.free)
         self.problem, self.listeners = problem, list(listeners)
         self._outer_comm = MPI.COMM_WORLD if comm is None else comm
@@ -205,14 +205,21 @@ class ContactSolver:
         if self.settings.single:
             highest = self.comm.allreduce(float(np.nanmax(np.abs(target), initial=0.0)), MPI.MAX)
             _check_single("pressures", highest / self._largest, "N/mm2")
-        reference = self.comm.allreduce(float(np.nanmin(target, initial=np.inf)), MPI.MIN)
+        self._touching = reference = self.comm.allreduce(float(np.nanmin(target, initial=np.inf)), MPI.MIN)
         for shape in shapes:
             shape -= reference
         self._coarse_minimum = hierarchy.coarse_minimum(shapes)
+        for distance in self._distances:
+            self._resources.remove(distance)
         self._distances = []
         for level in hierarchy.levels:
             self._distances.append(UndeformedDistance(level, shapes.pop(0), reference))
             self._resources.add(self._distances[-1])
+
+    def _digits_lost(self):
+        """Whether approaches far beyond the shape have cost it digits."""
+        distance = self._distances[-1]
+        return distance.deepest > 1e3 * distance.deviation
 
     @property
     def ksp(self):
@@ -252,12 +259,16 @@ class ContactSolver:
             raise InputError("the solver is closed")
         started = time.perf_counter()
         products = self.hierarchy.operator_applications()
+        if self._digits_lost():
+            self._measure_shapes()
         loading = self._loading(approach, load)
+        if not loading.prescribes_load and loading.approach <= self._touching:
+            start = None  # there is no pressure
         history = History(self.listeners)
         with self._database.active():
             state, outcome = self._run(loading, history, start)
             try:
-                solution = self._solution(state, outcome, history, started, products)
+                solution = self._solution(state, loading, outcome, history, started, products)
             finally:
                 state.destroy()
         for listener in self.listeners:
@@ -274,8 +285,13 @@ class ContactSolver:
             value = float(value)
         except (TypeError, ValueError):
             value = float("nan")
-        if not abs(value) <= LARGEST:
-            raise InputError(f"{kind} {approach if load is None else load}: allowed: a finite number")
+        if not (value == 0 or 1 / LARGEST <= abs(value) <= LARGEST):
+            allowed = f"allowed: a number of size {1 / LARGEST:g} to {LARGEST:g}, or 0"
+            raise InputError(f"{kind} {approach if load is None else load}: {allowed}")
+        if self.settings.single:
+            distance = value - self._touching if kind == "approach" else 0.0
+            pressure = distance / self._largest if kind == "approach" else value / self.problem.grid.cell_area
+            _check_single("pressures", max(pressure, 0.0), "N/mm2")
         if load is None:
             return PrescribedApproach(value)
         if value < 0:
@@ -283,11 +299,7 @@ class ContactSolver:
         if self.settings.strategy in REFERENCE_SOLVERS:
             raise InputError(f"-lcp_type {self.settings.strategy}: works by approach only, not by load")
         if value == 0:
-            # The approach is not unique: the one at which the bodies just touch.
-            state = ContactState(self.hierarchy.target, self._distances[-1])
-            touching = state.distance.reference + state.first_touch()
-            state.destroy()
-            return PrescribedApproach(touching)
+            return PrescribedApproach(self._touching)  # it is not unique: where the bodies just touch
         return PrescribedLoad(value)
 
     def _run(self, loading, history, start):
@@ -346,7 +358,7 @@ class ContactSolver:
         loading.resume(state, start.load)
         return state
 
-    def _solution(self, state, outcome, history, started, products):
+    def _solution(self, state, loading, outcome, history, started, products):
         applications = self.hierarchy.operator_applications() - products
         seconds = time.perf_counter() - started
         proof = certify(state)
@@ -356,7 +368,8 @@ class ContactSolver:
                 outcome,
                 converged=False,
                 reason=f"{outcome.reason}, but the pressure is proved to {bound:.2g} only "
-                f"(-lcp_error_bound {allowed:g}); a smaller -lcp_rtol is more accurate",
+                f"(-lcp_error_bound {allowed:g}); "
+                + ("rounding allows no more" if self.settings.strategy == "fast" else "lower -lcp_rtol"),
             )
         p, distance, depth = state.p, state.distance, state.depth
         cells = int(state.sum([state.contact.sum()])[0])
@@ -369,7 +382,7 @@ class ContactSolver:
             converged=outcome.converged,
             message=outcome.reason,
             load=state.load,
-            approach=state.approach,
+            approach=state.approach if loading.prescribes_load else loading.approach,
             residual=outcome.residual,
             iterations=outcome.iterations,
             inner_iterations=sum(e["inner_iterations"] for e in history.entries if e["level"] == last),
@@ -415,6 +428,10 @@ class _Resources:
     def add(self, part):
         if part is not None:
             self._parts.append(part)
+
+    def remove(self, part):
+        self._parts.remove(part)
+        part.destroy()
 
     def free(self):
         if PETSc.Sys.isFinalized() or MPI.Is_finalized():

@@ -39,7 +39,7 @@ def active_set(state, solver, loading, stop, history):
         # A coarser grid may have missed it; without pressure the gap decides.
         state.start_from_interpenetration()
         if not state.in_contact():
-            return Outcome(True, NO_CONTACT)
+            return Outcome(not loading.prescribes_load, NO_CONTACT)
     if state.u_is is Displacement.STALE:
         state.compute_displacement()
     for k in range(1, stop.max_it + 1):

@@ -80,7 +80,8 @@ class PrescribedLoad:
     def first_solve(self, state, solve):
         """Solve on the first grid of all, by root search. Collective; see `PrescribedApproach.first_solve`."""
         state.start_from_interpenetration()
-        return self.search(state, solve, rtol=1e-3)
+        outcome = self.search(state, solve, rtol=1e-3)
+        return solve(self).after(outcome) if outcome.converged else outcome
 
     def search(self, state, solve, rtol, step=None):
         """Bracketing root search: problems of prescribed approach are solved until the load is met.
@@ -119,19 +120,23 @@ class PrescribedLoad:
                 low, high = touching, touching + self.load / stiffness_of_patch(state)
             else:
                 low, high = max(touching, state.depth - step), max(touching, state.depth) + step
-            high = max(high, low + 4 * np.spacing(abs(low)))  # the least that can be told from low
+            least = 4 * np.spacing(max(abs(low), abs(high)))  # what can be told apart
+            high = max(high, low + least)
             while lacks(high) < 0:
-                low, high = high, high + 2 * (high - low)
+                low, high = high, high + max(2 * (high - low), least)
             while lacks(low) > 0:
-                low, high = max(touching, low - 2 * (high - low)), low
+                low, high = max(touching, low - max(2 * (high - low), least)), low
             root = brentq(lacks, low, high, xtol=rtol * (high - touching))
             if state.depth != root:
                 loads.pop(root, None)
                 lacks(root)
         except ArithmeticError:
             pass  # the outcome says why
-        (d1, f1), (d2, f2) = sorted(loads.items(), key=lambda point: abs(point[1] - self.load))[:2]
-        self.slope = (f2 - f1) / (d2 - d1) if f2 != f1 else stiffness_of_patch(state)
+        self.slope = stiffness_of_patch(state)
+        nearest = sorted(loads.items(), key=lambda point: abs(point[1] - self.load))[:2]
+        if len(nearest) == 2 and nearest[0][1] != nearest[1][1]:
+            (d1, f1), (d2, f2) = nearest
+            self.slope = (f2 - f1) / (d2 - d1)
         outcome = outcomes[0]
         for later in outcomes[1:]:
             outcome = later.after(outcome)

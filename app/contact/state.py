@@ -93,7 +93,7 @@ class UndeformedDistance:
         b = np.negative(shape)
         np.copyto(b, 0.0, where=~self.admissible)
         self._hold(b, operator)
-        self.depth, self.reference = 0.0, reference
+        self.depth, self.deepest, self.reference = 0.0, 0.0, reference
         self.statistics = self._measure(operator.comm)
 
     @classmethod
@@ -103,7 +103,7 @@ class UndeformedDistance:
         part.admissible, b = scatter.forward(whole.admissible), scatter.forward(whole.b)
         part._hold(b, operator)
         part.statistics = whole.statistics
-        part.depth, part.reference = whole.depth, whole.reference
+        part.depth, part.deepest, part.reference = whole.depth, 0.0, whole.reference
         return part
 
     def _hold(self, b, operator):
@@ -128,12 +128,17 @@ class UndeformedDistance:
         """delta [mm]. Not collective."""
         return self.reference + self.depth
 
+    @property
+    def deviation(self):
+        """Standard deviation of h over the admissible cells [mm]. Not collective."""
+        return float(np.sqrt(self.statistics.deviation / max(self.statistics.cells, 1)))
+
     def move_to(self, depth):
         """Change the depth. Not collective."""
         if depth != self.depth:
             with self.rhs as values:
                 values += depth - self.depth
-            self.depth = float(depth)
+            self.depth, self.deepest = float(depth), max(self.deepest, abs(depth))
 
     def norm(self):
         """||h||_2 over the admissible cells [mm], (5.1); 1 where it is zero, to be divided by. Not collective."""

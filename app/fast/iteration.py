@@ -26,7 +26,7 @@ IN_CONTACT = (
     100.0  # (5.1) holds with h on C alone and so many times rtol, too: contact may be small in its patch
 )
 RELEASED = 0.01  # share of the load that may be released on a coarse grid without asking what that does to u
-ROUNDING = 1e-14  # of ||h||: what it leaves of displacements
+ROUNDING = 1e-13  # of ||h|| on C: what it leaves of displacements there
 NEAR = 3.0  # times its tolerance may the approach to a load still be off on a coarse grid
 PATIENCE = 8  # iterations that do not halve the residual: there is no progress
 
@@ -52,16 +52,15 @@ class InexactStop(StoppingTest):
     def allowed(self, state):
         """Norm of the residual that is small enough [mm]. Collective."""
         whole, inside = state.distance.norm(), state.h_on_contact()
+        if not inside:
+            return self.rtol * whole
         if not self.final:
-            return self.coarse_rtol * min(whole, inside)
-        # Rounding limits what can be asked of h on C; of the first the user says so.
-        return min(
-            self.rtol * whole, max(self.rtol * IN_CONTACT * inside, ROUNDING * whole) or self.rtol * whole
-        )
+            return max(self.coarse_rtol, ROUNDING) * min(whole, inside)
+        return min(self.rtol * whole, max(IN_CONTACT * self.rtol, ROUNDING) * inside)
 
     def promising(self, state):
         """Whether the certificate holds with the displacement there is, or more cannot be asked for. Collective."""
-        if not self.final or self.rtol <= ROUNDING:
+        if not self.final or IN_CONTACT * self.rtol <= ROUNDING:
             return True
         return estimate(state).error_bound <= self.error_bound
 
@@ -95,7 +94,7 @@ def inexact_active_set(state, solver, loading, stop, history):
     if not state.in_contact():
         state.start_from_interpenetration()
         if not state.in_contact():
-            return Outcome(True, NO_CONTACT)
+            return Outcome(not loading.prescribes_load, NO_CONTACT)
     if state.u_is is Displacement.STALE:
         state.compute_displacement()
     for k in range(1, stop.max_it + 1):

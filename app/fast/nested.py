@@ -9,6 +9,7 @@ import numpy as np
 from app.contact.full_multigrid import copy_prolongation, route, tell
 from app.contact.iteration import active_set
 from app.contact.state import Displacement
+from app.contact.stopping import StoppingTest
 from app.fast.iteration import NeedsSafeguard, inexact_active_set
 from app.fast.lift import lift
 from app.fast.safeguard import projected_newton
@@ -86,8 +87,10 @@ def solve_on(hierarchy, number, state, loading, stop, history, first, given):
         solver = given or TrackingSolver(hierarchy, number, operator.petsc_comm, operator=operator)
         iterate = inexact_active_set
 
+    test = StoppingTest(max_it=stop.max_it).for_coarse_grid() if iterate is active_set else stop
+
     def solve(inner):
-        return iterate(state, solver, inner, stop, history)
+        return iterate(state, solver, inner, test, history)
 
     try:
         return loading.first_solve(state, solve) if first else solve(loading)
