@@ -29,7 +29,7 @@ from app.contact.certificate import certify
 from app.contact.full_multigrid import full_multigrid
 from app.contact.history import History
 from app.contact.iteration import active_set
-from app.contact.loading import PrescribedApproach, PrescribedLoad
+from app.contact.loading import PrescribedApproach, prescribe
 from app.contact.reference_solvers import REFERENCE_SOLVERS
 from app.contact.state import ContactState, UndeformedDistance
 from app.contact.stopping import StoppingTest
@@ -278,29 +278,18 @@ class ContactSolver:
         return solution
 
     def _loading(self, approach, load):
-        if (approach is None) == (load is None):
-            raise InputError("exactly one of approach [mm] and load [N] is needed")
-        kind, value = ("approach", approach) if load is None else ("load", load)
-        try:
-            value = float(value)
-        except (TypeError, ValueError):
-            value = float("nan")
-        if not (value == 0 or 1 / LARGEST <= abs(value) <= LARGEST):
-            allowed = f"allowed: a number of size {1 / LARGEST:g} to {LARGEST:g}, or 0"
-            raise InputError(f"{kind} {approach if load is None else load}: {allowed}")
-        if self.settings.single:
-            distance = value - self._touching if kind == "approach" else 0.0
-            pressure = distance / self._largest if kind == "approach" else value / self.problem.grid.cell_area
-            _check_single("pressures", max(pressure, 0.0), "N/mm2")
-        if load is None:
-            return PrescribedApproach(value)
-        if value < 0:
-            raise InputError(f"load {value:g}: the bodies do not stick together; allowed: at least 0 N")
-        if self.settings.strategy in REFERENCE_SOLVERS:
+        loading = prescribe(approach, load)
+        if loading.prescribes_load and self.settings.strategy in REFERENCE_SOLVERS:
             raise InputError(f"-lcp_type {self.settings.strategy}: works by approach only, not by load")
-        if value == 0:
+        if self.settings.single:
+            if loading.prescribes_load:
+                pressure = loading.load / self.problem.grid.cell_area
+            else:
+                pressure = max(loading.approach - self._touching, 0.0) / self._largest
+            _check_single("pressures", pressure, "N/mm2")
+        if loading.prescribes_load and loading.load == 0:
             return PrescribedApproach(self._touching)  # it is not unique: where the bodies just touch
-        return PrescribedLoad(value)
+        return loading
 
     def _run(self, loading, history, start):
         chosen, hierarchy = self.settings, self.hierarchy

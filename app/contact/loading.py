@@ -15,6 +15,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import brentq
 
+from app.errors import InputError
+from app.options import LARGEST
+
 TRUSTED = (
     3.0  # a secant counts if the approach moved by so many residuals; so much may the slope change at once
 )
@@ -211,3 +214,27 @@ class PrescribedLoad:
 def stiffness_of_patch(state):
     """Load per approach of about a flat punch as large as the patch [N/mm], the most there can be. Not collective."""
     return 2 / (np.pi * state.operator.compliance) * np.sqrt(state.grid.n * state.grid.cell_area / np.pi)
+
+
+def prescribe(approach=None, load=None):
+    """Make the loading of a number. Not collective.
+
+    Raises
+    ------
+    InputError
+        If not exactly one is given, or it is not allowed.
+    """
+    if (approach is None) == (load is None):
+        raise InputError("exactly one of approach [mm] and load [N] is needed")
+    kind, given = ("approach", approach) if load is None else ("load", load)
+    try:
+        value = float(given)
+    except (TypeError, ValueError):
+        value = float("nan")
+    if not (value == 0 or 1 / LARGEST <= abs(value) <= LARGEST):
+        raise InputError(f"{kind} {given}: allowed: a number of size {1 / LARGEST:g} to {LARGEST:g}, or 0")
+    if load is None:
+        return PrescribedApproach(value)
+    if value < 0:
+        raise InputError(f"load {value:g}: the bodies do not stick together; allowed: at least 0 N")
+    return PrescribedLoad(value)

@@ -19,11 +19,11 @@ beyond counts. docs/performance.md has the table with times, and what happens if
 ===================  ==========================  ==============================================================
 device               off by                      applications without it, of 24.3 with all
 ===================  ==========================  ==============================================================
-lift                 -lcp_prolongation copy      {lift}
-predictor            -lcp_predictor 0            {predictor}
-rim extension        -pc_circulant_extend 0      {rim} (and no predictor)
-loose coarse grids   -lcp_coarse_rtol 1e-6       {coarse}
-windows              -lcp_window 0               {window}; most where contact is small in its patch
-single precision     -lcp_precision double       {double}; half the time of a product
+lift                 -lcp_prolongation copy      29.4
+predictor            -lcp_predictor 0            25.8
+rim extension        -pc_circulant_extend 0      30.6 (and no predictor)
+loose coarse grids   -lcp_coarse_rtol 1e-6       28.1
+windows              -lcp_window 0               26.6; most where contact is small in its patch
+single precision     -lcp_precision double       24.2; half the time of a product
 ===================  ==========================  ==============================================================
 """
