@@ -33,15 +33,8 @@ def active_set(state, solver, loading, stop, history):
     Outcome
     """
     inner = 0
-    loading.begin(state)
-    history.start(state, solver)
-    if not state.in_contact():
-        # A coarser grid may have missed it; without pressure the gap decides.
-        state.start_from_interpenetration()
-        if not state.in_contact():
-            return Outcome(not loading.prescribes_load, NO_CONTACT)
-    if state.u_is is Displacement.STALE:
-        state.compute_displacement()
+    if not begin(state, solver, loading, history):
+        return Outcome(not loading.prescribes_load, NO_CONTACT)
     for k in range(1, stop.max_it + 1):
         solver.set_contact()  # 2. (2.11) on C^k
         correction, its, failure = solver.solve(state.defect(), stop.allowed(state))
@@ -53,10 +46,8 @@ def active_set(state, solver, loading, stop, history):
         inner += its
         history.add(state, solver, update, its)
         residual = update.residual / state.distance.norm()
-        if failure:
-            return Outcome(False, f"the linear solver failed: {failure}", k, inner, residual)
-        if not residual < float("inf"):
-            return Outcome(False, "the residual is not a finite number", k, inner, residual)
+        if wrong := what_is_wrong(failure, residual):
+            return Outcome(False, wrong, k, inner, residual)
         if not update.changed and stop(state, update.residual):  # 5. and 6. (5.1)
             update = loading.settle(state, update) if stop.final else update
             if not update.changed and stop(state, update.residual):
@@ -64,3 +55,24 @@ def active_set(state, solver, loading, stop, history):
     return Outcome(
         False, f"{stop.max_it} active set iterations were not enough", stop.max_it, inner, residual
     )
+
+
+def begin(state, solver, loading, history):
+    """Begin a grid; return whether there is contact. Collective.
+
+    A coarser grid may have missed it; without pressure the gap decides.
+    """
+    loading.begin(state)
+    history.start(state, solver)
+    if not state.in_contact():
+        state.start_from_interpenetration()
+    if state.u_is is Displacement.STALE:
+        state.compute_displacement()
+    return state.in_contact()
+
+
+def what_is_wrong(failure, residual):
+    """Say why an iteration cannot go on, empty if it can. Not collective."""
+    if failure:
+        return f"the linear solver failed: {failure}"
+    return "" if residual < float("inf") else "the residual is not a finite number"

@@ -18,7 +18,7 @@ import numpy as np
 
 from app.contact.certificate import estimate
 from app.contact.history import Outcome
-from app.contact.iteration import CONVERGED, NO_CONTACT
+from app.contact.iteration import CONVERGED, NO_CONTACT, begin, what_is_wrong
 from app.contact.state import Displacement
 from app.contact.stopping import StoppingTest
 
@@ -64,6 +64,10 @@ class InexactStop(StoppingTest):
             return True
         return estimate(state).error_bound <= self.error_bound
 
+    def tighter(self):
+        """Return a test that asks for ten times as much. Not collective."""
+        return replace(self, rtol=0.1 * self.rtol)
+
     def for_coarse_grid(self):
         """See `StoppingTest.for_coarse_grid`."""
         return replace(self, final=False)
@@ -89,14 +93,8 @@ def inexact_active_set(state, solver, loading, stop, history):
     """
     inner, resume = 0, False
     best, since = float("inf"), 0
-    loading.begin(state)
-    history.start(state, solver)
-    if not state.in_contact():
-        state.start_from_interpenetration()
-        if not state.in_contact():
-            return Outcome(not loading.prescribes_load, NO_CONTACT)
-    if state.u_is is Displacement.STALE:
-        state.compute_displacement()
+    if not begin(state, solver, loading, history):
+        return Outcome(not loading.prescribes_load, NO_CONTACT)
     for k in range(1, stop.max_it + 1):
         allowed, done = stop.allowed(state), False
         solver.set_contact()  # 2. (2.11) on C^k
@@ -113,14 +111,12 @@ def inexact_active_set(state, solver, loading, stop, history):
             update = state.activate_penetrating(expected)  # (4.b)
         history.add(state, solver, update, its)
         residual = update.residual / state.distance.norm()
-        if failure:
-            return Outcome(False, f"the linear solver failed: {failure}", k, inner, residual)
-        if not residual < float("inf"):
-            return Outcome(False, "the residual is not a finite number", k, inner, residual)
+        if wrong := what_is_wrong(failure, residual):
+            return Outcome(False, wrong, k, inner, residual)
         if done and stop.promising(state):
             return Outcome(True, CONVERGED, k, inner, residual)
         if norm <= allowed and not stop.promising(state):
-            stop = replace(stop, rtol=0.1 * stop.rtol)
+            stop = stop.tighter()
         resume = not (update.changed or released) and state.u_is is Displacement.CARRIED
         since += 1
         if update.residual <= 0.5 * best:

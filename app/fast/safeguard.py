@@ -21,7 +21,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.contact.history import Outcome
-from app.contact.iteration import CONVERGED
+from app.contact.iteration import CONVERGED, what_is_wrong
 from app.contact.state import Displacement, Update
 
 _NEARLY_NONE = 0.01  # of the largest pressure, at most: cells with less and a gap are left out of the system
@@ -52,6 +52,7 @@ def projected_newton(state, solver, stop, history):
         np.maximum(values, 0.0, out=values)
         np.copyto(values.reshape(state.u.shape), 0.0, where=~state.admissible)
     gap = _gap(state, state.p)
+    state.u[...] = gap + state.distance.b
     for k in range(1, stop.max_it + 1):
         before = state.contact.copy()
         p, nearly = state.p, _nearly_none(state, gap)
@@ -68,9 +69,11 @@ def projected_newton(state, solver, stop, history):
             trial_gap = _gap(state, p + change)
             # f(p + change) - f(p), without the cancellation of two nearly equal numbers
             difference = 0.5 * state.sum([np.vdot(change, gap + trial_gap)])[0]
-            if difference <= _ARMIJO * alpha * descent or (not difference < 0 and not change.any()):
+            if difference <= _ARMIJO * alpha * descent:
                 break
             alpha *= 0.5
+        else:
+            return Outcome(False, "rounding leaves no step that makes it better", k, inner)
         with state.pressure as values:
             values += change.reshape(-1)
         gap = trial_gap
@@ -83,10 +86,12 @@ def projected_newton(state, solver, stop, history):
             update = _contact_from(state, gap, before)
         history.add(state, solver, update, its)
         residual = update.residual / state.distance.norm()
-        if failure:
-            return Outcome(False, f"the linear solver failed: {failure}", k, inner, residual)
+        if wrong := what_is_wrong(failure, residual):
+            return Outcome(False, wrong, k, inner, residual)
         if update.residual <= stop.allowed(state):
-            return Outcome(True, CONVERGED, k, inner, residual)
+            if stop.promising(state):
+                return Outcome(True, CONVERGED, k, inner, residual)
+            stop = stop.tighter()
     return Outcome(
         False, f"{stop.max_it} iterations of the safeguard were not enough", stop.max_it, inner, residual
     )
