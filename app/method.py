@@ -132,6 +132,8 @@ def settings(method=None, options=None):
         from_file = read_method_file(DEFAULT)
         if not OptionReader(METHOD_OPTIONS, from_file | given)["lcp_nested"]:
             from_file = {name: text for name, text in from_file.items() if name not in _ONLY_NESTED}
+    if not given.get("pc_python_type", "Circulant").endswith("Circulant"):
+        from_file = {name: text for name, text in from_file.items() if not name.startswith("pc_circulant_")}
     texts = from_file | given
     if "lcp_type" not in texts and texts.get("ksp_python_type", "").endswith(".TrackingCG"):
         texts["lcp_type"] = "fast"  # as option files of the first edition mean it
