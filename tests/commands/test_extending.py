@@ -73,7 +73,7 @@ def test_own_preconditioner_is_the_one_used_and_feeds_the_predictor(names, monke
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[command.index("-grid") - 1])
-@pytest.mark.ranks(1, 2)
+@pytest.mark.ranks(2)
 def test_commands_of_the_document(command, ranks, folder):
     done = run(*command, ranks=ranks, cwd=folder)
     assert done.returncode == 0, done.stderr
