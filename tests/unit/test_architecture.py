@@ -1,0 +1,53 @@
+"""docs/architecture.md: every module of app/ is on a floor, and knows only what lies below."""
+
+import ast
+import re
+from graphlib import TopologicalSorter
+
+import pytest
+from processes import TESTS
+
+ROOT = TESTS.parent
+TABLE = re.findall(
+    r"^\| (\d) \| (`.*?`) \|", (ROOT / "docs/architecture.md").read_text(encoding="utf-8"), re.MULTILINE
+)
+FLOOR = {room: int(floor) for floor, rooms in TABLE for room in re.findall(r"`(\w+)`", rooms)}
+POINT_UP = {"multigrid/circulant.py", "multigrid/krylov.py"}  # for old option files
+MODULES = sorted(path.relative_to(ROOT / "app").as_posix() for path in (ROOT / "app").rglob("*.py"))
+
+
+def room_of(module):
+    return module.split("/")[0].removesuffix(".py")
+
+
+def known_to(module):
+    """Rooms that a module imports from; names of the API by their places."""
+    tree = ast.parse((ROOT / "app" / module).read_text(encoding="utf-8"))
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module == "app":
+            names = {alias.name for alias in node.names} - {"__version__"}
+            found |= {name if name in FLOOR else "solver" for name in names}
+        elif isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("app."):
+            found.add(node.module.split(".")[1])
+        elif isinstance(node, ast.Import):
+            found |= {alias.name.split(".")[1] for alias in node.names if alias.name.startswith("app.")}
+    return found
+
+
+def test_every_room_is_in_the_table():
+    assert {room_of(module) for module in MODULES} - {"__init__"} == FLOOR.keys()
+
+
+@pytest.mark.parametrize("module", [m for m in MODULES if m != "__init__.py" and m not in POINT_UP])
+def test_module_knows_only_what_lies_below(module):
+    here = FLOOR[room_of(module)]
+    above = {room for room in known_to(module) if FLOOR[room] > here}
+    assert not above
+
+
+def test_rooms_of_a_floor_make_no_circle():
+    graph = {room: set() for room in FLOOR}
+    for module in set(MODULES) - POINT_UP - {"__init__.py"}:
+        graph[room_of(module)] |= known_to(module) - {room_of(module)}
+    TopologicalSorter(graph).prepare()  # raises CycleError
