@@ -7,6 +7,7 @@ import pytest
 from documents import code_blocks, run_blocks
 from processes import TESTS
 
+from app import __version__
 from app.commands.problem_options import PROBLEM_OPTIONS
 from app.method import METHOD_OPTIONS, method_file
 
@@ -61,3 +62,17 @@ def test_readme_has_no_other_options():
 def test_readme_names_every_method_file():
     there = {path.stem for path in method_file("fast").parent.glob("*.opts")}
     assert there == set(re.findall(r"`(\w+)\.opts`", README))
+
+
+def test_version_is_the_same_everywhere():
+    root = TESTS.parent
+    places = {
+        "pyproject.toml": r'^version = "(.*?)"$',
+        "CITATION.cff": r"^version: (.*?)$",
+        "CHANGELOG.md": r"^## (\S+)",
+    }
+    found = {
+        name: re.search(pattern, (root / name).read_text(encoding="utf-8"), re.MULTILINE)[1]
+        for name, pattern in places.items()
+    }
+    assert found == dict.fromkeys(places, __version__)
