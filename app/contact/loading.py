@@ -130,7 +130,8 @@ class PrescribedLoad:
                 lacks(root)
         except ArithmeticError:
             pass  # the outcome says why
-        (d1, f1), (d2, f2) = sorted(loads.items(), key=lambda point: abs(point[1] - self.load))[:2]
+        nearest = sorted(loads.items(), key=lambda point: abs(point[1] - self.load))[:2]
+        (d1, f1), (d2, f2) = nearest[0], nearest[-1]  # the same one if the first solve has failed
         self.slope = (f2 - f1) / (d2 - d1) if f2 != f1 else stiffness_of_patch(state)
         outcome = outcomes[0]
         for later in outcomes[1:]:
