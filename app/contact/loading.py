@@ -135,11 +135,9 @@ class PrescribedLoad:
                 lacks(root)
         except ArithmeticError:
             pass  # the outcome says why
-        self.slope = stiffness_of_patch(state)
         nearest = sorted(loads.items(), key=lambda point: abs(point[1] - self.load))[:2]
-        if len(nearest) == 2 and nearest[0][1] != nearest[1][1]:
-            (d1, f1), (d2, f2) = nearest
-            self.slope = (f2 - f1) / (d2 - d1)
+        (d1, f1), (d2, f2) = nearest[0], nearest[-1]  # the same one if the first solve has failed
+        self.slope = (f2 - f1) / (d2 - d1) if f2 != f1 else stiffness_of_patch(state)
         outcome = outcomes[0]
         for later in outcomes[1:]:
             outcome = later.after(outcome)

@@ -1,0 +1,168 @@
+"""The contact state: who owns what, and the steps of Sec. 4.1 that are its own."""
+
+import numpy as np
+import pytest
+
+from app.contact.state import ContactState, Displacement, UndeformedDistance, Update
+from app.halfspace.grid import Grid
+from app.halfspace.influence import dense_matrix
+from app.halfspace.operator import InfluenceOperator
+
+GRID = Grid(5, 4, 1.0, 0.5)
+A = dense_matrix(GRID, 1.0)
+
+
+@pytest.fixture
+def state():
+    shape = np.random.default_rng(0).normal(size=GRID.shape)
+    shape[0, 0] = np.nan
+    operator = InfluenceOperator(GRID, 1.0)
+    state = ContactState(operator, UndeformedDistance(operator, shape - np.nanmin(shape), np.nanmin(shape)))
+    state.shape = shape
+    yield state
+    state.destroy()
+    state.distance.destroy()
+
+
+def set_pressure(state, p):
+    with state.pressure as values:
+        values.reshape(p.shape)[...] = p
+    state.contact[...] = (p != 0) & state.admissible
+
+
+def random_pressure(state, seed=1):
+    p = np.random.default_rng(seed).normal(size=GRID.shape)
+    return np.where(state.admissible, p, 0.0)
+
+
+@pytest.mark.parametrize("approach", [0.0, -0.7, 3.0])
+def test_undeformed_distance_is_shape_minus_approach(state, approach):
+    state.approach = approach
+    inside = state.admissible
+    np.testing.assert_allclose(-state.distance.b[inside], state.shape[inside] - approach, atol=1e-14)
+    assert state.distance.norm() == pytest.approx(np.linalg.norm(state.shape[inside] - approach), rel=1e-13)
+    assert state.approach == pytest.approx(approach, abs=1e-15)
+    assert state.first_touch() == pytest.approx(0.0, abs=1e-14)  # beyond the reference, the least distance
+    state.depth = 0.25
+    assert state.approach == pytest.approx(np.nanmin(state.shape) + 0.25, abs=1e-15)
+
+
+def test_distances_with_a_large_constant_keep_their_digits():
+    operator = InfluenceOperator(Grid(2, 1, 1.0, 1.0), 1.0)
+    distance = UndeformedDistance(operator, np.array([[0.0, 1e-12]]), reference=1e6)
+    distance.move_to(1e-11)
+    np.testing.assert_allclose(distance.b, [[1e-11, 9e-12]], rtol=1e-12)
+    distance.destroy()
+
+
+def test_defect_is_minus_h_minus_u_on_c_and_nothing_elsewhere(state):
+    set_pressure(state, random_pressure(state))
+    state.contact[1] = False
+    state.compute_displacement()
+    defect = state.defect().getArray(readonly=True).reshape(GRID.shape)
+    e = -state.distance.b + state.u
+    np.testing.assert_allclose(defect, np.where(state.contact, -e, 0.0), atol=1e-14)
+
+
+def test_displacement_is_a_times_p_and_state_knows_when_it_is_not(state):
+    set_pressure(state, random_pressure(state))
+    state.compute_displacement()
+    np.testing.assert_allclose(state.u.reshape(-1), A @ state.p.reshape(-1), rtol=1e-13)
+    assert state.u_is is Displacement.EXACT
+    correction = state.pressure.duplicate()
+    correction.set(0)
+    state.add(correction)
+    assert state.u_is is Displacement.STALE
+    correction.destroy()
+    state.compute_displacement()
+    assert state.release_tensile() > 0
+    assert state.u_is is Displacement.STALE
+
+
+def test_release_takes_tensile_cells_only(state):
+    p = random_pressure(state)
+    p[2, 2] = 0.0
+    set_pressure(state, p)
+    state.contact[2, 2] = True
+    assert state.release_tensile() == (p < 0).sum()
+    np.testing.assert_array_equal(state.p, np.maximum(p, 0))
+    np.testing.assert_array_equal(state.contact, state.admissible & (p >= 0))
+
+
+def test_activation_says_what_came_and_went_since_release(state):
+    state.approach = np.nanmin(state.shape)
+    set_pressure(state, random_pressure(state))
+    before = state.contact.copy()
+    state.release_tensile()
+    released = before & ~state.contact
+    state.compute_displacement()
+    update = state.activate_penetrating()
+    e = state.u - state.distance.b
+    np.testing.assert_array_equal(state.contact, (before & ~released) | (state.admissible & (e <= 0)))
+    assert update.cells == state.contact.sum()
+    assert update.added == (state.contact & ~before).sum()
+    assert update.released == (before & ~state.contact).sum()
+    assert update.changed == (state.contact ^ before).sum()
+    assert update.residual == pytest.approx(np.linalg.norm(e[state.contact]), rel=1e-13)
+    again = state.activate_penetrating()  # what was released is forgotten
+    assert (again.added, again.released) == (0, 0)
+
+
+def test_activation_by_the_expected_displacement(state):
+    state.start_from_interpenetration()
+    gap = state.u - state.distance.b
+    outside = np.argwhere(state.admissible & (gap > 0))
+    cell = tuple(outside[0])
+    expected = np.zeros(GRID.shape)
+    expected[cell] = -2 * gap[cell]
+    before = state.contact.copy()
+    assert state.activate_penetrating(expected).added == 1
+    assert np.argwhere(state.contact & ~before).tolist() == [list(cell)]
+
+
+def test_two_updates_add_up():
+    first, second = Update(5, 2, 1, 0.3), Update(7, 3, 1, 0.1)
+    assert second.after(first) == Update(7, 5, 2, 0.1)
+
+
+def test_first_contact_is_the_nearest_cell(state):
+    state.approach = -10.0
+    state.start_from_interpenetration()
+    assert not state.in_contact()
+    state.first_contact()
+    assert state.contact.sum() == 1
+    assert state.shape[state.contact] == np.nanmin(state.shape)
+    assert state.approach == pytest.approx(np.nanmin(state.shape), abs=1e-12)
+    before = state.contact.copy()
+    state.first_contact()  # there is contact now
+    np.testing.assert_array_equal(state.contact, before)
+
+
+def test_numbers(state):
+    p = np.abs(random_pressure(state))
+    set_pressure(state, p)
+    state.compute_displacement()
+    assert state.load == pytest.approx(p.sum() * GRID.cell_area, rel=1e-14)
+    e = state.u - state.distance.b
+    where = state.contact | (state.admissible & (e <= 0))
+    rms, mean, cells = state.gap_on_contact()
+    assert cells == where.sum()
+    assert rms == pytest.approx(np.sqrt(np.mean(e[where] ** 2)), rel=1e-13)
+    assert mean == pytest.approx(np.mean(e[where]), rel=1e-12, abs=1e-14)
+    assert state.h_on_contact() == pytest.approx(np.linalg.norm(state.distance.b[state.contact]), rel=1e-13)
+    u = state.u.copy()
+    state.scale(1.5)
+    np.testing.assert_allclose(state.p, 1.5 * p, rtol=1e-15)
+    np.testing.assert_allclose(state.u, 1.5 * u, rtol=1e-15)
+    assert state.u_is is Displacement.EXACT
+
+
+def test_start_forgets_everything(state):
+    set_pressure(state, random_pressure(state))
+    state.compute_displacement()
+    state.approach = 0.1
+    state.start_from_interpenetration()
+    np.testing.assert_array_equal(state.contact, state.admissible & (-state.distance.b <= 0))
+    assert not state.p.any() and not state.u.any()
+    assert state.u_is is Displacement.EXACT
+    assert state.contact is state.operator.mask

@@ -1,0 +1,239 @@
+"""TrackingCG is conjugate gradients as PETSc has them, and keeps u = A x besides."""
+
+import numpy as np
+import pytest
+from operators import STEEL
+from petsc4py import PETSc
+
+from app.fast.tracking_cg import TrackingCG
+from app.halfspace.grid import Grid
+from app.halfspace.operator import InfluenceOperator
+
+GRID = Grid(30, 20, 0.3, 0.2)  # products by FFT
+
+
+class Jacobi:
+    """A preconditioner of a user's own: a diagonal that is no multiple of the unit matrix."""
+
+    def apply(self, pc, x, y):
+        size = x.getLocalSize()
+        y.setArray(x.getArray(readonly=True) * np.linspace(1.0, 3.0, size))
+
+
+class System:
+    """C A C x = C b for a random contact set, with TrackingCG or PETSc's own CG."""
+
+    def __init__(self, kind="tracking", dtype=np.float64, share=0.5, grid=GRID, pc=None):
+        self.operator = operator = InfluenceOperator(grid, STEEL, dtype=dtype)
+        rng = np.random.default_rng(1)
+        operator.mask[...] = rng.random(grid.shape) < share
+        operator.mask_changed()
+        self.mat = operator.mat(PETSc.COMM_SELF)
+        self.x, self.b = self.mat.createVecs()
+        self.ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+        self.ksp.setOperators(self.mat)
+        self.ksp.setType(PETSc.KSP.Type.PYTHON if kind == "tracking" else PETSc.KSP.Type.CG)
+        if kind == "tracking":
+            self.cg = TrackingCG()
+            self.ksp.setPythonContext(self.cg)
+        self.ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+        if pc is None:
+            self.ksp.getPC().setType(PETSc.PC.Type.NONE)
+        else:
+            self.ksp.getPC().setType(PETSc.PC.Type.PYTHON)
+            self.ksp.getPC().setPythonContext(pc)
+        self.set_right(rng.normal(size=grid.shape))
+
+    def set_right(self, values):
+        """PETSc's CG wants a b that is zero outside C; TrackingCG looks at C only."""
+        is_tracking = self.ksp.getType() == PETSc.KSP.Type.PYTHON
+        values = values if is_tracking else values * self.operator.mask
+        self.b.setArray(values.reshape(-1))
+
+    def solve(self, **tolerances):
+        self.ksp.setTolerances(**tolerances)
+        self.ksp.setConvergenceHistory(reset=True)
+        self.ksp.solve(self.b, self.x)
+        return self.ksp.getConvergenceHistory().copy()
+
+    def track(self, x=None):
+        """Let it keep u from now on, from this x."""
+        self.ksp.setInitialGuessNonzero(True)
+        if x is not None:
+            self.x.setArray((x * self.operator.mask).reshape(-1))
+        self.u = self.product()
+        self.cg.displacement = self.u
+
+    def product(self):
+        """A x in double precision, on all cells."""
+        u = np.empty(self.operator.local_shape)
+        self.operator.exact_displacement(self.solution, u)
+        return u
+
+    @property
+    def solution(self):
+        return self.x.getArray(readonly=True).reshape(self.operator.local_shape).copy()
+
+    def destroy(self):
+        for part in (self.ksp, self.mat, self.x, self.b):
+            part.destroy()
+
+
+@pytest.fixture
+def make():
+    made = []
+
+    def system(*arguments, **how):
+        made.append(System(*arguments, **how))
+        return made[-1]
+
+    yield system
+    for one in made:
+        one.destroy()
+
+
+def random_field(seed=7):
+    return np.random.default_rng(seed).normal(size=GRID.shape)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.5, 1.1])
+@pytest.mark.parametrize("pc", [None, Jacobi])
+def test_it_is_petscs_cg_step_for_step(make, share, pc):
+    ours, petscs = (make(kind, share=share, pc=pc and pc()) for kind in ("tracking", "petsc"))
+    histories = [system.solve(rtol=1e-8, max_it=500) for system in (ours, petscs)]
+    assert ours.ksp.getConvergedReason() == petscs.ksp.getConvergedReason() > 0
+    # Rounding grows by a factor of ten a step, in any CG: after some 15 steps two of them need not be alike.
+    assert 3 < len(histories[0]) <= len(histories[1]) + 1 <= len(histories[0]) + 2
+    np.testing.assert_allclose(histories[0][:12], histories[1][:12], rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(histories[0][:6], histories[1][:6], rtol=1e-13)
+    scale = abs(petscs.solution).max()
+    np.testing.assert_allclose(ours.solution, petscs.solution, rtol=0, atol=1e-9 * scale)
+
+
+@pytest.mark.parametrize(
+    ("tolerances", "reason"),
+    [
+        ({"rtol": 0.1, "atol": 0}, PETSc.KSP.ConvergedReason.CONVERGED_RTOL),
+        ({"rtol": 0, "atol": 3.0}, PETSc.KSP.ConvergedReason.CONVERGED_ATOL),
+        ({"rtol": 1e-30, "atol": 0, "max_it": 7}, PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT),
+        ({"rtol": 0, "atol": 0, "divtol": 1.0001}, PETSc.KSP.ConvergedReason.DIVERGED_DTOL),
+    ],
+    ids=["rtol", "atol", "max_it", "divtol"],
+)
+def test_it_stops_by_petscs_own_test(make, tolerances, reason):
+    ours, petscs = make("tracking"), make("petsc")
+    for system in (ours, petscs):
+        if "divtol" in tolerances:  # a residual that grows first: mostly in what A hardly sees
+            j, i = np.indices(GRID.shape)
+            system.set_right((-1.0) ** (i + j) + 0.3)
+        system.solve(**tolerances)
+    assert ours.ksp.getConvergedReason() == petscs.ksp.getConvergedReason() == reason
+    assert ours.ksp.getIterationNumber() == petscs.ksp.getIterationNumber()
+
+
+def test_a_convergence_test_of_the_callers_is_asked(make):
+    system = make()
+    asked = []
+
+    def test(ksp, iteration, norm):
+        asked.append((iteration, norm))
+        return PETSc.KSP.ConvergedReason.CONVERGED_HAPPY_BREAKDOWN if iteration == 3 else 0
+
+    system.ksp.setConvergenceTest(test)
+    history = system.solve()
+    assert system.ksp.getConvergedReason() == PETSc.KSP.ConvergedReason.CONVERGED_HAPPY_BREAKDOWN
+    assert [iteration for iteration, _ in asked] == [0, 1, 2, 3]
+    assert [norm for _, norm in asked] == history.tolist()
+    assert history[-1] == system.cg.residual == system.ksp.getResidualNorm()
+
+
+@pytest.mark.parametrize(("dtype", "off"), [(np.float64, 1e-13), (np.float32, 3e-6)])
+def test_displacement_is_that_of_x_after_every_step(make, dtype, off):
+    system = make(dtype=dtype)
+    system.track(random_field())
+    worst = []
+
+    def compare(ksp, iteration, norm):
+        worst.append(abs(system.u - system.product()).max() / abs(system.u).max())
+
+    system.ksp.setMonitor(compare)
+    system.solve(rtol=1e-5)
+    assert len(worst) > 5
+    assert max(worst) < off
+    inside = system.operator.mask
+    right = system.b.getArray(readonly=True).reshape(inside.shape)
+    assert system.cg.residual == pytest.approx(np.linalg.norm((right - system.u)[inside]), rel=0.01)
+
+
+def test_single_precision_operators_are_solved_as_far_as_they_go(make):
+    single, double = make(dtype=np.float32), make()
+    for system in (single, double):
+        system.solve(rtol=1e-5)
+    assert single.ksp.getConvergedReason() > 0
+    assert abs(single.ksp.getIterationNumber() - double.ksp.getIterationNumber()) <= 1
+    np.testing.assert_allclose(
+        single.solution, double.solution, rtol=0, atol=1e-3 * abs(double.solution).max()
+    )
+
+
+@pytest.mark.parametrize("pc", [None, Jacobi])
+def test_resumed_is_uninterrupted(make, pc):
+    whole, parts, anew = (make(pc=pc and pc()) for _ in range(3))
+    for system in (whole, parts, anew):
+        system.track(random_field())
+    uninterrupted = whole.solve(rtol=1e-30, max_it=12)
+    first = parts.solve(rtol=1e-30, max_it=5)
+    parts.cg.resume = True
+    second = parts.solve(rtol=1e-30, max_it=7)
+    np.testing.assert_allclose([*first, *second[1:]], uninterrupted, rtol=1e-10)
+    np.testing.assert_allclose(parts.solution, whole.solution, rtol=0, atol=1e-12 * abs(whole.solution).max())
+    assert parts.cg.resume is False  # for one solve
+    anew.solve(rtol=1e-30, max_it=5)
+    begun_anew = anew.solve(rtol=1e-30, max_it=7)
+    assert abs(begun_anew[2] / uninterrupted[7] - 1) > 1e-3
+
+
+def test_right_hand_side_stays_as_it_is_and_only_its_part_on_c_matters(make):
+    system = make()
+    before = system.b.getArray(readonly=True).copy()
+    state = system.b.stateGet()
+    system.solve(rtol=1e-6)
+    assert system.b.stateGet() == state
+    np.testing.assert_array_equal(system.b.getArray(readonly=True), before)
+    found = system.solution
+    assert (found[~system.operator.mask] == 0).all()
+    system.set_right(np.where(system.operator.mask, before.reshape(GRID.shape), 1e6))
+    system.solve(rtol=1e-6)
+    np.testing.assert_array_equal(system.solution, found)
+
+
+def test_contact_set_may_change_between_solves(make):
+    system = make()
+    system.solve(rtol=1e-10)
+    fresh = make()
+    for other in (system, fresh):
+        other.operator.mask[...] = np.random.default_rng(2).random(GRID.shape) < 0.3
+        other.operator.mask_changed()
+        other.mat.stateIncrease()
+        other.solve(rtol=1e-10)
+    np.testing.assert_array_equal(system.solution, fresh.solution)
+
+
+def test_no_contact_is_solved_at_once(make):
+    system = make(share=-1)
+    assert system.solve(rtol=1e-6).tolist() == [0.0]
+    assert system.ksp.getConvergedReason() > 0
+    assert not system.solution.any()
+
+
+def test_an_operator_that_is_not_positive_is_reported(make):
+    system = make()
+    displacement = system.operator.displacement
+
+    def negative(p, u):
+        displacement(p, u)
+        np.negative(u, out=u)
+
+    system.operator.displacement = negative
+    system.solve(rtol=1e-6)
+    assert system.ksp.getConvergedReason() == PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT
