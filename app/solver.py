@@ -358,7 +358,11 @@ class ContactSolver:
                 converged=False,
                 reason=f"{outcome.reason}, but the pressure is proved to {bound:.2g} only "
                 f"(-lcp_error_bound {allowed:g}); "
-                + ("rounding allows no more" if self.settings.strategy == "fast" else "lower -lcp_rtol"),
+                + (
+                    "rounding allows no more"
+                    if self.settings.strategy == "fast"
+                    else "a smaller -lcp_rtol is more accurate"
+                ),
             )
         p, distance, depth = state.p, state.distance, state.depth
         cells = int(state.sum([state.contact.sum()])[0])

@@ -10,8 +10,6 @@ Where that does not converge, the root search over solved problems does on any g
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.optimize import brentq
 
@@ -202,9 +200,10 @@ class PrescribedLoad:
             Of the contact set after that.
         """
         load = state.load
-        if not load > 0:
-            return replace(update, added=update.added + 1)  # there must be contact, and is none
-        state.scale(self.load / load)
+        if load > 0:
+            state.scale(self.load / load)
+        else:  # so little that no pressure at all passes for solved
+            state.spread(self.load)
         state.depth += state.gap_on_contact()[1]
         return state.activate_penetrating().after(update)
 

@@ -328,6 +328,13 @@ class ContactState:
         self.pressure.scale(factor)
         self.u *= factor
 
+    def spread(self, load):
+        """Let p have a load [N], evenly over C, and u be A p. Collective."""
+        self.pressure.setArray(
+            self.contact.reshape(-1) * (load / self.grid.cell_area / self.cells_in_contact())
+        )
+        self.compute_displacement(exact=True)
+
     def destroy(self):
         """Free the vectors made here. Collective."""
         self.pressure.destroy()
