@@ -102,7 +102,7 @@ def inexact_active_set(state, solver, loading, stop, history):
         inner += its
         if norm <= allowed and not stop.final:
             released, update, done = _leave(state, solver, loading, allowed)
-        elif norm <= allowed and stop.promising(state):
+        elif norm <= allowed and solver.tension(state) <= stop.rtol and stop.promising(state):
             released, update, done = _verify(state, loading, stop)
         else:
             released = solver.release(state)  # (4.a), and u along with it
