@@ -137,6 +137,9 @@ def settings(method=None, options=None):
     texts = from_file | given
     if "lcp_type" not in texts and texts.get("ksp_python_type", "").endswith(".TrackingCG"):
         texts["lcp_type"] = "fast"  # as option files of the first edition mean it
+    unknown = {name for name in texts if name.startswith("lcp_")} - {option.name for option in METHOD_OPTIONS}
+    if unknown:
+        raise InputError(f"unknown option{'s'[: len(unknown) > 1]}: -{', -'.join(sorted(unknown))}")
     reader = OptionReader(METHOD_OPTIONS, texts)
     strategy, nested = reader["lcp_type"], reader["lcp_nested"]
     _refuse_without_effect(strategy, nested, texts, reader, given)

@@ -2,11 +2,12 @@
 
 import pytest
 
+from app import ContactProblem
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
 from app.problems.hertz import Hertz
 from app.problems.punch import Punch
-from app.problems.surfaces import WavySurface
+from app.problems.surfaces import SelfAffineSurface, WavySurface
 
 APPROACH = 0.1091  # of Hertz's problem
 COUNTS = {32: (5, 73), 64: (7, 122), 128: (8, 176), 256: (9, 250)}  # NORM: active set and CG iterations
@@ -23,6 +24,14 @@ def punch(nx, ny=None):
     surface = WavySurface((12, 10), 0.8, 0.1, 7, (12.0, 10.0), (-6.0, -5.0))
     grid = Grid.from_domain(nx, ny or nx, (-6.0, 6.0, -5.0, 5.0))
     return Punch(grid, Material(80000.0, 0.28), 8.97, surface)
+
+
+def self_affine(n, shortest_cells=4, seed=1, hurst=0.8, rolloff=1 / 8):
+    """Self-affine surface under a flat rigid body, patch of 1 mm; the rms slope is 0.1."""
+    grid = Grid.from_domain(n, n, (0.0, 1.0, 0.0, 1.0))
+    surface = SelfAffineSurface(hurst, rolloff, shortest_cells / n, (1.0, 1.0), seed, rms_slope=0.1)
+    height = surface.height(grid.x(), grid.y())
+    return ContactProblem(grid, Material(80000.0, 0.3), height.max() - height)
 
 
 def assert_counts_of_norm(n, solution):

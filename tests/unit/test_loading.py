@@ -1,0 +1,246 @@
+"""Prescribed loads: the root search, Newton's steps beside the iteration, the exact end; load paths."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from cases import APPROACH, hertz, punch, self_affine
+from mpi4py import MPI
+from running import assert_solves_lcp, solve
+
+from app import ContactProblem, ContactSolver, Grid, Material
+from app.contact.history import History, Outcome
+from app.contact.iteration import active_set
+from app.contact.loading import PrescribedApproach, PrescribedLoad, stiffness_of_patch
+from app.contact.state import ContactState, UndeformedDistance
+from app.contact.stopping import StoppingTest
+from app.multigrid.direct import DirectSolver
+from app.multigrid.hierarchy import Hierarchy
+
+
+class Exact:
+    """A state on a small grid, and how to solve on it directly."""
+
+    def __init__(self, problem):
+        hierarchy = Hierarchy(problem.grid, problem.material.compliance, MPI.COMM_SELF)
+        self.operator, shape = hierarchy.target, problem.shape_on(problem.grid)
+        self.distance = UndeformedDistance(self.operator, shape - np.nanmin(shape), np.nanmin(shape))
+        self.state = ContactState(self.operator, self.distance)
+        self.solver = DirectSolver(self.operator)
+        self.approaches = []
+
+    def solve(self, loading):
+        if isinstance(loading, PrescribedApproach):
+            self.approaches.append(loading.approach)
+            self.state.start_from_interpenetration()
+        return active_set(self.state, self.solver, loading, StoppingTest(1e-12), History())
+
+    def load_at(self, approach):
+        self.state.approach = approach
+        assert self.solve(PrescribedApproach(approach)).converged
+        return self.state.load
+
+    def destroy(self):
+        for part in (self.solver, self.state, self.distance):
+            part.destroy()
+
+
+@pytest.fixture(params=["hertz", "rough", "self-affine"])
+def exact(request):
+    one = Exact(
+        {"hertz": hertz(16), "rough": punch(20), "self-affine": self_affine(16, rolloff=0.5)}[request.param]
+    )
+    yield one
+    one.destroy()
+
+
+# ----------------------------------------------------------------------------------- the root search
+
+
+@pytest.mark.parametrize("share", [1e-3, 0.3, 1.0, 30.0])
+@pytest.mark.parametrize("step", [None, 1e-4, 1.0])
+def test_search_meets_the_load_from_anywhere(exact, share, step):
+    state = exact.state
+    middle = exact.load_at(state.distance.reference + 0.5 * spread(state))
+    load = share * middle
+    loading = PrescribedLoad(load)
+    state.depth = 0.1 * spread(state)
+    exact.approaches.clear()
+    step = step and step * spread(state)
+    outcome = loading.search(state, exact.solve, rtol=1e-9, step=step)
+    assert outcome.converged
+    assert state.load == pytest.approx(load, rel=1e-6)
+    assert outcome.iterations >= len(exact.approaches)  # of all solves
+    assert len(exact.approaches) <= 40
+    # Between the last two approaches tried the load is that of a secant of this slope.
+    step = 1e-3 * state.depth
+    steeper = exact.load_at(state.approach + step)
+    assert loading.slope == pytest.approx((steeper - load) / step, rel=0.3)
+
+
+def spread(state):
+    """Least to largest undeformed distance."""
+    values = -state.distance.b[state.admissible] + state.depth
+    return values.max() - values.min()
+
+
+def test_search_brackets_the_root(exact):
+    """All approaches lie between first touch and a solve that bears more than the load."""
+    state = exact.state
+    load = exact.load_at(state.distance.reference + 0.4 * spread(state))
+    right = state.approach
+    exact.approaches.clear()
+    PrescribedLoad(load).search(state, exact.solve, rtol=1e-8)
+    tried = np.array(exact.approaches)
+    assert (tried >= state.distance.reference - 1e-15).all()
+    assert tried.max() > right > tried.min()
+    assert abs(tried[-1] / right - 1) < 1e-6
+
+
+def test_search_ends_where_the_load_changes_within_rounding_of_the_approach():
+    """A load so light that the approach has no digits for it: the search ends all the same."""
+    shape = np.full((4, 4), 1e6)
+    shape[1, 2] = 1e6 - 1
+    exact = Exact(ContactProblem(Grid(4, 4, 1.0, 1.0), Material(80000.0, 0.3), shape))
+    exact.state.distance.reference = 0.0
+    exact.state.distance.move_to(-1e6)
+    for load in (1e-12, 1e-30):
+        outcome = PrescribedLoad(load).search(exact.state, exact.solve, rtol=1e-3)
+        assert outcome.converged
+        assert len(exact.approaches) < 200
+    exact.destroy()
+
+
+def test_search_gives_up_with_a_solve_that_fails(exact):
+    failed = Outcome(False, "not today", 3)
+    for fails_at in (1, 2):
+        calls = []
+
+        def solve_or_fail(loading, calls=calls, fails_at=fails_at):
+            calls.append(loading)
+            return failed if len(calls) == fails_at else exact.solve(loading)
+
+        exact.state.depth = 0.0
+        outcome = PrescribedLoad(1.0).search(exact.state, solve_or_fail, rtol=1e-6)
+        assert (outcome.converged, outcome.reason) == (False, "not today")
+        assert len(calls) == fails_at
+        assert outcome.iterations >= 3
+
+
+def test_a_patch_is_never_stiffer_than_said(exact):
+    """What the search begins with: load per approach of the whole patch in contact."""
+    state = exact.state
+    low, high = (exact.load_at(state.distance.reference + far * spread(state)) for far in (50.0, 51.0))
+    assert state.contact.sum() == state.admissible.sum()
+    assert 0.5 * stiffness_of_patch(state) < (high - low) / spread(state) < 1.2 * stiffness_of_patch(state)
+
+
+# ------------------------------------------------------------------- Newton's method and the exact end
+
+
+def test_approach_goes_to_that_of_the_load_along_with_the_iteration(exact):
+    state = exact.state
+    right = state.distance.reference + 0.5 * spread(state)
+    load = exact.load_at(right)
+    state.depth *= 1.2
+    loading = PrescribedLoad(load)
+    loading.slope = 0.7 * stiffness_of_patch(state)
+    assert exact.solve(loading).converged
+    assert state.load == pytest.approx(load, rel=1e-13)
+    assert state.approach == pytest.approx(right, abs=1e-9 * spread(state))
+
+
+def test_update_moves_the_approach_by_what_the_load_lacks(exact):
+    state = exact.state
+    right = state.distance.reference + 0.5 * spread(state)
+    load = exact.load_at(right)
+    loading = PrescribedLoad(2 * load)
+    loading.slope = 1000.0
+    loading.begin(state)
+    before = state.depth
+    moved = loading.update(state)
+    assert moved == pytest.approx(load / 1000.0, rel=1e-6)
+    assert state.depth - before == pytest.approx(moved, rel=1e-9)
+    # What the residual may be to blame for does not count.
+    met = PrescribedLoad(load)
+    met.slope = load / state.u[state.contact].mean()
+    state.depth = before
+    with state.pressure as p:
+        p *= 1.0 + 1e-9
+    state.compute_displacement()
+    assert met.update(state) == 0.0
+    assert state.depth == before
+
+
+def test_settled_load_is_exact_and_the_gap_in_contact_has_no_mean(exact):
+    state = exact.state
+    load = exact.load_at(state.distance.reference + 0.5 * spread(state))
+    loading = PrescribedLoad(1.001 * load)
+    update = loading.settle(state, state.activate_penetrating())
+    assert state.load == pytest.approx(1.001 * load, rel=1e-14)
+    assert update.cells == state.contact.sum()
+    e = (state.u - state.distance.b)[state.contact]
+    assert abs(e.mean()) < 1e-3 * 0.001 * spread(state)
+
+
+def test_nothing_to_settle_without_contact(exact):
+    state = exact.state
+    state.depth = -1.0
+    state.start_from_interpenetration()
+    update = PrescribedLoad(1.0).settle(state, state.activate_penetrating())
+    assert update.changed  # goes on
+
+
+def test_prediction_continues_a_geometric_series():
+    loading = PrescribedLoad(1.0)
+    found = [loading.predict(depth) for depth in (1.0, 2.0, 2.25, 2.3125)]
+    assert found[:2] == [1.0, 2.0]
+    assert found[2] == pytest.approx(2.25 + 0.25 * 0.25)
+    assert found[3] == pytest.approx(2.3125 + 0.25 * 0.0625)
+    assert PrescribedApproach(3.0).predict(1.5) == 1.5
+
+
+# ------------------------------------------------------------------------------------------ as a user
+
+
+@pytest.mark.parametrize("method", ["fast", "norm", "mg_v11", "fmg_v11"])
+def test_zero_load_just_touches(method):
+    found = solve(punch(32), None, method, load=0.0)
+    assert found.converged
+    assert found.load == 0
+    assert np.nanmin(found.undeformed_distance) == pytest.approx(0, abs=1e-15)
+
+
+@pytest.mark.parametrize("warm", [False, True], ids=["cold", "warm"])
+@pytest.mark.parametrize(
+    ("problem", "approach"),
+    [(hertz(48), APPROACH), (punch(48), 0.25), (self_affine(48), 0.02)],
+    ids=["hertz", "rough", "affine"],
+)
+def test_load_path_is_monotone(problem, approach, warm):
+    """Loading and unloading: approach, contact and displacement grow and fall with the load."""
+    highest = solve(problem, approach, "fast").load
+    loads = highest * np.array([0.01, 0.05, 0.2, 0.6, 1.0])
+    steps, start = [], None
+    with ContactSolver(problem, options={"lcp_rtol": 1e-9}) as solver:
+        for load in (*loads, *loads[-2::-1]):
+            start = solver.solve(load=load, start=start if warm else None)
+            assert_solves_lcp(start, 1e-9)
+            assert start.load == pytest.approx(load, rel=1e-12)
+            steps.append(start)
+    up, down = steps[: len(loads)], steps[len(loads) - 1 :][::-1]
+    for before, after in pairwise(up):
+        assert after.approach > before.approach
+        assert (after.contact >= before.contact).all()
+        assert (after.displacement >= before.displacement - 1e-9 * after.displacement.max()).all()
+    for there, back in zip(up, down, strict=True):  # elastic: the way back is the way there
+        assert back.approach == pytest.approx(
+            there.approach, abs=1e-8 * np.nanmax(abs(there.undeformed_distance))
+        )
+        np.testing.assert_array_equal(back.contact, there.contact)
+
+
+def test_load_and_approach_of_hertz():
+    exact = hertz(8).reference(APPROACH)
+    found = solve(hertz(128), None, "fast", exact.load)
+    assert found.approach == pytest.approx(APPROACH, rel=1e-4)

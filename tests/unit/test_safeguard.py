@@ -1,0 +1,122 @@
+"""Projected Newton's method: it converges for any positive definite matrix, and f falls on the way."""
+
+import numpy as np
+import pytest
+from cases import APPROACH, hertz, punch, self_affine
+from mpi4py import MPI
+from running import assert_solves_lcp, solve
+from scipy.optimize import nnls
+
+from app.contact.history import History, Listener
+from app.contact.state import ContactState, UndeformedDistance
+from app.fast import iteration
+from app.fast.iteration import InexactStop
+from app.fast.safeguard import projected_newton
+from app.halfspace.grid import Grid
+from app.halfspace.product import DenseProduct
+from app.multigrid.hierarchy import Hierarchy
+from app.multigrid.linear_solver import LinearSolver
+from app.petsc import OptionDatabase
+
+
+def positive_definite(n, rng, condition):
+    """Random, with eigenvalues from 1 to the condition number; not a discretisation of anything."""
+    q, _ = np.linalg.qr(rng.normal(size=(n, n)))
+    return (q * np.geomspace(1, condition, n)) @ q.T
+
+
+def least(a, h):
+    """The p >= 0 with the least f(p) = p.Ap / 2 + h.p, by Lawson and Hanson's method."""
+    factor = np.linalg.cholesky(a)
+    return nnls(factor.T, -np.linalg.solve(factor, h), maxiter=1000)[0]
+
+
+class Energy(Listener):
+    """f after every iteration."""
+
+    def __init__(self, a, h):
+        self._a, self._h = a, h
+        self.values = []
+
+    def of(self, p):
+        return 0.5 * p @ self._a @ p + self._h @ p
+
+    def iteration(self, entry, state):
+        self.values.append(self.of(state.p.reshape(-1)))
+
+
+@pytest.mark.parametrize("ksp_rtol", [0.5, 1e-10])
+@pytest.mark.parametrize("condition", [3.0, 1e4])
+@pytest.mark.parametrize("seed", range(6))
+def test_any_positive_definite_problem_is_solved_downhill(seed, condition, ksp_rtol):
+    rng = np.random.default_rng(seed)
+    grid = Grid(6, 5, 1.0, 1.0)
+    a = positive_definite(grid.n, rng, condition)
+    h = rng.normal(size=grid.n)
+    inadmissible = rng.random(grid.n) < 0.1
+    hierarchy = Hierarchy(grid, 1.0, MPI.COMM_SELF)
+    operator = hierarchy.target
+    operator.product = operator.exact_product = DenseProduct(a, grid.shape)
+    distance = UndeformedDistance(operator, np.where(inadmissible, np.nan, h).reshape(grid.shape))
+    state = ContactState(operator, distance)
+    energy = Energy(a, np.where(inadmissible, 0.0, h))
+    start = np.where(inadmissible, 0.0, rng.normal(size=grid.n))
+    state.pressure.setArray(start)
+    with OptionDatabase({"ksp_type": "cg", "pc_type": "none", "ksp_rtol": str(ksp_rtol)}).active():
+        solver = LinearSolver(hierarchy)
+    outcome = projected_newton(state, solver, InexactStop(rtol=1e-10, max_it=500), History([energy]))
+    assert outcome.converged, outcome
+    inside = ~inadmissible
+    expected = np.zeros(grid.n)
+    expected[inside] = least(a[np.ix_(inside, inside)], h[inside])
+    p = state.p.reshape(-1)
+    np.testing.assert_allclose(p, expected, rtol=0, atol=1e-8)
+    values = np.array([energy.of(np.maximum(start, 0)), *energy.values])
+    assert len(values) == outcome.iterations + 1
+    above = values - energy.of(expected)
+    rounding = 1e-12 * above[0]
+    assert (np.diff(above)[above[:-1] > rounding] < 0).all()
+    assert abs(above[-1]) < rounding
+    for part in (solver, state, distance):
+        part.destroy()
+
+
+PROBLEMS = {
+    "hertz": (hertz(64), APPROACH),
+    "rough": (punch(64), 0.01),
+    "self-affine": (self_affine(64), 0.004),
+    "near full contact": (self_affine(64), 0.02),
+}
+
+
+@pytest.fixture(scope="module")
+def fast():
+    """Solutions without the safeguard."""
+    return {name: solve(*problem, "fast", lcp_rtol=1e-9) for name, problem in PROBLEMS.items()}
+
+
+@pytest.mark.parametrize("by_load", [False, True], ids=["approach", "load"])
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_the_safeguard_finds_what_the_iteration_finds(fast, name, by_load, precision, monkeypatch):
+    expected, (problem, approach) = fast[name], PROBLEMS[name]
+    assert expected.fallbacks == 0
+    monkeypatch.setattr(iteration, "PATIENCE", 0)
+    load = expected.load if by_load else None
+    found = solve(problem, approach, "fast", load, lcp_rtol=1e-9, lcp_precision=precision)
+    assert found.fallbacks > 0
+    assert_solves_lcp(found, 1e-9)
+    assert found.load == pytest.approx(expected.load, rel=1e-12 if by_load else 1e-7)
+    assert found.approach == pytest.approx(approach, rel=1e-7)
+    np.testing.assert_array_equal(found.contact, expected.contact)
+    highest = expected.pressure.max()
+    np.testing.assert_allclose(found.pressure, expected.pressure, rtol=0, atol=1e-5 * highest)
+
+
+def test_the_safeguard_says_when_it_runs_out_of_iterations(monkeypatch):
+    monkeypatch.setattr(iteration, "PATIENCE", 0)
+    for load in (None, 3e4):
+        found = solve(punch(64), 0.01, "fast", load, lcp_max_it=2)
+        assert not found.converged
+        assert "safeguard" in found.message
+        assert np.isfinite(found.pressure).all() and (found.pressure >= 0).all()
