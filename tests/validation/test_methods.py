@@ -114,7 +114,8 @@ def test_load_reproduces_approach_at_little_cost(method, problem, approach, n):
     by_approach = solve(problem(n), approach, method)
     by_load = solve(problem(n), None, method, load=by_approach.load)
     assert_solves_lcp(by_load)
-    assert by_load.operator_applications <= 1.5 * by_approach.operator_applications
+    most = 1.6 if method.startswith("fmg") else 1.5  # two more cycles, where the approach needs four
+    assert by_load.operator_applications <= most * by_approach.operator_applications
     assert by_load.load == pytest.approx(by_approach.load, rel=1e-12)
     # (5.1) allows both this mean gap on C.
     h = by_approach.undeformed_distance
