@@ -10,6 +10,8 @@ Where that does not converge, the root search over solved problems does on any g
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.optimize import brentq
 
@@ -202,8 +204,10 @@ class PrescribedLoad:
         load = state.load
         if load > 0:
             state.scale(self.load / load)
-        else:  # so little that no pressure at all passes for solved
+        elif update.cells:  # so little that no pressure at all passes for solved
             state.spread(self.load)
+        else:
+            return replace(update, added=1)  # there must be contact: go on
         state.depth += state.gap_on_contact()[1]
         return state.activate_penetrating().after(update)
 

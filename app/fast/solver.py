@@ -61,7 +61,7 @@ class TrackingSolver(LinearSolver):
     def tension(self, state):
         """Pressure that is negative, as a share of the sum of p. Collective."""
         total, negative = state.sum([state.p.sum(), -np.sum(state.p, where=state.p < 0)])
-        return negative / total if total > 0 else float("inf")
+        return negative / total if total > 0 else float(negative)
 
     def release(self, state):
         """Step 4.a, and one product for what it changes in u; return how many cells left C. Collective."""
