@@ -52,6 +52,7 @@ def infinite(j, i):
 CASES = {
     "nothing at all": ([], "-problem is missing"),
     "unknown option": ([*HERTZ, "-gird", "8"], "-gird"),
+    "unknown option of the method": ([*HERTZ, "-lcp_rtool", "1e-3"], "unknown option: -lcp_rtool"),
     "misspelt PETSc option": ([*HERTZ, "-ksp_rtoll", "1e-3"], "-ksp_rtoll"),
     "misspelt logging option": ([*HERTZ, "-log_vieww"], "-log_vieww"),
     "options of another problem": ([*HERTZ, "-punch_diameter", "3", "-gap_file", "a"], "s: -gap_file, -punch_diameter"),

@@ -1,0 +1,85 @@
+"""Programs that use the Python API and do not clean up after themselves."""
+
+import sys
+
+import pytest
+from processes import run
+
+PROBLEM = """
+import numpy as np
+from app import ContactProblem, ContactSolver, Grid, Material, solve
+grid = Grid.from_domain(48, 48, (-1, 1, -1, 1))
+def ball(x, y):
+    return (x**2 + y**2) / 40
+problem = ContactProblem(grid, Material.combined(80000, 0.3), ball)
+"""
+PROGRAMS = {
+    "forgotten": "solver = ContactSolver(problem)\nfound = solver.solve(approach=0.005)",
+    "forgotten in a circle": "solver = ContactSolver(problem)\nsolver.me = solver\nsolver.solve(approach=0.005)\ndel solver",
+    "several, in a list": (
+        "solvers = [ContactSolver(problem, method) for method in ('fmg_v11', None, 'norm', 'mg_v11')]\n"
+        "found = [solver.solve(approach=0.005) for solver in solvers]\ndel solvers[1]"
+    ),
+    "reference solvers": (
+        "solvers = [ContactSolver(problem, options={'lcp_type': kind}) for kind in ('tao', 'snesvi')]\n"
+        "found = [solver.solve(approach=0.005) for solver in solvers]"
+    ),
+    "in the middle": "solver = ContactSolver(problem)\nimport sys\nsys.exit()",
+    "PETSc first": (
+        "solver = ContactSolver(problem)\nsolver.solve(load=10.0)\n"
+        "from petsc4py import PETSc\nassert PETSc.Options().getAll() == {'ksp_rtol': '0.5'}, PETSc.Options().getAll()"
+    ),
+}
+
+
+@pytest.mark.ranks(1, 2)
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_solver_that_is_not_closed_ends_without_a_crash(name, ranks, tmp_path):
+    program = tmp_path / "program.py"
+    start = (
+        "import petsc4py, sys\npetsc4py.init(['program', '-ksp_rtol', '0.5'])\n"
+        if name == "PETSc first"
+        else ""
+    )
+    program.write_text(start + PROBLEM + PROGRAMS[name] + "\n")
+    done = run(program, ranks=ranks)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@pytest.mark.ranks(1, 2)
+def test_an_exception_that_nobody_catches(ranks, tmp_path):
+    """The traceback, and an end; not a crash on top of it."""
+    program = tmp_path / "program.py"
+    program.write_text(PROBLEM + "solver = ContactSolver(problem)\nsolver.solve(approach=0.1, load=1.0)\n")
+    done = run(program, ranks=ranks)
+    assert done.returncode == 1
+    assert "app.errors.InputError: exactly one of approach [mm] and load [N] is needed" in done.stderr
+    assert "Segmentation" not in done.stderr
+
+
+def test_word_of_five_lines(tmp_path):
+    """As the README says: arrays in, arrays out, nothing else to be started or ended."""
+    program = tmp_path / "program.py"
+    program.write_text(PROBLEM + "print(round(solve(problem, approach=0.005).load, -1))\n")
+    done = run(program)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert float(done.stdout) > 0
+
+
+if sys.platform == "linux":
+
+    def test_solvers_in_processes_that_were_forked_before(tmp_path):
+        """A pool of processes each of which solves."""
+        program = tmp_path / "program.py"
+        program.write_text(
+            "import multiprocessing\n"
+            "def load(approach):\n"
+            + "".join(f"    {line}\n" for line in PROBLEM.strip().splitlines())
+            + "    return solve(problem, approach=approach).load\n"
+            "if __name__ == '__main__':\n"
+            "    with multiprocessing.get_context('spawn').Pool(2) as pool:\n"
+            "        loads = pool.map(load, [0.002, 0.004, 0.006])\n"
+            "    assert loads == sorted(loads) and loads[0] > 0, loads\n"
+        )
+        done = run(program)
+        assert (done.returncode, done.stderr) == (0, "")

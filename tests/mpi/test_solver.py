@@ -1,0 +1,146 @@
+"""Solvers on all ranks, on some of them, and what every rank hears of bad input."""
+
+import gc
+
+import numpy as np
+import pytest
+from cases import APPROACH, hertz, punch
+from mpi4py import MPI
+from running import solve
+
+from app import ContactProblem, ContactSolver, Grid, Material, read_result
+from app.errors import InputError
+
+TIGHT = {"lcp_rtol": 1e-9, "lcp_replicate": 8}
+
+
+def whole(solution):
+    """Pressure of all rows, on every rank of the solution."""
+    return np.vstack(solution.comm.allgather(solution.pressure))
+
+
+def assert_close(found, expected):
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * expected.max())
+
+
+@pytest.mark.mpi(2, 3)
+@pytest.mark.parametrize("method", ["fast", "norm", "fmg_v11"])
+def test_solvers_on_parts_of_the_ranks(comm, method):
+    """One rank solves one problem while the others solve another; then all solve together."""
+    mine = comm.Split(color=min(comm.rank, 1), key=comm.rank)
+    problem, approach = (hertz(48), APPROACH) if comm.rank == 0 else (punch(48), 0.1)
+    with (
+        ContactSolver(problem, method, TIGHT, mine) as solver,
+        ContactSolver(hertz(40), method, TIGHT) as all_of_us,
+    ):
+        first = solver.solve(approach=approach)
+        together = all_of_us.solve(approach=APPROACH)
+        for _ in range(min(comm.rank, 1)):  # as often as each part likes
+            again = solver.solve(load=first.load)
+            assert again.approach == pytest.approx(approach, rel=1e-6)
+    assert first.comm.size == (1 if comm.rank == 0 else comm.size - 1)
+    assert first.converged and together.converged
+    assert_close(whole(first), solve(problem, approach, method, comm=MPI.COMM_SELF, **TIGHT).pressure)
+    assert_close(whole(together), solve(hertz(40), APPROACH, method, comm=MPI.COMM_SELF, **TIGHT).pressure)
+    mine.Free()
+
+
+@pytest.mark.mpi(2, 3)
+def test_solvers_of_different_methods_are_alive_at_once(comm):
+    methods = ("fast", "norm", "mg_v11", "fmg_v11")
+    solvers = [ContactSolver(punch(40), method, TIGHT, comm) for method in methods]
+    found = [solver.solve(approach=0.1) for solver in solvers]
+    found = [solver.solve(approach=0.1, start=found[0]) for solver in solvers]
+    expected = solve(punch(40), 0.1, "norm", comm=MPI.COMM_SELF, lcp_rtol=1e-9).pressure
+    for solver, solution in zip(reversed(solvers), found, strict=True):
+        assert_close(whole(solution), expected)
+        solver.close()
+
+
+@pytest.mark.mpi(2, 3)
+def test_communicators_come_back(comm):
+    def lowest():
+        fresh = comm.Dup()
+        number = fresh.py2f()
+        fresh.Free()
+        return comm.allreduce(number, MPI.MAX)
+
+    def use(times):
+        for k in range(times):
+            solver = ContactSolver(hertz(24), ("fast", "norm", "fmg_v11")[k % 3], TIGHT)
+            solver.solve(approach=APPROACH)
+            solver.close()
+        gc.collect()
+        return lowest()
+
+    assert use(30) <= use(6)  # none is left behind
+
+
+@pytest.mark.mpi(1, 2, 3)
+def test_a_start_from_all_ranks(comm):
+    with ContactSolver(hertz(48), options=TIGHT) as solver:
+        first = solver.solve(approach=APPROACH)
+        warm = solver.solve(load=1.05 * first.load, start=first)
+        cold = solver.solve(load=1.05 * first.load)
+    assert_close(whole(warm), whole(cold))
+    assert warm.approach == pytest.approx(cold.approach, rel=1e-7)
+
+
+@pytest.mark.mpi(2, 3)
+def test_a_start_of_other_ranks_is_refused_everywhere(comm):
+    own = solve(hertz(24), APPROACH, comm=MPI.COMM_SELF)
+    with ContactSolver(hertz(24)) as solver, pytest.raises(InputError, match="as many ranks"):
+        solver.solve(approach=APPROACH, start=own)
+
+
+@pytest.mark.mpi(1, 2, 3)
+def test_gathered_and_saved(comm, tmp_path):
+    found = solve(punch(40, 36), 0.1, "fast")
+    assert found.pressure.shape == (found.slabs.local, 40)
+    gathered = found.gather()
+    found.save(tmp_path / "found.h5")
+    rows = comm.allgather(found.slabs.rows)
+    if comm.rank:
+        assert gathered is None
+        return
+    assert gathered.pressure.shape == gathered.gap.shape == gathered.contact.shape == (36, 40)
+    np.testing.assert_array_equal(gathered.pressure[rows[0]], found.pressure)
+    np.testing.assert_array_equal(gathered.gap[rows[0]], found.gap)
+    assert (gathered.load, gathered.contact_cells) == (found.load, gathered.contact.sum())
+    np.testing.assert_array_equal(gathered.y, gathered.grid.y())
+    saved = read_result(tmp_path / "found.h5")
+    np.testing.assert_array_equal(saved.pressure, gathered.pressure)
+    assert saved.attributes["ranks"] == comm.size
+
+
+def refusals(comm):
+    """What cannot be done, the same on every rank or on the last one only."""
+    last = comm.rank == comm.size - 1
+    bad = np.zeros((8, 8))
+    if last:
+        bad[-1, -1] = np.inf
+
+    def gap(x, y):
+        if last:
+            raise ValueError("this rank\ncannot")
+        return x**2 + y**2
+
+    grid, steel = Grid(8, 8, 1.0, 1.0), Material.combined(80000, 0.3)
+    yield "exactly one", lambda: solve(hertz(8), None)
+    yield "a number", lambda: solve(hertz(8), np.nan)
+    yield "stick", lambda: solve(hertz(8), None, "fast", -1.0)
+    yield "allowed", lambda: solve(hertz(8), 0.1, "faster")
+    yield "lcp_rtool", lambda: solve(hertz(8), 0.1, lcp_rtool=1e-3)
+    yield "no effect", lambda: solve(hertz(8), 0.1, lcp_predictor=1.0)
+    yield "ksp_rtoll", lambda: solve(hertz(8), 0.1, ksp_rtoll=1e-3)
+    yield "this rank cannot", lambda: solve(ContactProblem(grid, steel, gap), 0.1)
+    yield "impossible in all cells", lambda: solve(ContactProblem(grid, steel, np.full((8, 8), np.nan)), 0.1)
+
+
+@pytest.mark.mpi(1, 2, 3)
+@pytest.mark.parametrize("number", range(9))
+def test_every_rank_hears_of_what_cannot_be(comm, number):
+    message, action = list(refusals(comm))[number]
+    with pytest.raises(InputError, match=message):
+        action()
+    assert solve(hertz(8), APPROACH).converged  # nobody waits for anybody

@@ -1,0 +1,348 @@
+"""The Python API: solvers beside each other, again and again, from where another ended; what is refused."""
+
+import gc
+import tracemalloc
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cases import APPROACH, hertz, punch
+from mpi4py import MPI
+from petsc4py import PETSc
+from running import assert_solves_lcp
+
+from app import ContactProblem, ContactSolver, Grid, Material, Solution, read_result, solve
+from app.errors import InputError
+
+METHODS = {
+    "fast": (None, {}),
+    "norm": ("norm", {}),
+    "mg": ("mg_v11", {}),
+    "fmg": ("fmg_v11", {}),
+    "tao": (None, {"lcp_type": "tao"}),
+    "snesvi": (None, {"lcp_type": "snesvi"}),
+}
+each_method = pytest.mark.parametrize("method", METHODS)
+
+
+def solver_of(method, problem=None, **options):
+    name, own = METHODS[method]
+    return ContactSolver(problem or punch(24), name, own | options)
+
+
+def assert_same(found, expected):
+    """To the last bit."""
+    assert (found.load, found.approach) == (expected.load, expected.approach)
+    assert found.iterations == expected.iterations
+    for name in ("pressure", "displacement", "undeformed_distance", "contact"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+
+
+def copy_of(solution):
+    return {name: getattr(solution, name).copy() for name in ("pressure", "displacement", "contact", "gap")}
+
+
+# ---------------------------------------------------------------------------------- one after another
+
+
+@each_method
+def test_solving_twice_is_solving_in_two_solvers(method):
+    """What was solved before leaves no trace."""
+    with solver_of(method) as once, solver_of(method) as again:
+        expected = once.solve(approach=0.1)
+        again.solve(approach=-0.15)
+        assert_same(again.solve(approach=0.1), expected)
+        assert_same(once.solve(approach=0.1), expected)
+
+
+@each_method
+def test_solutions_stay_what_they_are(method):
+    with solver_of(method) as solver:
+        first = solver.solve(approach=0.1)
+        before = copy_of(first)
+        solver.solve(approach=0.2)
+        solver.solve(approach=-0.15, start=None if method in ("tao", "snesvi") else first)
+    gap = before.pop("gap")  # from h, which is moved back: but for rounding
+    np.testing.assert_allclose(first.gap, gap, rtol=0, atol=1e-15 * np.nanmax(abs(first.undeformed_distance)))
+    for name, values in before.items():
+        np.testing.assert_array_equal(getattr(first, name), values)
+    assert_solves_lcp(first)
+
+
+def test_solvers_of_different_methods_are_alive_at_once():
+    expected = {
+        method: solve(punch(24), 0.1, method=name, options=own) for method, (name, own) in METHODS.items()
+    }
+    solvers = {method: solver_of(method) for method in METHODS}
+    for approach in (-0.1, 0.1):
+        found = {method: solver.solve(approach=approach) for method, solver in solvers.items()}
+    for method in METHODS:
+        assert_same(found[method], expected[method])
+    for method in ("fmg", "tao", "fast", "norm", "snesvi", "mg"):  # not in the order they were made
+        solvers.pop(method).close()
+        for other in solvers.values():
+            assert other.solve(approach=0.1).converged
+
+
+def test_options_of_one_solver_are_not_those_of_another():
+    with solver_of("norm") as loose, solver_of("norm", lcp_rtol=1e-12) as tight:
+        assert loose.settings.rtol == 1e-6
+        coarse, fine = (solver.solve(approach=0.1) for solver in (loose, tight))
+    assert fine.residual <= 1e-12 < coarse.residual
+    assert "-lcp_rtol 1e-12" in fine.options
+    assert "-lcp_rtol" not in coarse.options
+
+
+# --------------------------------------------------------------------------------------------- starts
+
+
+@pytest.mark.parametrize("method", ["fast", "norm", "mg", "fmg"])
+@pytest.mark.parametrize("by_load", [False, True], ids=["approach", "load"])
+def test_a_start_saves_work_and_does_not_change_the_answer(method, by_load):
+    with solver_of(method, hertz(64), lcp_rtol=1e-9) as solver:
+        first = solver.solve(approach=APPROACH)
+        cold = solver.solve(approach=1.01 * APPROACH)
+        loading = {"load": cold.load} if by_load else {"approach": cold.approach}
+        warm = solver.solve(**loading, start=first)
+        same = solver.solve(**loading, start=cold)
+    assert_solves_lcp(warm, 1e-9)
+    highest = cold.pressure.max()
+    np.testing.assert_allclose(warm.pressure, cold.pressure, rtol=0, atol=1e-6 * highest)
+    np.testing.assert_array_equal(warm.contact, cold.contact)
+    assert warm.operator_applications < 1.5 * cold.operator_applications
+    assert same.operator_applications < 0.6 * cold.operator_applications
+
+
+def test_any_solution_on_the_grid_is_a_start():
+    problem = hertz(32)
+    expected = solve(problem, APPROACH, options={"lcp_rtol": 1e-9})
+    with ContactSolver(problem, options={"lcp_rtol": 1e-9}) as solver:
+        starts = [
+            solver.solve(approach=-1.0),
+            solver.solve(load=0),
+            solver.solve(approach=1.0),
+            solve(problem, 0.05, method="norm"),
+            solve(punch_on(problem.grid), 0.1),
+        ]
+        for start in starts:
+            for loading in ({"approach": APPROACH}, {"load": expected.load}):
+                found = solver.solve(**loading, start=start)
+                assert_solves_lcp(found, 1e-9)
+                assert found.load == pytest.approx(expected.load, rel=1e-7)
+                np.testing.assert_array_equal(found.contact, expected.contact)
+
+
+def punch_on(grid):
+    return ContactProblem(grid, hertz(8).material, lambda x, y: np.where(x**2 + y**2 < 9, 0 * x * y, np.nan))
+
+
+# --------------------------------------------------------------------------------------- what is left
+
+
+@each_method
+def test_the_global_options_are_none_of_its_business(method):
+    database = PETSc.Options()
+    database.setValue("ksp_rtol", "0.5")
+    database.setValue("lcp_rtol", "nonsense")
+    try:
+        before = database.getAll()
+        with solver_of(method) as solver:
+            found = solver.solve(approach=0.1)
+            assert database.getAll() == before
+        assert database.getAll() == before
+    finally:
+        for name in ("ksp_rtol", "lcp_rtol"):
+            database.delValue(name)
+    with solver_of(method) as solver:
+        assert_same(solver.solve(approach=0.1), found)
+
+
+def test_options_with_a_prefix_come_from_the_global_ones():
+    database = PETSc.Options()
+    database.setValue("mine_lcp_rtol", "1e-9")
+    try:
+        with ContactSolver(punch(24), options={"lcp_rtol": 1e-3, "lcp_max_it": 50}, prefix="mine_") as solver:
+            assert (solver.settings.rtol, solver.settings.max_it) == (1e-9, 50)
+            assert solver.solve(approach=0.1).residual <= 1e-9
+        assert database.getAll() == {"mine_lcp_rtol": "1e-9"}
+    finally:
+        database.delValue("mine_lcp_rtol")
+
+
+def communicators():
+    """Number that the next communicator gets, the lowest that is free."""
+    comm = MPI.COMM_SELF.Dup()
+    number = comm.py2f()
+    comm.Free()
+    return number
+
+
+def resident():
+    """Memory of this process [bytes]."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
+
+
+@pytest.mark.parametrize(
+    ("method", "closed"),
+    [*((method, True) for method in METHODS), ("fast", False)],
+    ids=[*METHODS, "forgotten"],
+)
+def test_memory_and_communicators_come_back(method, closed):
+    grid = hertz(40)
+    vector = 8 * 40**2  # bytes
+
+    def use(times):
+        for _ in range(times):
+            solver = solver_of(method, grid)
+            solver.solve(approach=APPROACH)
+            if closed:
+                solver.close()
+        solver = None
+        gc.collect()
+        return resident(), communicators()
+
+    memory, number = use(20)
+    after, still = use(100)
+    assert still == number
+    assert after - memory < 90 * vector
+    tracemalloc.start()
+    try:
+        use(1)
+        python = tracemalloc.get_traced_memory()[0]
+        use(10)
+        assert tracemalloc.get_traced_memory()[0] - python < 9 * vector
+    finally:
+        tracemalloc.stop()
+
+
+# --------------------------------------------------------------------------------------- what is said
+
+
+def test_solution_is_whole_and_frozen(tmp_path):
+    with ContactSolver(punch(24)) as solver:
+        found = solver.solve(load=3e4)
+        assert isinstance(found, Solution)
+        assert solver.setup_seconds == found.setup_seconds > 0
+    assert found.pressure.shape == found.gap.shape == (24, 24)
+    assert found.contact.dtype == bool
+    assert found.load == pytest.approx(found.pressure.sum() * found.grid.cell_area, rel=1e-12)
+    assert found.contact_cells == found.contact.sum()
+    assert found.contact_fraction == found.contact_cells / np.count_nonzero(~np.isnan(found.gap))
+    assert found.max_pressure == found.pressure.max()
+    assert found.error_bound == found.certificate.error_bound < 0.01
+    np.testing.assert_array_equal(found.gap, found.undeformed_distance + found.displacement)
+    np.testing.assert_array_equal(found.x, found.grid.x())
+    np.testing.assert_array_equal(found.y, found.grid.y())
+    with pytest.raises(AttributeError):
+        found.load = 1.0
+    found.save(tmp_path / "found.h5", mine=7)
+    saved = read_result(tmp_path / "found.h5")
+    np.testing.assert_array_equal(saved.pressure, found.pressure)
+    assert saved.attributes["load"] == found.load
+
+
+def test_not_converged_is_a_warning_and_an_answer():
+    with pytest.warns(RuntimeWarning, match="not converged: .*not enough"):
+        found = solve(punch(24), 0.1, method="norm", options={"lcp_max_it": 1})
+    assert not found.converged
+    assert found.iterations == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert solve(punch(24), 0.1).converged
+
+
+# ------------------------------------------------------------------------------------ what is refused
+
+LOADINGS = {
+    "both": ({"approach": 0.1, "load": 1.0}, "exactly one"),
+    "neither": ({}, "exactly one"),
+    "nan": ({"approach": np.nan}, "approach nan: allowed: a number"),
+    "infinite": ({"load": np.inf}, "load inf: allowed: a number"),
+    "huge": ({"approach": 1e60}, "approach 1e.60: allowed: a number"),
+    "text": ({"approach": "deep"}, "approach deep"),
+    "pull": ({"load": -1.0}, "load -1"),
+    "array": ({"load": [1.0, 2.0]}, "allowed: a number"),
+    "start": ({"approach": 0.1, "start": "here"}, "start"),
+}
+
+
+@pytest.mark.parametrize("case", LOADINGS)
+def test_loading_that_cannot_be(case):
+    loading, message = LOADINGS[case]
+    with ContactSolver(punch(24)) as solver:
+        with pytest.raises(InputError, match=message):
+            solver.solve(**loading)
+        assert solver.solve(approach=0.1).converged  # it is none the worse for it
+
+
+def test_start_on_another_grid():
+    other = solve(punch(20), 0.1)
+    with ContactSolver(punch(24)) as solver, pytest.raises(InputError, match="same grid"):
+        solver.solve(approach=0.1, start=other)
+
+
+def test_loads_are_not_for_the_reference_solvers():
+    with solver_of("tao") as solver, pytest.raises(InputError, match="by approach only"):
+        solver.solve(load=1.0)
+
+
+def test_a_closed_solver_solves_nothing():
+    solver = ContactSolver(punch(24))
+    solver.close()
+    solver.close()
+    with pytest.raises(InputError, match="closed"):
+        solver.solve(approach=0.1)
+
+
+OPTIONS = {
+    "unknown method": ({"method": "faster"}, "method 'faster': allowed: .*fmg_v11"),
+    "a problem is no method": ({"method": "hertz"}, "problem|hertz"),
+    "unknown option": ({"options": {"lcp_foo": 1}}, "lcp_foo"),
+    "misspelt option of PETSc": ({"options": {"ksp_rtoll": 1}}, "ksp_rtoll"),
+    "value that is no number": ({"options": {"lcp_rtol": "small"}}, "-lcp_rtol small"),
+    "tolerance beyond all": ({"options": {"lcp_rtol": 1.0}}, "-lcp_rtol 1"),
+    "unknown KSP": ({"options": {"ksp_type": "gc"}}, "gc"),
+    "only the default method": ({"method": "norm", "options": {"lcp_predictor": 1.0}}, "lcp_predictor.*no effect"),
+    "only nested": ({"method": "mg_v11", "options": {"lcp_beta": 0.01}}, "lcp_beta.*no effect"),
+    "only by copy": ({"options": {"lcp_beta": 0.01}}, "lcp_beta.*no effect"),
+    "only active sets": ({"options": {"lcp_type": "tao", "lcp_nested": True}}, "lcp_nested.*no effect"),
+    "levels of no multigrid": ({"method": "norm", "options": {"mg_levels_pc_type": "sor"}}, "mg_levels_pc_type"),
+    "no tracking": ({"method": "fast", "options": {"ksp_type": "cg"}}, "TrackingCG|ksp_python_type"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", OPTIONS)
+def test_options_that_cannot_be(case):
+    how, message = OPTIONS[case]
+    before = communicators()
+    with pytest.raises(InputError, match=message):
+        ContactSolver(punch(24), **how)
+    gc.collect()
+    assert communicators() == before
+
+
+@pytest.mark.parametrize(
+    ("gap", "message"),
+    [
+        (np.zeros((8, 7)), r"\(8, 7\).*\(7, 8\)"),
+        (np.zeros(56), r"\(56,\)"),
+        (np.full((7, 8), np.inf), "allowed"),
+        ([["a"] * 8] * 7, "array of numbers"),
+        (lambda x, y: 1 / (x - x), "allowed"),
+        (np.full((7, 8), np.nan), "impossible in all cells"),
+        (lambda x, y: np.zeros(3), "shape|broadcast"),
+    ],
+    ids=[
+        "transposed",
+        "flat",
+        "infinite",
+        "text",
+        "infinite function",
+        "no cell",
+        "function of another shape",
+    ],
+)
+def test_gap_that_cannot_be(gap, message):
+    with np.errstate(all="ignore"), pytest.raises(InputError, match=message):
+        solve(ContactProblem(Grid(8, 7, 1.0, 1.0), Material.combined(80000, 0.3), gap), approach=0.1)
