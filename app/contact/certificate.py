@@ -60,6 +60,12 @@ def certify(state):
 
 def estimate(state):
     """Certify the pressure as far as the displacement of `state` is that of the pressure. Collective; see `certify`."""
+    if state.certificate is None:
+        state.certificate = _prove(state)
+    return state.certificate
+
+
+def _prove(state):
     b, u, p, admissible = state.distance.b, state.u, state.p, state.admissible
     largest, sums = _survey(b, u, p, admissible)
     largest = np.maximum(-state.minimum(-largest), [0, 0, -np.inf, 0, 0, 0])
@@ -95,7 +101,7 @@ def _survey_row(b, u, p, admissible):
     for i in range(b.size):
         h = -b[i] if admissible[i] else 0.0
         e = h + u[i] if admissible[i] else 0.0
-        lift = max(lift, -e / u[i] if u[i] > 0 else 0.0)
+        lift = max(lift, -e / u[i] if (e < 0) & (u[i] > 0) else 0.0)
         penetration = max(penetration, -e)
         tension = max(tension, -p[i])
         product = max(product, abs(p[i] * e))

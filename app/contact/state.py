@@ -180,13 +180,22 @@ class ContactState:
     # -- what it is -------------------------------------------------------------------------------------
 
     @property
+    def u_is(self):
+        """What u is to p, a `Displacement`; set by whoever changes one of them. Not collective."""
+        return self._u_is
+
+    @u_is.setter
+    def u_is(self, value):
+        self._u_is, self.certificate = value, None
+
+    @property
     def approach(self):
         """delta [mm]. Not collective."""
         return self.distance.approach
 
     @approach.setter
     def approach(self, value):
-        self.distance.move_to(value - self.distance.reference)
+        self.depth = value - self.distance.reference
 
     @property
     def depth(self):
@@ -196,6 +205,7 @@ class ContactState:
     @depth.setter
     def depth(self, value):
         self.distance.move_to(value)
+        self.certificate = None
 
     @property
     def rhs(self):
@@ -327,6 +337,7 @@ class ContactState:
         """p and u times a factor. Not collective."""
         self.pressure.scale(factor)
         self.u *= factor
+        self.certificate = None
 
     def spread(self, load):
         """Let p have a load [N], evenly over C, and u be A p. Collective."""

@@ -64,6 +64,11 @@ class InexactStop(StoppingTest):
             return True
         return estimate(state).error_bound <= self.error_bound
 
+    def worth_verifying(self, state):
+        """Whether a verification product may end it; where contact is small the certificate says. Collective."""
+        light = self.final and IN_CONTACT * state.h_on_contact() < state.distance.norm()
+        return self.promising(state) if light else True
+
     def tighter(self):
         """Return a test that asks for ten times as much. Not collective."""
         return replace(self, rtol=0.1 * self.rtol)
@@ -100,9 +105,11 @@ def inexact_active_set(state, solver, loading, stop, history):
         solver.set_contact()  # 2. (2.11) on C^k
         its, failure, norm = solver.improve(state, allowed, resume)  # 3. a little, u along with p
         inner += its
-        if norm <= allowed and not stop.final:
+        ready = norm <= allowed and (not stop.final or solver.tension(state) <= stop.rtol)
+        too_loose = ready and not stop.worth_verifying(state)
+        if ready and not stop.final:
             released, update, done = _leave(state, solver, loading, allowed)
-        elif norm <= allowed and solver.tension(state) <= stop.rtol and stop.promising(state):
+        elif ready and not too_loose:
             released, update, done = _verify(state, loading, stop)
         else:
             released = solver.release(state)  # (4.a), and u along with it
@@ -115,7 +122,7 @@ def inexact_active_set(state, solver, loading, stop, history):
             return Outcome(False, wrong, k, inner, residual)
         if done and stop.promising(state):
             return Outcome(True, CONVERGED, k, inner, residual)
-        if norm <= allowed and not stop.promising(state):
+        if done or too_loose:
             stop = stop.tighter()
         resume = not (update.changed or released) and state.u_is is Displacement.CARRIED
         since += 1

@@ -15,7 +15,9 @@ problem = ContactProblem(grid, Material.combined(80000, 0.3), ball)
 """
 PROGRAMS = {
     "forgotten": "solver = ContactSolver(problem)\nfound = solver.solve(approach=0.005)",
-    "forgotten in a circle": "solver = ContactSolver(problem)\nsolver.me = solver\nsolver.solve(approach=0.005)\ndel solver",
+    "forgotten in a circle": (
+        "solver = ContactSolver(problem)\nsolver.me = solver\nsolver.solve(approach=0.005)\ndel solver"
+    ),
     "several, in a list": (
         "solvers = [ContactSolver(problem, method) for method in ('fmg_v11', None, 'norm', 'mg_v11')]\n"
         "found = [solver.solve(approach=0.005) for solver in solvers]\ndel solvers[1]"
