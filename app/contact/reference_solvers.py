@@ -15,6 +15,14 @@ from app.contact.history import Outcome
 from app.contact.state import Displacement
 from app.multigrid.linear_solver import reason_names
 from app.multigrid.pcmg import options_set
+from app.petsc import error_message
+
+_GIVES_UP = (
+    72,
+    77,
+    82,
+    91,
+)  # PETSc's errors: numbers that are none, inconsistent data (a line search), no convergence
 
 
 class _ReferenceSolver:
@@ -64,7 +72,12 @@ class _ReferenceSolver:
         upper.setArray(np.where(state.admissible, PETSc.INFINITY, 0.0).reshape(-1))
         self._h.setArray(np.where(state.admissible, -state.distance.b, 0.0).reshape(-1))
         acceptable = self.stop.allowed(state)
-        reason = self._run(state.pressure, lower, upper, 0.1 * acceptable)
+        try:
+            reason = self._run(state.pressure, lower, upper, 0.1 * acceptable)
+        except PETSc.Error as error:
+            if error.ierr not in _GIVES_UP:
+                raise
+            reason = error_message(error)
         norm = self._residual(state)
         self._record.end(norm)
         for vec in (lower, upper):
