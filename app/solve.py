@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+import types
+
 from app.commands import session
 
 
@@ -10,7 +13,6 @@ def main(given):
     # Not before the session has started: MPI and PETSc start when they are imported.
     import gc
     import shlex
-    import sys
     import time
     import warnings
 
@@ -49,6 +51,17 @@ def main(given):
         session.warn(line)
     return 0 if solution.converged else 3
 
+
+class _Command(types.ModuleType):
+    """Where a program imports the command, ``from app import solve`` still solves."""
+
+    def __call__(self, *arguments, **named):
+        from app.solver import solve
+
+        return solve(*arguments, **named)
+
+
+sys.modules[__name__].__class__ = _Command
 
 if __name__ == "__main__":
     session.run(main)

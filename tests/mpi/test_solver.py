@@ -73,7 +73,8 @@ def test_communicators_come_back(comm):
         gc.collect()
         return lowest()
 
-    assert use(30) <= use(6)  # none is left behind
+    few = use(3)
+    assert use(30) <= few + 1  # not one for each
 
 
 @pytest.mark.mpi(1, 2, 3)

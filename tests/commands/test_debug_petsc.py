@@ -1,0 +1,51 @@
+"""Every method on Debian's PETSc built for debugging: locked right-hand sides, and nothing left in the end."""
+
+import os
+from pathlib import Path
+
+import petsc4py
+import pytest
+from processes import run
+
+PROGRAM = """
+import sys, warnings
+
+import petsc4py
+
+petsc4py.init([sys.argv[0], "-malloc_dump", "-objects_dump"])
+from app import ContactProblem, Grid, Material, solve
+
+grid = Grid.from_domain(24, 24, (-10, 10, -6, 6))
+hertz = ContactProblem(grid, Material.combined(82000, 0.28), lambda x, y: x**2 / 600 + y**2 / 326)
+for method in ("fast", "norm", "mg_v11", "fmg_v11"):
+    for loading in ({"approach": 0.1}, {"load": 70000.0}):
+        assert solve(hertz, method=method, **loading).converged, method
+for kind in ("tao", "snesvi"):
+    assert solve(hertz, approach=0.1, options={"lcp_type": kind}).converged, kind
+print("solved")
+"""
+
+
+def debug_library():
+    """Folder of the debug build beside the PETSc that petsc4py is made for, or None."""
+    parents = Path(petsc4py.__file__).resolve().parents
+    folder = next((parent for parent in parents if parent.name.endswith("-real")), None)
+    if folder is None:
+        return None
+    library = folder.with_name(f"{folder.name}-debug") / "lib"
+    return library if library.is_dir() else None
+
+
+@pytest.mark.ranks(None, 2)
+def test_nothing_is_left_and_nothing_locked_is_written(ranks, tmp_path):
+    library = debug_library()
+    if library is None:
+        pytest.skip("no debug build of PETSc (Debian: libpetsc-real3.18-dbg)")
+    program = tmp_path / "program.py"
+    program.write_text(PROGRAM)
+    path = f"{library}:{os.environ.get('LD_LIBRARY_PATH', '')}"
+    done = run(program, ranks=ranks, timeout=180, env={"LD_LIBRARY_PATH": path})
+    assert done.returncode == 0, done.stderr
+    assert "solved" in done.stdout
+    assert "never freed" not in done.stdout + done.stderr
+    assert " bytes " not in done.stdout + done.stderr, done.stdout[:2000]

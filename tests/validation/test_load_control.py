@@ -1,0 +1,26 @@
+"""What a prescribed load costs against the approach it leads to, by count: self-affine surfaces to full contact."""
+
+import pytest
+from benchmarks.loads import MATERIAL, SLOPE, SPECTRA
+
+from app import ContactProblem, ContactSolver, Grid
+
+RELATIVE_LOADS = (0.003, 0.02, 0.09, 0.4, 0.9, 2.0)  # mean pressure / (E* rms slope): contact from 1% to 99%
+LIGHT = 12.0  # applications by approach: contacts of some hundred cells, which by approach are found almost at once
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("spectrum", SPECTRA[::2], ids=str)
+@pytest.mark.parametrize("size", [128, 256])
+def test_a_load_costs_little_more_than_its_approach(size, spectrum, seed):
+    grid = Grid.from_domain(size, size, (0.0, 1.0, 0.0, 1.0))
+    height = spectrum.height(grid, seed)
+    with ContactSolver(ContactProblem(grid, MATERIAL, height.max() - height)) as solver:
+        for relative in RELATIVE_LOADS:
+            load = relative * MATERIAL.contact_modulus * SLOPE
+            by_load = solver.solve(load=load)
+            by_approach = solver.solve(approach=by_load.approach)
+            assert by_load.converged and by_approach.converged
+            assert by_load.fallbacks == by_approach.fallbacks == 0
+            assert by_load.load == pytest.approx(load, rel=1e-12)
+            assert by_load.operator_applications <= 1.5 * max(by_approach.operator_applications, LIGHT)
