@@ -1,9 +1,9 @@
 """What a prescribed load costs against the approach it leads to, by count: self-affine surfaces to full contact."""
 
 import pytest
-from benchmarks.loads import MATERIAL, SLOPE, SPECTRA
 
 from app import ContactProblem, ContactSolver, Grid
+from benchmarks.loads import MATERIAL, SLOPE, SPECTRA
 
 RELATIVE_LOADS = (0.003, 0.02, 0.09, 0.4, 0.9, 2.0)  # mean pressure / (E* rms slope): contact from 1% to 99%
 LIGHT = 12.0  # applications by approach: contacts of some hundred cells, which by approach are found almost at once
