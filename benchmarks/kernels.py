@@ -11,11 +11,11 @@ from functools import partial
 import numpy as np
 from mpi4py import MPI
 
+from app.fast.circulant import circulant_inverse
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.influence import Material, influence_quadrant
 from app.halfspace.product import Convolution
 from app.halfspace.sweeps.gauss_seidel import GaussSeidel
-from app.multigrid.circulant import circulant_inverse
 from app.problems.surfaces import WavySurface
 from benchmarks.plain import seconds
 
