@@ -6,8 +6,6 @@ are per row first, so that they lose nothing on large grids.
 
 from __future__ import annotations
 
-import zlib
-
 import numba
 import numpy as np
 
@@ -158,11 +156,6 @@ def gap_on(b, u, admissible, contact):
         total += here[1]
         cells += here[2]
     return squares, total, cells
-
-
-def fingerprint(mask):
-    """Return a number that tells masks apart, as a float that sums exactly over some thousand ranks."""
-    return float(zlib.crc32(np.ascontiguousarray(mask).view(np.uint8)))
 
 
 def warm_up():

@@ -248,11 +248,6 @@ class ContactState:
         """||h||_2 over C [mm]. Collective."""
         return float(np.sqrt(self.sum([kernels.sum_squares(self.distance.b, 0.0, self.contact)])[0]))
 
-    def fingerprint(self):
-        """Return a number that tells contact sets apart. Collective."""
-        rank = 0 if self.comm is None else self.comm.rank
-        return float(self.sum([kernels.fingerprint(self.contact) * (1 + rank % 97)])[0])
-
     # -- Sec. 4.1, step by step -----------------------------------------------------------------------
 
     def start_from_interpenetration(self):

@@ -14,7 +14,7 @@ class StoppingTest:
     final: bool = True  # on the target grid
 
     def allowed(self, state):
-        """Norm of the residual that solves the problem, rtol ||h|| over the admissible cells [mm]. Not collective."""
+        """Norm of the residual that solves the problem, rtol ||h|| over the admissible cells [mm]. Collective."""
         return self.rtol * state.distance.norm()
 
     def __call__(self, state, residual):

@@ -96,23 +96,23 @@ def inexact_active_set(state, solver, loading, stop, history):
     NeedsSafeguard
         If the residual stagnates.
     """
-    inner, resume = 0, False
+    inner = 0
     best, since = float("inf"), 0
     if not begin(state, solver, loading, history):
         return Outcome(not loading.prescribes_load, NO_CONTACT)
     for k in range(1, stop.max_it + 1):
         allowed, done = stop.allowed(state), False
         solver.set_contact()  # 2. (2.11) on C^k
-        its, failure, norm = solver.improve(state, allowed, resume)  # 3. a little, u along with p
+        its, failure, norm = solver.improve(state, allowed)  # 3. a little, u along with p
         inner += its
         ready = norm <= allowed and (not stop.final or solver.tension(state) <= stop.rtol)
         too_loose = ready and not stop.worth_verifying(state)
         if ready and not stop.final:
-            released, update, done = _leave(state, solver, loading, allowed)
+            update, done = _leave(state, solver, loading, allowed)
         elif ready and not too_loose:
-            released, update, done = _verify(state, loading, stop)
+            update, done = _verify(state, loading, stop)
         else:
-            released = solver.release(state)  # (4.a), and u along with it
+            solver.release(state)  # (4.a), and u along with it
             loading.update(state)
             expected = solver.predict(state, stop.predictor) if norm > allowed else None
             update = state.activate_penetrating(expected)  # (4.b)
@@ -124,7 +124,6 @@ def inexact_active_set(state, solver, loading, stop, history):
             return Outcome(True, CONVERGED, k, inner, residual)
         if done or too_loose:
             stop = stop.tighter()
-        resume = not (update.changed or released) and state.u_is is Displacement.CARRIED
         since += 1
         if update.residual <= 0.5 * best:
             best, since = update.residual, 0
@@ -140,17 +139,17 @@ def _verify(state, loading, stop):
 
     Returns
     -------
-    int, Update, bool
-        Cells released; whether the problem is solved.
+    Update, bool
+        Of the contact set; whether the problem is solved.
     """
-    released = state.release_tensile()  # (4.a)
+    state.release_tensile()  # (4.a)
     if state.u_is is not Displacement.EXACT:
         state.compute_displacement(exact=True)
     loading.update(state)
     update = state.activate_penetrating()  # (4.b)
     if not update.changed and update.residual <= stop.allowed(state):
         update = loading.settle(state, update)
-    return released, update, not update.changed and update.residual <= stop.allowed(state)  # 5. and 6. (5.1)
+    return update, not update.changed and update.residual <= stop.allowed(state)  # 5. and 6. (5.1)
 
 
 def _leave(state, solver, loading, allowed):
@@ -161,8 +160,8 @@ def _leave(state, solver, loading, allowed):
     near = NEAR * allowed / np.sqrt(state.cells_in_contact())
     enough = solver.tension(state) <= RELEASED and loading.update(state) <= near
     if enough:
-        released = state.release_tensile()  # (4.a)
+        state.release_tensile()  # (4.a)
     else:
-        released = solver.release(state)  # (4.a), and u along with it
+        solver.release(state)  # (4.a), and u along with it
         loading.update(state)
-    return released, state.activate_penetrating(), enough  # (4.b)
+    return state.activate_penetrating(), enough  # (4.b)

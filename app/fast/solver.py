@@ -30,7 +30,7 @@ class TrackingSolver(LinearSolver):
             )
         self._cg = context
 
-    def improve(self, state, allowed, resume=False):
+    def improve(self, state, allowed):
         """Step 3, inexactly: p towards (2.11) on C, u = A p along with it.
 
         Collective.
@@ -40,8 +40,6 @@ class TrackingSolver(LinearSolver):
         state : ContactState
         allowed : float
             Norm of the residual that is small enough [mm].
-        resume : bool
-            Nothing has changed since the last call.
 
         Returns
         -------
@@ -52,7 +50,7 @@ class TrackingSolver(LinearSolver):
             Its norm [mm].
         """
         self.ksp.setInitialGuessNonzero(True)
-        self._cg.displacement, self._cg.resume = state.u, resume
+        self._cg.displacement = state.u
         iterations, failure = self._run(state.rhs, state.pressure, allowed)
         if iterations:
             state.u_is = Displacement.CARRIED

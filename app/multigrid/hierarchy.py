@@ -133,9 +133,3 @@ class Hierarchy:
     def spent(self, operator):
         """Count what was computed in a window that will not be used any more. Not collective."""
         self._spent += self.share(operator) * operator.equivalent_products
-
-    def keep_only_the_answer(self):
-        """Free everything but the target's double precision product: the solvers are done. Not collective."""
-        del self.levels[:-1]
-        self.transfers = [None]
-        self.target.free_solvers()
