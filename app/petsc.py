@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from functools import cache
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 _Handle = ctypes.c_void_p
@@ -157,3 +158,30 @@ def error_message(error):
     lines = (line.split("] ", 1)[-1] if line.startswith("[") else line for line in str(error).splitlines())
     told = [line.strip() for line in lines if "() " not in line and not line.startswith(noise)]
     return told[-1] if told else " ".join(str(error).split())
+
+
+class Resources:
+    """Objects with a ``destroy``, and a communicator: freed in reverse order, once. Collective."""
+
+    def __init__(self):
+        self._parts, self.comm = [], None
+
+    def add(self, part):
+        """Take a part, if it is one."""
+        if part is not None:
+            self._parts.append(part)
+
+    def remove(self, part):
+        """Free a part now."""
+        self._parts.remove(part)
+        part.destroy()
+
+    def free(self):
+        """Free all that is left, unless PETSc or MPI has ended."""
+        if PETSc.Sys.isFinalized() or MPI.Is_finalized():
+            return
+        while self._parts:
+            self._parts.pop().destroy()
+        if self.comm is not None:
+            self.comm.Free()
+            self.comm = None

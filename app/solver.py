@@ -47,7 +47,7 @@ from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.notes import notes_on
 from app.options import LARGEST
-from app.petsc import OptionDatabase, error_message
+from app.petsc import OptionDatabase, Resources, error_message
 from app.problems.given import ContactProblem
 from app.solution import Solution
 
@@ -111,7 +111,7 @@ class ContactSolver:
 
     def __init__(self, problem, method=None, options=None, comm=None, prefix="", listeners=()):
         started = time.perf_counter()
-        self._resources, self._distances = _Resources(), []
+        self._resources, self._distances = Resources(), []
         self._finalizer = weakref.finalize(self, self._resources.free)
         self.problem, self.listeners = problem, list(listeners)
         self._outer_comm = MPI.COMM_WORLD if comm is None else comm
@@ -410,30 +410,6 @@ class ContactSolver:
 
     def __exit__(self, *error):
         self.close()
-
-
-class _Resources:
-    """What must be freed, in order, when the solver is closed or forgotten."""
-
-    def __init__(self):
-        self._parts, self.comm = [], None
-
-    def add(self, part):
-        if part is not None:
-            self._parts.append(part)
-
-    def remove(self, part):
-        self._parts.remove(part)
-        part.destroy()
-
-    def free(self):
-        if PETSc.Sys.isFinalized() or MPI.Is_finalized():
-            return
-        while self._parts:
-            self._parts.pop().destroy()
-        if self.comm is not None:
-            self.comm.Free()
-            self.comm = None
 
 
 def _shape_on_target(problem, rows):
