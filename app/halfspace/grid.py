@@ -12,7 +12,7 @@ padding. A direction of at most `coarsest` cells is not coarsened any further.
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,9 @@ class Grid:
         Size of a cell.
     x0, y0 : float
         Lower left corner of the patch.
+    periodic : str
+        Empty: the patch is alone on its half-space. Else it repeats for ever in x and y, and this names the symbol of
+        its influence matrix, see `app.halfspace.periodic`.
     """
 
     nx: int
@@ -41,6 +44,7 @@ class Grid:
     dy: float
     x0: float = 0.0
     y0: float = 0.0
+    periodic: str = ""
 
     @classmethod
     def from_domain(cls, nx, ny, domain):
@@ -76,15 +80,19 @@ class Grid:
         return (self.y0 + (np.arange(self.ny) + 0.5) * self.dy)[rows]
 
     def coarsening(self, coarsest=4):
-        """Factors ``(fy, fx)`` from this grid to the next coarser one: 2, or 1 for a short direction."""
-        return (2 if self.ny > coarsest else 1), (2 if self.nx > coarsest else 1)
+        """Factors ``(fy, fx)`` from this grid to the next coarser one: 2, or 1 for a direction that is not halved."""
+
+        def factor(n):
+            return 2 if n > coarsest and not (self.periodic and n % 2) else 1
+
+        return factor(self.ny), factor(self.nx)
 
     def coarsen(self, coarsest=4):
-        """Return the next coarser grid, or None if both directions are short. Not collective."""
+        """Return the next coarser grid, or None if no direction can be halved. Not collective."""
         fy, fx = self.coarsening(coarsest)
         if fy == fx == 1:
             return None
-        return Grid(-(-self.nx // fx), -(-self.ny // fy), fx * self.dx, fy * self.dy, self.x0, self.y0)
+        return replace(self, nx=-(-self.nx // fx), ny=-(-self.ny // fy), dx=fx * self.dx, dy=fy * self.dy)
 
 
 def check_memory(grid, ranks):

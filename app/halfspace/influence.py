@@ -23,6 +23,8 @@ from functools import lru_cache
 import numba
 import numpy as np
 
+from app.halfspace.periodic import periodic_quadrant
+
 # The closed form subtracts numbers that are up to rho/cell times larger than their difference. From 8 cells on a
 # Taylor series about the centre of the cell cancels nothing; its terms beyond order 12 sum up to less than 4e-17.
 _CLOSED_FORM_UP_TO = 8.0
@@ -156,6 +158,7 @@ def influence_quadrant(grid, compliance, rows=slice(None), columns=None):
     Parameters
     ----------
     grid : Grid
+        If it is periodic, images are counted in.
     compliance : float
         (1 - nu) / (pi G) [mm2/N].
     rows : slice
@@ -167,6 +170,8 @@ def influence_quadrant(grid, compliance, rows=slice(None), columns=None):
     -------
     ndarray, shape (number of rows, columns), [mm / (N/mm2)]
     """
+    if grid.periodic:
+        return periodic_quadrant(grid, compliance, rows, columns)
     offsets = np.arange(grid.ny)[rows]
     quadrant = np.empty((len(offsets), grid.nx if columns is None else columns))
     sides, squares, series = _taylor_series(grid.dx, grid.dy)

@@ -15,9 +15,11 @@ from petsc4py import PETSc
 
 from app.halfspace.fft import transpose
 from app.halfspace.fft.lengths import transform_length
+from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Slabs
 from app.halfspace.influence import dense_matrix, influence_quadrant
-from app.halfspace.product import Convolution, DenseProduct
+from app.halfspace.periodic import influence_symbol
+from app.halfspace.product import Convolution, DenseProduct, PeriodicProduct
 
 _FORWARD, _BACKWARD = 1 | 4, 2 | 8  # MatSORType: the "local" kinds mean the same here, see `SOR`
 _ZERO_GUESS = 16
@@ -93,7 +95,7 @@ class InfluenceOperator:
         if not self.needs_verification:
             return self.exact_product
         exact = vars(self).get("exact_product")
-        if isinstance(exact, Convolution):
+        if isinstance(exact, EvenMultiplier):
             return exact.in_precision(self.dtype)
         return self._convolution(self.dtype)
 
@@ -107,10 +109,13 @@ class InfluenceOperator:
         """A convolution whose working storage other transforms on this grid may use, if there is one already."""
         made = vars(self)
         products = (made.get("product"), made.get("exact_product"))
-        here = next((product for product in products if isinstance(product, Convolution)), None)
+        here = next((product for product in products if isinstance(product, EvenMultiplier)), None)
         return here or (self._workspace and self._workspace.storage)
 
     def _convolution(self, dtype):
+        if self.grid.periodic:
+            symbol = partial(influence_symbol, self.grid, self.compliance)
+            return PeriodicProduct(symbol, self.grid.shape, self.slabs, self.comm, dtype, self.storage)
         quadrant = partial(influence_quadrant, self.grid, self.compliance)
         return Convolution(quadrant, self.grid.shape, self.slabs, self.comm, dtype, self.storage)
 
@@ -142,7 +147,7 @@ class InfluenceOperator:
             return
         kept = self.dtype, self.needs_verification, vars(self).pop("product", None), self.circulants
         self.dtype, self.circulants = np.dtype(np.float64), {}
-        self.needs_verification = not isinstance(self.exact_product, Convolution)
+        self.needs_verification = not isinstance(self.exact_product, EvenMultiplier)
         try:
             yield
         finally:
@@ -250,7 +255,8 @@ class InfluenceOperator:
 
     def _circulant_products(self):
         """Applications of circulants, in products, by their lengths."""
-        padded = transform_length(self.grid.ny) * transform_length(self.grid.nx)
+        grid = self.grid
+        padded = grid.n if grid.periodic else transform_length(grid.ny) * transform_length(grid.nx)
         sizes = ((circulant.count, *circulant.periods) for circulant in self.circulants.values())
         return sum(count * ny * nx for count, ny, nx in sizes) / padded
 

@@ -1,7 +1,8 @@
 """The product u = A p, eq. (2.6): by FFT on any grid, by a stored matrix on the smallest.
 
 ``u[j, i] = sum_{j', i'} K[|j - j'|, |i - i'|] p[j', i']`` on an ny x nx grid is a periodic convolution on an
-``Ny x Nx`` grid, ``N >= 2 n - 1``, of p padded with zeros: see `app.halfspace.fft.multiplier`.
+``Ny x Nx`` grid, ``N >= 2 n - 1``, of p padded with zeros: see `app.halfspace.fft.multiplier`. On a periodic patch it
+is one on the grid itself.
 """
 
 from __future__ import annotations
@@ -31,12 +32,24 @@ class Convolution(EvenMultiplier):
         self.set_kernel(quadrant_rows, ny, nx)
         self.scale_spectrum(lambda spectrum: spectrum)
 
-    def in_precision(self, dtype):
-        """Return the same product in another precision, with the same working storage. Not collective."""
-        other = Convolution.__new__(Convolution)
-        EvenMultiplier.__init__(other, self.shape, self.periods, self.slabs, self.comm, dtype, self)
-        other._spectrum = self._spectrum.astype(dtype)
-        return other
+
+class PeriodicProduct(EvenMultiplier):
+    """u = A p on a periodic patch, or with the inverse of A, p = B u but for its mean: no padding.
+
+    Collective over `comm`.
+
+    Parameters
+    ----------
+    symbol : callable
+        See `EvenMultiplier.set_spectrum`.
+    shape, slabs, comm, dtype, workspace
+        See `EvenMultiplier`.
+    """
+
+    def __init__(self, symbol, shape, slabs=None, comm=None, dtype=np.float64, workspace=None):
+        super().__init__(shape, shape, slabs, comm, dtype, workspace)
+        self.set_spectrum(symbol)
+        self.scale_spectrum(lambda spectrum: spectrum)
 
 
 class DenseProduct:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from app.errors import InputError
+from app.halfspace.periodic import SYMBOLS
 from app.options import LARGEST
 from app.problems.problem import Problem
 
@@ -23,6 +24,8 @@ class ContactProblem(Problem):
         Undeformed distance at zero approach in the cell centres; NaN where contact is impossible. An array is all of it
         on every rank, first row at the smallest y. A function ``gap(x, y)`` is called with arrays that broadcast to the
         cells wanted; it is asked again on every coarser grid, where an array is averaged.
+    periodic : bool or str
+        Whether the patch repeats for ever in x and y; True is "point", see `app.halfspace.periodic`.
 
     Raises
     ------
@@ -39,10 +42,16 @@ class ContactProblem(Problem):
     """
 
     gap: object = None
+    periodic: bool | str = False
 
     name = "given"
 
     def __post_init__(self):
+        if self.periodic:
+            kind = SYMBOLS[0] if self.periodic is True else self.periodic
+            if kind not in SYMBOLS:
+                raise InputError(f"periodic: {kind!r}; allowed: True, False, {', '.join(map(repr, SYMBOLS))}")
+            object.__setattr__(self, "grid", replace(self.grid, periodic=kind))
         if callable(self.gap):
             return
         try:

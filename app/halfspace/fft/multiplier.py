@@ -216,6 +216,22 @@ class EvenMultiplier:
             done += count
         self._spectrum = spectrum
 
+    def set_spectrum(self, symbol):
+        """Set the spectrum to a given function. Collective.
+
+        Parameters
+        ----------
+        symbol : callable
+            ``symbol(columns, rows) -> ndarray (columns, rows)`` for arrays of frequencies in x, up to half the period,
+            and in y, all up to half the period.
+        """
+        mine = np.concatenate([np.arange(g.mine.start, g.mine.stop) for g in self._groups])
+        rows = np.arange(self.periods[0] // 2 + 1)
+        spectrum = np.empty((mine.size, rows.size), self.dtype)
+        for start in range(0, mine.size, _ROWS_AT_ONCE):
+            spectrum[start : start + _ROWS_AT_ONCE] = symbol(mine[start : start + _ROWS_AT_ONCE], rows)
+        self._spectrum = spectrum
+
     def smallest_eigenvalue(self):
         """Smallest value of the spectrum. Collective."""
         smallest = float(self._spectrum.min(initial=np.inf))
@@ -244,6 +260,13 @@ class EvenMultiplier:
         """Replace the spectrum by ``function(spectrum)`` and fold in the scale of the inverse transform."""
         self._spectrum[...] = function(self._spectrum)
         self._spectrum *= 1.0 / (self.periods[0] * self.periods[1])
+
+    def in_precision(self, dtype):
+        """Return the same multiplication in another precision, with the same working storage. Not collective."""
+        other = EvenMultiplier.__new__(type(self))
+        EvenMultiplier.__init__(other, self.shape, self.periods, self.slabs, self.comm, dtype, self)
+        other._spectrum = self._spectrum.astype(dtype)
+        return other
 
     @property
     def memory(self):

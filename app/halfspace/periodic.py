@@ -1,0 +1,132 @@
+"""Influence of a patch that repeats for ever in x and y: diagonal in Fourier space.
+
+A pressure wave ``p_q exp(i q x)`` displaces the half-space by ``u_q = 2 p_q / (E* |q|)``. What the matrix makes of the
+wave depends on what a number stands for; ``Grid.periodic`` chooses:
+
+- ``point``: the values of waves in the cell centres (collocation, as tamaas, ASPHER and ContactMechanics do):
+  ``lambda(q) = 2 / (E* |q|)`` for all waves that the grid can carry.
+- ``love``: constant pressures on cells, (2.4), of the patch and of all its images: what the matrix of the free patch
+  tends to when the images are far away. The two differ by O(cell).
+
+``lambda(0) = 0``: displacements are counted from their mean, as the mean pressure would displace the half-space without
+bound. So mean(gap) = mean(undeformed distance) - approach, exactly.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from scipy.special import erf, erfc
+
+SYMBOLS = ("point", "love")
+
+# Ewald's splitting of 1/rho: beyond so many lengths erfc(rho) / rho, and beyond so many waves erfc(q / 2) / q, vanish.
+_RANGE = 6.2
+_SPLITTING = 2.0  # lengths in the longer side of a cell
+_GAUSS = np.polynomial.legendre.leggauss(24)
+
+
+def frequencies(grid, columns, rows):
+    """Wave numbers in x and y of the frequencies asked for [1/mm]. Not collective."""
+    return (2 * np.pi * np.asarray(index) / (n * d) for index, n, d in
+            ((columns, grid.nx, grid.dx), (rows, grid.ny, grid.dy)))  # fmt: skip
+
+
+def influence_symbol(grid, compliance, columns, rows):
+    """Eigenvalues of the periodic influence matrix at some frequencies.
+
+    Not collective.
+
+    Parameters
+    ----------
+    grid : Grid
+        A periodic one.
+    compliance : float
+        (1 - nu) / (pi G) = 1 / (pi E*) [mm2/N].
+    columns, rows : ndarray of int
+        Frequencies in x, from 0 to nx // 2, and in y, from 0 to ny // 2.
+
+    Returns
+    -------
+    ndarray, shape (columns, rows), [mm / (N/mm2)]
+        Zero at frequency (0, 0).
+    """
+    of_kind = {"point": _point, "love": _love}[grid.periodic]
+    return 2 * np.pi * compliance * of_kind(grid, np.asarray(columns), np.asarray(rows))
+
+
+def inverse_symbol(grid, compliance, columns, rows):
+    """Eigenvalues of the inverse on fields without mean, zero at frequency (0, 0); else as `influence_symbol`."""
+    symbol = influence_symbol(grid, compliance, columns, rows)
+    return np.divide(1.0, symbol, out=np.zeros_like(symbol), where=symbol > 0)
+
+
+def _point(grid, columns, rows):
+    """1 / |q|."""
+    qx, qy = frequencies(grid, columns, rows)
+    q = np.hypot(qx[:, None], qy)
+    return np.divide(1.0, q, out=np.zeros_like(q), where=q > 0)
+
+
+def _love(grid, columns, rows):
+    """Transform of the integral of 1/rho over a cell and all its images, over 2 pi.
+
+    By Ewald's method: what is long of 1/rho as a sum over all waves that the cell centres take for the same one, what is
+    short of it as a sum over cells near by.
+    """
+    qx, qy = frequencies(grid, columns, rows)
+    alpha = _SPLITTING / max(grid.dx, grid.dy)
+    total = np.zeros((len(columns), len(rows)))
+    for x in _aliases(qx, grid.dx, alpha):
+        for y in _aliases(qy, grid.dy, alpha):
+            q = np.hypot(x[:, None], y)
+            part = np.sinc(x * grid.dx / (2 * np.pi))[:, None] * np.sinc(y * grid.dy / (2 * np.pi))
+            total += np.divide(part * erfc(q / (2 * alpha)), q, out=np.zeros_like(q), where=q > 0)
+    near = _short_range(grid.dx, grid.dy, alpha)
+    in_y, in_x = (
+        np.cos(q[:, None] * d * np.arange(n)) * np.where(np.arange(n) > 0, 2.0, 1.0)
+        for q, d, n in ((qy, grid.dy, near.shape[0]), (qx, grid.dx, near.shape[1]))
+    )
+    total += in_x @ near.T @ in_y.T / (2 * np.pi)
+    total[np.ix_(np.asarray(columns) == 0, np.asarray(rows) == 0)] = 0.0
+    return total
+
+
+def _aliases(q, step, alpha):
+    """Wave numbers that look like q in cell centres, and matter."""
+    most = int(np.ceil(2 * alpha * _RANGE * step / (2 * np.pi) + 0.5))
+    return [q + 2 * np.pi * m / step for m in range(-most, most + 1)]
+
+
+@lru_cache(maxsize=64)
+def _short_range(dx, dy, alpha):
+    """Integral of erfc(alpha rho) / rho over cells near by, at non-negative offsets (j, i)."""
+    from app.halfspace.grid import Grid
+    from app.halfspace.influence import influence_quadrant
+
+    rows, columns = (int(np.ceil(_RANGE / (alpha * d) + 0.5)) + 1 for d in (dy, dx))
+    whole = influence_quadrant(Grid(columns, rows, dx, dy), 1.0)
+    points, weights = _GAUSS
+    x, y = ((np.arange(n)[:, None] + 0.5 * points) * d for n, d in ((columns, dx), (rows, dy)))
+    rho = np.hypot(x[None, :, None, :], y[:, None, :, None])
+    smooth = erf(alpha * rho) / np.where(rho > 0, rho, 1.0)
+    smooth[rho == 0] = 2 * alpha / np.sqrt(np.pi)
+    return whole - np.einsum("jikl,k,l->ji", smooth, weights, weights) * dx * dy / 4
+
+
+def periodic_quadrant(grid, compliance, rows=slice(None), columns=None):
+    """Influence coefficients of a periodic grid at non-negative offsets; see `influence_quadrant`. Not collective."""
+    i, j = np.arange(grid.nx // 2 + 1), np.arange(grid.ny // 2 + 1)
+    symbol = influence_symbol(grid, compliance, i, j)
+    offsets = np.arange(grid.ny)[rows]
+    wanted = np.arange(grid.nx if columns is None else columns)
+    in_y = _cosines(offsets, j, grid.ny)
+    in_x = _cosines(wanted, i, grid.nx)
+    return in_y @ symbol.T @ in_x.T
+
+
+def _cosines(offsets, index, n):
+    """Inverse transform of an even sequence, at some offsets: shape (offsets, frequencies)."""
+    twice = np.where((index > 0) & (2 * index < n), 2.0, 1.0)
+    return twice / n * np.cos(2 * np.pi * (np.outer(offsets, index) % n) / n)
