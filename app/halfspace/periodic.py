@@ -72,8 +72,8 @@ def _point(grid, columns, rows):
 def _love(grid, columns, rows):
     """Transform of the integral of 1/rho over a cell and all its images, over 2 pi.
 
-    By Ewald's method: what is long of 1/rho as a sum over all waves that the cell centres take for the same one, what is
-    short of it as a sum over cells near by.
+    By Ewald's method: what is long of 1/rho as a sum over all waves that look alike in cell centres, what is short of it
+    as a sum over cells near by.
     """
     qx, qy = frequencies(grid, columns, rows)
     alpha = _SPLITTING / max(grid.dx, grid.dy)
