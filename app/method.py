@@ -6,6 +6,7 @@ default, `DEFAULT`. The strategies (-lcp_type) are
 ==============  ======================================================================================
 ``active_set``  the paper's: `app.contact`, around any KSP
 ``fast``        the default method: `app.fast`, around TrackingCG
+``primal``      the default method on periodic patches: `app.primal`, around TrackingCG
 ``tao``         PETSc's solvers of bound-constrained minimisation, `app.contact.reference_solvers`
 ``snesvi``      PETSc's solvers of variational inequalities, likewise
 ==============  ======================================================================================
@@ -22,12 +23,12 @@ from app.errors import InputError
 from app.options import Option, OptionReader, as_line, as_texts, choice, count, flag, from_zero, real, renamed
 from app.petsc import OptionDatabase, error_message
 
-DEFAULT = "fast"
+DEFAULT, PERIODIC = "fast", "primal"
 _PLACES = Path(__file__).parent / "petsc_options", Path(__file__).parents[1] / "petsc_options"
 
 _tolerance = real("a number above 0 and below 1", above=0, highest=1 - 1e-9)
 METHOD_OPTIONS = [
-    Option("lcp_type", choice("active_set", "fast", "tao", "snesvi"), "active_set", "strategy"),
+    Option("lcp_type", choice("active_set", "fast", "primal", "tao", "snesvi"), "active_set", "strategy"),
     Option("lcp_nested", flag, False, "nested iteration (FMG): solve on coarser grids first"),
     Option("lcp_rtol", _tolerance, 1e-6, "accepted ||r|| / ||h||, eq. (5.1); fast: also 100 times it with h on C"),
     Option("lcp_error_bound", _tolerance, 0.01, "proved error (energy norm) up to which a solution counts as solved"),
@@ -46,8 +47,9 @@ _GONE = {
     "lcp_cheap": "a larger -lcp_rtol does what it did, with a certificate",
 }
 _ONLY_FAST = ("lcp_coarse_rtol", "lcp_predictor", "lcp_window", "lcp_precision")
+_PRIMAL_TOO = ("lcp_coarse_rtol", "lcp_precision")
 _ONLY_NESTED = ("lcp_prolongation", "lcp_beta", "lcp_window", "lcp_coarse_rtol")
-_ACTIVE_SET = ("active_set", "fast")
+_ACTIVE_SET = ("active_set", "fast", "primal")
 _NEED_ENTRIES = ("hypre", "hmg", "kaczmarz", "redistribute")  # PETSc's preconditioners that crash without
 
 
@@ -102,7 +104,7 @@ def read_method_file(name):
     return database.texts()
 
 
-def settings(method=None, options=None):
+def settings(method=None, options=None, periodic=False):
     """Put a method together. Not collective.
 
     Parameters
@@ -111,6 +113,8 @@ def settings(method=None, options=None):
         Name of a method file.
     options : mapping, optional
         Names without dash, texts or numbers; they override the file's.
+    periodic : bool
+        Whether it is for a periodic patch, which has another default.
 
     Returns
     -------
@@ -125,11 +129,11 @@ def settings(method=None, options=None):
     for name in _GONE.keys() & given.keys():
         del given[name]
         warnings.append(f"-{name} is gone and ignored: {_GONE[name]}")
-    from_file = {}
+    from_file, default = {}, PERIODIC if periodic else DEFAULT
     if method is not None:
         from_file = read_method_file(method)
-    elif not given.keys() & {"ksp_type", "pc_type"} and given.get("lcp_type", "fast") == "fast":
-        from_file = read_method_file(DEFAULT)
+    elif not given.keys() & {"ksp_type", "pc_type"} and given.get("lcp_type", default) == default:
+        from_file = read_method_file(default)
         if not OptionReader(METHOD_OPTIONS, from_file | given)["lcp_nested"]:
             from_file = {name: text for name, text in from_file.items() if name not in _ONLY_NESTED}
     if not given.get("pc_python_type", "Circulant").endswith("Circulant"):
@@ -142,6 +146,9 @@ def settings(method=None, options=None):
         raise InputError(f"unknown option{'s'[: len(unknown) > 1]}: -{', -'.join(sorted(unknown))}")
     reader = OptionReader(METHOD_OPTIONS, texts)
     strategy, nested = reader["lcp_type"], reader["lcp_nested"]
+    if strategy == (DEFAULT if periodic else PERIODIC):
+        where = "a periodic patch" if periodic else "a free patch (without -periodic)"
+        raise InputError(f"-lcp_type {strategy}: not on {where}; allowed: {default}, active_set, tao, snesvi")
     _refuse_without_effect(strategy, nested, texts, reader, given)
     _refuse_what_crashes(strategy, texts)
     return Settings(
@@ -159,8 +166,11 @@ def _refuse_without_effect(strategy, nested, texts, reader, given):
     for name in texts.keys() & given.keys():
         if strategy not in _ACTIVE_SET and name in ("lcp_nested", "lcp_coarsest", *_ONLY_FAST, *_ONLY_NESTED):
             refuse(name, "-lcp_type active_set or fast only")
-        if strategy != "fast" and name in _ONLY_FAST and reader[name] != _neutral(name):
+        of_both = strategy == "primal" and name in _PRIMAL_TOO
+        if strategy != "fast" and not of_both and name in _ONLY_FAST and reader[name] != _neutral(name):
             refuse(name, "-lcp_type fast only")
+        if strategy == "primal" and name in ("lcp_beta", "lcp_prolongation"):
+            refuse(name, "-lcp_type active_set or fast only")
         if not nested and name in _ONLY_NESTED and reader[name] != _neutral(name):
             refuse(name, "-lcp_nested only")
     if "lcp_beta" in given and reader["lcp_prolongation"] == "lift":

@@ -48,6 +48,9 @@ from app.multigrid.linear_solver import LinearSolver
 from app.notes import notes_on
 from app.options import LARGEST
 from app.petsc import OptionDatabase, Resources, error_message
+from app.primal import stencil
+from app.primal.nested import primal_iteration
+from app.primal.solver import PrimalSolver
 from app.problems.given import ContactProblem
 from app.solution import Solution
 
@@ -119,7 +122,7 @@ class ContactSolver:
         try:
             agree(self.comm, check_memory, problem.grid, self.comm.size)
             texts = dict(options or {}) | methods.global_options(prefix)
-            self.settings = agree(self.comm, methods.settings, method, texts)
+            self.settings = agree(self.comm, methods.settings, method, texts, bool(problem.grid.periodic))
             self._database = OptionDatabase(self.settings.texts)
             for name in self.settings.texts:
                 if name.startswith("lcp_"):
@@ -170,7 +173,7 @@ class ContactSolver:
             have been tried on a smaller grid.
         """
         chosen, hierarchy = self.settings, self.hierarchy
-        kind = TrackingSolver if chosen.strategy == "fast" else LinearSolver
+        kind = {"fast": TrackingSolver, "primal": PrimalSolver}.get(chosen.strategy, LinearSolver)
         try:
             if chosen.strategy in REFERENCE_SOLVERS:
                 stop = StoppingTest(chosen.rtol, chosen.max_it)
@@ -191,6 +194,8 @@ class ContactSolver:
         kernels.warm_up()
         certificate.warm_up()
         transfer.warm_up()
+        if self.settings.strategy == "primal":
+            stencil.warm_up()
         kind = texts.get("pc_type", "")
         if kind == "sor" or (kind == "mg" and texts.get("mg_levels_pc_type", "") in ("", "sor")):
             gauss_seidel.warm_up()
@@ -304,10 +309,13 @@ class ContactSolver:
                 if error.ierr not in _WRONG_CHOICES:
                     raise
                 raise InputError(f"-lcp_type {chosen.strategy}: {error_message(error)}") from None
-        if chosen.strategy == "fast":
+        if chosen.strategy in ("fast", "primal"):
             stop = InexactStop(
                 chosen.rtol, chosen.max_it, True, chosen.coarse_rtol, chosen.predictor, chosen.error_bound
             )
+        if chosen.strategy == "primal":
+            return primal_iteration(*arguments, stop, history, chosen.nested, self._solver)
+        if chosen.strategy == "fast":
             if start is not None:
                 state = self._started_from(start, loading)
                 return state, solve_on(hierarchy, last, state, loading, stop, history, False, self._solver)

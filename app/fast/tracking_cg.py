@@ -5,6 +5,9 @@ along with ``x += alpha d``, so that after the solve the displacement everywhere
 neither the first residual nor the search for new contact costs one. Usable from options::
 
     -ksp_type python -ksp_python_type app.fast.tracking_cg.TrackingCG -ksp_norm_type unpreconditioned
+
+With ``-ksp_norm_type preconditioned`` the norm is that of the preconditioned residual, and the directions are those of
+flexible CG: the preconditioner need not be quite symmetric.
 """
 
 from __future__ import annotations
@@ -153,9 +156,12 @@ def _warm_up(dtype):
     fixed.flags.writeable = False
     _find_spans(mask, spans)
     _first_residual(fixed, field, mask, spans, field)
-    _dot(field, field, mask, spans)
+    for other in (field, fixed):
+        _dot(other, fixed, mask, spans)
     _direction(low, field, dtype.type(0), mask, spans)
     _dots(low, low, field, spans)
+    _dots(low, field, low, spans)
+    _dots(low, fixed, low, spans)
     _advance(field, field, low, low, mask, spans, 0.0)
     add(field, 0.0, low)
 
@@ -173,6 +179,8 @@ class TrackingCG:
         Nothing has changed since the last solve: go on with its search direction. Set by the caller, for one solve.
     residual : float
         Norm of the residual after the last solve.
+    preconditioned : ndarray, shape (local rows, nx)
+        The preconditioned residual after the last solve, if that is the norm.
     """
 
     displacement = None
@@ -184,13 +192,18 @@ class TrackingCG:
         """Make the work arrays: z and q, never needed at the same time, are one; d is in the operator's precision."""
         mat = ksp.getOperators()[0]
         self._operator = operator = mat.getPythonContext()
-        self._r = mat.createVecRight()
         shape = operator.local_shape
+        self.residual_array = np.zeros(shape)
+        self._r = PETSc.Vec().createWithArray(self.residual_array.reshape(-1), comm=mat.getComm())
         scratch = np.zeros(shape[0] * shape[1])
         self.work = scratch.reshape(shape)  # at rest between solves
         self._z = PETSc.Vec().createWithArray(scratch, comm=mat.getComm())
         self._vecs = self._r, self._z
-        self.product = scratch.view(operator.dtype)[: scratch.size].reshape(shape)  # q = A d
+        self.preconditioned = self.work
+        self._flexible = ksp.getNormType() == PETSc.KSP.NormType.PRECONDITIONED
+        if self._flexible:
+            scratch = np.zeros(scratch.size, operator.dtype)
+        self.product = scratch.view(operator.dtype)[: self.work.size].reshape(shape)  # q = A d
         self.direction = np.zeros(shape, operator.dtype)  # d
         self._spans = np.zeros((shape[0], 2), np.int64)
         self._previous = 0.0
@@ -203,17 +216,23 @@ class TrackingCG:
         pc, d, q, spans = ksp.getPC(), self.direction, self.product, self._spans
         _find_spans(contact, spans)
         norm = self._first_residual(ksp, b, x)
-        if not self.resume:
+        resumed = self.resume
+        if not resumed:
             self._previous = 0.0
             d[...] = 0  # outside the new spans too
         self.resume = False
+        if self._flexible:
+            norm = self._precondition(pc)
         iteration, max_it = 0, ksp.getTolerances()[3]
         reason = self._report(ksp, 0, norm)
         while not reason and iteration < max_it:
-            pc.apply(self._r, self._z)
-            with self._r as residual:
-                rz = self._sum([_dot(residual.reshape(shape), self._read(self._z), contact, spans)])[0]
-            beta = rz / self._previous if self._previous else 0.0
+            if self._flexible:
+                rz, beta = 1.0, self._beta(iteration or resumed)
+            else:
+                pc.apply(self._r, self._z)
+                with self._r as residual:
+                    rz = self._sum([_dot(residual.reshape(shape), self._read(self._z), contact, spans)])[0]
+                beta = rz / self._previous if self._previous else 0.0
             _direction(d, self._read(self._z), d.dtype.type(beta), contact, spans)
             operator.products += 1
             operator.displacement(d, q)
@@ -228,11 +247,24 @@ class TrackingCG:
             if u is not None:
                 add(u, alpha, q)
             self._previous = rz
-            norm = float(np.sqrt(max(squares, 0.0)))
+            norm = self._precondition(pc) if self._flexible else float(np.sqrt(max(squares, 0.0)))
             iteration += 1
             reason = self._report(ksp, iteration, norm)
         self.residual = norm
         ksp.setConvergedReason(reason or PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
+
+    def _precondition(self, pc):
+        """z = M r; return its norm."""
+        pc.apply(self._r, self._z)
+        z = self._read(self._z)
+        return float(np.sqrt(self._sum([_dot(z, z, self._operator.mask, self._spans)])[0]))
+
+    def _beta(self, going_on):
+        """Flexible CG: the new direction is conjugate to the last one."""
+        if not going_on:
+            return 0.0
+        zq, dq = self._sum(_dots(self.product, self._read(self._z), self.direction, self._spans))
+        return -zq / dq if dq > 0 else 0.0
 
     def _first_residual(self, ksp, b, x):
         shape, u = self._operator.local_shape, self.displacement

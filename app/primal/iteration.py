@@ -1,0 +1,127 @@
+"""The primal active set iteration on one grid.
+
+The steps of Sec. 4.1 with the parts of pressure and gap exchanged: the free cells O take the place of C, the gap that of
+p, and p = B w + mean pressure that of e.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.contact.history import Outcome
+from app.contact.iteration import CONVERGED, what_is_wrong
+from app.contact.kernels import gap_on
+from app.contact.state import Displacement
+from app.fast.iteration import PATIENCE, NeedsSafeguard
+from app.primal import kernels
+
+_LOOSE = 0.005  # share of the cells that may still change on a coarse grid
+_OVERLAP = 0.1  # of the gap allowed: overlap of a free cell that is left alone in the end
+_TENSION = 1e-9  # of the mean pressure: tension of a cell in contact that is left alone in the end
+_SURE = 0.15  # of the residual allowed is asked of the preconditioned one, which may be too small
+_DOUBT = 0.6  # of what a verification asks for is aimed at after it
+_TIGHTEST = 1e-3
+
+
+def primal_active_set(primal, solver, stop, history):
+    """Solve (2.8)-(2.10) on one grid from w and p.
+
+    Collective over the ranks of the state.
+
+    Parameters
+    ----------
+    primal : PrimalState
+    solver : PrimalSolver
+    stop : InexactStop
+    history : History
+
+    Returns
+    -------
+    Outcome
+
+    Raises
+    ------
+    NeedsSafeguard
+        If it makes no progress.
+    """
+    state, inner, aim = primal.state, 0, _SURE
+    allowed = allowed_gap(state, stop)
+    best, fewest, since = float("inf"), float("inf"), 0
+    primal.start(exact=stop.final)
+    history.start(state, solver)
+    primal.contact_changed()
+    update = primal.guess(solver)
+    for k in range(1, stop.max_it + 1):
+        solver.set_contact()  # 2. the system on the free cells: p = 0
+        its, failure, norm = solver.improve(primal, aim * allowed)  # 3. a little, p along with w
+        inner += its
+        near = norm <= aim * allowed * (1 + 1e-6)
+        floor = abs(primal.mean_pressure) if near else 0.0
+        update = primal.exchange(
+            -_TENSION * floor, -_OVERLAP * allowed / np.sqrt(primal.cells) if near else 0.0
+        )
+        update = update.with_residual(norm)
+        history.add(state, solver, update, its)
+        residual = norm / state.distance.norm()
+        if wrong := what_is_wrong(failure, residual):
+            return Outcome(False, wrong, k, inner, residual)
+        changed = update.changed
+        if near and not stop.final and changed <= _LOOSE * primal.cells:
+            return Outcome(True, CONVERGED, k, inner, residual)
+        if near and not changed:
+            kept = state.contact.copy()
+            last = verify(primal)
+            residual = last / state.distance.norm()
+            if last <= allowed and stop.promising(state):
+                return Outcome(True, CONVERGED, k, inner, residual)
+            aim = max(aim * min(0.5, _DOUBT * allowed / last), _TIGHTEST * _SURE)
+            state.contact[...] = kept
+            primal.contact_changed()
+            state.depth = 0.0
+            primal.refresh(exact=True)
+        elif update.added:
+            primal.close(solver)
+        since += 1
+        if norm <= 0.5 * best or changed < fewest:
+            best, fewest, since = min(norm, best), min(changed, fewest), 0
+        if since >= PATIENCE:
+            raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, inner, residual))
+    return Outcome(
+        False, f"{stop.max_it} active set iterations were not enough", stop.max_it, inner, residual
+    )
+
+
+def allowed_gap(state, stop):
+    """Norm of the error of the gap that is small enough [mm]. Not collective.
+
+    As (5.1), with the shape's deviation from its mean where that is smaller than ||h||: it does not depend on the load.
+    """
+    rtol = stop.rtol if stop.final else stop.coarse_rtol
+    return rtol * min(state.distance.norm(), np.sqrt(state.distance.statistics.deviation) or np.inf)
+
+
+def verify(primal):
+    """Pressure >= 0 with the right load, and u = A p by one product in double precision; return ||r||. Collective."""
+    state, loading = primal.state, primal.loading
+    with state.pressure as values:
+        p = values.reshape(primal.w.shape)
+        kernels.positive(p, state.contact, p)
+    if loading.prescribes_load:
+        load = state.load
+        if load > 0:
+            state.scale(loading.load / load)
+    state.compute_displacement(exact=True)
+    if loading.prescribes_load:
+        state.depth = 0.0
+        state.depth = _mean_gap_on_contact(state)
+    else:
+        state.approach = loading.approach
+    update = state.activate_penetrating()
+    state.u_is = Displacement.EXACT
+    return update.residual
+
+
+def _mean_gap_on_contact(state):
+    """Mean of e over C [mm]. Collective."""
+    sums = state.sum(gap_on(state.distance.b, state.u, state.contact, state.contact))
+    return float(sums[1] / max(sums[2], 1))

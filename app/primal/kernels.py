@@ -1,0 +1,119 @@
+"""The loops of the primal active set, compiled. Arrays are (rows, nx) of a rank; the gap is ``e = w - b``."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from app.halfspace.reductions import any_order
+
+
+@any_order
+def _exchange_row(p, w, b, admissible, contact, tension, overlap, captured):
+    cells, free, caught = 0, 0, 0
+    for i in range(p.size):
+        inside = contact[i]
+        out = inside & (p[i] < tension)
+        new = (not inside) & admissible[i] & (w[i] - b[i] < overlap)
+        captured[i] = new
+        contact[i] = (inside & (not out)) | new
+        free += out
+        caught += new
+        cells += contact[i]
+    return cells, caught, free
+
+
+@numba.njit(cache=True)
+def exchange(p, w, b, admissible, contact, tension, overlap, captured):
+    """Release cells of C with p < tension, capture others with w - b < overlap; return cells, captured, released."""
+    cells, caught, free = 0, 0, 0
+    for j in range(p.shape[0]):
+        here = _exchange_row(p[j], w[j], b[j], admissible[j], contact[j], tension, overlap, captured[j])
+        cells += here[0]
+        caught += here[1]
+        free += here[2]
+    return cells, caught, free
+
+
+@any_order
+def _close_row(w, b, captured, z, share, change):
+    for i in range(w.size):
+        step = b[i] - w[i] if captured[i] else share * z[i]
+        change[i] = step
+        w[i] += step
+
+
+@any_order
+def close(w, b, captured, z, share, change):
+    """Close the gap of captured cells, take a share of z elsewhere; w += change."""
+    for j in range(w.shape[0]):
+        _close_row(w[j], b[j], captured[j], z[j], share, change[j])
+
+
+@any_order
+def _guess_row(p, w, b, admissible, scale, force, lowest):
+    for i in range(p.size):
+        force[i] = np.float32(-p[i] * scale)
+        lowest[i] = np.float32(b[i] - w[i]) if admissible[i] else np.float32(-np.inf)
+
+
+@any_order
+def guess_sources(p, w, b, admissible, scale, force, lowest):
+    """Right-hand side -p / B_00 and lower bound -e of the obstacle problem in small."""
+    for j in range(p.shape[0]):
+        _guess_row(p[j], w[j], b[j], admissible[j], scale, force[j], lowest[j])
+
+
+@any_order
+def _take_row(x, lowest, w, b, contact):
+    changed, cells = 0, 0
+    for i in range(x.size):
+        inside = x[i] <= lowest[i]
+        changed += inside != contact[i]
+        cells += inside
+        contact[i] = inside
+        w[i] = b[i] if inside else w[i] + x[i]
+    return cells, changed
+
+
+@numba.njit(cache=True)
+def take(x, lowest, w, b, contact):
+    """w += x, on C = {x = lowest} to the last digit; return its cells and how many are others than before."""
+    cells, changed = 0, 0
+    for j in range(x.shape[0]):
+        here = _take_row(x[j], lowest[j], w[j], b[j], contact[j])
+        cells += here[0]
+        changed += here[1]
+    return cells, changed
+
+
+@any_order
+def _positive_row(p, contact, out):
+    total = 0.0
+    for i in range(p.size):
+        value = max(p[i], 0.0) if contact[i] else 0.0
+        out[i] = value
+        total += value
+    return total
+
+
+@any_order
+def positive(p, contact, out):
+    """out = max(p, 0) on C, 0 elsewhere; return its sum."""
+    total = 0.0
+    for j in range(p.shape[0]):
+        total += _positive_row(p[j], contact[j], out[j])
+    return total
+
+
+@any_order
+def _free_residual_row(p, contact, offset, out):
+    for i in range(p.size):
+        out[i] = 0.0 if contact[i] else -(p[i] + offset)
+
+
+@any_order
+def free_residual(p, contact, offset, out):
+    """out = -(p + offset) on the free cells, 0 elsewhere."""
+    for j in range(p.shape[0]):
+        _free_residual_row(p[j], contact[j], offset, out[j])

@@ -1,0 +1,90 @@
+"""The nested iteration of the primal form (Sec. 4.3 with w in place of p and u)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from app.contact.state import ContactState
+from app.fast.iteration import NeedsSafeguard
+from app.fast.nested import _difference, safeguarded
+from app.primal.iteration import primal_active_set, verify
+from app.primal.operator import InverseOperator
+from app.primal.solver import PrimalSolver
+from app.primal.state import PrimalState
+
+
+def primal_iteration(hierarchy, distances, loading, stop, history, nested, target_solver=None):
+    """Solve on the target grid of a periodic hierarchy, from the coarsest grid on.
+
+    Collective. Replicated grids are solved by rank 0, which tells the others.
+
+    Parameters
+    ----------
+    hierarchy, distances, loading, stop, history, nested, target_solver
+        See `app.fast.nested.nested_iteration`; the solver is a PrimalSolver.
+
+    Returns
+    -------
+    ContactState, Outcome
+        On the target grid.
+    """
+    last = len(hierarchy.levels) - 1
+    coarse, outcome, difference = None, None, float("nan")
+    for number in range(0 if nested else last, last + 1):
+        level, target = hierarchy.levels[number], number == last
+        state = ContactState(level, distances[number])
+        if target or level.comm is not None or hierarchy.comm.rank == 0:
+            solver = (
+                target_solver
+                if target and target_solver
+                else PrimalSolver(hierarchy, number, level.petsc_comm)
+            )
+            primal = PrimalState(state, solver.inverse, loading)
+        else:
+            primal = PrimalState(state, InverseOperator(level), loading)
+        if coarse is None:
+            primal.w[...] = state.distance.b  # full contact
+        else:
+            primal.mean_pressure = coarse.mean_pressure
+            hierarchy.transfers[number].interpolate(coarse.w, primal.w)
+        if target or level.comm is not None or hierarchy.comm.rank == 0:
+            outcome = _solve_on(
+                hierarchy, number, primal, solver, stop if target else stop.for_coarse_grid(), history
+            )
+            if solver is not target_solver:
+                solver.destroy()
+        if not target:
+            _tell(hierarchy, level, primal)
+        if coarse is not None:
+            difference = (
+                _difference(hierarchy.transfers[number], coarse.state.p, state) if target else difference
+            )
+            coarse.state.destroy()
+            coarse.destroy()
+        coarse = primal
+    primal.destroy()
+    return state, replace(outcome, discretisation_error=difference)
+
+
+def _solve_on(hierarchy, number, primal, solver, stop, history):
+    try:
+        return primal_active_set(primal, solver, stop, history)
+    except NeedsSafeguard as stagnation:
+        verify(primal)
+        rest = safeguarded(hierarchy, number, primal.state, primal.loading, stop, history)
+        np.subtract(primal.state.u, primal.state.depth, out=primal.w)
+        return rest.after(stagnation.outcome)
+
+
+def _tell(hierarchy, level, primal):
+    """Give all ranks what rank 0 has found on a replicated grid. Collective."""
+    comm = hierarchy.comm
+    if level.comm is not None or comm.size == 1:
+        return
+    comm.Bcast(primal.w)
+    comm.Bcast(primal.state.contact)
+    with primal.state.pressure as p:
+        comm.Bcast(p)
+    primal.mean_pressure = comm.bcast(primal.mean_pressure)

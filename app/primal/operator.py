@@ -1,0 +1,104 @@
+"""The inverse influence matrix on one grid as PETSc sees it: context of a Mat of type python, O B O on the free cells O."""
+
+from __future__ import annotations
+
+from functools import cached_property, partial
+
+import numpy as np
+from petsc4py import PETSc
+
+from app.halfspace.periodic import inverse_symbol
+from app.halfspace.product import PeriodicProduct
+
+_mult_event = PETSc.Log.Event("InverseMult")
+
+
+class InverseOperator:
+    """B = A^-1 on displacements without mean, of a periodic grid; constants give no pressure.
+
+    Collective. What `TrackingCG` and `LinearSolver` want of an operator, it has.
+
+    Parameters
+    ----------
+    influence : InfluenceOperator
+        A, whose grid, ranks and precision it has, and which counts its products.
+    coarser : InfluenceOperator or None
+        A on a coarser grid, for the long waves of a preconditioner.
+
+    Attributes
+    ----------
+    mask : ndarray of bool, shape (local rows, nx)
+        The free cells, where w is unknown: all but the contact set. Change it in place and call `mask_changed`.
+    products : int
+    """
+
+    sweeps = 0
+
+    def __init__(self, influence, coarser=None):
+        self.influence, self.coarser = influence, coarser
+        self.grid, self.slabs, self.comm = influence.grid, influence.slabs, influence.comm
+        self.dtype, self.local_shape = influence.dtype, influence.local_shape
+        self.petsc_comm = influence.petsc_comm
+        self.mask = np.zeros(self.local_shape, bool)
+        self.products = self.contact_number = 0
+
+    @cached_property
+    def product(self):
+        """B in the precision of the iteration; made when first asked for. Collective then."""
+        return self._product(self.dtype)
+
+    @cached_property
+    def exact_product(self):
+        """B in double precision; made when first asked for. Collective then."""
+        return self.product if self.dtype == np.float64 else self._product(np.float64)
+
+    def _product(self, dtype):
+        made = self.influence.circulants  # which counts, and frees
+        if ("inverse", dtype) not in made:
+            of, symbol = self.influence, partial(inverse_symbol, self.grid, self.influence.compliance)
+            made["inverse", dtype] = PeriodicProduct(
+                symbol, self.grid.shape, of.slabs, of.comm, dtype, of.storage
+            )
+        return made["inverse", dtype]
+
+    def mat(self, comm):
+        """Make a Mat with this context, the caller's to destroy. Collective over the PETSc communicator `comm`."""
+        size = (self.local_shape[0] * self.local_shape[1], PETSc.DETERMINE)
+        mat = PETSc.Mat().createPython((size, size), self, comm=comm)
+        mat.setOption(PETSc.Mat.Option.SPD, True)
+        mat.setUp()
+        return mat
+
+    def mask_changed(self):
+        """Take notice of other free cells. Not collective."""
+        self.contact_number += 1
+
+    def displacement(self, d, q):
+        """Compute q = B d on all cells. Collective; arrays of shape `local_shape`."""
+        with _mult_event:
+            self.product.apply(d, q)
+            PETSc.Log.logFlops(self.product.flops)
+
+    def exact_pressure(self, w, p):
+        """Compute p = B w in double precision. Collective."""
+        with _mult_event:
+            self.exact_product.apply(w, p)
+
+    def mult(self, mat, x, y):
+        """Compute y = O B O x."""
+        self.products += 1
+        with _mult_event, y as out:
+            d = x.getArray(readonly=True).reshape(self.local_shape)
+            self.product.apply(d, out.reshape(self.local_shape), self.mask)
+
+    multTranspose = mult
+
+    def getDiagonal(self, mat, diagonal):
+        """Diagonal of B."""
+        diagonal.set(float(self.product.centre()[1, 1]))
+
+    def view(self, mat, viewer):
+        """Describe the operator for -ksp_view."""
+        if viewer.getType() == PETSc.Viewer.Type.ASCII:
+            grid = self.grid
+            viewer.printfASCII(f"  inverse influence matrix of {grid.nx} x {grid.ny} cells, periodic\n")

@@ -1,0 +1,98 @@
+"""The linear solver of the primal form: TrackingCG on the free cells, that carries p = B w along."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+from app.fast.tracking_cg import TrackingCG
+from app.halfspace.halo import Halo
+from app.multigrid.linear_solver import LinearSolver
+from app.primal.operator import InverseOperator
+from app.primal.two_grid import TwoGrid
+
+_COARSER = 2  # grids between one and that of the long waves in its preconditioner
+
+
+class PrimalSolver(LinearSolver):
+    """A `LinearSolver` of O B O whose KSP is TrackingCG with the `TwoGrid` preconditioner.
+
+    Attributes
+    ----------
+    inverse : InverseOperator
+    preconditioner : TwoGrid
+
+    Raises
+    ------
+    ValueError
+        If the KSP or the PC is another one.
+    """
+
+    def __init__(self, hierarchy, level=-1, comm=None, prefix=""):
+        number = range(len(hierarchy.levels))[level]
+        self.inverse = InverseOperator(hierarchy.levels[number], coarser_operator(hierarchy, number))
+        super().__init__(hierarchy, number, comm, prefix, self.inverse)
+        kinds = ((self.ksp, TrackingCG, "ksp"), (self.ksp.getPC(), TwoGrid, "pc"))
+        for of, kind, name in kinds:
+            if not isinstance(of.getPythonContext() if of.getType() == "python" else None, kind):
+                self.destroy()
+                raise ValueError(
+                    f"-{prefix}{name}_type: -lcp_type primal needs python with -{name}_python_type "
+                    f"{kind.__module__}.{kind.__name__}"
+                )
+        self._cg, self.preconditioner = self.ksp.getPythonContext(), self.ksp.getPC().getPythonContext()
+        if self.ksp.getNormType() != self.ksp.NormType.PRECONDITIONED:
+            self.destroy()
+            raise ValueError(f"-{prefix}ksp_norm_type: -lcp_type primal needs preconditioned")
+        # At rest between solves:
+        self.direction, self.product = self._cg.direction, self._cg.product
+        self.rows_for_guess = lru_cache(maxsize=1)(
+            lambda width: Halo(self.operator.slabs, self.operator.comm, width)
+        )
+
+    @property
+    def scratch(self):
+        """Two fields of float64, at rest between solves. Not collective."""
+        return self._cg.residual_array, self._cg.preconditioned
+
+    def improve(self, primal, allowed):
+        """Let p vanish on the free cells, a little: w and p = B w.
+
+        Collective.
+
+        Parameters
+        ----------
+        primal : PrimalState
+        allowed : float
+            Norm of the preconditioned residual that is small enough [mm].
+
+        Returns
+        -------
+        iterations : int
+        failure : str
+            As of `LinearSolver.solve`.
+        residual : float
+            Its norm: about by how much w is wrong [mm].
+        """
+        self.preconditioner.constrained = not primal.loading.prescribes_load
+        self.ksp.setInitialGuessNonzero(True)
+        self.ksp.setTolerances(atol=allowed)
+        with primal.state.pressure as values:
+            self._cg.displacement = values.reshape(primal.w.shape)
+            iterations, failure = self._run(primal.zero, primal.displacements, float("inf"))
+        if self.preconditioner.constrained and self.preconditioner.multiplier:
+            # p + mean pressure = 0 on the free cells, as far as M can tell.
+            primal.add_mean_pressure(self.preconditioner.multiplier)
+        return iterations, failure, self._cg.residual
+
+
+def coarser_operator(hierarchy, number):
+    """A on the grid of the long waves; None if there is none with whole cells of this one on every rank."""
+    slabs = hierarchy.levels[number].slabs
+    for below in (number - _COARSER, *range(number - _COARSER + 1, number)):
+        if below < 0:
+            continue
+        coarse = hierarchy.levels[below]
+        factor = slabs.ny // coarse.grid.ny
+        if all(start % factor == 0 for start in slabs.starts):
+            return coarse
+    return None

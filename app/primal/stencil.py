@@ -1,0 +1,313 @@
+"""Sweeps with the 3 x 3 centre of B, the inverse of A, on the free cells; compiled.
+
+B decays like 1 / r^3, so that its centre already does what short waves need. All sweeps of a call go through the rows
+together: when row j has had its first sweep, row j - 1 gets its second, and so on, and what they need stays in the
+cache. Rows beside the slab (`app.halfspace.halo`) are swept along, one less with every sweep; columns wrap around.
+Arrays hold rows of a rank, buffers one cell more on either side; all in single precision, as is good enough for a
+preconditioner and a guess.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from app.halfspace.reductions import any_order
+
+
+@any_order
+def _neighbours_row(above, here, below, wx, wy, wd, out):
+    """The sum over the eight neighbours, weights over that of the cell itself."""
+    for i in range(out.size):
+        out[i] = (
+            wx * (here[i] + here[i + 2])
+            + wy * (above[i + 1] + below[i + 1])
+            + wd * ((above[i] + above[i + 2]) + (below[i] + below[i + 2]))
+        )
+
+
+@any_order
+def _jacobi_row(source, free, around, out):
+    for i in range(source.size):
+        out[i + 1] = free[i] * (source[i] - around[i])
+
+
+@any_order
+def _projected_row(source, lowest, around, out):
+    for i in range(source.size):
+        out[i + 1] = max(source[i] - around[i], lowest[i])
+
+
+@any_order
+def _residual_row(source, free, around, here, out):
+    for i in range(source.size):
+        out[i] = free[i] * (source[i] - around[i] - here[i + 1])
+
+
+@any_order
+def _source_row(s, free, scale, source, weight):
+    for i in range(s.size):
+        inside = np.float32(1) if free[i] else np.float32(0)
+        weight[i] = inside
+        source[i] = inside * np.float32(s[i] * scale)
+
+
+@any_order
+def _copy_row(a, out):
+    for i in range(a.size):
+        out[i] = a[i]
+
+
+@numba.njit(cache=True)
+def _wrap(row):
+    row[0], row[row.size - 1] = row[row.size - 2], row[1]
+
+
+# Factors are 1, 2 or 4; written out, these loops become vector instructions.
+
+
+@any_order
+def _add_fours(row, scale, out):
+    for i in range(np.uint64(out.size)):
+        k = np.uint64(4) * i
+        out[i] += scale * ((row[k] + row[k + np.uint64(1)]) + (row[k + np.uint64(2)] + row[k + np.uint64(3)]))
+
+
+@any_order
+def _add_twos(row, scale, out):
+    for i in range(np.uint64(out.size)):
+        k = np.uint64(2) * i
+        out[i] += scale * (row[k] + row[k + np.uint64(1)])
+
+
+@any_order
+def _add_ones(row, scale, out):
+    for i in range(out.size):
+        out[i] += scale * row[i]
+
+
+@numba.njit(cache=True)
+def _add_means(row, factor, scale, out):
+    if factor == 4:
+        _add_fours(row, scale, out)
+    elif factor == 2:
+        _add_twos(row, scale, out)
+    else:
+        _add_ones(row, scale, out)
+
+
+@any_order
+def _fours(wide, row):
+    near, far = np.float32(0.875), np.float32(0.625)
+    rest, more = np.float32(0.125), np.float32(0.375)
+    one, two = np.uint64(1), np.uint64(2)
+    for i in range(np.uint64(wide.size - 2)):
+        a, b, c, k = wide[i], wide[i + one], wide[i + two], np.uint64(4) * i
+        row[k] = far * b + more * a
+        row[k + one] = near * b + rest * a
+        row[k + two] = near * b + rest * c
+        row[k + two + one] = far * b + more * c
+
+
+@any_order
+def _twos(wide, row):
+    near, rest, one, two = np.float32(0.75), np.float32(0.25), np.uint64(1), np.uint64(2)
+    for i in range(np.uint64(wide.size - 2)):
+        a, b, c, k = wide[i], wide[i + one], wide[i + two], np.uint64(2) * i
+        row[k] = near * b + rest * a
+        row[k + one] = near * b + rest * c
+
+
+@any_order
+def _add_inside(row, free, x):
+    for i in range(x.size):
+        x[i] += row[i] if free[i] else np.float32(0)
+
+
+@numba.njit(cache=True)
+def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, steps, x, coarse):
+    """Jacobi sweeps for ``B3 x = s`` on the free cells from x = 0, and the mean of what is left in coarse cells.
+
+    Parameters
+    ----------
+    s : ndarray of float64, shape (rows, nx)
+    free : ndarray of bool, shape (rows, nx)
+    s_before, s_after, f_before, f_after
+        As many rows beside them as there are steps.
+    weights : tuple of float32
+        1 / B3_00, and over B3_00 those of the neighbours in x, in y, on the diagonals.
+    x : ndarray of float32, shape (rows, nx)
+    coarse : ndarray of float64, shape (rows / fy, nx / fx)
+        Becomes the mean of s - B3 x over B3_00; nothing is computed if it is empty.
+    """
+    rows, nx = s.shape
+    if not rows:
+        return
+    halo, (scale, wx, wy, wd) = steps, weights
+    sources = np.empty((steps + 1, nx), np.float32)
+    inside = np.empty((steps + 1, nx), np.float32)
+    swept = np.zeros((steps + 1, 3, nx + 2), np.float32)
+    around = np.empty(nx, np.float32)
+    if coarse.size:
+        fy, fx = rows // coarse.shape[0], nx // coarse.shape[1]
+        coarse[...] = 0
+    high = rows + 2 * halo
+    for t in range(high + steps + 1):
+        if t < high:
+            source, weight = sources[t % (steps + 1)], inside[t % (steps + 1)]
+            if t < halo:
+                _source_row(s_before[t], f_before[t], scale, source, weight)
+            elif t < halo + rows:
+                _source_row(s[t - halo], free[t - halo], scale, source, weight)
+            else:
+                _source_row(s_after[t - halo - rows], f_after[t - halo - rows], scale, source, weight)
+            first = swept[1, t % 3]
+            _copy_row(source, first[1:-1])
+            _wrap(first)
+        for m in range(2, steps + 1):
+            j = t - m + 1
+            if m - 1 <= j < high - m + 1:
+                row = swept[m, j % 3]
+                _neighbours_row(
+                    swept[m - 1, (j - 1) % 3], swept[m - 1, j % 3], swept[m - 1, (j + 1) % 3], wx, wy, wd, around
+                )  # fmt: skip
+                _jacobi_row(sources[j % (steps + 1)], inside[j % (steps + 1)], around, row)
+                _wrap(row)
+        j = t - steps
+        if halo <= j < halo + rows:
+            last = swept[steps, j % 3]
+            _copy_row(last[1:-1], x[j - halo])
+            if coarse.size:
+                _neighbours_row(
+                    swept[steps, (j - 1) % 3], last, swept[steps, (j + 1) % 3], wx, wy, wd, around
+                )
+                _residual_row(sources[j % (steps + 1)], inside[j % (steps + 1)], around, last, around)
+                _add_means(around, fx, 1.0 / (fx * fy), coarse[(j - halo) // fy])
+
+
+@numba.njit(cache=True)
+def sweep_on(s, s_before, s_after, free, f_before, f_after, weights, steps, x, x_before, x_after, z):
+    """As `sweep_from_zero`, from x; the result is z, float64."""
+    rows, nx = s.shape
+    if not rows:
+        return
+    halo, (scale, wx, wy, wd) = steps, weights
+    sources = np.empty((steps + 1, nx), np.float32)
+    inside = np.empty((steps + 1, nx), np.float32)
+    swept = np.zeros((steps + 1, 3, nx + 2), np.float32)
+    around = np.empty(nx, np.float32)
+    high = rows + 2 * halo
+    for t in range(high + steps + 1):
+        if t < high:
+            source, weight, first = sources[t % (steps + 1)], inside[t % (steps + 1)], swept[0, t % 3]
+            if t < halo:
+                _source_row(s_before[t], f_before[t], scale, source, weight)
+                _copy_row(x_before[t], first[1:-1])
+            elif t < halo + rows:
+                _source_row(s[t - halo], free[t - halo], scale, source, weight)
+                _copy_row(x[t - halo], first[1:-1])
+            else:
+                _source_row(s_after[t - halo - rows], f_after[t - halo - rows], scale, source, weight)
+                _copy_row(x_after[t - halo - rows], first[1:-1])
+            _wrap(first)
+        for m in range(1, steps + 1):
+            j = t - m
+            if m <= j < high - m:
+                row = swept[m, j % 3]
+                _neighbours_row(
+                    swept[m - 1, (j - 1) % 3], swept[m - 1, j % 3], swept[m - 1, (j + 1) % 3], wx, wy, wd, around
+                )  # fmt: skip
+                _jacobi_row(sources[j % (steps + 1)], inside[j % (steps + 1)], around, row)
+                if m < steps:
+                    _wrap(row)
+                else:
+                    _copy_row(row[1:-1], z[j - halo])
+
+
+@numba.njit(cache=True)
+def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, steps, x):
+    """Projected Jacobi sweeps ``x = max(f - N x, low)`` on all cells, from x = max(f, low); all of float32.
+
+    f is the right-hand side over B3_00; there must be ``steps - 1`` rows beside the slab, or more.
+    """
+    rows, nx = f.shape
+    if not rows:
+        return
+    halo, (_, wx, wy, wd) = len(f_before), weights
+    sources = np.empty((steps + 1, nx), np.float32)
+    lowest = np.empty((steps + 1, nx), np.float32)
+    swept = np.zeros((steps + 1, 3, nx + 2), np.float32)
+    around = np.zeros(nx, np.float32)
+    high = rows + 2 * halo
+    for t in range(high + steps):
+        if t < high:
+            source, bound, first = sources[t % (steps + 1)], lowest[t % (steps + 1)], swept[1, t % 3]
+            if t < halo:
+                _copy_row(f_before[t], source)
+                _copy_row(low_before[t], bound)
+            elif t < halo + rows:
+                _copy_row(f[t - halo], source)
+                _copy_row(low[t - halo], bound)
+            else:
+                _copy_row(f_after[t - halo - rows], source)
+                _copy_row(low_after[t - halo - rows], bound)
+            for i in range(nx):
+                first[i + 1] = max(source[i], bound[i])
+            _wrap(first)
+        for m in range(2, steps + 1):
+            j = t - m + 1
+            if m - 1 <= j < high - m + 1:
+                row = swept[m, j % 3]
+                _neighbours_row(
+                    swept[m - 1, (j - 1) % 3], swept[m - 1, j % 3], swept[m - 1, (j + 1) % 3], wx, wy, wd, around
+                )  # fmt: skip
+                _projected_row(sources[j % (steps + 1)], lowest[j % (steps + 1)], around, row)
+                _wrap(row)
+        j = t - steps + 1
+        if halo <= j < halo + rows:
+            _copy_row(swept[steps, j % 3][1:-1], x[j - halo])
+
+
+@any_order
+def _mix_row(a, weight, b, out):
+    for i in range(out.size):
+        out[i] = weight * a[i] + (1 - weight) * b[i]
+
+
+@numba.njit(cache=True)
+def add_interpolated(coarse, fx, fy, free, x):
+    """x += the bilinear interpolation of `coarse` on the free cells; coarse rows are one more at either end.
+
+    Parameters
+    ----------
+    coarse : ndarray of float64, shape (rows / fy + 2, nx / fx)
+    x : ndarray of float32, shape (rows, nx)
+    """
+    columns = coarse.shape[1]
+    wide, row = np.empty(columns + 2, np.float32), np.empty(x.shape[1], np.float32)
+    for j in range(x.shape[0]):
+        parent = j // fy
+        shift = (j - parent * fy + 0.5) / fy - 0.5  # from the parent's centre, in its size
+        other = parent + (1 if shift > 0 else -1)
+        _mix_row(coarse[parent + 1], 1 - abs(shift), coarse[other + 1], wide[1:-1])
+        _wrap(wide)
+        if fx == 4:
+            _fours(wide, row)
+        elif fx == 2:
+            _twos(wide, row)
+        else:
+            _copy_row(wide[1:-1], row)
+        _add_inside(row, free[j], x[j])
+
+
+def warm_up():
+    """Load the compiled loops now, not in the first iteration. Not collective."""
+    field, cells = np.zeros((0, 1)), np.zeros((0, 1), bool)
+    fixed, low = field.view(), field.astype(np.float32)
+    fixed.flags.writeable = False
+    weights = (np.float32(0),) * 4
+    for s in (fixed, field):
+        sweep_from_zero(s, field, field, cells, cells, cells, weights, 1, low, field)
+        sweep_on(s, field, field, cells, cells, cells, weights, 1, low, low, low, field)
+    sweep_projected(low, low, low, low, low, low, weights, 1, low)
+    add_interpolated(field, 1, 1, cells, low)

@@ -1,0 +1,142 @@
+"""Preconditioner of O B O: sweeps with the centre of B for short waves, A on a coarser grid for long ones."""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+
+from app.halfspace.grid import Slabs
+from app.halfspace.halo import Halo
+from app.halfspace.reductions import sum_over
+from app.primal import stencil
+
+_event = PETSc.Log.Event("TwoGridPC")
+_CONSTANT = 0.125  # of the longest wave's compliance, over the share of contact: that of the constant
+_NONE = np.empty((0, 0))
+
+
+class TwoGrid:
+    """PC context; its operator must be an `InverseOperator`.
+
+    *Before* and *after* are Jacobi sweeps on the free cells with the 3 x 3 centre of B; between them the mean of what is
+    left in coarse cells is multiplied by A on a grid of cells up to four times as long, and interpolated bilinearly.
+    Waves of no length at all are A's own null space: B takes them from a patch in contact here and there, where they
+    cost as much as a wave between two contacts; hence the constant's compliance, which falls with the contact area.
+
+    Options: ``-pc_two_grid_sweeps k`` (default 5), before and after.
+
+    Attributes
+    ----------
+    constrained : bool
+        The mean of w must not change: results are made free of it, and `multiplier` is the mean pressure that is missing.
+    """
+
+    operator = None
+    constrained = False
+    multiplier = 0.0
+
+    def setUp(self, pc):
+        """Make what depends on the grid alone, though PETSc calls for every contact set."""
+        operator = pc.getOperators()[1].getPythonContext()
+        if operator is self.operator:
+            return
+        self.operator = operator
+        self.sweeps = PETSc.Options(pc.getOptionsPrefix()).getInt("pc_two_grid_sweeps", 5)
+        if not 1 <= self.sweeps <= 50:
+            raise ValueError(f"-pc_two_grid_sweeps {self.sweeps}: allowed: 1 to 50")
+        centre = operator.product.centre()
+        self.weights = tuple(
+            np.float32(value)
+            for value in (
+                1 / centre[1, 1],
+                *(centre[j, i] / centre[1, 1] for j, i in ((1, 0), (0, 1), (0, 0))),
+            )
+        )
+        self._rows = Halo(operator.slabs, operator.comm, self.sweeps)
+        self._x = np.empty(operator.local_shape, np.float32)
+        self._long_waves = _LongWaves(operator) if operator.coarser is not None else None
+        self._number, self._flat = -1, None
+
+    def apply(self, pc, x, y):
+        """Compute y = M x."""
+        with _event, y as out:
+            shape = self.operator.local_shape
+            self.smooth(x.getArray(readonly=True).reshape(shape), out.reshape(shape))
+
+    applyTranspose = apply
+
+    def smooth(self, s, z):
+        """Compute z = M s on the free cells, zero elsewhere. Collective."""
+        if self._number != self.operator.contact_number:
+            self._number, self._flat = self.operator.contact_number, None
+            self._free = self._rows(self.operator.mask)
+        self._apply(s, z)
+        if self.constrained:
+            if self._flat is None:
+                self._flat = np.empty_like(z)
+                self._apply(np.ones_like(z), self._flat)
+            total, of_flat = sum_over(self.operator.comm, [z.sum(), self._flat.sum()])
+            self.multiplier = total / of_flat if of_flat > 0 else 0.0
+            z -= self.multiplier * self._flat
+
+    def shift(self, w, amount):
+        """Raise w on the free cells, smoothly, until its sum has changed by an amount. Collective."""
+        self.constrained, kept = False, self.constrained
+        flat = np.empty_like(w)
+        self.smooth(np.ones_like(w), flat)
+        self.constrained = kept
+        total = sum_over(self.operator.comm, [flat.sum()])[0]
+        if total > 0:
+            w += amount / total * flat
+
+    def _apply(self, s, z):
+        free, x, waves = self.operator.mask, self._x, self._long_waves
+        left = waves.left if waves else _NONE
+        beside = self._rows(s)
+        stencil.sweep_from_zero(s, *beside, free, *self._free, self.weights, self.sweeps, x, left)
+        if waves:
+            waves.add(1.0 / float(self.weights[0]), free, x)
+        stencil.sweep_on(s, *beside, free, *self._free, self.weights, self.sweeps, x, *self._rows(x), z)
+
+    def view(self, pc, viewer):
+        """Describe the preconditioner for -ksp_view."""
+        if viewer.getType() == PETSc.Viewer.Type.ASCII:
+            coarse = self._long_waves.operator.grid if self._long_waves else None
+            more = f", A on {coarse.nx} x {coarse.ny} cells between them" if coarse else ""
+            viewer.printfASCII(f"  {self.sweeps} sweeps with the centre of B before and after{more}\n")
+
+
+class _LongWaves:
+    """A on a coarser grid, for what the sweeps leave."""
+
+    def __init__(self, fine):
+        self.fine, self.operator = fine, fine.coarser
+        coarse = self.operator
+        self.fy, self.fx = fine.grid.ny // coarse.grid.ny, fine.grid.nx // coarse.grid.nx
+        self._gathers = fine.comm is not None and coarse.comm is None
+        self.slabs = fine.slabs.coarsen(self.fy)
+        self.left = np.empty((self.slabs.local, coarse.grid.nx))
+        self._everything = np.empty(coarse.local_shape) if self._gathers else self.left
+        self._u = np.empty(coarse.local_shape)
+        counts = np.array(self.slabs.counts) * coarse.grid.nx
+        self._parts = counts, np.concatenate([[0], np.cumsum(counts)[:-1]])
+        slabs = Slabs(coarse.grid.ny) if coarse.comm is None else coarse.slabs
+        self._halo = Halo(slabs, coarse.comm, 1)
+        # The longest wave: 2 / (E* q) = 2 pi compliance / q
+        longest = max(fine.grid.nx * fine.grid.dx, fine.grid.ny * fine.grid.dy)
+        self._constant = _CONSTANT * coarse.compliance * longest
+
+    def add(self, scale, free, x):
+        """x += what A makes of `left` times a scale, on the free cells. Collective."""
+        coarse, fine = self.operator, self.fine
+        if self._gathers:
+            fine.comm.Allgatherv(self.left, [self._everything, self._parts])
+        total, cells = sum_over(fine.comm, [self.left.sum(), np.count_nonzero(free)])
+        coarse.displacement(self._everything, self._u)
+        contact = max(1.0 - cells / fine.grid.n, 1.0 / fine.grid.n)
+        self._u += self._constant / contact * total / coarse.grid.n
+        self._u *= scale
+        before, after = self._halo(self._u)
+        wide = np.vstack([before, self._u, after])
+        rows = self.slabs.rows if self._gathers else slice(0, coarse.local_shape[0])
+        stencil.add_interpolated(wide[rows.start : rows.stop + 2], self.fx, self.fy, free, x)
