@@ -26,6 +26,7 @@ from petsc4py import PETSc
 from app import method as methods
 from app.contact import certificate, kernels
 from app.contact.certificate import certify
+from app.contact.full_contact import FullContact
 from app.contact.full_multigrid import full_multigrid
 from app.contact.history import History
 from app.contact.iteration import active_set
@@ -139,8 +140,13 @@ class ContactSolver:
     def _set_up(self):
         chosen, problem = self.settings, self.problem
         grid, compliance = problem.grid, problem.material.compliance
+        if grid.periodic and chosen.strategy == "fast":
+            raise InputError(
+                "-lcp_type fast: works on free patches; allowed on periodic ones: active_set, tao, snesvi"
+            )
         if chosen.single:
-            self._largest = float(influence_quadrant(grid, compliance, slice(0, 1), 1)[0, 0])
+            alone = replace(grid, periodic="")  # images change little of a cell's influence on itself
+            self._largest = float(influence_quadrant(alone, compliance, slice(0, 1), 1)[0, 0])
             _check_single("influence coefficients", self._largest, "mm3/N")
         margin = chosen.window if chosen.strategy == "fast" and chosen.nested else 0.0
         self.hierarchy = hierarchy = Hierarchy(
@@ -299,6 +305,11 @@ class ContactSolver:
     def _run(self, loading, history, start):
         chosen, hierarchy = self.settings, self.hierarchy
         arguments, last = (hierarchy, self._distances, loading), len(hierarchy.levels) - 1
+        state = ContactState(hierarchy.target, self._distances[-1])
+        stop = StoppingTest(chosen.rtol, chosen.max_it)
+        if outcome := FullContact(last).solve(state, loading, stop, history):
+            return state, outcome
+        state.destroy()
         if chosen.strategy in REFERENCE_SOLVERS:
             state = ContactState(hierarchy.target, self._distances[-1])
             state.approach = loading.approach
@@ -329,7 +340,6 @@ class ContactSolver:
                 self._coarse_minimum,
                 self._solver,
             )
-        stop = StoppingTest(chosen.rtol, chosen.max_it)
         if start is not None:
             state = self._started_from(start, loading)
             solver = self._solver

@@ -36,6 +36,7 @@ def active_set(state, solver, loading, stop, history):
     if not begin(state, solver, loading, history):
         return Outcome(not loading.prescribes_load, NO_CONTACT)
     for k in range(1, stop.max_it + 1):
+        state.leave_one_open()
         solver.set_contact()  # 2. (2.11) on C^k
         correction, its, failure = solver.solve(state.defect(), stop.allowed(state))
         state.add(correction)  # 3. one multigrid cycle, or CG

@@ -53,6 +53,8 @@ class PrescribedApproach:
 
     def begin(self, state):
         """Prepare the iteration on a grid. Not collective."""
+        if np.isfinite(state.highest):  # which was less, perhaps, on the grid before
+            state.approach = self.approach
 
     def update(self, state):
         """Keep the approach; return by how much it moved [mm]. Not collective."""
@@ -107,11 +109,12 @@ class PrescribedLoad:
             Of all solves; not converged if one is not.
         """
         touching = state.first_touch()
-        loads, outcomes = {touching: 0.0}, []
+        loads, solved, outcomes = {touching: 0.0}, [], []
 
         def lacks(depth):
             if depth not in loads:
                 state.depth = depth
+                solved.append(depth)
                 outcomes.append(solve(PrescribedApproach(state.approach)))
                 if not outcomes[-1].converged:
                     raise ArithmeticError
@@ -124,13 +127,14 @@ class PrescribedLoad:
             else:
                 low, high = max(touching, state.depth - step), max(touching, state.depth) + step
             least = 4 * np.spacing(max(abs(low), abs(high)))  # what can be told apart
-            high = max(high, low + least)
-            while lacks(high) < 0:
-                low, high = high, high + max(2 * (high - low), least)
+            high = min(max(high, low + least), state.highest)
+            while lacks(high) < 0 and high < state.highest:
+                low, high = high, min(high + max(2 * (high - low), least), state.highest)
             while lacks(low) > 0:
                 low, high = max(touching, low - max(2 * (high - low), least)), low
-            root = brentq(lacks, low, high, xtol=rtol * (high - touching))
-            if state.depth != root:
+            # A periodic patch may be in contact everywhere before it carries the load: nothing is beyond that.
+            root = brentq(lacks, low, high, xtol=rtol * (high - touching)) if lacks(high) >= 0 else high
+            if solved[-1] != root:
                 loads.pop(root, None)
                 lacks(root)
         except ArithmeticError:
@@ -186,12 +190,15 @@ class PrescribedLoad:
                 slope = (here[1] - self._before[1]) / moved
                 self.slope = min(max(slope, self.slope / TRUSTED), TRUSTED * self.slope)
             self._before = None
+        if least := least_stiffness(state):
+            self.slope = min(max(self.slope, least), TRUSTED * least)
         lacks = (self.load - here[1]) / self.slope
         if abs(lacks) <= rms:
             return 0.0
-        state.depth += lacks
+        # Towards full contact the slope grows without bound.
+        state.depth = min(state.depth + lacks, (state.depth + state.highest) / 2)
         self._before = here
-        return abs(lacks)
+        return abs(state.depth - here[0])
 
     def settle(self, state, update):
         """Make the load exact by a factor, and the approach what the gap in contact then says. Collective; u is A p.
@@ -210,6 +217,17 @@ class PrescribedLoad:
             return replace(update, added=1)  # there must be contact: go on
         state.depth += state.gap_on_contact()[1]
         return state.activate_penetrating().after(update)
+
+
+def least_stiffness(state):
+    """Load per approach that a contact set on a periodic patch has at least [N/mm]; 0 on a free one. Collective.
+
+    Near full contact the slope is anything up to infinite. With A q = 1 on C, 1.q >= (1.1)^2 / (1.A 1), sums over C.
+    """
+    if not np.isfinite(state.highest):
+        return 0.0
+    energy, cells = state.operator.energy_of_contact()
+    return state.grid.cell_area * cells**2 / energy if energy > 0 else 0.0
 
 
 def stiffness_of_patch(state):

@@ -52,6 +52,11 @@ class Update:
         return replace(self, added=first.added + self.added, released=first.released + self.released)
 
 
+_ROUND_OFF = (
+    1e-10  # how near, relatively, the mean gap of a periodic patch comes to zero before contact is full
+)
+
+
 class Displacement(IntEnum):
     """What u is."""
 
@@ -89,6 +94,8 @@ class UndeformedDistance:
         -h; anything in inadmissible cells.
     b : ndarray, shape (local rows, nx), [mm]
         The same, to read.
+    least_mean_pressure : float
+        That full contact of a periodic patch needs, as soon as it is known [N/mm2].
     admissible : ndarray of bool, shape (local rows, nx)
     """
 
@@ -98,6 +105,7 @@ class UndeformedDistance:
         np.copyto(b, 0.0, where=~self.admissible)
         self._hold(b, operator)
         self.depth, self.deepest, self.reference = 0.0, 0.0, reference
+        self.least_mean_pressure = 0.0
         self.statistics = self._measure(operator.comm)
 
     @classmethod
@@ -208,8 +216,20 @@ class ContactState:
 
     @depth.setter
     def depth(self, value):
-        self.distance.move_to(value)
+        self.distance.move_to(min(value, self.highest))
         self.certificate = None
+
+    @property
+    def highest(self):
+        """Depth that the state never goes beyond [mm]. Not collective.
+
+        On a periodic patch without holes mean(gap) = mean(undeformed distance) - approach; at zero contact is full,
+        whatever the load. A coarse grid may get there before the target does.
+        """
+        cells, mean, _ = self.distance.statistics
+        if not self.grid.periodic or cells < self.grid.n:
+            return np.inf
+        return mean - _ROUND_OFF * abs(mean) - 4 * np.spacing(abs(self.distance.reference))
 
     @property
     def rhs(self):
@@ -243,6 +263,20 @@ class ContactState:
     def first_touch(self):
         """Depth at which the first cells of the undeformed bodies touch [mm]. Collective."""
         return self.depth + float(self.minimum(-self.distance.b[self.admissible].max(initial=-np.inf)))
+
+    def leave_one_open(self):
+        """Where A is singular, on all cells of a periodic patch, the one most inclined to open leaves C. Collective.
+
+        Below the highest depth not all gaps can be closed.
+        """
+        if not np.isfinite(self.highest) or self.sum([np.count_nonzero(self.contact)])[0] < self.grid.n:
+            return
+        tends = self._p + self.distance.b / (self.operator.diagonal or 1.0)
+        least = self.minimum([tends.min(initial=np.inf)])[0]
+        np.greater(tends, least, out=self.contact)
+        self._p[~self.contact] = 0.0
+        self.pressure.stateIncrease()
+        self.u_is = Displacement.STALE
 
     def cells_in_contact(self):
         """Number of cells in the contact set, 1 at least. Collective."""

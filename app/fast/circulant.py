@@ -3,7 +3,7 @@
 The influence coefficients, wrapped around periodically on a grid of the patch's size or little more, make a circulant
 matrix whose eigenvalues ``lambda = rfft2(K wrapped)`` are positive; ``C F^-1 (1/lambda) F C`` costs about a quarter of
 a product.
-(The periodic matrix of the padded grid has negative eigenvalues and is of no use.)
+(The periodic matrix of the padded grid has negative eigenvalues and is of no use.) On a periodic patch it is A itself.
 
 The residual may be extended over the rim of the contact set first, see `Circulant`. Usable wherever PETSc takes a PC,
 on the target grid and as a multigrid smoother, where it must be damped (``-mg_levels_ksp_richardson_scale``)::
@@ -25,6 +25,7 @@ from app.fast.rim import RimExtension, load_extension
 from app.halfspace.fft.lengths import quick_length
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.influence import influence_quadrant
+from app.halfspace.periodic import influence_symbol
 
 _event = PETSc.Log.Event("CirculantPC")
 
@@ -60,6 +61,8 @@ def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64,
     ValueError
         If an eigenvalue is not positive.
     """
+    if grid.periodic:
+        return _periodic_inverse(grid, compliance, slabs, comm, dtype, workspace)
     periods = circulant_periods(grid.shape, margin)
     inverse = EvenMultiplier(grid.shape, periods, slabs, comm, dtype, workspace)
     rows, columns = (min(period // 2 + 1, n) for period, n in zip(periods, grid.shape, strict=True))
@@ -74,9 +77,20 @@ def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64,
     return inverse
 
 
+def _periodic_inverse(grid, compliance, slabs, comm, dtype, workspace):
+    """The inverse of A itself; a constant pressure, which displaces nothing, is as soft as the softest wave."""
+    symbol = partial(influence_symbol, grid, compliance)
+    inverse = EvenMultiplier(grid.shape, grid.shape, slabs, comm, dtype, workspace)
+    inverse.set_spectrum(symbol)
+    longest = symbol(np.arange(min(2, grid.nx)), np.arange(min(2, grid.ny))).max() or 1.0
+    inverse.scale_spectrum(lambda spectrum: 1 / np.where(spectrum > 0, spectrum, longest))
+    return inverse
+
+
 def circulant_of(operator, margin=None):
     """Inverse circulant of an `InfluenceOperator`, made when first asked for. Collective over its ranks."""
-    periods = circulant_periods(operator.grid.shape, margin)
+    grid = operator.grid
+    periods = grid.shape if grid.periodic else circulant_periods(grid.shape, margin)
     if periods not in operator.circulants:
         operator.circulants[periods] = circulant_inverse(
             operator.grid,
@@ -120,7 +134,8 @@ class Circulant:
     with the 3 x 3 centre of B (see `extension`).
 
     Options: ``-pc_circulant_extend k`` (default 0: E = 1), ``-pc_circulant_margin m``: period of B over the extent of
-    the patch, less 1, at least (default 0). Without a margin contact at one edge of the patch feels that at the other.
+    the patch, less 1, at least (default 0). Without a margin contact at one edge of the patch feels that at the other,
+    as it should on a periodic patch, which takes no margin.
     """
 
     operator = None
@@ -135,10 +150,17 @@ class Circulant:
         margin, steps = options.getReal("pc_circulant_margin", 0.0), options.getInt("pc_circulant_extend", 0)
         if not 0 <= margin <= 1:
             raise ValueError(f"-pc_circulant_margin {margin:g}: allowed: 0 to 1")
+        periodic = bool(operator.grid.periodic)
+        if margin and periodic:
+            raise ValueError(
+                f"-pc_circulant_margin {margin:g}: allowed on a periodic patch, which has no rim: 0"
+            )
         self.multiplier = circulant_of(operator, margin)
         self.extension = None
         if steps:
-            self.extension = RimExtension(operator.local_shape, operator.slabs, operator.comm, steps)
+            self.extension = RimExtension(
+                operator.local_shape, operator.slabs, operator.comm, steps, periodic
+            )
             self.extension.set_stencil(self.multiplier.centre())
         self._contact = -1
         # Load the compiled loops now.

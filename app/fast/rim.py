@@ -18,7 +18,6 @@ from functools import cache
 
 import numba
 import numpy as np
-from mpi4py import MPI
 
 MAX_STEPS = 250  # kinds of cells are numbered in a byte
 
@@ -36,6 +35,8 @@ class RimExtension:
         Ranks that share the grid; None if this rank holds all of it.
     steps : int
         Jacobi steps `k`; with none, `E` is the identity.
+    periodic : bool
+        Whether what leaves the patch on one side comes in on the other.
 
     Attributes
     ----------
@@ -48,7 +49,7 @@ class RimExtension:
         If `steps` is negative or above 250, or there are too many cells for 32-bit indices.
     """
 
-    def __init__(self, shape, slabs, comm, steps=3):
+    def __init__(self, shape, slabs, comm, steps=3, periodic=False):
         rows, nx = shape
         if not 0 <= steps <= MAX_STEPS:
             raise ValueError(f"rim extension: {steps} steps; 0 to {MAX_STEPS} are possible")
@@ -59,9 +60,8 @@ class RimExtension:
         self.shape, self.steps = (rows, nx), steps
         self._comm = comm if rows and comm is not None and comm.size > 1 else None
         if self._comm is not None:
-            before = [rank for rank in range(comm.rank) if slabs.counts[rank]]
-            after = [rank for rank in range(comm.rank + 1, comm.size) if slabs.counts[rank]]
-            self._before, self._after = (before or [MPI.PROC_NULL])[-1], (after or [MPI.PROC_NULL])[0]
+            self._before, self._after = slabs.neighbours(periodic)
+        self._periodic = periodic
         self._kinds = np.zeros((rows, nx), np.uint8)
         self._spread = np.zeros((rows + 2, nx + 2), np.uint8)  # with the cells beside these rows
         self._band = self._inner = np.empty(0, np.int32)
@@ -176,19 +176,24 @@ class RimExtension:
     def _dilate(self, of):
         """Let what is marked in ``_spread`` spread to the cells beside it; count these, of some only. Collective."""
         spread = self._spread
-        if self._comm is not None:
-            self._exchange(spread[1], spread[-2], spread[0], spread[-1])
+        if self._periodic:
+            spread[:, 0], spread[:, -1] = spread[:, -2], spread[:, 1]
+        self._exchange(spread[1], spread[-2], spread[0], spread[-1])
         _dilate(spread, of, self._kinds)
 
     def _rows_beside(self, x):
-        """Rows of the neighbour ranks above and below these, zero at the end of the patch. Collective."""
+        """Rows above and below these, of the neighbour ranks; zero at the end of a free patch. Collective."""
         above, below = np.zeros((2, self.shape[1]), x.dtype)
-        if self._comm is not None:
+        if len(x):
             self._exchange(x[0], x[-1], above, below)
-        return above, below
+        return above, below, self._periodic
 
     def _exchange(self, first, last, above, below):
         """Send the outer rows to the neighbour ranks and receive theirs; no neighbour: nothing changes."""
+        if self._comm is None:
+            if self._periodic:
+                above[...], below[...] = last, first
+            return
         self._comm.Sendrecv(first, self._before, recvbuf=below, source=self._after)
         self._comm.Sendrecv(last, self._after, recvbuf=above, source=self._before)
 
@@ -289,7 +294,7 @@ def _put(x, cells, values):
 
 
 @numba.njit(cache=True)
-def _sweep(x, above, below, cells, source, weights):
+def _sweep(x, above, below, periodic, cells, source, weights):
     """x <- source - N x on the listed cells, all from the old values."""
     wx, wy, wd = weights
     new = np.empty(cells.size, x.dtype)
@@ -302,10 +307,13 @@ def _sweep(x, above, below, cells, source, weights):
             diagonal = (x[a - 1] + x[a + 1]) + (x[b - 1] + x[b + 1])
         else:
             row, i = ~j // nx, ~j % nx
-            in_x = _value(x, above, below, row, i - 1) + _value(x, above, below, row, i + 1)
+            left, right = i - 1, i + 1
+            if periodic:
+                left, right = left % nx, right % nx
+            in_x = _value(x, above, below, row, left) + _value(x, above, below, row, right)
             in_y = _value(x, above, below, row - 1, i) + _value(x, above, below, row + 1, i)
-            diagonal = (_value(x, above, below, row - 1, i - 1) + _value(x, above, below, row - 1, i + 1)) + (
-                _value(x, above, below, row + 1, i - 1) + _value(x, above, below, row + 1, i + 1)
+            diagonal = (_value(x, above, below, row - 1, left) + _value(x, above, below, row - 1, right)) + (
+                _value(x, above, below, row + 1, left) + _value(x, above, below, row + 1, right)
             )
         new[m] = source[m] - (wx * in_x + wy * in_y + wd * diagonal)
     for m in range(cells.size):

@@ -15,6 +15,7 @@ import os
 from dataclasses import dataclass, replace
 
 import numpy as np
+from mpi4py import MPI
 
 from app.errors import InputError
 
@@ -152,6 +153,13 @@ class Slabs:
     def local(self):
         """Number of rows on this rank."""
         return self.starts[self.rank + 1] - self.starts[self.rank]
+
+    def neighbours(self, periodic):
+        """Ranks that own the rows before and after those of this rank; MPI.PROC_NULL if nobody does. Not collective."""
+        owners = [rank for rank, count in enumerate(self.counts) if count]
+        place = owners.index(self.rank)
+        around = owners if periodic else [*owners, MPI.PROC_NULL]
+        return around[place - 1], around[(place + 1) % len(around)]
 
     def coarsen(self, factor):
         """Slabs of the coarse grid whose rows are made of `factor` of these rows each."""

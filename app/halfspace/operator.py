@@ -17,12 +17,14 @@ from app.halfspace.fft import transpose
 from app.halfspace.fft.lengths import transform_length
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Slabs
-from app.halfspace.influence import dense_matrix, influence_quadrant
+from app.halfspace.influence import dense_matrix, influence_quadrant, quadrant_rows
 from app.halfspace.periodic import influence_symbol
 from app.halfspace.product import Convolution, DenseProduct, PeriodicProduct
+from app.halfspace.reductions import sum_over
 
 _FORWARD, _BACKWARD = 1 | 4, 2 | 8  # MatSORType: the "local" kinds mean the same here, see `SOR`
 _ZERO_GUESS = 16
+_PRODUCTS = "product", "exact_product", "inverse_product"
 _mult_event = PETSc.Log.Event("InfluenceMult")
 _sweep_event = PETSc.Log.Event("InfluenceSOR")
 transpose.exchange_event = PETSc.Log.Event("InfluenceAlltoall")
@@ -72,12 +74,12 @@ class InfluenceOperator:
         # Whether what `product` says must be checked by the exact one.
         self.needs_verification = exact_product is not None or self.dtype != np.float64
         self.circulants = {}  # made by the preconditioner of that name when they are first used here
-        self.diagonal = float(influence_quadrant(grid, compliance, slice(0, 1), 1)[0, 0])
         self.local_shape = (self.slabs.local, grid.nx)
         self.mask = np.zeros(self.local_shape, bool)
         self.products = self.sweeps = 0
         self._spent = 0.0  # products of objects that are gone
         self.contact_number = 0
+        self._energy = None, None  # of a contact set, by its number
         self._relaxation = None
 
     # -- products, made when first asked for ---------------------------------------------------------------
@@ -111,6 +113,19 @@ class InfluenceOperator:
         products = (made.get("product"), made.get("exact_product"))
         here = next((product for product in products if isinstance(product, EvenMultiplier)), None)
         return here or (self._workspace and self._workspace.storage)
+
+    @cached_property
+    def inverse_product(self):
+        """B, the inverse of A on fields without mean, of a periodic grid. Collective when first asked for."""
+        exact = self.exact_product
+        return (exact if isinstance(exact, PeriodicProduct) else self._convolution(np.float64)).inverse()
+
+    @cached_property
+    def diagonal(self):
+        """Influence of a cell on itself [mm / (N/mm2)]. Collective when first asked for, on a periodic grid."""
+        if self.grid.periodic and not self._dense:
+            return float(self.exact_product.centre()[1, 1])
+        return float(influence_quadrant(self.grid, self.compliance, slice(0, 1), 1)[0, 0])
 
     def _convolution(self, dtype):
         if self.grid.periodic:
@@ -184,6 +199,14 @@ class InfluenceOperator:
             self.exact_product.apply(p, u)
             PETSc.Log.logFlops(getattr(self.exact_product, "flops", 0))  # a window's is counted by its grid
 
+    def energy_of_contact(self):
+        """p.Ap for p = 1 on C and 0 elsewhere [mm / (N/mm2)], and the cells of C; one product per set. Collective."""
+        if self._energy[0] != self.contact_number:
+            p, u = self.mask.astype(float), np.empty(self.local_shape)
+            self.displacement(p, u)
+            self._energy = self.contact_number, sum_over(self.comm, [np.vdot(p, u), np.count_nonzero(p)])
+        return self._energy[1]
+
     # -- what PETSc calls --------------------------------------------------------------------------------
 
     def mult(self, mat, x, y):
@@ -236,9 +259,9 @@ class InfluenceOperator:
         if self._relaxation is None:
             from app.halfspace.sweeps.gauss_seidel import GaussSeidel
 
-            quadrant = partial(influence_quadrant, self.grid, self.compliance)
+            rows = quadrant_rows(self.grid, self.compliance)
             self._relaxation = GaussSeidel(
-                lambda first, last: quadrant(slice(first, last)), self.grid.shape, self.slabs, self.comm
+                lambda first, last: rows(slice(first, last)), self.grid.shape, self.slabs, self.comm
             )
             self._relaxation.work = (np.zeros(self.local_shape), np.zeros(self.local_shape))
         return self._relaxation
@@ -247,7 +270,7 @@ class InfluenceOperator:
     def equivalent_products(self):
         """Everything computed here so far, in products on this grid (a sweep by its flops)."""
         made = vars(self)
-        products = {id(made[name]): made[name] for name in ("product", "exact_product") if name in made}
+        products = {id(made[name]): made[name] for name in _PRODUCTS if name in made}
         total = self._spent + self._circulant_products() + sum(product.count for product in products.values())
         if self._relaxation:
             total += self.sweeps * self._relaxation.products_per_sweep

@@ -19,6 +19,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import erf, erfc
 
+from app.halfspace.fft.multiplier import transform_even
+
 SYMBOLS = ("point", "love")
 
 # Ewald's splitting of 1/rho: beyond so many lengths erfc(rho) / rho, and beyond so many waves erfc(q / 2) / q, vanish.
@@ -72,8 +74,8 @@ def _point(grid, columns, rows):
 def _love(grid, columns, rows):
     """Transform of the integral of 1/rho over a cell and all its images, over 2 pi.
 
-    By Ewald's method: what is long of 1/rho as a sum over all waves that look alike in cell centres, what is short of it
-    as a sum over cells near by.
+    By Ewald's method: what is long of 1/rho as a sum over all waves that look alike in cell centres, what is short of
+    it as a sum over cells near by.
     """
     qx, qy = frequencies(grid, columns, rows)
     alpha = _SPLITTING / max(grid.dx, grid.dy)
@@ -115,18 +117,19 @@ def _short_range(dx, dy, alpha):
     return whole - np.einsum("jikl,k,l->ji", smooth, weights, weights) * dx * dy / 4
 
 
-def periodic_quadrant(grid, compliance, rows=slice(None), columns=None):
-    """Influence coefficients of a periodic grid at non-negative offsets; see `influence_quadrant`. Not collective."""
-    i, j = np.arange(grid.nx // 2 + 1), np.arange(grid.ny // 2 + 1)
-    symbol = influence_symbol(grid, compliance, i, j)
-    offsets = np.arange(grid.ny)[rows]
-    wanted = np.arange(grid.nx if columns is None else columns)
-    in_y = _cosines(offsets, j, grid.ny)
-    in_x = _cosines(wanted, i, grid.nx)
-    return in_y @ symbol.T @ in_x.T
+def periodic_quadrant(grid, compliance):
+    """Influence coefficients of a periodic grid at offsets up to half a period. Not collective.
+
+    Returns
+    -------
+    ndarray, shape (ny // 2 + 1, nx // 2 + 1), [mm / (N/mm2)]
+        The inverse transform of the symbol, in O(n log n).
+    """
+    symbol = influence_symbol(grid, compliance, np.arange(grid.nx // 2 + 1), np.arange(grid.ny // 2 + 1))
+    in_y = transform_even(symbol, grid.ny)
+    return transform_even(np.ascontiguousarray(in_y.T), grid.nx) / grid.n
 
 
-def _cosines(offsets, index, n):
-    """Inverse transform of an even sequence, at some offsets: shape (offsets, frequencies)."""
-    twice = np.where((index > 0) & (2 * index < n), 2.0, 1.0)
-    return twice / n * np.cos(2 * np.pi * (np.outer(offsets, index) % n) / n)
+def folded(offsets, n):
+    """Offsets up to half a period that the offsets 0 .. n-1 are alike to. Not collective."""
+    return np.minimum(offsets, n - offsets)

@@ -8,6 +8,7 @@ is one on the grid itself.
 from __future__ import annotations
 
 import numpy as np
+from mpi4py import MPI
 
 from app.halfspace.fft.lengths import transform_length
 from app.halfspace.fft.multiplier import EvenMultiplier
@@ -50,6 +51,18 @@ class PeriodicProduct(EvenMultiplier):
         super().__init__(shape, shape, slabs, comm, dtype, workspace)
         self.set_spectrum(symbol)
         self.scale_spectrum(lambda spectrum: spectrum)
+
+    def inverse(self):
+        """Return the inverse on fields without mean, zero on constants; it shares storage. Not collective."""
+        other = self.in_precision(self.dtype)
+        scaled = self._spectrum * float(self.periods[0] * self.periods[1]) ** 2
+        np.divide(1.0, scaled, out=other._spectrum, where=scaled > 0)
+        return other
+
+    def norm(self):
+        """Largest eigenvalue. Collective."""
+        largest = float(self._spectrum.max(initial=0.0)) * self.periods[0] * self.periods[1]
+        return largest if self.comm is None else self.comm.allreduce(largest, MPI.MAX)
 
 
 class DenseProduct:

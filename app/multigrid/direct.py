@@ -46,6 +46,7 @@ class DirectSolver:
 
     def set_contact(self):
         """Take over the contact set that is in the operator's mask now."""
+        self.operator.mask_changed()
         self._inside = self.operator.mask.reshape(-1).copy()
         system = self._matrix[np.ix_(self._inside, self._inside)]
         self._factors = cho_factor(system, overwrite_a=True) if self._inside.any() else None

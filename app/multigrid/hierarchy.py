@@ -86,7 +86,7 @@ class Hierarchy:
 
     def windowed(self, operator):
         """Whether a level will be worked on in a window, if that leaves enough cells out."""
-        return self.margin > 0 and operator.grid.n > _SMALLEST_WINDOWED
+        return self.margin > 0 and not operator.grid.periodic and operator.grid.n > _SMALLEST_WINDOWED
 
     def share(self, operator):
         """Cells of a level as a share of the target grid's."""

@@ -61,10 +61,18 @@ class MaskedMatrix:
         self._index = np.arange(first, last, dtype=PETSc.IntType)
         self.update()
 
-    def update(self):
-        """Take over the operator's contact set. Collective."""
+    def update(self, energy=0.0):
+        """Take over the operator's contact set. Collective.
+
+        Parameters
+        ----------
+        energy : float
+            What ``p.Ap`` should at least be for p = 1 on C.
+        """
         inside = self.operator.mask.reshape(-1)
         values = np.where(inside[:, None] & inside, self._full, 0.0)
+        lacks = (energy - values.sum()) / max(np.count_nonzero(inside), 1) ** 2
+        values += np.where(inside[:, None] & inside, max(lacks, 0.0), 0.0)
         values[~inside, ~inside] = self.operator.diagonal
         self.mat.setValues(self._index, self._index, values)
         self.mat.assemble()
@@ -97,7 +105,15 @@ class Multigrid:
             raise ValueError(f"-pc_mg_levels {wanted}: this grid allows 1 to {most}")
         wanted = min(wanted, len(operators))
         if most == 1:
-            raise ValueError("multigrid needs a grid of at least 2 cells")
+            grid = operators[-1].grid
+            needs = (
+                "an even number of cells in x or y of a periodic patch"
+                if grid.periodic
+                else "at least 2 cells"
+            )
+            raise ValueError(
+                f"-{prefix}pc_type mg: the grid {grid.nx},{grid.ny} cannot be halved; allowed: {needs}"
+            )
         self.operators, self.transfers = operators[-wanted:], transfers[-wanted:]
         self.coarse = MaskedMatrix(self.operators[0], comm)
         pc = ksp.getPC()
@@ -127,7 +143,19 @@ class Multigrid:
             operator.mask_changed()
         for mat in self._level_mats:
             mat.stateIncrease()
-        self.coarse.update()
+        self.coarse.update(self._energy_of_constant())
+
+    def _energy_of_constant(self):
+        """p.Ap for p = 1 on C of a periodic patch, as the coarsest grid should see it; 0 on a free one. Collective.
+
+        The coarser the grid the more of it is in C, in the end all, where a constant costs nothing: its correction
+        would be much too large, or infinite.
+        """
+        fine, coarse = self.operators[-1], self.operators[0]
+        if not fine.grid.periodic or fine is coarse:
+            return 0.0
+        energy = max(fine.energy_of_contact()[0], fine.diagonal)  # that of one open cell, at the least
+        return energy * coarse.grid.n / fine.grid.n
 
     def destroy(self):
         """Free the Mats made here. Collective."""

@@ -11,6 +11,8 @@ import numba
 import numpy as np
 from petsc4py import PETSc
 
+_FIRST, _LAST = 1, 2  # tags: which row of a slab
+
 
 class Transfer:
     """Restriction and prolongation between two operators.
@@ -101,39 +103,46 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def interpolate(self, coarse, fine):
-        """Sec. 4.3, 2: bilinear interpolation of u; extrapolation at the rim of patch or window. Collective."""
+        """Sec. 4.3, 2: bilinear interpolation of u; extrapolation at the rim of patch or window. Collective.
+
+        On a periodic grid there is no rim.
+        """
         wide, first = self._with_neighbours(coarse)
         rows = self.fine.slabs.rows
         self._interpolate(wide, fine, rows, first)
 
     def _with_neighbours(self, coarse):
         """Return the coarse rows here, one more on either side where there is one, and the number of the first."""
-        slabs = self.fine.slabs.coarsen(self.fy)
-        first = max(slabs.rows.start - 1, 0)
+        slabs, periodic = self.fine.slabs.coarsen(self.fy), bool(self.coarse.grid.periodic)
+        rows = slabs.rows
+        first = rows.start - 1 if periodic else max(rows.start - 1, 0)
         if self.coarse.comm is None:
-            rows = slabs.rows
+            if periodic:
+                return coarse[np.arange(first, rows.stop + 1) % len(coarse)], first
             return coarse[first : rows.stop + 1], first
-        comm, counts = self.coarse.comm, slabs.counts
-        if not counts[comm.rank]:
+        comm = self.coarse.comm
+        if not slabs.local:
             return coarse, first
-        before = max((r for r in range(comm.rank) if counts[r]), default=None)
-        after = min((r for r in range(comm.rank + 1, comm.size) if counts[r]), default=None)
-        requests, above, below = [], [], []
-        for other, row, store in ((before, coarse[0], above), (after, coarse[-1], below)):
-            if other is not None:
-                store.append(np.empty(coarse.shape[1]))
-                requests.append(comm.Irecv(store[0], other))
-                requests.append(comm.Isend(np.ascontiguousarray(row), other))
+        before, after = slabs.neighbours(periodic)
+        above, below = np.empty((2, 1, coarse.shape[1]))
+        # At the rim nobody is there. Around a period both neighbours may be the same rank, or this one.
+        requests = [comm.Irecv(above, before, _LAST), comm.Irecv(below, after, _FIRST)]
+        requests += [
+            comm.Isend(coarse[:1].copy(), before, _FIRST),
+            comm.Isend(coarse[-1:].copy(), after, _LAST),
+        ]
         for request in requests:
             request.Wait()
-        return np.vstack([*above, coarse, *below]), first
+        return np.vstack([above[before < 0 :], coarse, below[after < 0 :]]), first
 
     def _interpolate(self, coarse, fine, rows, first):
         """Interpolate to global fine rows `rows` from coarse rows that start at global row `first`."""
         if not fine.size:
             return
-        a, b, weight = _neighbours(np.arange(rows.start, rows.stop), self.coarse.grid.ny, self.fy)
-        c, d, weight_x = _neighbours(np.arange(self.fine.grid.nx), self.coarse.grid.nx, self.fx)
+        grid = self.coarse.grid
+        a, b, weight = _neighbours(np.arange(rows.start, rows.stop), grid.ny, self.fy, grid.periodic)
+        c, d, weight_x = _neighbours(np.arange(self.fine.grid.nx), grid.nx, self.fx, grid.periodic)
+        d %= grid.nx
         _bilinear(coarse, fine, a - first, b - first, weight, c, d, weight_x)
 
     # -- as PETSc's matrices -----------------------------------------------------------------------------
@@ -165,16 +174,19 @@ def warm_up():
     _bilinear(field, field, cells, cells, weights, cells, cells, weights)
 
 
-def _neighbours(index, count, factor):
+def _neighbours(index, count, factor, periodic):
     """Coarse cells around fine cells, and the weight of the first: 3/4 for the parent, 1/4 for the next one.
 
-    At the rim the two cells are the parent and the one inside, with weights 5/4 and -1/4.
+    At the rim the two cells are the parent and the one inside, with weights 5/4 and -1/4. Over a period the next one
+    may be number -1 or `count`.
     """
     parent = index // factor
     if factor == 1 or count == 1:
         return parent, parent, np.ones(len(index))
     towards = np.where(index % 2, 1, -1)
     other = parent + towards
+    if periodic:
+        return parent, other, np.full(len(index), 0.75)
     inside = (other >= 0) & (other < count)
     other = np.where(inside, other, parent - towards)
     return parent, other, np.where(inside, 0.75, 1.25)

@@ -199,7 +199,7 @@ class EvenMultiplier:
             stop = min(start + _ROWS_AT_ONCE, mine.rows.stop)
             block = np.zeros((stop - start, half_x + 1), self.dtype)
             block[:, :columns] = kernel_rows(slice(start, stop))[:, :columns]
-            block = _transform_even(block, nx_fft)
+            block = transform_even(block, nx_fft)
             for first, last, strips in pieces:
                 put_rows(block[:, first:last].copy(), strips, mine.local, start - mine.rows.start)
         spectrum = np.empty((sum(g.mine.stop - g.mine.start for g in self._groups), half_y + 1), self.dtype)
@@ -212,7 +212,7 @@ class EvenMultiplier:
                 column = np.zeros((last - first, half_y + 1), self.dtype)
                 for strips, (a, b) in zip(dealt, group.row_ranges, strict=True):
                     column[:, a:b] = strip_view(strips, b - a, first, last).T
-                spectrum[done + first : done + last] = _transform_even(column, ny_fft)
+                spectrum[done + first : done + last] = transform_even(column, ny_fft)
             done += count
         self._spectrum = spectrum
 
@@ -384,8 +384,11 @@ def _storage(size, dtype, shared=None):
     return np.zeros(size, dtype)
 
 
-def _transform_even(samples, period):
-    """Fourier transform of the even `period`-periodic sequences whose first ``period // 2 + 1`` samples are given."""
+def transform_even(samples, period):
+    """Transform along axis 1 the even `period`-periodic sequences whose first ``period // 2 + 1`` samples are given.
+
+    Not collective. Twice it is ``period`` times the identity.
+    """
     if period == 1:
         return samples
     if period % 2 == 0:
