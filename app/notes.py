@@ -7,7 +7,7 @@ import numpy as np
 
 def notes_on(state):
     """Say in a line each what a user should look at twice. Collective."""
-    if _touches_rim(state):
+    if not state.grid.periodic and _touches_rim(state):
         what = "contact reaches" if state.in_contact() else "the smallest distance is found at"
         return [f"{what} the rim of the patch: enlarge the domain if the bodies go on beyond it"]
     return []
