@@ -28,6 +28,13 @@ class Solution:
         Why the iteration ended.
     load, approach : float
         [N], [mm].
+    mean_pressure, mean_gap : float
+        Load over the area of the patch [N/mm2]; mean of the gap over the cells where contact is possible [mm].
+    contact_fraction, corrected_contact_fraction, perimeter : float
+        Share of these cells; the same corrected for its stepped boundary; the length of that [mm]. See
+        `app.contact.measures`.
+    rms_height, rms_slope : float
+        Of the undeformed distance [mm], [1].
     residual : float
         ||r|| / ||h||, (5.1).
     iterations, inner_iterations : int
@@ -69,6 +76,12 @@ class Solution:
     max_pressure: float
     contact_cells: int
     contact_fraction: float
+    corrected_contact_fraction: float
+    perimeter: float
+    mean_pressure: float
+    mean_gap: float
+    rms_height: float
+    rms_slope: float
     rtol: float
     certificate: Certificate
     history: dict
@@ -127,6 +140,12 @@ class Solution:
             "max_pressure": self.max_pressure,
             "contact_cells": self.contact_cells,
             "contact_fraction": self.contact_fraction,
+            "corrected_contact_fraction": self.corrected_contact_fraction,
+            "perimeter": self.perimeter,
+            "mean_pressure": self.mean_pressure,
+            "mean_gap": self.mean_gap,
+            "rms_height": self.rms_height,
+            "rms_slope": self.rms_slope,
             "lcp_rtol": self.rtol,
             **self.problem,
             **self.certificate.describe(),

@@ -24,7 +24,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app import method as methods
-from app.contact import certificate, kernels
+from app.contact import certificate, kernels, measures
 from app.contact.certificate import certify
 from app.contact.full_contact import FullContact
 from app.contact.full_multigrid import full_multigrid
@@ -64,7 +64,17 @@ _READ_LATE = re.compile(r"(\w+_)?(ksp|snes|tao)_converged_reason|(\w+_)?(ksp|pc|
 _WRONG_CHOICES = (56, 60, 62, 73, 75, 83, 86, 92)
 
 
-def solve(problem, approach=None, load=None, method=None, options=None, comm=None, start=None):
+def solve(
+    problem,
+    approach=None,
+    load=None,
+    method=None,
+    options=None,
+    comm=None,
+    start=None,
+    mean_pressure=None,
+    mean_gap=None,
+):
     """Solve a contact problem once.
 
     Collective over `comm`. Parameters as of `ContactSolver` and `ContactSolver.solve`.
@@ -74,7 +84,7 @@ def solve(problem, approach=None, load=None, method=None, options=None, comm=Non
     Solution
     """
     with ContactSolver(problem, method, options, comm) as solver:
-        return solver.solve(approach, load, start)
+        return solver.solve(approach, load, start, mean_pressure, mean_gap)
 
 
 class ContactSolver:
@@ -199,6 +209,7 @@ class ContactSolver:
         texts = self.settings.texts
         kernels.warm_up()
         certificate.warm_up()
+        measures.warm_up()
         transfer.warm_up()
         if self.settings.strategy == "primal":
             stencil.warm_up()
@@ -226,6 +237,7 @@ class ContactSolver:
         for level in hierarchy.levels:
             self._distances.append(UndeformedDistance(level, shapes.pop(0), reference))
             self._resources.add(self._distances[-1])
+        self._roughness = measures.measure_roughness(hierarchy.target, self._distances[-1], target)
 
     def _digits_lost(self):
         """Whether approaches far beyond the shape have cost it digits."""
@@ -244,17 +256,21 @@ class ContactSolver:
 
     # -- solve -------------------------------------------------------------------------------------------
 
-    def solve(self, approach=None, load=None, start=None):
-        """Solve for an approach or a load.
+    def solve(self, approach=None, load=None, start=None, mean_pressure=None, mean_gap=None):
+        """Solve for exactly one of approach, load, mean pressure and mean gap.
 
         Parameters
         ----------
         approach : float, optional
             [mm]
         load : float, optional
-            Total force [N], at least 0. Exactly one of both.
+            Total force [N], at least 0.
         start : Solution, optional
-            Of the same grid and communicator, to start from: for a similar approach or load.
+            Of the same grid and communicator, to start from: for a similar loading.
+        mean_pressure : float, optional
+            Load over the area of the patch [N/mm2].
+        mean_gap : float, optional
+            Of a periodic patch without holes [mm].
 
         Returns
         -------
@@ -272,7 +288,7 @@ class ContactSolver:
         products = self.hierarchy.operator_applications()
         if self._digits_lost():
             self._measure_shapes()
-        loading = self._loading(approach, load)
+        loading = self._loading(approach=approach, load=load, mean_pressure=mean_pressure, mean_gap=mean_gap)
         if not loading.prescribes_load and loading.approach <= self._touching:
             start = None  # there is no pressure
         history = History(self.listeners)
@@ -288,8 +304,8 @@ class ContactSolver:
             warnings.warn(f"not converged: {solution.message}", RuntimeWarning, stacklevel=2)
         return solution
 
-    def _loading(self, approach, load):
-        loading = prescribe(approach, load)
+    def _loading(self, **given):
+        loading = prescribe(self.problem.grid, self._distances[-1], **given)
         if loading.prescribes_load and self.settings.strategy in REFERENCE_SOLVERS:
             raise InputError(f"-lcp_type {self.settings.strategy}: works by approach only, not by load")
         if self.settings.single:
@@ -382,8 +398,7 @@ class ContactSolver:
                     else "a smaller -lcp_rtol is more accurate"
                 ),
             )
-        p, distance, depth = state.p, state.distance, state.depth
-        cells = int(state.sum([state.contact.sum()])[0])
+        p, distance, depth, load = state.p, state.distance, state.depth, state.load
         last = len(self.hierarchy.levels) - 1
         return Solution(
             pressure=p,
@@ -392,7 +407,7 @@ class ContactSolver:
             contact=state.contact.copy(),
             converged=outcome.converged,
             message=outcome.reason,
-            load=state.load,
+            load=load,
             approach=state.approach if loading.prescribes_load else loading.approach,
             residual=outcome.residual,
             iterations=outcome.iterations,
@@ -402,8 +417,8 @@ class ContactSolver:
             discretisation_error=outcome.discretisation_error,
             fallbacks=outcome.fallbacks,
             max_pressure=-float(state.minimum([-p.max(initial=0.0)])[0]),
-            contact_cells=cells,
-            contact_fraction=cells / distance.statistics.cells,
+            **measures.measure_contact(state, load)._asdict(),
+            **self._roughness._asdict(),
             rtol=self.settings.rtol,
             certificate=proof,
             history=history.columns(),

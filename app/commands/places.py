@@ -69,38 +69,49 @@ class Given:
     of_petsc: dict = field(default_factory=dict)
     warnings: list = field(default_factory=list)
 
-    def last_of(self, names, needed):
+    def last_of(self, alternatives, needed=""):
         """Which of some options excluding each other holds: the one given in the last place that gives any.
 
         Removes the others. Not collective.
 
         Parameters
         ----------
-        names : sequence of str
+        alternatives : sequence of str or tuple of str
+            Names, or several that go together.
         needed : str
-            Of what exactly one is needed, for the message.
+            Of what exactly one is needed, for the message; empty: none need be given.
+
+        Returns
+        -------
+        str or tuple of str
+            The alternative; None if none is given.
 
         Raises
         ------
         InputError
             If none is given, or more than one in that place.
         """
-        present = [name for name in names if name in self.texts]
+        members = {one: (one,) if isinstance(one, str) else one for one in alternatives}
+        present = [one for one in alternatives if self.texts.keys() & members[one]]
         if not present:
+            if not needed:
+                return None
             raise InputError(f"neither {needed} is given: exactly one is needed")
         found, where = present, ""
         for place in self.places:
-            here = [name for name in present if name in place.names]
+            here = [one for one in present if place.names & set(members[one])]
             if here:
                 found, where = here, f" {place.description}"
         if len(found) > 1:
             both = "both " if len(found) == 2 else ""
+            names = [next(name for name in members[one] if name in self.texts) for one in found]
             raise InputError(
-                f"{both}{' and '.join(f'-{name}' for name in found)} are given{where}: exactly one is allowed"
+                f"{both}{' and '.join(f'-{name}' for name in names)} are given{where}: exactly one is allowed"
             )
-        for name in present:
-            if name != found[0]:
-                del self.texts[name]
+        for one in present:
+            if one != found[0]:
+                for name in members[one]:
+                    self.texts.pop(name, None)
         return found[0]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.errors import InputError, agree
+from app.halfspace.periodic import SYMBOLS
 from app.options import (
     REQUIRED,
     Option,
@@ -39,13 +40,18 @@ def grid_size(text):
 frequencies = pair("M,N or M, whole numbers from 1 to 10000", lambda m, n: max(m, n) <= 10000)
 
 PROBLEM_OPTIONS = [
-    Option("problem", choice("hertz", "punch", "file", "python"), REQUIRED, "what is pressed together"),
+    Option("problem", choice("hertz", "punch", "file", "python", "rough"), REQUIRED, "what is pressed together"),
     Option("grid", grid_size, REQUIRED, "nx,ny or n: cells"),
     Option("domain", domain, REQUIRED, "x0,x1,y0,y1: potential contact area [mm]"),
+    Option("periodic", flag, False, "the patch repeats for ever in x and y"),
+    Option("periodic_symbol", choice(*SYMBOLS), SYMBOLS[0], "what its numbers stand for, waves or cells"),
+    Option("contact_modulus", positive, REQUIRED, "E* of the pair [N/mm2]; or else the next two"),
     Option("shear_modulus", positive, REQUIRED, "combined G of the pair, 2/G = 1/G1 + 1/G2 [N/mm2]"),
     Option("poisson_ratio", real("from 0 to 0.5", lowest=0, highest=0.5), REQUIRED, "nu"),
-    Option("approach", real(), None, "approach of the bodies [mm] (either this or -load)"),
-    Option("load", real(), None, "total normal force [N] (either this or -approach)"),
+    Option("approach", real(), None, "approach of the bodies [mm] (this or one of the next three)"),
+    Option("load", real(), None, "total normal force [N]"),
+    Option("mean_pressure", real(), None, "load over the area of the patch [N/mm2]"),
+    Option("mean_gap", real(), None, "mean gap of a periodic patch [mm]"),
     Option("hertz_rx", positive, REQUIRED, "relative radius of curvature in x [mm]"),
     Option("hertz_ry", positive, REQUIRED, "relative radius of curvature in y [mm]"),
     Option("punch_diameter", positive, REQUIRED, "diameter of the flat punch [mm]"),
@@ -53,12 +59,19 @@ PROBLEM_OPTIONS = [
     Option("surface_sigma", from_zero, 0.1, "standard deviation of its heights [mm]"),
     Option("surface_decay", real("above 0, at most 1", above=0, highest=1), 0.8, "gamma: fall of its amplitudes"),
     Option("surface_modes", frequencies, (12, 10), "M,N: frequencies in x and y"),
+    Option("surface_hurst", real("above 0, at most 1", above=0, highest=1), 0.8, "rough: Hurst exponent"),
+    Option("surface_rolloff", positive, None, "rough: roll-off wavelength [mm] (default: longest side of the patch)"),
+    Option("surface_cutoff", positive, REQUIRED, "rough: shortest wavelength [mm]"),
+    Option("surface_rms_slope", from_zero, None, "rough: rms slope of its spectrum (either this or the next)"),
+    Option("surface_rms_height", from_zero, None, "rough: rms height [mm]"),
     Option("gap_file", word, REQUIRED, "undeformed distance (ny, nx): .npy, .h5[:/dataset] or text; NaN: no contact"),
     Option("problem_type", word, REQUIRED, "python: module.Name or file.py:Name, a Problem or a function of x and y"),
     Option("output", word, None, "result file (HDF5)"),
     Option("lcp_monitor", flag, False, "a line for each active set iteration"),
 ]  # fmt: skip
-LOADING = ("approach", "load")
+LOADING = ("approach", "load", "mean_pressure", "mean_gap")
+MATERIAL = ("contact_modulus", ("shear_modulus", "poisson_ratio"))
+ROUGHNESS = ("surface_rms_slope", "surface_rms_height")
 
 
 class Request:
@@ -94,13 +107,14 @@ class Request:
     def __init__(self, given, comm):
         from app.output.files import check_output_path
 
+        settle(given)
         options = reader_of(given)
         self.output = agree(comm, options.__getitem__, "output")
         if self.output:
             agree(comm, check_output_path, self.output, [*given.files, *input_files(given.texts)])
         self.problem, own, self.notes = agree(comm, make_problem, options, given.texts, comm)
         self.loading = dict([loading(given)])
-        options.asked |= set(LOADING)  # the one replaced, too
+        options.asked |= self.loading.keys()
         self.wants_monitor = options["lcp_monitor"]
         if options.unused():
             raise InputError(unused(options.unused()))
@@ -119,17 +133,29 @@ def reader_of(given):
     return OptionReader(PROBLEM_OPTIONS, given.texts)
 
 
+def settle(given):
+    """Of options that exclude each other keep the ones of the last place that gives any. Not collective.
+
+    Raises
+    ------
+    InputError
+        If more than one are given there.
+    """
+    for alternatives in (LOADING, MATERIAL, ROUGHNESS):
+        given.last_of(alternatives)
+
+
 def loading(given):
-    """What is prescribed: ``("approach", mm)`` or ``("load", N)``; one in a later place replaces the other.
+    """What is prescribed: ``("approach", mm)``, ``("load", N)``, ...; one in a later place replaces the others.
 
     Not collective.
 
     Raises
     ------
     InputError
-        If neither is given, or both in the same place.
+        If none is given, or several in the same place.
     """
-    kind = given.last_of(LOADING, "-approach [mm] nor -load [N]")
+    kind = given.last_of(LOADING, "-approach [mm], -load [N], -mean_pressure [N/mm2] nor -mean_gap [mm]")
     return kind, reader_of(given)[kind]
 
 
@@ -167,15 +193,14 @@ def make_problem(options, texts, comm):
         If something is missing or of no use.
     """
     from app.halfspace.grid import Grid, Slabs, check_memory
-    from app.halfspace.influence import Material
 
     name = options["problem"]
-    material = Material(options["shear_modulus"], options["poisson_ratio"])
+    material, periodic = _material(options), _periodic(options)
     own, notes = OptionReader((), {}), []
     if name == "file":
-        problem, notes = _file_problem(options, material, comm)
+        problem, notes = _file_problem(options, material, periodic, comm)
         return problem, own, notes
-    grid = Grid.from_domain(*options["grid"], options["domain"])
+    grid = Grid.from_domain(*options["grid"], options["domain"], periodic)
     check_memory(grid, comm.size)
     if name == "python":
         from app.problems import own as own_problems
@@ -189,10 +214,32 @@ def make_problem(options, texts, comm):
         from app.problems.hertz import Hertz
 
         return Hertz(grid, material, options["hertz_rx"], options["hertz_ry"]), own, notes
-    return _punch(options, grid, material), own, notes
+    return (_rough if name == "rough" else _punch)(options, grid, material), own, notes
 
 
-def _file_problem(options, material, comm):
+def _material(options):
+    from app.halfspace.influence import Material
+
+    if options.given("contact_modulus"):
+        return Material.from_contact_modulus(options["contact_modulus"])
+    if not (options.given("shear_modulus") or options.given("poisson_ratio")):
+        raise InputError(
+            "neither -contact_modulus [N/mm2] nor -shear_modulus [N/mm2] with -poisson_ratio is given: "
+            "exactly one of the two ways is needed"
+        )
+    return Material(options["shear_modulus"], options["poisson_ratio"])
+
+
+def _periodic(options):
+    """Name of the periodic symbol, empty for a free patch."""
+    if options["periodic"]:
+        return options["periodic_symbol"]
+    if options.given("periodic_symbol"):
+        raise InputError("-periodic_symbol: has no effect here; allowed with -periodic")
+    return ""
+
+
+def _file_problem(options, material, periodic, comm):
     from app.halfspace.grid import Grid, Slabs, check_memory
     from app.problems.gap_file import GapArray, GapFile
 
@@ -205,7 +252,7 @@ def _file_problem(options, material, comm):
         raise InputError(f"gap file {gap.name}: has {nx} x {ny} cells; at most {most_cells()} are possible")
     elif nx == 3 and ny > 9:
         notes.append(f"gap file {gap.name}: taken for {ny} rows of 3 cells, not for points x, y, z")
-    problem = GapFile(Grid.from_domain(nx, ny, options["domain"]), material, gap)
+    problem = GapFile(Grid.from_domain(nx, ny, options["domain"], periodic), material, gap)
     check_memory(problem.grid, comm.size)
     gap.check(Slabs.over(comm, ny).rows)
     return problem, notes
@@ -221,6 +268,24 @@ def _punch(options, grid, material):
         seed=options["surface_seed"], extent=(x1 - x0, y1 - y0), origin=(x0, y0),
     )  # fmt: skip
     return Punch(grid, material, options["punch_diameter"], surface)
+
+
+def _rough(options, grid, material):
+    from app.problems.rough import Rough
+    from app.problems.surfaces import SelfAffineSurface
+
+    given = {name: options[f"surface_{name}"] for name in ("rms_slope", "rms_height")}
+    if not any(options.given(name) for name in ROUGHNESS):
+        raise InputError(
+            "neither -surface_rms_slope nor -surface_rms_height [mm] is given: exactly one is needed"
+        )
+    x0, x1, y0, y1 = options["domain"]
+    rolloff = options["surface_rolloff"] or max(x1 - x0, y1 - y0)
+    surface = SelfAffineSurface(
+        options["surface_hurst"], rolloff, options["surface_cutoff"], (x1 - x0, y1 - y0), options["surface_seed"],
+        origin=(x0, y0), **given,
+    )  # fmt: skip
+    return Rough(grid, material, surface)
 
 
 def help_text():

@@ -30,6 +30,10 @@ def report(facts, grid, output=None):
         f"residual {facts['residual']:.3g}, {facts['solve_seconds']:.3g} s on {_count(facts['ranks'], 'rank')} "
         f"(set-up {facts['setup_seconds']:.3g} s)",
     ]
+    if facts.get("periodic"):
+        lines.insert(
+            2, f"mean pressure {facts['mean_pressure']:.8g} N/mm2, mean gap {facts['mean_gap']:.8g} mm"
+        )
     if facts["discretisation_error"] > 0:
         lines.append(
             f"discretisation error about {facts['discretisation_error']:.2g} of the pressure (rms, from two grids)"

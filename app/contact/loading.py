@@ -23,6 +23,10 @@ TRUSTED = (
 )
 
 
+LOADINGS = {"approach": "mm", "load": "N", "mean_pressure": "N/mm2", "mean_gap": "mm"}
+ROUNDING = 1e-12  # of an approach, for full contact
+
+
 class PrescribedApproach:
     """The approach is given [mm]."""
 
@@ -235,25 +239,74 @@ def stiffness_of_patch(state):
     return 2 / (np.pi * state.operator.compliance) * np.sqrt(state.grid.n * state.grid.cell_area / np.pi)
 
 
-def prescribe(approach=None, load=None):
+def prescribe(grid, distance, **given):
     """Make the loading of a number. Not collective.
+
+    Parameters
+    ----------
+    grid : Grid
+        Target grid.
+    distance : UndeformedDistance
+        On it.
+    **given : float
+        Of `LOADINGS` exactly one that is not None: approach or mean gap [mm], load [N], or mean pressure, load over
+        area of the patch [N/mm2].
 
     Raises
     ------
     InputError
         If not exactly one is given, or it is not allowed.
     """
-    if (approach is None) == (load is None):
-        raise InputError("exactly one of approach [mm] and load [N] is needed")
-    kind, given = ("approach", approach) if load is None else ("load", load)
+    given = {kind: number for kind, number in given.items() if number is not None}
+    if len(given) != 1:
+        *others, last = (f"{kind} [{unit}]" for kind, unit in LOADINGS.items())
+        raise InputError(f"exactly one of {', '.join(others)} and {last} is needed")
+    [(kind, number)] = given.items()
+    value = _number(kind, number)
+    if kind in ("load", "mean_pressure"):
+        if value < 0:
+            raise InputError(
+                f"{kind} {value:g}: the bodies do not stick together; allowed: at least 0 {LOADINGS[kind]}"
+            )
+        return PrescribedLoad(value if kind == "load" else value * grid.area)
+    # On a periodic patch displacements have no mean: mean(gap) = mean(undeformed distance) - approach.
+    holes = grid.n - distance.statistics.cells
+    mean = float(distance.reference + distance.statistics.mean)
+    if kind == "mean_gap":
+        _check_mean_gap(value, grid, holes)
+        return PrescribedApproach(mean - value)
+    if not grid.periodic or holes:
+        return PrescribedApproach(value)
+    if value - mean > ROUNDING * (abs(mean) + distance.deviation):
+        raise InputError(
+            f"approach {value:g}: the mean gap of this periodic patch would be negative; "
+            f"allowed: at most {mean!r} mm, full contact"
+        )
+    return PrescribedApproach(min(value, mean))
+
+
+def _number(kind, given):
     try:
         value = float(given)
     except (TypeError, ValueError):
         value = float("nan")
     if not (value == 0 or 1 / LARGEST <= abs(value) <= LARGEST):
         raise InputError(f"{kind} {given}: allowed: a number of size {1 / LARGEST:g} to {LARGEST:g}, or 0")
-    if load is None:
-        return PrescribedApproach(value)
+    return value
+
+
+def _check_mean_gap(value, grid, holes):
+    """Refuse a mean gap that no approach is known for, or none has."""
+    others = "allowed: approach, load or mean_pressure"
+    if not grid.periodic:
+        raise InputError(
+            f"mean_gap {value:g}: only on a periodic patch does it say what the approach is; {others}"
+        )
+    if holes:
+        raise InputError(
+            f"mean_gap {value:g}: contact is impossible in {holes} cells (NaN), whose gap nobody knows; {others}"
+        )
     if value < 0:
-        raise InputError(f"load {value:g}: the bodies do not stick together; allowed: at least 0 N")
-    return PrescribedLoad(value)
+        raise InputError(
+            f"mean_gap {value:g}: the bodies do not penetrate each other; allowed: at least 0 mm"
+        )

@@ -48,14 +48,14 @@ class Grid:
     periodic: str = ""
 
     @classmethod
-    def from_domain(cls, nx, ny, domain):
+    def from_domain(cls, nx, ny, domain, periodic=""):
         """Divide the patch ``domain = (x0, x1, y0, y1)`` into nx by ny cells. Not collective."""
         x0, x1, y0, y1 = domain
         if nx < 1 or ny < 1:
             raise ValueError(f"grid {nx},{ny}: at least one cell in each direction is needed")
         if not (np.isfinite(domain).all() and x1 > x0 and y1 > y0):
             raise ValueError(f"domain {x0:g},{x1:g},{y0:g},{y1:g}: need finite x0 < x1 and y0 < y1")
-        return cls(nx, ny, (x1 - x0) / nx, (y1 - y0) / ny, x0, y0)
+        return cls(nx, ny, (x1 - x0) / nx, (y1 - y0) / ny, x0, y0, periodic)
 
     @property
     def shape(self):
@@ -71,6 +71,11 @@ class Grid:
     def cell_area(self):
         """Area of a cell [mm2]."""
         return self.dx * self.dy
+
+    @property
+    def area(self):
+        """Area of the patch [mm2]."""
+        return self.n * self.cell_area
 
     def x(self):
         """Cell centres in x, shape ``(nx,)`` [mm]. Not collective."""

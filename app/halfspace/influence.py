@@ -41,10 +41,15 @@ class Material:
         G with 2/G = 1/G1 + 1/G2 [N/mm2]; a rigid body has 1/G1 = 0.
     poisson_ratio : float
         nu, from 0 to 0.5.
+
+    Notes
+    -----
+    Without friction only ``E* = G / (1 - nu)`` counts: `from_contact_modulus` makes the material of G = E* and nu = 0.
     """
 
     shear_modulus: float
     poisson_ratio: float
+    _by_contact_modulus = False
 
     def __post_init__(self):
         if not (np.isfinite(self.shear_modulus) and self.shear_modulus > 0):
@@ -58,6 +63,26 @@ class Material:
     def combined(cls, shear_modulus, poisson_ratio):
         """Make it from G and nu of the pair. Not collective."""
         return cls(shear_modulus, poisson_ratio)
+
+    @classmethod
+    def from_contact_modulus(cls, contact_modulus):
+        """Make it from E* alone, 1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2 [N/mm2]. Not collective.
+
+        Examples
+        --------
+        >>> Material.from_contact_modulus(25.0).describe()
+        {'contact_modulus': 25.0}
+        """
+        if not (np.isfinite(contact_modulus) and contact_modulus > 0):
+            raise ValueError(f"contact modulus {contact_modulus:g}: must be positive and finite")
+        material = cls(contact_modulus, 0.0)
+        object.__setattr__(material, "_by_contact_modulus", True)
+        return material
+
+    def describe(self):
+        """Moduli for the result file: E*, and G and nu where they are known. Not collective."""
+        known = {} if self._by_contact_modulus else vars(self).copy()
+        return {**known, "contact_modulus": self.contact_modulus}
 
     @property
     def compliance(self):

@@ -49,7 +49,12 @@ STYLE = {
     "svg.fonttype": "none",
     "svg.hashsalt": "contact",  # the same picture is the same file
 }
-PROBLEMS = {"hertz": "Hertz contact", "punch": "Rough flat punch", "file": "Gap from file"}
+PROBLEMS = {
+    "hertz": "Hertz contact",
+    "punch": "Rough flat punch",
+    "file": "Gap from file",
+    "rough": "Self-affine surface",
+}
 
 
 class Reference(NamedTuple):

@@ -51,8 +51,10 @@ class Problem:
 
     def describe(self):
         """Data of the problem for the result file: name -> number or text. Not collective."""
+        grid = self.grid
         return {
             "problem": self.name,
-            "shear_modulus": self.material.shear_modulus,
-            "poisson_ratio": self.material.poisson_ratio,
+            **self.material.describe(),
+            "periodic": int(bool(grid.periodic)),
+            "periodic_symbol": grid.periodic,
         }

@@ -54,10 +54,11 @@ def main(given):
     # Not before the session has started: PETSc starts when it is imported.
     from mpi4py import MPI
 
-    from app.commands.problem_options import PROBLEM_OPTIONS, loading, make_problem, reader_of
+    from app.commands.problem_options import PROBLEM_OPTIONS, loading, make_problem, reader_of, settle
     from app.errors import InputError, agree
     from app.solver import ContactSolver
 
+    settle(given)
     comm, options = MPI.COMM_WORLD, reader_of(given)
     if comm.size > 1 or not options["output"]:
         raise InputError("a trace needs one rank and -output")

@@ -36,6 +36,9 @@ ATTRIBUTES = (
     "approach",
     "max_pressure",
     "contact_fraction",
+    "corrected_contact_fraction",
+    "mean_pressure",
+    "mean_gap",
     "solve_seconds",
 )
 CHECKS = ("worst_negative_gap", "worst_negative_pressure", "complementarity")

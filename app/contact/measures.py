@@ -1,0 +1,196 @@
+"""Numbers that describe a solution and its surface: mean gap, perimeter of the contact, roughness.
+
+A *face* lies between two cells side by side; on a periodic patch also between its first and last cells. Beyond the rim
+of a free patch nothing is in contact.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from mpi4py import MPI
+
+from app.contact import kernels
+from app.halfspace.periodic import frequencies
+from app.halfspace.product import PeriodicProduct
+from app.halfspace.reductions import any_order, sum_over
+
+# Cells that a boundary crosses count as contact too often: by so much of a cell for each face on it, on average over
+# directions (Yastrebov, Anciaux, Molinari, Tribol. Int. 114 (2017) 161).
+PER_FACE = (np.pi - 1 + np.log(2)) / 24
+
+
+class ContactMeasures(NamedTuple):
+    """Of a solution; the same on all ranks."""
+
+    mean_pressure: float  # load over the area of the patch [N/mm2]
+    mean_gap: float  # of e = h + u over the admissible cells [mm]
+    contact_cells: int
+    perimeter: float  # length of the faces between contact and no contact [mm]
+    contact_fraction: float  # of the admissible cells
+    corrected_contact_fraction: float  # less `PER_FACE` of a cell for each of these faces
+
+
+class Roughness(NamedTuple):
+    """Of the undeformed distance on the target grid; the same on all ranks."""
+
+    rms_height: float  # about the mean, over the admissible cells [mm]
+    rms_slope: float  # of the gradient's length; NaN where no two admissible cells lie side by side
+
+
+def measure_contact(state, load):
+    """Measure a `ContactState` of all cells of a grid under a load [N].
+
+    Collective. Faces of different lengths are corrected alike: each moves the boundary by a part of the cell across it,
+    so what counts is their number times the area of a cell.
+
+    Returns
+    -------
+    ContactMeasures
+    """
+    grid, distance, slabs = state.grid, state.distance, state.operator.slabs
+    _, total, _ = kernels.gap_on(distance.b, state.u, state.admissible, state.admissible)
+    in_x, in_y = _faces(state.contact, _row_before(state.contact, state.operator, False), bool(grid.periodic))
+    if slabs.local and slabs.rows.stop == grid.ny and not grid.periodic:
+        in_y += np.count_nonzero(state.contact[-1])
+    total, cells, in_x, in_y = state.sum([total, np.count_nonzero(state.contact), in_x, in_y])
+    admissible = distance.statistics.cells
+    return ContactMeasures(
+        mean_pressure=load / grid.area,
+        mean_gap=float(total / admissible),
+        contact_cells=int(cells),
+        perimeter=float(in_x * grid.dy + in_y * grid.dx),
+        contact_fraction=float(cells / admissible),
+        corrected_contact_fraction=float((cells - PER_FACE * (in_x + in_y)) / admissible),
+    )
+
+
+def measure_roughness(operator, distance, shape):
+    """Measure the undeformed distance of a problem on a grid.
+
+    Collective. On a periodic patch without holes the slope is that of the waves the values stand for, by one product;
+    else it is by differences across the faces between admissible cells.
+
+    Parameters
+    ----------
+    operator : InfluenceOperator
+        Of the grid.
+    distance : UndeformedDistance
+        On it.
+    shape : ndarray, shape (local rows, nx), [mm]
+        The same, NaN in inadmissible cells.
+
+    Returns
+    -------
+    Roughness
+    """
+    grid = operator.grid
+    waves = grid.periodic and distance.statistics.cells == grid.n
+    square = _of_waves(operator, shape) if waves else _of_differences(operator, shape)
+    return Roughness(distance.deviation, float(np.sqrt(square)))
+
+
+def _of_waves(operator, shape):
+    """Mean square of the gradient: of q^2 |h_q|^2, by Parseval's theorem."""
+    grid = operator.grid
+
+    def square(columns, rows):
+        qx, qy = frequencies(grid, columns, rows)
+        return qx[:, None] ** 2 + qy**2
+
+    laplacian = PeriodicProduct(square, grid.shape, operator.slabs, operator.comm, workspace=operator.storage)
+    curvature = np.empty_like(shape)
+    laplacian.apply(shape, curvature)
+    total = sum_over(operator.comm, [np.einsum("ji,ji", shape, curvature)])[0]
+    return max(total, 0.0) / grid.n
+
+
+def _of_differences(operator, shape):
+    """Mean squares of the differences across faces in x and in y, over the squares of the widths."""
+    grid = operator.grid
+    before = _row_before(shape, operator, np.nan)
+    in_x, faces_x, in_y, faces_y = sum_over(
+        operator.comm, _squared_differences(shape, before, bool(grid.periodic))
+    )
+    if not faces_x + faces_y:
+        return np.nan
+    return in_x / max(faces_x, 1) / grid.dx**2 + in_y / max(faces_y, 1) / grid.dy**2
+
+
+def _row_before(field, operator, beyond):
+    """Row before the first one of this rank.
+
+    Collective. Before the first of a periodic patch comes its last one, of a free patch a row of the value `beyond`.
+    """
+    grid, comm, slabs = operator.grid, operator.comm, operator.slabs
+    row = np.full(grid.nx, beyond, field.dtype)
+    owners = [rank for rank, count in enumerate(slabs.counts) if count]
+    if not slabs.local:
+        return row
+    if len(owners) == 1:
+        return field[-1].copy() if grid.periodic else row
+    place = owners.index(slabs.rank)
+    before, after = owners[place - 1], owners[(place + 1) % len(owners)]
+    if not grid.periodic:
+        before = before if place else MPI.PROC_NULL
+        after = after if after > slabs.rank else MPI.PROC_NULL
+    comm.Sendrecv(field[-1].copy(), after, recvbuf=row, source=before)
+    return row
+
+
+@any_order
+def _unlike(row, other):
+    count = 0
+    for i in range(row.size):
+        count += row[i] != other[i]
+    return count
+
+
+@numba.njit(cache=True)
+def _faces(contact, before, periodic):
+    """Faces in x and in y between contact and no contact; without the last rows' upper ones."""
+    in_x, in_y = 0, 0
+    for j in range(contact.shape[0]):
+        row = contact[j]
+        in_x += _unlike(row[1:], row[:-1])
+        in_x += row[0] != row[-1] if periodic else int(row[0]) + int(row[-1])
+        in_y += _unlike(row, contact[j - 1] if j else before)
+    return in_x, in_y
+
+
+@any_order
+def _squares_row(row, other):
+    total, count = 0.0, 0
+    for i in range(row.size):
+        step = row[i] - other[i]
+        known = step == step
+        total += step * step if known else 0.0
+        count += known
+    return total, count
+
+
+@numba.njit(cache=True)
+def _squared_differences(shape, before, periodic):
+    """Sum of squares of the differences across faces in x and their number, the same in y; NaN left out."""
+    sums = np.zeros(4)
+    for j in range(shape.shape[0]):
+        row = shape[j]
+        here = _squares_row(row[1:], row[:-1])
+        sums[0] += here[0]
+        sums[1] += here[1]
+        if periodic:
+            here = _squares_row(row[:1], row[-1:])
+            sums[0] += here[0]
+            sums[1] += here[1]
+        here = _squares_row(row, shape[j - 1] if j else before)
+        sums[2] += here[0]
+        sums[3] += here[1]
+    return sums
+
+
+def warm_up():
+    """Load the compiled loops now, not after the first solve. Not collective."""
+    _faces(np.zeros((0, 1), bool), np.zeros(1, bool), False)
+    _squared_differences(np.zeros((0, 1)), np.zeros(1), False)
