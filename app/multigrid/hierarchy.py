@@ -7,6 +7,8 @@ holds all of them, and every rank or rank 0 alone computes, which costs less tha
 
 from __future__ import annotations
 
+import math
+
 from app.halfspace.grid import Slabs
 from app.halfspace.operator import InfluenceOperator
 from app.multigrid.transfer import Transfer
@@ -58,11 +60,9 @@ class Hierarchy:
             comm.size > 1 and (g is grid or (g.n > replicate and not (g is grids[-1] and direct)))
             for g in grids
         ]
-        block = 1
-        for distributed, (fy, _) in zip(cut, factors, strict=False):
-            if not distributed:
-                break
-            block *= fy
+        # Cells of the next coarser grid lie on one rank; on a periodic patch those of the one after it, too (TwoGrid).
+        together = (cut.index(False) if False in cut else len(cut)) + bool(grid.periodic)
+        block = math.prod(fy for fy, _ in factors[:together])
         slabs = Slabs.over(comm, grid.ny, block)
         self.levels, self.transfers = [], [None]
         for number, level in enumerate(grids):

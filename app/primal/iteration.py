@@ -21,6 +21,7 @@ _TENSION = 1e-9  # of the mean pressure: tension of a cell in contact that is le
 _SURE = 0.15  # of the residual allowed is asked of the preconditioned one, which may be too small
 _DOUBT = 0.6  # of what a verification asks for is aimed at after it
 _TIGHTEST = 1e-3
+_FLAT = 1e-12
 
 
 def primal_active_set(primal, solver, stop, history):
@@ -45,7 +46,7 @@ def primal_active_set(primal, solver, stop, history):
         If it makes no progress.
     """
     state, inner, aim = primal.state, 0, _SURE
-    allowed = allowed_gap(state, stop)
+    allowed = allowed_gap(primal, stop)
     best, fewest, since = float("inf"), float("inf"), 0
     primal.start(exact=stop.final)
     history.start(state, solver)
@@ -53,31 +54,34 @@ def primal_active_set(primal, solver, stop, history):
     update = primal.guess(solver)
     for k in range(1, stop.max_it + 1):
         solver.set_contact()  # 2. the system on the free cells: p = 0
-        its, failure, norm = solver.improve(primal, aim * allowed)  # 3. a little, p along with w
+        goal = aim * allowed * np.sqrt(primal.cells)
+        its, failure, norm = solver.improve(primal, goal)  # 3. a little, p along with w
         inner += its
-        near = norm <= aim * allowed * (1 + 1e-6)
+        near = norm <= goal * (1 + 1e-6)
         floor = abs(primal.mean_pressure) if near else 0.0
         update = primal.exchange(
-            -_TENSION * floor, -_OVERLAP * allowed / np.sqrt(primal.cells) if near else 0.0
+            -_TENSION * floor, -_OVERLAP * allowed if near else 0.0
         )
         update = update.with_residual(norm)
         history.add(state, solver, update, its)
         residual = norm / state.distance.norm()
         if wrong := what_is_wrong(failure, residual):
-            return Outcome(False, wrong, k, inner, residual)
+            raise NeedsSafeguard(Outcome(False, wrong, k, inner, residual))
         changed = update.changed
         if near and not stop.final and changed <= _LOOSE * primal.cells:
             return Outcome(True, CONVERGED, k, inner, residual)
         if near and not changed:
             kept = state.contact.copy()
-            last = verify(primal)
-            residual = last / state.distance.norm()
+            update = verify(primal)
+            residual = update.residual / state.distance.norm()
+            last = update.residual / np.sqrt(max(update.cells, 1))
             if last <= allowed and stop.promising(state):
                 return Outcome(True, CONVERGED, k, inner, residual)
             aim = max(aim * min(0.5, _DOUBT * allowed / last), _TIGHTEST * _SURE)
             state.contact[...] = kept
             primal.contact_changed()
             state.depth = 0.0
+            primal.restore_mean(solver)
             primal.refresh(exact=True)
         elif update.added:
             primal.close(solver)
@@ -91,17 +95,20 @@ def primal_active_set(primal, solver, stop, history):
     )
 
 
-def allowed_gap(state, stop):
-    """Norm of the error of the gap that is small enough [mm]. Not collective.
+def allowed_gap(primal, stop):
+    """Root mean square error of the gap that is small enough [mm]. Not collective.
 
-    As (5.1), with the shape's deviation from its mean where that is smaller than ||h||: it does not depend on the load.
+    As (5.1), with the deviation of the shape from its mean in place of ||h||, which does not depend on the load; for
+    flat surfaces with holes as much as the mean pressure displaces a cell.
     """
-    rtol = stop.rtol if stop.final else stop.coarse_rtol
-    return rtol * min(state.distance.norm(), np.sqrt(state.distance.statistics.deviation) or np.inf)
+    distance, rtol = primal.state.distance, stop.rtol if stop.final else stop.coarse_rtol
+    if distance.deviation > _FLAT * distance.norm() / np.sqrt(primal.cells):
+        return rtol * distance.deviation
+    return rtol * max(primal.mean_pressure * primal.state.operator.diagonal, _FLAT * distance.norm())
 
 
 def verify(primal):
-    """Pressure >= 0 with the right load, and u = A p by one product in double precision; return ||r||. Collective."""
+    """Pressure >= 0 with the right load, and u = A p by one product in double precision; return the Update. Collective."""
     state, loading = primal.state, primal.loading
     with state.pressure as values:
         p = values.reshape(primal.w.shape)
@@ -118,7 +125,7 @@ def verify(primal):
         state.approach = loading.approach
     update = state.activate_penetrating()
     state.u_is = Displacement.EXACT
-    return update.residual
+    return update
 
 
 def _mean_gap_on_contact(state):

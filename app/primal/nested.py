@@ -9,10 +9,19 @@ import numpy as np
 from app.contact.state import ContactState
 from app.fast.iteration import NeedsSafeguard
 from app.fast.nested import _difference, safeguarded
+from app.multigrid.pcmg import options_set
 from app.primal.iteration import primal_active_set, verify
 from app.primal.operator import InverseOperator
 from app.primal.solver import PrimalSolver
 from app.primal.state import PrimalState
+
+# CG for pressures, with A's own inverse as preconditioner
+_SAFEGUARD = {
+    "ksp_type": "cg",
+    "ksp_norm_type": "unpreconditioned",
+    "pc_type": "python",
+    "pc_python_type": "app.fast.circulant.Circulant",
+}
 
 
 def primal_iteration(hierarchy, distances, loading, stop, history, nested, target_solver=None):
@@ -72,8 +81,10 @@ def _solve_on(hierarchy, number, primal, solver, stop, history):
     try:
         return primal_active_set(primal, solver, stop, history)
     except NeedsSafeguard as stagnation:
+        primal.begin_again()
         verify(primal)
-        rest = safeguarded(hierarchy, number, primal.state, primal.loading, stop, history)
+        with options_set("", {}, _SAFEGUARD):
+            rest = safeguarded(hierarchy, number, primal.state, primal.loading, stop, history)
         np.subtract(primal.state.u, primal.state.depth, out=primal.w)
         return rest.after(stagnation.outcome)
 

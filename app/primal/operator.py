@@ -1,14 +1,11 @@
-"""The inverse influence matrix on one grid as PETSc sees it: context of a Mat of type python, O B O on the free cells O."""
+"""The inverse influence matrix on one grid as PETSc sees it: context of a Mat of type python, O B O on free cells O."""
 
 from __future__ import annotations
 
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from petsc4py import PETSc
-
-from app.halfspace.periodic import inverse_symbol
-from app.halfspace.product import PeriodicProduct
 
 _mult_event = PETSc.Log.Event("InverseMult")
 
@@ -45,21 +42,12 @@ class InverseOperator:
     @cached_property
     def product(self):
         """B in the precision of the iteration; made when first asked for. Collective then."""
-        return self._product(self.dtype)
-
-    @cached_property
-    def exact_product(self):
-        """B in double precision; made when first asked for. Collective then."""
-        return self.product if self.dtype == np.float64 else self._product(np.float64)
-
-    def _product(self, dtype):
-        made = self.influence.circulants  # which counts, and frees
-        if ("inverse", dtype) not in made:
-            of, symbol = self.influence, partial(inverse_symbol, self.grid, self.influence.compliance)
-            made["inverse", dtype] = PeriodicProduct(
-                symbol, self.grid.shape, of.slabs, of.comm, dtype, of.storage
-            )
-        return made["inverse", dtype]
+        of = self.influence
+        if self.dtype == np.float64:
+            return of.inverse_product
+        if "inverse" not in of.circulants:  # which counts, and frees
+            of.circulants["inverse"] = of.product.inverse()
+        return of.circulants["inverse"]
 
     def mat(self, comm):
         """Make a Mat with this context, the caller's to destroy. Collective over the PETSc communicator `comm`."""
@@ -82,7 +70,7 @@ class InverseOperator:
     def exact_pressure(self, w, p):
         """Compute p = B w in double precision. Collective."""
         with _mult_event:
-            self.exact_product.apply(w, p)
+            self.influence.inverse_product.apply(w, p)
 
     def mult(self, mat, x, y):
         """Compute y = O B O x."""

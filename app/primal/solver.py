@@ -74,6 +74,8 @@ class PrimalSolver(LinearSolver):
             Its norm: about by how much w is wrong [mm].
         """
         self.preconditioner.constrained = not primal.loading.prescribes_load
+        if self.preconditioner.constrained:
+            primal.balance()
         self.ksp.setInitialGuessNonzero(True)
         self.ksp.setTolerances(atol=allowed)
         with primal.state.pressure as values:

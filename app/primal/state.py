@@ -65,6 +65,12 @@ class PrimalState:
         """Take over another contact set: the free cells are the others. Not collective."""
         np.logical_not(self.state.contact, out=self.inverse.mask)
 
+    def begin_again(self):
+        """Contact everywhere, p = 0 where it makes no sense any more. Collective."""
+        with self.state.pressure as p:
+            np.nan_to_num(p, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
+        self.state.contact[...] = self.state.admissible
+
     def refresh(self, exact=False):
         """p = B w + mean pressure. Collective."""
         with self.state.pressure as values:
@@ -73,11 +79,24 @@ class PrimalState:
             p += self.mean_pressure
         self.state.u_is = Displacement.STALE
 
+    def balance(self):
+        """Under a prescribed approach let the pressure left on the free cells have no mean there. Collective."""
+        total, cells = self.state.sum(
+            [np.sum(self.state.p, where=self.inverse.mask), np.count_nonzero(self.inverse.mask)]
+        )
+        self.add_mean_pressure(-total / max(cells, 1))
+
     def add_mean_pressure(self, missing):
         """Under a prescribed approach the mean pressure is an unknown. Not collective."""
         self.mean_pressure += missing
         with self.state.pressure as values:
             values += missing
+
+    def restore_mean(self, solver):
+        """Under a prescribed approach let w have its mean, by what the free cells do. Collective."""
+        if not self.loading.prescribes_load:
+            solver.set_contact()
+            solver.preconditioner.shift(self.w, self.cells * (self.mean_displacement - self.mean(self.w)))
 
     # -- steps ------------------------------------------------------------------------------------------
 
@@ -106,9 +125,7 @@ class PrimalState:
         before, old = self.w.copy(), state.contact.copy()
         cells, changed = state.sum(loops.take(x, lowest, self.w, state.distance.b, state.contact))
         self.contact_changed()
-        if not self.loading.prescribes_load:
-            solver.set_contact()
-            preconditioner.shift(self.w, self.cells * (self.mean_displacement - self.mean(self.w)))
+        self.restore_mean(solver)
         np.subtract(self.w, before, out=before)
         self._add_pressure_of(before, solver)
         return Update(int(cells), *self._counts(old), residual=float("nan"))
@@ -133,9 +150,8 @@ class PrimalState:
         change = solver.direction
         loops.close(self.w, state.distance.b, self._captured, z, _SHARE, change)
         if not self.loading.prescribes_load:
-            added = self.mean(self.w) - self.mean_displacement
             before = self.w.copy()
-            solver.preconditioner.shift(self.w, -self.cells * added)
+            self.restore_mean(solver)
             change += self.w - before
         self._add_pressure_of(change, solver)
 

@@ -44,14 +44,7 @@ class TwoGrid:
         self.sweeps = PETSc.Options(pc.getOptionsPrefix()).getInt("pc_two_grid_sweeps", 5)
         if not 1 <= self.sweeps <= 50:
             raise ValueError(f"-pc_two_grid_sweeps {self.sweeps}: allowed: 1 to 50")
-        centre = operator.product.centre()
-        self.weights = tuple(
-            np.float32(value)
-            for value in (
-                1 / centre[1, 1],
-                *(centre[j, i] / centre[1, 1] for j, i in ((1, 0), (0, 1), (0, 0))),
-            )
-        )
+        self.weights = _weights(operator.product.centre(), operator.grid)
         self._rows = Halo(operator.slabs, operator.comm, self.sweeps)
         self._x = np.empty(operator.local_shape, np.float32)
         self._long_waves = _LongWaves(operator) if operator.coarser is not None else None
@@ -104,6 +97,13 @@ class TwoGrid:
             coarse = self._long_waves.operator.grid if self._long_waves else None
             more = f", A on {coarse.nx} x {coarse.ny} cells between them" if coarse else ""
             viewer.printfASCII(f"  {self.sweeps} sweeps with the centre of B before and after{more}\n")
+
+
+def _weights(centre, grid):
+    """Of the sweeps, see `stencil`: each other cell counts once, though it may be the neighbour on both sides."""
+    in_y, in_x = (min(n - 1, 2) / 2 for n in (grid.ny, grid.nx))
+    around = centre[1, 0] * in_x, centre[0, 1] * in_y, centre[0, 0] * in_x * in_y
+    return tuple(np.float32(value / centre[1, 1]) for value in (1.0, *around))
 
 
 class _LongWaves:
