@@ -78,6 +78,15 @@ def _dots_row(a, b, c):
 
 
 @any_order
+def _normed_row(z, q):
+    squares, product = 0.0, 0.0
+    for i in range(z.size):
+        squares += z[i] * z[i]
+        product += z[i] * q[i]
+    return squares, product
+
+
+@any_order
 def _first_residual(b, u, contact, spans, r):
     """r = b - u on C, 0 elsewhere; return r.r."""
     squares = 0.0
@@ -136,6 +145,18 @@ def _dots(a, b, c, spans):
     return first, second
 
 
+@any_order
+def _normed(z, q, spans):
+    """z.z and z.q for a z that vanishes outside C."""
+    squares, product = 0.0, 0.0
+    for j in range(z.shape[0]):
+        span = slice(spans[j, 0], spans[j, 1])
+        here = _normed_row(z[j, span], q[j, span])
+        squares += here[0]
+        product += here[1]
+    return squares, product
+
+
 @numba.njit(cache=True)
 def _find_spans(contact, spans):
     """First and last but one column of C in each row."""
@@ -156,12 +177,10 @@ def _warm_up(dtype):
     fixed.flags.writeable = False
     _find_spans(mask, spans)
     _first_residual(fixed, field, mask, spans, field)
-    for other in (field, fixed):
-        _dot(other, fixed, mask, spans)
+    _dot(field, field, mask, spans)
+    _normed(fixed, low, spans)
     _direction(low, field, dtype.type(0), mask, spans)
     _dots(low, low, field, spans)
-    _dots(low, field, low, spans)
-    _dots(low, fixed, low, spans)
     _advance(field, field, low, low, mask, spans, 0.0)
     add(field, 0.0, low)
 
@@ -216,23 +235,23 @@ class TrackingCG:
         pc, d, q, spans = ksp.getPC(), self.direction, self.product, self._spans
         _find_spans(contact, spans)
         norm = self._first_residual(ksp, b, x)
-        resumed = self.resume
-        if not resumed:
+        if not self.resume:
             self._previous = 0.0
             d[...] = 0  # outside the new spans too
         self.resume = False
         if self._flexible:
             norm = self._precondition(pc)
-        iteration, max_it = 0, ksp.getTolerances()[3]
+        iteration, max_it, dq = 0, ksp.getTolerances()[3], 1.0
         reason = self._report(ksp, 0, norm)
         while not reason and iteration < max_it:
             if self._flexible:
-                rz, beta = 1.0, self._beta(iteration or resumed)
+                beta = -self._zq / dq if iteration else 0.0
             else:
                 pc.apply(self._r, self._z)
                 with self._r as residual:
                     rz = self._sum([_dot(residual.reshape(shape), self._read(self._z), contact, spans)])[0]
                 beta = rz / self._previous if self._previous else 0.0
+                self._previous = rz
             _direction(d, self._read(self._z), d.dtype.type(beta), contact, spans)
             operator.products += 1
             operator.displacement(d, q)
@@ -246,7 +265,6 @@ class TrackingCG:
                 squares = self._sum([_advance(p, r, d, q, contact, spans, alpha)])[0]
             if u is not None:
                 add(u, alpha, q)
-            self._previous = rz
             norm = self._precondition(pc) if self._flexible else float(np.sqrt(max(squares, 0.0)))
             iteration += 1
             reason = self._report(ksp, iteration, norm)
@@ -254,17 +272,10 @@ class TrackingCG:
         ksp.setConvergedReason(reason or PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
 
     def _precondition(self, pc):
-        """z = M r; return its norm."""
+        """z = M r; return its norm, and keep z.q: the next direction is conjugate to this one (flexible CG)."""
         pc.apply(self._r, self._z)
-        z = self._read(self._z)
-        return float(np.sqrt(self._sum([_dot(z, z, self._operator.mask, self._spans)])[0]))
-
-    def _beta(self, going_on):
-        """Flexible CG: the new direction is conjugate to the last one."""
-        if not going_on:
-            return 0.0
-        zq, dq = self._sum(_dots(self.product, self._read(self._z), self.direction, self._spans))
-        return -zq / dq if dq > 0 else 0.0
+        squares, self._zq = self._sum(_normed(self._read(self._z), self.product, self._spans))
+        return float(np.sqrt(squares))
 
     def _first_residual(self, ksp, b, x):
         shape, u = self._operator.local_shape, self.displacement

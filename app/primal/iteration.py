@@ -59,9 +59,7 @@ def primal_active_set(primal, solver, stop, history):
         inner += its
         near = norm <= goal * (1 + 1e-6)
         floor = abs(primal.mean_pressure) if near else 0.0
-        update = primal.exchange(
-            -_TENSION * floor, -_OVERLAP * allowed if near else 0.0
-        )
+        update = primal.exchange(-_TENSION * floor, -_OVERLAP * allowed if near else 0.0)
         update = update.with_residual(norm)
         history.add(state, solver, update, its)
         residual = norm / state.distance.norm()
