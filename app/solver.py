@@ -29,7 +29,7 @@ from app.contact.certificate import certify
 from app.contact.full_contact import FullContact
 from app.contact.full_multigrid import full_multigrid
 from app.contact.history import History
-from app.contact.iteration import active_set
+from app.contact.iteration import active_set_by_load
 from app.contact.loading import PrescribedApproach, prescribe
 from app.contact.reference_solvers import REFERENCE_SOLVERS
 from app.contact.state import ContactState, UndeformedDistance
@@ -359,7 +359,7 @@ class ContactSolver:
         if start is not None:
             state = self._started_from(start, loading)
             solver = self._solver
-            return state, active_set(state, solver, loading, stop, history)
+            return state, active_set_by_load(state, solver, loading, stop, history)
         prolong = lift if chosen.lifted else None
         return full_multigrid(*arguments, stop, history, chosen.nested, chosen.beta, prolong, self._solver)
 

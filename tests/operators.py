@@ -6,7 +6,8 @@ import numpy as np
 
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.influence import Material, dense_matrix, influence_quadrant
-from app.halfspace.product import Convolution
+from app.halfspace.periodic import influence_symbol
+from app.halfspace.product import Convolution, PeriodicProduct
 
 STEEL = Material(82000.0, 0.28).compliance
 GRIDS = {
@@ -21,6 +22,14 @@ GRIDS = {
     "tall cells": Grid(21, 20, 0.1, 30.0),
     "many groups": Grid(240, 3, 0.2, 0.3),  # of columns
     "more than a block": Grid(40, 36, 0.2, 0.3),  # rows and columns go through the FFT 32 and 16 at a time
+}
+PERIODIC = {
+    "periodic": Grid(24, 16, 0.5, 0.3, periodic="point"),
+    "periodic, odd": Grid(23, 17, 0.2, 0.5, periodic="point"),
+    "periodic, more than a block": Grid(40, 36, 0.2, 0.3, periodic="point"),
+    "images, odd": Grid(23, 17, 0.2, 0.5, periodic="love"),
+    "images": Grid(18, 20, 0.5, 0.5, periodic="love"),
+    "images, one row": Grid(45, 1, 0.1, 0.4, periodic="love"),
 }
 STENCIL = [[-0.037, -0.161, -0.037], [-0.189, 1.0, -0.189], [-0.037, -0.161, -0.037]]  # of an inverse
 DOUBLE, SINGLE = 1e-14, 1e-6  # measured: 2e-15 and 2e-7
@@ -41,6 +50,9 @@ def matrix_of(grid):
 
 
 def make_convolution(comm, grid, block=1, dtype=np.float64):
+    if grid.periodic:
+        symbol = partial(influence_symbol, grid, STEEL)
+        return PeriodicProduct(symbol, grid.shape, slabs_of(comm, grid, block), comm, dtype)
     quadrant = partial(influence_quadrant, grid, STEEL)
     return Convolution(quadrant, grid.shape, slabs_of(comm, grid, block), comm, dtype)
 

@@ -21,8 +21,8 @@ the displacement of some pressure. So any gap ``g >= 0`` with the mean that e ha
 
 exactly, at the cost of one product with B, or of none by ``w.Bw <= ||B|| w.w``. Cell by cell p g + B_II (g - e)^2 / 2
 is least for ``g = max(e - p / B_II, 0)``: the gap where there is one, nothing on C. A factor to g sets the mean right,
-and where that would be beyond 2, a constant. Cells where contact is impossible may have any gap; they are given the mean
-one, or as much as the factor needs. The norm is a seminorm: a constant pressure counts nothing.
+and where that would be beyond 2, a constant. Cells where contact is impossible may have any gap: the mean one, or what
+the factor needs. The norm is a seminorm: a constant pressure counts nothing.
 
 Both hold for a prescribed load, too, if p has it: f at the approach found differs from that of the load by a constant.
 """

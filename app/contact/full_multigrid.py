@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.contact.iteration import active_set
+from app.contact.iteration import active_set_by_load
 from app.contact.state import ContactState, Displacement
 from app.multigrid.direct import DirectSolver, solves_directly
 from app.multigrid.linear_solver import LinearSolver
@@ -66,7 +66,7 @@ def full_multigrid(
             def solve(loading, state=state, solver=solver, target=target):
                 """(3.b): until the contact area is unchanged, and on the target grid (5.1)."""
                 test = stop if target else stop.for_coarse_grid()
-                return active_set(state, solver, loading, test, history)
+                return active_set_by_load(state, solver, loading, test, history)
 
             # Sec. 4.3, 1: the coarsest grid, directly if it is small; Sec. 4.3, 3 and 4: the others, to the target
             outcome = loading.first_solve(state, solve) if coarse is None else solve(loading)

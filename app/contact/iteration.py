@@ -6,11 +6,19 @@ its options. The pressure carries over from one set to the next.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
 from app.contact.history import Outcome
 from app.contact.state import Displacement
 
 CONVERGED = "contact area unchanged and residual small enough"
 NO_CONTACT = "the bodies do not touch"
+
+# On a periodic patch in contact nearly everywhere contact sets may come back for ever. After so many iterations without
+# progress cells enter only where none leave, as in Kalker's own NORM.
+_PATIENCE = 4
 
 
 def active_set(state, solver, loading, stop, history):
@@ -32,7 +40,7 @@ def active_set(state, solver, loading, stop, history):
     -------
     Outcome
     """
-    inner = 0
+    inner, fewest, since = 0, float("inf"), 0  # least number of cells that changed, and iterations since then
     if not begin(state, solver, loading, history):
         return Outcome(not loading.prescribes_load, NO_CONTACT)
     for k in range(1, stop.max_it + 1):
@@ -40,10 +48,13 @@ def active_set(state, solver, loading, stop, history):
         solver.set_contact()  # 2. (2.11) on C^k
         correction, its, failure = solver.solve(state.defect(), stop.allowed(state))
         state.add(correction)  # 3. one multigrid cycle, or CG
-        state.release_tensile()  # (4.a)
+        released = state.release_tensile()  # (4.a)
         state.compute_displacement()  # u = A p, after the zeroing: any other order oscillates
         loading.update(state)  # a prescribed load only: the approach
-        update = state.activate_penetrating()  # (4.b)
+        wait = state.grid.periodic and released and since >= _PATIENCE
+        update = state.activate_penetrating(np.full(state.u.shape, np.inf) if wait else None)  # (4.b)
+        since = 0 if update.changed < fewest else since + 1
+        fewest = min(fewest, update.changed)
         inner += its
         history.add(state, solver, update, its)
         residual = update.residual / state.distance.norm()
@@ -56,6 +67,31 @@ def active_set(state, solver, loading, stop, history):
     return Outcome(
         False, f"{stop.max_it} active set iterations were not enough", stop.max_it, inner, residual
     )
+
+
+def active_set_by_load(state, solver, loading, stop, history):
+    """`active_set`, behind which stands the root search over approaches for a load on a periodic patch. Collective.
+
+    Near full contact the slope of the load changes with every cell, and Newton's method on it may not converge.
+    """
+    if not (loading.prescribes_load and state.grid.periodic):
+        return active_set(state, solver, loading, stop, history)
+    outcome = active_set(state, solver, loading, replace(stop, max_it=-(-stop.max_it // 2)), history)
+    if outcome.converged:
+        return outcome
+    state.start_from_interpenetration()
+    tight = replace(stop, rtol=stop.rtol / 4)  # what is settled then must still pass
+
+    def solve(approach):
+        return active_set(state, solver, approach, tight, history)
+
+    outcome = loading.search(state, solve, rtol=0.01 * min(stop.rtol, 0.1)).after(outcome)
+    if outcome.converged and stop.final:
+        residual = loading.settle(state, state.activate_penetrating()).residual
+        outcome = replace(outcome, residual=residual / state.distance.norm())
+        if not stop(state, residual):
+            outcome = replace(outcome, converged=False, reason="the load is met to rounding only")
+    return replace(outcome, fallbacks=outcome.fallbacks + 1)
 
 
 def begin(state, solver, loading, history):

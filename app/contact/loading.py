@@ -213,7 +213,9 @@ class PrescribedLoad:
             Of the contact set after that.
         """
         load = state.load
-        if load > 0:
+        if load > 0 and state.grid.periodic:
+            state.add_evenly(self.load)
+        elif load > 0:
             state.scale(self.load / load)
         elif update.cells:  # so little that no pressure at all passes for solved
             state.spread(self.load)
@@ -228,7 +230,7 @@ def least_stiffness(state):
 
     Near full contact the slope is anything up to infinite. With A q = 1 on C, 1.q >= (1.1)^2 / (1.A 1), sums over C.
     """
-    if not np.isfinite(state.highest):
+    if not state.grid.periodic:
         return 0.0
     energy, cells = state.operator.energy_of_contact()
     return state.grid.cell_area * cells**2 / energy if energy > 0 else 0.0

@@ -372,6 +372,20 @@ class ContactState:
         self.u *= factor
         self.certificate = None
 
+    def add_evenly(self, load):
+        """Give p another load [N] by a constant on C, but for cells with next to no pressure; u = A p. Collective.
+
+        On a periodic patch a constant displaces the less the more of it is in contact; a factor would displace all.
+        """
+        lacks = (load - self.load) / self.grid.cell_area
+        inside = self._p > 2 * abs(lacks) / self.cells_in_contact()
+        cells = self.sum([np.count_nonzero(inside)])[0]
+        if 2 * cells < self.cells_in_contact():
+            return self.scale(load / self.load)
+        with self.pressure as values:
+            values += inside.reshape(-1) * (lacks / cells)
+        return self.compute_displacement()
+
     def spread(self, load):
         """Let p have a load [N], evenly over C, and u be A p. Collective."""
         self.pressure.setArray(

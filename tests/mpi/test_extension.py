@@ -21,17 +21,18 @@ SHAPES = [
 
 @pytest.mark.mpi(2, 3, 4)
 @pytest.mark.parametrize(
-    ("shape", "block", "density", "steps", "dtype"),
+    ("shape", "block", "density", "steps", "dtype", "periodic"),
     [
-        *product(SHAPES, (1, 4), (0.0, 0.05, 0.4, 1.0), (0, 1, 3), (np.float64,)),
-        ((24, 24), 1, 0.2, 3, np.float32),
+        *product(SHAPES, (1, 4), (0.0, 0.05, 0.4, 1.0), (0, 1, 3), (np.float64,), (False,)),
+        *product(SHAPES, (1, 4), (0.05, 0.4), (1, 3), (np.float64,), (True,)),
+        ((24, 24), 1, 0.2, 3, np.float32, False),
     ],
 )
-def test_each_rank_finds_its_rows_to_the_last_bit(comm, shape, block, density, steps, dtype):
+def test_each_rank_finds_its_rows_to_the_last_bit(comm, shape, block, density, steps, dtype, periodic):
     rng = np.random.default_rng([*shape, block, steps, int(100 * density)])
     slabs = Slabs(shape[0], comm.size, comm.rank, block)
-    alone = RimExtension(shape, None, None, steps)
-    here = RimExtension((slabs.local, shape[1]), slabs, comm, steps)
+    alone = RimExtension(shape, None, None, steps, periodic)
+    here = RimExtension((slabs.local, shape[1]), slabs, comm, steps, periodic)
     for extension in (alone, here):
         extension.set_stencil(STENCIL)
     for _ in range(2):  # the second contact set replaces the first

@@ -1,0 +1,31 @@
+"""Periodic patches on several ranks against one."""
+
+import numpy as np
+import periodic
+import pytest
+from mpi4py import MPI
+from running import solve
+
+CIRCULANT = {"pc_type": "python", "pc_python_type": "app.fast.circulant.Circulant", "pc_circulant_extend": 3}
+
+
+@pytest.mark.mpi(2, 3, 5)
+@pytest.mark.parametrize(
+    ("method", "options"),
+    [("norm", CIRCULANT), ("fmg_v11", {}), ("fmg_lift", {}), (None, {"lcp_type": "tao"})],
+    ids=["norm", "fmg", "lift", "tao"],
+)
+def test_any_number_of_ranks_finds_the_same(comm, method, options):
+    problem = periodic.rough(24, 20, 1)
+    options = {"lcp_rtol": 1e-9, "lcp_replicate": 4} | options
+    least = solve(problem, problem.gap.mean(), method, comm=MPI.COMM_SELF, **options).load
+    loadings = [(0.8 * problem.gap.mean(), None)]
+    loadings += [(None, share * least) for share in (0.4, 1.5)] if method else []
+    for approach, load in loadings:
+        alone = solve(problem, approach, method, load, MPI.COMM_SELF, **options)
+        here = solve(problem, approach, method, load, comm, **options)
+        assert here.converged and alone.converged
+        found = np.vstack(comm.allgather(here.pressure))
+        np.testing.assert_allclose(found, alone.pressure, rtol=0, atol=1e-6 * alone.max_pressure)
+        assert here.approach == pytest.approx(alone.approach, rel=1e-8)
+        assert here.error_bound == pytest.approx(alone.error_bound, rel=0.1, abs=1e-6)

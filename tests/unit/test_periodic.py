@@ -1,0 +1,175 @@
+"""Periodic patches: influence coefficients, transfers, and the certificate."""
+
+from unittest import mock
+
+import numpy as np
+import periodic
+import pytest
+import scipy.fft
+from mpi4py import MPI
+from operators import DOUBLE, PERIODIC, STEEL, matrix_of, random_field
+
+from app import ContactSolver
+from app.contact.certificate import certify
+from app.contact.state import ContactState, UndeformedDistance
+from app.errors import InputError
+from app.halfspace import influence
+from app.halfspace.grid import Grid
+from app.halfspace.influence import influence_quadrant
+from app.halfspace.operator import InfluenceOperator
+from app.halfspace.periodic import influence_symbol
+from app.multigrid.hierarchy import Hierarchy
+from app.multigrid.transfer import Transfer
+
+each_grid = pytest.mark.parametrize("grid", PERIODIC.values(), ids=PERIODIC.keys())
+
+
+@each_grid
+def test_the_matrix_is_symmetric_positive_on_zero_sum_pressures_and_displaces_nothing_on_average(grid):
+    matrix = matrix_of(grid)
+    values = np.linalg.eigvalsh(matrix)
+    assert (matrix == matrix.T).all()
+    assert abs(matrix.sum(axis=0)).max() <= 1e-14 * grid.n * values[-1]
+    assert abs(values[0]) <= 1e-14 * values[-1] < 1e-3 * values[1]
+
+
+@each_grid
+def test_waves_are_its_eigenvectors(grid):
+    quadrant = influence_quadrant(grid, STEEL)
+    symbol = influence_symbol(grid, STEEL, np.arange(grid.nx // 2 + 1), np.arange(grid.ny // 2 + 1))
+    spectrum = scipy.fft.rfft2(quadrant)[: grid.ny // 2 + 1].T
+    np.testing.assert_allclose(spectrum, symbol, rtol=0, atol=1e-13 * symbol.max())
+
+
+@each_grid
+def test_translation_by_whole_cells_changes_nothing(grid):
+    operator, p = InfluenceOperator(grid, STEEL), random_field(grid, 1)
+    u, moved = np.empty(grid.shape), np.empty(grid.shape)
+    operator.displacement(p, u)
+    operator.displacement(np.roll(p, (3, 5), (0, 1)), moved)
+    np.testing.assert_allclose(moved, np.roll(u, (3, 5), (0, 1)), rtol=0, atol=DOUBLE * abs(u).max())
+    assert abs(u.mean()) <= DOUBLE * abs(u).max()
+
+
+@each_grid
+def test_the_inverse_is_one_but_for_the_mean(grid):
+    operator, p = InfluenceOperator(grid, STEEL), random_field(grid, 2)
+    u, back = np.empty(grid.shape), np.empty(grid.shape)
+    operator.exact_displacement(p, u)
+    operator.inverse_product.apply(u, back)
+    np.testing.assert_allclose(back, p - p.mean(), rtol=0, atol=1e-13 * abs(p).max())
+    assert operator.inverse_product.norm() * np.linalg.eigvalsh(matrix_of(grid))[1] == pytest.approx(
+        1, rel=1e-10
+    )
+    assert operator.diagonal == pytest.approx(matrix_of(grid)[0, 0], rel=1e-14)
+
+
+@pytest.mark.parametrize(("nx", "ny", "dx", "dy"), [(8, 6, 0.5, 0.5), (5, 6, 0.3, 0.4)])
+def test_love_is_the_sum_over_all_images(nx, ny, dx, dy):
+    """The sum over images up to R, its mean taken off, lacks a / R + b / R^3: three of them leave next to nothing."""
+    grid = Grid(nx, ny, dx, dy, periodic="love")
+
+    def summed(most):
+        whole = influence_quadrant(Grid((most + 1) * nx, (most + 1) * ny, dx, dy), 1.0)
+        j, i = (np.abs(np.arange(n)[:, None] + n * np.arange(-most, most + 1)) for n in (ny, nx))
+        share = np.where(abs(np.arange(-most, most + 1)) == most, 0.5, 1.0)  # of images at the rim
+        total = np.einsum("yaxb,a,b->yx", whole[j][:, :, i], share, share)
+        return total - total.mean()
+
+    one, two, four = (summed(most) for most in (8, 16, 32))
+    first = 2 * two - one, 2 * four - two
+    found = influence_quadrant(grid, 1.0)
+    errors = [
+        abs(sums - found).max() / found[0, 0] for sums in (four, first[1], (8 * first[1] - first[0]) / 7)
+    ]
+    assert errors[-1] < 1e-6 and errors[1] < 0.1 * errors[0] and errors[2] < 0.1 * errors[1], errors
+
+
+def test_the_kernel_of_a_sweep_is_computed_once():
+    operator = InfluenceOperator(Grid(64, 200, 1.0, 1.0, periodic="point"), 1.0)
+    with mock.patch.object(influence, "periodic_quadrant", wraps=influence.periodic_quadrant) as compute:
+        assert operator.relaxation is operator.relaxation
+        assert operator.diagonal > 0
+    assert compute.call_count == 1
+
+
+def test_grids_are_halved_exactly_or_not_at_all():
+    shapes = [
+        [
+            level.grid.shape
+            for level in Hierarchy(Grid(nx, ny, 1.0, 1.0, periodic="point"), 1.0, MPI.COMM_SELF).levels
+        ]
+        for nx, ny in ((24, 40), (36, 7), (15, 7), (4, 4))
+    ]
+    assert shapes == [
+        [(5, 3), (10, 6), (20, 12), (40, 24)],
+        [(7, 9), (7, 18), (7, 36)],
+        [(7, 15)],
+        [(2, 2), (4, 4)],
+    ]
+
+
+@pytest.mark.parametrize(("shape", "factors"), [((8, 6), (2, 2)), ((7, 12), (1, 2)), ((4, 2), (2, 2))])
+def test_interpolation_does_not_know_where_the_patch_begins(shape, factors):
+    (ny, nx), (fy, fx) = shape, factors
+    fine = Grid(nx, ny, 0.5, 0.5, periodic="point")
+    coarse = Grid(nx // fx, ny // fy, 0.5 * fx, 0.5 * fy, periodic="point")
+    transfer = Transfer(InfluenceOperator(fine, 1.0), InfluenceOperator(coarse, 1.0), factors)
+    u, found, moved = random_field(coarse, 1), np.empty(shape), np.empty(shape)
+    transfer.interpolate(u, found)
+    transfer.interpolate(np.roll(u, (1, 1), (0, 1)), moved)
+    np.testing.assert_array_equal(moved, np.roll(found, factors, (0, 1)))
+    assert found.mean() == pytest.approx(u.mean(), abs=1e-14)
+
+
+@pytest.mark.parametrize("holes", [0.0, 0.1])
+@pytest.mark.parametrize("seed", range(4))
+def test_certificate_bounds_the_error_of_any_pressure(seed, holes):
+    """For the approach, and for the load that the exact solution has, if the pressure has it, too."""
+    problem, approach = periodic.rough(9, 8, seed, holes), (0.5, 0.9, 0.99)[seed % 3]
+    approach *= np.nanmean(problem.gap)
+    exact, matrix = periodic.by_pivoting(problem, approach)
+    rng = np.random.default_rng(seed)
+    for size in (1e-9, 1e-6, 1e-3, 0.1, 10.0):
+        p = np.maximum(exact + size * exact.max() * rng.normal(size=exact.shape) * (exact > 0), 0)
+        p[rng.random(exact.shape) < 0.02] *= 1 - size / 10
+        for factor in (1.0, exact.sum() / p.sum()):
+            found = certified(problem, approach, p * factor)
+            error = (p * factor - exact).ravel()
+            true = np.sqrt(error @ matrix @ error / ((p * factor).ravel() @ matrix @ (p * factor).ravel()))
+            assert true * (1 - 1e-6) - 1e-7 <= found.error_bound < np.inf
+            if size <= 1e-6:
+                assert found.error_bound <= 10 * true + 1e-6
+
+
+def certified(problem, approach, p):
+    operator = InfluenceOperator(problem.grid, problem.material.compliance)
+    state = ContactState(operator, UndeformedDistance(operator, problem.gap))
+    state.approach = approach
+    state.pressure.setArray(p.ravel())
+    state.compute_displacement()
+    return certify(state)
+
+
+def test_certificate_with_nothing_but_holes_and_contact():
+    problem = periodic.rough(8, 8, 1, holes=0.3)
+    exact, _ = periodic.by_pivoting(problem, 3 * np.nanmax(problem.gap))
+    assert (exact[~np.isnan(problem.gap)] > 0).mean() > 0.9
+    assert certified(problem, 3 * np.nanmax(problem.gap), exact).error_bound < 1e-6
+    assert certified(problem, 3 * np.nanmax(problem.gap), 1.01 * exact).error_bound > 0.003
+
+
+@pytest.mark.parametrize(
+    ("method", "options", "match"),
+    [
+        ("fmg_v11", {}, r"-pc_type mg: the grid 9,7 cannot be halved; allowed: an even number"),
+        (
+            None,
+            {"lcp_type": "fast"},
+            r"-lcp_type fast: .*allowed on periodic ones: .*active_set, tao, snesvi",
+        ),
+    ],
+)
+def test_what_cannot_be_done_is_said(method, options, match):
+    with pytest.raises(InputError, match=match):
+        ContactSolver(periodic.rough(9, 7, 1), method, options)

@@ -1,0 +1,136 @@
+"""Contact on periodic patches: all methods find the same, that of the dense problem; invariances; full contact."""
+
+from dataclasses import replace
+
+import numpy as np
+import periodic
+import pytest
+from running import assert_solves_lcp, solve
+
+from app import ContactProblem, ContactSolver, Grid, Material
+from app.problems.hertz import Hertz
+
+TIGHT = {"lcp_rtol": 1e-9}
+CIRCULANT = {"pc_type": "python", "pc_python_type": "app.fast.circulant.Circulant", "pc_circulant_extend": 3}
+METHODS = {
+    "NORM": ("norm", {}),
+    "NORM, circulant": ("norm", CIRCULANT),
+    "MG": ("mg_v11", {}),
+    "FMG": ("fmg_v11", {}),
+    "FMG, lift": ("fmg_lift", {}),
+    "TAO": (None, {"lcp_type": "tao"}),
+    "SNESVI": (None, {"lcp_type": "snesvi"}),
+}
+PROBLEMS = {
+    "even": periodic.rough(16, 12, 1),
+    "one direction odd": periodic.rough(18, 11, 2, symbol="love"),
+    "holes": periodic.rough(12, 16, 3, holes=0.06),
+    "odd, holes": periodic.rough(13, 9, 4, holes=0.06, symbol="love"),
+}
+
+
+@pytest.mark.parametrize("problem", PROBLEMS.values(), ids=PROBLEMS.keys())
+@pytest.mark.parametrize(("method", "options"), METHODS.values(), ids=METHODS.keys())
+def test_all_methods_solve_the_dense_problem_by_approach_and_by_load(problem, method, options):
+    cannot_halve = problem.grid.nx % 2 and problem.grid.ny % 2
+    if cannot_halve and method and "mg" in method:
+        return
+    with ContactSolver(problem, method, TIGHT | options) as solver:
+        for share in (0.3, 0.8, 0.98):
+            approach = share * np.nanmean(problem.gap)
+            expected, _ = periodic.by_pivoting(problem, approach)
+            found = solver.solve(approach=approach)
+            if method:
+                assert_solves_lcp(found, 1e-9)
+            size = expected.max()
+            np.testing.assert_allclose(found.pressure, expected, rtol=0, atol=1e-6 * size)
+            assert found.error_bound < 1e-6
+            if method:
+                by_load = solver.solve(load=found.load)
+                assert_solves_lcp(by_load, 1e-9)
+                assert by_load.load == pytest.approx(found.load, rel=1e-12)
+                np.testing.assert_allclose(by_load.pressure, expected, rtol=0, atol=1e-6 * size)
+                assert by_load.approach == pytest.approx(approach, rel=1e-7)
+
+
+def test_mean_gap_is_that_of_the_undeformed_bodies_less_the_approach():
+    problem = periodic.rough(24, 20, 5)
+    found = solve(problem, 0.6 * problem.gap.mean(), "fmg_v11")
+    assert found.gap.mean() == pytest.approx(0.4 * problem.gap.mean(), rel=1e-13)
+    assert not found.notes  # nothing about a rim
+
+
+def test_translation_of_the_bodies_translates_the_solution():
+    problem = periodic.rough(24, 16, 6)
+    moved = replace(problem, gap=np.roll(problem.gap, (5, 7), (0, 1)))
+    here, there = (solve(p, 0.8 * problem.gap.mean(), "norm", lcp_rtol=1e-11) for p in (problem, moved))
+    np.testing.assert_allclose(there.pressure, np.roll(here.pressure, (5, 7), (0, 1)), rtol=0, atol=1e-8)
+    assert (there.contact == np.roll(here.contact, (5, 7), (0, 1))).all()
+
+
+@pytest.mark.parametrize("method", ["norm", "fmg_v11"])
+def test_loads_up_to_full_contact_and_beyond(method):
+    problem = periodic.rough(32, 32, 7, noise=0.001)
+    with ContactSolver(problem, method) as solver:
+        full = solver.solve(approach=problem.gap.mean())
+        before = 0.0
+        for share in (0.5, 0.9, 0.99, 0.9999):
+            found = solver.solve(load=share * full.load)
+            assert_solves_lcp(found)
+            assert found.load == pytest.approx(share * full.load, rel=1e-12)
+            assert before < found.approach < problem.gap.mean()
+            before = found.approach
+        assert full.contact.all() and found.contact_fraction > 0.99
+
+
+@pytest.mark.parametrize("symbol", ["point", "love"])
+@pytest.mark.parametrize("method", ["norm", "fmg_v11"])
+def test_full_contact_is_found_in_two_products(method, symbol):
+    problem = periodic.rough(20, 15, 8, symbol=symbol)
+    with ContactSolver(problem, method) as solver:
+        least = solver.solve(approach=problem.gap.mean())
+        assert least.pressure.min() == 0
+        found = solver.solve(load=2 * least.load)
+    for solution in (least, found):
+        assert solution.converged and solution.contact.all()
+        assert solution.iterations == len(solution.history["level"]) == 1
+        assert solution.operator_applications <= 2
+        assert abs(solution.gap).max() <= 1e-12 * np.ptp(problem.gap)
+        assert solution.approach == pytest.approx(problem.gap.mean(), rel=1e-14)
+        assert solution.error_bound < 1e-6
+    lifted = found.pressure - found.pressure.mean() + least.pressure.mean()
+    np.testing.assert_allclose(lifted, least.pressure, rtol=0, atol=1e-12 * least.max_pressure)
+    if symbol == "point":  # p_q = E* |q| h_q / 2
+        grid = problem.grid
+        qx, qy = (2 * np.pi * np.fft.fftfreq(n, d) for n, d in ((grid.nx, grid.dx), (grid.ny, grid.dy)))
+        modulus = problem.material.contact_modulus
+        p = np.fft.ifft2(-modulus / 2 * np.hypot(qx, qy[:, None]) * np.fft.fft2(problem.gap)).real
+        np.testing.assert_allclose(
+            found.pressure - found.pressure.mean(), p, rtol=0, atol=1e-12 * abs(p).max()
+        )
+
+
+def test_flat_bodies_touch_everywhere_or_carry_an_even_pressure():
+    grid, material = Grid(6, 8, 1.0, 1.0), Material(1.0, 0.0)
+    with ContactSolver(ContactProblem(grid, material, np.full((8, 6), 3.0), periodic=True), "norm") as solver:
+        touching, pressed = solver.solve(load=0.0), solver.solve(load=4.8)
+    assert touching.converged and (touching.pressure == 0).all()
+    assert pressed.converged and pressed.approach == 3.0
+    np.testing.assert_allclose(pressed.pressure, 0.1, rtol=1e-14)
+
+
+def test_a_small_contact_in_a_large_period_is_one_on_a_free_patch():
+    """Images of a force F add, at a distance, F / (pi E*) (-3.900 / L + ...): sum of 1/r over a square lattice."""
+    errors, lattice = [], -3.900264920001956
+    for cells in (48, 96):
+        grid = Grid.from_domain(cells, cells, (-cells / 2, cells / 2, -cells / 2, cells / 2))
+        sphere = Hertz(grid, Material(1.0, 0.0), rx=50.0, ry=50.0)
+        alone = solve(sphere, 0.5, "norm", lcp_rtol=1e-9)
+        shape = sphere.shape_on(grid)
+        images = ContactProblem(grid, sphere.material, shape, periodic="love")
+        among = solve(images, None, "norm", load=alone.load, lcp_rtol=1e-9)
+        moved = among.approach - alone.approach
+        expected = alone.load * sphere.material.compliance * lattice / cells
+        errors.append(abs(moved - expected) / abs(expected))
+        assert abs(among.pressure - alone.pressure).max() <= 0.02 * alone.max_pressure * (48 / cells) ** 3
+    assert errors[0] < 0.02 and errors[1] < errors[0] / 3
