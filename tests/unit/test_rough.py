@@ -61,7 +61,7 @@ def test_by_height_and_other_material():
     assert problem.material.contact_modulus == pytest.approx(100)
 
 
-def test_without_roll_off_the_longest_waves_are_the_highest():
+def test_without_roll_off_it_is_the_longest_side():
     assert made("32", without=["surface_rolloff"]).describe()["surface_rolloff"] == 3.0
 
 
