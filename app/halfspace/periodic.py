@@ -19,12 +19,30 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import erf, erfc
 
+from app.errors import InputError
+
 SYMBOLS = ("point", "love")
 
 # Ewald's splitting of 1/rho: beyond so many lengths erfc(rho) / rho, and beyond so many waves erfc(q / 2) / q, vanish.
 _RANGE = 6.2
 _SPLITTING = 2.0  # lengths in the longer side of a cell
 _GAUSS = np.polynomial.legendre.leggauss(24)
+
+
+def symbol_name(periodic):
+    """Name of a symbol: of those in `SYMBOLS`, True for the first of them, False or "" for a free patch, "".
+
+    Not collective.
+
+    Raises
+    ------
+    InputError
+        If it is nothing of that.
+    """
+    name = SYMBOLS[0] if periodic is True else periodic or ""
+    if name and name not in SYMBOLS:
+        raise InputError(f"periodic: {periodic!r}; allowed: True, False, {', '.join(map(repr, SYMBOLS))}")
+    return name
 
 
 def frequencies(grid, columns, rows):
@@ -72,8 +90,8 @@ def _point(grid, columns, rows):
 def _love(grid, columns, rows):
     """Transform of the integral of 1/rho over a cell and all its images, over 2 pi.
 
-    By Ewald's method: what is long of 1/rho as a sum over all waves that look alike in cell centres, what is short of it
-    as a sum over cells near by.
+    By Ewald's method: what is long of 1/rho as a sum over all waves that look alike in cell centres, what is short of
+    it as a sum over cells near by.
     """
     qx, qy = frequencies(grid, columns, rows)
     alpha = _SPLITTING / max(grid.dx, grid.dy)
