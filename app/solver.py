@@ -380,7 +380,7 @@ class ContactSolver:
                     else "a smaller -lcp_rtol is more accurate"
                 ),
             )
-        p, distance, depth, load = state.p, state.distance, state.depth, state.load
+        p, distance, depth = state.p, state.distance, state.depth
         last = len(self.hierarchy.levels) - 1
         return Solution(
             pressure=p,
@@ -389,7 +389,6 @@ class ContactSolver:
             contact=state.contact.copy(),
             converged=outcome.converged,
             message=outcome.reason,
-            load=load,
             approach=state.approach if loading.prescribes_load else loading.approach,
             residual=outcome.residual,
             iterations=outcome.iterations,
@@ -398,8 +397,7 @@ class ContactSolver:
             operator_applications=applications,
             discretisation_error=outcome.discretisation_error,
             fallbacks=outcome.fallbacks,
-            max_pressure=-float(state.minimum([-p.max(initial=0.0)])[0]),
-            **measures.measure_contact(state, load)._asdict(),
+            **measures.measure_contact(state)._asdict(),
             **self._roughness._asdict(),
             rtol=self.settings.rtol,
             certificate=proof,
