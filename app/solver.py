@@ -46,9 +46,9 @@ from app.multigrid import transfer
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.notes import notes_on
-from app.options import LARGEST
 from app.petsc import OptionDatabase, Resources, error_message
 from app.problems.given import ContactProblem
+from app.problems.problem import checked_shape
 from app.solution import Solution
 
 __all__ = ["ContactProblem", "ContactSolver", "Solution", "solve"]
@@ -209,7 +209,7 @@ class ContactSolver:
     def _measure_shapes(self):
         """Undeformed distance on all grids."""
         hierarchy, problem = self.hierarchy, self.problem
-        target = agree(self.comm, _shape_on_target, problem, hierarchy.slabs.rows)
+        target = agree(self.comm, checked_shape, problem, hierarchy.slabs.rows)
         shapes = hierarchy.shapes(problem, target)
         if not self.comm.allreduce(int(np.count_nonzero(~np.isnan(target)))):
             raise InputError(f"-problem {problem.name}: contact is impossible in all cells (NaN)")
@@ -423,20 +423,6 @@ class ContactSolver:
 
     def __exit__(self, *error):
         self.close()
-
-
-def _shape_on_target(problem, rows):
-    """Undeformed distance at zero approach in the rows of this rank, checked. Not collective."""
-    grid = problem.grid
-    shape = np.ascontiguousarray(problem.shape_on(grid, rows), dtype=float)
-    expected = len(range(*rows.indices(grid.ny))), grid.nx
-    if shape.shape != expected:
-        raise InputError(f"problem {problem.name}: distances of shape {shape.shape}; needed: {expected}")
-    if (np.abs(shape) > LARGEST).any():
-        raise InputError(
-            f"problem {problem.name}: allowed: distances up to {LARGEST:g}, NaN where contact is impossible"
-        )
-    return shape
 
 
 def _check_single(what, value, unit):
