@@ -47,12 +47,12 @@ from app.multigrid import transfer
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.notes import notes_on
-from app.options import LARGEST
 from app.petsc import OptionDatabase, Resources, error_message
 from app.primal import stencil
 from app.primal.nested import primal_iteration
 from app.primal.solver import PrimalSolver
 from app.problems.given import ContactProblem
+from app.problems.problem import checked_shape
 from app.solution import Solution
 
 __all__ = ["ContactProblem", "ContactSolver", "Solution", "solve"]
@@ -220,7 +220,7 @@ class ContactSolver:
     def _measure_shapes(self):
         """Undeformed distance on all grids."""
         hierarchy, problem = self.hierarchy, self.problem
-        target = agree(self.comm, _shape_on_target, problem, hierarchy.slabs.rows)
+        target = agree(self.comm, checked_shape, problem, hierarchy.slabs.rows)
         shapes = hierarchy.shapes(problem, target)
         if not self.comm.allreduce(int(np.count_nonzero(~np.isnan(target)))):
             raise InputError(f"-problem {problem.name}: contact is impossible in all cells (NaN)")
@@ -398,7 +398,7 @@ class ContactSolver:
                     else "a smaller -lcp_rtol is more accurate"
                 ),
             )
-        p, distance, depth, load = state.p, state.distance, state.depth, state.load
+        p, distance, depth = state.p, state.distance, state.depth
         last = len(self.hierarchy.levels) - 1
         return Solution(
             pressure=p,
@@ -407,7 +407,6 @@ class ContactSolver:
             contact=state.contact.copy(),
             converged=outcome.converged,
             message=outcome.reason,
-            load=load,
             approach=state.approach if loading.prescribes_load else loading.approach,
             residual=outcome.residual,
             iterations=outcome.iterations,
@@ -416,8 +415,7 @@ class ContactSolver:
             operator_applications=applications,
             discretisation_error=outcome.discretisation_error,
             fallbacks=outcome.fallbacks,
-            max_pressure=-float(state.minimum([-p.max(initial=0.0)])[0]),
-            **measures.measure_contact(state, load)._asdict(),
+            **measures.measure_contact(state)._asdict(),
             **self._roughness._asdict(),
             rtol=self.settings.rtol,
             certificate=proof,
@@ -443,20 +441,6 @@ class ContactSolver:
 
     def __exit__(self, *error):
         self.close()
-
-
-def _shape_on_target(problem, rows):
-    """Undeformed distance at zero approach in the rows of this rank, checked. Not collective."""
-    grid = problem.grid
-    shape = np.ascontiguousarray(problem.shape_on(grid, rows), dtype=float)
-    expected = len(range(*rows.indices(grid.ny))), grid.nx
-    if shape.shape != expected:
-        raise InputError(f"problem {problem.name}: distances of shape {shape.shape}; needed: {expected}")
-    if (np.abs(shape) > LARGEST).any():
-        raise InputError(
-            f"problem {problem.name}: allowed: distances up to {LARGEST:g}, NaN where contact is impossible"
-        )
-    return shape
 
 
 def _check_single(what, value, unit):

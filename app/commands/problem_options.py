@@ -271,7 +271,7 @@ def _punch(options, grid, material):
 
 
 def _rough(options, grid, material):
-    from app.problems.rough import Rough
+    from app.problems.rough import Rough, check_cut_off
     from app.problems.surfaces import SelfAffineSurface
 
     given = {name: options[f"surface_{name}"] for name in ("rms_slope", "rms_height")}
@@ -279,6 +279,7 @@ def _rough(options, grid, material):
         raise InputError(
             "neither -surface_rms_slope nor -surface_rms_height [mm] is given: exactly one is needed"
         )
+    check_cut_off(grid, options["surface_cutoff"])  # before as many waves are made
     x0, x1, y0, y1 = options["domain"]
     rolloff = options["surface_rolloff"] or max(x1 - x0, y1 - y0)
     surface = SelfAffineSurface(

@@ -1,4 +1,4 @@
-"""Numbers that describe a solution and its surface: mean gap, perimeter of the contact, roughness.
+"""Numbers that describe a solution and its surface: load, mean gap, perimeter of the contact, roughness.
 
 A *face* lies between two cells side by side; on a periodic patch also between its first and last cells. Beyond the rim
 of a free patch nothing is in contact.
@@ -25,6 +25,8 @@ PER_FACE = (np.pi - 1 + np.log(2)) / 24
 class ContactMeasures(NamedTuple):
     """Of a solution; the same on all ranks."""
 
+    load: float  # [N]
+    max_pressure: float  # [N/mm2]
     mean_pressure: float  # load over the area of the patch [N/mm2]
     mean_gap: float  # of e = h + u over the admissible cells [mm]
     contact_cells: int
@@ -40,8 +42,8 @@ class Roughness(NamedTuple):
     rms_slope: float  # of the gradient's length; NaN where no two admissible cells lie side by side
 
 
-def measure_contact(state, load):
-    """Measure a `ContactState` of all cells of a grid under a load [N].
+def measure_contact(state):
+    """Measure a `ContactState` of all cells of a grid.
 
     Collective. Faces of different lengths are corrected alike: each moves the boundary by a part of the cell across it,
     so what counts is their number times the area of a cell.
@@ -50,7 +52,7 @@ def measure_contact(state, load):
     -------
     ContactMeasures
     """
-    grid, distance, slabs = state.grid, state.distance, state.operator.slabs
+    grid, distance, slabs, load = state.grid, state.distance, state.operator.slabs, state.load
     _, total, _ = kernels.gap_on(distance.b, state.u, state.admissible, state.admissible)
     in_x, in_y = _faces(state.contact, _row_before(state.contact, state.operator, False), bool(grid.periodic))
     if slabs.local and slabs.rows.stop == grid.ny and not grid.periodic:
@@ -58,6 +60,8 @@ def measure_contact(state, load):
     total, cells, in_x, in_y = state.sum([total, np.count_nonzero(state.contact), in_x, in_y])
     admissible = distance.statistics.cells
     return ContactMeasures(
+        load=load,
+        max_pressure=-float(state.minimum([-state.p.max(initial=0.0)])[0]),
         mean_pressure=load / grid.area,
         mean_gap=float(total / admissible),
         contact_cells=int(cells),

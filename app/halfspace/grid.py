@@ -18,6 +18,7 @@ import numpy as np
 from mpi4py import MPI
 
 from app.errors import InputError
+from app.halfspace.periodic import symbol_name
 
 _DOUBLES_PER_CELL = 12  # of memory, at the least
 
@@ -48,14 +49,17 @@ class Grid:
     periodic: str = ""
 
     @classmethod
-    def from_domain(cls, nx, ny, domain, periodic=""):
-        """Divide the patch ``domain = (x0, x1, y0, y1)`` into nx by ny cells. Not collective."""
+    def from_domain(cls, nx, ny, domain, periodic=False):
+        """Divide the patch ``domain = (x0, x1, y0, y1)`` into nx by ny cells; `periodic`: see `symbol_name`.
+
+        Not collective.
+        """
         x0, x1, y0, y1 = domain
         if nx < 1 or ny < 1:
             raise ValueError(f"grid {nx},{ny}: at least one cell in each direction is needed")
         if not (np.isfinite(domain).all() and x1 > x0 and y1 > y0):
             raise ValueError(f"domain {x0:g},{x1:g},{y0:g},{y1:g}: need finite x0 < x1 and y0 < y1")
-        return cls(nx, ny, (x1 - x0) / nx, (y1 - y0) / ny, x0, y0, periodic)
+        return cls(nx, ny, (x1 - x0) / nx, (y1 - y0) / ny, x0, y0, symbol_name(periodic))
 
     @property
     def shape(self):

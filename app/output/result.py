@@ -16,7 +16,8 @@ dataset                    shape       type     unit   meaning (symbol of the pa
 ``history/level`` belongs to the target grid; numbers that differ by one are neighbouring grids.
 
 Root attributes are Python numbers, strings or small numeric arrays: lengths and `approach` in mm,
-`load` in N, `max_pressure` and moduli in N/mm2, times in s; `residual` is (5.1), without unit.
+`load` in N, pressures and moduli in N/mm2, times in s; `residual` is (5.1), without unit. Of the others
+README.md says what they mean.
 Datasets and attributes beyond the required ones are kept.
 """
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.errors import InputError
-from app.halfspace.periodic import SYMBOLS
+from app.halfspace.periodic import symbol_name
 from app.options import LARGEST
 from app.problems.problem import Problem
 
@@ -48,10 +48,7 @@ class ContactProblem(Problem):
 
     def __post_init__(self):
         if self.periodic:
-            kind = SYMBOLS[0] if self.periodic is True else self.periodic
-            if kind not in SYMBOLS:
-                raise InputError(f"periodic: {kind!r}; allowed: True, False, {', '.join(map(repr, SYMBOLS))}")
-            object.__setattr__(self, "grid", replace(self.grid, periodic=kind))
+            object.__setattr__(self, "grid", replace(self.grid, periodic=symbol_name(self.periodic)))
         if callable(self.gap):
             return
         try:

@@ -15,8 +15,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from app.errors import InputError
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
+from app.options import LARGEST
 
 
 @dataclass(frozen=True)
@@ -58,3 +62,24 @@ class Problem:
             "periodic": int(bool(grid.periodic)),
             "periodic_symbol": grid.periodic,
         }
+
+
+def checked_shape(problem, rows):
+    """`Problem.shape_on` in some rows of the problem's own grid, as float64, or why it is no such thing.
+
+    Not collective.
+
+    Raises
+    ------
+    InputError
+    """
+    grid = problem.grid
+    shape = np.ascontiguousarray(problem.shape_on(grid, rows), dtype=float)
+    expected = len(range(*rows.indices(grid.ny))), grid.nx
+    if shape.shape != expected:
+        raise InputError(f"problem {problem.name}: distances of shape {shape.shape}; needed: {expected}")
+    if (np.abs(shape) > LARGEST).any():
+        raise InputError(
+            f"problem {problem.name}: allowed: distances up to {LARGEST:g}, NaN where contact is impossible"
+        )
+    return shape

@@ -33,16 +33,7 @@ class Rough(Problem):
     sampled = True  # what a coarse grid cannot carry is averaged, not seen as some other wave
 
     def __post_init__(self):
-        grid, shortest = self.grid, self.surface.shortest_wavelength
-        if shortest < 2 * max(grid.dx, grid.dy) * (1 - 1e-12):
-            nx, ny = (
-                int(np.ceil(2 * n * d / shortest * (1 - 1e-12)))
-                for n, d in ((grid.nx, grid.dx), (grid.ny, grid.dy))
-            )
-            raise ValueError(
-                f"surface cut-off {shortest:g}: cells of {grid.dx:g} x {grid.dy:g} mm cannot carry waves that short; "
-                f"needed: at least -grid {nx},{ny}, two cells to a wave"
-            )
+        check_cut_off(self.grid, self.surface.shortest_wavelength)
 
     def shape_on(self, grid, rows=slice(None)):
         """See `Problem.shape_on`."""
@@ -60,3 +51,20 @@ class Rough(Problem):
             "surface_rms_height": surface.rms_height,
             "surface_seed": surface.seed,
         }
+
+
+def check_cut_off(grid, shortest):
+    """Refuse waves [mm] shorter than two cells of a grid. Not collective.
+
+    Raises
+    ------
+    ValueError
+        Names the grid that carries them.
+    """
+    if shortest < 2 * max(grid.dx, grid.dy) * (1 - 1e-12):
+        sides = (grid.nx * grid.dx, grid.ny * grid.dy)
+        nx, ny = (int(np.ceil(2 * side / shortest * (1 - 1e-12))) for side in sides)
+        raise ValueError(
+            f"surface cut-off {shortest:g}: cells of {grid.dx:g} x {grid.dy:g} mm cannot carry waves that short; "
+            f"needed: at least -grid {nx},{ny}, two cells to a wave"
+        )

@@ -55,7 +55,7 @@ def test_an_exception_that_nobody_catches(ranks, tmp_path):
     program.write_text(PROBLEM + "solver = ContactSolver(problem)\nsolver.solve(approach=0.1, load=1.0)\n")
     done = run(program, ranks=ranks)
     assert done.returncode == 1
-    assert "app.errors.InputError: exactly one of approach [mm] and load [N] is needed" in done.stderr
+    assert "app.errors.InputError: exactly one of approach [mm], load [N], mean_pressure" in done.stderr
     assert "Segmentation" not in done.stderr
 
 

@@ -105,6 +105,14 @@ CASES = {
     "all NaN": (gap_of(np.full((8, 8), np.nan)), "NaN"),
     "units beyond single precision": ([*DEFAULT, "-shear_modulus", "1e40"], "-lcp_precision double"),
     "heights beyond single precision": ([*DEFAULT, "-hertz_rx", "1e-30"], "-lcp_precision double"),
+    "symbol of a free patch": ([*HERTZ, "-periodic_symbol", "love"], "-periodic_symbol: has no effect here"),
+    "unknown symbol": ([*HERTZ, "-periodic", "-periodic_symbol", "saw"], "allowed: one of point, love"),
+    "mean gap of a free patch": ([*HERTZ, "-mean_gap", "0.1"], "mean_gap 0.1: only on a periodic patch"),
+    "negative mean gap": ([*HERTZ, "-periodic", "-mean_gap", "-0.1"], "mean_gap -0.1: the bodies do not penetrate"),
+    "approach beyond full contact": ([*HERTZ, "-periodic", "-approach", "9"], "approach 9: the mean gap"),
+    "two moduli": (
+        [*HERTZ, "-contact_modulus", "3", "-shear_modulus", "3"], "both -contact_modulus and -shear_modulus"
+    ),
     "one infinite value": (gap_of(infinite(7, 4)), "inf in row 7, column 4"),
 }  # fmt: skip
 ON_TWO_RANKS = [
@@ -112,6 +120,7 @@ ON_TWO_RANKS = [
     "no such ksp_type",
     "option file without a dash",
     "one infinite value",
+    "approach beyond full contact",
     "no such folder",
 ]
 

@@ -159,6 +159,16 @@ def test_material():
     steel = Material(82000.0, 0.28)
     assert steel.compliance == pytest.approx(0.72 / (np.pi * 82000), rel=1e-15)
     assert steel.contact_modulus == pytest.approx(82000 / 0.72, rel=1e-15)
+    assert steel.describe() == {
+        "shear_modulus": 82000,
+        "poisson_ratio": 0.28,
+        "contact_modulus": steel.contact_modulus,
+    }
+    alike = Material.from_contact_modulus(steel.contact_modulus)
+    assert alike.compliance == pytest.approx(steel.compliance, rel=1e-15)
+    assert alike.describe() == {"contact_modulus": steel.contact_modulus}
+    with pytest.raises(ValueError, match="contact modulus -1: must be positive"):
+        Material.from_contact_modulus(-1.0)
     for poisson_ratio in (0, 0.5):
         Material(1.0, poisson_ratio)
 

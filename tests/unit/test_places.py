@@ -6,7 +6,7 @@ import pytest
 from processes import OPTIONS
 
 from app.commands import places
-from app.commands.problem_options import loading
+from app.commands.problem_options import loading, settle
 from app.errors import InputError
 
 
@@ -221,6 +221,43 @@ def test_environment_comes_first(prescribed):
 def test_exactly_one_of_approach_and_load(prescribed, line, where):
     with pytest.raises(InputError, match=where):
         prescribed(line)
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("approach.opts -mean_gap 0", ("mean_gap", 0)),
+        ("-mean_pressure 3 load.opts", ("mean_pressure", 3)),
+    ],
+)
+def test_mean_pressure_and_mean_gap_are_loadings_too(prescribed, line, expected):
+    assert prescribed(line) == expected
+
+
+@pytest.mark.parametrize(
+    ("line", "left"),
+    [
+        ("-options_file pair.opts", {"shear_modulus": "1", "poisson_ratio": "0.3"}),
+        ("-options_file pair.opts -contact_modulus 5", {"contact_modulus": "5"}),
+        ("-options_file pair.opts -options_file one.opts", {"contact_modulus": "7"}),
+        ("-options_file one.opts -shear_modulus 2", {"shear_modulus": "2"}),
+        ("-options_file pair.opts -shear_modulus 2", {"shear_modulus": "2", "poisson_ratio": "0.3"}),
+        ("-surface_rms_height 1 -grid 8", {"surface_rms_height": "1", "grid": "8"}),
+    ],
+)
+def test_a_later_way_to_give_the_material_replaces_the_other(read, files, line, left):
+    files(pair__opts="-shear_modulus 1\n-poisson_ratio 0.3\n", one__opts="-contact_modulus 7\n")
+    given = read(line)
+    settle(given)
+    assert given.texts == left
+
+
+def test_two_ways_in_one_place_are_refused(read, files):
+    files(both__opts="-contact_modulus 1\n-poisson_ratio 0.3\n")
+    with pytest.raises(
+        InputError, match="both -contact_modulus and -poisson_ratio are given in both.opts: exactly one"
+    ):
+        settle(read("-options_file both.opts"))
 
 
 # ------------------------------------------------------------------------------------ names of yesterday

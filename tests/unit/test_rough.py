@@ -61,7 +61,7 @@ def test_by_height_and_other_material():
     assert problem.material.contact_modulus == pytest.approx(100)
 
 
-def test_without_roll_off_the_longest_waves_are_the_highest():
+def test_without_roll_off_it_is_the_longest_side():
     assert made("32", without=["surface_rolloff"]).describe()["surface_rolloff"] == 3.0
 
 
@@ -77,6 +77,7 @@ def test_slabs_make_the_same():
     [
         ("24,15", (), {}, r"cut-off 0.25: .* needed: at least -grid 24,16"),
         ("16", (), {"domain": "0,1,0,1", "surface_cutoff": "0.1"}, "at least -grid 20,20"),
+        ("32", (), {"surface_cutoff": "1e-9"}, "at least -grid 6000000000,4000000000"),
         ("32", ["surface_cutoff"], {}, "-surface_cutoff is missing"),
         ("32", ["surface_rms_slope"], {}, "neither -surface_rms_slope nor -surface_rms_height"),
         ("32", (), {"surface_rms_height": "1"}, "either its rms height or its rms slope"),

@@ -1,0 +1,69 @@
+"""Periodic patches and self-affine surfaces from the command line: one command, one result file."""
+
+import numpy as np
+import pytest
+from processes import run
+
+from app.output.result import read_result
+
+STEEL = ("-contact_modulus", "1e5")
+BOWL = """
+from app import ContactProblem
+def bowl(x, y):
+    return (x - 1) ** 2 + (y - 1) ** 2
+"""
+
+
+def arguments(kind, folder):
+    """Options of a small problem of some kind on the patch from 0 to 2 mm, lightly loaded."""
+    if kind == "file":
+        gap = 1e-3 * np.random.default_rng(2).normal(size=(16, 16))
+        gap[4:7, 12:] = np.nan
+        np.save(folder / "gap.npy", gap)
+    (folder / "mine.py").write_text(BOWL)
+    domain = ("-domain", "0,2,0,2", *STEEL, "-problem", kind)
+    grid = ("-grid", "16")
+    return {
+        "hertz": (*domain, *grid, "-domain", "-1,1,-1,1", "-hertz_rx", 10, "-hertz_ry", 20, "-approach", 1e-3),
+        "punch": (*domain, *grid, "-domain", "-1,1,-1,1", "-punch_diameter", 1.5, "-mean_pressure", 5),
+        "file": (*domain, "-gap_file", folder / "gap.npy", "-mean_pressure", 5),
+        "python": (*domain, *grid, "-problem_type", f"{folder / 'mine.py'}:bowl", "-mean_gap", 0.6),
+        "rough": (*domain, *grid, "-surface_cutoff", 0.5, "-surface_rms_slope", 0.01, "-mean_gap", 2e-3),
+    }[kind]  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["hertz", "punch", "file", "python", "rough"])
+def test_every_problem_may_be_periodic(cli, tmp_path, kind):
+    path = tmp_path / "out.h5"
+    done = cli("-output", path, *arguments(kind, tmp_path), "-periodic", methods=["norm"])
+    assert done.returncode in (0, 3), done.stderr
+    assert done.stderr == ""  # no word of the rim
+    result = read_result(path)
+    facts = result.attributes
+    assert (facts["periodic"], facts["periodic_symbol"], facts["contact_modulus"]) == (1, "point", 1e5)
+    assert "shear_modulus" not in facts and "poisson_ratio" not in facts
+    assert np.isnan(result.gap).any() == (kind in ("punch", "file"))
+    assert 0 < facts["contact_fraction"] < 1
+    assert facts["corrected_contact_fraction"] < facts["contact_fraction"]
+    assert facts["mean_pressure"] == pytest.approx(result.pressure.mean(), rel=1e-9)
+    assert facts["mean_gap"] == pytest.approx(np.nanmean(result.gap), rel=1e-9)
+    assert facts["rms_height"] == pytest.approx(np.nanstd(result.undeformed_distance), rel=1e-9)
+    assert abs(result.displacement.mean()) < 1e-12
+    assert f"mean gap {facts['mean_gap']:.8g} mm" in done.stdout
+    if kind in ("python", "rough"):
+        assert facts["mean_gap"] == pytest.approx({"python": 0.6, "rough": 2e-3}[kind], rel=1e-9)
+    if kind == "rough":
+        assert facts["rms_slope"] == pytest.approx(0.01, rel=1e-9) == facts["surface_rms_slope"]
+
+
+def test_pictures_and_a_gap_file_of_its_own(cli, tmp_path):
+    """What a periodic run writes is drawn, and may be read as a gap again."""
+    path = tmp_path / "out.h5"
+    cli("-output", path, *arguments("rough", tmp_path), "-periodic", methods=["norm"])
+    drawn = run("-m", "app.plot", path, "-o", tmp_path / "pictures")
+    assert (drawn.returncode, drawn.stderr) == (0, "")
+    again = ("-problem", "file", "-gap_file", f"{path}:/undeformed_distance", "-domain", "0,2,0,2", *STEEL)
+    cli("-output", tmp_path / "again.h5", *again, "-approach", 0, "-periodic", methods=["norm"])
+    one, other = read_result(path), read_result(tmp_path / "again.h5")
+    np.testing.assert_allclose(other.pressure, one.pressure, rtol=1e-9, atol=1e-9 * one.pressure.max())
+    assert other.attributes["rms_slope"] == pytest.approx(one.attributes["rms_slope"], rel=1e-9)

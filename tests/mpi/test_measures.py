@@ -1,0 +1,37 @@
+"""Faces and differences between the rows of two ranks, and around a periodic patch."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from running import solve
+
+from app import ContactProblem, Grid, Material
+from app.problems.rough import Rough
+from app.problems.surfaces import SelfAffineSurface
+
+STEEL = Material.from_contact_modulus(1e5)
+MEASURES = (
+    "perimeter", "contact_fraction", "corrected_contact_fraction", "mean_gap", "mean_pressure", "rms_slope",
+    "rms_height",
+)  # fmt: skip
+
+
+def problems():
+    """Free, periodic, with holes; as rough as the cells, and band-limited. Some ranks have a row or two, or none."""
+    for shape in ((2, 24), (13, 16)):
+        grid = Grid.from_domain(*shape[::-1], (0.0, 3.0, 0.0, 2.0))
+        gap = 1e-3 * np.random.default_rng(3).normal(size=shape)
+        for periodic in (False, "love"):
+            yield ContactProblem(grid, STEEL, gap, periodic)
+            yield ContactProblem(grid, STEEL, np.where(gap > 2e-3, np.nan, gap), periodic)
+    grid = Grid.from_domain(16, 12, (0.0, 3.0, 0.0, 2.0), "point")
+    yield Rough(grid, STEEL, SelfAffineSurface(0.8, 2.0, 0.5, (3.0, 2.0), 1, rms_slope=0.01))
+
+
+@pytest.mark.mpi(2, 3)
+def test_measures_are_the_same_on_any_number_of_ranks(comm):
+    for problem in problems():
+        several, alone = (solve(problem, -5e-4, comm=one, lcp_rtol=1e-12) for one in (comm, MPI.COMM_SELF))
+        assert 0 < alone.contact_fraction < 1
+        for name in MEASURES:
+            assert getattr(several, name) == pytest.approx(getattr(alone, name), rel=1e-9), name
