@@ -147,7 +147,7 @@ def loads_figure(rows):
     for axes in (area, ratio, gap, stiff):
         axes.set_xlabel("load  p / (E* h′rms)")
     area.legend(loc="lower right")
-    ratio.legend(loc="lower left")
+    ratio.legend(loc="upper right")
     return figure
 
 
