@@ -6,12 +6,9 @@ Run by ``run/bench``; see there.
 from __future__ import annotations
 
 import argparse
-import datetime
 import itertools
 import json
 import os
-import platform
-import shlex
 import subprocess
 import sys
 import tempfile
@@ -22,13 +19,12 @@ import numpy as np
 from tqdm import tqdm
 
 from app.halfspace.grid import Grid
-from app.output.result import read_result
 from app.output.table import markdown, write_table
 from app.problems.surfaces import SelfAffineSurface
-from benchmarks import loads
+from benchmarks import loads, periodic
+from benchmarks.measure import ROOT, Memory, head, publish, quickest, solve_command
 from benchmarks.plain import PlainProduct, check, seconds
 
-ROOT = Path(__file__).resolve().parents[1]
 PROBLEMS = {
     "hertz": ["-options_file", "petsc_options/hertz.opts"],
     "rough 1": ["-options_file", "petsc_options/punch.opts", "-approach", "-0.11"],
@@ -41,7 +37,7 @@ PROBLEMS = {
 def main():
     """Measure and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--sizes", default="256,512,1024,2048", help="cells per side")
+    parser.add_argument("--sizes", help="cells per side; default: 256,512,1024,2048, periodic: 512,1024,2048")
     parser.add_argument("--ranks", default="1,2")
     parser.add_argument("--problems", default=",".join(PROBLEMS))
     parser.add_argument(
@@ -53,10 +49,17 @@ def main():
         "--loads", action="store_true", help="the load sweep only, on all --sizes; it has a page of its own"
     )
     parser.add_argument(
-        "-o", "--output", type=Path, help="default: docs/benchmark.md, docs/benchmark-loads.md"
+        "--periodic", action="store_true", help="periodic patches only; they have a page of their own"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        help="default: docs/benchmark.md, benchmark-loads.md, benchmark-periodic.md",
     )
     options = parser.parse_args()
-    sizes = [int(size) for size in options.sizes.split(",")]
+    usual = "512,1024,2048" if options.periodic else "256,512,1024,2048"
+    sizes = [int(size) for size in (options.sizes or usual).split(",")]
     ranks = [int(count) for count in options.ranks.split(",")]
     names = options.problems.split(",")
     unknown = set(names) - set(PROBLEMS)
@@ -64,7 +67,12 @@ def main():
         parser.error(f"unknown problems {sorted(unknown)}; allowed: {', '.join(PROBLEMS)}")
     if options.loads and len(options.method) > 1:
         parser.error("--loads takes one --method")
+    if options.loads and options.periodic:
+        parser.error("--loads and --periodic: choose one")
     docs = ROOT / "docs"
+    if options.periodic:
+        periodic.write_page(sizes, ranks, options, options.output or docs / "benchmark-periodic.md")
+        return
     if options.loads:
         load_sweep(sizes, ranks, options, options.output or docs / "benchmark-loads.md")
         return
@@ -73,42 +81,16 @@ def main():
     page = [head(options), UNIT]
     if not options.no_kernels:
         page += ["## Kernels\n", KERNELS, markdown(kernels(sizes, ranks)), ""]
-    rows = []
+    rows, memory = [], Memory()
     with tempfile.TemporaryDirectory() as folder:
         work = [(name, size, count) for size in sizes for name in names for count in ranks]
         for name, size, count in tqdm(work, desc="solves", disable=None):
-            rows.append(solve(name, size, count, options, Path(folder)))
+            rows.append(solve(name, size, count, options, Path(folder), memory))
     page += ["## Whole solves\n", SOLVES, markdown(rows), ""]
     publish(output, page)
     if len(options.method) <= 1:
         small = [size for size in sizes if size <= 512]
         load_sweep(small, ranks, options, output.with_name(f"{output.stem}-loads.md"))
-
-
-def publish(path, page):
-    """Write the parts of a page and show them."""
-    text = "\n".join(page)
-    path.write_text(text, encoding="utf-8")
-    print(text)
-
-
-def head(options):
-    """Date, machine, versions."""
-    from petsc4py import PETSc
-
-    lines = Path("/proc/cpuinfo").read_text().splitlines()
-    cpu = next(
-        (line.split(":")[1].strip() for line in lines if line.startswith("model name")), "unknown processor"
-    )
-    petsc = ".".join(map(str, PETSc.Sys.getVersion()))
-    versions = f"PETSc {petsc}, numpy {np.__version__}, Python {platform.python_version()}"
-    threads = f"OMP_NUM_THREADS={os.environ.get('OMP_NUM_THREADS')}"
-    command = shlex.join(["run/bench", *sys.argv[1:]])
-    method = ", ".join(options.method) or "the default (fast.opts)"
-    return (
-        f"# Benchmark\n\nMade by `{command}` on {datetime.date.today()}: {cpu}, {os.cpu_count()} cores; {versions}; "
-        f"{threads}. Method: {method}.\n"
-    )
 
 
 UNIT = """\
@@ -186,63 +168,34 @@ def self_affine(size, folder):
     ]  # fmt: skip
 
 
-def solve(name, size, count, options, folder):
+def solve(name, size, count, options, folder, memory):
     """Solve one problem a few times; the row of the quickest run."""
-    problem = PROBLEMS[name] or self_affine(size, folder)
-    method = [part for file in options.method for part in ("-options_file", file)]
-    output = folder / "result.h5"
-    command = ["mpiexec", "-n", str(count), sys.executable, "-m", "app.solve", *problem, *method]
-    command += ["-grid", str(size), "-output", str(output)]
-    best = product = None
-    plain = np.inf
-    for _ in range(options.repeats):
-        done = subprocess.run(
-            command, cwd=ROOT, capture_output=True, text=True, env=dict(os.environ), check=False
-        )
-        if done.returncode:
-            return {
-                "problem": name,
-                "grid": f"{size}^2",
-                "ranks": count,
-                "note": done.stderr.strip().split("\n")[-1],
-            }
-        result = read_result(output)
-        if product is None:
-            facts = result.attributes
-            grid = Grid(size, size, *(float(axis[1] - axis[0]) for axis in (result.x, result.y)))
-            product = PlainProduct(grid, (1 - facts["poisson_ratio"]) / (np.pi * facts["shear_modulus"]))
-        plain = min(plain, seconds(partial(product, result.pressure), 3))
-        if best is None or result.attributes["solve_seconds"] < best.attributes["solve_seconds"]:
-            best = result
+    words = [*(PROBLEMS[name] or self_affine(size, folder)), "-grid", str(size)]
+    command = solve_command(words, options.method, count, folder / "result.h5")
+    best, product, plain = quickest(command, options.repeats, padded_product)
+    row = {"problem": name, "grid": f"{size}^2", "ranks": count}
+    if isinstance(best, str):
+        return row | {"note": best}
     facts = best.attributes
     found = check(product, best.pressure, best.undeformed_distance)
-    return {
-        "problem": name,
-        "grid": f"{size}^2",
-        "ranks": count,
+    return row | {
         "plain": f"{facts['solve_seconds'] / plain:.1f}",
         "applications": f"{facts['operator_applications']:.1f}",
         "iterations": facts["active_set_iterations"],
         "inner": facts["inner_iterations"],
         "seconds": f"{facts['solve_seconds']:.3g}",
         "set-up": f"{facts['setup_seconds']:.2g}",
-        "memory": memory(facts, size, count),
+        "memory": memory((name, count), size, facts["peak_memory"]),
         "residual": f"{found['residual']:.1e}",
         "penetration": f"{found['penetration']:.1e}",
     }
 
 
-_smallest = {}
-
-
-def memory(facts, size, count):
-    """Peak resident size above that of the smallest run with as many ranks, in doubles per additional cell."""
-    n, peak = size * size, facts["peak_memory"]
-    if count not in _smallest or n <= _smallest[count][0]:
-        _smallest[count] = n, peak
-        return "-"
-    n0, peak0 = _smallest[count]
-    return f"{(peak - peak0) / 8 / (n - n0):.1f}"
+def padded_product(result):
+    """The plain product of a free patch that a result is of."""
+    facts = result.attributes
+    grid = Grid(*result.pressure.shape[::-1], *(float(axis[1] - axis[0]) for axis in (result.x, result.y)))
+    return PlainProduct(grid, (1 - facts["poisson_ratio"]) / (np.pi * facts["shear_modulus"]))
 
 
 def load_sweep(sizes, ranks, options, output):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.errors import InputError, agree
-from app.halfspace.periodic import SYMBOLS
+from app.halfspace.grid import SYMBOLS
 from app.options import (
     REQUIRED,
     Option,

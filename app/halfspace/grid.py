@@ -18,9 +18,25 @@ import numpy as np
 from mpi4py import MPI
 
 from app.errors import InputError
-from app.halfspace.periodic import symbol_name
 
 _DOUBLES_PER_CELL = 12  # of memory, at the least
+SYMBOLS = ("point", "love")  # of the influence matrix of a periodic patch
+
+
+def symbol_name(periodic):
+    """Name of a symbol: of those in `SYMBOLS`, True for the first of them, False or "" for a free patch, "".
+
+    Not collective.
+
+    Raises
+    ------
+    InputError
+        If it is nothing of that.
+    """
+    name = SYMBOLS[0] if periodic is True else periodic or ""
+    if name and name not in SYMBOLS:
+        raise InputError(f"periodic: {periodic!r}; allowed: True, False, {', '.join(map(repr, SYMBOLS))}")
+    return name
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.errors import InputError
-from app.halfspace.periodic import symbol_name
+from app.halfspace.grid import symbol_name
 from app.options import LARGEST
 from app.problems.problem import Problem
 

@@ -13,8 +13,11 @@ from app.commands.problem_options import PROBLEM_OPTIONS, make_problem
 from app.halfspace.grid import Grid
 from app.options import OptionReader
 from app.petsc import OptionDatabase
-from benchmarks.bench import PROBLEMS, ROOT, self_affine
-from benchmarks.plain import PlainProduct, check, seconds
+from benchmarks import periodic
+from benchmarks.bench import PROBLEMS, self_affine
+from benchmarks.measure import ROOT
+from benchmarks.peers.runs import TARGET
+from benchmarks.plain import PlainPeriodicProduct, PlainProduct, check, check_periodic, seconds
 
 
 def described(words):
@@ -31,7 +34,36 @@ def described(words):
     return problem, options["approach"]
 
 
-class Case:
+class Files:
+    """What every case has: `gap`, `grid`, `material`, `approach`, `load`, `stem`, and files of them."""
+
+    def known(self, control):
+        """Whether the value of "approach" or "load" is known."""
+        return not math.isnan(getattr(self, control))
+
+    @property
+    def gap_file(self):
+        """The distances at zero approach, for our solver."""
+        return self.stem.with_suffix(".npy")
+
+    def write(self):
+        """Write the file for the adapters, once load and approach are known."""
+        path = self.stem.with_suffix(".npz")
+        np.savez(
+            path,
+            gap=self.gap,
+            dx=self.grid.dx,
+            dy=self.grid.dy,
+            approach=self.approach,
+            load=self.load,
+            contact_modulus=self.material.contact_modulus,
+            shear_modulus=self.material.shear_modulus,
+            poisson_ratio=self.material.poisson_ratio,
+        )
+        return path
+
+
+class Case(Files):
     """A problem on a grid, in files that our solver and the adapters read.
 
     Parameters
@@ -63,26 +95,11 @@ class Case:
         self.stem = folder / f"{self.name.replace(', ', '-').replace(' ', '-')}-{size}"
         np.save(self.gap_file, self.gap)
 
-    @property
-    def gap_file(self):
-        """The distances at zero approach, for our solver."""
-        return self.stem.with_suffix(".npy")
+    controls = "approach", "load"  # the second follows from our answer to the first
 
-    def write(self):
-        """Write the file for the adapters, once the load is known."""
-        path = self.stem.with_suffix(".npz")
-        np.savez(
-            path,
-            gap=self.gap,
-            dx=self.grid.dx,
-            dy=self.grid.dy,
-            approach=self.approach,
-            load=self.load,
-            contact_modulus=self.material.contact_modulus,
-            shear_modulus=self.material.shear_modulus,
-            poisson_ratio=self.material.poisson_ratio,
-        )
-        return path
+    def loading(self, control):
+        """Options of our command."""
+        return [f"-{control}", repr(getattr(self, control))]
 
     @cached_property
     def product(self):
@@ -102,12 +119,7 @@ class Case:
         approach = self.approach
         clean = np.isfinite(pressure).all() and (pressure > 0).any()
         if not clean:
-            return {
-                "residual": math.inf,
-                "penetration": math.inf,
-                "tension": math.inf,
-                "load_error": math.inf,
-            }
+            return dict.fromkeys(("residual", "penetration", "tension", "load_error", "miss"), math.inf)
         gap = self.gap + self.product(pressure)
         if control == "load":
             approach = float(np.mean(gap[pressure > 0]))
@@ -116,14 +128,70 @@ class Case:
         admissible, gap = ~np.isnan(h), gap - approach
         defect = np.where(pressure > 0, gap, np.minimum(gap, 0.0))[admissible]
         load = float(pressure.sum() * self.grid.cell_area)
-        return {
+        measures = {
             "residual": float(np.linalg.norm(defect) / np.linalg.norm(h[admissible]))
             if found["outside"]
             else math.inf,
-            "penetration": found["penetration"],
             "tension": found["tension"] + 0.0,
             "load_error": abs(load / self.load - 1) if control == "load" else 0.0,
         }
+        return measures | {"penetration": found["penetration"], "miss": max(measures.values()) / TARGET}
+
+
+class PeriodicCase(Files):
+    """A surface of `benchmarks.periodic` under a given mean pressure.
+
+    Parameters
+    ----------
+    name : str
+        Of `PERIODIC_PROBLEMS`.
+    size : int
+    folder : Path
+    """
+
+    controls = "load", "approach"
+    is_square = True
+
+    def __init__(self, name, size, folder):
+        self.name, self.size, self.material = name, size, periodic.MATERIAL
+        self.grid, self.gap = periodic.surface_grid(size), periodic.distance(size)
+        self.domain = 0.0, periodic.SIDE, 0.0, periodic.SIDE
+        self.load = periodic.mean_pressure(PERIODIC_PROBLEMS[name]) * periodic.SIDE**2
+        self.approach = math.nan
+        self.stem = folder / f"{name.replace(' ', '-').replace('.', '_')}-{size}"
+        np.save(self.gap_file, self.gap)
+        self.product = PlainPeriodicProduct(self.grid, self.material.contact_modulus)
+
+    def loading(self, control):
+        """Options of our command."""
+        if control == "load":
+            return ["-periodic", "-mean_pressure", repr(self.load / periodic.SIDE**2)]
+        return ["-periodic", "-approach", repr(self.approach)]
+
+    def unit(self):
+        """Seconds of a plain product now."""
+        return seconds(partial(self.product, self.gap))
+
+    def judge(self, pressure, control):
+        """Accuracy of a pressure by one plain product; see `Run` and `check_periodic`."""
+        if not (np.isfinite(pressure).all() and (pressure > 0).any()):
+            return dict.fromkeys(("residual", "penetration", "tension", "load_error", "miss"), math.inf)
+        found = check_periodic(self.product, pressure, self.gap, self.load / periodic.SIDE**2)
+        found["tension"] += 0.0
+        asked = [found["residual"], found["penetration"] / 10, found["tension"]]
+        if control == "load":
+            asked.append(found["load_error"])
+        return found | {"miss": max(asked) / TARGET}
+
+
+PERIODIC_PROBLEMS = {f"load {load:g}": load for load in periodic.LOADS}
+
+
+def warm_up_periodic(folder):
+    """A small periodic problem, solved before anything is measured."""
+    case = PeriodicCase("load 0.05", 128, folder)
+    case.approach = float(case.gap.mean() / 2)
+    return case.write()
 
 
 def warm_up(folder):

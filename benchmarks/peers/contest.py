@@ -29,15 +29,18 @@ def compare(case, entrants, field, folder):
     say(f"{case.name} {case.size}^2")
     unit = case.unit()
     ours = {}
-    ours["approach"], case.load = run_ours(case, "approach", 3, folder)
-    if case.load is None:
-        return [Contest(case.name, case.size, "approach", unit, ours["approach"], [])]
-    ours["load"], _ = run_ours(case, "load", 3, folder)
+    first, second = case.controls
+    ours[first], facts = run_ours(case, first, 3, folder)
+    if facts is not None:
+        setattr(case, second, facts[second])
+        ours[second], _ = run_ours(case, second, 3, folder)
+    elif not case.known("load"):
+        return [Contest(case.name, case.size, first, unit, ours[first], [])]
     problem_file = case.write()
     others = defaultdict(list)
     for name, searches in entrants.items():
         groups = defaultdict(list)
-        for search in searches:
+        for search in filter(lambda search: case.known(search.control), searches):
             groups[search.control].append((search, search(case, problem_file, folder)))
         for control, found in groups.items():
             best = min((run for _, run in found), key=Run.rank)

@@ -22,6 +22,7 @@ class Peer:
     pythons: tuple[str, ...] = ()  # versions that have wheels for its dependencies; () for any
     first: str = ""  # to be installed before, for the build
     build: tuple[tuple[str, str], ...] = ()  # environment variables of the build
+    periodic: bool = True  # whether it takes part on periodic patches
 
 
 PEERS = {
@@ -37,6 +38,7 @@ PEERS = {
         "Approach and load; contact everywhere. Also lubrication, wear, plastic limits, layers, GPUs. Needs "
         "numpy < 1.21, so Python 3.9 at most.",
         pythons=("3.9", "3.8"),
+        periodic=False,
     ),
     "tamaas": Peer(
         "tamaas==2.9.0",
@@ -66,7 +68,7 @@ def install(name, folder):
     peer = PEERS[name]
     home = folder / name
     python, stamp = home / "bin" / "python", home / "installed.txt"
-    recipe = repr(peer)
+    recipe = repr((peer.requirement, peer.pythons, peer.first, peer.build))
     if stamp.exists() and stamp.read_text() == recipe:
         return python
     shutil.rmtree(home, ignore_errors=True)

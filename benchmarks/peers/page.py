@@ -8,11 +8,11 @@ import os
 import platform
 import shlex
 import sys
-from pathlib import Path
 
 import numpy as np
 
 from app.output.table import markdown
+from benchmarks.measure import processor
 from benchmarks.peers.packages import PEERS
 from benchmarks.peers.runs import TARGET, Run
 
@@ -22,8 +22,11 @@ def row(contest, run):
     measured = run.seconds < math.inf
     note = run.failure
     if measured and not run.accepted:
-        reached = {"residual": run.residual, "tension": run.tension, "error of the load": run.load_error}
+        reached = {"residual": run.residual, "tension": run.tension}
+        if run.control == "load":
+            reached["error of the load"] = run.load_error
         missed = [f"{what} {value:.0e}" for what, value in reached.items() if value > TARGET]
+        missed = missed or [f"penetration {run.penetration:.0e}"]
         note = f"does not reach the accuracy: {', '.join(missed)}"
 
     def number(value, form):
@@ -69,12 +72,38 @@ so do we in these rows. `iterations` and `products` are those on the finest grid
 active set iterations, and all products on all grids in products on the finest.
 """
 
+PERIODIC_TEXT = """\
+The surfaces and loads of `run/bench --periodic`: self-affine, on a periodic patch of 1 mm, Hurst exponent 0.8, roll-off
+1/8, cut-off 8 cells, rms slope 0.1; `load`: mean pressure over E* times the rms slope.
+
+The unit is one *plain product*: `scipy.fft.rfft2`, times the symbol, `irfft2`, nothing padded, one thread, measured in
+the same run (`plain` is a time in this unit). One thread each; a small problem is solved before anything is measured;
+`plain` and `seconds` are the solve alone, the shortest of up to three, `set-up` apart. `over ours` is the time over
+that of our default method on one rank, with the same thing given. `MiB` is the peak resident size of the whole process.
+
+Everybody gets the same array of distances and the same mean pressure (`load`); some of ContactMechanics' solvers take
+an approach only: they get the one of our answer, which nobody knows before (`approach`). A package's own tolerance is
+loosened or tightened by factors of sqrt(10) until its answer just reaches the accuracy asked for, and its fastest
+setting and variant is reported. (Variants that need twice the time of another one on a grid are not tried on finer
+ones; after a solve of more than 20 s no looser tolerance is.)
+
+Accuracy is computed here, by a plain product in double precision: `residual`, the rms gap in the cells under pressure
+about its mean, over the rms of the undeformed distance about its mean, at most 1e-6; `penetration`, the largest over
+the same, at most 1e-5; negative pressures at most 1e-6 of the largest, the error of a given mean pressure at most 1e-6.
+`iterations` and `products` are those on the finest grid where a package tells them; ours are all products on all grids,
+in products on the finest. All use the same symbol, 2 / (E* |q|), and displacements of mean 0.
+"""
 
 WINS = """\
 Rows of the table above in which a package reaches the accuracy and beats us. Our set-up includes the loading of
 compiled code, which the packages have loaded before; our memory includes PETSc, MPI and HDF5, theirs Python and what
 they import. What they have and we have not is in the first table: friction, adhesion, plasticity, lubrication, periodic
 surfaces, GPUs.
+"""
+PERIODIC_WINS = """\
+Rows of the table above in which a package reaches the accuracy and beats us. Our set-up includes the loading of
+compiled code, which the packages have loaded before; our memory includes PETSc, MPI and HDF5, theirs Python and what
+they import.
 """
 
 
@@ -92,10 +121,8 @@ def wins(name, contests):
     }
 
 
-def page(packages, contests):
+def page(packages, contests, periodic=False):
     """The whole page as Markdown."""
-    machine = Path("/proc/cpuinfo").read_text().splitlines()
-    cpu = next((line.split(":")[1].strip() for line in machine if line.startswith("model name")), "")
     versions = f"numpy {np.__version__}, Python {platform.python_version()}"
     command = shlex.join(["run/bench-peers", *sys.argv[1:]])
     table = [
@@ -109,16 +136,24 @@ def page(packages, contests):
     ]
     rows = [row(c, run) for c in contests for run in sorted([c.ours, *c.others], key=Run.rank)]
     faster = [
-        f"- {run.solver}, {c.problem} {c.size}^2 by {c.control}: {run.seconds / c.ours.seconds:.2f} of our time"
+        f"- {run.solver}, {c.problem} {c.size}^2 by {c.control}: "
+        + (f"{run.seconds / c.ours.seconds:.2f} of our time" if c.ours.accepted else "we fail")
         for c in contests
         for run in c.others
         if run.accepted and (run.seconds < c.ours.seconds or not c.ours.accepted)
     ]
+    failures = [
+        f"- {run.solver}, {c.problem} {c.size}^2 by {run.control}: {row(c, run)['note']}"
+        for c in contests
+        for run in (c.ours, *c.others)
+        if not run.accepted
+    ]
     return "\n".join(
         [
-            "# Benchmark against the packages of PyPI\n",
-            f"Made by `{command}` on {datetime.date.today()}: {cpu}, {os.cpu_count()} cores; ours with {versions}.\n",
-            TEXT,
+            f"# Benchmark against the packages of PyPI{', periodic patches' if periodic else ''}\n",
+            f"Made by `{command}` on {datetime.date.today()}: {processor()}, {os.cpu_count()} cores; ours with "
+            f"{versions}.\n",
+            PERIODIC_TEXT if periodic else TEXT,
             "## Packages\n",
             markdown(table),
             "",
@@ -126,10 +161,13 @@ def page(packages, contests):
             markdown(rows),
             "",
             "## Where they win\n",
-            WINS,
+            PERIODIC_WINS if periodic else WINS,
             markdown([wins(name, contests) for name in packages]),
             "Faster than we are:\n",
             "\n".join(faster) or "- in none of the rows above",
+            "",
+            "## What failed\n",
+            "\n".join(failures) or "- nothing",
             "",
         ]
     )

@@ -80,12 +80,12 @@ def test_full_contact_of_any_surface(shape):
 
 
 def test_lightly_loaded_waves_bear_like_hertz_on_every_summit():
-    for share in (0.005, 0.01):
+    for share in (0.003, 0.005):
         c = Bisinusoidal(AMPLITUDE, LENGTH, E_STAR, share * np.sqrt(2) * np.pi * E_STAR * AMPLITUDE / LENGTH)
         problem, _ = waves(c, 128, 128)
         solution = pressed(problem, mean_pressure=c.mean_pressure)
         assert solution.pressure.max() == pytest.approx(c.on_a_summit.max_pressure, rel=0.02)
-        assert solution.contact.mean() == pytest.approx(c.light_contact_fraction, rel=0.06)
+        assert solution.corrected_contact_fraction == pytest.approx(c.light_contact_fraction, rel=0.04)
 
 
 def test_nearly_full_contact_of_waves_leaves_cracks_about_the_hollows():

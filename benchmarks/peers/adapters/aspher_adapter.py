@@ -10,8 +10,16 @@ NESTED = {
     "nested, fft, float then double": {"backend": "fft", "precision": "float_then_double"},
     "nested, h2": {},
     "nested, h2, active set": {"active_set": True},
+    "nested": {"backend": "periodic"},
+    "nested, float then double": {"backend": "periodic", "precision": "float_then_double"},
 }
-VARIANTS = {name: Variant("load", 1e-6) for name in (*NESTED, "fft, one grid")}
+ONE_GRID = {
+    "fft, one grid": {"backend": "fft"},
+    "one grid": {"backend": "periodic"},
+}
+VARIANTS = {
+    name: Variant("load", 1e-6, how.get("backend") == "periodic") for name, how in (NESTED | ONE_GRID).items()
+}
 
 
 def prepare(problem, variant):
@@ -23,7 +31,7 @@ def prepare(problem, variant):
     }
     gap = problem.open_gap.ravel()
     if variant not in NESTED:
-        solver = aspher.ContactSolver(**size, backend="fft")
+        solver = aspher.ContactSolver(**size, **ONE_GRID[variant])
         return lambda tolerance: outcome(
             solver.solve(gap, problem.mean_pressure, tol=tolerance, max_iter=20000, precond="fourier-fft")
         )

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from ContactMechanics import FreeFFTElasticHalfSpace
+from ContactMechanics import FreeFFTElasticHalfSpace, PeriodicFFTElasticHalfSpace
 from ContactMechanics.Systems import NonSmoothContactSystem
+from NuMPI.Optimization.CCGWithoutRestart import constrained_conjugate_gradients
 from protocol import Outcome, Variant, serve
 from SurfaceTopography import Topography
 
@@ -13,21 +14,33 @@ VARIANTS = {
     "dual, CG without restart": Variant("approach"),
     "dual, CG with restart": Variant("approach"),
     "constrained CG by force": Variant("load"),
+    "periodic constrained CG by force": Variant("load", periodic=True),
+    "periodic dual, CG without restart by mean force": Variant("load", periodic=True),
+    "periodic dual, CG without restart": Variant("approach", periodic=True),
+    "periodic dual, CG with restart": Variant("approach", periodic=True),
 }
 
 
 def prepare(problem, variant):
     """Set up; see `protocol.serve`. The package's first axis is x."""
     points, sizes = (problem.nx, problem.ny), (problem.nx * problem.dx, problem.ny * problem.dy)
-    substrate = FreeFFTElasticHalfSpace(points, problem.contact_modulus, sizes)
-    masked = not variant.startswith("dual")
+    masked = "dual" not in variant
+    if VARIANTS[variant].periodic:
+        # 0.0: displacements of mean 0, as everybody else's; its own constrained CG stops at once with it, and its
+        # approach is not asked for.
+        uniform = None if masked else 0.0
+        substrate = PeriodicFFTElasticHalfSpace(points, problem.contact_modulus, sizes, stiffness_q0=uniform)
+    else:
+        substrate = FreeFFTElasticHalfSpace(points, problem.contact_modulus, sizes)
     heights = -(problem.gap if masked else problem.open_gap).T
     if masked and np.isnan(heights).any():
         heights = np.ma.masked_invalid(heights)
     system = NonSmoothContactSystem(substrate, Topography(heights, sizes))
-    depth = problem.approach - np.nanmin(problem.gap)
+    known = np.isfinite(problem.approach)
+    depth = problem.approach - np.nanmin(problem.gap) if known else np.nanstd(problem.gap)
     cell_force = problem.load / problem.gap.size
-    start = np.where(problem.interpenetrating.T, cell_force, 0.0)  # with restart it does not leave zero
+    # with restart it does not leave zero
+    start = np.where(problem.interpenetrating.T, cell_force, 0.0) if known else np.full(points, cell_force)
 
     def constrained(tolerance):
         prescribed = {"offset": problem.approach}
@@ -52,10 +65,23 @@ def prepare(problem, variant):
         )
         return outcome(result.x.reshape(points), result.nit, 2 * result.nit + 1, result.success)
 
+    def dual_by_force(tolerance):
+        result = constrained_conjugate_gradients(
+            system.dual_objective(0.0),
+            system.dual_hessian_product,
+            np.full(points, cell_force),
+            mean_val=cell_force,
+            gtol=tolerance * depth,
+            maxiter=20000,
+        )
+        return outcome(result.x.reshape(points), result.nit, 2 * result.nit + 1, result.success)
+
     def outcome(force, iterations, products, success):
         return Outcome(force.T / problem.cell_area, iterations, products, bool(success))
 
-    return dual if variant.startswith("dual") else constrained
+    if masked:
+        return constrained
+    return dual_by_force if variant.endswith("by mean force") else dual
 
 
 if __name__ == "__main__":

@@ -32,6 +32,7 @@ class Problem:
         The same for packages that know no such cells: there the gap stays open at the prescribed approach,
         because displacements are not negative. No larger than needed, so that it disturbs no coarser grids.
     dx, dy, contact_modulus, shear_modulus, poisson_ratio, approach, load : float
+        On a periodic patch the approach is that of displacements of mean 0; NaN if nobody knows it.
     """
 
     def __init__(self, path):
@@ -63,11 +64,11 @@ class Problem:
 
 @dataclass(frozen=True)
 class Variant:
-    """One way to use a package: what it prescribes ("approach" or "load"), and its first tolerance."""
+    """One way to use a package: what it prescribes ("approach" or "load"), on which patches, its first tolerance."""
 
     control: str
     first_tolerance: float = 1e-5
-    note: str = ""
+    periodic: bool = False
 
 
 @dataclass

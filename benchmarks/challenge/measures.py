@@ -1,0 +1,116 @@
+"""Numbers and distributions of one solution."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.special import erf
+
+PRESSURES = np.linspace(0, 4, 81)  # over E* times the rms slope
+GAPS = np.logspace(-5, 1, 61)  # over the rms height
+AREAS = np.logspace(-8, 0, 41)  # of patches, over that of the period
+
+
+def persson(load):
+    """Persson's contact fraction at p / (E* h'rms)."""
+    return erf(math.sqrt(2) * np.asarray(load))
+
+
+def persson_pressures(pressure, load):
+    """Persson's distribution of the pressure; both over E* h'rms."""
+    p, width = np.asarray(pressure), 0.5
+    bell = np.exp(-((p - load) ** 2) / (2 * width**2)) - np.exp(-((p + load) ** 2) / (2 * width**2))
+    return bell / (width * math.sqrt(2 * math.pi))
+
+
+def patch_cells(contact):
+    """Cells of every patch of contact, largest first; patches hang together by sides of cells, over the period, too."""
+    labels, count = ndimage.label(contact)
+    cells = np.bincount(labels.reshape(-1), minlength=count + 1)
+    cells[0] = 0
+    ends = np.hstack([labels[[0, -1]], labels[:, [0, -1]].T])
+    one, other = ends[:, (ends > 0).all(axis=0)]
+    across = coo_array((np.ones(len(one), bool), (one, other)), shape=(count + 1, count + 1))
+    _, patch = connected_components(across, directed=False)
+    whole = np.bincount(patch, weights=cells).astype(int)
+    return np.sort(whole[whole > 0])[::-1]
+
+
+def corrected_fraction(contact):
+    """Contact fraction less what the staircase of cells adds to it, by the length of the perimeter."""
+    faces = sum(np.count_nonzero(contact != np.roll(contact, 1, axis)) for axis in (0, 1))
+    return contact.mean() - (math.pi - 1 + math.log(2)) / 24 * faces / contact.size
+
+
+def measured(pressure, gap, unit, rms_height):
+    """Numbers of a solution.
+
+    Parameters
+    ----------
+    pressure, gap : ndarray, shape (n, n), [N/mm2], [mm]
+    unit : float
+        E* h'rms [N/mm2].
+    rms_height : float
+        [mm]
+
+    Returns
+    -------
+    dict of numbers, dict of ndarray
+        The second: densities in `PRESSURES` (over all cells), in `GAPS` (over the cells without contact), and patches
+        per decade of `AREAS`.
+    """
+    contact = pressure > 0
+    patches = patch_cells(contact)
+    numbers = {
+        "contact_fraction": contact.mean(),
+        "corrected_fraction": corrected_fraction(contact),
+        "mean_gap": gap.mean() / rms_height,
+        "max_pressure": pressure.max() / unit,
+        "patches": len(patches),
+        "largest_patch": patches[0] / contact.size if len(patches) else 0.0,
+    }
+    open_gaps = gap[~contact] / rms_height
+
+    def density(values, edges, total):
+        return np.histogram(values, edges)[0] / np.diff(edges) / max(total, 1)
+
+    decades = math.log10(AREAS[1] / AREAS[0])
+    densities = {
+        "pressure": density(pressure[contact] / unit, PRESSURES, contact.size),
+        "gap": density(open_gaps, GAPS, open_gaps.size),
+        "patch": np.histogram(patches / contact.size, AREAS)[0] / decades,
+    }
+    return {name: float(value) for name, value in numbers.items()}, densities
+
+
+def middles(kind):
+    """Where the densities of a kind belong: middles of the bins."""
+    if kind == "pressure":
+        return (PRESSURES[1:] + PRESSURES[:-1]) / 2
+    edges = GAPS if kind == "gap" else AREAS
+    return np.sqrt(edges[1:] * edges[:-1])
+
+
+def stiffness(rows):
+    """-d(load) / d(mean gap) between neighbouring loads at their geometric means, in the units of the two.
+
+    A pressure that falls exponentially with the gap, as it does under light loads, gives it exactly.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        With `load` (over E* h'rms) and `mean_gap` (over h_rms), in the order of the loads.
+
+    Returns
+    -------
+    ndarray, ndarray
+        Loads and stiffnesses; where the gap does not change (full contact) there is none.
+    """
+    load, gap = (np.array([row[name] for row in rows], float) for name in ("load", "mean_gap"))
+    change, middle = gap[:-1] - gap[1:], np.sqrt(load[1:] * load[:-1])
+    there = change > 1e-9
+    return middle[there], middle[there] * np.log(load[1:] / load[:-1])[there] / change[there]

@@ -1,0 +1,106 @@
+"""What the pages of `run/bench` have in common: heads, measured solves, memory."""
+
+from __future__ import annotations
+
+import datetime
+import os
+import platform
+import shlex
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from app.output.result import read_result
+from benchmarks.plain import seconds
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def publish(path, page):
+    """Write the parts of a page and show them."""
+    text = "\n".join(page)
+    path.write_text(text, encoding="utf-8")
+    print(text)
+
+
+def processor():
+    """Name of the processor."""
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    names = (line.split(":")[1].strip() for line in lines if line.startswith("model name"))
+    return next(names, "unknown processor")
+
+
+def head(options, title="Benchmark"):
+    """Date, machine, versions."""
+    from petsc4py import PETSc
+
+    petsc = ".".join(map(str, PETSc.Sys.getVersion()))
+    versions = f"PETSc {petsc}, numpy {np.__version__}, Python {platform.python_version()}"
+    threads = f"OMP_NUM_THREADS={os.environ.get('OMP_NUM_THREADS')}"
+    command = shlex.join(["run/bench", *sys.argv[1:]])
+    method = ", ".join(options.method) or "the default (fast.opts)"
+    return (
+        f"# {title}\n\nMade by `{command}` on {datetime.date.today()}: {processor()}, {os.cpu_count()} cores; "
+        f"{versions}; {threads}. Method: {method}.\n"
+    )
+
+
+def solve_command(problem, methods, count, output):
+    """Words of a solve on some ranks."""
+    method = [part for file in methods for part in ("-options_file", file)]
+    return [
+        "mpiexec", "-n", str(count), sys.executable, "-m", "app.solve", *problem, *method, "-output", str(output)
+    ]  # fmt: skip
+
+
+def quickest(command, repeats, make_product):
+    """Run a solve a few times, and plain products between the runs.
+
+    Parameters
+    ----------
+    command : list of str
+        As of `solve_command`.
+    repeats : int
+    make_product : callable
+        Makes the plain product from the result.
+
+    Returns
+    -------
+    Result or str
+        Of the quickest run; or the last line of a complaint.
+    product : callable or None
+    float
+        Shortest time of a plain product [s].
+    """
+    best = product = None
+    plain = np.inf
+    for _ in range(repeats):
+        done = subprocess.run(
+            command, cwd=ROOT, capture_output=True, text=True, env=dict(os.environ), check=False
+        )
+        if done.returncode:
+            told = done.stderr.strip().splitlines() or [f"exit status {done.returncode}"]
+            return told[-1], None, plain
+        result = read_result(command[-1])
+        if product is None:
+            product = make_product(result)
+        plain = min(plain, seconds(partial(product, result.pressure), 3))
+        if best is None or result.attributes["solve_seconds"] < best.attributes["solve_seconds"]:
+            best = result
+    return best, product, plain
+
+
+class Memory:
+    """Peak resident size above that of the smallest grid of the same problem, in doubles per additional cell."""
+
+    def __init__(self):
+        self._smallest = {}
+
+    def __call__(self, key, size, peak):
+        """Text for one run of problem and number of ranks `key`; the smallest grid has none."""
+        n = size * size
+        n0, peak0 = self._smallest.setdefault(key, (n, peak))
+        return "-" if n <= n0 else f"{(peak - peak0) / 8 / (n - n0):.1f}"

@@ -1,0 +1,104 @@
+"""Periodic self-affine surfaces under given mean pressures: the problems, and the page of `run/bench --periodic`."""
+
+from __future__ import annotations
+
+import itertools
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from app.halfspace.grid import Grid
+from app.halfspace.influence import Material
+from app.output.table import markdown
+from app.problems.surfaces import SelfAffineSurface
+from benchmarks.measure import Memory, head, publish, quickest, solve_command
+from benchmarks.plain import PlainPeriodicProduct, check_periodic
+
+SIDE, SLOPE = 1.0, 0.1  # of the patch [mm], rms
+MATERIAL = Material.combined(80000.0, 0.3)
+# Mean pressure / (E* rms slope): contact on 2, 11, 53, 97 and 100% of the cells.
+LOADS = (0.01, 0.05, 0.3, 1.0, 3.0)
+
+PAGE = """\
+Self-affine surface on a periodic patch of 1 mm: Hurst exponent 0.8, roll-off 1/8, cut-off 8 cells, rms slope 0.1,
+pressed on by given mean pressures. `load`: mean pressure over E* times the rms slope.
+
+The unit is one *plain product*: `scipy.fft.rfft2`, times the symbol, `irfft2`, nothing padded, one thread, measured in
+the same run (shortest of several). `plain`: solve time in plain products (set-up apart); `over first`: the time over
+that on the first number of ranks. `applications`: everything computed, in products on the target grid. `memory`: peak
+resident size above that of the smallest grid, per cell, in doubles. `contact`: share of the cells. `residual` (rms gap
+of the cells under pressure about its mean), `penetration` (the largest), both over the rms of the undeformed distance
+about its mean, and the error of the mean pressure are checked from the result file by a plain product.
+"""
+
+
+def surface_grid(size):
+    """The patch, cut into cells. Our solver is told that it is periodic by option."""
+    return Grid.from_domain(size, size, (0.0, SIDE, 0.0, SIDE))
+
+
+def distance(size, seed=1):
+    """Undeformed distance of the surface and a flat body in the cells, least 0 [mm]."""
+    grid = surface_grid(size)
+    surface = SelfAffineSurface(0.8, SIDE / 8, 8 * SIDE / size, (SIDE, SIDE), seed, rms_slope=SLOPE)
+    height = surface.height(grid.x(), grid.y())
+    return height.max() - height
+
+
+def mean_pressure(load):
+    """Mean pressure of a load of `LOADS` [N/mm2]."""
+    return load * MATERIAL.contact_modulus * SLOPE
+
+
+def words(path, load):
+    """Options that describe the problem to app.solve; `path`: file of the distances."""
+    return [
+        "-problem", "file", "-gap_file", str(path), "-domain", f"0,{SIDE:g},0,{SIDE:g}",
+        "-shear_modulus", repr(MATERIAL.shear_modulus), "-poisson_ratio", repr(MATERIAL.poisson_ratio),
+        "-periodic", "-mean_pressure", repr(mean_pressure(load)),
+    ]  # fmt: skip
+
+
+def write_page(sizes, ranks, options, output):
+    """Measure all loads on all grids and numbers of ranks; write the page."""
+    rows, memory, first = [], Memory(), {}
+    with tempfile.TemporaryDirectory() as folder:
+        folder = Path(folder)
+        work = list(itertools.product(sorted(sizes), LOADS, ranks))
+        for size, load, count in tqdm(work, desc="periodic", disable=None):
+            path = folder / f"distance-{size}.npy"
+            if not path.exists():
+                np.save(path, distance(size))
+            command = solve_command(words(path, load), options.method, count, folder / "result.h5")
+            rows.append(_row(command, size, load, count, options.repeats, memory, first))
+    publish(output, [head(options, "Benchmark on periodic patches"), PAGE, markdown(rows), ""])
+
+
+def _row(command, size, load, count, repeats, memory, first):
+    """A line of the table; `first`: seconds of size and load on the first number of ranks."""
+    row = {"grid": f"{size}^2", "load": f"{load:g}", "ranks": count}
+
+    def plain_product(_):
+        return PlainPeriodicProduct(surface_grid(size), MATERIAL.contact_modulus)
+
+    best, product, plain = quickest(command, repeats, plain_product)
+    if isinstance(best, str):
+        return row | {"note": best}
+    facts, p = best.attributes, best.pressure
+    found = check_periodic(product, p, best.undeformed_distance, mean_pressure(load))
+    seconds = facts["solve_seconds"]
+    return row | {
+        "plain": f"{seconds / plain:.1f}",
+        "over first": f"{seconds / first.setdefault((size, load), seconds):.2f}",
+        "applications": f"{facts['operator_applications']:.1f}",
+        "iterations": facts["active_set_iterations"],
+        "seconds": f"{seconds:.3g}",
+        "set-up": f"{facts['setup_seconds']:.2g}",
+        "memory": memory((load, count), size, facts["peak_memory"]),
+        "contact": f"{np.mean(p > 0):.1%}",
+        "residual": f"{found['residual']:.1e}",
+        "penetration": f"{found['penetration']:.1e}",
+        "mean pressure": f"{found['load_error']:.0e}",
+    }
