@@ -166,7 +166,7 @@ def test_certificate_with_nothing_but_holes_and_contact():
         (
             None,
             {"lcp_type": "fast"},
-            r"-lcp_type fast: .*allowed on periodic ones: .*active_set, tao, snesvi",
+            r"-lcp_type fast: .*allowed on periodic ones: .*primal, active_set, tao, snesvi",
         ),
     ],
 )
