@@ -30,7 +30,7 @@ class Solution:
         [N], [mm].
     mean_pressure, mean_gap : float
         Load over the area of the patch [N/mm2]; mean of the gap over the cells where contact is possible [mm].
-    contact_fraction, corrected_contact_fraction, perimeter : float
+    contact_fraction, contact_fraction_corrected, perimeter : float
         Share of these cells; the same corrected for its stepped boundary; the length of that [mm]. See
         `app.contact.measures`.
     rms_height, rms_slope : float
@@ -76,7 +76,7 @@ class Solution:
     max_pressure: float
     contact_cells: int
     contact_fraction: float
-    corrected_contact_fraction: float
+    contact_fraction_corrected: float
     perimeter: float
     mean_pressure: float
     mean_gap: float
@@ -140,7 +140,7 @@ class Solution:
             "max_pressure": self.max_pressure,
             "contact_cells": self.contact_cells,
             "contact_fraction": self.contact_fraction,
-            "corrected_contact_fraction": self.corrected_contact_fraction,
+            "contact_fraction_corrected": self.contact_fraction_corrected,
             "perimeter": self.perimeter,
             "mean_pressure": self.mean_pressure,
             "mean_gap": self.mean_gap,

@@ -152,7 +152,7 @@ class ContactSolver:
         grid, compliance = problem.grid, problem.material.compliance
         if grid.periodic and chosen.strategy == "fast":
             raise InputError(
-                "-lcp_type fast: works on free patches; allowed on periodic ones: active_set, tao, snesvi"
+                "-lcp_type fast: works on free patches; allowed on periodic ones: primal, active_set, tao, snesvi"
             )
         if chosen.single:
             alone = replace(grid, periodic="")  # images change little of a cell's influence on itself

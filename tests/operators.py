@@ -24,9 +24,9 @@ GRIDS = {
     "more than a block": Grid(40, 36, 0.2, 0.3),  # rows and columns go through the FFT 32 and 16 at a time
 }
 PERIODIC = {
-    "periodic": Grid(24, 16, 0.5, 0.3, periodic="point"),
-    "periodic, odd": Grid(23, 17, 0.2, 0.5, periodic="point"),
-    "periodic, more than a block": Grid(40, 36, 0.2, 0.3, periodic="point"),
+    "periodic": Grid(24, 16, 0.5, 0.3, periodic="spectral"),
+    "periodic, odd": Grid(23, 17, 0.2, 0.5, periodic="spectral"),
+    "periodic, more than a block": Grid(40, 36, 0.2, 0.3, periodic="spectral"),
     "images, odd": Grid(23, 17, 0.2, 0.5, periodic="love"),
     "images": Grid(18, 20, 0.5, 0.5, periodic="love"),
     "images, one row": Grid(45, 1, 0.1, 0.4, periodic="love"),

@@ -8,7 +8,7 @@ from app.halfspace.influence import dense_matrix
 MATERIAL = Material(1.0, 0.0)
 
 
-def rough(nx, ny, seed, holes=0.0, symbol="point", noise=0.004):
+def rough(nx, ny, seed, holes=0.0, symbol="spectral", noise=0.004):
     """Waves and noise."""
     grid, rng = Grid(nx, ny, 1 / nx, 0.8 / ny), np.random.default_rng(seed)
     x, y = (2 * np.pi * np.arange(n) / n for n in (nx, ny))

@@ -18,7 +18,7 @@ GRIDS = {
     "three rows": Grid(70, 3, 1.0, 0.5),
     "one cell": Grid(1, 1, 1.0, 1.0),
     "even": Grid(32, 128, 1.0, 1.0),
-    "periodic": Grid(36, 55, 0.3, 0.2, periodic="point"),
+    "periodic": Grid(36, 55, 0.3, 0.2, periodic="spectral"),
     "images": Grid(36, 55, 0.3, 0.2, periodic="love"),
 }
 

@@ -32,7 +32,7 @@ class ContactMeasures(NamedTuple):
     contact_cells: int
     perimeter: float  # length of the faces between contact and no contact [mm]
     contact_fraction: float  # of the admissible cells
-    corrected_contact_fraction: float  # less `PER_FACE` of a cell for each of these faces
+    contact_fraction_corrected: float  # less `PER_FACE` of a cell for each of these faces
 
 
 class Roughness(NamedTuple):
@@ -67,7 +67,7 @@ def measure_contact(state):
         contact_cells=int(cells),
         perimeter=float(in_x * grid.dy + in_y * grid.dx),
         contact_fraction=float(cells / admissible),
-        corrected_contact_fraction=float((cells - PER_FACE * (in_x + in_y)) / admissible),
+        contact_fraction_corrected=float((cells - PER_FACE * (in_x + in_y)) / admissible),
     )
 
 

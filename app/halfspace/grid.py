@@ -6,7 +6,8 @@ array of shape ``(ny, nx)``. A rank owns a *slab*: consecutive whole rows.
 Coarsening joins 2 x 2 cells (Sec. 4.2). A direction with an odd number of cells gets one more coarse
 cell that sticks out of the patch by half; its missing children count as cells where contact is
 impossible. This is the same as padding the patch to a size that can be halved, without storing the
-padding. A direction of at most `coarsest` cells is not coarsened any further.
+padding. A direction of at most `coarsest` cells is not coarsened any further. A periodic patch cannot stick out: a
+direction with an odd number of cells is not halved there.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from mpi4py import MPI
 from app.errors import InputError
 
 _DOUBLES_PER_CELL = 12  # of memory, at the least
-SYMBOLS = ("point", "love")  # of the influence matrix of a periodic patch
+SYMBOLS = ("spectral", "love")  # of the influence matrix of a periodic patch
 
 
 def symbol_name(periodic):

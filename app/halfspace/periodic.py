@@ -3,7 +3,7 @@
 A pressure wave ``p_q exp(i q x)`` displaces the half-space by ``u_q = 2 p_q / (E* |q|)``. What the matrix makes of the
 wave depends on what a number stands for; ``Grid.periodic`` chooses:
 
-- ``point``: the values of waves in the cell centres (collocation, as tamaas, ASPHER and ContactMechanics do):
+- ``spectral``: the values of waves in the cell centres (collocation, as tamaas, ASPHER and ContactMechanics do):
   ``lambda(q) = 2 / (E* |q|)`` for all waves that the grid can carry.
 - ``love``: constant pressures on cells, (2.4), of the patch and of all its images: what the matrix of the free patch
   tends to when the images are far away. The two differ by O(cell).
@@ -52,7 +52,7 @@ def influence_symbol(grid, compliance, columns, rows):
     ndarray, shape (columns, rows), [mm / (N/mm2)]
         Zero at frequency (0, 0).
     """
-    of_kind = {"point": _point, "love": _love}[grid.periodic]
+    of_kind = {"spectral": _spectral, "love": _love}[grid.periodic]
     return 2 * np.pi * compliance * of_kind(grid, np.asarray(columns), np.asarray(rows))
 
 
@@ -62,7 +62,7 @@ def inverse_symbol(grid, compliance, columns, rows):
     return np.divide(1.0, symbol, out=np.zeros_like(symbol), where=symbol > 0)
 
 
-def _point(grid, columns, rows):
+def _spectral(grid, columns, rows):
     """1 / |q|."""
     qx, qy = frequencies(grid, columns, rows)
     q = np.hypot(qx[:, None], qy)

@@ -19,8 +19,8 @@ On each grid, from the coarsest to the target (`nested`):
 2. *Guess.* Some projected sweeps with the centre of B guess the contact set (`state.PrimalState.guess`).
 3. *Sets.* `iteration` solves for w on O a little, by CG that carries p along (`app.fast.tracking_cg`); then cells with
    p < 0 are released from C, which costs nothing, and cells with e < 0 captured, which costs a product with B.
-4. *Enough.* A coarse grid is left when few cells change. The target grid is left by one product A p in double precision;
-   it and the certificate decide.
+4. *Enough.* A coarse grid is left when few cells change. The target grid is left by one product A p in double
+   precision; it and the certificate decide.
 5. *Approach.* A prescribed approach prescribes the mean of w: directions of CG have no mean, and the mean pressure is
    the Lagrange multiplier.
 6. *Safeguard.* Where it makes no progress, that of `app.fast` takes over, in terms of pressures.

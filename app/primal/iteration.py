@@ -1,7 +1,7 @@
 """The primal active set iteration on one grid.
 
-The steps of Sec. 4.1 with the parts of pressure and gap exchanged: the free cells O take the place of C, the gap that of
-p, and p = B w + mean pressure that of e.
+The steps of Sec. 4.1 with the parts of pressure and gap exchanged: the free cells O take the place of C, the gap that
+of p, and p = B w + mean pressure that of e.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def allowed_gap(primal, stop):
 
 
 def verify(primal):
-    """Pressure >= 0 with the right load, and u = A p by one product in double precision; return the Update. Collective."""
+    """Pressure >= 0 with the right load, u = A p by one product in double precision; return the Update. Collective."""
     state, loading = primal.state, primal.loading
     with state.pressure as values:
         p = values.reshape(primal.w.shape)

@@ -115,7 +115,7 @@ class PrimalState:
 
         Collective.
         """
-        state, inverse, preconditioner = self.state, self.inverse, solver.preconditioner
+        state, preconditioner = self.state, solver.preconditioner
         weights, shape = preconditioner.weights, self.w.shape
         force, lowest = np.empty(shape, np.float32), np.empty(shape, np.float32)
         loops.guess_sources(state.p, self.w, state.distance.b, state.admissible, weights[0], force, lowest)

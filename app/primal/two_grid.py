@@ -18,17 +18,17 @@ _NONE = np.empty((0, 0))
 class TwoGrid:
     """PC context; its operator must be an `InverseOperator`.
 
-    *Before* and *after* are Jacobi sweeps on the free cells with the 3 x 3 centre of B; between them the mean of what is
+    *Before* and *after* are Jacobi sweeps on the free cells with the 3 x 3 centre of B. Between them the mean of what is
     left in coarse cells is multiplied by A on a grid of cells up to four times as long, and interpolated bilinearly.
-    Waves of no length at all are A's own null space: B takes them from a patch in contact here and there, where they
-    cost as much as a wave between two contacts; hence the constant's compliance, which falls with the contact area.
+    A displaces nothing for a constant pressure; with contact here and there a constant is no better than a wave from
+    one contact to the next: hence its compliance, which falls with the contact area.
 
     Options: ``-pc_two_grid_sweeps k`` (default 5), before and after.
 
     Attributes
     ----------
     constrained : bool
-        The mean of w must not change: results are made free of it, and `multiplier` is the mean pressure that is missing.
+        The mean of w must not change: results have none, and `multiplier` is the mean pressure that is missing.
     """
 
     operator = None

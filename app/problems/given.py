@@ -25,7 +25,7 @@ class ContactProblem(Problem):
         on every rank, first row at the smallest y. A function ``gap(x, y)`` is called with arrays that broadcast to the
         cells wanted; it is asked again on every coarser grid, where an array is averaged.
     periodic : bool or str
-        Whether the patch repeats for ever in x and y; True is "point", see `app.halfspace.periodic`.
+        Whether the patch repeats for ever in x and y; True is "spectral", see `app.halfspace.periodic`.
 
     Raises
     ------

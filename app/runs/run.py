@@ -36,7 +36,7 @@ ATTRIBUTES = (
     "approach",
     "max_pressure",
     "contact_fraction",
-    "corrected_contact_fraction",
+    "contact_fraction_corrected",
     "mean_pressure",
     "mean_gap",
     "solve_seconds",

@@ -11,7 +11,7 @@ from app.problems.surfaces import SelfAffineSurface
 
 STEEL = Material.from_contact_modulus(1e5)
 MEASURES = (
-    "perimeter", "contact_fraction", "corrected_contact_fraction", "mean_gap", "mean_pressure", "rms_slope",
+    "perimeter", "contact_fraction", "contact_fraction_corrected", "mean_gap", "mean_pressure", "rms_slope",
     "rms_height",
 )  # fmt: skip
 
@@ -24,7 +24,7 @@ def problems():
         for periodic in (False, "love"):
             yield ContactProblem(grid, STEEL, gap, periodic)
             yield ContactProblem(grid, STEEL, np.where(gap > 2e-3, np.nan, gap), periodic)
-    grid = Grid.from_domain(16, 12, (0.0, 3.0, 0.0, 2.0), "point")
+    grid = Grid.from_domain(16, 12, (0.0, 3.0, 0.0, 2.0), "spectral")
     yield Rough(grid, STEEL, SelfAffineSurface(0.8, 2.0, 0.5, (3.0, 2.0), 1, rms_slope=0.01))
 
 

@@ -9,13 +9,23 @@ from running import solve
 CIRCULANT = {"pc_type": "python", "pc_python_type": "app.fast.circulant.Circulant", "pc_circulant_extend": 3}
 
 
-@pytest.mark.mpi(2, 3, 5)
+@pytest.mark.mpi(2, 3)
 @pytest.mark.parametrize(
     ("method", "options"),
     [("norm", CIRCULANT), ("fmg_v11", {}), ("fmg_lift", {}), (None, {"lcp_type": "tao"})],
     ids=["norm", "fmg", "lift", "tao"],
 )
 def test_any_number_of_ranks_finds_the_same(comm, method, options):
+    assert_same_as_alone(comm, method, options)
+
+
+@pytest.mark.mpi(5)  # a slab of as many rows as a coarse cell, or none
+def test_so_do_more_ranks_than_coarse_rows(comm):
+    assert_same_as_alone(comm, "fmg_v11", {"lcp_replicate": 1})
+
+
+def assert_same_as_alone(comm, method, options):
+    """By approach, and by loads below and at full contact."""
     problem = periodic.rough(24, 20, 1)
     options = {"lcp_rtol": 1e-9, "lcp_replicate": 4} | options
     least = solve(problem, problem.gap.mean(), method, comm=MPI.COMM_SELF, **options).load

@@ -15,8 +15,8 @@ GRIDS = [
     Grid(3, 50, 1.0, 1.0),
     Grid(50, 3, 1.0, 1.0),
     Grid(9, 2, 1.0, 1.0),
-    Grid(32, 40, 1.0, 1.0, periodic="point"),
-    Grid(36, 7, 1.0, 0.5, periodic="point"),
+    Grid(32, 40, 1.0, 1.0, periodic="spectral"),
+    Grid(36, 7, 1.0, 0.5, periodic="spectral"),
     Grid(3, 52, 1.0, 1.0, periodic="love"),
 ]
 REPLICATE = (1, 100, 10**6)  # no coarse grid is on every rank; the smaller ones; all

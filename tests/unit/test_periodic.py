@@ -86,7 +86,7 @@ def test_love_is_the_sum_over_all_images(nx, ny, dx, dy):
 
 
 def test_the_kernel_of_a_sweep_is_computed_once():
-    operator = InfluenceOperator(Grid(64, 200, 1.0, 1.0, periodic="point"), 1.0)
+    operator = InfluenceOperator(Grid(64, 200, 1.0, 1.0, periodic="spectral"), 1.0)
     with mock.patch.object(influence, "periodic_quadrant", wraps=influence.periodic_quadrant) as compute:
         assert operator.relaxation is operator.relaxation
         assert operator.diagonal > 0
@@ -97,7 +97,7 @@ def test_grids_are_halved_exactly_or_not_at_all():
     shapes = [
         [
             level.grid.shape
-            for level in Hierarchy(Grid(nx, ny, 1.0, 1.0, periodic="point"), 1.0, MPI.COMM_SELF).levels
+            for level in Hierarchy(Grid(nx, ny, 1.0, 1.0, periodic="spectral"), 1.0, MPI.COMM_SELF).levels
         ]
         for nx, ny in ((24, 40), (36, 7), (15, 7), (4, 4))
     ]
@@ -112,8 +112,8 @@ def test_grids_are_halved_exactly_or_not_at_all():
 @pytest.mark.parametrize(("shape", "factors"), [((8, 6), (2, 2)), ((7, 12), (1, 2)), ((4, 2), (2, 2))])
 def test_interpolation_does_not_know_where_the_patch_begins(shape, factors):
     (ny, nx), (fy, fx) = shape, factors
-    fine = Grid(nx, ny, 0.5, 0.5, periodic="point")
-    coarse = Grid(nx // fx, ny // fy, 0.5 * fx, 0.5 * fy, periodic="point")
+    fine = Grid(nx, ny, 0.5, 0.5, periodic="spectral")
+    coarse = Grid(nx // fx, ny // fy, 0.5 * fx, 0.5 * fy, periodic="spectral")
     transfer = Transfer(InfluenceOperator(fine, 1.0), InfluenceOperator(coarse, 1.0), factors)
     u, found, moved = random_field(coarse, 1), np.empty(shape), np.empty(shape)
     transfer.interpolate(u, found)
@@ -166,7 +166,7 @@ def test_certificate_with_nothing_but_holes_and_contact():
         (
             None,
             {"lcp_type": "fast"},
-            r"-lcp_type fast: .*allowed on periodic ones: .*active_set, tao, snesvi",
+            r"-lcp_type fast: .*allowed on periodic ones: .*primal, active_set, tao, snesvi",
         ),
     ],
 )
