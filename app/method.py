@@ -147,8 +147,10 @@ def settings(method=None, options=None, periodic=False):
     reader = OptionReader(METHOD_OPTIONS, texts)
     strategy, nested = reader["lcp_type"], reader["lcp_nested"]
     if strategy == (DEFAULT if periodic else PERIODIC):
-        where = "a periodic patch" if periodic else "a free patch (without -periodic)"
-        raise InputError(f"-lcp_type {strategy}: not on {where}; allowed: {default}, active_set, tao, snesvi")
+        works, here = ("free patches", "periodic") if periodic else ("periodic patches (-periodic)", "free")
+        raise InputError(
+            f"-lcp_type {strategy}: works on {works}; allowed on {here} ones: {default}, active_set, tao, snesvi"
+        )
     _refuse_without_effect(strategy, nested, texts, reader, given)
     _refuse_what_crashes(strategy, texts)
     return Settings(

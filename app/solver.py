@@ -150,10 +150,6 @@ class ContactSolver:
     def _set_up(self):
         chosen, problem = self.settings, self.problem
         grid, compliance = problem.grid, problem.material.compliance
-        if grid.periodic and chosen.strategy == "fast":
-            raise InputError(
-                "-lcp_type fast: works on free patches; allowed on periodic ones: primal, active_set, tao, snesvi"
-            )
         if chosen.single:
             alone = replace(grid, periodic="")  # images change little of a cell's influence on itself
             self._largest = float(influence_quadrant(alone, compliance, slice(0, 1), 1)[0, 0])

@@ -18,8 +18,8 @@ _NONE = np.empty((0, 0))
 class TwoGrid:
     """PC context; its operator must be an `InverseOperator`.
 
-    *Before* and *after* are Jacobi sweeps on the free cells with the 3 x 3 centre of B. Between them the mean of what is
-    left in coarse cells is multiplied by A on a grid of cells up to four times as long, and interpolated bilinearly.
+    *Before* and *after* are Jacobi sweeps on the free cells with the 3 x 3 centre of B. Between them the mean of what
+    is left in coarse cells is multiplied by A on a grid of cells up to four times as long, and interpolated bilinearly.
     A displaces nothing for a constant pressure; with contact here and there a constant is no better than a wave from
     one contact to the next: hence its compliance, which falls with the contact area.
 
