@@ -6,7 +6,7 @@ PETSc with its own options before.
 
 from importlib import import_module
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 _PLACES = {
     "ContactProblem": "app.problems.given",
