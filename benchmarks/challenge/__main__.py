@@ -11,7 +11,7 @@ from tqdm import tqdm
 from app import ContactProblem, ContactSolver, Grid, Material
 from app.output.table import write_table
 from benchmarks import challenge
-from benchmarks.challenge.measures import measured, middles
+from benchmarks.challenge import measures
 from benchmarks.challenge.page import SHOWN, write_page
 from benchmarks.challenge.surface import SIDE, look_alike, read_surface, resample, rms_slope
 from benchmarks.measure import ROOT
@@ -83,21 +83,21 @@ def run(heights, name, sizes, output, loads=LOADS, solve=pressed):
         facts = {"surface": name, "size": size, "rms_slope": rms_slope(here)}
         solutions = solve(here.max() - here, [load * unit for load in todo])
         for load, solution in tqdm(zip(todo, solutions, strict=True), f"{size}²", len(todo), disable=None):
-            numbers, curves = measured(solution.pressure, solution.gap, unit, rms_height)
+            fields = solution.pressure, solution.gap, unit, rms_height
             about = {
                 "converged": int(solution.converged),
                 "applications": solution.operator_applications,
                 "seconds": solution.solve_seconds,
             }
-            rows.append(facts | {"load": load} | numbers | about)
+            rows.append(facts | {"load": load} | measures.numbers(*fields) | about)
             densities = [
                 row for row in densities if (row["surface"], row["size"], row["load"]) != (name, size, load)
             ]
             if load in SHOWN:
                 densities += [
                     {"surface": name, "size": size, "load": load, "kind": kind, "x": x, "density": y}
-                    for kind, curve in curves.items()
-                    for x, y in zip(middles(kind).tolist(), curve.tolist(), strict=True)
+                    for kind, curve in measures.densities(*fields).items()
+                    for x, y in zip(measures.middles(kind).tolist(), curve.tolist(), strict=True)
                 ]
             for table, content in zip(tables[::-1], (densities, rows), strict=True):
                 write_table(table, content)

@@ -46,7 +46,7 @@ def corrected_fraction(contact):
     return contact.mean() - (math.pi - 1 + math.log(2)) / 24 * faces / contact.size
 
 
-def measured(pressure, gap, unit, rms_height):
+def numbers(pressure, gap, unit, rms_height):
     """Numbers of a solution.
 
     Parameters
@@ -59,13 +59,11 @@ def measured(pressure, gap, unit, rms_height):
 
     Returns
     -------
-    dict of numbers, dict of ndarray
-        The second: densities in `PRESSURES` (over all cells), in `GAPS` (over the cells without contact), and patches
-        per decade of `AREAS`.
+    dict of str to float
     """
     contact = pressure > 0
     patches = patch_cells(contact)
-    numbers = {
+    found = {
         "contact_fraction": contact.mean(),
         "corrected_fraction": corrected_fraction(contact),
         "mean_gap": gap.mean() / rms_height,
@@ -73,18 +71,30 @@ def measured(pressure, gap, unit, rms_height):
         "patches": len(patches),
         "largest_patch": patches[0] / contact.size if len(patches) else 0.0,
     }
+    return {name: float(value) for name, value in found.items()}
+
+
+def densities(pressure, gap, unit, rms_height):
+    """Distributions of a solution; parameters as of `numbers`.
+
+    Returns
+    -------
+    dict of str to ndarray
+        Densities in `PRESSURES` (over all cells), in `GAPS` (over the cells without contact), and patches per decade of
+        `AREAS`.
+    """
+    contact = pressure > 0
     open_gaps = gap[~contact] / rms_height
 
     def density(values, edges, total):
         return np.histogram(values, edges)[0] / np.diff(edges) / max(total, 1)
 
-    decades = math.log10(AREAS[1] / AREAS[0])
-    densities = {
+    per_decade = 1 / math.log10(AREAS[1] / AREAS[0])
+    return {
         "pressure": density(pressure[contact] / unit, PRESSURES, contact.size),
         "gap": density(open_gaps, GAPS, open_gaps.size),
-        "patch": np.histogram(patches / contact.size, AREAS)[0] / decades,
+        "patch": np.histogram(patch_cells(contact) / contact.size, AREAS)[0] * per_decade,
     }
-    return {name: float(value) for name, value in numbers.items()}, densities
 
 
 def middles(kind):

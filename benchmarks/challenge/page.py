@@ -95,7 +95,7 @@ def _line(row, key):
         "corrected": f"{row['corrected_fraction']:.3%}",
         "Persson": f"{persson(row['load']):.3%}",
         "contact / load": f"{row['contact_fraction'] / row['load']:.3f}",
-        "mean gap": f"{row['mean_gap']:.4g}",
+        "mean gap": f"{max(row['mean_gap'], 0.0):.4g}",
         "largest pressure": f"{row['max_pressure']:.3g}",
         "patches": int(row["patches"]),
         "largest": f"{row['largest_patch']:.2%}",

@@ -82,10 +82,10 @@ the same run (`plain` is a time in this unit). One thread each; a small problem 
 that of our default method on one rank, with the same thing given. `MiB` is the peak resident size of the whole process.
 
 Everybody gets the same array of distances and the same mean pressure (`load`); some of ContactMechanics' solvers take
-an approach only: they get the one of our answer, which nobody knows before (`approach`). A package's own tolerance is
-loosened or tightened by factors of sqrt(10) until its answer just reaches the accuracy asked for, and its fastest
-setting and variant is reported. (Variants that need twice the time of another one on a grid are not tried on finer
-ones; after a solve of more than 20 s no looser tolerance is.)
+an approach only: they get the one of our answer, which nobody knows before (`approach`; in full contact it leaves the
+mean pressure open). A package's own tolerance is loosened or tightened by factors of sqrt(10) until its answer just
+reaches the accuracy asked for, and its fastest setting and variant is reported. (Variants that need twice the time of
+another one on a grid are not tried on finer ones; after a solve of more than 20 s no looser tolerance is.)
 
 Accuracy is computed here, by a plain product in double precision: `residual`, the rms gap in the cells under pressure
 about its mean, over the rms of the undeformed distance about its mean, at most 1e-6; `penetration`, the largest over

@@ -131,3 +131,14 @@ def test_a_run_goes_on_where_it_was_stopped(tmp_path):
     del asked[:]
     challenge.run(heights, "wave", [32], output, loads, solve)
     assert asked == [] and output.read_text() == text
+
+
+def test_densities_are_those_of_all_cells_and_of_open_ones():
+    rng = np.random.default_rng(2)
+    pressure = np.maximum(rng.normal(size=(40, 40)), 0)
+    gap = np.where(pressure > 0, 0, rng.random((40, 40)))
+    found = measures.densities(pressure, gap, 1.0, 1.0)
+    of = measures.numbers(pressure, gap, 1.0, 1.0)
+    assert found["pressure"] @ np.diff(measures.PRESSURES) == pytest.approx(of["contact_fraction"])
+    assert found["gap"] @ np.diff(measures.GAPS) == pytest.approx(1)
+    assert found["patch"].sum() * np.log10(measures.AREAS[1] / measures.AREAS[0]) == of["patches"]
