@@ -276,7 +276,7 @@ class ContactState:
         np.greater(tends, least, out=self.contact)
         self._p[~self.contact] = 0.0
         self.pressure.stateIncrease()
-        self.u_is = Displacement.STALE
+        self.compute_displacement()
 
     def cells_in_contact(self):
         """Number of cells in the contact set, 1 at least. Collective."""

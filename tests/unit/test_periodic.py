@@ -173,3 +173,18 @@ def test_certificate_with_nothing_but_holes_and_contact():
 def test_what_cannot_be_done_is_said(method, options, match):
     with pytest.raises(InputError, match=match):
         ContactSolver(periodic.rough(9, 7, 1), method, options)
+
+
+def test_one_cell_at_least_stays_open_below_the_approach_of_full_contact():
+    problem = periodic.rough(12, 10, 2)
+    operator = InfluenceOperator(problem.grid, problem.material.compliance)
+    state = ContactState(operator, UndeformedDistance(operator, problem.gap))
+    state.approach = 2 * problem.gap.mean()
+    assert state.approach == pytest.approx(problem.gap.mean(), rel=1e-9)
+    assert state.approach < problem.gap.mean()
+    state.contact[...] = True
+    state.leave_one_open()
+    assert np.flatnonzero(~state.contact) == problem.gap.argmax()
+    energy, cells = operator.energy_of_contact()
+    assert cells == problem.grid.n - 1
+    assert energy == pytest.approx(operator.diagonal, rel=1e-9)  # p = 1 is p = -1 on what is open
