@@ -23,7 +23,7 @@ from app.halfspace.fft.multiplier import transform_even
 
 # Ewald's splitting of 1/rho: beyond so many lengths erfc(rho) / rho, and beyond so many waves erfc(q / 2) / q, vanish.
 _RANGE = 6.2
-_SPLITTING = 2.0  # lengths in the longer side of a cell
+_SPLITTING = 0.7  # lengths in the longer side of a cell
 _GAUSS = np.polynomial.legendre.leggauss(24)
 
 
