@@ -16,9 +16,10 @@ from app.fast.iteration import PATIENCE, NeedsSafeguard
 from app.primal import kernels
 
 _LOOSE = 0.005  # share of the cells that may still change on a coarse grid
-_OVERLAP = 0.1  # of the gap allowed: overlap of a free cell that is left alone in the end
-_TENSION = 1e-9  # of the mean pressure: tension of a cell in contact that is left alone in the end
-_SURE = 0.15  # of the residual allowed is asked of the preconditioned one, which may be too small
+_SLIGHT = (
+    0.1  # of the error allowed of the gap: so much overlap, or what tension there displaces, is left alone
+)
+_SURE = 0.3  # of the residual allowed is asked of the preconditioned one, which may be too small
 _DOUBT = 0.6  # of what a verification asks for is aimed at after it
 _TIGHTEST = 1e-3
 _FLAT = 1e-12
@@ -58,8 +59,7 @@ def primal_active_set(primal, solver, stop, history):
         its, failure, norm = solver.improve(primal, goal)  # 3. a little, p along with w
         inner += its
         near = norm <= goal * (1 + 1e-6)
-        floor = abs(primal.mean_pressure) if near else 0.0
-        update = primal.exchange(-_TENSION * floor, -_OVERLAP * allowed if near else 0.0)
+        update = primal.exchange(-_SLIGHT * allowed / state.operator.diagonal, -_SLIGHT * allowed)
         update = update.with_residual(norm)
         history.add(state, solver, update, its)
         residual = norm / state.distance.norm()

@@ -10,7 +10,7 @@ from app.primal import kernels as loops
 from app.primal import stencil
 
 _GUESSES = 8  # projected sweeps that guess the first contact set of a grid
-_SHARE = 0.7  # of the preconditioned residual is taken along when captured cells are closed
+_SHARE = 0.9  # of the preconditioned residual is taken along when captured cells are closed
 
 
 class PrimalState:

@@ -15,33 +15,46 @@ import numpy as np
 from app.halfspace.reductions import any_order
 
 
+# Weights are over that of the cell itself, of the neighbours in x, in y, and on the diagonals.
+
+
 @any_order
-def _neighbours_row(above, here, below, wx, wy, wd, out):
-    """The sum over the eight neighbours, weights over that of the cell itself."""
-    for i in range(out.size):
-        out[i] = (
+def _sweep_row(source, free, above, here, below, wx, wy, wd, share, out):
+    for i in range(source.size):
+        around = (
             wx * (here[i] + here[i + 2])
             + wy * (above[i + 1] + below[i + 1])
             + wd * ((above[i] + above[i + 2]) + (below[i] + below[i + 2]))
         )
+        out[i + 1] = free[i] * (here[i + 1] + share * (source[i] - around - here[i + 1]))
 
 
 @any_order
-def _jacobi_row(source, free, around, out):
+def _projected_row(source, lowest, above, here, below, wx, wy, wd, out):
     for i in range(source.size):
-        out[i + 1] = free[i] * (source[i] - around[i])
+        around = (
+            wx * (here[i] + here[i + 2])
+            + wy * (above[i + 1] + below[i + 1])
+            + wd * ((above[i] + above[i + 2]) + (below[i] + below[i + 2]))
+        )
+        out[i + 1] = max(source[i] - around, lowest[i])
 
 
 @any_order
-def _projected_row(source, lowest, around, out):
+def _residual_row(source, free, above, here, below, wx, wy, wd, out):
     for i in range(source.size):
-        out[i + 1] = max(source[i] - around[i], lowest[i])
+        around = (
+            wx * (here[i] + here[i + 2])
+            + wy * (above[i + 1] + below[i + 1])
+            + wd * ((above[i] + above[i + 2]) + (below[i] + below[i + 2]))
+        )
+        out[i] = free[i] * (source[i] - around - here[i + 1])
 
 
 @any_order
-def _residual_row(source, free, around, here, out):
-    for i in range(source.size):
-        out[i] = free[i] * (source[i] - around[i] - here[i + 1])
+def _scaled_row(a, scale, out):
+    for i in range(a.size):
+        out[i] = scale * a[i]
 
 
 @any_order
@@ -125,17 +138,19 @@ def _add_inside(row, free, x):
 
 
 @numba.njit(cache=True)
-def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, steps, x, coarse):
-    """Jacobi sweeps for ``B3 x = s`` on the free cells from x = 0, and the mean of what is left in coarse cells.
+def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, shares, x, coarse):
+    """Sweeps ``x += share (s - B3 x) / B3_00`` on the free cells from x = 0, and the mean of what is left in coarse cells.
 
     Parameters
     ----------
     s : ndarray of float64, shape (rows, nx)
     free : ndarray of bool, shape (rows, nx)
     s_before, s_after, f_before, f_after
-        As many rows beside them as there are steps.
+        As many rows beside them as there are sweeps.
     weights : tuple of float32
         1 / B3_00, and over B3_00 those of the neighbours in x, in y, on the diagonals.
+    shares : ndarray of float32
+        Of the sweeps.
     x : ndarray of float32, shape (rows, nx)
     coarse : ndarray of float64, shape (rows / fy, nx / fx)
         Becomes the mean of s - B3 x over B3_00; nothing is computed if it is empty.
@@ -143,11 +158,13 @@ def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, step
     rows, nx = s.shape
     if not rows:
         return
-    halo, (scale, wx, wy, wd) = steps, weights
+    steps, (scale, wx, wy, wd) = len(shares), weights
+    halo = steps
     sources = np.empty((steps + 1, nx), np.float32)
     inside = np.empty((steps + 1, nx), np.float32)
     swept = np.zeros((steps + 1, 3, nx + 2), np.float32)
     around = np.empty(nx, np.float32)
+    left = np.empty(nx, np.float32)
     if coarse.size:
         fy, fx = rows // coarse.shape[0], nx // coarse.shape[1]
         coarse[...] = 0
@@ -162,40 +179,41 @@ def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, step
             else:
                 _source_row(s_after[t - halo - rows], f_after[t - halo - rows], scale, source, weight)
             first = swept[1, t % 3]
-            _copy_row(source, first[1:-1])
+            _scaled_row(source, shares[0], first[1:-1])
             _wrap(first)
         for m in range(2, steps + 1):
             j = t - m + 1
             if m - 1 <= j < high - m + 1:
                 row = swept[m, j % 3]
-                _neighbours_row(
-                    swept[m - 1, (j - 1) % 3], swept[m - 1, j % 3], swept[m - 1, (j + 1) % 3], wx, wy, wd, around
+                _sweep_row(
+                    sources[j % (steps + 1)], inside[j % (steps + 1)],
+                    swept[m - 1, (j - 1) % 3], swept[m - 1, j % 3], swept[m - 1, (j + 1) % 3],
+                    wx, wy, wd, shares[m - 1], row,
                 )  # fmt: skip
-                _jacobi_row(sources[j % (steps + 1)], inside[j % (steps + 1)], around, row)
                 _wrap(row)
         j = t - steps
         if halo <= j < halo + rows:
             last = swept[steps, j % 3]
             _copy_row(last[1:-1], x[j - halo])
             if coarse.size:
-                _neighbours_row(
-                    swept[steps, (j - 1) % 3], last, swept[steps, (j + 1) % 3], wx, wy, wd, around
-                )
-                _residual_row(sources[j % (steps + 1)], inside[j % (steps + 1)], around, last, around)
-                _add_means(around, fx, 1.0 / (fx * fy), coarse[(j - halo) // fy])
+                _residual_row(
+                    sources[j % (steps + 1)], inside[j % (steps + 1)],
+                    swept[steps, (j - 1) % 3], last, swept[steps, (j + 1) % 3], wx, wy, wd, left,
+                )  # fmt: skip
+                _add_means(left, fx, 1.0 / (fx * fy), coarse[(j - halo) // fy])
 
 
 @numba.njit(cache=True)
-def sweep_on(s, s_before, s_after, free, f_before, f_after, weights, steps, x, x_before, x_after, z):
+def sweep_on(s, s_before, s_after, free, f_before, f_after, weights, shares, x, x_before, x_after, z):
     """As `sweep_from_zero`, from x; the result is z, float64."""
     rows, nx = s.shape
     if not rows:
         return
-    halo, (scale, wx, wy, wd) = steps, weights
+    steps, (scale, wx, wy, wd) = len(shares), weights
+    halo = steps
     sources = np.empty((steps + 1, nx), np.float32)
     inside = np.empty((steps + 1, nx), np.float32)
     swept = np.zeros((steps + 1, 3, nx + 2), np.float32)
-    around = np.empty(nx, np.float32)
     high = rows + 2 * halo
     for t in range(high + steps + 1):
         if t < high:
@@ -214,10 +232,11 @@ def sweep_on(s, s_before, s_after, free, f_before, f_after, weights, steps, x, x
             j = t - m
             if m <= j < high - m:
                 row = swept[m, j % 3]
-                _neighbours_row(
-                    swept[m - 1, (j - 1) % 3], swept[m - 1, j % 3], swept[m - 1, (j + 1) % 3], wx, wy, wd, around
+                _sweep_row(
+                    sources[j % (steps + 1)], inside[j % (steps + 1)],
+                    swept[m - 1, (j - 1) % 3], swept[m - 1, j % 3], swept[m - 1, (j + 1) % 3],
+                    wx, wy, wd, shares[m - 1], row,
                 )  # fmt: skip
-                _jacobi_row(sources[j % (steps + 1)], inside[j % (steps + 1)], around, row)
                 if m < steps:
                     _wrap(row)
                 else:
@@ -237,7 +256,6 @@ def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, s
     sources = np.empty((steps + 1, nx), np.float32)
     lowest = np.empty((steps + 1, nx), np.float32)
     swept = np.zeros((steps + 1, 3, nx + 2), np.float32)
-    around = np.zeros(nx, np.float32)
     high = rows + 2 * halo
     for t in range(high + steps):
         if t < high:
@@ -258,10 +276,11 @@ def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, s
             j = t - m + 1
             if m - 1 <= j < high - m + 1:
                 row = swept[m, j % 3]
-                _neighbours_row(
-                    swept[m - 1, (j - 1) % 3], swept[m - 1, j % 3], swept[m - 1, (j + 1) % 3], wx, wy, wd, around
+                _projected_row(
+                    sources[j % (steps + 1)], lowest[j % (steps + 1)],
+                    swept[m - 1, (j - 1) % 3], swept[m - 1, j % 3], swept[m - 1, (j + 1) % 3],
+                    wx, wy, wd, row,
                 )  # fmt: skip
-                _projected_row(sources[j % (steps + 1)], lowest[j % (steps + 1)], around, row)
                 _wrap(row)
         j = t - steps + 1
         if halo <= j < halo + rows:
@@ -307,7 +326,7 @@ def warm_up():
     fixed.flags.writeable = False
     weights = (np.float32(0),) * 4
     for s in (fixed, field):
-        sweep_from_zero(s, field, field, cells, cells, cells, weights, 1, low, field)
-        sweep_on(s, field, field, cells, cells, cells, weights, 1, low, low, low, field)
+        sweep_from_zero(s, field, field, cells, cells, cells, weights, np.ones(1, np.float32), low, field)
+        sweep_on(s, field, field, cells, cells, cells, weights, np.ones(1, np.float32), low, low, low, field)
     sweep_projected(low, low, low, low, low, low, weights, 1, low)
     add_interpolated(field, 1, 1, cells, low)
