@@ -14,7 +14,6 @@ import numpy as np
 
 from app.halfspace.reductions import any_order
 
-
 # Weights are over that of the cell itself, of the neighbours in x, in y, and on the diagonals.
 
 
@@ -139,7 +138,7 @@ def _add_inside(row, free, x):
 
 @numba.njit(cache=True)
 def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, shares, x, coarse):
-    """Sweeps ``x += share (s - B3 x) / B3_00`` on the free cells from x = 0, and the mean of what is left in coarse cells.
+    """Sweeps ``x += share (s - B3 x) / B3_00`` on the free cells from x = 0; the mean of what is left in coarse cells.
 
     Parameters
     ----------
@@ -163,7 +162,6 @@ def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, shar
     sources = np.empty((steps + 1, nx), np.float32)
     inside = np.empty((steps + 1, nx), np.float32)
     swept = np.zeros((steps + 1, 3, nx + 2), np.float32)
-    around = np.empty(nx, np.float32)
     left = np.empty(nx, np.float32)
     if coarse.size:
         fy, fx = rows // coarse.shape[0], nx // coarse.shape[1]
