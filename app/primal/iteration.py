@@ -12,7 +12,7 @@ from app.contact.history import Outcome
 from app.contact.iteration import CONVERGED, what_is_wrong
 from app.contact.kernels import gap_on
 from app.contact.state import Displacement
-from app.fast.iteration import PATIENCE, NeedsSafeguard
+from app.fast.iteration import PATIENCE, ROUNDING, NeedsSafeguard
 from app.primal import kernels
 
 _LOOSE = 0.005  # share of the cells that may still change on a coarse grid
@@ -21,7 +21,6 @@ _SLIGHT = (
 )
 _SURE = 0.3  # of the residual allowed is asked of the preconditioned one, which may be too small
 _DOUBT = 0.6  # of what a verification asks for is aimed at after it
-_TIGHTEST = 1e-3
 _FLAT = 1e-12
 
 
@@ -49,10 +48,10 @@ def primal_active_set(primal, solver, stop, history):
     state, inner, aim = primal.state, 0, _SURE
     allowed = allowed_gap(primal, stop)
     best, fewest, since = float("inf"), float("inf"), 0
-    primal.start(exact=stop.final)
+    primal.start()
     history.start(state, solver)
     primal.contact_changed()
-    update = primal.guess(solver)
+    primal.guess(solver)
     for k in range(1, stop.max_it + 1):
         solver.set_contact()  # 2. the system on the free cells: p = 0
         goal = aim * allowed * np.sqrt(primal.cells)
@@ -75,7 +74,7 @@ def primal_active_set(primal, solver, stop, history):
             last = update.residual / np.sqrt(max(update.cells, 1))
             if last <= allowed and stop.promising(state):
                 return Outcome(True, CONVERGED, k, inner, residual)
-            aim = max(aim * min(0.5, _DOUBT * allowed / last), _TIGHTEST * _SURE)
+            aim = max(aim * min(0.5, _DOUBT * allowed / last), ROUNDING / stop.rtol)
             state.contact[...] = kept
             primal.contact_changed()
             state.depth = 0.0

@@ -66,25 +66,17 @@ def guess_sources(p, w, b, admissible, scale, force, lowest):
 
 @any_order
 def _take_row(x, lowest, w, b, contact):
-    changed, cells = 0, 0
     for i in range(x.size):
         inside = x[i] <= lowest[i]
-        changed += inside != contact[i]
-        cells += inside
         contact[i] = inside
         w[i] = b[i] if inside else w[i] + x[i]
-    return cells, changed
 
 
-@numba.njit(cache=True)
+@any_order
 def take(x, lowest, w, b, contact):
-    """w += x, on C = {x = lowest} to the last digit; return its cells and how many are others than before."""
-    cells, changed = 0, 0
+    """w += x, on C = {x = lowest} to the last digit."""
     for j in range(x.shape[0]):
-        here = _take_row(x[j], lowest[j], w[j], b[j], contact[j])
-        cells += here[0]
-        changed += here[1]
-    return cells, changed
+        _take_row(x[j], lowest[j], w[j], b[j], contact[j])
 
 
 @any_order

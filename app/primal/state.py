@@ -100,7 +100,7 @@ class PrimalState:
 
     # -- steps ------------------------------------------------------------------------------------------
 
-    def start(self, exact):
+    def start(self):
         """Begin from w: overlaps are closed, p follows; the mean of w is as prescribed. Collective."""
         state, b = self.state, self.state.distance.b
         np.maximum(self.w, b, out=self.w, where=state.admissible)
@@ -108,7 +108,7 @@ class PrimalState:
         state.contact &= state.admissible
         if not self.loading.prescribes_load:
             self.w += self.mean_displacement - self.mean(self.w)
-        self.refresh(exact)
+        self.refresh()
 
     def guess(self, solver):
         """The contact set of the obstacle problem in small, by projected sweeps with the centre of B; w and p follow.
@@ -117,18 +117,17 @@ class PrimalState:
         """
         state, preconditioner = self.state, solver.preconditioner
         weights, shape = preconditioner.weights, self.w.shape
-        force, lowest = np.empty(shape, np.float32), np.empty(shape, np.float32)
+        force, lowest = (
+            field.reshape(-1).view(np.float32)[: field.size].reshape(shape) for field in solver.scratch
+        )
         loops.guess_sources(state.p, self.w, state.distance.b, state.admissible, weights[0], force, lowest)
         x = solver.direction if solver.direction.dtype == np.float32 else np.empty(shape, np.float32)
         rows = solver.rows_for_guess(_GUESSES - 1)
         stencil.sweep_projected(force, *rows(force), lowest, *rows(lowest), weights, _GUESSES, x)
-        before, old = self.w.copy(), state.contact.copy()
-        cells, changed = state.sum(loops.take(x, lowest, self.w, state.distance.b, state.contact))
+        loops.take(x, lowest, self.w, state.distance.b, state.contact)
         self.contact_changed()
-        self.restore_mean(solver)
-        np.subtract(self.w, before, out=before)
-        self._add_pressure_of(before, solver)
-        return Update(int(cells), *self._counts(old), residual=float("nan"))
+        self._restore_mean_with(x, solver)
+        self._add_pressure_of(x, solver)
 
     def exchange(self, tension, overlap):
         """Cells with p < tension are released, others with e < overlap captured; return the Update. Collective."""
@@ -149,21 +148,21 @@ class PrimalState:
         solver.preconditioner.smooth(residual, z)
         change = solver.direction
         loops.close(self.w, state.distance.b, self._captured, z, _SHARE, change)
+        self._restore_mean_with(change, solver)
+        self._add_pressure_of(change, solver)
+
+    def _restore_mean_with(self, change, solver):
+        """Restore the mean, and add to a change of w what that does. Collective."""
         if not self.loading.prescribes_load:
             before = self.w.copy()
             self.restore_mean(solver)
             change += self.w - before
-        self._add_pressure_of(change, solver)
 
     def _add_pressure_of(self, change, solver):
         self.inverse.displacement(change, solver.product)
         with self.state.pressure as values:
             values += solver.product.reshape(-1)
         self.state.u_is = Displacement.STALE
-
-    def _counts(self, old):
-        new = self.state.contact
-        return (int(n) for n in self.state.sum([np.count_nonzero(new & ~old), np.count_nonzero(old & ~new)]))
 
     def destroy(self):
         """Free the vectors. Collective."""
