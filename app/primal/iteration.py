@@ -74,7 +74,8 @@ def primal_active_set(primal, solver, stop, history):
             last = update.residual / np.sqrt(max(update.cells, 1))
             if last <= allowed and stop.promising(state):
                 return Outcome(True, CONVERGED, k, inner, residual)
-            aim = max(aim * min(0.5, _DOUBT * allowed / last), ROUNDING / stop.rtol)
+            reached = min(1.0, norm / goal) * aim
+            aim = max(reached * min(0.5, _DOUBT * allowed / last), ROUNDING / stop.rtol)
             state.contact[...] = kept
             primal.contact_changed()
             state.depth = 0.0
