@@ -16,9 +16,7 @@ from app.fast.iteration import PATIENCE, ROUNDING, NeedsSafeguard
 from app.primal import kernels
 
 _LOOSE = 0.005  # share of the cells that may still change on a coarse grid
-_SLIGHT = (
-    0.1  # of the error allowed of the gap: so much overlap, or what tension there displaces, is left alone
-)
+_SLIGHT = 0.3  # of the error aimed at: so much overlap, or what tension displaces a cell by, is left alone
 _SURE = 0.3  # of the residual allowed is asked of the preconditioned one, which may be too small
 _DOUBT = 0.6  # of what a verification asks for is aimed at after it
 _FLAT = 1e-12
@@ -58,8 +56,8 @@ def primal_active_set(primal, solver, stop, history):
         its, failure, norm = solver.improve(primal, goal)  # 3. a little, p along with w
         inner += its
         near = norm <= goal * (1 + 1e-6)
-        update = primal.exchange(-_SLIGHT * allowed / state.operator.diagonal, -_SLIGHT * allowed)
-        update = update.with_residual(norm)
+        slight = _SLIGHT * aim * allowed
+        update = primal.exchange(-slight / state.operator.diagonal, -slight).with_residual(norm)
         history.add(state, solver, update, its)
         residual = norm / state.distance.norm()
         if wrong := what_is_wrong(failure, residual):
