@@ -169,7 +169,8 @@ class PrescribedLoad:
 
         The depths of a load on finer and finer grids converge like a geometric series.
         """
-        self._found.append(depth)
+        if self._found[-1:] != [depth]:
+            self._found.append(depth)
         last = np.diff(self._found[-3:])
         ratio = last[1] / last[0] if len(last) == 2 and last[0] else 0.0
         return depth + min(max(ratio, 0.0), 0.5) * last[-1] if len(last) else depth

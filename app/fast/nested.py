@@ -62,7 +62,7 @@ def nested_iteration(
             outcome = solve_on(hierarchy, number, state, loading, test, history, coarse is None, given)
         if not target:
             tell(hierarchy, level, state, loading)
-        predicted = stage.predicted_box(coarse_minimum)
+        predicted = stage.predicted_box(coarse_minimum, loading.predict(state.depth))
         if coarse is not None:
             if nested:
                 difference = _difference(stage.transfer, stage.coarse.p, state)

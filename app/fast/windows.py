@@ -137,7 +137,7 @@ class Stage:
         part = UndeformedDistance.part_of(self._distance, fine, self._scatter)
         self.state = ContactState(fine, part, window)
 
-    def predicted_box(self, coarse_minimum):
+    def predicted_box(self, coarse_minimum, depth):
         """Where the target grid may have contact that this one cannot see: asperities smaller than its cells.
 
         Collective. Told by the finest whole grid, when it is solved; known on the finer levels.
@@ -146,6 +146,8 @@ class Stage:
         ----------
         coarse_minimum : ndarray or None
             See `Hierarchy.coarse_minimum`.
+        depth : float
+            That is to be expected on the next finer grid [mm].
 
         Returns
         -------
@@ -158,7 +160,7 @@ class Stage:
         if coarse_minimum is None or level is not self._hierarchy.levels[self._hierarchy.finest_whole]:
             return None
         with np.errstate(invalid="ignore"):
-            return bounding_box(coarse_minimum - state.depth + state.u <= 0, level.slabs, level.comm)
+            return bounding_box(coarse_minimum - depth + state.u <= 0, level.slabs, level.comm)
 
     def close(self):
         """Free what is of no use to a finer grid. Not collective."""

@@ -106,7 +106,7 @@ CASES = {
     "units beyond single precision": ([*DEFAULT, "-shear_modulus", "1e40"], "-lcp_precision double"),
     "heights beyond single precision": ([*DEFAULT, "-hertz_rx", "1e-30"], "-lcp_precision double"),
     "symbol of a free patch": ([*HERTZ, "-periodic_symbol", "love"], "-periodic_symbol: has no effect here"),
-    "unknown symbol": ([*HERTZ, "-periodic", "-periodic_symbol", "saw"], "allowed: one of point, love"),
+    "unknown symbol": ([*HERTZ, "-periodic", "-periodic_symbol", "saw"], "allowed: one of spectral, love"),
     "mean gap of a free patch": ([*HERTZ, "-mean_gap", "0.1"], "mean_gap 0.1: only on a periodic patch"),
     "negative mean gap": ([*HERTZ, "-periodic", "-mean_gap", "-0.1"], "mean_gap -0.1: the bodies do not penetrate"),
     "approach beyond full contact": ([*HERTZ, "-periodic", "-approach", "9"], "approach 9: the mean gap"),
