@@ -86,6 +86,7 @@ def _solve_on(hierarchy, number, primal, solver, stop, history):
         with options_set("", {}, _SAFEGUARD):
             rest = safeguarded(hierarchy, number, primal.state, primal.loading, stop, history)
         np.subtract(primal.state.u, primal.state.depth, out=primal.w)
+        primal.mean_pressure = primal.mean(primal.state.p)
         return rest.after(stagnation.outcome)
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 from app.fast.tracking_cg import TrackingCG
 from app.halfspace.halo import Halo
 from app.multigrid.linear_solver import LinearSolver
+from app.primal import kernels, stencil
 from app.primal.operator import InverseOperator
 from app.primal.two_grid import TwoGrid
 
@@ -43,16 +42,18 @@ class PrimalSolver(LinearSolver):
         if self.ksp.getNormType() != self.ksp.NormType.PRECONDITIONED:
             self.destroy()
             raise ValueError(f"-{prefix}ksp_norm_type: -lcp_type primal needs preconditioned")
-        # At rest between solves:
+        # At rest between solves: two fields in the operator's precision, two in double
         self.direction, self.product = self._cg.direction, self._cg.product
-        self.rows_for_guess = lru_cache(maxsize=1)(
-            lambda width: Halo(self.operator.slabs, self.operator.comm, width)
-        )
+        self.scratch = self._cg.residual_array, self._cg.preconditioned
+        self._halos = {}
+        stencil.warm_up()
+        kernels.warm_up(self.operator.dtype)
 
-    @property
-    def scratch(self):
-        """Two fields of float64, at rest between solves. Not collective."""
-        return self._cg.residual_array, self._cg.preconditioned
+    def rows_beside(self, width):
+        """Return the `Halo` of so many rows. Not collective."""
+        if width not in self._halos:
+            self._halos[width] = Halo(self.operator.slabs, self.operator.comm, width)
+        return self._halos[width]
 
     def improve(self, primal, allowed):
         """Let p vanish on the free cells, a little: w and p = B w.

@@ -9,6 +9,8 @@ preconditioner and a guess.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numba
 import numpy as np
 
@@ -300,6 +302,7 @@ def add_interpolated(coarse, fx, fy, free, x):
         _add_inside(row, free[j], x[j])
 
 
+@cache
 def warm_up():
     """Load the compiled loops now, not in the first iteration. Not collective."""
     field, cells = np.zeros((0, 1)), np.zeros((0, 1), bool)
