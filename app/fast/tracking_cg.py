@@ -293,6 +293,8 @@ class TrackingCG:
 
     def _report(self, ksp, iteration, norm):
         """Tell PETSc of an iteration; return its reason to stop, or 0."""
+        if not norm >= 0:
+            return PETSc.KSP.ConvergedReason.DIVERGED_NANORINF
         ksp.its, ksp.norm = iteration, norm
         ksp.logConvergenceHistory(norm)
         ksp.monitor(iteration, norm)

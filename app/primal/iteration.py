@@ -87,7 +87,7 @@ def primal_active_set(primal, solver, stop, history):
         elif update.added:
             primal.close(solver)
         since += 1
-        if norm <= 0.5 * best or changed < fewest:
+        if norm < 0.5 * best or changed < fewest:
             best, fewest, since = min(norm, best), min(changed, fewest), 0
         if since >= PATIENCE:
             raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, inner, residual))

@@ -115,7 +115,7 @@ def warm_up(dtype):
     fixed.flags.writeable = False
     exchange(fixed, field, fixed, cells, cells, 0.0, 0.0, cells)
     close(field, fixed, cells, field, 0.0, field.astype(dtype))
-    guess_sources(fixed, field, fixed, cells, np.float32(0), low, low)
+    guess_sources(fixed, field, fixed, cells, 0.0, low, low)
     take(low, low, field, fixed, cells)
     keep_positive(field, cells)
     free_residual(fixed, cells, field)

@@ -127,7 +127,8 @@ class PrimalState:
     def exchange(self, solver, tension, overlap):
         """Cells with p < tension are released, others with e < overlap captured; return the Update.
 
-        Collective. Under a load something stays in contact: without that the system has no solution.
+        Collective. The system must have a solution: under a load something stays in contact, under an approach below
+        that of full contact something stays open.
         """
         state = self.state
         counts = loops.exchange(
@@ -137,9 +138,24 @@ class PrimalState:
         if self.loading.prescribes_load and not cells:
             np.logical_not(self.inverse.mask, out=state.contact)  # as it was
             cells, released = released, 0
+        elif (
+            not self.loading.prescribes_load
+            and cells == self.cells
+            and -self.mean_displacement < state.highest
+        ):
+            opened = self._open_least()
+            cells, released = cells - opened, released + opened
         if captured or released:
             self._contact_changed(solver)
         return Update(cells, captured, released, residual=float("nan"))
+
+    def _open_least(self):
+        """Open the cells with the least pressure, which becomes zero; return how many. Collective."""
+        least = float(self.state.minimum([self.state.p.min(initial=np.inf)])[0])
+        opened = self.state.p <= least
+        self.state.contact[opened] = False
+        self.add_mean_pressure(-least)
+        return int(self.state.sum([np.count_nonzero(opened)])[0])
 
     def close(self, solver):
         """The gap of cells just captured becomes zero; what that leaves to do elsewhere is begun with. Collective."""

@@ -136,8 +136,8 @@ def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, step
     free : ndarray of bool, shape (rows, nx)
     s_before, s_after, f_before, f_after
         As many rows beside them as there are steps.
-    weights : tuple of float32
-        1 / B3_00, and over B3_00 those of the neighbours in x, in y, on the diagonals.
+    weights : tuple of a float64 and three float32
+        1 / B3_00, whose unit single precision may not hold; over B3_00 the neighbours in x, in y, on the diagonals.
     x : ndarray of float32, shape (rows, nx)
     coarse : ndarray of float64, shape (rows / fy, nx / fx)
         Becomes the mean of s - B3 x over B3_00; nothing is computed if it is empty.
@@ -308,7 +308,7 @@ def warm_up():
     field, cells = np.zeros((0, 1)), np.zeros((0, 1), bool)
     fixed, low = field.view(), field.astype(np.float32)
     fixed.flags.writeable = False
-    weights = (np.float32(0),) * 4
+    weights = (0.0, *(np.float32(0),) * 3)
     for s in (fixed, field):
         sweep_from_zero(s, field, field, cells, cells, cells, weights, 1, low, field)
         sweep_on(s, field, field, cells, cells, cells, weights, 1, low, low, low, field)

@@ -48,7 +48,7 @@ class TwoGrid:
         self._rows = Halo(operator.slabs, operator.comm, self.sweeps)
         self._x = np.empty(operator.local_shape, np.float32)
         self._long_waves = _LongWaves(operator) if operator.coarser is not None else None
-        self._number, self._answer = -1, None  # of what contact set M 1 is known
+        self._number, self._answer = -1, None  # of what contact set `_raised` is known
 
     def apply(self, pc, x, y):
         """Compute y = M x."""
@@ -65,8 +65,9 @@ class TwoGrid:
         if self.constrained:
             total = sum_over(self.operator.comm, [z.sum()])[0]
             raised, of_raised = self._raised()
-            self.multiplier = total / of_raised if of_raised > 0 else 0.0
-            z -= self.multiplier * raised
+            share = total / of_raised if of_raised > 0 else 0.0
+            self.multiplier = share / self.weights[0]
+            z -= share * raised
 
     def shift(self, w, amount):
         """Raise w on the free cells, smoothly, until its sum has changed by an amount. Collective."""
@@ -82,10 +83,12 @@ class TwoGrid:
             self._free = self._rows(self.operator.mask)
 
     def _raised(self):
-        """M 1 and its sum, once for a contact set. Collective."""
+        """What M makes of the pressure B_00 everywhere, and its sum, once for a contact set. Collective."""
         if self._answer is None:
             raised = np.empty(self.operator.local_shape)
-            self._apply(np.ones_like(raised), raised)
+            self._apply(
+                np.full_like(raised, 1.0 / self.weights[0]), raised
+            )  # of any unit, 1 in single precision
             self._answer = raised, sum_over(self.operator.comm, [raised.sum()])[0]
         return self._answer
 
@@ -95,7 +98,7 @@ class TwoGrid:
         beside = self._rows(s)
         stencil.sweep_from_zero(s, *beside, free, *self._free, self.weights, self.sweeps, x, left)
         if waves:
-            waves.add(1.0 / float(self.weights[0]), free, x)
+            waves.add(1.0 / self.weights[0], free, x)
         stencil.sweep_on(s, *beside, free, *self._free, self.weights, self.sweeps, x, *self._rows(x), z)
 
     def view(self, pc, viewer):
@@ -110,7 +113,7 @@ def _weights(centre, grid):
     """Of the sweeps, see `stencil`: each other cell counts once, though it may be the neighbour on both sides."""
     in_y, in_x = (min(n - 1, 2) / 2 for n in (grid.ny, grid.nx))
     around = centre[1, 0] * in_x, centre[0, 1] * in_y, centre[0, 0] * in_x * in_y
-    return tuple(np.float32(value / centre[1, 1]) for value in (1.0, *around))
+    return 1.0 / float(centre[1, 1]), *(np.float32(value / centre[1, 1]) for value in around)
 
 
 class _LongWaves:

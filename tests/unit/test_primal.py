@@ -24,7 +24,7 @@ from app.primal.operator import InverseOperator
 from app.primal.solver import PrimalSolver
 from app.primal.state import PrimalState
 
-WEIGHTS = tuple(np.float32(w) for w in (0.7, -0.19, -0.16, -0.04))
+WEIGHTS = 0.7, *(np.float32(w) for w in (-0.19, -0.16, -0.04))
 SHAPES = (8, 12), (4, 64), (1, 8), (8, 1), (2, 4), (12, 2), (5, 7), (3, 33)
 SINGLE = 2e-6
 

@@ -24,7 +24,9 @@ class Jacobi:
 class System:
     """C A C x = C b for a random contact set, with TrackingCG or PETSc's own CG."""
 
-    def __init__(self, kind="tracking", dtype=np.float64, share=0.5, grid=GRID, pc=None, norm="UNPRECONDITIONED"):
+    def __init__(
+        self, kind="tracking", dtype=np.float64, share=0.5, grid=GRID, pc=None, norm="UNPRECONDITIONED"
+    ):
         self.operator = operator = InfluenceOperator(grid, STEEL, dtype=dtype)
         rng = np.random.default_rng(1)
         operator.mask[...] = rng.random(grid.shape) < share
@@ -263,6 +265,13 @@ def test_no_contact_is_solved_at_once(make):
     assert system.solve(rtol=1e-6).tolist() == [0.0]
     assert system.ksp.getConvergedReason() > 0
     assert not system.solution.any()
+
+
+def test_a_residual_that_is_no_number_is_reported(make):
+    system = make()
+    system.set_right(np.full(GRID.shape, np.nan))
+    system.solve(rtol=1e-6)
+    assert system.ksp.getConvergedReason() == PETSc.KSP.ConvergedReason.DIVERGED_NANORINF
 
 
 def test_an_operator_that_is_not_positive_is_reported(make):
