@@ -48,7 +48,6 @@ from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.notes import notes_on
 from app.petsc import OptionDatabase, Resources, error_message
-from app.primal import stencil
 from app.primal.nested import primal_iteration
 from app.primal.solver import PrimalSolver
 from app.problems.given import ContactProblem
@@ -207,8 +206,6 @@ class ContactSolver:
         certificate.warm_up()
         measures.warm_up()
         transfer.warm_up()
-        if self.settings.strategy == "primal":
-            stencil.warm_up()
         kind = texts.get("pc_type", "")
         if kind == "sor" or (kind == "mg" and texts.get("mg_levels_pc_type", "") in ("", "sor")):
             gauss_seidel.warm_up()

@@ -120,7 +120,9 @@ def _closing(state, energy):
     w = np.maximum(e - p / diagonal, 0.0)
     w[~admissible] = 0.0
     gaps, excess, to_p, squares = state.sum([w.sum(), (w - e).sum(), np.vdot(p, w), np.vdot(p, p)])
-    inside, n = state.distance.statistics.cells, state.grid.n
+    (inside, mean, _), n = state.distance.statistics, state.grid.n
+    if inside == n and not gaps:  # full contact: the mean of e is known without rounding
+        excess = -n * (mean - state.depth)
     elsewhere = max(gaps / inside, (2 * abs(excess) - gaps) / (n - inside)) if inside < n else 0.0
     total = gaps + (n - inside) * elsewhere
     factor = float(np.clip(1 - excess / total, 0.0, 2.0)) if total > 0 else 1.0

@@ -35,8 +35,8 @@ class History:
         for listener in self.listeners:
             listener.start(state, solver.level)
 
-    def add(self, state, solver, update, inner):
-        """Record an iteration: the update of the contact set and the inner iterations. Collective."""
+    def add(self, state, solver, update, inner, approach=None):
+        """Record an iteration: update of the contact set, inner iterations, approach if not the state's. Collective."""
         self._iteration += 1
         self._work, before = solver.work_units, self._work
         entry = {
@@ -50,7 +50,7 @@ class History:
             "inner_iterations": inner,
             "work_units": self._work - before,
             "load": state.load,
-            "approach": state.approach,
+            "approach": state.approach if approach is None else approach,
             "seconds": time.perf_counter() - self._started,
         }
         self.record(entry, state)

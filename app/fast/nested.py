@@ -117,6 +117,7 @@ def safeguarded(hierarchy, number, state, loading, stop, history):
             outcome = solve(loading)
         solver.destroy()
     if loading.prescribes_load and outcome.converged:
+        state.first_contact()  # under next to no load the search may end without
         loading.settle(state, state.activate_penetrating())
     return replace(outcome, fallbacks=outcome.fallbacks + 1)
 

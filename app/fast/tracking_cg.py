@@ -293,7 +293,7 @@ class TrackingCG:
 
     def _report(self, ksp, iteration, norm):
         """Tell PETSc of an iteration; return its reason to stop, or 0."""
-        if not np.isfinite(norm):
+        if not norm >= 0:
             return PETSc.KSP.ConvergedReason.DIVERGED_NANORINF
         ksp.its, ksp.norm = iteration, norm
         ksp.logConvergenceHistory(norm)

@@ -19,7 +19,8 @@ _LOOSE = 0.005  # share of the cells that may still change on a coarse grid
 _SLIGHT = 0.3  # of the error aimed at: so much overlap, or what tension displaces a cell by, is left alone
 _SURE = 0.3  # of the residual allowed is asked of the preconditioned one, which may be too small
 _DOUBT = 0.6  # of what a verification asks for is aimed at after it
-_FLAT = 1e-12
+_FLAT = 1e-12  # of the root mean square height: deviation that is rounding
+_NO_PRESSURE = "the load is less than rounding leaves of the pressure"
 
 
 def primal_active_set(primal, solver, stop, history):
@@ -48,17 +49,18 @@ def primal_active_set(primal, solver, stop, history):
     best, fewest, since = float("inf"), float("inf"), 0
     primal.start()
     history.start(state, solver)
-    primal.contact_changed()
     primal.guess(solver)
     for k in range(1, stop.max_it + 1):
-        solver.set_contact()  # 2. the system on the free cells: p = 0
         goal = aim * allowed * np.sqrt(primal.cells)
-        its, failure, norm = solver.improve(primal, goal)  # 3. a little, p along with w
+        its, failure, norm = solver.improve(primal, goal)  # 2. and 3. p = 0 on the free cells, a little
         inner += its
         near = norm <= goal * (1 + 1e-6)
         slight = _SLIGHT * aim * allowed
-        update = primal.exchange(-slight / state.operator.diagonal, -slight).with_residual(norm)
-        history.add(state, solver, update, its)
+        update = primal.exchange(
+            solver, -slight / state.operator.diagonal, -slight
+        )  # 4. p < 0 leaves C, e < 0 enters
+        update = update.with_residual(norm)
+        history.add(state, solver, update, its, primal.approach)
         residual = norm / state.distance.norm()
         if wrong := what_is_wrong(failure, residual):
             raise NeedsSafeguard(Outcome(False, wrong, k, inner, residual))
@@ -70,19 +72,20 @@ def primal_active_set(primal, solver, stop, history):
             update = verify(primal)
             residual = update.residual / state.distance.norm()
             last = update.residual / np.sqrt(max(update.cells, 1))
+            if primal.loading.prescribes_load and not state.load > 0:
+                raise NeedsSafeguard(Outcome(False, _NO_PRESSURE, k, inner, residual))
             if last <= allowed and stop.promising(state):
                 return Outcome(True, CONVERGED, k, inner, residual)
             reached = min(1.0, norm / goal) * aim
             aim = max(reached * min(0.5, _DOUBT * allowed / last), ROUNDING / stop.rtol)
-            state.contact[...] = kept
-            primal.contact_changed()
+            state.contact[...] = kept  # the free cells are as before
             state.depth = 0.0
             primal.restore_mean(solver)
             primal.refresh(exact=True)
         elif update.added:
             primal.close(solver)
         since += 1
-        if norm <= 0.5 * best or changed < fewest:
+        if norm < 0.5 * best or changed < fewest:
             best, fewest, since = min(norm, best), min(changed, fewest), 0
         if since >= PATIENCE:
             raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, inner, residual))
@@ -95,20 +98,25 @@ def allowed_gap(primal, stop):
     """Root mean square error of the gap that is small enough [mm]. Not collective.
 
     As (5.1), with the deviation of the shape from its mean in place of ||h||, which does not depend on the load; for
-    flat surfaces with holes as much as the mean pressure displaces a cell.
+    flat surfaces with holes the depth, or as much as the mean pressure displaces a cell.
     """
     distance, rtol = primal.state.distance, stop.rtol if stop.final else stop.coarse_rtol
     if distance.deviation > _FLAT * distance.norm() / np.sqrt(primal.cells):
         return rtol * distance.deviation
-    return rtol * max(primal.mean_pressure * primal.state.operator.diagonal, _FLAT * distance.norm())
+    if primal.loading.prescribes_load:
+        return rtol * primal.mean_pressure * primal.state.operator.diagonal
+    return rtol * abs(primal.mean_displacement)
 
 
 def verify(primal):
-    """Pressure >= 0 with the right load, u = A p by one product in double precision; return the Update. Collective."""
+    """Pressure >= 0 with the right load, u = A p by one product in double precision; return the Update.
+
+    Collective. Leaves the state as a ContactState is: at the depth found, what overlaps in its contact set. The load is
+    met if there is any pressure.
+    """
     state, loading = primal.state, primal.loading
     with state.pressure as values:
-        p = values.reshape(primal.w.shape)
-        kernels.positive(p, state.contact, p)
+        kernels.keep_positive(values.reshape(primal.w.shape), state.contact)
     if loading.prescribes_load:
         load = state.load
         if load > 0:

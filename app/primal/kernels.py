@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numba
 import numpy as np
 
@@ -74,38 +76,46 @@ def _take_row(x, lowest, w, b, contact):
 
 @any_order
 def take(x, lowest, w, b, contact):
-    """w += x, on C = {x = lowest} to the last digit."""
+    """w += x; C = {x = lowest}, where w = b to the last digit."""
     for j in range(x.shape[0]):
         _take_row(x[j], lowest[j], w[j], b[j], contact[j])
 
 
 @any_order
-def _positive_row(p, contact, out):
-    total = 0.0
+def _positive_row(p, contact):
     for i in range(p.size):
-        value = max(p[i], 0.0) if contact[i] else 0.0
-        out[i] = value
-        total += value
-    return total
+        p[i] = max(p[i], 0.0) if contact[i] else 0.0
 
 
 @any_order
-def positive(p, contact, out):
-    """out = max(p, 0) on C, 0 elsewhere; return its sum."""
-    total = 0.0
+def keep_positive(p, contact):
+    """p = max(p, 0) on C, 0 elsewhere."""
     for j in range(p.shape[0]):
-        total += _positive_row(p[j], contact[j], out[j])
-    return total
+        _positive_row(p[j], contact[j])
 
 
 @any_order
-def _free_residual_row(p, contact, offset, out):
+def _free_residual_row(p, contact, out):
     for i in range(p.size):
-        out[i] = 0.0 if contact[i] else -(p[i] + offset)
+        out[i] = 0.0 if contact[i] else -p[i]
 
 
 @any_order
-def free_residual(p, contact, offset, out):
-    """out = -(p + offset) on the free cells, 0 elsewhere."""
+def free_residual(p, contact, out):
+    """out = -p on the free cells, 0 elsewhere."""
     for j in range(p.shape[0]):
-        _free_residual_row(p[j], contact[j], offset, out[j])
+        _free_residual_row(p[j], contact[j], out[j])
+
+
+@cache
+def warm_up(dtype):
+    """Load the compiled loops now, not in the first iteration. Not collective."""
+    field, cells, low = np.zeros((0, 0)), np.zeros((0, 0), bool), np.zeros((0, 0), np.float32)
+    fixed = field.view()
+    fixed.flags.writeable = False
+    exchange(fixed, field, fixed, cells, cells, 0.0, 0.0, cells)
+    close(field, fixed, cells, field, 0.0, field.astype(dtype))
+    guess_sources(fixed, field, fixed, cells, 0.0, low, low)
+    take(low, low, field, fixed, cells)
+    keep_positive(field, cells)
+    free_residual(fixed, cells, field)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from app.contact.full_multigrid import route
 from app.contact.state import ContactState
 from app.fast.iteration import NeedsSafeguard
 from app.fast.nested import _difference, safeguarded
@@ -41,7 +42,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
     """
     last = len(hierarchy.levels) - 1
     coarse, outcome, difference = None, None, float("nan")
-    for number in range(0 if nested else last, last + 1):
+    for number in route(hierarchy, distances, loading, nested) if nested else [last]:
         level, target = hierarchy.levels[number], number == last
         state = ContactState(level, distances[number])
         if target or level.comm is not None or hierarchy.comm.rank == 0:
@@ -86,6 +87,7 @@ def _solve_on(hierarchy, number, primal, solver, stop, history):
         with options_set("", {}, _SAFEGUARD):
             rest = safeguarded(hierarchy, number, primal.state, primal.loading, stop, history)
         np.subtract(primal.state.u, primal.state.depth, out=primal.w)
+        primal.mean_pressure = primal.mean(primal.state.p)
         return rest.after(stagnation.outcome)
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from importlib import import_module
+
+from petsc4py import PETSc
 
 from app.fast.tracking_cg import TrackingCG
 from app.halfspace.halo import Halo
 from app.multigrid.linear_solver import LinearSolver
+from app.primal import kernels, stencil
 from app.primal.operator import InverseOperator
 from app.primal.two_grid import TwoGrid
 
@@ -28,31 +31,26 @@ class PrimalSolver(LinearSolver):
     """
 
     def __init__(self, hierarchy, level=-1, comm=None, prefix=""):
+        _check_kinds(PETSc.Options(prefix), prefix)
         number = range(len(hierarchy.levels))[level]
         self.inverse = InverseOperator(hierarchy.levels[number], coarser_operator(hierarchy, number))
         super().__init__(hierarchy, number, comm, prefix, self.inverse)
-        kinds = ((self.ksp, TrackingCG, "ksp"), (self.ksp.getPC(), TwoGrid, "pc"))
-        for of, kind, name in kinds:
-            if not isinstance(of.getPythonContext() if of.getType() == "python" else None, kind):
-                self.destroy()
-                raise ValueError(
-                    f"-{prefix}{name}_type: -lcp_type primal needs python with -{name}_python_type "
-                    f"{kind.__module__}.{kind.__name__}"
-                )
         self._cg, self.preconditioner = self.ksp.getPythonContext(), self.ksp.getPC().getPythonContext()
         if self.ksp.getNormType() != self.ksp.NormType.PRECONDITIONED:
             self.destroy()
             raise ValueError(f"-{prefix}ksp_norm_type: -lcp_type primal needs preconditioned")
-        # At rest between solves:
+        # At rest between solves: two fields in the operator's precision, two in double
         self.direction, self.product = self._cg.direction, self._cg.product
-        self.rows_for_guess = lru_cache(maxsize=1)(
-            lambda width: Halo(self.operator.slabs, self.operator.comm, width)
-        )
+        self.scratch = self._cg.residual_array, self._cg.preconditioned
+        self._halos = {}
+        stencil.warm_up()
+        kernels.warm_up(self.operator.dtype)
 
-    @property
-    def scratch(self):
-        """Two fields of float64, at rest between solves. Not collective."""
-        return self._cg.residual_array, self._cg.preconditioned
+    def rows_beside(self, width):
+        """Return the `Halo` of so many rows. Not collective."""
+        if width not in self._halos:
+            self._halos[width] = Halo(self.operator.slabs, self.operator.comm, width)
+        return self._halos[width]
 
     def improve(self, primal, allowed):
         """Let p vanish on the free cells, a little: w and p = B w.
@@ -85,6 +83,18 @@ class PrimalSolver(LinearSolver):
             # p + mean pressure = 0 on the free cells, as far as M can tell.
             primal.add_mean_pressure(self.preconditioner.multiplier)
         return iterations, failure, self._cg.residual
+
+
+def _check_kinds(options, prefix):
+    """Refuse other solvers before PETSc sets them up on an operator that they do not know. Not collective."""
+    for name, kind in (("ksp", TrackingCG), ("pc", TwoGrid)):
+        module, _, of_module = options.getString(f"{name}_python_type", "").rpartition(".")
+        chosen = options.getString(f"{name}_type", "") == "python" and module
+        if not (chosen and issubclass(getattr(import_module(module), of_module), kind)):
+            raise ValueError(
+                f"-{prefix}{name}_type: -lcp_type primal needs python with -{prefix}{name}_python_type "
+                f"{kind.__module__}.{kind.__name__}"
+            )
 
 
 def coarser_operator(hierarchy, number):

@@ -57,13 +57,9 @@ class PrimalState:
         return float(self.state.sum([field.sum()])[0]) / self.cells
 
     @property
-    def full(self):
-        """Whether all cells are in contact. Collective."""
-        return not self.state.sum([np.count_nonzero(self.inverse.mask)])[0]
-
-    def contact_changed(self):
-        """Take over another contact set: the free cells are the others. Not collective."""
-        np.logical_not(self.state.contact, out=self.inverse.mask)
+    def approach(self):
+        """What the mean of w says that it is now [mm]. Collective."""
+        return self.state.distance.reference - self.mean(self.w)
 
     def begin_again(self):
         """Contact everywhere, p = 0 where it makes no sense any more. Collective."""
@@ -95,7 +91,6 @@ class PrimalState:
     def restore_mean(self, solver):
         """Under a prescribed approach let w have its mean, by what the free cells do. Collective."""
         if not self.loading.prescribes_load:
-            solver.set_contact()
             solver.preconditioner.shift(self.w, self.cells * (self.mean_displacement - self.mean(self.w)))
 
     # -- steps ------------------------------------------------------------------------------------------
@@ -122,29 +117,51 @@ class PrimalState:
         )
         loops.guess_sources(state.p, self.w, state.distance.b, state.admissible, weights[0], force, lowest)
         x = solver.direction if solver.direction.dtype == np.float32 else np.empty(shape, np.float32)
-        rows = solver.rows_for_guess(_GUESSES - 1)
+        rows = solver.rows_beside(_GUESSES - 1)
         stencil.sweep_projected(force, *rows(force), lowest, *rows(lowest), weights, _GUESSES, x)
         loops.take(x, lowest, self.w, state.distance.b, state.contact)
-        self.contact_changed()
+        self._contact_changed(solver)
         self._restore_mean_with(x, solver)
         self._add_pressure_of(x, solver)
 
-    def exchange(self, tension, overlap):
-        """Cells with p < tension are released, others with e < overlap captured; return the Update. Collective."""
+    def exchange(self, solver, tension, overlap):
+        """Cells with p < tension are released, others with e < overlap captured; return the Update.
+
+        Collective. The system must have a solution: under a load something stays in contact, under an approach below
+        that of full contact something stays open.
+        """
         state = self.state
         counts = loops.exchange(
             state.p, self.w, state.distance.b, state.admissible, state.contact, tension, overlap, self._captured
         )  # fmt: skip
         cells, captured, released = (int(count) for count in state.sum(counts))
-        self.contact_changed()
+        if self.loading.prescribes_load and not cells:
+            np.logical_not(self.inverse.mask, out=state.contact)  # as it was
+            cells, released = released, 0
+        elif (
+            not self.loading.prescribes_load
+            and cells == self.cells
+            and -self.mean_displacement < state.highest
+        ):
+            opened = self._open_least()
+            cells, released = cells - opened, released + opened
+        if captured or released:
+            self._contact_changed(solver)
         return Update(cells, captured, released, residual=float("nan"))
 
+    def _open_least(self):
+        """Open the cells with the least pressure, which becomes zero; return how many. Collective."""
+        least = float(self.state.minimum([self.state.p.min(initial=np.inf)])[0])
+        opened = self.state.p <= least
+        self.state.contact[opened] = False
+        self.add_mean_pressure(-least)
+        return int(self.state.sum([np.count_nonzero(opened)])[0])
+
     def close(self, solver):
-        """The gap of captured cells becomes zero; what that leaves to do elsewhere is begun with. Collective."""
+        """The gap of cells just captured becomes zero; what that leaves to do elsewhere is begun with. Collective."""
         state = self.state
         residual, z = solver.scratch
-        loops.free_residual(state.p, state.contact, 0.0, residual)
-        solver.set_contact()
+        loops.free_residual(state.p, state.contact, residual)
         solver.preconditioner.smooth(residual, z)
         change = solver.direction
         loops.close(self.w, state.distance.b, self._captured, z, _SHARE, change)
@@ -157,6 +174,11 @@ class PrimalState:
             before = self.w.copy()
             self.restore_mean(solver)
             change += self.w - before
+
+    def _contact_changed(self, solver):
+        """Make the cells that are not in contact the free ones. Collective."""
+        np.logical_not(self.state.contact, out=self.inverse.mask)
+        solver.set_contact()
 
     def _add_pressure_of(self, change, solver):
         self.inverse.displacement(change, solver.product)

@@ -9,6 +9,8 @@ preconditioner and a guess.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numba
 import numpy as np
 
@@ -146,8 +148,8 @@ def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, shar
     free : ndarray of bool, shape (rows, nx)
     s_before, s_after, f_before, f_after
         As many rows beside them as there are sweeps.
-    weights : tuple of float32
-        1 / B3_00, and over B3_00 those of the neighbours in x, in y, on the diagonals.
+    weights : tuple of a float64 and three float32
+        1 / B3_00, whose unit single precision may not hold; over B3_00 the neighbours in x, in y, on the diagonals.
     shares : ndarray of float32
         Of the sweeps.
     x : ndarray of float32, shape (rows, nx)
@@ -317,12 +319,13 @@ def add_interpolated(coarse, fx, fy, free, x):
         _add_inside(row, free[j], x[j])
 
 
+@cache
 def warm_up():
     """Load the compiled loops now, not in the first iteration. Not collective."""
     field, cells = np.zeros((0, 1)), np.zeros((0, 1), bool)
     fixed, low = field.view(), field.astype(np.float32)
     fixed.flags.writeable = False
-    weights = (np.float32(0),) * 4
+    weights = (0.0, *(np.float32(0),) * 3)
     for s in (fixed, field):
         sweep_from_zero(s, field, field, cells, cells, cells, weights, np.ones(1, np.float32), low, field)
         sweep_on(s, field, field, cells, cells, cells, weights, np.ones(1, np.float32), low, low, low, field)

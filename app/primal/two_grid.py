@@ -21,8 +21,8 @@ class TwoGrid:
 
     *Before* and *after* are sweeps on the free cells with the 3 x 3 centre of B. Between them the mean of what
     is left in coarse cells is multiplied by A on a grid of cells up to four times as long, and interpolated bilinearly.
-    A displaces nothing for a constant pressure; with contact here and there a constant is no better than a wave from
-    one contact to the next: hence its compliance, which falls with the contact area.
+    A displaces nothing for a constant pressure; beside contact here and there a constant displaces as a wave from one
+    contact to the next does: hence its compliance, which falls with the contact area.
 
     Options: ``-pc_two_grid_sweeps k`` (default 3), before and after.
 
@@ -51,7 +51,7 @@ class TwoGrid:
         self._rows = Halo(operator.slabs, operator.comm, self.sweeps)
         self._x = np.empty(operator.local_shape, np.float32)
         self._long_waves = _LongWaves(operator) if operator.coarser is not None else None
-        self._number, self._flat = -1, None
+        self._number, self._answer = -1, None  # of what contact set `_raised` is known
 
     def apply(self, pc, x, y):
         """Compute y = M x."""
@@ -63,27 +63,37 @@ class TwoGrid:
 
     def smooth(self, s, z):
         """Compute z = M s on the free cells, zero elsewhere. Collective."""
-        if self._number != self.operator.contact_number:
-            self._number, self._flat = self.operator.contact_number, None
-            self._free = self._rows(self.operator.mask)
+        self._look_at_contact()
         self._apply(s, z)
         if self.constrained:
-            if self._flat is None:
-                self._flat = np.empty_like(z)
-                self._apply(np.ones_like(z), self._flat)
-            total, of_flat = sum_over(self.operator.comm, [z.sum(), self._flat.sum()])
-            self.multiplier = total / of_flat if of_flat > 0 else 0.0
-            z -= self.multiplier * self._flat
+            total = sum_over(self.operator.comm, [z.sum()])[0]
+            raised, of_raised = self._raised()
+            share = total / of_raised if of_raised > 0 else 0.0
+            self.multiplier = share / self.weights[0]
+            z -= share * raised
 
     def shift(self, w, amount):
         """Raise w on the free cells, smoothly, until its sum has changed by an amount. Collective."""
-        self.constrained, kept = False, self.constrained
-        flat = np.empty_like(w)
-        self.smooth(np.ones_like(w), flat)
-        self.constrained = kept
-        total = sum_over(self.operator.comm, [flat.sum()])[0]
-        if total > 0:
-            w += amount / total * flat
+        self._look_at_contact()
+        raised, of_raised = self._raised()
+        if of_raised > 0:
+            w += amount / of_raised * raised
+
+    def _look_at_contact(self):
+        """Fetch the free cells beside the slab, once for a contact set. Collective."""
+        if self._number != self.operator.contact_number:
+            self._number, self._answer = self.operator.contact_number, None
+            self._free = self._rows(self.operator.mask)
+
+    def _raised(self):
+        """What M makes of the pressure B_00 everywhere, and its sum, once for a contact set. Collective."""
+        if self._answer is None:
+            raised = np.empty(self.operator.local_shape)
+            self._apply(
+                np.full_like(raised, 1.0 / self.weights[0]), raised
+            )  # of any unit, 1 in single precision
+            self._answer = raised, sum_over(self.operator.comm, [raised.sum()])[0]
+        return self._answer
 
     def _apply(self, s, z):
         free, x, waves = self.operator.mask, self._x, self._long_waves
@@ -91,7 +101,7 @@ class TwoGrid:
         beside = self._rows(s)
         stencil.sweep_from_zero(s, *beside, free, *self._free, self.weights, self._shares, x, left)
         if waves:
-            waves.add(1.0 / float(self.weights[0]), free, x)
+            waves.add(1.0 / self.weights[0], free, x)
         stencil.sweep_on(s, *beside, free, *self._free, self.weights, self._back, x, *self._rows(x), z)
 
     def view(self, pc, viewer):
@@ -112,7 +122,7 @@ def _weights(centre, grid):
     """Of the sweeps, see `stencil`: each other cell counts once, though it may be the neighbour on both sides."""
     in_y, in_x = (min(n - 1, 2) / 2 for n in (grid.ny, grid.nx))
     around = centre[1, 0] * in_x, centre[0, 1] * in_y, centre[0, 0] * in_x * in_y
-    return tuple(np.float32(value / centre[1, 1]) for value in (1.0, *around))
+    return 1.0 / float(centre[1, 1]), *(np.float32(value / centre[1, 1]) for value in around)
 
 
 class _LongWaves:

@@ -12,7 +12,10 @@ from app.reference import Bisinusoidal, Westergaard, full_contact_pressure
 E_STAR, AMPLITUDE, LENGTH = 900.0, 0.02, 1.7
 
 
-def pressed(problem, method="norm", **loading):
+each_method = pytest.mark.parametrize("method", [None, "norm"], ids=["default", "NORM"])
+
+
+def pressed(problem, method=None, **loading):
     with ContactSolver(problem, method) as solver:
         solution = solver.solve(**loading)
     assert solution.converged, solution.message
@@ -29,15 +32,16 @@ def order(sizes, errors):
     return -np.polyfit(np.log2(sizes), np.log2(errors), 1)[0]
 
 
+@each_method
 @pytest.mark.parametrize("symbol", ["spectral", "love"])
-def test_westergaard_with_the_expected_order(symbol):
+def test_westergaard_with_the_expected_order(symbol, method):
     # The contact set is right but for a cell at every rim; where the pressure is smooth it is of second order.
     c = Westergaard(AMPLITUDE, LENGTH, E_STAR, 0.3 * np.pi * E_STAR * AMPLITUDE / LENGTH)
     sizes = 32, 48, 64, 96, 128
     at_summits, rms, loads = [], [], []
     for n in sizes:
         problem, grid = waves(c, n, 4, symbol)
-        solution = pressed(problem, approach=c.approach)
+        solution = pressed(problem, method, approach=c.approach)
         exact = c.pressure(grid.x(), 0.0)
         assert (np.ptp(solution.pressure, axis=0) <= 1e-5 * c.max_pressure).all()
         assert abs(solution.contact[0].sum() - c.contact_fraction * n) < 2

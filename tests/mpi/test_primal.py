@@ -1,0 +1,95 @@
+"""The primal form on several ranks against one."""
+
+import numpy as np
+import periodic
+import pytest
+from mpi4py import MPI
+from operators import STEEL, random_field
+from running import solve
+
+from app import ContactSolver
+from app.halfspace.grid import Grid, Slabs
+from app.halfspace.halo import Halo
+from app.method import read_method_file
+from app.multigrid.hierarchy import Hierarchy
+from app.petsc import OptionDatabase
+from app.primal import iteration
+from app.primal.solver import PrimalSolver
+
+
+@pytest.mark.mpi(2, 3, 5)
+@pytest.mark.parametrize("dtype", [np.float64, np.float32, bool])
+def test_rows_beside_a_slab_come_from_whoever_has_them(comm, dtype):
+    """Slabs of any height, none among them, and more rows wanted than a slab, or the patch, has."""
+    for ny, block, width in ((12, 1, 1), (12, 4, 5), (3, 1, 2), (1, 1, 4), (7, 2, 9), (40, 1, 8)):
+        field = (np.random.default_rng(ny).normal(size=(ny, 3)) > 0.1 * np.arange(3)).astype(dtype)
+        slabs = Slabs(ny, comm.size, comm.rank, block)
+        first, last = slabs.rows.start, slabs.rows.stop
+        before, after = Halo(slabs, comm, width)(field[slabs.rows])
+        assert before.dtype == after.dtype == field.dtype
+        if first == last:
+            assert before.shape == after.shape == (0, 3)
+            continue
+        np.testing.assert_array_equal(before, field[np.arange(first - width, first) % ny])
+        np.testing.assert_array_equal(after, field[np.arange(last, last + width) % ny])
+
+
+@pytest.mark.mpi(2, 3, 5)
+@pytest.mark.parametrize("replicate", [1, 10**6])
+@pytest.mark.parametrize("shape", [(32, 24), (12, 40), (9, 16)])
+def test_the_preconditioner_is_the_same_on_any_number_of_ranks(comm, shape, replicate):
+    grid = Grid(shape[1], shape[0], 0.3, 0.2, periodic="spectral")
+    free, r, w = np.random.default_rng(1).random(shape) < 0.7, random_field(grid, 2), random_field(grid, 3)
+    found = []
+    for ranks in (comm, MPI.COMM_SELF):
+        hierarchy = Hierarchy(grid, STEEL, ranks, replicate=replicate, dtype=np.float32)
+        with OptionDatabase(read_method_file("primal")).active():
+            solver = PrimalSolver(hierarchy)
+        rows = hierarchy.slabs.rows
+        solver.inverse.mask[...] = free[rows]
+        solver.set_contact()
+        loose, kept, moved = np.empty_like(r[rows]), np.empty_like(r[rows]), w[rows].copy()
+        pc = solver.preconditioner
+        pc.smooth(r[rows].copy(), loose)
+        pc.constrained = True
+        pc.smooth(r[rows].copy(), kept)
+        pc.shift(moved, 0.1)
+        found.append([np.vstack(ranks.allgather(part)) for part in (loose, kept, moved)])
+        solver.destroy()
+    for here, alone in zip(*found, strict=True):
+        np.testing.assert_allclose(here, alone, rtol=0, atol=3e-6 * abs(alone).max())
+
+
+@pytest.mark.mpi(2, 3, 5)
+@pytest.mark.parametrize(("nx", "ny"), [(48, 32), (24, 20), (18, 3), (15, 17)])
+def test_any_number_of_ranks_finds_the_same(comm, nx, ny):
+    problem, options = periodic.rough(nx, ny, 4, holes=0.05 if nx == 24 else 0.0), {"lcp_replicate": 4}
+    mean = np.nanmean(problem.gap)
+    with (
+        ContactSolver(problem, None, options, MPI.COMM_SELF) as one,
+        ContactSolver(problem, None, options, comm) as many,
+    ):
+        for share in (0.3, 0.9):
+            alone = one.solve(approach=share * mean)
+            for loading in ({"approach": share * mean}, {"load": alone.load}):
+                here = many.solve(**loading)
+                assert here.converged and here.fallbacks == 0
+                found = np.vstack(comm.allgather(here.pressure))
+                contact = np.vstack(comm.allgather(here.contact))
+                np.testing.assert_allclose(found, alone.pressure, rtol=0, atol=2e-4 * alone.max_pressure)
+                assert (contact == alone.contact).mean() > 0.998
+                assert here.approach == pytest.approx(alone.approach, rel=1e-5)
+                if "approach" in loading:
+                    assert abs(here.operator_applications - alone.operator_applications) <= 4
+
+
+@pytest.mark.mpi(2, 3)
+def test_so_does_the_safeguard(comm, monkeypatch):
+    problem = periodic.rough(24, 20, 1)
+    approach = 0.8 * problem.gap.mean()
+    alone = solve(problem, approach, None, comm=MPI.COMM_SELF, lcp_rtol=1e-9)
+    monkeypatch.setattr(iteration, "PATIENCE", 0)
+    here = solve(problem, approach, None, comm=comm, lcp_rtol=1e-9, lcp_replicate=4)
+    assert here.converged and here.fallbacks == 1
+    found = np.vstack(comm.allgather(here.pressure))
+    np.testing.assert_allclose(found, alone.pressure, rtol=0, atol=1e-5 * alone.max_pressure)

@@ -1,0 +1,373 @@
+"""The primal form, piece by piece: sweeps against plain numpy, B, its preconditioner, the steps of the state."""
+
+from functools import partial
+
+import numpy as np
+import periodic
+import pytest
+from mpi4py import MPI
+from operators import PERIODIC, STEEL, mat_times, random_field
+from petsc4py import PETSc
+
+from app import ContactSolver
+from app.contact.loading import PrescribedApproach, PrescribedLoad
+from app.contact.state import ContactState, UndeformedDistance
+from app.errors import InputError
+from app.halfspace.grid import Grid, Slabs
+from app.halfspace.halo import Halo
+from app.halfspace.operator import InfluenceOperator
+from app.method import read_method_file
+from app.multigrid.hierarchy import Hierarchy
+from app.petsc import OptionDatabase
+from app.primal import kernels, stencil
+from app.primal.operator import InverseOperator
+from app.primal.solver import PrimalSolver
+from app.primal.state import PrimalState
+
+WEIGHTS = 0.7, *(np.float32(w) for w in (-0.19, -0.16, -0.04))
+SHAPES = (8, 12), (4, 64), (1, 8), (8, 1), (2, 4), (12, 2), (5, 7), (3, 33)
+SINGLE = 2e-6
+
+each_shape = pytest.mark.parametrize("shape", SHAPES, ids=[f"{ny}x{nx}" for ny, nx in SHAPES])
+each_count = pytest.mark.parametrize("steps", [1, 2, 3, 5, 8])
+
+
+def neighbours(x, weights=WEIGHTS):
+    """What the eight neighbours of every cell add to it, over the period."""
+    _, wx, wy, wd = weights
+
+    def beside(field, axis):
+        return np.roll(field, 1, axis) + np.roll(field, -1, axis)
+
+    return wx * beside(x, 1) + wy * beside(x, 0) + wd * beside(beside(x, 0), 1)
+
+
+def fields(shape, seed):
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=shape), rng.random(shape) < 0.6
+
+
+def slabs_of(shape, width):
+    """The parts of a field that two ranks would own, each with the rows beside it."""
+    cut = shape[0] // 3 if shape[0] > 2 else 0
+    for a, b in ((0, cut), (cut, shape[0])):
+        before, after = (np.arange(first, first + width) % shape[0] for first in (a - width, b))
+        yield slice(a, b), before, after
+
+
+@each_shape
+@each_count
+def test_sweeps_from_zero_are_jacobis_and_leave_the_means_of_the_residual(shape, steps):
+    s, free = fields(shape, steps)
+    expected = source = free * s * WEIGHTS[0]
+    for _ in range(steps - 1):
+        expected = free * (source - neighbours(expected))
+    left = free * (source - expected - neighbours(expected))
+    x = np.full(shape, np.nan, np.float32)
+    for rows, before, after in slabs_of(shape, steps):
+        beside = s[before], s[after], free[rows], free[before], free[after]
+        stencil.sweep_from_zero(s[rows], *beside, WEIGHTS, steps, x[rows], np.empty((0, 0)))
+    np.testing.assert_allclose(x, expected, rtol=0, atol=SINGLE * abs(expected).max())
+    beside = [field[np.arange(-steps, 0) % len(s)] for field in (s, free)]
+    beyond = [field[np.arange(steps) % len(s)] for field in (s, free)]
+    for fy, fx in ((1, 1), (2, 2), (4, 4), (1, 4), (4, 1), (2, 4)):
+        if shape[0] % fy or shape[1] % fx:
+            continue
+        coarse = np.full((shape[0] // fy, shape[1] // fx), np.nan)
+        stencil.sweep_from_zero(
+            s, beside[0], beyond[0], free, beside[1], beyond[1], WEIGHTS, steps, x, coarse
+        )
+        means = left.reshape(shape[0] // fy, fy, shape[1] // fx, fx).mean(axis=(1, 3))
+        np.testing.assert_allclose(coarse, means, rtol=0, atol=SINGLE * abs(source).max())
+
+
+@each_shape
+@each_count
+def test_sweeps_from_something_are_jacobis(shape, steps):
+    s, free = fields(shape, steps)
+    source, start = free * s * WEIGHTS[0], (free * fields(shape, 99)[0]).astype(np.float32)
+    expected = start
+    for _ in range(steps):
+        expected = free * (source - neighbours(expected))
+    z = np.full(shape, np.nan)
+    for rows, before, after in slabs_of(shape, steps):
+        beside = s[before], s[after], free[rows], free[before], free[after]
+        stencil.sweep_on(s[rows], *beside, WEIGHTS, steps, start[rows], start[before], start[after], z[rows])
+    np.testing.assert_allclose(z, expected, rtol=0, atol=SINGLE * abs(expected).max())
+    assert (z[~free] == 0).all()
+
+
+@each_shape
+@each_count
+@pytest.mark.parametrize("more", [0, 3])
+def test_projected_sweeps_stay_above_the_bound(shape, steps, more):
+    f, low = (fields(shape, seed)[0].astype(np.float32) for seed in (steps, 50))
+    low[fields(shape, 51)[1]] = -np.inf
+    expected = np.maximum(f, low)
+    for _ in range(steps - 1):
+        expected = np.maximum(f - neighbours(expected), low)
+    x = np.full(shape, np.nan, np.float32)
+    for rows, before, after in slabs_of(shape, steps - 1 + more):
+        beside = f[before], f[after], low[rows], low[before], low[after]
+        stencil.sweep_projected(f[rows], *beside, WEIGHTS, steps, x[rows])
+    np.testing.assert_allclose(x, expected, rtol=0, atol=SINGLE * abs(expected).max())
+    assert (x >= low).all()
+
+
+def bilinear(n, factor):
+    """Matrix of the interpolation from n // factor cells to n, over the period."""
+    centre = (np.arange(n) + 0.5) / factor - 0.5
+    below, matrix = np.floor(centre).astype(int), np.zeros((n, n // factor))
+    np.add.at(matrix, (np.arange(n), below % (n // factor)), below + 1 - centre)
+    np.add.at(matrix, (np.arange(n), (below + 1) % (n // factor)), centre - below)
+    return matrix
+
+
+@pytest.mark.parametrize("factors", [(1, 1), (2, 2), (4, 4), (1, 2), (4, 1), (2, 4)])
+@pytest.mark.parametrize("shape", [(8, 12), (4, 4), (4, 24)])
+def test_interpolation_is_bilinear(shape, factors):
+    (fy, fx), (start, free) = factors, fields(shape, 1)
+    coarse = fields((shape[0] // fy, shape[1] // fx), 2)[0]
+    x = start.astype(np.float32)
+    stencil.add_interpolated(np.vstack([coarse[-1:], coarse, coarse[:1]]), fx, fy, free, x)
+    expected = start + free * (bilinear(shape[0], fy) @ coarse @ bilinear(shape[1], fx).T)
+    np.testing.assert_allclose(x, expected, rtol=0, atol=SINGLE * abs(expected).max())
+
+
+@pytest.mark.parametrize("width", [1, 3, 7, 20])
+@pytest.mark.parametrize("rows", [1, 2, 6])
+def test_rows_beside_a_slab_come_round_the_period(rows, width):
+    field = np.arange(3.0 * rows).reshape(rows, 3)
+    before, after = Halo(Slabs(rows), None, width)(field)
+    np.testing.assert_array_equal(before, field[np.arange(-width, 0) % rows])
+    np.testing.assert_array_equal(after, field[np.arange(width) % rows])
+
+
+# -- the operator and its preconditioner ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("dtype", "off"), [(np.float64, 1e-12), (np.float32, 2e-5)])
+@pytest.mark.parametrize("grid", PERIODIC.values(), ids=PERIODIC.keys())
+def test_b_is_the_inverse_but_for_the_mean_and_positive_on_the_free_cells(grid, dtype, off):
+    influence = InfluenceOperator(grid, STEEL, dtype=dtype)
+    inverse, p = InverseOperator(influence), random_field(grid, 1)
+    u, back = np.empty(grid.shape), np.empty(grid.shape)
+    influence.exact_displacement(p, u)
+    for compute in (inverse.displacement, inverse.exact_pressure):
+        compute(u, back)
+        np.testing.assert_allclose(back, p - p.mean(), rtol=0, atol=off * abs(p).max())
+    inverse.mask[...] = np.random.default_rng(2).random(grid.shape) < 0.7
+    mat = inverse.mat(PETSc.COMM_SELF)
+    x, y = (random_field(grid, seed) * inverse.mask for seed in (3, 4))
+    bx, by = (mat_times(mat, field).reshape(grid.shape) for field in (x, y))
+    assert (bx[~inverse.mask] == 0).all()
+    assert np.vdot(bx, x) > 0
+    assert np.vdot(bx, y) == pytest.approx(np.vdot(x, by), abs=off * np.vdot(bx, x))
+    assert inverse.products == 2
+    mat.destroy()
+
+
+@pytest.fixture
+def make():
+    """Make solvers of grids of a size, symbol, share of contact; free them in the end."""
+    made = []
+
+    def solver(grid, share=0.3, seed=1, dtype=np.float32, **options):
+        hierarchy = Hierarchy(grid, STEEL, MPI.COMM_SELF, dtype=dtype)
+        texts = read_method_file("primal") | {name: str(text) for name, text in options.items()}
+        with OptionDatabase(texts).active():
+            made.append(PrimalSolver(hierarchy))
+        made[-1].inverse.mask[...] = np.random.default_rng(seed).random(grid.shape) >= share
+        made[-1].set_contact()
+        return made[-1]
+
+    yield solver
+    for one in made:
+        one.destroy()
+
+
+def patch(nx, ny, stretch=1.0, symbol="spectral"):
+    return Grid(nx, ny, 1.0 / nx, stretch / nx, periodic=symbol)
+
+
+GRIDS = {
+    "square": patch(32, 32),
+    "stretched": patch(32, 24, 3.0, "love"),
+    "odd": patch(21, 15),
+    "one row": patch(64, 1),
+    "two columns": patch(2, 64),
+}
+each_grid = pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
+
+
+def applied(solver, field):
+    z = np.empty(field.shape)
+    solver.preconditioner.smooth(field, z)
+    return z
+
+
+@each_grid
+@pytest.mark.parametrize("share", [0.0, 0.03, 0.5, 0.97])
+def test_preconditioner_is_positive_and_nearly_symmetric(make, grid, share):
+    solver = make(grid, share)
+    free, rng = solver.inverse.mask, np.random.default_rng(5)
+    for _ in range(5):
+        r, s = (rng.normal(size=grid.shape) * free for _ in range(2))
+        mr, ms = applied(solver, r), applied(solver, s)
+        assert (mr[~free] == 0).all()
+        size = np.sqrt(np.vdot(r, mr) * np.vdot(s, ms))
+        if free.any():
+            assert np.vdot(r, mr) > 0 and np.vdot(s, ms) > 0
+            assert abs(np.vdot(r, ms) - np.vdot(s, mr)) <= 0.05 * size
+    if free.sum() > 1:
+        free.flat[np.flatnonzero(free)[::2]] = False  # another contact set, of which it is told
+        solver.set_contact()
+        assert (applied(solver, r)[~free] == 0).all()
+
+
+@each_grid
+def test_constrained_it_keeps_the_mean_and_shift_moves_it(make, grid):
+    solver = make(grid)
+    pc, free, r = solver.preconditioner, solver.inverse.mask, random_field(grid, 6)
+    loose = applied(solver, r * free)
+    pc.constrained = True
+    kept = applied(solver, r * free)
+    assert abs(kept.mean()) <= 1e-12 * abs(kept).max()
+    assert (kept[~free] == 0).all()
+    one = applied(
+        solver, np.ones(grid.shape)
+    )  # of a constant pressure nothing is left: all of it is the multiplier
+    assert abs(one).max() <= 1e-5 * abs(loose).max()
+    assert pc.multiplier == pytest.approx(1.0, rel=1e-6)
+    w = r.copy()
+    pc.shift(w, 0.7)
+    assert w.sum() - r.sum() == pytest.approx(0.7, rel=1e-12)
+    assert (w[~free] == r[~free]).all() and (w[free] >= r[free]).all()
+
+
+def test_it_does_not_know_where_the_patch_begins(make):
+    grid, shift = patch(32, 24), (4, 8)  # whole cells of the grid of long waves
+    solver, r = make(grid), random_field(grid, 7)
+    free = solver.inverse.mask
+    here = applied(solver, r)
+    free[...] = np.roll(free, shift, (0, 1))
+    solver.set_contact()
+    there = applied(solver, np.roll(r, shift, (0, 1)))
+    np.testing.assert_allclose(there, np.roll(here, shift, (0, 1)), rtol=0, atol=SINGLE * abs(here).max())
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"ksp_type": "cg"}, "-ksp_type: .*TrackingCG"),
+        ({"pc_type": "none"}, "-pc_type: .*TwoGrid"),
+        ({"pc_python_type": "app.fast.circulant.Circulant"}, "TwoGrid"),
+        ({"ksp_norm_type": "unpreconditioned"}, "-ksp_norm_type: .*preconditioned"),
+        ({"pc_two_grid_sweeps": 0}, "-pc_two_grid_sweeps 0: allowed: 1 to 50"),
+        ({"pc_two_grid_sweeps": 51}, "-pc_two_grid_sweeps 51: allowed: 1 to 50"),
+    ],
+)
+def test_what_it_cannot_use_is_refused_in_a_line(options, match):
+    with pytest.raises(InputError, match=match) as refusal:
+        ContactSolver(periodic.rough(16, 12, 1), "primal", options)
+    assert "\n" not in str(refusal.value)
+
+
+# -- the steps ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def steps(make):
+    """A PrimalState under a loading, and its solver."""
+    made = []
+
+    def primal(loading, holes=0.0, nx=24, ny=16, dtype=np.float64):
+        problem = periodic.rough(nx, ny, 3, holes)
+        grid = Grid(nx, ny, problem.grid.dx, problem.grid.dy, periodic="spectral")
+        solver = make(grid, dtype=dtype)
+        operator = solver.inverse.influence
+        distance = UndeformedDistance(operator, problem.gap)
+        state = ContactState(operator, distance)
+        made.append(PrimalState(state, solver.inverse, loading))
+        return made[-1], solver
+
+    yield primal
+    for one in made:
+        one.state.destroy()
+        one.destroy()
+
+
+def pressure_of(primal):
+    p = np.empty(primal.w.shape)
+    primal.inverse.exact_pressure(primal.w, p)
+    return p + primal.mean_pressure
+
+
+@pytest.mark.parametrize(
+    "loading", [partial(PrescribedLoad, 1e2), partial(PrescribedApproach, 0.03)], ids=["load", "approach"]
+)
+@pytest.mark.parametrize("holes", [0.0, 0.1])
+def test_every_step_keeps_p_and_the_loading(steps, loading, holes):
+    """p = B w + mean pressure; of an approach, the mean of w; of a load, that of p; w = b on C."""
+    primal, solver = steps(loading(), holes)
+    state, given = primal.state, primal.loading.prescribes_load
+    primal.w[...] = random_field(state.grid, 8) * 0.01
+
+    def check(closed=True):
+        size = abs(state.p).max()
+        np.testing.assert_allclose(state.p, pressure_of(primal), rtol=0, atol=1e-11 * size)
+        if given:
+            assert state.load == pytest.approx(primal.loading.load, rel=1e-9)
+        else:
+            assert primal.approach == pytest.approx(primal.loading.approach, rel=1e-9)
+        assert not state.contact[~state.admissible].any()
+        assert (primal.inverse.mask == ~state.contact).all()
+        if closed:
+            assert (primal.w == state.distance.b)[state.contact].all()
+
+    primal.start(exact=True)
+    primal.guess(solver)
+    check()
+    for _ in range(4):
+        before = state.p[~state.contact]
+        solver.improve(primal, 0.0)
+        check()
+        assert np.linalg.norm(state.p[~state.contact]) < 0.9 * np.linalg.norm(before)
+        old = state.contact.copy()
+        wrong = (
+            state.contact & (state.p < 0),
+            ~state.contact & state.admissible & (primal.w < state.distance.b),
+        )
+        update = primal.exchange(solver, 0.0, 0.0)
+        assert (state.contact == (old & ~wrong[0]) | wrong[1]).all()
+        assert (update.cells, update.added, update.released) == (
+            state.contact.sum(),
+            wrong[1].sum(),
+            wrong[0].sum(),
+        )
+        check(closed=False)
+        primal.close(solver)
+        check()
+
+
+def test_under_a_load_something_stays_in_contact(steps):
+    primal, solver = steps(PrescribedLoad(1e2))
+    primal.start(exact=True)
+    primal.guess(solver)
+    before = primal.state.contact.copy()
+    with primal.state.pressure as values:
+        values[...] = -1.0
+    primal.w += 1.0
+    update = primal.exchange(solver, 0.0, 0.0)
+    assert (update.cells, update.changed) == (before.sum(), 0)
+    assert (primal.state.contact == before).all() and (primal.inverse.mask == ~before).all()
+
+
+def test_the_loops_of_the_state():
+    rng = np.random.default_rng(9)
+    p, contact = rng.normal(size=(6, 7)), rng.random((6, 7)) < 0.5
+    expected, out = np.where(contact, np.maximum(p, 0), 0), np.empty_like(p)
+    kernels.free_residual(p, contact, out)
+    np.testing.assert_array_equal(out, np.where(contact, 0, -p))
+    kernels.keep_positive(p, contact)
+    np.testing.assert_array_equal(p, expected)

@@ -1,0 +1,251 @@
+"""The default method on periodic patches: its work, its accuracy, its safeguard."""
+
+import warnings
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import periodic
+import pytest
+from running import assert_solves_lcp, solve
+
+from app import ContactProblem, ContactSolver, Grid, Material
+from app.primal import iteration
+from app.problems.surfaces import SelfAffineSurface
+
+MATERIAL = Material(1.0, 0.0)
+MOST = 30  # operator applications; measured: 9 to 24
+SURFACES = ["smooth", "self-affine", "white noise", "ties"]
+
+
+@cache
+def surface(kind, n, ny=None, symbol="spectral"):
+    """A unit patch."""
+    grid = Grid(n, ny or n, 1 / n, 1 / (ny or n))
+    x, y = np.meshgrid(grid.x(), grid.y())
+    if kind == "smooth":
+        height = 0.01 * (
+            np.cos(2 * np.pi * x) + np.cos(4 * np.pi * y + 1) + 0.5 * np.cos(6 * np.pi * (x - y))
+        )
+    elif kind == "self-affine":
+        height = SelfAffineSurface(0.8, 0.25, 1 / 16, (1.0, 1.0), 3, rms_slope=0.1).height(grid.x(), grid.y())
+    elif kind == "white noise":
+        height = 0.001 * np.random.default_rng(4).normal(size=grid.shape)
+    elif kind == "ties":  # sixteen summits alike
+        height = 0.01 * (np.cos(8 * np.pi * x) + np.cos(8 * np.pi * y))
+    return ContactProblem(grid, MATERIAL, height.max() - height, periodic=symbol)
+
+
+def pressed_to(problem, share, solver):
+    """By the share of the mean pressure that full contact needs."""
+    return solver.solve(load=share * full_load(problem))
+
+
+def full_load(problem):
+    grid = problem.grid
+    q = 2 * np.pi * np.hypot(np.fft.fftfreq(grid.ny, grid.dy)[:, None], np.fft.fftfreq(grid.nx, grid.dx))
+    p = np.fft.ifft2(-problem.material.contact_modulus / 2 * q * np.fft.fft2(problem.gap)).real
+    return -p.min() * grid.area
+
+
+@pytest.mark.parametrize("kind", SURFACES)
+def test_work_does_not_grow_with_the_grid_nor_with_the_contact(kind):
+    fractions, counts = [], []
+    for n in (64, 128, 256):
+        with ContactSolver(surface(kind, n)) as solver:
+            for share in (0.003, 0.05, 0.4, 0.9):
+                found = pressed_to(surface(kind, n), share, solver)
+                assert found.converged and found.fallbacks == 0
+                by_approach = solver.solve(approach=found.approach)
+                assert by_approach.load == pytest.approx(found.load, rel=1e-4)
+                counts += [found.operator_applications, by_approach.operator_applications]
+                fractions.append(found.contact_fraction)
+    assert min(fractions) < 0.05 and max(fractions) > 0.9
+    assert max(counts) <= MOST, counts
+
+
+@pytest.mark.parametrize(("nx", "ny"), [(96, 80), (256, 32), (64, 63), (128, 3), (2, 64)])
+@pytest.mark.parametrize("symbol", ["spectral", "love"])
+def test_cells_of_any_shape_and_directions_that_cannot_be_halved(nx, ny, symbol):
+    problem = surface("smooth", nx, ny, symbol)
+    with ContactSolver(problem) as solver:
+        for share in (0.05, 0.4, 0.9):
+            found = pressed_to(problem, share, solver)
+            assert_solves_lcp(found)
+            assert found.fallbacks == 0
+            assert found.operator_applications <= 2 * MOST
+
+
+def test_shifts_of_the_patch():
+    """By whole cells of all grids: the same work; by any: the same answer."""
+    problem = surface("self-affine", 128)
+    load, facts = 0.3 * full_load(problem), []
+    for shift in ((0, 0), (32, 64), (96, 32), (5, 7)):
+        found = solve(replace(problem, gap=np.roll(problem.gap, shift, (0, 1))), None, None, load)
+        here = np.roll(found.pressure, np.negative(shift), (0, 1))
+        facts.append((found.operator_applications, here, found.approach))
+    assert facts[0][0] == facts[1][0] == facts[2][0]
+    for _, here, approach in facts:
+        np.testing.assert_allclose(here, facts[0][1], rtol=0, atol=1e-3 * here.max())
+        assert approach == pytest.approx(facts[0][2], rel=1e-6)
+
+
+@pytest.mark.parametrize("loading", ["load", "mean_pressure", "approach", "mean_gap"])
+def test_what_is_prescribed_is_met_exactly(loading):
+    problem = periodic.rough(32, 24, 3)
+    with ContactSolver(problem) as solver:
+        first = solver.solve(approach=0.7 * problem.gap.mean())
+        value = {"load": first.load, "mean_pressure": first.mean_pressure}.get(loading)
+        value = value or {"approach": first.approach, "mean_gap": first.mean_gap}[loading]
+        again = solver.solve(**{loading: value})
+    assert getattr(again, loading) == pytest.approx(value, rel=1e-12)
+    np.testing.assert_allclose(again.pressure, first.pressure, rtol=0, atol=1e-3 * first.max_pressure)
+    assert again.mean_gap == pytest.approx(problem.gap.mean() - again.approach, rel=1e-12)
+    np.testing.assert_allclose(again.history["approach"][-1], again.approach, rtol=1e-2)
+
+
+@pytest.mark.parametrize("holes", [0.0, 0.1])
+def test_tolerances_tight_and_loose(holes):
+    problem = periodic.rough(32, 32, 5, holes)
+    approach = 0.8 * np.nanmean(problem.gap)
+    exact = solve(problem, approach, None, lcp_rtol=1e-12)
+    before = 0
+    for rtol in (1e-10, 1e-8, 1e-6, 1e-4, 1e-2):
+        found = solve(problem, approach, None, lcp_rtol=rtol)
+        if found.converged:
+            assert found.fallbacks == 0
+            off = np.linalg.norm(found.pressure - exact.pressure) / np.linalg.norm(exact.pressure)
+            assert off <= max(1e3 * rtol, 1e-9) and off <= 0.1
+            deviation = np.nanstd(problem.gap)
+            assert np.sqrt(np.mean(found.gap[found.contact] ** 2)) <= rtol * deviation
+        else:
+            assert rtol > 1e-4 and "proved" in found.message
+        assert before == 0 or found.operator_applications <= before
+        before = found.operator_applications
+
+
+def test_any_unit_of_length_and_pressure():
+    problem, answers = periodic.rough(24, 24, 6, holes=0.05), []
+    grid = problem.grid
+    for length, stress in ((1.0, 1.0), (1e-9, 1e6), (1e9, 1e-6), (1e-20, 1e20), (1e20, 1e-20)):
+        there = Grid(grid.nx, grid.ny, grid.dx * length, grid.dy * length)
+        scaled = ContactProblem(there, Material(stress, 0.0), problem.gap * length, periodic=True)
+        found = solve(scaled, 0.5 * length * np.nanmean(problem.gap), None, lcp_precision="double")
+        assert found.converged
+        answers.append((found.contact, found.pressure / stress, found.operator_applications))
+    for contact, p, count in answers:
+        assert (contact == answers[0][0]).all() and count == answers[0][2]
+        np.testing.assert_allclose(p, answers[0][1], rtol=0, atol=1e-9 * p.max())
+
+
+@pytest.mark.parametrize("length", [1e-9, 1.0, 1e9])
+@pytest.mark.parametrize("nested", ["true", "false"])
+def test_flat_bodies_with_holes(length, nested):
+    gap = np.zeros((32, 48))
+    gap[np.random.default_rng(1).random(gap.shape) < 0.1] = np.nan
+    problem = ContactProblem(Grid(48, 32, 0.1 * length, 0.1 * length), MATERIAL, gap, periodic=True)
+    with ContactSolver(problem, options={"lcp_nested": nested}) as solver:
+        found = solver.solve(approach=0.01 * length)
+        by_load = solver.solve(load=found.load)
+    for solution in (found, by_load):
+        assert solution.converged and solution.fallbacks == 0
+        assert (solution.contact == ~np.isnan(gap)).all()
+        assert solution.operator_applications < MOST
+    assert by_load.approach == pytest.approx(found.approach, rel=1e-5)
+
+
+def test_full_contact_of_nearly_flat_bodies_is_proved():
+    for amplitude in (0.0, 1e-9, 1e-6):
+        gap = amplitude * np.random.default_rng(2).random((4, 32))
+        with ContactSolver(ContactProblem(Grid(32, 4, 0.1, 0.1), MATERIAL, gap, periodic=True)) as solver:
+            found = solver.solve(mean_pressure=1.0)
+        assert found.converged and found.contact.all() and found.error_bound < 1e-3
+
+
+def test_a_grid_without_any_possible_contact_is_left_out():
+    """A punch that lies between the cell centres of all coarse grids."""
+
+    def shape(x, y):
+        return np.where((abs(x - 0.52) < 0.02) & (abs(y - 0.52) < 0.02), (x - 0.52) ** 2, np.nan)
+
+    problem = ContactProblem(Grid(128, 128, 1 / 128, 1 / 128), MATERIAL, shape, periodic=True)
+    for loading in ({"load": 1e-3}, {"approach": 1e-3}):
+        with ContactSolver(problem) as solver:
+            assert_solves_lcp(solver.solve(**loading))
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_loads_down_to_nothing(precision):
+    """A single cell, or all that touch at once, carries what is less than any rounding of the gap."""
+    board = (np.indices((32, 80)).sum(0) % 2) * 1e-3
+    single = np.random.default_rng(3).random((32, 40))
+    for gap in (board, single):
+        problem = ContactProblem(Grid(*gap.shape[::-1], 0.1, 0.1), MATERIAL, gap, periodic=True)
+        with ContactSolver(problem, options={"lcp_precision": precision}) as solver:
+            for load in (1e-6, 1e-10, 1e-16, 1e-20):
+                found = solver.solve(load=load)
+                assert found.load == pytest.approx(load, rel=1e-9)
+                assert (found.pressure[gap > gap.min() + 1e-4] == 0).all()
+                assert found.converged
+
+
+def test_waves_that_lose_all_contact_on_the_way_need_no_safeguard():
+    """A light load on a ridge: while the system is not solved yet no cell in contact may show a pressure."""
+    grid = Grid(32, 16, 0.1, 1.0)
+    gap = np.tile(8e-3 * (1 + np.cos(2 * np.pi * grid.x() / 3.2)), (16, 1))
+    with ContactSolver(ContactProblem(grid, MATERIAL, gap, periodic="love")) as solver:
+        for share in 10.0 ** -np.arange(1, 9):
+            found = pressed_to(ContactProblem(grid, MATERIAL, gap, periodic="love"), share, solver)
+            assert found.converged and found.fallbacks == 0 and found.operator_applications <= MOST
+
+
+@pytest.mark.parametrize("holes", [0.0, 0.1])
+@pytest.mark.parametrize("by_load", [False, True])
+def test_the_safeguard_takes_over_and_is_right(monkeypatch, by_load, holes):
+    problem = periodic.rough(32, 24, 8, holes)
+    approach = 0.8 * np.nanmean(problem.gap)
+    plain = solve(problem, approach, None, lcp_rtol=1e-8)
+    monkeypatch.setattr(iteration, "PATIENCE", 0)
+    assert plain.fallbacks == 0
+    loading = {"load": plain.load} if by_load else {"approach": approach}
+    for options in ({}, {"pc_two_grid_sweeps": 1}):
+        with ContactSolver(problem, options={"lcp_rtol": 1e-8, "lcp_coarse_rtol": 1e-9} | options) as solver:
+            found = solver.solve(**loading)
+        assert_solves_lcp(
+            found, 4e-8 if by_load else 1e-8
+        )  # what meets the load in the end is not asked again
+        assert found.fallbacks == 1
+        assert found.approach == pytest.approx(approach, rel=1e-6)
+        np.testing.assert_allclose(found.pressure, plain.pressure, rtol=0, atol=1e-5 * plain.max_pressure)
+
+
+def test_a_limit_on_iterations_is_kept_and_said():
+    problem = periodic.rough(32, 24, 8)
+    found = solve(problem, 0.8 * problem.gap.mean(), None, lcp_max_it=1)
+    assert not found.converged and "1 active set iterations were not enough" in found.message
+
+
+def test_loads_one_after_another_on_several_solvers():
+    """Any order, warm or cold: the answer is that of a fresh solver, and so is the work."""
+    problems = [surface("self-affine", 64), periodic.rough(24, 18, 2, holes=0.1)]
+    solvers = [ContactSolver(problem) for problem in problems]
+    start = [None, None]
+    for share in (0.5, 0.1, 0.9, 0.1):
+        for k, (problem, solver) in enumerate(zip(problems, solvers, strict=True)):
+            approach = share * np.nanmean(problem.gap)
+            fresh = solve(problem, approach, None)
+            for first in (None, start[k]):
+                found = solver.solve(approach=approach, start=first)
+                np.testing.assert_allclose(found.pressure, fresh.pressure, rtol=0, atol=1e-9)
+                assert found.operator_applications == fresh.operator_applications
+            start[k] = found
+    for solver in solvers:
+        solver.close()
+
+
+def test_no_warning_comes_from_the_arithmetic():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for share in (0.0, 1e-9, 0.01, 0.999999):
+            problem = periodic.rough(16, 16, 4)
+            assert solve(problem, share * problem.gap.mean(), None).converged
