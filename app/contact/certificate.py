@@ -115,7 +115,6 @@ def _closing(state, energy):
     """Duality gap on a periodic patch, and p.Ap, at least what rounding leaves of it. Collective."""
     inverse, p, admissible = state.operator.inverse_product, state.p, state.admissible
     diagonal, norm = float(inverse.centre()[1, 1]) or 1.0, inverse.norm()
-    diagonal_of_a = state.operator.diagonal
     e = np.where(admissible, state.u - state.distance.b, 0.0)
     w = np.maximum(e - p / diagonal, 0.0)
     w[~admissible] = 0.0
@@ -130,17 +129,8 @@ def _closing(state, energy):
     w *= factor
     w[~admissible] = (factor - 1) * elsewhere
     w += constant - e
-    total = float(state.pressure.sum())
-    if np.isfinite(
-        state.highest
-    ):  # no more digits than the lengths that the approach is counted from, and than u has
-        slight = (
-            state.distance.statistics.mean - state.highest,
-            2 * np.finfo(float).eps * diagonal_of_a * total / n,
-        )
-        constant = max(constant - 2 * sum(slight), min(constant, 0.0))
-    gap = factor * to_p + max(constant, 0.0) * total
-    energy = max(energy, np.finfo(float).eps * diagonal_of_a * squares)
+    gap = factor * to_p + max(constant, 0.0) * float(state.pressure.sum())
+    energy = max(energy, np.finfo(float).eps * state.operator.diagonal * squares)
     rough = norm * state.sum([np.vdot(w, w)])[0] / 2
     if gap + rough > _NEGLIGIBLE**2 * energy / 2:
         inverse.apply(w, e)

@@ -116,13 +116,16 @@ class PrimalState:
             field.reshape(-1).view(np.float32)[: field.size].reshape(shape) for field in solver.scratch
         )
         loops.guess_sources(state.p, self.w, state.distance.b, state.admissible, weights[0], force, lowest)
-        x = solver.direction if solver.direction.dtype == np.float32 else np.empty(shape, np.float32)
+        x, exact = solver.direction, solver.direction.dtype != np.float32
+        if exact:
+            x, before = np.empty(shape, np.float32), self.w.copy()
         rows = solver.rows_beside(_GUESSES - 1)
         stencil.sweep_projected(force, *rows(force), lowest, *rows(lowest), weights, _GUESSES, x)
         loops.take(x, lowest, self.w, state.distance.b, state.contact)
         self._contact_changed(solver)
-        self._restore_mean_with(x, solver)
-        self._add_pressure_of(x, solver)
+        change = self.w - before if exact else x
+        self._restore_mean_with(change, solver)
+        self._add_pressure_of(change, solver)
 
     def exchange(self, solver, tension, overlap):
         """Cells with p < tension are released, others with e < overlap captured; return the Update.
