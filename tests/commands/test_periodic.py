@@ -67,3 +67,16 @@ def test_pictures_and_a_gap_file_of_its_own(cli, tmp_path):
     one, other = read_result(path), read_result(tmp_path / "again.h5")
     np.testing.assert_allclose(other.pressure, one.pressure, rtol=1e-9, atol=1e-9 * one.pressure.max())
     assert other.attributes["rms_slope"] == pytest.approx(one.attributes["rms_slope"], rel=1e-9)
+
+
+def test_the_default_method_tells_what_it_does(cli, tmp_path):
+    """-lcp_monitor, -ksp_view and -log_view of a run without a method file."""
+    options = (*arguments("rough", tmp_path), "-periodic", "-lcp_monitor", "-ksp_view", "-log_view")
+    done = cli("-output", tmp_path / "out.h5", *options)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "sweeps with the centre of B before and after, A on 4 x 4 cells between them" in done.stdout
+    assert "inverse influence matrix of 16 x 16 cells, periodic" in done.stdout
+    assert "InverseMult" in done.stdout and "TwoGridPC" in done.stdout
+    result = read_result(tmp_path / "out.h5")
+    assert f"{result.history['approach'][-1]:#.8g}" in done.stdout
+    np.testing.assert_allclose(result.history["approach"][-1], result.attributes["approach"], rtol=1e-2)
