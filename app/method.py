@@ -6,7 +6,7 @@ default, `DEFAULT`. The strategies (-lcp_type) are
 ==============  ======================================================================================
 ``active_set``  the paper's: `app.contact`, around any KSP
 ``fast``        the default method: `app.fast`, around TrackingCG
-``primal``      the default method on periodic patches: `app.primal`, around TrackingCG
+``primal``      the default method on periodic patches: `app.primal`, around CarryingCG
 ``tao``         PETSc's solvers of bound-constrained minimisation, `app.contact.reference_solvers`
 ``snesvi``      PETSc's solvers of variational inequalities, likewise
 ==============  ======================================================================================

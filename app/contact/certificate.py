@@ -113,29 +113,90 @@ def _lifting(state, most, energy):
 
 def _closing(state, energy):
     """Duality gap on a periodic patch, and p.Ap, at least what rounding leaves of it. Collective."""
-    inverse, p, admissible = state.operator.inverse_product, state.p, state.admissible
-    diagonal, norm = float(inverse.centre()[1, 1]) or 1.0, inverse.norm()
-    e = np.where(admissible, state.u - state.distance.b, 0.0)
-    w = np.maximum(e - p / diagonal, 0.0)
-    w[~admissible] = 0.0
-    gaps, excess, to_p, squares = state.sum([w.sum(), (w - e).sum(), np.vdot(p, w), np.vdot(p, p)])
-    (inside, mean, _), n = state.distance.statistics, state.grid.n
+    inverse, (inside, mean, _), n = state.operator.inverse_product, state.distance.statistics, state.grid.n
+    diagonal = float(inverse.centre()[1, 1]) or 1.0
+    fields = state.distance.b, state.u, state.p, state.admissible
+    gaps, excess, to_p, squares = state.sum(_gaps(*fields, diagonal))
     if inside == n and not gaps:  # full contact: the mean of e is known without rounding
         excess = -n * (mean - state.depth)
     elsewhere = max(gaps / inside, (2 * abs(excess) - gaps) / (n - inside)) if inside < n else 0.0
     total = gaps + (n - inside) * elsewhere
     factor = float(np.clip(1 - excess / total, 0.0, 2.0)) if total > 0 else 1.0
     constant = -(excess + (factor - 1) * total) / n  # zero, but for a factor out of bounds
-    w *= factor
-    w[~admissible] = (factor - 1) * elsewhere
-    w += constant - e
     gap = factor * to_p + max(constant, 0.0) * float(state.pressure.sum())
     energy = max(energy, np.finfo(float).eps * state.operator.diagonal * squares)
-    rough = norm * state.sum([np.vdot(w, w)])[0] / 2
+    field = np.empty(state.u.shape) if state.work is None else state.work
+    moved = (*fields, diagonal, factor, constant, (factor - 1) * elsewhere + constant)
+    rough = inverse.norm() * state.sum([_moves(*moved, field)])[0] / 2
     if gap + rough > _NEGLIGIBLE**2 * energy / 2:
-        inverse.apply(w, e)
-        rough = state.sum([np.vdot(w, e)])[0] / 2
+        inverse.apply(field, field)
+        rough = state.sum([_moves_times(*moved, field)])[0] / 2
     return float(gap + rough), float(energy)
+
+
+@any_order
+def _gaps_row(b, u, p, admissible, diagonal):
+    gaps, excess, to_p, squares = 0.0, 0.0, 0.0, 0.0
+    for i in range(b.size):
+        e = u[i] - b[i] if admissible[i] else 0.0
+        gap = max(e - p[i] / diagonal, 0.0) if admissible[i] else 0.0
+        gaps += gap
+        excess += gap - e
+        to_p += p[i] * gap
+        squares += p[i] * p[i]
+    return gaps, excess, to_p, squares
+
+
+@numba.njit(cache=True)
+def _gaps(b, u, p, admissible, diagonal):
+    """Sums of the gap g that is to be reached, of g - e, of p g and p p."""
+    sums = np.zeros(4)
+    for j in range(b.shape[0]):
+        row = _gaps_row(b[j], u[j], p[j], admissible[j], diagonal)
+        for k in range(4):
+            sums[k] += row[k]
+    return sums
+
+
+@any_order
+def _moves_row(b, u, p, admissible, diagonal, factor, constant, elsewhere, out):
+    squares = 0.0
+    for i in range(b.size):
+        e = u[i] - b[i]
+        w = factor * max(e - p[i] / diagonal, 0.0) + constant - e if admissible[i] else elsewhere
+        out[i] = w
+        squares += w * w
+    return squares
+
+
+@numba.njit(cache=True)
+def _moves(b, u, p, admissible, diagonal, factor, constant, elsewhere, out):
+    """out = w, what e moves by to the gap that is to be reached; return w.w."""
+    squares = 0.0
+    for j in range(b.shape[0]):
+        squares += _moves_row(b[j], u[j], p[j], admissible[j], diagonal, factor, constant, elsewhere, out[j])
+    return squares
+
+
+@any_order
+def _moves_times_row(b, u, p, admissible, diagonal, factor, constant, elsewhere, field):
+    total = 0.0
+    for i in range(b.size):
+        e = u[i] - b[i]
+        w = factor * max(e - p[i] / diagonal, 0.0) + constant - e if admissible[i] else elsewhere
+        total += w * field[i]
+    return total
+
+
+@numba.njit(cache=True)
+def _moves_times(b, u, p, admissible, diagonal, factor, constant, elsewhere, field):
+    """w.field, for w as of `_moves`."""
+    total = 0.0
+    for j in range(b.shape[0]):
+        total += _moves_times_row(
+            b[j], u[j], p[j], admissible[j], diagonal, factor, constant, elsewhere, field[j]
+        )
+    return total
 
 
 @any_order
@@ -192,3 +253,7 @@ def warm_up():
     fixed.flags.writeable = False
     _survey(fixed, field, fixed, mask)
     _lift(fixed, field, mask, np.zeros(1))
+    moved = fixed, field, fixed, mask, 1.0
+    _gaps(*moved)
+    for loop in (_moves, _moves_times):
+        loop(*moved, 1.0, 0.0, 0.0, field)

@@ -188,6 +188,7 @@ class ContactState:
         self._released = np.zeros(operator.local_shape, bool)
         self.contact = operator.mask  # the very array the operator uses
         self.window = window or whole(operator.grid)
+        self.work = None  # a field that is at rest when the certificate is asked for, if somebody has one
 
     # -- what it is -------------------------------------------------------------------------------------
 

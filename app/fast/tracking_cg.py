@@ -5,9 +5,6 @@ along with ``x += alpha d``, so that after the solve the displacement everywhere
 neither the first residual nor the search for new contact costs one. Usable from options::
 
     -ksp_type python -ksp_python_type app.fast.tracking_cg.TrackingCG -ksp_norm_type unpreconditioned
-
-With ``-ksp_norm_type preconditioned`` the norm is that of the preconditioned residual, and the directions are those of
-flexible CG: the preconditioner need not be quite symmetric.
 """
 
 from __future__ import annotations
@@ -78,15 +75,6 @@ def _dots_row(a, b, c):
 
 
 @any_order
-def _normed_row(z, q):
-    squares, product = 0.0, 0.0
-    for i in range(z.size):
-        squares += z[i] * z[i]
-        product += z[i] * q[i]
-    return squares, product
-
-
-@any_order
 def _first_residual(b, u, contact, spans, r):
     """r = b - u on C, 0 elsewhere; return r.r."""
     squares = 0.0
@@ -145,18 +133,6 @@ def _dots(a, b, c, spans):
     return first, second
 
 
-@any_order
-def _normed(z, q, spans):
-    """z.z and z.q for a z that vanishes outside C."""
-    squares, product = 0.0, 0.0
-    for j in range(z.shape[0]):
-        span = slice(spans[j, 0], spans[j, 1])
-        here = _normed_row(z[j, span], q[j, span])
-        squares += here[0]
-        product += here[1]
-    return squares, product
-
-
 @numba.njit(cache=True)
 def _find_spans(contact, spans):
     """First and last but one column of C in each row."""
@@ -178,7 +154,6 @@ def _warm_up(dtype):
     _find_spans(mask, spans)
     _first_residual(fixed, field, mask, spans, field)
     _dot(field, field, mask, spans)
-    _normed(fixed, low, spans)
     _direction(low, field, dtype.type(0), mask, spans)
     _dots(low, low, field, spans)
     _advance(field, field, low, low, mask, spans, 0.0)
@@ -198,8 +173,6 @@ class TrackingCG:
         Nothing has changed since the last solve: go on with its search direction. Set by the caller, for one solve.
     residual : float
         Norm of the residual after the last solve.
-    preconditioned : ndarray, shape (local rows, nx)
-        The preconditioned residual after the last solve, if that is the norm.
     """
 
     displacement = None
@@ -211,18 +184,13 @@ class TrackingCG:
         """Make the work arrays: z and q, never needed at the same time, are one; d is in the operator's precision."""
         mat = ksp.getOperators()[0]
         self._operator = operator = mat.getPythonContext()
+        self._r = mat.createVecRight()
         shape = operator.local_shape
-        self.residual_array = np.zeros(shape)
-        self._r = PETSc.Vec().createWithArray(self.residual_array.reshape(-1), comm=mat.getComm())
         scratch = np.zeros(shape[0] * shape[1])
         self.work = scratch.reshape(shape)  # at rest between solves
         self._z = PETSc.Vec().createWithArray(scratch, comm=mat.getComm())
         self._vecs = self._r, self._z
-        self.preconditioned = self.work
-        self._flexible = ksp.getNormType() == PETSc.KSP.NormType.PRECONDITIONED
-        if self._flexible:
-            scratch = np.zeros(scratch.size, operator.dtype)
-        self.product = scratch.view(operator.dtype)[: self.work.size].reshape(shape)  # q = A d
+        self.product = scratch.view(operator.dtype)[: scratch.size].reshape(shape)  # q = A d
         self.direction = np.zeros(shape, operator.dtype)  # d
         self._spans = np.zeros((shape[0], 2), np.int64)
         self._previous = 0.0
@@ -239,19 +207,13 @@ class TrackingCG:
             self._previous = 0.0
             d[...] = 0  # outside the new spans too
         self.resume = False
-        if self._flexible:
-            norm = self._precondition(pc)
-        iteration, max_it, dq = 0, ksp.getTolerances()[3], 1.0
+        iteration, max_it = 0, ksp.getTolerances()[3]
         reason = self._report(ksp, 0, norm)
         while not reason and iteration < max_it:
-            if self._flexible:
-                beta = -self._zq / dq if iteration else 0.0
-            else:
-                pc.apply(self._r, self._z)
-                with self._r as residual:
-                    rz = self._sum([_dot(residual.reshape(shape), self._read(self._z), contact, spans)])[0]
-                beta = rz / self._previous if self._previous else 0.0
-                self._previous = rz
+            pc.apply(self._r, self._z)
+            with self._r as residual:
+                rz = self._sum([_dot(residual.reshape(shape), self._read(self._z), contact, spans)])[0]
+            beta = rz / self._previous if self._previous else 0.0
             _direction(d, self._read(self._z), d.dtype.type(beta), contact, spans)
             operator.products += 1
             operator.displacement(d, q)
@@ -265,17 +227,12 @@ class TrackingCG:
                 squares = self._sum([_advance(p, r, d, q, contact, spans, alpha)])[0]
             if u is not None:
                 add(u, alpha, q)
-            norm = self._precondition(pc) if self._flexible else float(np.sqrt(max(squares, 0.0)))
+            self._previous = rz
+            norm = float(np.sqrt(max(squares, 0.0)))
             iteration += 1
             reason = self._report(ksp, iteration, norm)
         self.residual = norm
         ksp.setConvergedReason(reason or PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
-
-    def _precondition(self, pc):
-        """z = M r; return its norm, and keep z.q: the next direction is conjugate to this one (flexible CG)."""
-        pc.apply(self._r, self._z)
-        squares, self._zq = self._sum(_normed(self._read(self._z), self.product, self._spans))
-        return float(np.sqrt(squares))
 
     def _first_residual(self, ksp, b, x):
         shape, u = self._operator.local_shape, self.displacement

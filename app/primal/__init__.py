@@ -17,7 +17,7 @@ On each grid, from the coarsest to the target (`nested`):
 
 1. *Start.* w is interpolated from the coarser grid; the coarsest one starts from full contact.
 2. *Guess.* Some projected sweeps with the centre of B guess the contact set (`state.PrimalState.guess`).
-3. *Sets.* `iteration` solves for w on O a little, by CG that carries p along (`app.fast.tracking_cg`); then cells with
+3. *Sets.* `iteration` solves for w on O a little, by CG that carries p along (`cg`); then cells with
    p < 0 are released from C, which costs nothing, and cells with e < 0 captured, which costs a product with B.
 4. *Enough.* A coarse grid is left when few cells change. The target grid is left by one product A p in double
    precision; it and the certificate decide.

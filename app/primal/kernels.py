@@ -94,19 +94,6 @@ def keep_positive(p, contact):
         _positive_row(p[j], contact[j])
 
 
-@any_order
-def _free_residual_row(p, contact, out):
-    for i in range(p.size):
-        out[i] = 0.0 if contact[i] else -p[i]
-
-
-@any_order
-def free_residual(p, contact, out):
-    """out = -p on the free cells, 0 elsewhere."""
-    for j in range(p.shape[0]):
-        _free_residual_row(p[j], contact[j], out[j])
-
-
 @cache
 def warm_up(dtype):
     """Load the compiled loops now, not in the first iteration. Not collective."""
@@ -118,4 +105,3 @@ def warm_up(dtype):
     guess_sources(fixed, field, fixed, cells, 0.0, low, low)
     take(low, low, field, fixed, cells)
     keep_positive(field, cells)
-    free_residual(fixed, cells, field)

@@ -52,6 +52,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
                 else PrimalSolver(hierarchy, number, level.petsc_comm)
             )
             primal = PrimalState(state, solver.inverse, loading)
+            state.work = solver.scratch
         else:
             primal = PrimalState(state, InverseOperator(level), loading)
         if coarse is None:

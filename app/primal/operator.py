@@ -13,7 +13,7 @@ _mult_event = PETSc.Log.Event("InverseMult")
 class InverseOperator:
     """B = A^-1 on displacements without mean, of a periodic grid; constants give no pressure.
 
-    Collective. What `TrackingCG` and `LinearSolver` want of an operator, it has.
+    Collective. What `CarryingCG` and `LinearSolver` want of an operator, it has.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The linear solver of the primal form: TrackingCG on the free cells, that carries p = B w along."""
+"""The linear solver of the primal form: CarryingCG on the free cells, that carries p = B w along."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from importlib import import_module
 
 from petsc4py import PETSc
 
-from app.fast.tracking_cg import TrackingCG
 from app.halfspace.halo import Halo
 from app.multigrid.linear_solver import LinearSolver
 from app.primal import kernels, stencil
+from app.primal.cg import CarryingCG
 from app.primal.operator import InverseOperator
 from app.primal.two_grid import TwoGrid
 
@@ -17,7 +17,7 @@ _COARSER = 2  # grids between one and that of the long waves in its precondition
 
 
 class PrimalSolver(LinearSolver):
-    """A `LinearSolver` of O B O whose KSP is TrackingCG with the `TwoGrid` preconditioner.
+    """A `LinearSolver` of O B O whose KSP is CarryingCG with the `TwoGrid` preconditioner.
 
     Attributes
     ----------
@@ -36,12 +36,9 @@ class PrimalSolver(LinearSolver):
         self.inverse = InverseOperator(hierarchy.levels[number], coarser_operator(hierarchy, number))
         super().__init__(hierarchy, number, comm, prefix, self.inverse)
         self._cg, self.preconditioner = self.ksp.getPythonContext(), self.ksp.getPC().getPythonContext()
-        if self.ksp.getNormType() != self.ksp.NormType.PRECONDITIONED:
-            self.destroy()
-            raise ValueError(f"-{prefix}ksp_norm_type: -lcp_type primal needs preconditioned")
-        # At rest between solves: two fields in the operator's precision, two in double
+        # At rest between solves: two fields in the operator's precision, one in double
         self.direction, self.product = self._cg.direction, self._cg.product
-        self.scratch = self._cg.residual_array, self._cg.preconditioned
+        self.scratch = self._cg.preconditioned
         self._halos = {}
         stencil.warm_up()
         kernels.warm_up(self.operator.dtype)
@@ -76,18 +73,17 @@ class PrimalSolver(LinearSolver):
             primal.balance()
         self.ksp.setInitialGuessNonzero(True)
         self.ksp.setTolerances(atol=allowed)
-        with primal.state.pressure as values:
-            self._cg.displacement = values.reshape(primal.w.shape)
-            iterations, failure = self._run(primal.zero, primal.displacements, float("inf"))
+        self._cg.pressure = primal.state.pressure
+        iterations, failure = self._run(primal.zero, primal.displacements, float("inf"))
         if self.preconditioner.constrained and self.preconditioner.multiplier:
             # p + mean pressure = 0 on the free cells, as far as M can tell.
-            primal.add_mean_pressure(self.preconditioner.multiplier)
+            primal.add_mean_pressure(-self.preconditioner.multiplier)
         return iterations, failure, self._cg.residual
 
 
 def _check_kinds(options, prefix):
     """Refuse other solvers before PETSc sets them up on an operator that they do not know. Not collective."""
-    for name, kind in (("ksp", TrackingCG), ("pc", TwoGrid)):
+    for name, kind in (("ksp", CarryingCG), ("pc", TwoGrid)):
         module, _, of_module = options.getString(f"{name}_python_type", "").rpartition(".")
         chosen = options.getString(f"{name}_type", "") == "python" and module
         if not (chosen and issubclass(getattr(import_module(module), of_module), kind)):

@@ -37,7 +37,8 @@ class PrimalState:
         state.depth = 0.0
         self.w = np.zeros(inverse.local_shape)
         self.displacements = PETSc.Vec().createWithArray(self.w.reshape(-1), comm=inverse.petsc_comm)
-        self.zero = self.displacements.duplicate()
+        # A right-hand side that nobody looks at, nor touches: it costs no memory.
+        self.zero = PETSc.Vec().createWithArray(np.zeros(self.w.size), comm=inverse.petsc_comm)
         self._captured = np.zeros(inverse.local_shape, bool)
         grid = state.grid
         self.cells = grid.n
@@ -112,9 +113,7 @@ class PrimalState:
         """
         state, preconditioner = self.state, solver.preconditioner
         weights, shape = preconditioner.weights, self.w.shape
-        force, lowest = (
-            field.reshape(-1).view(np.float32)[: field.size].reshape(shape) for field in solver.scratch
-        )
+        force, lowest = solver.scratch.reshape(-1).view(np.float32).reshape(2, *shape)
         loops.guess_sources(state.p, self.w, state.distance.b, state.admissible, weights[0], force, lowest)
         x, exact = solver.direction, solver.direction.dtype != np.float32
         if exact:
@@ -163,11 +162,9 @@ class PrimalState:
     def close(self, solver):
         """The gap of cells just captured becomes zero; what that leaves to do elsewhere is begun with. Collective."""
         state = self.state
-        residual, z = solver.scratch
-        loops.free_residual(state.p, state.contact, residual)
-        solver.preconditioner.smooth(residual, z)
-        change = solver.direction
-        loops.close(self.w, state.distance.b, self._captured, z, _SHARE, change)
+        z, change = solver.scratch, solver.direction
+        solver.preconditioner.smooth(state.p, z)
+        loops.close(self.w, state.distance.b, self._captured, z, -_SHARE, change)
         self._restore_mean_with(change, solver)
         self._add_pressure_of(change, solver)
 

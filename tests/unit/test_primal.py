@@ -265,7 +265,7 @@ def test_it_does_not_know_where_the_patch_begins(make):
 @pytest.mark.parametrize(
     ("options", "match"),
     [
-        ({"ksp_type": "cg"}, "-ksp_type: .*TrackingCG"),
+        ({"ksp_type": "cg"}, "-ksp_type: .*CarryingCG"),
         ({"pc_type": "none"}, "-pc_type: .*TwoGrid"),
         ({"pc_python_type": "app.fast.circulant.Circulant"}, "TwoGrid"),
         ({"ksp_norm_type": "unpreconditioned"}, "-ksp_norm_type: .*preconditioned"),
@@ -372,8 +372,6 @@ def test_under_a_load_something_stays_in_contact(steps):
 def test_the_loops_of_the_state():
     rng = np.random.default_rng(9)
     p, contact = rng.normal(size=(6, 7)), rng.random((6, 7)) < 0.5
-    expected, out = np.where(contact, np.maximum(p, 0), 0), np.empty_like(p)
-    kernels.free_residual(p, contact, out)
-    np.testing.assert_array_equal(out, np.where(contact, 0, -p))
+    expected = np.where(contact, np.maximum(p, 0), 0)
     kernels.keep_positive(p, contact)
     np.testing.assert_array_equal(p, expected)

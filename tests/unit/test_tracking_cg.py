@@ -8,7 +8,6 @@ from petsc4py import PETSc
 from app.fast.tracking_cg import TrackingCG
 from app.halfspace.grid import Grid
 from app.halfspace.operator import InfluenceOperator
-from app.petsc import OptionDatabase
 
 GRID = Grid(30, 20, 0.3, 0.2)  # products by FFT
 
@@ -24,9 +23,7 @@ class Jacobi:
 class System:
     """C A C x = C b for a random contact set, with TrackingCG or PETSc's own CG."""
 
-    def __init__(
-        self, kind="tracking", dtype=np.float64, share=0.5, grid=GRID, pc=None, norm="UNPRECONDITIONED"
-    ):
+    def __init__(self, kind="tracking", dtype=np.float64, share=0.5, grid=GRID, pc=None):
         self.operator = operator = InfluenceOperator(grid, STEEL, dtype=dtype)
         rng = np.random.default_rng(1)
         operator.mask[...] = rng.random(grid.shape) < share
@@ -35,11 +32,11 @@ class System:
         self.x, self.b = self.mat.createVecs()
         self.ksp = PETSc.KSP().create(PETSc.COMM_SELF)
         self.ksp.setOperators(self.mat)
-        self.ksp.setType({"tracking": "python", "petsc": "cg"}.get(kind, kind))
+        self.ksp.setType(PETSc.KSP.Type.PYTHON if kind == "tracking" else PETSc.KSP.Type.CG)
         if kind == "tracking":
             self.cg = TrackingCG()
             self.ksp.setPythonContext(self.cg)
-        self.ksp.setNormType(getattr(PETSc.KSP.NormType, norm))
+        self.ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
         if pc is None:
             self.ksp.getPC().setType(PETSc.PC.Type.NONE)
         else:
@@ -111,44 +108,6 @@ def test_it_is_petscs_cg_step_for_step(make, share, pc):
     np.testing.assert_allclose(histories[0][:6], histories[1][:6], rtol=1e-13)
     scale = abs(petscs.solution).max()
     np.testing.assert_allclose(ours.solution, petscs.solution, rtol=0, atol=1e-9 * scale)
-
-
-class Unsymmetric:
-    """Jacobi's with a little of the cell before, as a preconditioner in single precision might have."""
-
-    def apply(self, pc, x, y):
-        r = x.getArray(readonly=True)
-        mask = pc.getOperators()[0].getPythonContext().mask.reshape(-1)
-        y.setArray((r * np.linspace(1.0, 3.0, r.size) + 0.3 * np.roll(r, 1)) * mask)
-
-
-@pytest.mark.parametrize("pc", [Jacobi, Unsymmetric])
-@pytest.mark.parametrize("share", [0.02, 0.5, 1.1])
-def test_flexible_it_is_petscs_step_for_step(make, share, pc):
-    """With the preconditioned norm: CG's steps where the preconditioner is symmetric, flexible CG's where it is not."""
-    kind = "fcg" if pc is Unsymmetric else "petsc"
-    ours = make(share=share, pc=pc(), norm="PRECONDITIONED")
-    petscs = make(kind, share=share, pc=pc(), norm="UNPRECONDITIONED" if kind == "fcg" else "PRECONDITIONED")
-    if kind == "fcg":
-        with OptionDatabase({"ksp_fcg_mmax": "1", "ksp_fcg_truncation_type": "standard"}).active():
-            petscs.ksp.setFromOptions()
-    for steps in (1, 2, 5):
-        for system in (ours, petscs):
-            system.x.set(0)
-            system.solve(rtol=1e-30, atol=0, max_it=steps)
-        scale = abs(petscs.solution).max()
-        np.testing.assert_allclose(ours.solution, petscs.solution, rtol=0, atol=1e-10 * scale)
-
-
-@pytest.mark.parametrize(("dtype", "off"), [(np.float64, 1e-13), (np.float32, 3e-6)])
-def test_flexible_it_keeps_the_displacement_and_the_preconditioned_residual(make, dtype, off):
-    system = make(dtype=dtype, pc=Unsymmetric(), norm="PRECONDITIONED")
-    system.track(random_field())
-    history = system.solve(rtol=1e-4)
-    assert system.ksp.getConvergedReason() > 0 and len(history) > 4
-    np.testing.assert_allclose(system.u, system.product(), rtol=0, atol=off * abs(system.u).max())
-    assert history[-1] == system.cg.residual
-    assert system.cg.residual == pytest.approx(np.linalg.norm(system.cg.preconditioned), rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -265,13 +224,6 @@ def test_no_contact_is_solved_at_once(make):
     assert system.solve(rtol=1e-6).tolist() == [0.0]
     assert system.ksp.getConvergedReason() > 0
     assert not system.solution.any()
-
-
-def test_a_residual_that_is_no_number_is_reported(make):
-    system = make()
-    system.set_right(np.full(GRID.shape, np.nan))
-    system.solve(rtol=1e-6)
-    assert system.ksp.getConvergedReason() == PETSc.KSP.ConvergedReason.DIVERGED_NANORINF
 
 
 def test_an_operator_that_is_not_positive_is_reported(make):
