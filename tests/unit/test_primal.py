@@ -375,3 +375,36 @@ def test_the_loops_of_the_state():
     expected = np.where(contact, np.maximum(p, 0), 0)
     kernels.keep_positive(p, contact)
     np.testing.assert_array_equal(p, expected)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_it_is_flexible_cg_step_for_step(steps, count):
+    primal, solver = steps(PrescribedLoad(1e2))
+    primal.start()
+    primal.guess(solver)
+    before, left = primal.w.copy(), np.where(primal.inverse.mask, -primal.state.p, 0.0)
+    other = PETSc.KSP().create(PETSc.COMM_SELF)
+    other.setOperators(solver.mat)
+    other.setType("fcg")
+    PETSc.Options().setValue("other_ksp_fcg_mmax", "1")
+    other.setOptionsPrefix("other_")
+    other.setFromOptions()
+    other.getPC().setType("python")
+    other.getPC().setPythonContext(solver.preconditioner)
+    other.setTolerances(rtol=0, atol=0, max_it=count)
+    b, x = solver.mat.createVecs()
+    b.setArray(left.reshape(-1))
+    other.solve(b, x)
+    solver.ksp.setTolerances(rtol=1e-300, max_it=count)
+    iterations, _, norm = solver.improve(primal, 0.0)
+    assert iterations == count
+    moved = primal.w - before
+    np.testing.assert_allclose(moved.reshape(-1), x.getArray(), rtol=0, atol=1e-6 * abs(moved).max())
+    expected = np.empty_like(moved)
+    primal.inverse.exact_pressure(primal.w, expected)
+    expected += primal.mean_pressure
+    np.testing.assert_allclose(primal.state.p, expected, rtol=0, atol=1e-10 * abs(expected).max())
+    assert norm == pytest.approx(np.linalg.norm(solver.scratch), rel=1e-12)
+    PETSc.Options().delValue("other_ksp_fcg_mmax")
+    for thing in (other, b, x):
+        thing.destroy()
