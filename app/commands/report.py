@@ -21,6 +21,7 @@ def report(facts, grid, output=None):
         f"{facts['problem']} {grid.nx} x {grid.ny}: {state} ({facts['reason']})",
         f"approach {facts['approach']:.8g} mm, load {facts['load']:.8g} N, "
         f"maximum pressure {facts['max_pressure']:.8g} N/mm2",
+        _elastic(facts),
         f"contact {_count(facts['contact_cells'], 'cell')}, "
         f"{100 * facts['contact_fraction']:.4g}% of the admissible ones",
         f"{_count(facts['active_set_iterations'], 'active set iteration')}, {facts['inner_iterations']} inner, "
@@ -41,6 +42,20 @@ def report(facts, grid, output=None):
     if output:
         lines.append(f"result in {output}")
     return "\n  ".join(lines)
+
+
+def _elastic(facts):
+    """Contact modulus, and what it was made from."""
+    text = f"contact modulus E* {facts['contact_modulus']:.6g} N/mm2"
+    if "young" in facts:
+        of_bodies = (
+            f"{name} {facts[key][0]:g} and {facts[key][1]:g}"
+            for name, key in (("E", "young"), ("nu", "poisson"))
+        )
+        text += f", of {', '.join(of_bodies)}"
+    if "shear_modulus" in facts:
+        text += f" (combined G {facts['shear_modulus']:.6g} N/mm2, nu {facts['poisson_ratio']:.4g})"
+    return text
 
 
 def _count(number, what):

@@ -8,7 +8,7 @@ import pytest
 from running import assert_solves_lcp, solve
 
 from app import ContactProblem, ContactSolver, Grid, Material
-from app.problems.hertz import Hertz
+from app.problems.shapes import Sphere
 
 TIGHT = {"lcp_rtol": 1e-9}
 CIRCULANT = {"pc_type": "python", "pc_python_type": "app.fast.circulant.Circulant", "pc_circulant_extend": 3}
@@ -124,7 +124,7 @@ def test_a_small_contact_in_a_large_period_is_one_on_a_free_patch():
     errors, lattice = [], -3.900264920001956
     for cells in (48, 96):
         grid = Grid.from_domain(cells, cells, (-cells / 2, cells / 2, -cells / 2, cells / 2))
-        sphere = Hertz(grid, Material(1.0, 0.0), rx=50.0, ry=50.0)
+        sphere = ContactProblem(grid, Material(1.0, 0.0), Sphere(50.0))
         alone = solve(sphere, 0.5, "norm", lcp_rtol=1e-9)
         shape = sphere.shape_on(grid)
         images = ContactProblem(grid, sphere.material, shape, periodic="love")
