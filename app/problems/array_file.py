@@ -38,6 +38,7 @@ class ArrayFile:
     """
 
     what, missing = "array file", "a missing value"  # for messages
+    preferred = ""  # dataset that is taken where there are several
 
     def __init__(self, name):
         name, self.attributes = str(name), {}
@@ -89,6 +90,8 @@ class ArrayFile:
             return self._dataset_of(file, self._dataset)
         found = []
         file.visititems(lambda key, item: found.append(key) if getattr(item, "ndim", 0) == 2 else None)
+        if self.preferred in found:
+            found = [self.preferred]
         if len(found) != 1:
             raise ValueError(
                 f"name one of its 2-D datasets as FILE:/DATASET; there are: {', '.join(found) or 'none'}"

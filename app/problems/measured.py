@@ -33,10 +33,18 @@ def unit_named(name):
     return name if name in UNITS else None
 
 
-class _HeightFile(ArrayFile):
-    """Heights in a file, which may know their unit and spacing."""
+class HeightFile(ArrayFile):
+    """Heights in a file, which may know their unit and spacing.
 
-    what, missing = "surface file", "missing points"
+    Attributes
+    ----------
+    unit, lateral : str or None
+        Of the heights, and of the spacing, if that is another one.
+    spacing : pair of float or None
+        dx, dy.
+    """
+
+    what, missing, preferred = "surface file", "missing points", "heights"
 
     def __init__(self, name):
         super().__init__(name)
@@ -266,7 +274,7 @@ def read_surface(path, unit=None, level="none", crop=None, missing="hole"):
         if value not in allowed and not (name == "unit" and value is None):
             raise InputError(f"surface {name} {value}: not allowed; allowed: {', '.join(allowed)}")
     try:
-        source = _HeightFile(path)
+        source = HeightFile(path)
     except (ValueError, OSError) as error:
         raise InputError(str(error)) from None
     unit = _agreed_unit(source, unit)
