@@ -60,9 +60,12 @@ def _main(argv):
     path = arguments.file
     if not Path(str(path).partition(":/")[0]).is_file():
         raise InputError(f"surface file {path}: {'not a file' if path.exists() else 'no such file'}")
-    check_output_path(arguments.output, [path, str(path).partition(":/")[0]])
-    heights, facts = _read(path, arguments.channel)
-    facts = _settle(facts, arguments, path)
+    try:
+        check_output_path(arguments.output, [path, str(path).partition(":/")[0]])
+        heights, facts = _read(path, arguments.channel)
+        facts = _settle(facts, arguments, path)
+    except (ValueError, OSError) as error:
+        raise InputError(one_line(error)) from None
     try:
         _write(arguments.output, heights, facts, path)
     except OSError as error:

@@ -31,6 +31,12 @@ def report(facts, grid, output=None):
         f"residual {facts['residual']:.3g}, {facts['solve_seconds']:.3g} s on {_count(facts['ranks'], 'rank')} "
         f"(set-up {facts['setup_seconds']:.3g} s)",
     ]
+    if "body1_radii" in facts:
+        lines.insert(
+            2,
+            f"relative radii {facts['hertz_rx']:.6g} and {facts['hertz_ry']:.6g} mm, "
+            f"x at {facts['hertz_axes_angle']:.4g} degrees to body 1's first axis",
+        )
     if facts.get("periodic"):
         lines.insert(
             2, f"mean pressure {facts['mean_pressure']:.8g} N/mm2, mean gap {facts['mean_gap']:.8g} mm"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 _OFF = 0.1  # of a spacing by which a point may miss its place: printed digits
-_SPARSE = 4  # places for each point, at most
+_SPARSE = 2  # places for each point, at most
 
 
 def looks_like_points(shape):
