@@ -56,9 +56,9 @@ MATERIAL_OPTIONS = [
     Option("shear_modulus", positive, REQUIRED, "combined G of the pair, 2/G = 1/G1 + 1/G2 [N/mm2]"),
     Option("poisson_ratio", real("from 0 to 0.5", lowest=0, highest=0.5), REQUIRED, "combined nu"),
 ]  # fmt: skip
-SHAPES = ("hertz", "sphere", "cylinder", "cone", "punch", "rough", "file", "python")
+SHAPES = ("hertz", "punch", "file", "python", "rough", "sphere", "cylinder", "cone")
 GEOMETRY_OPTIONS = [
-    Option("problem", choice(*SHAPES), REQUIRED, "base shape"),
+    Option("problem", choice(*SHAPES), REQUIRED, "what is pressed together"),
     Option("grid", grid_size, REQUIRED, "nx,ny or n: cells"),
     Option("domain", domain, REQUIRED, "x0,x1,y0,y1: potential contact area [mm]"),
     Option("periodic", flag, False, "the patch repeats for ever in x and y"),

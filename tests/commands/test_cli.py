@@ -98,7 +98,7 @@ CASES = {
     "pc of another solver that needs a matrix": ([*DEFAULT, "-lcp_type", "tao", "-pc_type", "ilu"], "ILU"),
     "pc that crashes without entries": ([*HERTZ, "-pc_type", "hypre"], "-pc_type hypre: needs the entries"),
     "no problem": (["-problem", "ball"], "allowed: one of hertz, punch, file"),
-    "no frequencies": ([*HERTZ, "-problem", "punch", "-surface_modes", "0"], "allowed: M,N or M"),
+    "no frequencies": ([*HERTZ, "-problem", "punch", "-punch_diameter", "3", "-surface_modes", "0"], "allowed: M,N or M"),
     "no iterations": ([*DEFAULT, "-ksp_max_it", "0"], "-ksp_max_it 0: allowed: from 1"),
     "no tolerance": ([*HERTZ, "-ksp_rtol", "-1"], "-ksp_rtol -1: allowed: from 0"),
     "options of another solver": ([*DEFAULT, "-lcp_type", "tao", "-pc_circulant_extend", "3"], "-pc_circulant_extend"),
@@ -106,13 +106,15 @@ CASES = {
     "units beyond single precision": ([*DEFAULT, "-shear_modulus", "1e40"], "-lcp_precision double"),
     "heights beyond single precision": ([*DEFAULT, "-hertz_rx", "1e-30"], "-lcp_precision double"),
     "symbol of a free patch": ([*HERTZ, "-periodic_symbol", "love"], "-periodic_symbol: has no effect here"),
-    "unknown symbol": ([*HERTZ, "-periodic", "-periodic_symbol", "saw"], "allowed: one of point, love"),
+    "unknown symbol": ([*HERTZ, "-periodic", "-periodic_symbol", "saw"], "allowed: one of spectral, love"),
     "mean gap of a free patch": ([*HERTZ, "-mean_gap", "0.1"], "mean_gap 0.1: only on a periodic patch"),
     "negative mean gap": ([*HERTZ, "-periodic", "-mean_gap", "-0.1"], "mean_gap -0.1: the bodies do not penetrate"),
     "approach beyond full contact": ([*HERTZ, "-periodic", "-approach", "9"], "approach 9: the mean gap"),
     "two moduli": (
         [*HERTZ, "-contact_modulus", "3", "-shear_modulus", "3"], "both -contact_modulus and -shear_modulus"
     ),
+    "half a pair of bodies": ([*HERTZ, "-young", "3,inf"], "-poisson is missing: nu1,nu2"),
+    "strip one cell wide": ([*HERTZ, "-grid", "8,1"], "no line contact; for plane strain"),
     "one infinite value": (gap_of(infinite(7, 4)), "inf in row 7, column 4"),
 }  # fmt: skip
 ON_TWO_RANKS = [

@@ -114,7 +114,3 @@ def test_refused_in_one_line_on_all_ranks(cli, tmp_path, ranks):
     done = cli(*surface, ranks=ranks)
     assert done.returncode == 2
     assert done.stderr.count("error: -surface_unit is missing") == 1
-    done = cli(
-        *surface, "-surface_unit", "um", "-domain", "0,1,0,1", "-output", tmp_path / "s.npy", ranks=ranks
-    )
-    assert done.returncode == 2 and np.load(tmp_path / "s.npy").shape == (20, 16)
