@@ -28,7 +28,7 @@ def notes_on(state, problem, contact, roughness):
     list of str
     """
     grid, found = state.grid, list(problem.notes)
-    side = min(grid.nx * grid.dx, grid.ny * grid.dy)
+    side = min(n * width for n, width in ((grid.nx, grid.dx), (grid.ny, grid.dy)) if n > 1 or grid.n == 1)
     modulus = problem.material.contact_modulus
     if contact.max_pressure > HIGH_PRESSURE * modulus:
         found.append(

@@ -21,6 +21,7 @@ LEVELS = {"none": (), "mean": ((0, 0),)}
 LEVELS["plane"] = (*LEVELS["mean"], (1, 0), (0, 1))
 LEVELS["quadratic"] = (*LEVELS["plane"], (2, 0), (1, 1), (0, 2))  # powers of x and y that are taken off
 MISSING = ("hole", "fill")
+MOST_CELLS = np.iinfo(np.int32).max  # that PETSc numbers
 _RUN = 1 << 18  # cells that are looked at together
 _TILTED = 4.0  # rise of the best plane over the patch in rms heights about it that is worth a note
 
@@ -134,7 +135,7 @@ class Surface:
         if domain is None:
             if self.spacing is None:
                 raise InputError(
-                    f"surface file {self.file}: does not say its spacing; a domain is needed: x0,x1,y0,y1"
+                    f"-domain is missing: surface file {self.file} does not say its spacing; needed: x0,x1,y0,y1 [mm]"
                 )
             lx, ly = nx * self.spacing[0], ny * self.spacing[1]
             domain = -lx / 2, lx / 2, -ly / 2, ly / 2
@@ -277,6 +278,10 @@ def read_surface(path, unit=None, level="none", crop=None, missing="hole"):
         source = HeightFile(path)
     except (ValueError, OSError) as error:
         raise InputError(str(error)) from None
+    if source.shape[0] * source.shape[1] > MOST_CELLS:
+        raise InputError(
+            f"surface file {path}: has {source.shape[1]} x {source.shape[0]} cells; allowed: {MOST_CELLS}"
+        )
     unit = _agreed_unit(source, unit)
     crop = _checked_crop(source, crop)
     scale = UNITS[unit]

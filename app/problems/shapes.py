@@ -121,7 +121,7 @@ class Paraboloid(Shape):
                 f"the bodies' relative curvatures are {curvatures[0]:.4g} and {curvatures[1]:.4g} per mm; needed: both "
                 "positive (0 is a line contact, see -problem cylinder; a negative one touches at the rim first)"
             )
-        bodies = (tuple(radii1), tuple(radii2), float(angle), math.degrees(turn))
+        bodies = (tuple(radii1), tuple(radii2), float(angle), math.degrees(turn) + 0.0)
         return cls(1 / curvatures[0], 1 / curvatures[1], bodies)
 
     def distance(self, x, y):

@@ -174,7 +174,7 @@ def test_units(saved):
             "-surface_unit is missing: surface file .*s.npy does not say the unit .* m, mm, um, nm",
         ),
         ("s.npy", {"surface_unit": "inch"}, "-surface_unit inch: not allowed; allowed: one of m, mm, um, nm"),
-        ("s.npy", {"surface_unit": "um"}, "does not say its spacing; a domain is needed"),
+        ("s.npy", {"surface_unit": "um"}, "-domain is missing: surface file .* does not say its spacing"),
         ("s.h5", {"surface_unit": "nm"}, "-surface_unit nm: surface file .* says um"),
         ("s.h5", {"domain": "0,1,0,1"}, r"its patch is 0.006 x 0.006 mm; the domain is 1 x 1 mm"),
         ("s.h5", {"surface_level": "cubic"}, "-surface_level cubic: not allowed"),
