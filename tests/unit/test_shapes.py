@@ -118,3 +118,19 @@ def test_default_patch_is_about_hertz_s_ellipse(shape):
 def test_refused(texts, message):
     with pytest.raises((InputError, ValueError), match=message):
         made(**texts)
+
+
+def test_files_and_own_problems_take_surfaces_too(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    gap, heights = np.random.default_rng(3).random((2, 6, 8))
+    np.save("gap.npy", gap)
+    np.save("heights.npy", heights)
+    (tmp_path / "own_bowl.py").write_text("def bowl(x, y):\n    return x**2 + y**2\n")
+    options = {"surface_file": "heights.npy", "surface_unit": "um", "domain": "0,4,0,3"}
+    of_file = made(problem="file", gap_file="gap.npy", **options)
+    np.testing.assert_allclose(of_file.shape_on(of_file.grid), gap - 1e-3 * heights, rtol=1e-14)
+    own = made(problem="python", problem_type="own_bowl.py:bowl", **options)
+    x, y = own.grid.x(), own.grid.y()[:, None]
+    np.testing.assert_allclose(own.shape_on(own.grid), x**2 + y**2 - 1e-3 * heights, rtol=1e-13)
+    assert own.describe()["problem"] == "own_bowl.py:bowl" and own.describe()["surface_file"] == "heights.npy"
+    assert of_file.describe()["gap_file"] == "gap.npy"
