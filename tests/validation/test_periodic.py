@@ -57,7 +57,7 @@ def test_mean_gap_is_that_of_the_undeformed_bodies_less_the_approach():
     problem = periodic.rough(24, 20, 5)
     found = solve(problem, 0.6 * problem.gap.mean(), "fmg_v11")
     assert found.gap.mean() == pytest.approx(0.4 * problem.gap.mean(), rel=1e-13)
-    assert not found.notes  # nothing about a rim
+    assert not any("rim" in note for note in found.notes)
 
 
 def test_translation_of_the_bodies_translates_the_solution():
