@@ -9,12 +9,20 @@ from importlib import import_module
 __version__ = "0.3.0"
 
 _PLACES = {
+    "Cone": "app.problems.shapes",
     "ContactProblem": "app.problems.given",
     "ContactSolver": "app.solver",
+    "Cylinder": "app.problems.shapes",
+    "FlatPunch": "app.problems.shapes",
     "Grid": "app.halfspace.grid",
     "Material": "app.halfspace.influence",
+    "Paraboloid": "app.problems.shapes",
+    "Plane": "app.problems.shapes",
+    "SelfAffineSurface": "app.problems.surfaces",
     "Solution": "app.solution",
+    "Sphere": "app.problems.shapes",
     "read_result": "app.output.result",
+    "read_surface": "app.problems.measured",
     "solve": "app.solver",
 }
 __all__ = [*_PLACES, "__version__"]

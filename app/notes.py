@@ -4,13 +4,61 @@ from __future__ import annotations
 
 import numpy as np
 
+HIGH_PRESSURE = 0.2  # of E*, beyond which hardly any solid is elastic
+STEEP = 0.5  # rms slope, beyond which a body is no half-space
+TALL = 0.1  # rms height over the shorter side of the patch: with wrong units, or slopes that are steep anyway
+FEW_CELLS = 10  # of contact, fewer of which do not show its shape
+LARGE_PATCH = 100  # cells of a patch that is meant to show one
 
-def notes_on(state):
-    """Say in a line each what a user should look at twice. Collective."""
-    if not state.grid.periodic and _touches_rim(state):
+
+def notes_on(state, problem, contact, roughness):
+    """Say in a line each what a user should look at twice.
+
+    Collective.
+
+    Parameters
+    ----------
+    state : app.contact.state.ContactState
+    problem : app.problems.problem.Problem
+    contact : app.contact.measures.ContactMeasures
+    roughness : app.contact.measures.Roughness
+
+    Returns
+    -------
+    list of str
+    """
+    grid, found = state.grid, list(problem.notes)
+    side = min(n * width for n, width in ((grid.nx, grid.dx), (grid.ny, grid.dy)) if n > 1 or grid.n == 1)
+    modulus = problem.material.contact_modulus
+    if contact.max_pressure > HIGH_PRESSURE * modulus:
+        found.append(
+            f"the maximum pressure is {contact.max_pressure / modulus:.2g} E*: beyond what solids bear elastically, or "
+            "a length is in another unit than mm"
+        )
+    if roughness.rms_slope > STEEP:
+        found.append(f"the rms slope is {roughness.rms_slope:.2g}: the theory is for slopes below {STEEP:g}")
+    if roughness.rms_height > TALL * side:
+        found.append(
+            f"the distances vary by {roughness.rms_height:.2g} mm (rms) on a patch {side:.2g} mm wide: are they in mm?"
+        )
+    if state.depth > side:
+        found.append(
+            f"the bodies approach each other by {state.depth:.2g} mm beyond first touch, more than the patch is wide "
+            f"({side:.2g} mm)"
+        )
+    if 0 < contact.contact_cells < FEW_CELLS and grid.n >= LARGE_PATCH:
+        found.append(
+            f"contact is {contact.contact_cells} cell{'s'[: contact.contact_cells != 1]} only: take a finer grid or a "
+            "smaller patch"
+        )
+    if not grid.periodic and min(grid.nx, grid.ny) == 1 < grid.n:
+        found.append(
+            "the patch is one cell wide: a strip pressed on that width, no plane strain (see -periodic)"
+        )
+    if not grid.periodic and _touches_rim(state):
         what = "contact reaches" if state.in_contact() else "the smallest distance is found at"
-        return [f"{what} the rim of the patch: enlarge the domain if the bodies go on beyond it"]
-    return []
+        found.append(f"{what} the rim of the patch: enlarge the domain if the bodies go on beyond it")
+    return found
 
 
 def _touches_rim(state):

@@ -255,6 +255,36 @@ def pair(allowed, fits):
     return parse
 
 
+def pair_of_reals(allowed, lowest=-np.inf, above=-np.inf, highest=np.inf, nonzero=False):
+    """Kind: two real numbers within limits; inf is one unless a highest is given."""
+
+    def parse(text):
+        try:
+            first, second = (float(part) for part in text.split(","))
+        except ValueError:
+            raise ValueError(allowed) from None
+        for value in (first, second):
+            size = abs(value)
+            fits = lowest <= value <= highest and value > above and not (nonzero and not value)
+            if not fits or (value and not size >= 1 / LARGEST) or LARGEST < size < np.inf:
+                raise ValueError(allowed)
+        return first, second
+
+    return parse
+
+
+def cells(text):
+    """Kind: ``i0,i1,j0,j1``, a range of columns and one of rows."""
+    allowed = "i0,i1,j0,j1, whole numbers from 0 with i0 < i1 and j0 < j1"
+    try:
+        i0, i1, j0, j1 = (int(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(allowed) from None
+    if not (0 <= i0 < i1 and 0 <= j0 < j1):
+        raise ValueError(allowed)
+    return i0, i1, j0, j1
+
+
 def domain(text):
     """Kind: ``x0,x1,y0,y1``."""
     allowed = "x0,x1,y0,y1 with x0 < x1 and y0 < y1 [mm]"

@@ -47,7 +47,7 @@ def main(given):
         if request.output:
             solution.save(request.output, **facts)
     session.say(report(solution.attributes | facts, solution.grid, request.output))
-    for line in (*request.notes, *solution.notes):
+    for line in solution.notes:
         session.warn(line)
     return 0 if solution.converged else 3
 

@@ -392,7 +392,7 @@ class ContactSolver:
                 ),
             )
         p, distance, depth = state.p, state.distance, state.depth
-        last = len(self.hierarchy.levels) - 1
+        last, contact = len(self.hierarchy.levels) - 1, measures.measure_contact(state)
         return Solution(
             pressure=p,
             displacement=state.u,
@@ -408,14 +408,14 @@ class ContactSolver:
             operator_applications=applications,
             discretisation_error=outcome.discretisation_error,
             fallbacks=outcome.fallbacks,
-            **measures.measure_contact(state)._asdict(),
+            **contact._asdict(),
             **self._roughness._asdict(),
             rtol=self.settings.rtol,
             certificate=proof,
             history=history.columns(),
             problem=self.problem.describe(),
             options=self.settings.summary,
-            notes=(*self.settings.warnings, *notes_on(state)),
+            notes=(*self.settings.warnings, *notes_on(state, self.problem, contact, self._roughness)),
             solve_seconds=seconds,
             setup_seconds=self.setup_seconds,
             grid=self.problem.grid,

@@ -5,8 +5,7 @@ import pytest
 from app import ContactProblem
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
-from app.problems.hertz import Hertz
-from app.problems.punch import Punch
+from app.problems.shapes import FlatPunch, Paraboloid
 from app.problems.surfaces import SelfAffineSurface, WavySurface
 
 APPROACH = 0.1091  # of Hertz's problem
@@ -16,14 +15,14 @@ COUNTS = {32: (5, 73), 64: (7, 122), 128: (8, 176), 256: (9, 250)}  # NORM: acti
 def hertz(nx, ny=None):
     """Sec. 5.1."""
     grid = Grid.from_domain(nx, ny or nx, (-10.0, 10.0, -6.0, 6.0))
-    return Hertz(grid, Material(82000.0, 0.28), rx=300.0, ry=163.0)
+    return ContactProblem(grid, Material(82000.0, 0.28), Paraboloid(300.0, 163.0))
 
 
 def punch(nx, ny=None):
     """Sec. 5.2: rough contact."""
     surface = WavySurface((12, 10), 0.8, 0.1, 7, (12.0, 10.0), (-6.0, -5.0))
     grid = Grid.from_domain(nx, ny or nx, (-6.0, 6.0, -5.0, 5.0))
-    return Punch(grid, Material(80000.0, 0.28), 8.97, surface)
+    return ContactProblem(grid, Material(80000.0, 0.28), FlatPunch(8.97), surfaces=[surface])
 
 
 def self_affine(n, shortest_cells=4, seed=1, hurst=0.8, rolloff=1 / 8):

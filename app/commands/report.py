@@ -21,6 +21,7 @@ def report(facts, grid, output=None):
         f"{facts['problem']} {grid.nx} x {grid.ny}: {state} ({facts['reason']})",
         f"approach {facts['approach']:.8g} mm, load {facts['load']:.8g} N, "
         f"maximum pressure {facts['max_pressure']:.8g} N/mm2",
+        _elastic(facts),
         f"contact {_count(facts['contact_cells'], 'cell')}, "
         f"{100 * facts['contact_fraction']:.4g}% of the admissible ones",
         f"{_count(facts['active_set_iterations'], 'active set iteration')}, {facts['inner_iterations']} inner, "
@@ -30,6 +31,12 @@ def report(facts, grid, output=None):
         f"residual {facts['residual']:.3g}, {facts['solve_seconds']:.3g} s on {_count(facts['ranks'], 'rank')} "
         f"(set-up {facts['setup_seconds']:.3g} s)",
     ]
+    if "body1_radii" in facts:
+        lines.insert(
+            2,
+            f"relative radii {facts['hertz_rx']:.6g} and {facts['hertz_ry']:.6g} mm, "
+            f"x at {facts['hertz_axes_angle']:.4g} degrees to body 1's first axis",
+        )
     if facts.get("periodic"):
         lines.insert(
             2, f"mean pressure {facts['mean_pressure']:.8g} N/mm2, mean gap {facts['mean_gap']:.8g} mm"
@@ -41,6 +48,20 @@ def report(facts, grid, output=None):
     if output:
         lines.append(f"result in {output}")
     return "\n  ".join(lines)
+
+
+def _elastic(facts):
+    """Contact modulus, and what it was made from."""
+    text = f"contact modulus E* {facts['contact_modulus']:.6g} N/mm2"
+    if "young" in facts:
+        of_bodies = (
+            f"{name} {facts[key][0]:g} and {facts[key][1]:g}"
+            for name, key in (("E", "young"), ("nu", "poisson"))
+        )
+        text += f", of {', '.join(of_bodies)}"
+    if "shear_modulus" in facts:
+        text += f" (combined G {facts['shear_modulus']:.6g} N/mm2, nu {facts['poisson_ratio']:.4g})"
+    return text
 
 
 def _count(number, what):

@@ -16,7 +16,8 @@ A_(0,0),(i,j)             ``quadrant[j, i]``           mm / (N/mm2)
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache, partial
 
@@ -40,16 +41,22 @@ class Material:
     shear_modulus : float
         G with 2/G = 1/G1 + 1/G2 [N/mm2]; a rigid body has 1/G1 = 0.
     poisson_ratio : float
-        nu, from 0 to 0.5.
+        nu with 2 nu/G = nu1/G1 + nu2/G2, from 0 to 0.5.
+
+    Attributes
+    ----------
+    known : mapping
+        What it was made from, if not these two: ``young`` and ``poisson`` of both bodies; or nothing but E*.
 
     Notes
     -----
-    Without friction only ``E* = G / (1 - nu)`` counts: `from_contact_modulus` makes the material of G = E* and nu = 0.
+    Without friction only ``E* = G / (1 - nu)`` counts, 1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2: `from_contact_modulus`
+    makes the material of G = E* and nu = 0.
     """
 
     shear_modulus: float
     poisson_ratio: float
-    _by_contact_modulus = False
+    known: Mapping | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self):
         if not (np.isfinite(self.shear_modulus) and self.shear_modulus > 0):
@@ -65,8 +72,43 @@ class Material:
         return cls(shear_modulus, poisson_ratio)
 
     @classmethod
+    def pair(cls, young, poisson):
+        """Make it from Young's moduli and Poisson's ratios of the two bodies. Not collective.
+
+        Parameters
+        ----------
+        young : pair of float
+            E1, E2 [N/mm2]; inf for a rigid body.
+        poisson : pair of float
+            nu1, nu2, each from 0 to 0.5; that of a rigid body does not count.
+
+        Raises
+        ------
+        ValueError
+            If a number is out of range, or both bodies are rigid.
+
+        Examples
+        --------
+        >>> steel_on_polymer = Material.pair((210e3, 3e3), (0.3, 0.35))
+        >>> round(steel_on_polymer.contact_modulus)
+        3369
+        """
+        young, poisson = (tuple(map(float, pair)) for pair in (young, poisson))
+        if not (len(young) == 2 and all(modulus > 0 for modulus in young)):
+            raise ValueError(
+                f"Young's moduli {_listed(young)}: needed: two positive numbers; inf: a rigid body"
+            )
+        if not (len(poisson) == 2 and all(0 <= ratio <= 0.5 for ratio in poisson)):
+            raise ValueError(f"Poisson's ratios {_listed(poisson)}: needed: two numbers from 0 to 0.5")
+        if all(map(math.isinf, young)):
+            raise ValueError("Young's moduli inf,inf: one body at least must be elastic")
+        soft = [2 * (1 + ratio) / modulus for modulus, ratio in zip(young, poisson, strict=True)]  # 1/G
+        ratio = sum(one * other for one, other in zip(soft, poisson, strict=True)) / sum(soft)
+        return cls(2 / sum(soft), ratio)._knowing(young=young, poisson=poisson)
+
+    @classmethod
     def from_contact_modulus(cls, contact_modulus):
-        """Make it from E* alone, 1/E* = (1 - nu1^2)/E1 + (1 - nu2^2)/E2 [N/mm2]. Not collective.
+        """Make it from E* alone [N/mm2]. Not collective.
 
         Examples
         --------
@@ -75,14 +117,21 @@ class Material:
         """
         if not (np.isfinite(contact_modulus) and contact_modulus > 0):
             raise ValueError(f"contact modulus {contact_modulus:g}: must be positive and finite")
-        material = cls(contact_modulus, 0.0)
-        object.__setattr__(material, "_by_contact_modulus", True)
-        return material
+        return cls(contact_modulus, 0.0)._knowing()
+
+    def _knowing(self, **known):
+        object.__setattr__(self, "known", known)
+        return self
 
     def describe(self):
-        """Moduli for the result file: E*, and G and nu where they are known. Not collective."""
-        known = {} if self._by_contact_modulus else vars(self).copy()
-        return {**known, "contact_modulus": self.contact_modulus}
+        """Moduli for the result file: E*, and those of the pair and the bodies that are known. Not collective."""
+        facts = (
+            {}
+            if self.known == {}
+            else {"shear_modulus": self.shear_modulus, "poisson_ratio": self.poisson_ratio}
+        )
+        bodies = {name: list(values) for name, values in (self.known or {}).items()}
+        return {**facts, **bodies, "contact_modulus": self.contact_modulus}
 
     @property
     def compliance(self):
@@ -93,6 +142,10 @@ class Material:
     def contact_modulus(self):
         """E* = G / (1 - nu) [N/mm2]."""
         return self.shear_modulus / (1 - self.poisson_ratio)
+
+
+def _listed(numbers):
+    return ",".join(f"{number:g}" for number in numbers)
 
 
 @lru_cache(maxsize=64)

@@ -1,185 +1,41 @@
-"""A gap from a file: measured or made elsewhere."""
+"""An undeformed distance in a file, as a base shape."""
 
 from __future__ import annotations
 
-import os
-from dataclasses import dataclass, field
-from pathlib import Path
-
-import numpy as np
-
-from app.errors import one_line
-from app.options import LARGEST
-from app.problems.problem import Problem
-
-_BYTES_PER_BYTE = 40  # of memory, for a byte of text: a line is a list of texts, then of numbers
+from app.problems.array_file import ArrayFile
 
 
-class GapArray:
-    """A two-dimensional array in a file, read a few rows at a time where the format allows it.
+class GapFile(ArrayFile):
+    """Undeformed distance at zero approach [mm] from an `ArrayFile`; NaN: contact impossible.
 
-    ``.npy``; ``.h5``, ``.hdf5`` or ``.h5:/dataset``; anything else is read as text, a row of cells a line, separated by
-    semicolons, else commas, else tabs or blanks. The first row is the one of smallest y.
-
-    Not collective: every rank opens the file for itself.
-
-    Parameters
-    ----------
-    name : str
-        File name, with ``:/dataset`` behind it if an HDF5 file holds more than one 2-D dataset.
-
-    Raises
-    ------
-    ValueError, OSError
-        If there is no such file or dataset, or it is not a 2-D array of real numbers.
+    Not collective: every rank opens the file for itself, and reads its own rows where the format allows it.
     """
 
-    def __init__(self, name):
-        path, _, dataset = name.partition(":/")
-        self.name, self.path, self._dataset = name, Path(path), dataset
-        if not self.path.is_file():
-            raise ValueError(f"gap file {path}: {self._why_not()}")
-        suffix = self.path.suffix.lower()
-        try:
-            if suffix == ".npy":
-                self._rows = self._map_npy()
-            elif suffix in (".h5", ".hdf5"):
-                self._rows = self._open_hdf5()
-            else:
-                self._rows = self._read_text()
-        except (ValueError, OSError, EOFError, KeyError, RuntimeError, MemoryError) as error:
-            # RuntimeError: a dataset that is linked to itself.
-            raise ValueError(f"gap file {name}: cannot be read: {one_line(error)}") from None
-        if self._rows.ndim != 2 or not all(self._rows.shape) or self._rows.dtype.kind not in "fiu":
-            raise ValueError(
-                f"gap file {name}: holds {self._rows.dtype} of shape {self._rows.shape}; "
-                "needed: real numbers of shape (ny, nx)"
-            )
-
-    def _why_not(self):
-        if self.path.exists():
-            return "not a file"
-        file, separator, _ = self.name.rpartition(":")
-        if separator and Path(file).is_file():
-            return "no such file; a dataset is named as FILE:/DATASET"
-        return "no such file"
-
-    def _map_npy(self):
-        with self.path.open("rb") as file:
-            start = file.read(6)
-        if start.startswith(b"PK"):
-            raise ValueError("it is an archive of arrays, not one array")
-        if not start.startswith(np.lib.format.MAGIC_PREFIX):
-            raise ValueError("it is no .npy file")  # numpy takes whatever it does not know for a pickle
-        return np.load(self.path, mmap_mode="r", allow_pickle=False)
-
-    def _open_hdf5(self):
-        import h5py
-
-        file = h5py.File(self.path, "r")
-        if self._dataset:
-            if not isinstance(file.get(self._dataset), h5py.Dataset):
-                raise ValueError(f"no dataset /{self._dataset}")
-            return file[self._dataset]
-        found = []
-        file.visititems(lambda key, item: found.append(key) if getattr(item, "ndim", 0) == 2 else None)
-        if len(found) != 1:
-            raise ValueError(
-                f"name one of its 2-D datasets as FILE:/DATASET; there are: {', '.join(found) or 'none'}"
-            )
-        return file[found[0]]
-
-    def _read_text(self):
-        there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        if self.path.stat().st_size * _BYTES_PER_BYTE > there:
-            raise ValueError(
-                f"{self.path.stat().st_size / 2**30:.1f} GiB of text are too much; use .npy or .h5"
-            )
-        try:
-            lines = self.path.read_text(encoding="utf-8-sig").splitlines()
-        except UnicodeDecodeError:
-            raise ValueError("it is no text; formats: .npy, .h5, .hdf5, and text") from None
-        numbers = [j for j, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")]
-        if not numbers:
-            raise ValueError("it is empty")
-        rows = [_fields(lines[j]) for j in numbers]
-        for j, row in zip(numbers, rows, strict=True):
-            if len(row) != len(rows[0]):
-                raise ValueError(
-                    f"line {j + 1} has {len(row)} entries, line {numbers[0] + 1} has {len(rows[0])}; needed: "
-                    "lines of numbers, a row of cells each; others begin with #"
-                )
-        return np.array(
-            [
-                [_number(entry, j, i) for i, entry in enumerate(row)]
-                for j, row in zip(numbers, rows, strict=True)
-            ]
-        )
+    what, missing = "gap file", "cells where contact is impossible"
+    name, sampled = "file", True
 
     @property
-    def shape(self):
-        """Shape ``(ny, nx)`` of the array."""
-        return tuple(self._rows.shape)
+    def notes(self):
+        """What the user should look at twice."""
+        ny, nx = self.shape
+        if nx == 3 and ny > 9:
+            return (f"gap file {self.file}: taken for {ny} rows of 3 cells, not for points x, y, z",)
+        return ()
 
-    def rows(self, rows=slice(None)):
-        """Return some rows as float64. Not collective."""
-        return np.array(self._rows[rows], dtype=np.float64, order="C")
-
-    def check(self, rows):
-        """Complain about values too large in some rows; return how many cells are not NaN. Not collective."""
-        values = self.rows(rows)
-        large = np.argwhere(np.abs(values) > LARGEST)
-        if len(large):
-            j, i = large[0]
+    def check_grid(self, grid):
+        """Refuse a grid of another shape."""
+        if self.shape != grid.shape:
             raise ValueError(
-                f"gap file {self.name}: {values[j, i]:g} in row {j + (rows.start or 0)}, column {i}; "
-                f"allowed: numbers up to {LARGEST:g}, and NaN where contact is impossible"
-            )
-        return int(np.count_nonzero(~np.isnan(values)))
-
-
-def _fields(line):
-    """Entries of a line of text."""
-    for separator in (";", ",", "\t"):
-        if separator in line and not (separator == "\t" and " " in line.strip()):
-            # One at the end of every line is a habit of some programs.
-            return line.strip(" \r").removesuffix(separator).split(separator)
-    return line.split()
-
-
-def _number(entry, j, i):
-    """Value of an entry of a text, in line j, counted from 0."""
-    try:
-        return float(entry)
-    except ValueError:
-        raise ValueError(
-            f"line {j + 1}, entry {i + 1}: {entry.strip()!r} is no number; needed: decimal points, "
-            "and nan where contact is impossible"
-        ) from None
-
-
-@dataclass(frozen=True)
-class GapFile(Problem):
-    """Undeformed distance from a `GapArray` of the shape of the grid; NaN: contact impossible."""
-
-    gap: GapArray = field(default=None)
-
-    name = "file"
-    sampled = True
-
-    def __post_init__(self):
-        if self.gap.shape != self.grid.shape:
-            raise ValueError(
-                f"gap file {self.gap.name}: has shape {self.gap.shape}; -grid {self.grid.nx},{self.grid.ny} "
-                f"needs (ny, nx) = {self.grid.shape}"
+                f"gap file {self.file}: has shape {self.shape}; -grid {grid.nx},{grid.ny} "
+                f"needs (ny, nx) = {grid.shape}"
             )
 
     def shape_on(self, grid, rows=slice(None)):
         """See `Problem.shape_on`; only on the grid of the file."""
-        if grid.shape != self.gap.shape:
+        if grid.shape != self.shape:
             raise ValueError("a sampled gap is known on its own grid only")
-        return self.gap.rows(rows)
+        return self.rows(rows)
 
     def describe(self):
         """See `Problem.describe`."""
-        return {**super().describe(), "gap_file": self.gap.name}
+        return {"gap_file": self.file}

@@ -1,4 +1,4 @@
-"""A problem given by a program: the undeformed distance as an array or a function."""
+"""A contact problem: a base shape, and rough surfaces on it, each as a shape, an array or a function."""
 
 from __future__ import annotations
 
@@ -10,6 +10,57 @@ from app.errors import InputError
 from app.halfspace.grid import symbol_name
 from app.options import LARGEST
 from app.problems.problem import Problem
+from app.problems.shapes import Plane
+
+
+class _Values:
+    """An array of all cells, or a function of x and y, as a shape or a surface.
+
+    Parameters
+    ----------
+    what : str
+        "gap" or "surface", for messages.
+    given : array_like or callable
+    """
+
+    name, allowed = "given", f"allowed: numbers up to {LARGEST:g}, and NaN where contact is impossible"
+
+    def __init__(self, what, given):
+        self._what, self.sampled = what, not callable(given)
+        if self.sampled:
+            try:
+                given = np.asarray(given, dtype=float)
+            except (TypeError, ValueError):
+                raise InputError(f"{what}: needed: an array of numbers, or a function of x and y") from None
+        self.given = given
+
+    def check_grid(self, grid):
+        """Refuse an array of another shape, or one of no use."""
+        if not self.sampled:
+            return
+        if self.given.shape != grid.shape:
+            raise InputError(
+                f"{self._what}: has shape {self.given.shape}; the grid needs (ny, nx) = {grid.shape}"
+            )
+        if (np.abs(self.given) > LARGEST).any():
+            raise InputError(f"{self._what}: {self.allowed}")
+
+    def shape_on(self, grid, rows=slice(None)):
+        """See `Problem.shape_on`."""
+        if self.sampled:
+            return np.array(self.given[rows], order="C")
+        x, y = grid.x()[None, :], grid.y(rows)[:, None]
+        shape = (y.shape[0], grid.nx)
+        values = np.array(np.broadcast_to(np.asarray(self.given(x, y), dtype=float), shape), order="C")
+        if (np.abs(values) > LARGEST).any():
+            raise InputError(f"{self._what}: {self.allowed}")
+        return values
+
+    heights_on = shape_on
+
+    def describe(self):
+        """See `Problem.describe`."""
+        return {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,59 +71,95 @@ class ContactProblem(Problem):
     ----------
     grid : Grid
     material : Material
-    gap : array_like, shape (ny, nx), or callable, [mm]
+    gap : array_like, shape (ny, nx), or callable, or shape, [mm]
         Undeformed distance at zero approach in the cell centres; NaN where contact is impossible. An array is all of it
         on every rank, first row at the smallest y. A function ``gap(x, y)`` is called with arrays that broadcast to the
-        cells wanted; it is asked again on every coarser grid, where an array is averaged.
+        cells wanted; it is asked again on every coarser grid, where an array is averaged. A shape is one of
+        `app.problems.shapes`, or another problem. None: a plane.
     periodic : bool or str
         Whether the patch repeats for ever in x and y; True is "spectral", see `app.halfspace.periodic`.
+    surfaces : sequence of array_like, callable or surface
+        Heights of the bodies' roughness, of either of them, peaks towards the other body [mm]: arrays and functions as
+        for `gap`, surfaces of `app.problems.surfaces`, or measured ones (`app.read_surface`). They reduce the gap.
 
     Raises
     ------
     InputError
-        If the array has another shape, no cell where contact is possible, or is not made of numbers.
+        If an array has another shape or is not made of numbers.
 
     Examples
     --------
-    >>> from app import ContactProblem, Grid, Material
+    >>> from app import ContactProblem, Grid, Material, Sphere
     >>> grid = Grid.from_domain(64, 64, (-1, 1, -1, 1))
     >>> sphere = ContactProblem(grid, Material.combined(80000, 0.3), lambda x, y: (x**2 + y**2) / (2 * 20))
     >>> sphere.shape_on(grid).shape
     (64, 64)
+    >>> wavy = ContactProblem(grid, sphere.material, Sphere(20), surfaces=[lambda x, y: 1e-3 * np.cos(30 * x)])
+    >>> float(np.abs(sphere.shape_on(grid) - wavy.shape_on(grid)).max()) < 1e-3
+    True
     """
 
     gap: object = None
     periodic: bool | str = False
+    surfaces: tuple = ()
 
     name = "given"
 
     def __post_init__(self):
         if self.periodic:
             object.__setattr__(self, "grid", replace(self.grid, periodic=symbol_name(self.periodic)))
-        if callable(self.gap):
-            return
-        try:
-            gap = np.asarray(self.gap, dtype=float)
-        except (TypeError, ValueError):
-            raise InputError("gap: needed: an array of numbers, or a function of x and y") from None
-        if gap.shape != self.grid.shape:
-            raise InputError(f"gap: has shape {gap.shape}; the grid needs (ny, nx) = {self.grid.shape}")
-        if (np.abs(gap) > LARGEST).any():
-            raise InputError(f"gap: allowed: numbers up to {LARGEST:g}, and NaN where contact is impossible")
-        object.__setattr__(self, "gap", gap)
+        if self.gap is None and not len(self.surfaces):
+            raise InputError("gap: needed: an array of numbers, a function of x and y, or a shape")
+        gap = Plane() if self.gap is None else self.gap
+        shape = gap if hasattr(gap, "shape_on") else _Values("gap", gap)
+        surfaces = tuple(s if hasattr(s, "heights_on") else _Values("surface", s) for s in self.surfaces)
+        for part in (shape, *surfaces):
+            if hasattr(part, "check_grid"):
+                part.check_grid(self.grid)
+        object.__setattr__(self, "shape", shape)
+        object.__setattr__(self, "surfaces", surfaces)
+        object.__setattr__(self, "name", shape.name)
 
     @property
     def sampled(self):
         """Whether the gap is known in the cells of the grid only."""
-        return not callable(self.gap)
+        return any(part.sampled for part in (self.shape, *self.surfaces))
+
+    @property
+    def notes(self):
+        """See `Problem.notes`."""
+        return tuple(note for part in (self.shape, *self.surfaces) for note in getattr(part, "notes", ()))
 
     def shape_on(self, grid, rows=slice(None)):
         """See `Problem.shape_on`."""
-        if self.sampled:
-            return np.array(self.gap[rows], order="C")
-        x, y = grid.x()[None, :], grid.y(rows)[:, None]
-        shape = (y.shape[0], grid.nx)
-        values = np.array(np.broadcast_to(np.asarray(self.gap(x, y), dtype=float), shape), order="C")
-        if (np.abs(values) > LARGEST).any():
-            raise InputError(f"gap: allowed: numbers up to {LARGEST:g}, and NaN where contact is impossible")
-        return values
+        distance = self.shape.shape_on(grid, rows)
+        if self.surfaces:
+            distance = np.array(distance, dtype=float)  # of its own
+            for surface in self.surfaces:
+                distance -= surface.heights_on(grid, rows)
+        return distance
+
+    def analytic(self, **loading):
+        """Analytic solution of a smooth problem on a free patch, ``approach=`` [mm] or ``load=`` [N]; None: none.
+
+        Not collective.
+        """
+        if self.grid.periodic or self.surfaces or not hasattr(self.shape, "analytic"):
+            return None
+        return self.shape.analytic(self.material.contact_modulus, **loading)
+
+    def reference(self, approach):
+        """See `Problem.reference`."""
+        return self.analytic(approach=approach)
+
+    def describe(self):
+        """See `Problem.describe`."""
+        facts = {**super().describe(), **self.shape.describe()}
+        for surface in self.surfaces:
+            for name, value in surface.describe().items():
+                # The second surface of a kind has names of its own.
+                facts[name if name not in facts else f"{name}2"] = value
+        if self.surfaces:
+            facts["surfaces"] = len(self.surfaces)
+        facts["problem"] = self.name
+        return facts

@@ -36,6 +36,7 @@ class Problem:
 
     name = ""
     sampled = False
+    notes = ()  # what a user should look at twice, a line each
 
     def shape_on(self, grid, rows=slice(None)):
         """Undeformed distance at zero approach in the cell centres of the given rows.

@@ -58,8 +58,18 @@ def _product(left, right):
     return product
 
 
+class _Function:
+    """A surface as a function of position: what `app.problems.given.ContactProblem` asks of it."""
+
+    sampled = False
+
+    def heights_on(self, grid, rows=slice(None)):
+        """Heights in the cell centres of some rows of a grid, (rows, nx) [mm]. Not collective."""
+        return self.height(grid.x(), grid.y(rows))
+
+
 @dataclass(frozen=True)
-class WavySurface:
+class WavySurface(_Function):
     """Sum of M x N products of cosines with random amplitudes and phases, (6.1), (6.2) [1]_.
 
     The random numbers come from ``numpy.random.default_rng(seed)`` in the order a, phi, theta, each (M, N).
@@ -131,6 +141,11 @@ class WavySurface:
         return tuple(
             2 * np.pi * np.arange(1, k + 1) / l for k, l in zip(self.modes, self.extent, strict=True)
         )
+
+    def describe(self):
+        """Numbers for the result file, by the names of the options. Not collective."""
+        facts = {name: getattr(self, name) for name in ("seed", "sigma", "decay")}
+        return {f"surface_{name}": value for name, value in {**facts, "modes": list(self.modes)}.items()}
 
     @property
     def rms_height(self):
@@ -206,7 +221,7 @@ def _synthesise(coefficients, first, coordinates, period):
     return scipy.fft.ifft(folded, axis=0, norm="forward", overwrite_x=True)[: len(coordinates)]
 
 
-class SelfAffineSurface:
+class SelfAffineSurface(_Function):
     """Isotropic self-affine surface: a finite Fourier sum with random phases.
 
     ``z = sum_k a_k cos(q_k . (x, y) + phi_k)``, q_k = 2 pi (k_x / l_x, k_y / l_y), one wave of each pair
@@ -256,6 +271,8 @@ class SelfAffineSurface:
        spectral analysis, Surf. Topogr.: Metrol. Prop. 5 (2017) 013001.
     """
 
+    sampled = True  # what a coarse grid cannot carry is averaged, not seen as some other wave
+
     def __init__(
         self,
         hurst,
@@ -302,6 +319,21 @@ class SelfAffineSurface:
         height, slope = np.sqrt(sums / 2)
         self._factor = factor = target / (slope if rms_height is None else height)
         self.rms_height, self.rms_slope = float(factor * height), float(factor * slope)
+
+    def check_grid(self, grid):
+        """Refuse a grid that cannot carry the shortest wave; see `check_cut_off`."""
+        check_cut_off(grid, self.shortest_wavelength)
+
+    def describe(self):
+        """Numbers for the result file, by the names of the options. Not collective."""
+        return {
+            "surface_hurst": self.hurst,
+            "surface_rolloff": self.rolloff_wavelength,
+            "surface_cutoff": self.shortest_wavelength,
+            "surface_rms_slope": self.rms_slope,
+            "surface_rms_height": self.rms_height,
+            "surface_seed": self.seed,
+        }
 
     def _strips(self):
         """Columns k_x, their power spectrum but for a factor, and q [1/mm], both of shape (2 K_y + 1, columns)."""
@@ -384,3 +416,20 @@ class SelfAffineSurface:
             rows = slice(start, start + _STRIP)
             height[rows] = _synthesise(along_y[rows].T, kx[0], x, self.period[0]).T.real
         return height
+
+
+def check_cut_off(grid, shortest):
+    """Refuse waves [mm] shorter than two cells of a grid. Not collective.
+
+    Raises
+    ------
+    ValueError
+        Names the grid that carries them.
+    """
+    if shortest < 2 * max(grid.dx, grid.dy) * (1 - 1e-12):
+        sides = (grid.nx * grid.dx, grid.ny * grid.dy)
+        nx, ny = (int(np.ceil(2 * side / shortest * (1 - 1e-12))) for side in sides)
+        raise ValueError(
+            f"surface cut-off {shortest:g}: cells of {grid.dx:g} x {grid.dy:g} mm cannot carry waves that short; "
+            f"needed: at least -grid {nx},{ny}, two cells to a wave"
+        )

@@ -63,7 +63,7 @@ def main(given):
     if comm.size > 1 or not options["output"]:
         raise InputError("a trace needs one rank and -output")
     kind, value = loading(given)
-    problem, own, _ = agree(comm, make_problem, options, given.texts, comm)
+    problem, own = agree(comm, make_problem, options, given.texts, comm)
     of_problem = own.asked | {option.name for option in PROBLEM_OPTIONS}
     method = {name: text for name, text in given.texts.items() if name not in of_problem}
     recorder = Recorder()

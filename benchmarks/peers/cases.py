@@ -30,7 +30,7 @@ def described(words):
             database.set(name.removeprefix("-"), text)
     texts = database.texts()
     options = OptionReader(PROBLEM_OPTIONS, texts)
-    problem, _, _ = make_problem(options, texts, MPI.COMM_SELF)
+    problem, _ = make_problem(options, texts, MPI.COMM_SELF)
     return problem, options["approach"]
 
 

@@ -98,7 +98,7 @@ CASES = {
     "pc of another solver that needs a matrix": ([*DEFAULT, "-lcp_type", "tao", "-pc_type", "ilu"], "ILU"),
     "pc that crashes without entries": ([*HERTZ, "-pc_type", "hypre"], "-pc_type hypre: needs the entries"),
     "no problem": (["-problem", "ball"], "allowed: one of hertz, punch, file"),
-    "no frequencies": ([*HERTZ, "-problem", "punch", "-surface_modes", "0"], "allowed: M,N or M"),
+    "no frequencies": ([*HERTZ, "-problem", "punch", "-punch_diameter", "3", "-surface_modes", "0"], "allowed: M,N"),
     "no iterations": ([*DEFAULT, "-ksp_max_it", "0"], "-ksp_max_it 0: allowed: from 1"),
     "no tolerance": ([*HERTZ, "-ksp_rtol", "-1"], "-ksp_rtol -1: allowed: from 0"),
     "options of another solver": ([*DEFAULT, "-lcp_type", "tao", "-pc_circulant_extend", "3"], "-pc_circulant_extend"),
@@ -113,6 +113,8 @@ CASES = {
     "two moduli": (
         [*HERTZ, "-contact_modulus", "3", "-shear_modulus", "3"], "both -contact_modulus and -shear_modulus"
     ),
+    "half a pair of bodies": ([*HERTZ, "-young", "3,inf"], "-poisson is missing: nu1,nu2"),
+    "strip one cell wide": ([*HERTZ, "-grid", "8,1"], "no line contact; for plane strain"),
     "one infinite value": (gap_of(infinite(7, 4)), "inf in row 7, column 4"),
 }  # fmt: skip
 ON_TWO_RANKS = [

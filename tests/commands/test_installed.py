@@ -19,9 +19,8 @@ pytest.importorskip("wheel", reason="no wheel to build one with")
 SOLVE = """
 from pathlib import Path
 import app
-from app import Grid, Material, solve
-from app.problems.hertz import Hertz
-problem = Hertz(Grid.from_domain(32, 32, (-10, 10, -6, 6)), Material(82000, 0.28), rx=300, ry=163)
+from app import ContactProblem, Grid, Material, Paraboloid, solve
+problem = ContactProblem(Grid.from_domain(32, 32, (-10, 10, -6, 6)), Material(82000, 0.28), Paraboloid(300, 163))
 solution = solve(problem, approach=0.1091)
 print(Path(app.__file__).parent, app.__version__, solution.converged, solution.load)
 """

@@ -37,7 +37,7 @@ def test_every_problem_may_be_periodic(cli, tmp_path, kind):
     path = tmp_path / "out.h5"
     done = cli("-output", path, *arguments(kind, tmp_path), "-periodic", methods=["norm"])
     assert done.returncode in (0, 3), done.stderr
-    assert done.stderr == ""  # no word of the rim
+    assert "rim" not in done.stderr
     result = read_result(path)
     facts = result.attributes
     assert (facts["periodic"], facts["periodic_symbol"], facts["contact_modulus"]) == (1, "spectral", 1e5)

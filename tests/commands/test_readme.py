@@ -21,7 +21,7 @@ def test_python_of_the_readme(tmp_path, monkeypatch, capsys):
     x = np.linspace(0, 1, 64)
     np.save("gap.npy", (x - 0.5) ** 2 + 0.3 * (x[:48, None] - 0.4) ** 2 + 1e-4 * np.cos(60 * x))
     blocks = code_blocks(README)
-    assert len(blocks) == 4
+    assert len(blocks) == 5
     names = run_blocks(blocks[:1])
     assert names["solution"].converged
     assert names["solution"].load == pytest.approx(82003.9, rel=1e-4)  # Hertz's

@@ -6,7 +6,6 @@ from mpi4py import MPI
 from running import solve
 
 from app import ContactProblem, Grid, Material
-from app.problems.rough import Rough
 from app.problems.surfaces import SelfAffineSurface
 
 STEEL = Material.from_contact_modulus(1e5)
@@ -25,7 +24,9 @@ def problems():
             yield ContactProblem(grid, STEEL, gap, periodic)
             yield ContactProblem(grid, STEEL, np.where(gap > 2e-3, np.nan, gap), periodic)
     grid = Grid.from_domain(16, 12, (0.0, 3.0, 0.0, 2.0), "spectral")
-    yield Rough(grid, STEEL, SelfAffineSurface(0.8, 2.0, 0.5, (3.0, 2.0), 1, rms_slope=0.01))
+    yield ContactProblem(
+        grid, STEEL, surfaces=[SelfAffineSurface(0.8, 2.0, 0.5, (3.0, 2.0), 1, rms_slope=0.01)]
+    )
 
 
 @pytest.mark.mpi(2, 3)

@@ -8,9 +8,10 @@ import pytest
 from cases import APPROACH, hertz
 from running import solve
 
+from app import ContactProblem
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
-from app.problems.gap_file import GapArray, GapFile
+from app.problems.gap_file import GapFile
 
 
 def write_gap(path, shape):
@@ -25,7 +26,7 @@ def write_gap(path, shape):
 
 def gap_file(path, n):
     problem = hertz(n)
-    return GapFile(problem.grid, problem.material, GapArray(str(path)))
+    return ContactProblem(problem.grid, problem.material, GapFile(path))
 
 
 @pytest.mark.parametrize("name", ["gap.npy", "gap.h5", "gap.txt", "gap.csv"])
@@ -44,7 +45,7 @@ def test_dataset_by_name_integers_and_byte_order(tmp_path):
     np.save(tmp_path / "fortran.npy", np.asfortranarray(values, float))
     (tmp_path / "odd.txt").write_text("# a comment\n0;1;2; 3\n\n4\t5 6 7\n8,9,10,11e0\n")
     for name in ("many.h5:/a/b", "big_endian.npy", "fortran.npy", "odd.txt"):
-        gap = GapArray(str(tmp_path / name))
+        gap = GapFile(str(tmp_path / name))
         assert gap.shape == (3, 4)
         rows = gap.rows(slice(1, 3))
         assert rows.dtype == np.float64
@@ -122,14 +123,14 @@ def test_file_that_is_no_gap(name, save, message, tmp_path):
     path = str(tmp_path / name)
     save(tmp_path / name.partition(":")[0])
     with pytest.raises(ValueError, match=re.escape(message)) as refusal:
-        GapArray(path)
+        GapFile(path)
     assert str(refusal.value).startswith(f"gap file {tmp_path}/gap.")
 
 
 def test_gap_of_another_shape_than_the_grid(tmp_path):
     np.save(tmp_path / "gap.npy", np.ones((8, 9)))
     with pytest.raises(ValueError, match=re.escape("-grid 8,9 needs (ny, nx) = (9, 8)")):
-        GapFile(Grid(8, 9, 1.0, 1.0), Material(1.0, 0.3), GapArray(str(tmp_path / "gap.npy")))
+        ContactProblem(Grid(8, 9, 1.0, 1.0), Material(1.0, 0.3), GapFile(tmp_path / "gap.npy"))
 
 
 @pytest.mark.parametrize("value", [np.inf, -np.inf])
@@ -137,7 +138,7 @@ def test_infinite_gap(value, tmp_path):
     values = SQUARE.copy()
     values[5, 2], values[6, 0] = value, np.nan
     np.save(tmp_path / "gap.npy", values)
-    gap = GapArray(str(tmp_path / "gap.npy"))
+    gap = GapFile(str(tmp_path / "gap.npy"))
     with pytest.raises(ValueError, match="row 5, column 2"):
         gap.check(slice(4, 8))
     assert gap.check(slice(0, 4)) == 32

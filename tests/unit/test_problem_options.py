@@ -9,7 +9,7 @@ from mpi4py import MPI
 from app.commands.problem_options import PROBLEM_OPTIONS, input_files, make_problem
 from app.errors import InputError
 from app.options import OptionReader
-from app.problems.gap_file import GapArray
+from app.problems.gap_file import GapFile
 
 
 def made(**texts):
@@ -58,7 +58,7 @@ def test_sparse_and_huge_gap_file(sparse, name, monkeypatch):
 def test_sparse_and_huge_text(sparse, monkeypatch):
     small_machine(monkeypatch)
     with pytest.raises(ValueError, match=r"11\.9 GiB of text are too much"):
-        GapArray(sparse("gap.txt", 40_000))
+        GapFile(sparse("gap.txt", 40_000))
 
 
 def test_grid_beyond_the_machine(monkeypatch):
@@ -75,14 +75,14 @@ def test_dataset_linked_to_itself(tmp_path, link):
         file["gap"] = h5py.SoftLink(link)
         file["other"] = h5py.SoftLink("/gap")
     with pytest.raises(ValueError, match="cannot be read: .*too many links"):
-        GapArray(f"{tmp_path}/gap.h5:/gap")
+        GapFile(f"{tmp_path}/gap.h5:/gap")
 
 
 def test_list_that_looks_like_points_is_worth_a_note(tmp_path):
     np.savetxt(tmp_path / "gap.txt", np.zeros((10, 3)))
-    problem, _, notes = made(problem="file", gap_file=str(tmp_path / "gap.txt"))
+    problem, _ = made(problem="file", gap_file=str(tmp_path / "gap.txt"))
     assert problem.grid.shape == (10, 3)
-    assert len(notes) == 1 and "10 rows of 3 cells" in notes[0]
+    assert len(problem.notes) == 1 and "10 rows of 3 cells" in problem.notes[0]
 
 
 def test_input_files():

@@ -8,7 +8,7 @@ import pytest
 from running import assert_solves_lcp, solve
 
 from app import ContactProblem, ContactSolver, Grid, Material
-from app.problems.hertz import Hertz
+from app.problems.shapes import Sphere
 
 TIGHT = {"lcp_rtol": 1e-9}
 CIRCULANT = {"pc_type": "python", "pc_python_type": "app.fast.circulant.Circulant", "pc_circulant_extend": 3}
@@ -66,7 +66,7 @@ def test_mean_gap_is_that_of_the_undeformed_bodies_less_the_approach(method):
     problem = periodic.rough(24, 20, 5)
     found = solve(problem, 0.6 * problem.gap.mean(), method)
     assert found.gap.mean() == pytest.approx(0.4 * problem.gap.mean(), rel=1e-13)
-    assert not found.notes  # nothing about a rim
+    assert not any("rim" in note for note in found.notes)
 
 
 @pytest.mark.parametrize("method", [None, "norm"], ids=["default", "NORM"])
@@ -136,7 +136,7 @@ def test_a_small_contact_in_a_large_period_is_one_on_a_free_patch(method):
     errors, lattice = [], -3.900264920001956
     for cells in (48, 96):
         grid = Grid.from_domain(cells, cells, (-cells / 2, cells / 2, -cells / 2, cells / 2))
-        sphere = Hertz(grid, Material(1.0, 0.0), rx=50.0, ry=50.0)
+        sphere = ContactProblem(grid, Material(1.0, 0.0), Sphere(50.0))
         alone = solve(sphere, 0.5, "norm", lcp_rtol=1e-9)
         shape = sphere.shape_on(grid)
         images = ContactProblem(grid, sphere.material, shape, periodic="love")

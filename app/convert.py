@@ -1,0 +1,203 @@
+"""Turn a measured surface into HDF5 that knows its units:  python -m app.convert FILE -o surface.h5.
+
+=================  ==========================================================================
+dataset            meaning
+=================  ==========================================================================
+``heights``        (ny, nx) float64, NaN: missing; first row at the smallest y; attributes
+                   ``unit``, ``spacing`` (dx, dy), ``spacing_unit``
+``mask``           (ny, nx) uint8, 1 where a point is missing
+=================  ==========================================================================
+
+Root attributes: ``source`` (file name), ``sha256`` (of it), ``format``, ``channel``, ``version``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from app.commands.arguments import Parser, interruptible
+from app.errors import InputError, one_line
+
+ENVIRONMENT = "ELASTIC_CONTACT_SURFACES"  # path of a Python that has SurfaceTopography, if not the one below
+_PLAIN = (".npy", ".h5", ".hdf5")  # read here
+_TEXT = (".txt", ".csv", ".dat", ".xyz", ".asc")  # read here, if they are nothing but numbers
+_OTHER_UNITS = {"pm": 1e-3, "Å": 0.1, "A": 0.1}  # of instruments [nm]
+
+
+def instruments_python():
+    """Python of the environment that ``run/setup --surfaces`` makes, or None. Not collective."""
+    named = os.environ.get(ENVIRONMENT)
+    path = Path(named) if named else Path(__file__).resolve().parents[1] / ".venv-surfaces/bin/python"
+    return path if path.is_file() else None
+
+
+def main(argv=None):
+    """Run the command and return its exit status."""
+    return interruptible(_main, argv)
+
+
+def _main(argv):
+    parser = Parser(prog="python -m app.convert", description="Turn a measured surface into HDF5.")
+    parser.add_argument("file", type=Path, metavar="FILE", help="what an instrument wrote, .npy, .h5 or text")
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="SURFACE.h5", help="file to write"
+    )
+    parser.add_argument("--channel", default="", help="name or number of a channel, where there are several")
+    parser.add_argument("--unit", help="m, mm, um or nm: where the file does not say")
+    parser.add_argument(
+        "--spacing", type=_spacing, metavar="DX,DY", help="size of a cell [mm], where the file does not say"
+    )
+    arguments = parser.parse_args(argv)
+    from app.output.files import check_output_path
+
+    path = arguments.file
+    if not Path(str(path).partition(":/")[0]).is_file():
+        raise InputError(f"surface file {path}: {'not a file' if path.exists() else 'no such file'}")
+    try:
+        check_output_path(arguments.output, [path, str(path).partition(":/")[0]])
+        heights, facts = _read(path, arguments.channel)
+        facts = _settle(facts, arguments, path)
+    except (ValueError, OSError) as error:
+        raise InputError(one_line(error)) from None
+    try:
+        _write(arguments.output, heights, facts, path)
+    except OSError as error:
+        raise InputError(f"-o {arguments.output}: cannot be written: {one_line(error)}") from None
+    print(_summary(arguments.output, heights, facts))
+    return 0
+
+
+def _spacing(text):
+    try:
+        dx, dy = (float(part) for part in text.split(","))
+    except ValueError:
+        dx = dy = 0.0
+    if not (0 < dx < float("inf") and 0 < dy < float("inf")):
+        raise argparse.ArgumentTypeError(f"{text}: not allowed; allowed: DX,DY, two positive numbers [mm]")
+    return [dx, dy]
+
+
+def _read(path, channel):
+    """Heights (ny, nx), NaN where missing, and what the file says of them."""
+    from app.problems.measured import HeightFile
+
+    suffix = Path(str(path).partition(":/")[0]).suffix.lower()
+    if suffix in (*_PLAIN, *_TEXT) and not channel:
+        try:
+            source = HeightFile(path)
+        except ValueError:
+            if suffix in _PLAIN or not instruments_python():
+                raise
+        else:
+            facts = {"unit": source.unit, "spacing": source.spacing, "spacing_unit": source.lateral}
+            return source.rows(), {**facts, "format": suffix[1:], "channel": ""}
+    return _read_instruments(path, channel)
+
+
+def _read_instruments(path, channel):
+    python = instruments_python()
+    if python is None:
+        raise InputError(
+            f"surface file {path}: formats of instruments need SurfaceTopography: run/setup --surfaces installs it in "
+            f"an environment of its own; read without: {', '.join((*_PLAIN, *_TEXT))}"
+        )
+    import numpy as np
+
+    worker = Path(__file__).parent / "commands/instruments.py"
+    hidden = {"PYTHONPATH", "PYTHONHOME"}
+    with tempfile.TemporaryDirectory() as folder:
+        made = Path(folder, "heights.npz")
+        done = subprocess.run(
+            [python, "-P", worker, path, made, channel],
+            env={name: text for name, text in os.environ.items() if name not in hidden},
+            stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        if done.returncode or not made.exists():
+            complaint = done.stderr.strip().splitlines() or ["its reader died"]
+            raise InputError(f"surface file {path}: cannot be read: {complaint[-1]}")
+        with np.load(made) as arrays:
+            return arrays["heights"], json.loads(str(arrays["facts"]))
+
+
+def _settle(facts, arguments, path):
+    """Unit and spacing, each from the file or from the command line, not from both."""
+    from app.problems.measured import UNITS, unit_named
+
+    unit, factor = facts["unit"], 1.0
+    if unit in _OTHER_UNITS:
+        unit, factor = "nm", _OTHER_UNITS[unit]
+    elif unit is not None:
+        unit = unit_named(unit)
+    given = arguments.unit
+    if given is not None and given not in UNITS:
+        raise InputError(f"--unit {given}: not allowed; allowed: {', '.join(UNITS)}")
+    if unit is None and given is None:
+        said = f"says {facts['unit']}, which is no length" if facts["unit"] else "does not say it"
+        raise InputError(f"--unit is missing: surface file {path} {said}; allowed: {', '.join(UNITS)}")
+    if unit and given and unit != given:
+        raise InputError(f"--unit {given}: surface file {path} says {unit}")
+    spacing, lateral = facts["spacing"], facts.get("spacing_unit") or unit or given
+    if spacing is None and arguments.spacing is None:
+        raise InputError(
+            f"--spacing is missing: surface file {path} does not say the size DX,DY of its cells [mm]"
+        )
+    if spacing is not None and arguments.spacing is not None:
+        raise InputError(
+            f"--spacing: surface file {path} says {spacing[0]:.7g} x {spacing[1]:.7g} {lateral} itself"
+        )
+    if spacing is None:
+        spacing, lateral = arguments.spacing, "mm"
+    elif facts["unit"] in _OTHER_UNITS:
+        spacing = [factor * side for side in spacing]
+    return {**facts, "unit": unit or given, "spacing": spacing, "spacing_unit": lateral, "factor": factor}
+
+
+def _write(output, heights, facts, path):
+    import h5py
+    import numpy as np
+
+    from app import __version__
+    from app.output.files import whole_file
+
+    heights *= facts["factor"]
+    source = Path(str(path).partition(":/")[0])
+    with whole_file(output) as temporary, h5py.File(temporary, "w") as file:
+        dataset = file.create_dataset("heights", data=heights)
+        dataset.attrs["unit"], dataset.attrs["spacing_unit"] = facts["unit"], facts["spacing_unit"]
+        dataset.attrs["spacing"] = np.asarray(facts["spacing"], float)
+        file["mask"] = np.isnan(heights).astype(np.uint8)
+        file.attrs["source"], file.attrs["sha256"] = source.name, _checksum(source)
+        file.attrs["format"], file.attrs["channel"] = facts["format"], facts["channel"]
+        file.attrs["version"] = __version__
+
+
+def _checksum(path):
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _summary(output, heights, facts):
+    import numpy as np
+
+    ny, nx = heights.shape
+    missing = np.count_nonzero(np.isnan(heights)) / heights.size
+    (dx, dy), unit = facts["spacing"], facts["unit"]
+    if missing == 1:
+        return f"{output}: {nx} x {ny} heights, all missing"
+    channel = f" ({facts['channel']})" if facts["channel"] else ""
+    return (
+        f"{output}: {nx} x {ny} heights{channel} from {np.nanmin(heights):.4g} to {np.nanmax(heights):.4g} {unit}, "
+        f"rms {np.nanstd(heights):.4g} {unit}, cells of {dx:.6g} x {dy:.6g} {facts['spacing_unit']}, "
+        f"{100 * missing:.3g}% missing"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

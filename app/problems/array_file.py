@@ -1,0 +1,171 @@
+"""Two-dimensional arrays in files of several formats: measured, or made elsewhere."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from app.errors import one_line
+from app.options import LARGEST
+
+_BYTES_PER_BYTE = 40  # of memory, for a byte of text: a line is a list of texts, then of numbers
+
+
+class ArrayFile:
+    """A two-dimensional array in a file, read a few rows at a time where the format allows it.
+
+    ``.npy``; ``.h5``, ``.hdf5`` or ``.h5:/dataset``; anything else is read as text, a row of cells a line, separated by
+    semicolons, else commas, else tabs or blanks. The first row is the one of smallest y.
+
+    Not collective: every rank opens the file for itself.
+
+    Parameters
+    ----------
+    name : str
+        File name, with ``:/dataset`` behind it if an HDF5 file holds more than one 2-D dataset.
+
+    Attributes
+    ----------
+    attributes : dict
+        Of the dataset of an HDF5 file, which may say units; else empty.
+
+    Raises
+    ------
+    ValueError, OSError
+        If there is no such file or dataset, or it is not a 2-D array of real numbers.
+    """
+
+    what, missing = "array file", "a missing value"  # for messages
+    preferred = ""  # dataset that is taken where there are several
+
+    def __init__(self, name):
+        name, self.attributes = str(name), {}
+        path, _, dataset = name.partition(":/")
+        self.file, self.path, self._dataset = name, Path(path), dataset
+        if not self.path.is_file():
+            raise ValueError(f"{self.what} {path}: {self._why_not()}")
+        suffix = self.path.suffix.lower()
+        try:
+            if suffix == ".npy":
+                self._rows = self._map_npy()
+            elif suffix in (".h5", ".hdf5"):
+                self._rows = self._open_hdf5()
+            else:
+                self._rows = self._read_text()
+        except (ValueError, OSError, EOFError, KeyError, RuntimeError, MemoryError) as error:
+            # RuntimeError: a dataset that is linked to itself.
+            raise ValueError(f"{self.what} {name}: cannot be read: {one_line(error)}") from None
+        if self._rows.ndim != 2 or not all(self._rows.shape) or self._rows.dtype.kind not in "fiu":
+            raise ValueError(
+                f"{self.what} {name}: holds {self._rows.dtype} of shape {self._rows.shape}; "
+                "needed: real numbers of shape (ny, nx)"
+            )
+
+    def _why_not(self):
+        if self.path.exists():
+            return "not a file"
+        file, separator, _ = self.file.rpartition(":")
+        if separator and Path(file).is_file():
+            return "no such file; a dataset is named as FILE:/DATASET"
+        return "no such file"
+
+    def _map_npy(self):
+        with self.path.open("rb") as file:
+            start = file.read(6)
+        if start.startswith(b"PK"):
+            raise ValueError("it is an archive of arrays, not one array")
+        if not start.startswith(np.lib.format.MAGIC_PREFIX):
+            raise ValueError("it is no .npy file")  # numpy takes whatever it does not know for a pickle
+        return np.load(self.path, mmap_mode="r", allow_pickle=False)
+
+    def _open_hdf5(self):
+        import h5py
+
+        file = h5py.File(self.path, "r")
+        if self._dataset:
+            if not isinstance(file.get(self._dataset), h5py.Dataset):
+                raise ValueError(f"no dataset /{self._dataset}")
+            return self._dataset_of(file, self._dataset)
+        found = []
+        file.visititems(lambda key, item: found.append(key) if getattr(item, "ndim", 0) == 2 else None)
+        if self.preferred in found:
+            found = [self.preferred]
+        if len(found) != 1:
+            raise ValueError(
+                f"name one of its 2-D datasets as FILE:/DATASET; there are: {', '.join(found) or 'none'}"
+            )
+        return self._dataset_of(file, found[0])
+
+    def _dataset_of(self, file, name):
+        self.attributes = {key: value for key, value in file[name].attrs.items() if np.size(value)}
+        return file[name]
+
+    def _read_text(self):
+        there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        if self.path.stat().st_size * _BYTES_PER_BYTE > there:
+            raise ValueError(
+                f"{self.path.stat().st_size / 2**30:.1f} GiB of text are too much; use .npy or .h5"
+            )
+        try:
+            lines = self.path.read_text(encoding="utf-8-sig").splitlines()
+        except UnicodeDecodeError:
+            raise ValueError("it is no text; formats: .npy, .h5, .hdf5, and text") from None
+        numbers = [j for j, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")]
+        if not numbers:
+            raise ValueError("it is empty")
+        rows = [_fields(lines[j]) for j in numbers]
+        for j, row in zip(numbers, rows, strict=True):
+            if len(row) != len(rows[0]):
+                raise ValueError(
+                    f"line {j + 1} has {len(row)} entries, line {numbers[0] + 1} has {len(rows[0])}; needed: "
+                    "lines of numbers, a row of cells each; others begin with #"
+                )
+        return np.array(
+            [
+                [_number(entry, j, i, self.missing) for i, entry in enumerate(row)]
+                for j, row in zip(numbers, rows, strict=True)
+            ]
+        )
+
+    @property
+    def shape(self):
+        """Shape ``(ny, nx)`` of the array."""
+        return tuple(self._rows.shape)
+
+    def rows(self, rows=slice(None)):
+        """Return some rows as float64. Not collective."""
+        return np.array(self._rows[rows], dtype=np.float64, order="C")
+
+    def check(self, rows):
+        """Complain about values too large in some rows; return how many cells are not NaN. Not collective."""
+        values = self.rows(rows)
+        large = np.argwhere(np.abs(values) > LARGEST)
+        if len(large):
+            j, i = large[0]
+            raise ValueError(
+                f"{self.what} {self.file}: {values[j, i]:g} in row {j + (rows.start or 0)}, column {i}; "
+                f"allowed: numbers up to {LARGEST:g}, and NaN where contact is impossible"
+            )
+        return int(np.count_nonzero(~np.isnan(values)))
+
+
+def _fields(line):
+    """Entries of a line of text."""
+    for separator in (";", ",", "\t"):
+        if separator in line and not (separator == "\t" and " " in line.strip()):
+            # One at the end of every line is a habit of some programs.
+            return line.strip(" \r").removesuffix(separator).split(separator)
+    return line.split()
+
+
+def _number(entry, j, i, missing):
+    """Value of an entry of a text, in line j, counted from 0."""
+    try:
+        return float(entry)
+    except ValueError:
+        raise ValueError(
+            f"line {j + 1}, entry {i + 1}: {entry.strip()!r} is no number; needed: decimal points, "
+            f"and nan for {missing}"
+        ) from None

@@ -1,0 +1,78 @@
+"""Lists of points x, y, z on a regular lattice, in any order, put back into rows of cells."""
+
+from __future__ import annotations
+
+import numpy as np
+
+_OFF = 0.1  # of a spacing by which a point may miss its place: printed digits
+_SPARSE = 2  # places for each point, at most
+
+
+def looks_like_points(shape):
+    """Whether a table of this shape is taken for points rather than rows of cells. Not collective."""
+    return shape[1] == 3 and shape[0] > 9
+
+
+def gridded(points):
+    """Put points of a regular lattice into rows.
+
+    Not collective.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        x, y, z, in any order; places without a point are missing.
+
+    Returns
+    -------
+    heights : ndarray, shape (ny, nx)
+        First row at the smallest y; NaN where there is no point.
+    spacing : tuple of float
+        dx, dy.
+
+    Raises
+    ------
+    ValueError
+        If they lie on no regular lattice, or two of them in one place.
+
+    Examples
+    --------
+    >>> x, y = np.meshgrid([0.0, 0.5, 1.0], [2.0, 4.0])
+    >>> points = np.stack([x, y, 10 * y + x], -1).reshape(-1, 3)
+    >>> gridded(points[[4, 0, 5, 1, 3]])
+    (array([[20. , 20.5,  nan],
+           [40. , 40.5, 41. ]]), (0.5, 2.0))
+    """
+    if not np.isfinite(points[:, :2]).all():
+        raise ValueError("x and y of points must be numbers")
+    (i, dx), (j, dy) = (_places(name, points[:, k]) for k, name in enumerate("xy"))
+    nx, ny = i.max() + 1, j.max() + 1
+    if nx * ny > _SPARSE * len(points):
+        raise ValueError(
+            f"{len(points)} points on {nx} x {ny} places: scattered points are not interpolated; needed: a regular grid"
+        )
+    place = j * nx + i
+    if len(np.unique(place)) < len(place):
+        raise ValueError("two points lie in the same place")
+    heights = np.full(nx * ny, np.nan)
+    heights[place] = points[:, 2]
+    return heights.reshape(ny, nx), (dx, dy)
+
+
+def _places(name, values):
+    """Numbers of equally spaced places from 0, and their distance."""
+    first, last = values.min(), values.max()
+    steps = np.diff(np.unique(values))
+    steps = steps[steps > 1e-6 * (last - first)] if last > first else steps[:0]
+    if not len(steps):
+        raise ValueError(f"all points have the same {name}")
+    least = np.median(steps[steps < 1.5 * steps.min()])
+    count = round((last - first) / least)
+    spacing = (last - first) / count
+    places = (values - first) / spacing
+    nearest = np.rint(places)
+    off = np.abs(places - nearest)
+    if off.max() > _OFF:
+        worst = values[off.argmax()]
+        raise ValueError(f"{name} = {worst:g} is off the spacing of {spacing:.6g}; needed: a regular grid")
+    return nearest.astype(np.int64), float(spacing)

@@ -1,0 +1,289 @@
+"""Base shapes: undeformed distances of smooth bodies, apex or axis at the origin.
+
+=================  ======================================  =======================================
+shape              undeformed distance                     analytic solution
+=================  ======================================  =======================================
+`Plane`            0
+`Paraboloid`       x^2 / (2 Rx) + y^2 / (2 Ry)             Hertz
+`Sphere`           (x^2 + y^2) / (2 R)                     Hertz
+`Cylinder`         x^2 / (2 R), up to half its length
+`Cone`             r tan(angle)                            Love
+`FlatPunch`        0 under it                              Boussinesq
+=================  ======================================  =======================================
+
+A shape has a `name`, says whether it is `sampled` (known on one grid only), gives its values by `shape_on` as
+`app.problems.problem.Problem` does, says what it is by `describe`, and may refuse a grid by `check_grid`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+
+def _require_positive(**lengths):
+    for name, value in lengths.items():
+        if not (np.isfinite(value) and value > 0):
+            raise ValueError(f"{name} = {value:g}: must be positive and finite")
+
+
+class Shape:
+    """What shapes have in common."""
+
+    sampled = False
+
+    def shape_on(self, grid, rows=slice(None)):
+        """Undeformed distance at zero approach in the cell centres of some rows, (rows, nx) [mm]. Not collective."""
+        x, y = grid.x()[None, :], grid.y(rows)[:, None]
+        return np.array(np.broadcast_to(self.distance(x, y), (len(y), grid.nx)), order="C")
+
+    def analytic(self, contact_modulus, **loading):
+        """Contact on an elastic half-space of this E*, at ``approach=`` or under ``load=``; None: none is known."""
+        return None
+
+    def describe(self):
+        """Numbers for the result file, by the names of the options. Not collective."""
+        return {}
+
+
+@dataclass(frozen=True)
+class Plane(Shape):
+    """A flat body without an end."""
+
+    name = "rough"
+
+    def distance(self, x, y):
+        """Undeformed distance in points [mm]."""
+        return np.zeros(np.broadcast(x, y).shape)
+
+
+@dataclass(frozen=True)
+class Paraboloid(Shape):
+    """Hertz's bodies: paraboloids of relative radii of curvature rx, ry [mm] (Sec. 5.1).
+
+    Examples
+    --------
+    A ring and a roller whose axes cross at right angles:
+
+    >>> shape = Paraboloid.between((20.0, np.inf), (20.0, np.inf), angle=90)
+    >>> round(shape.rx, 12), round(shape.ry, 12)
+    (20.0, 20.0)
+    """
+
+    rx: float
+    ry: float
+    bodies: tuple = ()  # radii of both, the angle between them, and that of x
+
+    name = "hertz"
+
+    def __post_init__(self):
+        _require_positive(**{"radius of curvature rx": self.rx, "radius of curvature ry": self.ry})
+
+    @classmethod
+    def between(cls, radii1, radii2, angle=0.0):
+        """Relative paraboloid of two bodies (Johnson, Contact Mechanics, Sec. 4.1).
+
+        Their curvatures in the direction theta add up to
+        ``k(theta) = (s + d1 cos 2 theta + d2 cos 2(theta - angle)) / 2`` with s the sum of all four, d = 1/R' - 1/R''
+        of a body. The patch's x is the principal direction of k that lies nearest to the first axis of body 1.
+
+        Parameters
+        ----------
+        radii1, radii2 : pair of float
+            Principal radii of curvature [mm] in the direction of the body's first and second axis; inf: straight;
+            negative: concave.
+        angle : float
+            From body 1's first axis to body 2's [degrees].
+
+        Raises
+        ------
+        ValueError
+            If the bodies are not curved apart in all directions.
+        """
+        for body, radii in ((1, radii1), (2, radii2)):
+            if len(radii) != 2 or not all(abs(radius) > 0 for radius in radii):
+                raise ValueError(
+                    f"radii of body {body}: needed: two numbers, not 0; inf: straight; negative: concave"
+                )
+        k1, k2 = (tuple(1 / radius for radius in radii) for radii in (radii1, radii2))
+        total, d1, d2 = sum(k1) + sum(k2), k1[0] - k1[1], k2[0] - k2[1]
+        twice = math.radians(2 * angle)
+        across, along = d2 * math.sin(twice), d1 + d2 * math.cos(twice)
+        difference = math.hypot(along, across)
+        turn = math.atan2(across, along) / 2 if difference > 1e-14 * max(map(abs, (*k1, *k2))) else 0.0
+        if abs(turn) > math.pi / 4:  # x along the axis of least curvature
+            turn, difference = turn - math.copysign(math.pi / 2, turn), -difference
+        curvatures = (total + difference) / 2, (total - difference) / 2
+        if min(curvatures) <= 1e-12 * max(map(abs, (*k1, *k2))):
+            raise ValueError(
+                f"the bodies' relative curvatures are {curvatures[0]:.4g} and {curvatures[1]:.4g} per mm; needed: both "
+                "positive (0 is a line contact, see -problem cylinder; a negative one touches at the rim first)"
+            )
+        bodies = (tuple(radii1), tuple(radii2), float(angle), math.degrees(turn) + 0.0)
+        return cls(1 / curvatures[0], 1 / curvatures[1], bodies)
+
+    def distance(self, x, y):
+        """Undeformed distance in points [mm]."""
+        return x**2 / (2 * self.rx) + y**2 / (2 * self.ry)
+
+    def analytic(self, contact_modulus, *, approach=None, load=None):
+        """See `Shape.analytic`: Hertz's."""
+        from app.reference.hertz import EllipticHertz
+
+        if load is None:
+            return EllipticHertz.from_approach(self.rx, self.ry, contact_modulus, approach)
+        return EllipticHertz.from_load(self.rx, self.ry, contact_modulus, load)
+
+    def describe(self):
+        """See `Shape.describe`."""
+        facts = {"hertz_rx": self.rx, "hertz_ry": self.ry}
+        if self.bodies:
+            names = "body1_radii", "body2_radii", "body_angle", "hertz_axes_angle"
+            facts |= {
+                name: list(value) if isinstance(value, tuple) else value
+                for name, value in zip(names, self.bodies, strict=True)
+            }
+        return facts
+
+
+class Sphere(Paraboloid):
+    """A sphere of (relative) radius R [mm], by its paraboloid: a half-space neglects what differs."""
+
+    name = "sphere"
+
+    def __init__(self, radius):
+        _require_positive(radius=radius)
+        super().__init__(radius, radius)
+
+    def describe(self):
+        """See `Shape.describe`."""
+        return {"sphere_radius": self.rx, **super().describe()}
+
+
+@dataclass(frozen=True)
+class Cylinder(Shape):
+    """A cylinder lying along y [mm]; contact is impossible beyond its sharp ends.
+
+    Without a length it goes on beyond the patch.
+    """
+
+    radius: float
+    length: float = math.inf
+
+    name = "cylinder"
+
+    def __post_init__(self):
+        _require_positive(radius=self.radius)
+        if not self.length > 0:
+            raise ValueError(f"length of the cylinder {self.length:g}: must be positive")
+
+    def distance(self, x, y):
+        """Undeformed distance in points [mm]."""
+        return np.where(np.abs(y) <= self.length / 2, x**2 / (2 * self.radius), np.nan)
+
+    def check_grid(self, grid):
+        """Refuse a strip that looks like plane strain but is not."""
+        check_strip(grid)
+        if not (np.abs(grid.y()) <= self.length / 2).any():
+            raise ValueError(
+                f"length of the cylinder {self.length:g}: no cell centre of the patch lies under it"
+            )
+
+    def describe(self):
+        """See `Shape.describe`."""
+        ends = {"cylinder_length": self.length} if math.isfinite(self.length) else {}
+        return {"cylinder_radius": self.radius, **ends}
+
+
+@dataclass(frozen=True)
+class Cone(Shape):
+    """A cone whose flank makes an angle [degrees] with the flat body."""
+
+    angle: float
+
+    name = "cone"
+
+    def __post_init__(self):
+        if not 0 < self.angle < 90:
+            raise ValueError(f"angle of the cone {self.angle:g}: must be between 0 and 90 degrees")
+
+    @property
+    def slope(self):
+        """Height over radius."""
+        return math.tan(math.radians(self.angle))
+
+    def distance(self, x, y):
+        """Undeformed distance in points [mm]."""
+        return self.slope * np.hypot(x, y)
+
+    def analytic(self, contact_modulus, *, approach=None, load=None):
+        """See `Shape.analytic`: Love's."""
+        from app.reference.axisymmetric import Cone as Exact
+
+        if load is None:
+            return Exact.from_approach(self.slope, contact_modulus, approach)
+        return Exact.from_load(self.slope, contact_modulus, load)
+
+    def describe(self):
+        """See `Shape.describe`."""
+        return {"cone_angle": self.angle}
+
+
+@dataclass(frozen=True)
+class FlatPunch(Shape):
+    """A rigid flat-ended circular punch centred at the origin (Sec. 5.2); contact is impossible outside.
+
+    Parameters
+    ----------
+    diameter : float
+        [mm]
+    """
+
+    diameter: float
+
+    name = "punch"
+
+    def __post_init__(self):
+        if not (np.isfinite(self.diameter) and self.diameter > 0):
+            raise ValueError(f"punch diameter {self.diameter:g}: must be positive and finite")
+
+    def distance(self, x, y):
+        """Undeformed distance in points [mm]."""
+        return np.where(x**2 + y**2 <= (self.diameter / 2) ** 2, 0.0, np.nan)
+
+    def check_grid(self, grid):
+        """Refuse a patch without a cell under the punch."""
+        if not (self.distance(grid.x()[None, :], grid.y()[:, None]) == 0).any():
+            raise ValueError(
+                f"punch diameter {self.diameter:g}: no cell centre of the patch lies under the punch"
+            )
+
+    def analytic(self, contact_modulus, *, approach=None, load=None):
+        """See `Shape.analytic`: Boussinesq's."""
+        from app.reference.axisymmetric import FlatCircularPunch
+
+        if load is None:
+            return FlatCircularPunch.from_approach(self.diameter / 2, contact_modulus, approach)
+        return FlatCircularPunch.from_load(self.diameter / 2, contact_modulus, load)
+
+    def describe(self):
+        """See `Shape.describe`."""
+        return {"punch_diameter": self.diameter}
+
+
+def check_strip(grid):
+    """Refuse a free patch one cell wide: it is loaded on that width only, not in plane strain. Not collective.
+
+    Raises
+    ------
+    ValueError
+        Says what to do instead.
+    """
+    if min(grid.nx, grid.ny) == 1 and not grid.periodic:
+        raise ValueError(
+            f"grid {grid.nx},{grid.ny}: a patch one cell wide is a strip pressed on that width only, no line contact; "
+            "for plane strain take the same grid with -periodic and a patch much longer than the contact, or else "
+            "-problem cylinder with -cylinder_length on cells in both directions"
+        )

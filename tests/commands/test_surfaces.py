@@ -1,0 +1,116 @@
+"""Measured surfaces from the command line: converted, solved on any number of ranks, refused in one line."""
+
+import hashlib
+
+import h5py
+import numpy as np
+import pytest
+from mpi4py import MPI
+from processes import run
+
+from app import ContactProblem, Material, Sphere, read_surface, solve
+from app.convert import instruments_python
+from app.output.result import read_result
+
+HEIGHTS = np.random.default_rng(4).normal(size=(20, 16)).round(3)
+SDF = """aISO-1.0
+ManufacID = TEST
+CreateDate = 010120260000
+ModDate = 010120260000
+NumPoints = 16
+NumProfiles = 20
+Xscale = 2e-6
+Yscale = 3e-6
+Zscale = 1e-9
+Zresolution = -1
+Compression = 0
+DataType = 7
+CheckType = 0
+*
+"""
+
+
+def convert(*arguments):
+    return run("-m", "app.convert", *arguments)
+
+
+@pytest.mark.ranks(2, 3)
+def test_the_same_answer_on_any_number_of_ranks(cli, tmp_path, ranks):
+    heights = HEIGHTS + np.arange(16)
+    heights[5:8, 3], heights[0, 0] = np.nan, np.nan
+    np.save(tmp_path / "s.npy", heights)
+    done = cli(
+        "-problem", "sphere", "-sphere_radius", 2, "-surface_file", tmp_path / "s.npy", "-surface_unit", "nm",
+        "-surface_level", "quadratic", "-surface_missing", "fill", "-domain", "-0.08,0.08,-0.1,0.1",
+        "-young", "210e3,3e3", "-poisson", "0.3,0.35", "-load", 0.05, "-lcp_rtol", 1e-10,
+        "-output", tmp_path / "out.h5", ranks=ranks,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "contact modulus E* 3368.89 N/mm2, of E 210000 and 3000, nu 0.3 and 0.35" in done.stdout
+    result = read_result(tmp_path / "out.h5")
+    facts = result.attributes
+    assert facts["surface_level"] == "quadratic" and list(facts["young"]) == [210e3, 3e3]
+    surface = read_surface(tmp_path / "s.npy", "nm", "quadratic", missing="fill")
+    grid, pair = surface.grid((-0.08, 0.08, -0.1, 0.1)), Material.pair((210e3, 3e3), (0.3, 0.35))
+    alone = solve(
+        ContactProblem(grid, pair, Sphere(2.0), surfaces=[surface]), load=0.05, comm=MPI.COMM_SELF,
+        options={"lcp_rtol": 1e-10},
+    )  # fmt: skip
+    np.testing.assert_allclose(result.pressure, alone.pressure, rtol=1e-7, atol=1e-9 * alone.max_pressure)
+    assert facts["approach"] == pytest.approx(alone.approach, rel=1e-9)
+
+
+def test_points_are_converted_with_all_that_is_known_of_them(tmp_path):
+    x, y = np.meshgrid(2.0 * np.arange(16), 3.0 * np.arange(20))
+    points = np.stack([x, y, HEIGHTS], -1).reshape(-1, 3)[::-1]
+    np.savetxt(tmp_path / "s.xyz", np.delete(points, 5, axis=0), fmt="%.4f")
+    done = convert(tmp_path / "s.xyz", "-o", tmp_path / "s.h5", "--unit", "um")
+    assert done.returncode == 0, done.stderr
+    assert "16 x 20 heights from" in done.stdout and "cells of 2 x 3 um" in done.stdout
+    with h5py.File(tmp_path / "s.h5") as file:
+        assert np.isnan(file["heights"]).sum() == 1 == file["mask"][()].sum()
+        np.testing.assert_array_equal(file["heights"][:18], HEIGHTS[:18])
+        assert file["heights"].attrs["unit"] == "um" and list(file["heights"].attrs["spacing"]) == [2, 3]
+        assert file.attrs["sha256"] == hashlib.sha256((tmp_path / "s.xyz").read_bytes()).hexdigest()
+        assert file.attrs["source"] == "s.xyz"
+
+
+@pytest.mark.skipif(
+    instruments_python() is None, reason="SurfaceTopography is not installed: run/setup --surfaces"
+)
+def test_format_of_an_instrument(tmp_path):
+    text = "\n".join(" ".join(map(str, row)) for row in HEIGHTS)
+    (tmp_path / "s.sdf").write_text(SDF + text.replace(str(HEIGHTS[7, 2]), "BAD", 1) + "\n*\n")
+    done = convert(tmp_path / "s.sdf", "-o", tmp_path / "s.h5")
+    assert done.returncode == 0, done.stderr
+    surface = read_surface(tmp_path / "s.h5", crop=(3, 16, 0, 7))
+    np.testing.assert_allclose(surface.heights(), 1e-6 * HEIGHTS[:7, 3:], rtol=1e-12)
+    assert surface.spacing == pytest.approx((2e-3, 3e-3))
+    assert convert(tmp_path / "s.sdf", "-o", tmp_path / "s.h5", "--channel", "phase").returncode == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["s.npy"], "--unit is missing: surface file "),
+        (["s.npy", "--unit", "um"], "--spacing is missing: surface file "),
+        (["s.npy", "--unit", "inch", "--spacing", "1,1"], "--unit inch: not allowed"),
+        (["s.npy", "--unit", "um", "--spacing", "1"], "1: not allowed; allowed: DX,DY"),
+        (["s.npy", "-o", "s.txt"], "the name must end in .h5"),
+        (["none.npy"], "no such file"),
+    ],
+)
+def test_not_converted(tmp_path, arguments, message):
+    np.save(tmp_path / "s.npy", HEIGHTS)
+    done = convert(tmp_path / arguments[0], "-o", tmp_path / "s.h5", *arguments[1:])
+    assert done.returncode == 2 and not (tmp_path / "s.h5").exists()
+    assert done.stderr.startswith("error: ") and message in done.stderr and done.stderr.count("\n") == 1
+
+
+@pytest.mark.ranks(2)
+def test_refused_in_one_line_on_all_ranks(cli, tmp_path, ranks):
+    np.save(tmp_path / "s.npy", HEIGHTS)
+    surface = ("-problem", "rough", "-contact_modulus", 1, "-load", 1, "-surface_file", tmp_path / "s.npy")
+    done = cli(*surface, ranks=ranks)
+    assert done.returncode == 2
+    assert done.stderr.count("error: -surface_unit is missing") == 1

@@ -1,0 +1,204 @@
+"""Measured surfaces: the same heights from every format, levelled, cropped, filled, averaged; and what is refused."""
+
+import re
+
+import h5py
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from app import ContactProblem, Material, Sphere, read_surface
+from app.commands.problem_options import PROBLEM_OPTIONS, make_problem
+from app.errors import InputError
+from app.options import OptionReader
+
+NY, NX = 12, 15
+DX, DY = 0.4, 0.5  # um
+X, Y = DX * (np.arange(NX) + 0.5), DY * (np.arange(NY) + 0.5)[:, None]
+HEIGHTS = np.random.default_rng(5).normal(size=(NY, NX))  # um
+PERIOD = "0,0.006,0,0.006"
+
+
+def save_text(path, heights):
+    np.savetxt(path, heights, fmt="%.17g", delimiter=";")
+
+
+def save_points(path, heights):
+    """In no order; missing points are left out."""
+    points = np.stack(np.broadcast_arrays(7 + X, Y - 3, heights), -1).reshape(-1, 3)
+    points = points[~np.isnan(points[:, 2])]
+    np.savetxt(path, np.random.default_rng(1).permutation(points), fmt="%.9f %.9f %.17g")
+
+
+def save_converted(path, heights):
+    with h5py.File(path, "w") as file:
+        file["heights"], file["mask"] = heights, np.isnan(heights)
+        file["heights"].attrs.update(unit="um", spacing=(1e3 * DX, 1e3 * DY), spacing_unit="nm")
+
+
+FORMATS = {"s.npy": np.save, "s.csv": save_text, "s.xyz": save_points, "s.h5": save_converted}
+
+
+@pytest.fixture
+def saved(tmp_path):
+    def save(heights, name="s.npy"):
+        FORMATS[name](tmp_path / name, heights)
+        return str(tmp_path / name)
+
+    return save
+
+
+def made(path, **texts):
+    given = {"problem": "rough", "contact_modulus": "1", "surface_file": path, **texts}
+    reader = OptionReader(PROBLEM_OPTIONS, given)
+    return make_problem(reader, given, MPI.COMM_SELF)[0]
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_gives_the_same_heights_and_holes(saved, name):
+    heights = HEIGHTS.copy()
+    heights[3, 4:6], heights[10, 0] = np.nan, np.nan
+    path = saved(heights, name)
+    surface = read_surface(path, unit=None if name == "s.h5" else "um")
+    np.testing.assert_allclose(surface.heights(), 1e-3 * heights, rtol=1e-15)
+    np.testing.assert_array_equal(surface.heights(slice(3, 5)), surface.heights()[3:5])
+    assert surface.missing_points == 3 and len(surface.notes) == 1
+    domain = None if surface.spacing else (-0.003, 0.003, -0.003, 0.003)
+    grid = surface.grid(domain)
+    assert (grid.dx, grid.dy) == pytest.approx((1e-3 * DX, 1e-3 * DY), rel=1e-8)
+    assert (grid.x0, grid.y0) == pytest.approx((-0.003, -0.003), rel=1e-8)  # about the origin
+    problem = ContactProblem(grid, Material(1.0, 0.3), Sphere(1.0), surfaces=[surface])
+    smooth = ContactProblem(grid, Material(1.0, 0.3), Sphere(1.0))
+    np.testing.assert_allclose(problem.shape_on(grid), smooth.shape_on(grid) - 1e-3 * heights, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("level", "terms"), [("mean", 1), ("plane", 3), ("quadratic", 6)])
+def test_level_takes_off_its_polynomial_and_nothing_else(saved, level, terms):
+    """Least squares: what is left is orthogonal to it, and what was added makes no difference."""
+    x, y = np.broadcast_arrays(X / X.max(), Y / Y.max())
+    basis = np.stack([x**0, x, y, x * y, x**2, y**2])[[0, 1, 2, 3, 4, 5][:terms]]
+    heights = HEIGHTS.copy()
+    heights[2:5, 7:9] = np.nan
+    known = ~np.isnan(heights)
+    bent = heights + 1e3 * np.tensordot(np.arange(1, terms + 1), basis, 1)
+    left = read_surface(saved(bent), "mm", level).heights()
+    np.testing.assert_allclose(left, read_surface(saved(heights), "mm", level).heights(), atol=1e-9)
+    assert np.abs((basis * np.where(known, left, 0)).sum(axis=(1, 2))).max() < 1e-8
+
+
+def test_large_offsets_cost_no_digits(saved):
+    flat = read_surface(saved(1e6 + 1e-3 * HEIGHTS), "um", "plane").heights()
+    expected = read_surface(saved(1e-3 * HEIGHTS), "um", "plane").heights()
+    np.testing.assert_allclose(flat, expected, atol=1e-12)
+
+
+def test_crop_comes_first(saved):
+    whole = read_surface(saved(HEIGHTS), "um", "plane", crop=(2, 12, 1, 9))
+    np.save(path := saved(HEIGHTS).replace("s.npy", "part.npy"), HEIGHTS[1:9, 2:12])
+    np.testing.assert_array_equal(whole.heights(), read_surface(path, "um", "plane").heights())
+    assert whole.shape == (8, 10) and whole.crop == (2, 12, 1, 9)
+
+
+def test_filled_points_are_harmonic(saved):
+    plane = 3 + 2 * X - Y
+    holes = np.random.default_rng(2).random((NY, NX)) < 0.3
+    holes[[0, -1]] = holes[:, [0, -1]] = False
+    filled = read_surface(saved(np.where(holes, np.nan, plane)), "mm", missing="fill")
+    np.testing.assert_allclose(filled.heights(), plane, rtol=1e-12)
+    assert filled.missing_points == holes.sum()
+    np.testing.assert_array_equal(filled.heights(slice(4, 7)), filled.heights()[4:7])
+    rough = read_surface(saved(np.where(holes, np.nan, HEIGHTS)), "mm", missing="fill").heights()
+    mean = (rough[:-2, 1:-1] + rough[2:, 1:-1] + rough[1:-1, :-2] + rough[1:-1, 2:]) / 4
+    np.testing.assert_allclose(rough[1:-1, 1:-1][holes[1:-1, 1:-1]], mean[holes[1:-1, 1:-1]], atol=1e-12)
+    np.testing.assert_array_equal(rough[~holes], HEIGHTS[~holes])
+
+
+def test_coarser_grid_takes_means_of_whole_blocks(saved):
+    path = saved(HEIGHTS, "s.h5")
+    problem = made(path, grid="5,6")
+    expected = 1e-3 * HEIGHTS.reshape(6, 2, 5, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(-problem.shape_on(problem.grid), expected, rtol=1e-12)
+    np.testing.assert_array_equal(
+        problem.shape_on(problem.grid, slice(2, 5)), problem.shape_on(problem.grid)[2:5]
+    )
+    assert problem.grid.dx * 5 == pytest.approx(1e-3 * DX * NX) and "averaged" in problem.notes[0]
+    with pytest.raises(InputError, match=r"has 15 x 12 cells; allowed: -grid 15,12 and whole fractions"):
+        made(path, grid="6,6")
+
+
+def test_both_bodies(saved, tmp_path):
+    np.save(tmp_path / "other.npy", HEIGHTS[::-1] ** 2)
+    path = saved(HEIGHTS, "s.h5")
+    problem = made(path, surface_file2=str(tmp_path / "other.npy"), surface_unit="um")
+    np.testing.assert_allclose(
+        problem.shape_on(problem.grid), -1e-3 * (HEIGHTS + HEIGHTS[::-1] ** 2), rtol=1e-12
+    )
+    facts = problem.describe()
+    assert facts["surface_file"].endswith("s.h5") and facts["surface_file2"].endswith("other.npy")
+    np.save(tmp_path / "other.npy", HEIGHTS[:, 1:])
+    with pytest.raises(InputError, match=r"other.npy: has 14 x 12 cells, the grid 15 x 12"):
+        made(path, surface_file2=str(tmp_path / "other.npy"), surface_unit="um")
+
+
+POINTS = np.stack(np.broadcast_arrays(X, Y, HEIGHTS), -1).reshape(-1, 3)
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        (np.random.default_rng(1).random((40, 3)), "no points x, y, z of a grid"),
+        (np.vstack([POINTS, POINTS[:1]]), "two points lie in the same place"),
+        (POINTS[::9], "scattered points"),
+        (POINTS[:12], "all points have the same y"),
+        (np.where(np.arange(3) == 0, POINTS + 0.3 * DX * (np.arange(180)[:, None] == 77), POINTS), "off the spacing"),
+        (np.where(np.arange(540).reshape(180, 3) == 9, np.nan, POINTS), "must be numbers"),
+    ],
+)  # fmt: skip
+def test_points_that_are_no_grid(tmp_path, points, message):
+    np.savetxt(tmp_path / "s.txt", points, fmt="%.9f")
+    with pytest.raises(InputError, match=message):
+        read_surface(tmp_path / "s.txt", "um")
+
+
+def test_units(saved):
+    for unit, scale in (("m", 1e3), ("mm", 1), ("um", 1e-3), ("nm", 1e-6)):
+        np.testing.assert_allclose(read_surface(saved(HEIGHTS), unit).heights(), scale * HEIGHTS, rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("name", "texts", "message"),
+    [
+        (
+            "s.npy",
+            {},
+            "-surface_unit is missing: surface file .*s.npy does not say the unit .* m, mm, um, nm",
+        ),
+        ("s.npy", {"surface_unit": "inch"}, "-surface_unit inch: not allowed; allowed: one of m, mm, um, nm"),
+        ("s.npy", {"surface_unit": "um"}, "-domain is missing: surface file .* does not say its spacing"),
+        ("s.h5", {"surface_unit": "nm"}, "-surface_unit nm: surface file .* says um"),
+        ("s.h5", {"domain": "0,1,0,1"}, r"its patch is 0.006 x 0.006 mm; the domain is 1 x 1 mm"),
+        ("s.h5", {"surface_level": "cubic"}, "-surface_level cubic: not allowed"),
+        ("s.h5", {"surface_crop": "0,16,0,2"}, "surface crop 0,16,0,2: .* columns 0,15 and rows 0,12"),
+        ("s.h5", {"surface_crop": "3,3,0,2"}, "-surface_crop 3,3,0,2: not allowed"),
+        ("s.h5", {"surface_missing": "zero"}, "-surface_missing zero: not allowed"),
+        ("none.npy", {}, "surface file .*none.npy: no such file"),
+    ],
+)
+def test_refused(saved, tmp_path, name, texts, message):
+    path = saved(HEIGHTS, name) if name in FORMATS else str(tmp_path / name)
+    with pytest.raises(InputError, match=message):
+        made(path, **texts)
+
+
+@pytest.mark.parametrize(
+    ("value", "message"), [(np.inf, "inf mm in row 0, column 0"), (np.nan, "all points are missing")]
+)
+def test_heights_of_no_use(saved, value, message):
+    with pytest.raises(InputError, match=re.escape(message)):
+        read_surface(saved(np.full((4, 4), value)), "um")
+
+
+def test_a_tilt_is_worth_a_note(saved):
+    assert read_surface(saved(HEIGHTS), "um").notes == ()
+    assert "tilted by" in read_surface(saved(HEIGHTS + 100 * X), "um").notes[0]
+    assert read_surface(saved(HEIGHTS + 100 * X), "um", "plane").notes == ()

@@ -1,0 +1,48 @@
+"""Notes tell what cannot be meant, and only then."""
+
+import re
+
+import numpy as np
+import pytest
+from running import solve
+
+from app import ContactProblem, Grid, Material, Sphere
+
+GRID = Grid.from_domain(32, 32, (-1.0, 1.0, -1.0, 1.0))
+SOFT = Material.from_contact_modulus(100.0)
+
+
+def notes(gap, approach, grid=GRID, **more):
+    return solve(ContactProblem(grid, SOFT, gap, **more), approach).notes
+
+
+def test_a_small_contact_in_the_middle_is_worth_none():
+    assert notes(Sphere(10.0), 0.01) == ()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((Sphere(1.0), 0.3), r"the maximum pressure is 0\.\d+ E\*"),
+        ((lambda x, y: 0.6 * np.hypot(x, y), 1e-2), "the rms slope is 0.5[0-9]"),
+        ((Sphere(0.1), 0.01), "the distances vary by .* are they in mm"),
+        (
+            (Sphere(10.0), 2.5),
+            "approach each other by 2.5 mm beyond first touch, more than the patch is wide",
+        ),
+        ((Sphere(10.0), 1e-4), r"contact is \d cells? only"),
+        ((lambda x, y: x**2, 0.01, Grid.from_domain(64, 1, (-1.0, 1.0, 0.0, 0.1))), "no plane strain"),
+    ],
+)
+def test_each_is_told(arguments, message):
+    assert any(re.search(message, note) for note in notes(*arguments)), notes(*arguments)
+
+
+def test_micrometres_taken_for_millimetres():
+    """The trial of a new user: what is solved is not what was meant, and says so in three ways."""
+    heights = np.random.default_rng(3).normal(size=(24, 25))
+    grid = Grid.from_domain(25, 24, (0.0, 0.5, 0.0, 0.48))
+    found = solve(ContactProblem(grid, SOFT, surfaces=[heights]), -1.0).notes
+    assert sum("mm" in note or "slope" in note for note in found) >= 3
+    found = solve(ContactProblem(grid, SOFT, surfaces=[1e-3 * heights]), -1e-3).notes
+    assert not any("mm" in note or "slope" in note for note in found)
