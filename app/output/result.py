@@ -12,6 +12,8 @@ dataset                    shape       type     unit   meaning (symbol of the pa
 ``history/<column>``       (k)                  yes    one entry per active set iteration
 =========================  ==========  =======  =====  ==========================================
 
+`x` and `y` are the dimension scales of the fields, as in NetCDF: xarray finds the coordinates.
+
 `gap` and `undeformed_distance` are NaN in inadmissible cells (contact impossible). The last entry of
 ``history/level`` belongs to the target grid; numbers that differ by one are neighbouring grids.
 
@@ -95,6 +97,8 @@ class Result:
     attributes : dict
         Root attributes as Python bool, int, float, str or ndarray.
     history : dict of str to ndarray, shape (k,)
+    path : dict of str to ndarray, shape (steps,)
+        Columns of group ``path``; empty without a load path.
     extra : dict of str to ndarray
         Datasets of the file's root that are not in the table.
     units : dict of str to str
@@ -110,6 +114,7 @@ class Result:
     y: np.ndarray
     attributes: dict
     history: dict
+    path: dict = field(default_factory=dict)
     extra: dict = field(default_factory=dict)
     units: dict = field(default_factory=dict)
 
@@ -281,8 +286,11 @@ def _lay_out(path, plan):
             file[f"history/{name}"].attrs["unit"] = HISTORY_UNITS.get(name, "1")
         for name, axis in plan["axes"].items():
             file[name] = axis
+            file[name].make_scale(name)
         for name, dtype in plan["types"].items():
             file.create_dataset(name, shape, dtype, dcpl=early)
+            for dimension, axis in zip(file[name].dims, ("y", "x"), strict=True):
+                dimension.attach_scale(file[axis])
         for name in (*plan["axes"], *plan["types"]):
             file[name].attrs["unit"] = plan["units"][name]
     _reserve(path, path.stat().st_size, "r+b")
@@ -313,6 +321,7 @@ def _read_hdf5(file):
             raise ValueError(f"dataset {name}: shape {data[name].shape}, but y and x say {shape}")
     history = {name: _dataset(file, f"history/{name}", dtype) for name, dtype in HISTORY.items()}
     history |= {name: item[()] for name, item in file["history"].items() if name not in history}
+    path = {name: item[()] for name, item in file.get("path", {}).items() if getattr(item, "ndim", 0) == 1}
     extra = {
         name: item[()] for name, item in file.items() if name not in data and isinstance(item, h5py.Dataset)
     }
@@ -320,7 +329,7 @@ def _read_hdf5(file):
     attributes = {
         name: value.item() if isinstance(value, np.generic) else value for name, value in file.attrs.items()
     }
-    return Result(**data, attributes=attributes, history=history, extra=extra, units=units)
+    return Result(**data, attributes=attributes, history=history, path=path, extra=extra, units=units)
 
 
 def _dataset(file, name, dtype):
