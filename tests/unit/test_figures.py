@@ -143,9 +143,9 @@ def test_narrow_patches_are_readable(nx, ny, width, height):
     canvas.draw()
     axes = figure.axes[0]
     bar = axes.child_axes[0]
-    for ruler in (axes.xaxis, axes.yaxis, bar.yaxis if bar_stands(figure) else bar.xaxis):
-        assert not overlaps(ruler.get_ticklabels(), canvas.get_renderer())
     box = bar.get_window_extent()
+    for ruler in (axes.xaxis, axes.yaxis, bar.yaxis if box.height > box.width else bar.xaxis):
+        assert not overlaps(ruler.get_ticklabels(), canvas.get_renderer())
     assert min(box.width, box.height) > 0.1 * figure.dpi  # of the colour bar: not a hair
     assert len(axes.get_xticks()) >= 2 and len(axes.get_yticks()) >= 2
     assert ("scale" in axes.get_xlabel()) == (max(width, height) > 10)
