@@ -20,6 +20,7 @@ from app.commands.arguments import Parser
 from app.errors import InputError, one_line
 from app.output import figures, page
 from app.output.files import whole_file
+from app.output.patches import label_patches
 from app.output.result import read_result
 from app.output.style import length_unit
 from app.plot import pictures_of
@@ -37,13 +38,16 @@ _QUANTITIES = (
     ("mean_pressure", "mean pressure", "N/mm²", "load over the area of the patch"),
     ("max_pressure", "maximum pressure", "N/mm²", "largest mean pressure of a cell"),
     ("contact_area", "contact area", _AREA, "cells in contact times their area"),
+    ("mean_contact_pressure", "mean pressure in contact", "N/mm²", "load over contact area"),
     ("contact_fraction", "contact fraction", "", "share of the cells where contact is possible"),
     ("contact_fraction_corrected", "corrected", "", "the same, corrected for its stepped boundary"),
     ("contact_cells", "cells in contact", "", ""),
-    ("patches", "patches", "", "parts of the contact that hang together by faces of cells"),
+    ("contact_patches", "patches", "", "parts of the contact that hang together by faces of cells"),
     ("perimeter", "perimeter", _LENGTH, "length of the faces between contact and no contact"),
     ("semi_axis_major", "larger semi-axis", _LENGTH, "of the ellipse with the second moments of the contact"),
     ("semi_axis_minor", "smaller semi-axis", _LENGTH, ""),
+    ("pressure_centre_x", "centre of pressure, x", _LENGTH, ""),
+    ("pressure_centre_y", "centre of pressure, y", _LENGTH, ""),
     ("mean_gap", "mean gap", _LENGTH, "over the cells where contact is possible"),
     ("stiffness", "stiffness", "N/mm", "dF/dδ, change of the load with the approach"),
     ("contact_modulus", "contact modulus E*", "N/mm²", "1/E* = (1 − ν₁²)/E₁ + (1 − ν₂²)/E₂"),
@@ -91,8 +95,10 @@ def _is_number(value):
     return isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
 
 
-def numbers_section(values):
+def numbers_section(result):
     """What came out."""
+    _, cells = label_patches(result.contact == 1, result.attributes.get("periodic"))
+    values = result.attributes | {"contact_patches": len(cells)}
     found = [
         {"label": label, "value": quantity(values[name], unit), "meaning": meaning}
         for name, label, unit, meaning in _QUANTITIES
@@ -136,6 +142,13 @@ def proof_section(values):
             "Nothing is proved about the pressure: there is no certificate, or it does not bound the error."
         )
     error = values.get("discretisation_error", np.nan)
+    errors = {
+        name: values.get(f"{name}_error", np.nan)
+        for name in ("load", "approach", "max_pressure", "contact_area")
+    }
+    known = [
+        f"{name.replace('_', ' ').replace('max', 'maximum')} {e:.2g}" for name, e in errors.items() if e > 0
+    ]
     if _is_number(error) and error > 0:
         texts.append(
             f"All this is about the problem on this grid. What the grid itself costs: about {error:.2g} of the "
@@ -146,6 +159,8 @@ def proof_section(values):
             "All this is about the problem on this grid. What the grid itself costs is not known from this run: solve "
             "on one twice as fine and compare."
         )
+    if known:
+        texts.append(f"Relative errors that the size of the cells makes, estimated: {', '.join(known)}.")
     return Section("accuracy", "How good it is", texts)
 
 
@@ -238,7 +253,7 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
     }
     of_path = {name: pictures.pop(name) for name in ("path",) if name in pictures}
     first = {"summary": pictures.pop("summary")}
-    sections = [numbers_section(values), proof_section(values)]
+    sections = [numbers_section(result), proof_section(values)]
     sections[0].pictures = first
     if values.get("notes"):
         sections.insert(1, Section("notes", "To look at twice", values["notes"].splitlines()))

@@ -2,7 +2,7 @@
 
 A *path* is a mapping of columns, one entry per step, as in group ``path`` of a result file: ``load`` [N], ``approach``,
 ``mean_gap`` [mm], ``mean_pressure``, ``max_pressure`` [N/mm2], ``contact_fraction``, ``contact_fraction_corrected``,
-``contact_area`` [mm2], ``stiffness`` [N/mm]. What is missing is not drawn. Not collective: call on one rank.
+``contact_area`` [mm2], ``stiffness`` or ``stiffness_by_differences`` [N/mm]. What is missing is not drawn. Not collective: call on one rank.
 """
 
 from __future__ import annotations
@@ -117,7 +117,14 @@ def _curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True))
         axes.plot(*values, marker=marker, linestyle=line, color=colour, label=path.name or "computed")
         drawn.append(values)
     if not drawn:
-        axes.text(0.5, 0.5, f"no {y.replace('_', ' ')}", ha="center", va="center", transform=axes.transAxes)
+        axes.text(
+            0.5,
+            0.5,
+            f"no {y.partition('_by_')[0].replace('_', ' ')}",
+            ha="center",
+            va="center",
+            transform=axes.transAxes,
+        )
         axes.set(xticks=[], yticks=[])
         return None
     drawn = np.hstack(drawn)
@@ -179,8 +186,15 @@ def _draw_gap(axes, paths):
         axes.set(xlabel=f"mean gap  [{unit.name}]", ylabel=_RELATIVE)
 
 
+def _stiffness_of(paths):
+    """Name of the column: the exact one where all have it."""
+    exact = all(path.positive("load", "stiffness") is not None for path in paths)
+    return "stiffness" if exact else "stiffness_by_differences"
+
+
 def _draw_stiffness(axes, paths):
-    if _curves(axes, paths, "mean_pressure", "stiffness", lambda path: (path.relative, 1.0)) is not None:
+    name = _stiffness_of(paths)
+    if _curves(axes, paths, "mean_pressure", name, lambda path: (path.relative, 1.0)) is not None:
         axes.set(xlabel=_RELATIVE, ylabel="stiffness dF/dδ  [N/mm]")
 
 
@@ -196,7 +210,8 @@ def _against_approach(name, label):
 
 def _against_load(name, label):
     def draw(axes, paths):
-        if _curves(axes, paths, "load", name) is not None:
+        column = _stiffness_of(paths) if name == "stiffness" else name
+        if _curves(axes, paths, "load", column) is not None:
             axes.set(xlabel="load F  [N]", ylabel=label)
 
     return draw

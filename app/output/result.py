@@ -97,12 +97,12 @@ class Result:
     attributes : dict
         Root attributes as Python bool, int, float, str or ndarray.
     history : dict of str to ndarray, shape (k,)
-    path : dict of str to ndarray, shape (steps,)
-        Columns of group ``path``; empty without a load path.
     extra : dict of str to ndarray
         Datasets of the file's root that are not in the table.
     units : dict of str to str
         Unit of every dataset that states one.
+    path : dict of str to ndarray, shape (steps,)
+        Table of a load path; empty if the result is of one loading.
     """
 
     pressure: np.ndarray
@@ -114,9 +114,9 @@ class Result:
     y: np.ndarray
     attributes: dict
     history: dict
-    path: dict = field(default_factory=dict)
     extra: dict = field(default_factory=dict)
     units: dict = field(default_factory=dict)
+    path: dict = field(default_factory=dict)
 
 
 def write_result(path, comm, slabs, fields, x, y, attributes, history, units=None):
@@ -321,15 +321,15 @@ def _read_hdf5(file):
             raise ValueError(f"dataset {name}: shape {data[name].shape}, but y and x say {shape}")
     history = {name: _dataset(file, f"history/{name}", dtype) for name, dtype in HISTORY.items()}
     history |= {name: item[()] for name, item in file["history"].items() if name not in history}
-    path = {name: item[()] for name, item in file.get("path", {}).items() if getattr(item, "ndim", 0) == 1}
     extra = {
         name: item[()] for name, item in file.items() if name not in data and isinstance(item, h5py.Dataset)
     }
     units = {name: file[name].attrs["unit"] for name in (*data, *extra) if "unit" in file[name].attrs}
+    steps = {name: item[()] for name, item in file.get("path", {}).items()}
     attributes = {
         name: value.item() if isinstance(value, np.generic) else value for name, value in file.attrs.items()
     }
-    return Result(**data, attributes=attributes, history=history, path=path, extra=extra, units=units)
+    return Result(**data, attributes=attributes, history=history, extra=extra, units=units, path=steps)
 
 
 def _dataset(file, name, dtype):

@@ -1,7 +1,7 @@
 """XDMF: a small text file beside result files that tells ParaView and others what is in them.
 
-A result becomes a uniform grid with its fields on cells; several results, or the steps of a load path whose fields were
-kept, a series in time. The file names the HDF5 files by their names alone: keep them in one folder. As a mesh of two
+A result becomes a uniform grid with its fields on cells; several results, such as the steps of a load path, a series in
+time. The file names the HDF5 files by their names alone: keep them in one folder. As a mesh of two
 directions (``2DCoRectMesh``) all of ParaView's readers take it, but stand it in their y-z plane; the three-dimensional
 topology of the same cells is read by one of them only.
 
@@ -49,7 +49,7 @@ def write_xdmf(results, path=None):
     for result in results:
         if result.resolve().parent != path.resolve().parent:
             raise ValueError(f"{path}: must lie in the folder of {result}, which it refers to")
-    grids = [grid for result in results for grid in _grids(result)]
+    grids = [_read(result) for result in results]
     loads = [load for load, _ in grids]
     rising = len(loads) > 1 and (np.diff(loads) > 0).all()
     times = loads if rising else range(len(grids))
@@ -61,8 +61,8 @@ def write_xdmf(results, path=None):
     return path
 
 
-def _grids(result):
-    """Pairs of load [N] and ``grid(time)``, which is the text: of every step whose fields are there, else one."""
+def _read(result):
+    """Load [N] and ``grid(time)``, which is the text, of a result."""
     try:
         with h5py.File(result, "r") as file:
             missing = [name for name in (*FIELDS, *AXES) if name not in file]
@@ -71,30 +71,9 @@ def _grids(result):
             x, y = (file[name][()] for name in ("x", "y"))
             shape = y.size, x.size
             fields = {name: file[name].dtype for name in file if getattr(file[name], "shape", None) == shape}
-            steps = _steps(file, shape)
-            load = float(file.attrs.get("load", np.nan))
+            return float(file.attrs.get("load", np.nan)), _grid(result, x, y, fields)
     except (OSError, ValueError) as error:
         raise ValueError(f"result file {result}: {error}") from None
-    if steps:
-        return [(load, _grid(result, x, y, fields)) for load, fields in steps]
-    return [(load, _grid(result, x, y, {f"/{name}": kind for name, kind in fields.items()}))]
-
-
-def _steps(file, shape):
-    """Load and fields (name of the dataset -> type) of every step of a path that kept them."""
-    found = []
-    path = file.get("path", {})
-    loads = path["load"][()] if "load" in path else ()
-    groups = [group for group in path.values() if isinstance(group, h5py.Group)]
-    inside = (
-        groups[0] if len(groups) == 1 and all(isinstance(g, h5py.Group) for g in groups[0].values()) else path
-    )
-    for group in (item for item in inside.values() if isinstance(item, h5py.Group)):
-        fields = {item.name: item.dtype for item in group.values() if getattr(item, "shape", None) == shape}
-        if fields:
-            number = len(found)
-            found.append((float(loads[number]) if number < len(loads) else np.nan, fields))
-    return found
 
 
 def _grid(result, x, y, fields):
@@ -102,8 +81,8 @@ def _grid(result, x, y, fields):
     dx, dy = (float(c[-1] - c[0]) / (c.size - 1) if c.size > 1 else 1.0 for c in (x, y))
     corner = f"{float(y[0]) - dy / 2!r} {float(x[0]) - dx / 2!r}"
     attributes = "".join(
-        f"<Attribute Name={quoteattr(name.rpartition('/')[2])} AttributeType=\"Scalar\" Center=\"Cell\">\n"
-        f"{_item(f'{y.size} {x.size}', 'HDF', f'{result.name}:{name}', kind)}</Attribute>\n"
+        f"<Attribute Name={quoteattr(name)} AttributeType=\"Scalar\" Center=\"Cell\">\n"
+        f"{_item(f'{y.size} {x.size}', 'HDF', f'{result.name}:/{name}', kind)}</Attribute>\n"
         for name, kind in fields.items()
     )
 

@@ -66,6 +66,12 @@ def test_report_has_the_path_and_says_what_is_not_known(made, undrawn):
     assert "Nothing is proved" in text and "von Mises" not in text
 
 
+def test_a_load_path_is_read_from_the_file(path):
+    with h5py.File(path, "r+") as file:
+        file["path/load"] = [3.0, 4.0]
+    assert read_result(path).path["load"].tolist() == [3, 4]
+
+
 def test_text_of_the_user_is_no_markup(made, undrawn):
     text = report.web_page(
         with_attributes(made, notes="a < b & <script>", command_line="<b>"), with_stress=False
@@ -187,18 +193,6 @@ def test_xdmf_of_several_results_is_a_series_in_the_order_of_loads(path, made, t
     assert root.find(".//Grid").get("CollectionType") == "Temporal"
     assert [time.get("Value") for time in root.iter("Time")] == ["10.0", "20.0"]
     assert len(arrays["pressure"]) == 2
-
-
-def test_xdmf_of_a_path_with_fields(path, made, tmp_path):
-    with h5py.File(path, "r+") as file:
-        file["path/load"] = [3.0, 4.0]
-        for step in range(2):
-            file[f"path/step_{step:03d}/pressure"] = (1 + step) * made.pressure
-    assert list(read_result(path).path) == ["load"]
-    xdmf.write_xdmf([path])
-    root, arrays = items(path.with_suffix(".xdmf"))
-    assert [time.get("Value") for time in root.iter("Time")] == ["3.0", "4.0"]
-    assert np.array_equal(arrays["pressure"][1], 2 * made.pressure)
 
 
 def test_fields_have_their_coordinates_as_dimension_scales(path):
