@@ -2,7 +2,9 @@
 
 A *path* is a mapping of columns, one entry per step, as in group ``path`` of a result file: ``load`` [N], ``approach``,
 ``mean_gap`` [mm], ``mean_pressure``, ``max_pressure`` [N/mm2], ``contact_fraction``, ``contact_fraction_corrected``,
-``contact_area`` [mm2], ``stiffness`` or ``stiffness_by_differences`` [N/mm]. What is missing is not drawn. Not collective: call on one rank.
+``contact_area`` [mm2], ``stiffness`` or ``stiffness_by_differences`` [N/mm]. What is missing is not drawn.
+
+Not collective: call on one rank.
 """
 
 from __future__ import annotations
