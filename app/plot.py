@@ -1,25 +1,23 @@
-"""Draw the pictures of a result file: ``python -m app.plot RESULT.h5 -o DIR``.
+"""Draw pictures of results and tables: ``python -m app.plot RESULT.h5 [SWEEP.csv ...] -o DIR``.
 
-Writes contact, pressure, deformation, sections, history and summary, and prints their paths. Exit status 0,
-or 2 with one line on standard error if there is something wrong with the input. Runs on one rank.
+Of a result: contact (patches told apart), pressure, deformation, sections through the maximum, distributions, spectrum
+(of rough surfaces), path (if there is one), history and summary; of the table of a sweep or of a load path (.csv) one
+picture. Of several files each has a folder DIR/NAME of its own, and their paths are drawn together in DIR/paths. Prints
+the names of the pictures. Exit status 0, or 2 with one line on standard error if there is something wrong with the
+input. Runs on one rank.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 
 from app.commands import streams
-from app.errors import one_line
-from app.output import figures
+from app.commands.arguments import Parser
+from app.errors import InputError, one_line
+from app.output import curves, figures, paths, style
 from app.output.result import read_result
 from app.reference.hertz import EllipticHertz
-
-
-class _Parser(argparse.ArgumentParser):
-    def error(self, message):
-        raise ValueError(message)
 
 
 def analytic_reference(result):
@@ -48,49 +46,106 @@ def analytic_reference(result):
     return figures.Reference(exact.pressure, "Hertz")
 
 
+def pictures_of(result):
+    """All pictures of a result: name -> figure, made when asked for."""
+    reference = analytic_reference(result)
+    yield "contact", figures.contact_figure(result)
+    yield "pressure", figures.pressure_figure(result)
+    yield "deformation", figures.deformation_figure(result)
+    yield "sections", figures.section_figure(result, reference)
+    yield "distributions", curves.distribution_figure(result)
+    if spectrum := curves.spectrum_figure(result):
+        yield "spectrum", spectrum
+    if path := paths.path_of(result):
+        yield "path", paths.path_figure([path], figures.title(result))
+    yield "history", figures.history_figure(result)
+    yield "summary", figures.summary_figure(result, reference)
+
+
 def draw(result, folder, kind="png", dpi=200):
     """Write all pictures of a result to an existing folder and return their paths."""
-    reference = analytic_reference(result)
-    pictures = {
-        "contact": figures.contact_figure(result),
-        "pressure": figures.pressure_figure(result),
-        "deformation": figures.deformation_figure(result),
-        "sections": figures.section_figure(result, reference),
-        "history": figures.history_figure(result),
-        "summary": figures.summary_figure(result, reference),
-    }
-    paths = []
-    for name, figure in pictures.items():
-        paths.append(folder / f"{name}.{kind}")
-        figures.save_figure(figure, paths[-1], dpi)
-    return paths
+    return [_save(figure, folder / f"{name}.{kind}", dpi) for name, figure in pictures_of(result)]
+
+
+def _save(figure, path, dpi):
+    style.save_figure(figure, path, dpi)
+    return path
+
+
+def _read(file):
+    """Result, or columns of a table."""
+    return paths.read_csv(file) if file.suffix.lower() == ".csv" else read_result(file)
+
+
+def _draw_table(columns, file, stem, kind, dpi):
+    """Picture of a table."""
+    if "exit_status" in columns:
+        figure = paths.sweep_figure(columns, file.stem)
+        if figure is None:
+            raise ValueError(
+                f"table {file}: nothing to draw: no option with two numbers or more, or nothing measured"
+            )
+        return _save(figure, stem.with_name(f"sweep.{kind}"), dpi)
+    return _save(
+        paths.path_figure([paths.path_of_csv(columns)], file.stem), stem.with_name(f"path.{kind}"), dpi
+    )
+
+
+def _arguments(argv):
+    parser = Parser(prog="python -m app.plot", description="Draw pictures of result files and tables.")
+    parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help="results (.h5) and tables (.csv)")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder to write to")
+    parser.add_argument("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")
+    parser.add_argument("--dpi", type=int, default=200, help="pixels per inch, 20 to 1200; default: 200")
+    arguments = parser.parse_args(argv)
+    if not 20 <= arguments.dpi <= 1200:
+        raise InputError(f"--dpi {arguments.dpi}: must be from 20 to 1200")
+    if arguments.output.exists() and not arguments.output.is_dir():
+        raise InputError(f"-o {arguments.output}: exists and is not a folder")
+    if not arguments.output.parent.is_dir():
+        raise InputError(f"-o {arguments.output}: folder {arguments.output.parent} does not exist")
+    stems = [file.stem for file in arguments.files]
+    twice = sorted({stem for stem in stems if stems.count(stem) > 1})
+    if twice:
+        raise InputError(f"files: two are named {twice[0]}; each needs a folder of its own name")
+    return arguments
+
+
+def _draw_all(arguments):
+    """Draw all files; return the names of the pictures."""
+    kind, dpi, several = arguments.format, arguments.dpi, len(arguments.files) > 1
+    for file in arguments.files[1:]:
+        _read(file)  # what cannot be read is told before anything is drawn
+    arguments_of, drawn = [], []
+    for file in arguments.files:
+        data = _read(file)
+        folder = arguments.output / file.stem if several else arguments.output
+        folder.parent.mkdir(exist_ok=True)
+        folder.mkdir(exist_ok=True)
+        if isinstance(data, dict):
+            path = None if "exit_status" in data else paths.path_of_csv(data, file.stem)
+            drawn.append(_draw_table(data, file, folder / file.name, kind, dpi))
+        else:
+            path = paths.path_of(data, file.stem)
+            drawn += draw(data, folder, kind, dpi)
+        arguments_of += [path] if path else []
+    if len(arguments_of) > 1:
+        drawn.append(_save(paths.path_figure(arguments_of), arguments.output / f"paths.{kind}", dpi))
+    return drawn
 
 
 def main(argv=None):
     """Run the command and return its exit status."""
-    parser = _Parser(prog="python -m app.plot", description="Draw the pictures of a result file.")
-    parser.add_argument("result", type=Path, metavar="RESULT.h5", help="result file of app.solve")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder to write to")
-    parser.add_argument("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")
-    parser.add_argument("--dpi", type=int, default=200, help="pixels per inch, 20 to 1200; default: 200")
     try:
-        arguments = parser.parse_args(argv)
-        if not 20 <= arguments.dpi <= 1200:
-            raise ValueError(f"--dpi {arguments.dpi}: must be from 20 to 1200")
-        result = read_result(arguments.result)
-        if arguments.output.exists() and not arguments.output.is_dir():
-            raise ValueError(f"-o {arguments.output}: exists and is not a folder")
-        if not arguments.output.parent.is_dir():
-            raise ValueError(f"-o {arguments.output}: folder {arguments.output.parent} does not exist")
-        arguments.output.mkdir(exist_ok=True)
+        arguments = _arguments(argv)
         try:
-            paths = draw(result, arguments.output, arguments.format, arguments.dpi)
+            drawn = _draw_all(arguments)
         except OSError as error:
             raise ValueError(f"-o {arguments.output}: cannot be written to: {error.strerror}") from None
-    except (ValueError, OSError, MemoryError) as error:
+    except (ValueError, MemoryError) as error:
         streams.complain(f"error: {one_line(error)}")
         return 2
-    streams.say("\n".join(map(str, paths)))
+    streams.say("\n".join(map(str, drawn)))
     return 0
 
 

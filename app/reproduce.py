@@ -25,8 +25,8 @@ from pathlib import Path
 from app import __version__
 from app.commands.arguments import Parser, count, interruptible
 from app.errors import InputError
-from app.output.figures import save_figure
 from app.output.files import whole_file
+from app.output.style import save_figure
 from app.output.table import write_table
 from app.reproduction import report
 from app.reproduction.item import FULL, QUICK

@@ -12,6 +12,8 @@ dataset                    shape       type     unit   meaning (symbol of the pa
 ``history/<column>``       (k)                  yes    one entry per active set iteration
 =========================  ==========  =======  =====  ==========================================
 
+`x` and `y` are the dimension scales of the fields, as in NetCDF: xarray finds the coordinates.
+
 `gap` and `undeformed_distance` are NaN in inadmissible cells (contact impossible). The last entry of
 ``history/level`` belongs to the target grid; numbers that differ by one are neighbouring grids.
 
@@ -99,6 +101,8 @@ class Result:
         Datasets of the file's root that are not in the table.
     units : dict of str to str
         Unit of every dataset that states one.
+    path : dict of str to ndarray, shape (steps,)
+        Table of a load path; empty if the result is of one loading.
     """
 
     pressure: np.ndarray
@@ -112,6 +116,7 @@ class Result:
     history: dict
     extra: dict = field(default_factory=dict)
     units: dict = field(default_factory=dict)
+    path: dict = field(default_factory=dict)
 
 
 def write_result(path, comm, slabs, fields, x, y, attributes, history, units=None):
@@ -281,8 +286,11 @@ def _lay_out(path, plan):
             file[f"history/{name}"].attrs["unit"] = HISTORY_UNITS.get(name, "1")
         for name, axis in plan["axes"].items():
             file[name] = axis
+            file[name].make_scale(name)
         for name, dtype in plan["types"].items():
             file.create_dataset(name, shape, dtype, dcpl=early)
+            for dimension, axis in zip(file[name].dims, ("y", "x"), strict=True):
+                dimension.attach_scale(file[axis])
         for name in (*plan["axes"], *plan["types"]):
             file[name].attrs["unit"] = plan["units"][name]
     _reserve(path, path.stat().st_size, "r+b")
@@ -317,10 +325,11 @@ def _read_hdf5(file):
         name: item[()] for name, item in file.items() if name not in data and isinstance(item, h5py.Dataset)
     }
     units = {name: file[name].attrs["unit"] for name in (*data, *extra) if "unit" in file[name].attrs}
+    steps = {name: item[()] for name, item in file.get("path", {}).items()}
     attributes = {
         name: value.item() if isinstance(value, np.generic) else value for name, value in file.attrs.items()
     }
-    return Result(**data, attributes=attributes, history=history, extra=extra, units=units)
+    return Result(**data, attributes=attributes, history=history, extra=extra, units=units, path=steps)
 
 
 def _dataset(file, name, dtype):

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from functools import wraps
-
-import matplotlib
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap, LogNorm
-from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
 from app.analysis import smoothers
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material, influence_quadrant
-from app.output.figures import BLUE, GREY, LENGTH_MAP, ORANGE, STYLE
+from app.output.maps import LENGTH_MAP
+from app.output.style import BLUE, GREEN, GREY, ORANGE, new_figure, styled
 from app.problems.statistics import normal_plot
 from app.problems.surfaces import WavySurface
 from app.reproduction import studies, trace
 from app.reproduction.item import CASES, Item, solver_run
 from app.reproduction.tables import PAPER, evaluate_methods, traced
 
-GREEN = "#009e73"  # the third colour that colour-blind readers tell from BLUE and ORANGE
 HERTZ_DOMAIN = (-10.0, 10.0, -6.0, 6.0)
 PUNCH_DOMAIN = (-6.0, 6.0, -5.0, 5.0)
 _MARKERS = ((BLUE, "o", "-"), (ORANGE, "s", "--"), (GREEN, "^", ":"))
@@ -29,21 +24,6 @@ _MARKERS = ((BLUE, "o", "-"), (ORANGE, "s", "--"), (GREEN, "^", ":"))
 
 def _nothing(limits, scratch):
     return {}
-
-
-def _styled(draw):
-    @wraps(draw)
-    def styled(outcomes):
-        with matplotlib.rc_context(STYLE):
-            return draw(outcomes)
-
-    return styled
-
-
-def _figure(width, height):
-    figure = Figure(figsize=(width, height))
-    FigureCanvasAgg(figure)
-    return figure
 
 
 def _letter(axes, text):
@@ -54,13 +34,13 @@ def _letter(axes, text):
 # -- Section 2: influence coefficients -----------------------------------------------------------------------
 
 
-@_styled
+@styled
 def _figure2(outcomes):
     material = Material(82000.0, 0.28)
     grid = Grid.from_domain(32, 32, HERTZ_DOMAIN)
     quadrant = material.shear_modulus * influence_quadrant(grid, material.compliance, slice(0, 17), 17)
     whole = np.block([[quadrant[:0:-1, :0:-1], quadrant[:0:-1]], [quadrant[:, :0:-1], quadrant]])
-    figure = _figure(10.0, 4.4)
+    figure = new_figure(10.0, 4.4)
     left, right = figure.subplots(1, 2)
     half = 16.5
     image = left.imshow(
@@ -88,13 +68,13 @@ def _unit_circle(axes):
     axes.plot(np.cos(angle), np.sin(angle), color=GREY, linewidth=1.2, zorder=0)
 
 
-@_styled
+@styled
 def _figure5(outcomes):
     matrix = smoothers.LineContact().matrix()
     jacobi = np.sort(smoothers.modes(smoothers.jacobi(matrix)).values.real)
     values = smoothers.modes(smoothers.gauss_seidel(matrix)).values
     order = [smoothers.paper_mode(j, 32) for j in range(1, 33)]
-    figure = _figure(12.0, 4.2)
+    figure = new_figure(12.0, 4.2)
     first, second, third = figure.subplots(1, 3)
     number = np.arange(1, 33)
     first.plot(number, jacobi[::-1], "o", color=BLUE)
@@ -112,13 +92,13 @@ def _figure5(outcomes):
     return figure
 
 
-@_styled
+@styled
 def _figure6(outcomes):
     contact = smoothers.LineContact()
     iteration = smoothers.gauss_seidel(contact.matrix())
     history = smoothers.sweep_history(iteration, contact.pressure())
     order = [smoothers.paper_mode(j, contact.cells) for j in range(1, contact.cells + 1)]
-    figure = _figure(11.0, 4.4)
+    figure = new_figure(11.0, 4.4)
     left, right = figure.subplots(1, 2)
     for i, error, c, (colour, marker, line) in zip(
         history.sweeps, history.errors, history.coefficients, _MARKERS, strict=True
@@ -148,9 +128,9 @@ def _figure6(outcomes):
     return figure
 
 
-@_styled
+@styled
 def _figure7(outcomes):
-    figure = _figure(11.0, 8.0)
+    figure = new_figure(11.0, 8.0)
     panels = figure.subplots(2, 3).ravel()
     for letter, axes, pair in zip("abcdef", panels, smoothers.compare_grids(), strict=True):
         axes.plot(pair.vector.real, pair.vector.imag, "o", color=ORANGE, label="32 cells")
@@ -228,16 +208,16 @@ def _contact_panels(figure, outcomes, cases, names):
         axes.set_xlabel("x  [mm]")
 
 
-@_styled
+@styled
 def _figure8(outcomes):
-    figure = _figure(11.0, 3.6)
+    figure = new_figure(11.0, 3.6)
     _contact_panels(figure, outcomes, [1], {})
     return figure
 
 
-@_styled
+@styled
 def _figure11(outcomes):
-    figure = _figure(11.0, 9.6)
+    figure = new_figure(11.0, 9.6)
     names = {case: f"case {case} ({approach.replace('-', '−')} mm)" for case, approach in CASES.items()}
     _contact_panels(figure, outcomes, list(CASES), names)
     return figure
@@ -262,9 +242,9 @@ def _height_map(axes, n, surface, limit):
     return height, image
 
 
-@_styled
+@styled
 def _figure10(outcomes):
-    figure = _figure(10.0, 7.6)
+    figure = new_figure(10.0, 7.6)
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
     for axes, n in zip(panels.ravel(), (16, 32, 64, 128), strict=True):
         _, image = _height_map(axes, n, _surface(), 0.3)
@@ -274,9 +254,9 @@ def _figure10(outcomes):
     return figure
 
 
-@_styled
+@styled
 def _figure12(outcomes):
-    figure = _figure(10.0, 7.6)
+    figure = new_figure(10.0, 7.6)
     panels = figure.subplots(2, 2)
     heights = {}
     for axes, decay in zip(panels.ravel(), (0.5, 0.8, 0.95), strict=False):
@@ -328,9 +308,9 @@ def _plan_work(limits, scratch):
     }
 
 
-@_styled
+@styled
 def _figure_work(outcomes):
-    figure = _figure(11.5, 4.4)
+    figure = new_figure(11.5, 4.4)
     panels = figure.subplots(1, len(_WORK), sharey=True)
     for axes, (title, (table, *_)) in zip(panels, _WORK.items(), strict=True):
         data = evaluate_methods({case[1:]: found for case, found in outcomes.items() if case[0] == title})
@@ -355,10 +335,10 @@ def _figure_work(outcomes):
     return figure
 
 
-@_styled
+@styled
 def _figure_selfaffine(outcomes):
     points = studies.evaluate_selfaffine(outcomes)["points"]
-    figure = _figure(11.0, 4.6)
+    figure = new_figure(11.0, 4.6)
     left, right = figure.subplots(1, 2)
     for where, label, (colour, marker, _) in zip(
         ("", "middle_"), ("whole patch", "middle"), _MARKERS, strict=False

@@ -5,14 +5,12 @@ The page is ``templates/report.html``; here is what it shows.
 
 from __future__ import annotations
 
-import base64
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import jinja2
-
+from app.output.page import template
 from app.output.table import markdown, text
 from app.reproduction.tables import HEADINGS, PAPER
 
@@ -314,14 +312,5 @@ def web_page(sections, facts):
     -------
     str
     """
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("app.reproduction"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters |= {"show": show, "base64": lambda data: base64.b64encode(data).decode()}
-    page = environment.get_template("report.html")
+    page = template("report.html", "app.reproduction", show=show)
     return page.render(title=_TITLE, introduction=_INTRODUCTION, facts=facts, sections=sections)

@@ -13,7 +13,7 @@ from app.halfspace.grid import Slabs
 from app.output.result import HISTORY
 from app.plot import analytic_reference, draw, main
 
-NAMES = ["contact", "pressure", "deformation", "sections", "history", "summary"]
+NAMES = ["contact", "pressure", "deformation", "sections", "distributions", "history", "summary"]
 START = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
 
 

@@ -1,12 +1,16 @@
 """Pictures: what they show is what the result says."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from results import made_up_result, with_attributes
 
-from app.output import figures
+from app.halfspace.grid import Grid
+from app.output import curves, figures, maps, paths, style
+from app.output.patches import label_patches
 from app.plot import analytic_reference
 
 
@@ -18,7 +22,7 @@ def result():
 @pytest.mark.parametrize("kind", ["png", "pdf", "svg"])
 def test_the_same_result_gives_the_same_bytes(result, tmp_path, kind):
     for name in ("a", "b"):
-        figures.save_figure(figures.history_figure(result), tmp_path / f"{name}.{kind}", dpi=40)
+        style.save_figure(figures.history_figure(result), tmp_path / f"{name}.{kind}", dpi=40)
     assert (tmp_path / f"a.{kind}").read_bytes() == (tmp_path / f"b.{kind}").read_bytes()
 
 
@@ -55,7 +59,7 @@ def test_pressure_map_has_no_colour_where_there_is_no_pressure(result):
 
 
 def test_a_single_loaded_cell_is_drawn_in_its_place_also_on_a_coarser_image(result, monkeypatch):
-    monkeypatch.setattr(figures, "MOST_PIXELS", 50)  # 128 x 96 cells on 43 x 32 pixels
+    monkeypatch.setattr(maps, "MOST_PIXELS", 50)  # 128 x 96 cells on 43 x 32 pixels
     pressure = np.zeros_like(result.pressure)
     pressure[90, 17] = 1.0
     values, x, y = image_values(figures.pressure_figure(replace(result, pressure=pressure)))
@@ -67,14 +71,14 @@ def test_a_single_loaded_cell_is_drawn_in_its_place_also_on_a_coarser_image(resu
 
 def test_block_mean_keeps_means_and_skips_nan():
     field = np.random.default_rng(5).random((12, 20))
-    mean, b = figures.block_mean(field, 5)
+    mean, b = maps.block_mean(field, 5)
     assert (mean.shape, b) == ((3, 5), 4)
     assert mean == pytest.approx(field.reshape(3, 4, 5, 4).mean(axis=(1, 3)))
-    assert figures.block_mean(field, 20) == (field, 1)
-    assert figures.block_mean(np.ones((7, 10)), 4)[0] == pytest.approx(np.ones((3, 4)))
+    assert maps.block_mean(field, 20) == (field, 1)
+    assert maps.block_mean(np.ones((7, 10)), 4)[0] == pytest.approx(np.ones((3, 4)))
     field[:4, :4] = np.nan
     field[4, 4] = np.nan
-    mean, _ = figures.block_mean(field, 5)
+    mean, _ = maps.block_mean(field, 5)
     assert np.isnan(mean[0, 0]) and np.isfinite(mean).sum() == 14
     assert mean[1, 1] == pytest.approx(np.nanmean(field[4:8, 4:8]))
 
@@ -103,7 +107,132 @@ def test_titles_and_labels_say_what_and_in_which_unit(result):
         heading = figure._suptitle.get_text()
         assert "Hertz" in heading and "128 × 96" in heading and load in heading
         for axes in figure.axes:
-            assert "[mm]" in axes.get_xlabel()
             bars = [child.get_ylabel() for child in axes.child_axes]
-            assert all("mm" in label for label in [axes.get_ylabel(), *bars])
+            assert all("mm" in label or "µm" in label for label in [axes.get_ylabel(), *bars])
     assert "NOT CONVERGED" in figures.title(with_attributes(result, converged=False))
+
+
+@pytest.mark.parametrize(
+    "largest, per_mm, name", [(2.0, 1.0, "mm"), (0.1, 1e3, "µm"), (1e-5, 1e6, "nm"), (5e4, 1e-3, "m")]
+)
+def test_lengths_stand_in_a_unit_that_suits_them(largest, per_mm, name):
+    assert style.length_unit(largest) == (per_mm, name)
+
+
+def test_map_of_a_small_patch_is_in_its_unit(result):
+    small = replace(result, x=result.x * 1e-6, y=result.y * 1e-6)
+    axes = figures.pressure_figure(small).axes[0]
+    assert axes.get_xlabel() == "x  [nm]"
+    assert axes.get_xlim() == pytest.approx((-10, 10))
+
+
+def overlaps(labels, renderer):
+    """Whether texts that follow each other touch."""
+    boxes = [label.get_window_extent(renderer) for label in labels if label.get_text()]
+    return any(a.overlaps(b) for a, b in pairwise(boxes))
+
+
+@pytest.mark.parametrize(
+    "nx, ny, width, height", [(200, 8, 40.0, 0.6), (8, 200, 0.6, 40.0), (1, 64, 1.0, 1.0)]
+)
+def test_narrow_patches_are_readable(nx, ny, width, height):
+    grid = Grid.from_domain(nx, ny, (0, width, 0, height))
+    made = made_up_result(nx, ny)
+    figure = figures.pressure_figure(replace(made, x=grid.x(), y=grid.y()))
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    axes = figure.axes[0]
+    bar = axes.child_axes[0]
+    box = bar.get_window_extent()
+    for ruler in (axes.xaxis, axes.yaxis, bar.yaxis if box.height > box.width else bar.xaxis):
+        assert not overlaps(ruler.get_ticklabels(), canvas.get_renderer())
+    assert min(box.width, box.height) > 0.1 * figure.dpi  # of the colour bar: not a hair
+    assert len(axes.get_xticks()) >= 2 and len(axes.get_yticks()) >= 2
+    assert ("scale" in axes.get_xlabel()) == (max(width, height) > 10)
+
+
+@pytest.mark.parametrize("values", [[3.0, 3.1], [1.0], [0.9, 4.0], [1e-9, 1e5], []])
+def test_a_logarithmic_axis_has_two_ticks_at_least(values):
+    axes = style.new_figure(4, 3).subplots()
+    style.log_axis(axes.xaxis, np.array(values))
+    low, high = axes.get_xlim()
+    assert sum(low <= tick <= high for tick in axes.get_xticks()) >= 2
+
+
+def test_patches_are_told_apart_across_the_sides_of_a_periodic_patch():
+    contact = np.zeros((6, 8), bool)
+    contact[0, 0] = contact[5, 0] = contact[0, 7] = True  # one at the corner
+    contact[2, 2] = contact[3, 3] = True  # by a corner only: two
+    _, cells = label_patches(contact)
+    assert sorted(cells) == [1] * 5
+    labels, cells = label_patches(contact, periodic=True)
+    assert sorted(cells) == [1, 1, 3] and labels[0, 0] == labels[5, 0] == labels[0, 7] > 0
+    assert not labels[~contact].any()
+
+
+def test_distributions_add_up_to_one():
+    rng = np.random.default_rng(2)
+    made = made_up_result(64, 48)
+    pressure = np.where(rng.random((48, 64)) < 0.5, rng.exponential(100.0, (48, 64)), 0.0)
+    figure = curves.distribution_figure(
+        replace(made, pressure=pressure, contact=(pressure > 0).astype(np.uint8))
+    )
+    p, density = figure.axes[0].lines[0].get_data()
+    assert np.sum((density[1:] + density[:-1]) / 2 * np.diff(p)) == pytest.approx(1, abs=0.03)
+    assert np.median(density[p < 20]) == pytest.approx(1 / 100, rel=0.3)  # exponential: level at small values
+    area, patches = figure.axes[2].lines[0].get_data()
+    assert patches[-1] >= 1 and (np.diff(patches) < 0).all() and (np.diff(area) > 0).all()
+
+
+def test_spectrum_of_a_wave_is_a_peak_in_its_place():
+    made = made_up_result(128, 128)
+    grid = Grid.from_domain(128, 128, (0, 2, 0, 2))
+    wave = 1e-3 * np.cos(2 * np.pi * 12 * grid.x() / 2) + 1e-6 * np.random.default_rng(3).random((128, 128))
+    surface = replace(made, x=grid.x(), y=grid.y(), undeformed_distance=wave)
+    q, density = curves.spectrum_figure(with_attributes(surface, periodic=1)).axes[0].lines[0].get_data()
+    assert q[np.argmax(density)] == pytest.approx(2 * np.pi * 6, rel=0.02)
+    bowl = surface.undeformed_distance + 0.1 * (grid.x() - 1) ** 2 + 0.2 * grid.y()[:, None]
+    q, density = (
+        curves.spectrum_figure(replace(surface, undeformed_distance=bowl)).axes[0].lines[0].get_data()
+    )
+    assert q[np.argmax(density)] == pytest.approx(2 * np.pi * 6, rel=0.1)
+
+
+def test_a_smooth_body_has_no_spectrum(result):
+    assert curves.spectrum_figure(result) is None
+
+
+def test_path_of_a_rough_surface_stands_beside_the_theories():
+    p = np.geomspace(10, 1e4, 7)
+    columns = {"load": p, "mean_pressure": p, "contact_fraction": np.minimum(2.2e-4 * p, 0.99)}
+    figure = paths.path_figure([paths.Path(columns, "", contact_modulus=1e5, rms_slope=0.1)])
+    fraction, kappa, *others = figure.axes
+    computed, persson, bgt = fraction.lines[:3]
+    assert computed.get_xdata() == pytest.approx(p / 1e4)
+    assert persson.get_ydata()[0] / persson.get_xdata()[0] == pytest.approx(np.sqrt(8 / np.pi), rel=1e-3)
+    assert bgt.get_ydata()[0] / bgt.get_xdata()[0] == pytest.approx(np.sqrt(2 * np.pi))
+    assert kappa.lines[0].get_ydata()[:5] == pytest.approx(2.2)
+    assert [axes.texts[0].get_text() for axes in others] == ["no mean gap", "no stiffness"] or others[0].texts
+
+
+def test_path_without_roughness_is_drawn_by_load_and_approach():
+    d = np.geomspace(1e-3, 0.1, 5)
+    path = paths.Path({"load": 1e5 * d**1.5, "approach": d})
+    first = paths.path_figure([path, path._replace(name="other")]).axes[0]
+    assert first.get_xlabel() == "approach δ  [µm]" and first.lines[0].get_xdata() == pytest.approx(1e3 * d)
+    assert len(first.lines) == 2
+
+
+def test_sweep_is_drawn_against_the_option_with_most_values():
+    columns = {
+        "grid": ["32", "64", "128"] * 2,
+        "method": ["a"] * 3 + ["b"] * 3,
+        "exit_status": ["0"] * 6,
+        "work_units": ["10", "11", "12", "20", "22", ""],
+        "solve_seconds": [""] * 6,
+    }
+    figure = paths.sweep_figure(columns)
+    (axes,) = figure.axes
+    assert axes.get_xlabel() == "-grid" and axes.get_ylabel() == "work units"
+    assert [list(line.get_ydata()) for line in axes.lines] == [[10, 11, 12], [20, 22]]
+    assert paths.sweep_figure(columns | {"grid": ["32"] * 6}) is None

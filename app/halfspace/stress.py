@@ -1,0 +1,395 @@
+"""Stress in a half-space below a normal pressure on its surface, without friction.
+
+z points into the body; both bodies of a contact see the same pressure, each from its own side and with its own nu.
+Young's modulus does not count. Compression is negative, as usual for stresses: sigma_zz = -p at z = 0.
+
+- On a periodic patch, wave by wave: with q = (qx, qy), n = q / |q| and s = |q| z, p_q exp(i q x) makes
+
+      xx  -p (nx^2 (1 - s) + 2 nu ny^2) e^-s      xy  -p nx ny (1 - s - 2 nu) e^-s
+      yy  -p (ny^2 (1 - s) + 2 nu nx^2) e^-s      xz  i p nx s e^-s
+      zz  -p (1 + s) e^-s                         yz  i p ny s e^-s
+
+  The mean pressure squeezes a body that cannot expand sideways: xx = yy = -nu / (1 - nu) p. With the symbol ``love``
+  the same waves are meant: deeper than a cell the two do not differ.
+- On a free patch, cell by cell: the stress below a uniformly loaded rectangle in closed form (Love 1929), summed up by
+  FFTs long enough that nothing comes around. So there are no images at any distance, and the answer is exact for a
+  pressure that is constant on cells.
+
+Only cells from the first to the last that carry pressure are summed over. A plane takes some twenty arrays of the cells
+of the patch and the loaded ones together, a section those of a few rows.
+
+References
+----------
+A. E. H. Love, Phil. Trans. R. Soc. A 228 (1929) 377. K. L. Johnson, Contact Mechanics, 1985, Sec. 3.2 and 13.2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import atan2, log, pi, sqrt
+
+import numba
+import numpy as np
+import scipy.fft
+from scipy.optimize import minimize_scalar
+
+from app.halfspace.periodic import frequencies
+
+COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
+_ODD_X, _ODD_Y = (3, 4), (3, 5)  # components that change sign with x, with y
+_STARTS = 6  # cells below which the depth is refined
+_FINEST = 0.125  # of a cell: first depth below the surface that is looked at
+
+
+@dataclass(frozen=True)
+class Hottest:
+    """Where the von Mises stress is largest.
+
+    Attributes
+    ----------
+    von_mises : float
+        [N/mm2]
+    x, y, depth : float
+        [mm]
+    stress : ndarray, shape (6,), [N/mm2]
+        In the order of `COMPONENTS`.
+    """
+
+    von_mises: float
+    x: float
+    y: float
+    depth: float
+    stress: np.ndarray
+
+
+def von_mises(stress):
+    """Equivalent stress of von Mises of components (6, ...) [N/mm2]. Not collective."""
+    xx, yy, zz, xy, xz, yz = stress
+    return np.sqrt(((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) / 2 + 3 * (xy**2 + xz**2 + yz**2))
+
+
+class SubsurfaceStress:
+    """Stress below a pressure, wherever it is asked for. No method is collective.
+
+    Parameters
+    ----------
+    pressure : ndarray, shape (ny, nx), [N/mm2]
+        All of it.
+    grid : Grid
+        Its cells; says whether the patch is periodic.
+    poisson_ratio : float
+        Of the body looked at, from 0 to 0.5.
+
+    Raises
+    ------
+    ValueError
+        If something is out of its range.
+
+    Examples
+    --------
+    >>> from app import Grid
+    >>> below = SubsurfaceStress(np.ones((1, 1)), Grid(1, 1, 2.0, 2.0), 0.3)
+    >>> below.line([0.0], 1.0, 1.0)[2]  # sigma_zz under the middle of the cell
+    array([-1.])
+    """
+
+    def __init__(self, pressure, grid, poisson_ratio):
+        pressure = np.asarray(pressure, dtype=float)
+        if pressure.shape != grid.shape:
+            raise ValueError(f"pressure: has shape {pressure.shape}; the grid needs (ny, nx) = {grid.shape}")
+        if not np.isfinite(pressure).all():
+            raise ValueError("pressure: not finite everywhere; a run that diverged has no stresses")
+        if not 0 <= poisson_ratio <= 0.5:
+            raise ValueError(f"Poisson ratio {poisson_ratio:g}: must be from 0 to 0.5")
+        self.grid, self.nu = grid, float(poisson_ratio)
+        self._below = _Waves(pressure, grid, self.nu) if grid.periodic else _Cells(pressure, grid, self.nu)
+
+    def plane(self, depth):
+        """Stress on a horizontal plane below the cell centres.
+
+        Returns
+        -------
+        ndarray, shape (6, ny, nx), [N/mm2]
+            In the order of `COMPONENTS`.
+        """
+        return self._below.plane(_checked(depth))
+
+    def section(self, depths, x=None, y=None):
+        """Stress on a vertical plane: along x through `y`, or along y through `x`; give one of the two [mm].
+
+        Returns
+        -------
+        ndarray, shape (6, depths, nx or ny), [N/mm2]
+            Below the cell centres.
+        """
+        if (x is None) == (y is None):
+            raise ValueError("section: give either x or y of the plane")
+        depths = [_checked(depth) for depth in np.atleast_1d(depths)]
+        return np.stack([self._below.row(depth, x, y) for depth in depths], axis=1)
+
+    def line(self, depths, x, y):
+        """Stress on a vertical line [mm].
+
+        Returns
+        -------
+        ndarray, shape (6, depths), [N/mm2]
+        """
+        return np.stack([self._below.point(_checked(z), x, y) for z in np.atleast_1d(depths)], axis=1)
+
+    def depths_to_search(self):
+        """Depths at which `maximum` looks at whole planes [mm]: the surface, then by factors of sqrt 2."""
+        extent = max(self._below.extent)
+        first = _FINEST * min(self.grid.dx, self.grid.dy)
+        steps = max(1, int(np.ceil(2 * np.log2(extent / first))))
+        return np.concatenate([[0.0], extent / 2 ** (np.arange(steps, -1, -1) / 2)])
+
+    def maximum(self):
+        """Find the largest von Mises stress below the cell centres.
+
+        Planes down to the width of the loaded part are looked at, one at a time; then the depth is refined below the
+        most stressed cells. Before that an asperity's own maximum is missed by 2% at the most.
+
+        Returns
+        -------
+        Hottest
+            At the surface without pressure.
+        """
+        depths, best = self.depths_to_search(), None
+        for k, depth in enumerate(depths):
+            here = von_mises(self.plane(depth))
+            if best is None:
+                best, level = here, np.zeros(here.shape, np.int16)
+            else:
+                level[here > best] = k
+                np.maximum(best, here, out=best)
+        candidates = [self._refined(*cell, depths, level[cell]) for cell in _peaks(best)]
+        return max(candidates, key=lambda found: found.von_mises)
+
+    def _refined(self, row, column, depths, level):
+        """Largest stress below a cell, near a depth of the search."""
+        x, y = float(self.grid.x()[column]), float(self.grid.y()[row])
+        low, high = depths[max(level - 1, 0)], depths[min(level + 1, len(depths) - 1)]
+        found = minimize_scalar(
+            lambda depth: -float(von_mises(self._below.point(depth, x, y))),
+            bounds=(low, high), method="bounded", options={"xatol": 1e-4 * high},
+        )  # fmt: skip
+        depth = max((found.x, float(depths[level])), key=lambda z: von_mises(self._below.point(z, x, y)))
+        stress = self._below.point(depth, x, y)
+        return Hottest(float(von_mises(stress)), x, y, float(depth), stress)
+
+
+def _checked(depth):
+    if not 0 <= depth < np.inf:
+        raise ValueError(f"depth {depth:g}: must be 0 or more, and finite")
+    return float(depth)
+
+
+def _peaks(field):
+    """Cells of the largest values that are no neighbours of each other."""
+    most = min(field.size, 50 * _STARTS)
+    order = np.argpartition(field, -most, axis=None)[-most:]
+    found, order = [], order[np.argsort(field.ravel()[order])[::-1]]
+    for cell in zip(*np.unravel_index(order, field.shape), strict=True):
+        if all(max(abs(cell[0] - j), abs(cell[1] - i)) > 1 for j, i in found):
+            found.append(cell)
+    return found[:_STARTS]
+
+
+# -- periodic patches ------------------------------------------------------------------------------------------
+
+
+class _Waves:
+    """Below a periodic patch."""
+
+    def __init__(self, pressure, grid, nu):
+        self.grid, self.nu = grid, nu
+        self.extent = grid.nx * grid.dx, grid.ny * grid.dy
+        self._pressure = scipy.fft.rfft2(pressure, norm="forward")
+        qx, qy = frequencies(grid, np.arange(grid.nx // 2 + 1), scipy.fft.fftfreq(grid.ny, 1 / grid.ny))
+        self._q = np.hypot(qx, qy[:, None])
+        nowhere = np.zeros_like(self._q)
+        self._direction = [
+            np.divide(np.broadcast_to(k, self._q.shape), self._q, out=nowhere.copy(), where=self._q > 0)
+            for k in (qx, qy[:, None])
+        ]
+        # A sawtooth has no slope in the cell centres, and no direction in y.
+        self._odd = [np.where(2 * np.arange(grid.nx // 2 + 1) == grid.nx, 0.0, 1.0),
+                     np.where(2 * np.arange(grid.ny) == grid.ny, 0.0, 1.0)[:, None]]  # fmt: skip
+
+    def _waves(self, depth):
+        """Transforms of the components, one after the other."""
+        s, (nx, ny), (odd_x, odd_y) = self._q * depth, self._direction, self._odd
+        p = self._pressure * np.exp(-s)
+        sideways = 2 * self.nu
+        mean = -self.nu / (1 - self.nu) * self._pressure[0, 0]
+        for along, across in ((nx, ny), (ny, nx)):
+            field = -p * (along**2 * (1 - s) + sideways * across**2)
+            field[0, 0] = mean
+            yield field
+        yield -p * (1 + s)
+        yield -p * nx * ny * (1 - s - sideways) * odd_x * odd_y
+        yield 1j * p * nx * s * odd_x
+        yield 1j * p * ny * s * odd_y
+
+    def plane(self, depth):
+        return np.stack([scipy.fft.irfft2(w, self.grid.shape, norm="forward") for w in self._waves(depth)])
+
+    def _phase_y(self, y):
+        rows = scipy.fft.fftfreq(self.grid.ny, 1 / self.grid.ny)
+        return np.exp(2j * np.pi * rows * (y - self.grid.y()[0]) / self.extent[1])
+
+    def row(self, depth, x, y):
+        grid = self.grid
+        if y is not None:
+            phase = self._phase_y(y)
+            return np.stack([scipy.fft.irfft(phase @ w, grid.nx, norm="forward") for w in self._waves(depth)])
+        phase = self._phase_x(x)
+        return np.stack([scipy.fft.ifft(w @ phase, norm="forward").real for w in self._waves(depth)])
+
+    def _phase_x(self, x):
+        """Of waves of which a real field keeps half."""
+        columns = np.arange(self.grid.nx // 2 + 1)
+        twice = np.where((columns == 0) | (2 * columns == self.grid.nx), 1.0, 2.0)
+        return twice * np.exp(2j * np.pi * columns * (x - self.grid.x()[0]) / self.extent[0])
+
+    def point(self, depth, x, y):
+        in_x, in_y = self._phase_x(x), self._phase_y(y)
+        return np.array([(in_y @ w @ in_x).real for w in self._waves(depth)])
+
+
+# -- free patches ----------------------------------------------------------------------------------------------
+
+
+class _Cells:
+    """Below a patch that is alone on its half-space."""
+
+    def __init__(self, pressure, grid, nu):
+        self.grid, self.nu = grid, nu
+        loaded = [np.flatnonzero(pressure.any(axis=axis)) for axis in (1, 0)]
+        rows, columns = (slice(k[0], k[-1] + 1) if k.size else slice(0, 1) for k in loaded)
+        self._pressure = np.ascontiguousarray(pressure[rows, columns])
+        self._x, self._y = grid.x()[columns], grid.y()[rows]
+        ny, nx = self._pressure.shape
+        self.extent = nx * grid.dx, ny * grid.dy
+
+    def _kernel(self, depth, x, y):
+        """Stress at offsets x, y from a cell under unit pressure, shape (6, len(y), len(x))."""
+        half_x, half_y = self.grid.dx / 2, self.grid.dy / 2
+        corners = np.empty((6, len(y) + 1, len(x) + 1))
+        _corners(
+            np.append(x - half_x, x[-1] + half_x),
+            np.append(y - half_y, y[-1] + half_y),
+            depth,
+            self.nu,
+            corners,
+        )
+        return np.diff(np.diff(corners, axis=1), axis=2)
+
+    def plane(self, depth):
+        grid, (rows, columns) = self.grid, self._pressure.shape
+        # Offsets from the first loaded cell to the first cell of the patch, and from the last to the last.
+        lengths = grid.ny + rows - 1, grid.nx + columns - 1
+        padded = [scipy.fft.next_fast_len(n, real=True) for n in lengths]
+        x = grid.x()[0] - self._x[-1] + grid.dx * np.arange(lengths[1])
+        y = grid.y()[0] - self._y[-1] + grid.dy * np.arange(lengths[0])
+        transform = scipy.fft.rfft2(self._pressure, padded)
+        out = np.empty((6, *grid.shape))
+        for field, part in zip(out, self._kernel(depth, x, y), strict=True):
+            whole = scipy.fft.irfft2(scipy.fft.rfft2(part, padded) * transform, padded)
+            field[...] = whole[rows - 1 : rows - 1 + grid.ny, columns - 1 : columns - 1 + grid.nx]
+        return out
+
+    def row(self, depth, x, y):
+        if y is not None:
+            return self._along(depth, self._pressure, y - self._y, self._x, self.grid.x(), swap=False)
+        return self._along(depth, self._pressure.T, x - self._x, self._y, self.grid.y(), swap=True)
+
+    def _along(self, depth, pressure, across, loaded, centres, swap):
+        """Stress on a row of points: sum over the loaded rows of one-dimensional convolutions."""
+        step = centres[1] - centres[0] if len(centres) > 1 else 1.0
+        count = len(centres) + len(loaded) - 1
+        padded = scipy.fft.next_fast_len(count, real=True)
+        offsets = centres[0] - loaded[-1] + step * np.arange(count)
+        transform = scipy.fft.rfft(pressure, padded)
+        sums = np.zeros((6, padded // 2 + 1), complex)
+        for first in range(0, len(across), 64):  # a few rows at a time
+            rows = slice(first, first + 64)
+            for k, part in enumerate(self._rows_of_kernel(depth, offsets, across[rows], swap)):
+                sums[k] += np.einsum("jk,jk->k", scipy.fft.rfft(part, padded), transform[rows])
+        return scipy.fft.irfft(sums, padded)[:, len(loaded) - 1 : count]
+
+    def _rows_of_kernel(self, depth, along, across, swap):
+        """Kernel at offsets along the row of points and at any across, shape (6, len(across), len(along))."""
+        half_x, half_y = self.grid.dx / 2, self.grid.dy / 2
+        half_along, half_across = (half_y, half_x) if swap else (half_x, half_y)
+        edges = np.append(along - half_along, along[-1] + half_along)
+        kernel = np.empty((6, len(across), len(along)))
+        corners = np.empty((6, 2, len(edges)))
+        for j, offset in enumerate(across):
+            sides = np.array([offset - half_across, offset + half_across])
+            if swap:
+                turned = np.empty((6, len(edges), 2))
+                _corners(sides, edges, depth, self.nu, turned)
+                corners[...] = turned.transpose(0, 2, 1)
+            else:
+                _corners(edges, sides, depth, self.nu, corners)
+            kernel[:, j] = np.diff(corners[:, 1] - corners[:, 0], axis=1)
+        return kernel
+
+    def point(self, depth, x, y):
+        return _at_point(
+            self._pressure, x - self._x, y - self._y, self.grid.dx / 2, self.grid.dy / 2, depth, self.nu
+        )
+
+
+@numba.njit(cache=True)
+def _corner(x, y, z, nu):
+    """Integral over a quarter plane: of 2 pi times the stress that a unit force makes at an offset."""
+    xx, yy, zz = x * x, y * y, z * z
+    r = sqrt(xx + yy + zz)
+    if r == 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    # V: potential of a uniform layer, 1/r; chi: that of log(z + r), Love's names. Derivatives of both, integrated.
+    v_z = -atan2(x * y, z * r)
+    in_x, in_y = xx + zz, yy + zz
+    v_xx = -x * y / (in_x * r) if in_x > 0.0 else 0.0
+    v_yy = -x * y / (in_y * r) if in_y > 0.0 else 0.0
+    v_xz = -z * y / (in_x * r) if in_x > 0.0 else 0.0
+    v_yz = -z * x / (in_y * r) if in_y > 0.0 else 0.0
+    bulge = x * y * (xx + yy) / (r + z)  # x y (r - z), without cancellation
+    chi_xx, chi_yy = atan2(bulge, xx * r + z * yy), atan2(bulge, yy * r + z * xx)
+    rest = 1.0 - 2.0 * nu
+    return (
+        2.0 * nu * v_z - rest * chi_xx - z * v_xx,
+        2.0 * nu * v_z - rest * chi_yy - z * v_yy,
+        v_z + z * (v_xx + v_yy),
+        -rest * log(z + r) - z / r,
+        -z * v_xz,
+        -z * v_yz,
+    )
+
+
+@numba.njit(cache=True)
+def _corners(x, y, z, nu, out):
+    for j in range(y.size):
+        for i in range(x.size):
+            parts = _corner(x[i], y[j], z, nu)
+            for k in range(6):
+                out[k, j, i] = parts[k] / (2.0 * pi)
+
+
+@numba.njit(cache=True)
+def _at_point(pressure, x, y, half_x, half_y, z, nu):
+    """Sum over the loaded cells, at offsets x, y from them."""
+    total = np.zeros(6)
+    for j in range(y.size):
+        for i in range(x.size):
+            if pressure[j, i] == 0.0:
+                continue
+            a = _corner(x[i] + half_x, y[j] + half_y, z, nu)
+            b = _corner(x[i] - half_x, y[j] - half_y, z, nu)
+            c = _corner(x[i] + half_x, y[j] - half_y, z, nu)
+            d = _corner(x[i] - half_x, y[j] + half_y, z, nu)
+            for k in range(6):
+                total[k] += pressure[j, i] / (2.0 * pi) * (a[k] + b[k] - c[k] - d[k])
+    return total

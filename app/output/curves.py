@@ -1,0 +1,199 @@
+"""Distributions of pressure, gap and patches; the spectrum of the surface; stress below the contact.
+
+Each function returns a figure of its own. Not collective: call on one rank.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.halfspace.stress import von_mises
+from app.output.figures import title
+from app.output.maps import finite_pressure, spacing
+from app.output.patches import label_patches
+from app.output.style import (
+    BLUE,
+    DASHED,
+    DOTTED,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    length_unit,
+    linear_ticks,
+    log_axis,
+    new_figure,
+    styled,
+)
+from app.problems.statistics import radial_spectrum
+
+_BINS_PER_DECADE = 8
+_STRESS_MAP = "magma_r"
+
+
+@styled
+def distribution_figure(result):
+    """Probability densities of pressure and gap, and sizes of the patches, on logarithmic axes."""
+    figure = new_figure(14.5, 4.6, title(result))
+    pressure, gap, patches = figure.subplots(1, 3)
+    p = finite_pressure(result.pressure)
+    _density(pressure, p[p > 0], "pressure p  [N/mm²]", "[mm²/N]")
+    apart = result.gap[(result.contact == 0) & (result.gap > 0)]
+    unit = length_unit(float(apart.max(initial=0.0)))
+    _density(gap, apart * unit.per_mm, f"gap e  [{unit.name}]", f"[1/{unit.name}]")
+    _draw_patches(patches, result)
+    return figure
+
+
+def _density(axes, values, label, unit):
+    """Probability density by bins of equal width in the logarithm."""
+    axes.set(xlabel=label, ylabel=f"probability density  {unit}")
+    if np.ptp(values) == 0 if values.size else True:
+        return _nothing(axes)
+    low = np.quantile(values, min(0.5, 20 / values.size))
+    high = values.max()
+    count = max(8, int(_BINS_PER_DECADE * np.log10(high / low)))
+    edges = np.geomspace(low, high, count + 1) if high > low else np.linspace(0, high, 9)[1:]
+    share, _ = np.histogram(values, edges)
+    density = share / values.size / np.diff(edges)
+    shown = share > 0
+    middle = np.sqrt(edges[1:] * edges[:-1])
+    axes.plot(middle[shown], density[shown], "o-", color=BLUE, markersize=4)
+    log_axis(axes.xaxis, middle[shown])
+    log_axis(axes.yaxis, density[shown])
+    return None
+
+
+def _draw_patches(axes, result):
+    """How many patches are at least so large."""
+    _, cells = label_patches(result.contact == 1, result.attributes.get("periodic"))
+    cell = spacing(result.x) * spacing(result.y)
+    unit = length_unit(np.sqrt(cells.max(initial=0) * cell))
+    axes.set(xlabel=f"area A of a patch  [{unit.name}²]", ylabel="patches of at least A")
+    if len(cells) < 2:
+        return _nothing(axes, f"{len(cells)} patch{'es' * (len(cells) != 1)}")
+    sizes, counts = np.unique(cells, return_counts=True)
+    areas, larger = sizes * cell * unit.per_mm**2, counts[::-1].cumsum()[::-1]
+    axes.step(areas, larger, where="pre", color=BLUE)
+    axes.plot(areas, larger, "o", color=BLUE, markersize=3)
+    log_axis(axes.xaxis, areas)
+    log_axis(axes.yaxis, larger)
+    return None
+
+
+def _nothing(axes, why="no values"):
+    axes.text(0.5, 0.5, why, ha="center", va="center", transform=axes.transAxes)
+    axes.set(xticks=[], yticks=[])
+
+
+def rough_part(result):
+    """Surface whose spectrum tells something [mm]: the undeformed distance, on a free patch less its best paraboloid.
+
+    Returns
+    -------
+    ndarray, shape (ny, nx), or None
+        None with holes, with less than 8 cells in a direction, or where nothing is left.
+    """
+    h = result.undeformed_distance
+    if min(h.shape) < 8 or not np.isfinite(h).all():
+        return None
+    rest = h - h.mean()
+    if not result.attributes.get("periodic"):
+        x, y = (np.linspace(-1, 1, n) for n in h.shape[::-1])
+        ones_x, ones_y = np.ones_like(x), np.ones_like(y)
+        terms = [(ones_y, ones_x), (ones_y, x), (y, ones_x), (y, x), (ones_y, x**2), (y**2, ones_x)]
+        matrix = np.array([[(a[0] @ b[0]) * (a[1] @ b[1]) for b in terms] for a in terms])
+        weights = np.linalg.solve(matrix, [a @ rest @ b for a, b in terms])
+        for weight, (in_y, in_x) in zip(weights, terms, strict=True):
+            rest -= weight * np.outer(in_y, in_x)
+    return rest if np.abs(rest).max() > 1e-9 * np.ptp(h) else None
+
+
+@styled
+def spectrum_figure(result):
+    """Radial average of the power spectrum of the undeformed distance, with its cut-offs; None if there is none.
+
+    On a free patch the best paraboloid is taken off, and a Hann window is put on.
+    """
+    surface = rough_part(result)
+    if surface is None:
+        return None
+    values, dx, dy = result.attributes, spacing(result.x), spacing(result.y)
+    spectrum = radial_spectrum(surface, dx, dy, window=not values.get("periodic"))
+    unit = length_unit(max(np.ptp(result.x), np.ptp(result.y)))
+    q, density = spectrum.wave_number / unit.per_mm, spectrum.density
+    known = density > 1e-14 * density.max()  # below that is round-off
+    if np.count_nonzero(known) < 3:
+        return None
+    figure = new_figure(7.4, 5.4, title(result))
+    axes = figure.subplots()
+    axes.plot(q[known], density[known], "-", color=BLUE, label="undeformed distance")
+    log_axis(axes.xaxis, q)
+    log_axis(axes.yaxis, density[known])
+    for name, label, line in (
+        ("surface_rolloff", "roll-off", DASHED),
+        ("surface_cutoff", "cut-off", DOTTED),
+    ):
+        if values.get(name):
+            at = 2 * np.pi / values[name] / unit.per_mm
+            wave = length_unit(values[name])
+            text = f"{label}, λ = {values[name] * wave.per_mm:.3g} {wave.name}"
+            axes.axvline(at, color=ORANGE, linestyle=line, label=text)
+    if values.get("surface_hurst"):
+        power = -2 - 2 * values["surface_hurst"]
+        first = max(q[known][0], 2 * np.pi / values.get("surface_rolloff", np.inf) / unit.per_mm)
+        last = min(q[known][-1], 2 * np.pi / values.get("surface_cutoff", 1e-300) / unit.per_mm)
+        if last > 2 * first:
+            span = np.array([first, last])
+            height = 3 * np.interp(first, q[known], density[known]) * (span / first) ** power
+            axes.plot(
+                span, height, color=GREEN, linestyle=DASHED, label=f"slope {power:.2g}".replace("-", "−")
+            )
+    axes.set(xlabel=f"wave number q  [1/{unit.name}]", ylabel="power spectral density C  [mm⁴]")
+    axes.legend(loc="lower left")
+    return figure
+
+
+@styled
+def stress_figure(along, centres, depths, section, line, hottest, heading):
+    """Von Mises stress on a section through the most stressed point, and stresses on the line through it.
+
+    Parameters
+    ----------
+    along : str
+        "x" or "y".
+    centres, depths : ndarray, [mm]
+        Of the section; depths from 0 on.
+    section : ndarray, shape (6, depths, centres), [N/mm2]
+    line : ndarray, shape (6, depths), [N/mm2]
+    hottest : app.halfspace.stress.Hottest
+    heading : str
+    """
+    figure = new_figure(13.5, 5.2, heading)
+    left, right = figure.subplots(1, 2, gridspec_kw={"width_ratios": [1.6, 1]})
+    unit = length_unit(max(np.ptp(centres), depths[-1]))
+    x, z = centres * unit.per_mm, depths * unit.per_mm
+    mises = von_mises(section)
+    image = left.pcolormesh(x, z, mises, cmap=_STRESS_MAP, shading="nearest", vmin=0, rasterized=True)
+    if np.ptp(mises) > 0 and min(mises.shape) > 1:
+        left.contour(x, z, mises, levels=8, colors="white", linewidths=0.6)
+    bar = figure.colorbar(image, ax=left, pad=0.02, aspect=25)
+    bar.set_label("von Mises stress  [N/mm²]")
+    at = (hottest.x if along == "x" else hottest.y) * unit.per_mm
+    deepest = f"{hottest.von_mises:.4g} N/mm² at depth {hottest.depth * unit.per_mm:.3g} {unit.name}"
+    left.plot(
+        at, hottest.depth * unit.per_mm, "+", color=GREEN, markersize=12, markeredgewidth=2, label=deepest
+    )
+    left.legend(loc="lower right", facecolor="white", frameon=True, framealpha=0.85)
+    left.set(xlabel=f"{along}  [{unit.name}]", ylabel=f"depth z  [{unit.name}]", ylim=(z[-1], 0))
+    linear_ticks(left.xaxis, 6.0)
+    for k, label, colour, style in (
+        (0, "σx", GREEN, "-."), (1, "σy", PURPLE, DOTTED), (2, "σz", BLUE, DASHED)
+    ):  # fmt: skip
+        right.plot(line[k], z, color=colour, linestyle=style, label=label)
+    right.plot(von_mises(line), z, color=ORANGE, label="von Mises")
+    right.axvline(0, color=GREY, linewidth=0.8, zorder=0)
+    right.set(xlabel="stress  [N/mm²]", ylabel=f"depth z  [{unit.name}]", ylim=(z[-1], 0))
+    linear_ticks(right.xaxis, 3.0)
+    right.legend(loc="best")
+    return figure

@@ -1,0 +1,212 @@
+"""Maps of a patch: contact, pressure, any field; readable also where the patch is long and narrow.
+
+White means zero (no pressure, no contact), grey that contact is impossible. Not collective: call on one rank.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from matplotlib.colors import ListedColormap, to_rgb
+from matplotlib.patches import Patch
+
+from app.output import style
+from app.output.patches import label_patches
+from app.output.style import BLUE, GREY, length_unit, linear_ticks
+
+PRESSURE_MAP, LENGTH_MAP = "viridis", "cividis"
+MOST_PIXELS = 1024  # longer sides of an image are averaged down to this
+NARROWEST = 0.22  # side over side of a map; a narrower patch is stretched
+_WIDEST, _HIGHEST = 5.1, 6.4  # inches of a map
+_LOW = 2.2  # inches
+_BAR = 0.18  # inches of a colour bar's width
+PATCH_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#5b4fa2", "#8c6d31", "#117733",
+                 "#aa3377")  # fmt: skip
+
+
+class Canvas:
+    """How the patch of a result lies on paper.
+
+    Attributes
+    ----------
+    unit : Unit
+        Of lengths.
+    extent : tuple
+        x0, x1, y0, y1 in it.
+    width, height : float
+        Of the map [inch].
+    low : bool
+        Whether there is no room for a colour bar beside the map, so that it lies below.
+    stretched : bool
+        Whether the two directions have different scales.
+    """
+
+    def __init__(self, result):
+        self.result = result
+        ends = []
+        for centres in (result.x, result.y):
+            half = spacing(centres) / 2
+            ends += [centres[0] - half, centres[-1] + half]
+        self.unit = length_unit(max(ends[1] - ends[0], ends[3] - ends[2]))
+        self.extent = tuple(end * self.unit.per_mm for end in ends)
+        x0, x1, y0, y1 = self.extent
+        shape = (y1 - y0) / (x1 - x0)
+        box = float(np.clip(shape, NARROWEST, 1 / NARROWEST))
+        self.stretched = not np.isclose(box, shape)
+        self.width = min(_WIDEST, _HIGHEST / box)
+        self.height = box * self.width
+        self.low = self.height < _LOW
+
+    @property
+    def size(self):
+        """Width and height [inch] of a picture of the patch with its labels."""
+        return max(self.width + 2.0, 6.4), self.height + 1.5 + 0.9 * self.low
+
+    @cached_property
+    def outside(self):
+        """Where contact is impossible."""
+        return np.isnan(self.result.undeformed_distance)
+
+    def image(self, axes, field, colours=None, **limits):
+        """Draw a field, NaN transparent, or an image (ny, nx, 4) of colours."""
+        pixels, b = (field, 1) if field.ndim == 3 else block_mean(field, MOST_PIXELS)
+        return self.pixels(axes, pixels, b, cmap=colours, **limits)
+
+    def pixels(self, axes, pixels, b, **options):
+        """Draw what stands for blocks of b x b cells."""
+        x0, x1, y0, y1 = self.extent
+        right = x0 + pixels.shape[1] * b * spacing(self.result.x) * self.unit.per_mm
+        top = y0 + pixels.shape[0] * b * spacing(self.result.y) * self.unit.per_mm
+        image = axes.imshow(
+            pixels, origin="lower", extent=(x0, right, y0, top), interpolation="nearest", **options
+        )
+        name = self.unit.name
+        axes.set(xlim=(x0, x1), ylim=(y0, y1), xlabel=f"x  [{name}]", ylabel=f"y  [{name}]", aspect="auto")
+        if self.stretched:
+            long, short = ("y", "x") if y1 - y0 > x1 - x0 else ("x", "y")
+            times = max((y1 - y0) / (x1 - x0), (x1 - x0) / (y1 - y0)) * NARROWEST
+            axes.set(xlabel=f"x  [{name}]   ({short}: {times:.3g} × the scale of {long})")
+        axes.set_box_aspect(self.height / self.width)
+        linear_ticks(axes.xaxis, self.width)
+        linear_ticks(axes.yaxis, self.height)
+        for spine in axes.spines.values():
+            spine.set_visible(True)
+        return image
+
+    def background(self, axes):
+        """Grey where contact is impossible. Return whether that is anywhere."""
+        if self.outside.any():
+            self.image(axes, np.where(self.outside, 1.0, np.nan), ListedColormap([GREY]))
+        return bool(self.outside.any())
+
+    def field(self, axes, field, colours, label, extend="neither", hide_zero=False, **options):
+        """Draw a field with its colour bar."""
+        self.background(axes)
+        pixels, b = block_mean(np.where(self.outside, np.nan, field), MOST_PIXELS)
+        if hide_zero:
+            pixels = np.where(pixels == 0, np.nan, pixels)
+        image = self.pixels(axes, pixels, b, cmap=colours, **options)
+        if self.low:
+            place = axes.inset_axes([0, -0.85 / self.height, 1, _BAR / self.height])
+            bar = axes.figure.colorbar(image, cax=place, extend=extend, orientation="horizontal")
+            linear_ticks(bar.ax.xaxis, self.width)
+        else:
+            place = axes.inset_axes([1 + 0.15 / self.width, 0, _BAR / self.width, 1])
+            bar = axes.figure.colorbar(image, cax=place, extend=extend)
+            linear_ticks(bar.ax.yaxis, self.height)
+        bar.set_label(label)
+        bar.outline.set_linewidth(0.8)
+
+    def contact(self, axes):
+        """Draw the contact area, its patches told apart by colours that mean nothing else."""
+        has_outside = self.background(axes)
+        result = self.result
+        labels, cells = label_patches(result.contact == 1, result.attributes.get("periodic"))
+        share, b = block_mean(result.contact.astype(float), MOST_PIXELS)
+        palette = np.array([to_rgb(colour) for colour in (PATCH_COLOURS if len(cells) > 1 else (BLUE,))])
+        order = np.empty(len(cells), int)
+        order[np.argsort(-cells, kind="stable")] = np.arange(
+            len(cells)
+        )  # the largest patches differ in colour
+        index = np.concatenate([[0], order % len(palette)])[block_max(labels, b)]
+        self.pixels(axes, np.dstack([palette[index], share]), b)
+        possible = int(np.count_nonzero(~self.outside))
+        text = f"contact: {result.attributes['contact_fraction']:.3g} of {possible} cells"
+        entries = [Patch(color=BLUE, label=text + (f", {len(cells)} patches" if len(cells) > 1 else ""))]
+        if has_outside:
+            entries.append(Patch(color=GREY, label="no contact possible"))
+        axes.legend(
+            handles=entries,
+            loc="lower left",
+            bbox_to_anchor=(0, 1),
+            ncol=1 + (self.width > 4),
+            borderaxespad=0.2,
+        )
+
+    def pressure(self, axes):
+        """Draw the pressure; no colour where it is zero."""
+        pressure = finite_pressure(self.result.pressure)
+        highest, extend = float(pressure.max()) or 1.0, "neither"
+        if pressure.any():
+            # Singular pressure on a few cells at an edge must not leave the rest in the dark.
+            most = 1.5 * float(np.quantile(pressure[pressure > 0], 0.99))
+            if most < highest:
+                highest, extend = most, "max"
+        label = "pressure p  [N/mm²]"
+        self.field(axes, pressure, PRESSURE_MAP, label, extend, hide_zero=True, vmin=0, vmax=highest)
+
+    def length(self, axes, field, colours, label):
+        """Draw a field of lengths [mm] in a unit of its own; ``{}`` in the label stands for it."""
+        known = np.abs(field[np.isfinite(field)])
+        unit = length_unit(float(known.max(initial=0.0)))
+        self.field(axes, field * unit.per_mm, colours, label.format(unit.name))
+
+
+def spacing(centres):
+    """Distance of neighbouring cell centres [mm]."""
+    return (centres[-1] - centres[0]) / (centres.size - 1) if centres.size > 1 else 1.0
+
+
+def finite_pressure(pressure):
+    """Pressures with those of a diverged run, and negative ones, set to zero."""
+    return np.where(np.isfinite(pressure) & (pressure > 0), pressure, 0.0)
+
+
+def block_mean(field, most):
+    """Average blocks of b x b cells, with the smallest b that leaves at most `most` cells per side.
+
+    NaN cells do not count; a block of nothing else is NaN.
+
+    Returns
+    -------
+    ndarray
+        The averages; blocks at the upper ends may hold fewer cells.
+    int
+        b
+    """
+    b = -(-max(field.shape) // most)
+    if b == 1:
+        return field, 1
+    valid = ~np.isnan(field)
+    with np.errstate(invalid="ignore"):  # 0 / 0 is the NaN that is wanted
+        return _blocks(np.add, np.where(valid, field, 0.0), b) / _blocks(np.add, valid.astype(int), b), b
+
+
+def block_max(field, b):
+    """Largest value of blocks of b x b cells."""
+    return field if b == 1 else _blocks(np.maximum, field, b)
+
+
+def _blocks(join, values, b):
+    for axis, n in enumerate(values.shape):
+        values = join.reduceat(values, np.arange(0, n, b), axis=axis)
+    return values
+
+
+def map_of(result, draw):
+    """Figure of one map: ``draw(canvas, axes)``."""
+    canvas = Canvas(result)
+    figure = style.new_figure(*canvas.size)
+    draw(canvas, figure.subplots())
+    return figure

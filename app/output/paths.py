@@ -1,0 +1,335 @@
+"""Pictures of many solutions: a load path, or the table of a sweep.
+
+A *path* is a mapping of columns, one entry per step, as in group ``path`` of a result file: ``load`` [N], ``approach``,
+``mean_gap`` [mm], ``mean_pressure``, ``max_pressure`` [N/mm2], ``contact_fraction``, ``contact_fraction_corrected``,
+``contact_area`` [mm2], ``stiffness`` or ``stiffness_by_differences`` [N/mm]. What is missing is not drawn.
+
+Not collective: call on one rank.
+"""
+
+from __future__ import annotations
+
+import csv
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import erf
+
+from app.output.style import (
+    BLUE,
+    DASHED,
+    DOTTED,
+    GREY,
+    ORANGE,
+    SERIES,
+    length_unit,
+    log_axis,
+    new_figure,
+    styled,
+)
+
+_MEASURED = (
+    "contact_fraction",
+    "max_pressure",
+    "load",
+    "operator_applications",
+    "work_units",
+    "solve_seconds",
+)
+_LABELS = {
+    "contact_fraction": "contact fraction",
+    "max_pressure": "maximum pressure  [N/mm²]",
+    "load": "load  [N]",
+    "operator_applications": "operator applications",
+    "work_units": "work units",
+    "solve_seconds": "time of the solve  [s]",
+}
+_MOST_SERIES = 12
+
+
+class Path(NamedTuple):
+    """Columns of a path, its name, and what its loads are compared with.
+
+    `contact_modulus` [N/mm2] and `rms_slope` are NaN where nobody knows them.
+    """
+
+    columns: dict
+    name: str = ""
+    contact_modulus: float = np.nan
+    rms_slope: float = np.nan
+
+    def positive(self, *names):
+        """Columns without the steps at which one of them is not a positive number; None if that leaves nothing."""
+        if any(name not in self.columns for name in names):
+            return None
+        values = np.array([np.asarray(self.columns[name], float) for name in names])
+        kept = (np.isfinite(values) & (values > 0)).all(axis=0)
+        return values[:, kept] if kept.any() else None
+
+    @property
+    def relative(self):
+        """1 / (E* h'rms) [mm2/N], NaN if nobody knows it."""
+        scale = self.contact_modulus * self.rms_slope
+        return 1 / scale if scale > 0 else np.nan
+
+
+def path_of(result, name=""):
+    """Path of a result, None if it has none. Not collective."""
+    columns = getattr(result, "path", None)
+    if not columns:
+        return None
+    values = result.attributes
+    return Path(columns, name, values.get("contact_modulus", np.nan), values.get("rms_slope", np.nan))
+
+
+@styled
+def path_figure(paths, heading=""):
+    """Contact fraction and kappa, mean gap and stiffness of load paths; or load and area against approach.
+
+    The first where mean pressure, E* and rms slope are known and there is a contact fraction of less than one: of rough
+    surfaces. Persson's and Bush, Gibson and Thomas's theories are drawn beside it.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+    heading : str
+    """
+    rough = all(
+        np.isfinite(path.relative) and path.positive("mean_pressure", "contact_fraction") is not None
+        for path in paths
+    )
+    figure = new_figure(12.0, 8.6, heading)
+    panels = figure.subplots(2, 2)
+    for axes, draw in zip(panels.flat, _ROUGH if rough else _SMOOTH, strict=True):
+        draw(axes, paths)
+    if len(paths) > 1:
+        panels[0, 0].legend()
+    return figure
+
+
+def _curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True)):
+    """Draw a column against another for all paths; return all values in x and y."""
+    drawn = []
+    for number, path in enumerate(paths):
+        found = path.positive(x, y)
+        if found is None:
+            continue
+        colour, marker, line = SERIES[number % len(SERIES)]
+        values = found * np.array(scale(path))[:, None]
+        axes.plot(*values, marker=marker, linestyle=line, color=colour, label=path.name or "computed")
+        drawn.append(values)
+    if not drawn:
+        axes.text(
+            0.5,
+            0.5,
+            f"no {y.partition('_by_')[0].replace('_', ' ')}",
+            ha="center",
+            va="center",
+            transform=axes.transAxes,
+        )
+        axes.set(xticks=[], yticks=[])
+        return None
+    drawn = np.hstack(drawn)
+    for axis, values, log in zip((axes.xaxis, axes.yaxis), drawn, logs, strict=True):
+        if log:
+            log_axis(axis, values)
+    return drawn
+
+
+_RELATIVE = "p / (E* h′rms)"
+
+
+def _draw_fraction(axes, paths):
+    drawn = _curves(axes, paths, "mean_pressure", "contact_fraction", lambda path: (path.relative, 1.0))
+    corrected = [path.positive("mean_pressure", "contact_fraction_corrected") for path in paths]
+    for path, found in zip(paths, corrected, strict=True):
+        if found is not None:
+            axes.plot(found[0] * path.relative, found[1], "x", color=GREY, zorder=1)
+    x = np.geomspace(drawn[0].min(), drawn[0].max() * 1.0001, 200)
+    axes.plot(x, _persson(x), color=ORANGE, linestyle=DASHED, label="Persson")
+    bgt = _bgt(x)
+    axes.plot(x[bgt < 1], bgt[bgt < 1], color="0.3", linestyle=DOTTED, label="Bush, Gibson, Thomas")
+    axes.plot([], [], "x", color=GREY, label="corrected for the stepped boundary")
+    axes.set(xlabel=_RELATIVE, ylabel="contact fraction")
+    axes.legend(loc="best")
+
+
+def _draw_kappa(axes, paths):
+    highest = 0.0
+    for number, path in enumerate(paths):
+        colour, marker, line = SERIES[number % len(SERIES)]
+        p, share = path.positive("mean_pressure", "contact_fraction")
+        axes.plot(p * path.relative, share / (p * path.relative), marker=marker, linestyle=line, color=colour)
+        found = path.positive("mean_pressure", "contact_fraction_corrected")
+        if found is not None:
+            x = found[0] * path.relative
+            axes.plot(x, found[1] / x, "x", color=GREY, zorder=1)
+        highest = max(highest, (share / (p * path.relative)).max())
+    x = np.concatenate(
+        [path.positive("mean_pressure", "contact_fraction")[0] * path.relative for path in paths]
+    )
+    span = np.geomspace(x.min(), x.max() * 1.0001, 200)
+    axes.plot(span, _persson(span) / span, color=ORANGE, linestyle=DASHED)
+    axes.axhline(np.sqrt(2 * np.pi), color="0.3", linestyle=DOTTED)
+    log_axis(axes.xaxis, x)
+    axes.set(
+        xlabel=_RELATIVE, ylabel="κ = contact fraction · E* h′rms / p", ylim=(0, 1.1 * max(highest, 2.6))
+    )
+
+
+def _draw_gap(axes, paths):
+    known = [path.positive("mean_pressure", "mean_gap") for path in paths]
+    unit = length_unit(max((found[1].max() for found in known if found is not None), default=1.0))
+    # Exponential over much of the range: a straight line here.
+    drawn = _curves(
+        axes, paths, "mean_gap", "mean_pressure", lambda path: (unit.per_mm, path.relative), (False, True)
+    )
+    if drawn is not None:
+        axes.set(xlabel=f"mean gap  [{unit.name}]", ylabel=_RELATIVE)
+
+
+def _stiffness_of(paths):
+    """Name of the column: the exact one where all have it."""
+    exact = all(path.positive("load", "stiffness") is not None for path in paths)
+    return "stiffness" if exact else "stiffness_by_differences"
+
+
+def _draw_stiffness(axes, paths):
+    name = _stiffness_of(paths)
+    if _curves(axes, paths, "mean_pressure", name, lambda path: (path.relative, 1.0)) is not None:
+        axes.set(xlabel=_RELATIVE, ylabel="stiffness dF/dδ  [N/mm]")
+
+
+def _against_approach(name, label):
+    def draw(axes, paths):
+        known = [path.positive("approach", name) for path in paths]
+        unit = length_unit(max((found[0].max() for found in known if found is not None), default=1.0))
+        if _curves(axes, paths, "approach", name, lambda path: (unit.per_mm, 1.0)) is not None:
+            axes.set(xlabel=f"approach δ  [{unit.name}]", ylabel=label)
+
+    return draw
+
+
+def _against_load(name, label):
+    def draw(axes, paths):
+        column = _stiffness_of(paths) if name == "stiffness" else name
+        if _curves(axes, paths, "load", column) is not None:
+            axes.set(xlabel="load F  [N]", ylabel=label)
+
+    return draw
+
+
+_ROUGH = (_draw_fraction, _draw_kappa, _draw_gap, _draw_stiffness)
+_SMOOTH = (
+    _against_approach("load", "load F  [N]"),
+    _against_load("max_pressure", "maximum pressure  [N/mm²]"),
+    _against_load("contact_area", "contact area  [mm²]"),
+    _against_load("stiffness", "stiffness dF/dδ  [N/mm]"),
+)
+
+
+def _persson(x):
+    """Contact fraction at x = p / (E* h'rms): Persson 2001."""
+    return erf(np.sqrt(2) * x)
+
+
+def _bgt(x):
+    """Contact fraction at x = p / (E* h'rms): Bush, Gibson, Thomas 1975."""
+    return np.sqrt(2 * np.pi) * x
+
+
+# -- tables of sweeps --------------------------------------------------------------------------------------------
+
+
+def read_csv(path):
+    """Columns of a table written by app.sweep, or of a path, as lists of text.
+
+    Raises
+    ------
+    ValueError
+        If it is no such table.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file, strict=True))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ValueError(f"table {path}: cannot be read: {error}") from None
+    if not rows or None in rows[0] or any(None in row.values() for row in rows):
+        raise ValueError(f"table {path}: needed: a line of names and lines of as many values")
+    columns = {name: [row[name] for row in rows] for name in rows[0]}
+    if "exit_status" not in columns and not {"load", "approach"} <= columns.keys():
+        raise ValueError(f"table {path}: neither a table of app.sweep nor a load path")
+    return columns
+
+
+def numbers(texts):
+    """Values of a column, NaN for what is no number; of ``nx,ny`` the first."""
+
+    def value(text):
+        try:
+            return float(text.strip().strip("()[]").split(",")[0])
+        except ValueError:
+            return np.nan
+
+    return np.array([value(text) for text in texts])
+
+
+def path_of_csv(columns, name=""):
+    """Path of a table without ``exit_status``."""
+    facts = {key: numbers(columns[key])[0] for key in ("contact_modulus", "rms_slope") if key in columns}
+    return Path({key: numbers(texts) for key, texts in columns.items()}, name, **facts)
+
+
+@styled
+def sweep_figure(columns, heading=""):
+    """What a sweep has measured, against the varied option that has the most values.
+
+    Returns
+    -------
+    Figure, or None if there is nothing to draw
+    """
+    names = list(columns)
+    varied = names[: names.index("exit_status")]
+    spread = {
+        name: len(set(values[np.isfinite(values)])) for name in varied for values in [numbers(columns[name])]
+    }
+    measured = [
+        name for name in (*_MEASURED, *(f"result_{n}" for n in _MEASURED)) if name in names[len(varied) :]
+    ]
+    measured = [
+        name for name in measured if np.unique(numbers(columns[name])).size > 1 and not _empty(columns, name)
+    ]
+    if not measured or max(spread.values(), default=0) < 2:
+        return None
+    along = max(spread, key=spread.get)
+    others = [name for name in varied if name != along and len(set(columns[name])) > 1]
+    x = numbers(columns[along])
+    groups = {}
+    for row in range(len(x)):
+        groups.setdefault(tuple(columns[name][row] for name in others), []).append(row)
+    count = min(len(measured), 4)
+    figure = new_figure(6.4 * min(count, 2), 4.6 * -(-count // 2), heading)
+    for axes, name in zip(np.ravel(figure.subplots(-(-count // 2), min(count, 2))), measured, strict=False):
+        _draw_measured(axes, x, numbers(columns[name]), groups)
+        axes.set(xlabel=f"-{along}", ylabel=_LABELS[name.removeprefix("result_")])
+    if others:
+        figure.axes[0].legend(title=", ".join(f"-{name}" for name in others), fontsize=9, title_fontsize=9)
+    return figure
+
+
+def _empty(columns, name):
+    return not np.isfinite(numbers(columns[name])).any()
+
+
+def _draw_measured(axes, x, y, groups):
+    for number, (label, rows) in enumerate(list(groups.items())[:_MOST_SERIES]):
+        rows = np.array(rows)[np.argsort(x[rows], kind="stable")]
+        kept = rows[np.isfinite(x[rows]) & np.isfinite(y[rows])]
+        colour, marker, line = SERIES[number % len(SERIES)] if len(groups) > 1 else (BLUE, "o", "-")
+        axes.plot(
+            x[kept], y[kept], marker=marker, linestyle=line, color=colour, label=", ".join(label) or None
+        )
+    for axis, values in ((axes.xaxis, x), (axes.yaxis, y)):
+        values = values[np.isfinite(values)]
+        if values.min() > 0 and values.max() > 5 * values.min():
+            log_axis(axis, values)

@@ -1,0 +1,120 @@
+"""The style of all pictures: sizes, colours, units, ticks, files. Nothing here or above it touches pyplot.
+
+So pictures need no display and do not pile up. Not collective: call on one rank.
+"""
+
+from __future__ import annotations
+
+from functools import wraps
+from typing import NamedTuple
+
+import matplotlib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
+
+from app.output.files import whole_file
+
+BLUE, ORANGE, GREEN = "#0072b2", "#d55e00", "#009e73"  # told apart by colour-blind readers
+PURPLE, GREY, PALE = "#aa4499", "#c8c8c8", "#cfe3f1"
+DASHED, DOTTED = (0, (5, 2)), (0, (1, 1.5))
+SERIES = ((BLUE, "o", "-"), (ORANGE, "s", "--"), (GREEN, "^", "-."), (PURPLE, "D", ":"))
+STYLE = {
+    "figure.constrained_layout.use": True,
+    "figure.constrained_layout.h_pad": 0.08,
+    "figure.constrained_layout.w_pad": 0.08,
+    "font.family": "DejaVu Sans",
+    "font.size": 13,
+    "axes.titlesize": 13,
+    "figure.titlesize": 14,
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "legend.fontsize": 12,
+    "lines.linewidth": 1.8,
+    "lines.markersize": 5,
+    "xtick.direction": "out",
+    "ytick.direction": "out",
+    "pdf.fonttype": 42,  # text stays text
+    "svg.fonttype": "none",
+    "svg.hashsalt": "contact",  # the same picture is the same file
+}
+_INCHES_PER_TICK = 0.75
+
+
+class Unit(NamedTuple):
+    """A unit of length: how many of it are a mm, and its name."""
+
+    per_mm: float
+    name: str
+
+
+def length_unit(largest):
+    """Unit in which lengths up to `largest` [mm] are numbers that one reads: nm, µm, mm or m."""
+    for least, unit in ((2e4, Unit(1e-3, "m")), (0.2, Unit(1.0, "mm")), (2e-4, Unit(1e3, "µm"))):
+        if largest >= least:
+            return unit
+    return Unit(1e6, "nm") if largest > 0 else Unit(1.0, "mm")
+
+
+def styled(draw):
+    """Draw in `STYLE`."""
+
+    @wraps(draw)
+    def drawn(*args, **kwargs):
+        with matplotlib.rc_context(STYLE):
+            return draw(*args, **kwargs)
+
+    return drawn
+
+
+def new_figure(width, height, title=None):
+    """Empty figure [inch] with a title above all."""
+    figure = Figure(figsize=(width, height))
+    FigureCanvasAgg(figure)
+    if title:
+        figure.suptitle(title)
+    return figure
+
+
+def linear_ticks(axis, inches):
+    """Ticks that do not touch on an axis so long, two at least."""
+    axis.set_major_locator(MaxNLocator(int(np.clip(inches / _INCHES_PER_TICK, 2, 7)), steps=[1, 2, 5, 10]))
+
+
+def log_axis(axis, values):
+    """Logarithmic axis with at least two ticks that have numbers, whatever the positive `values` span."""
+    axes = axis.axes
+    in_x = axis is axes.xaxis
+    values = (
+        np.concatenate([np.ravel(v) for v in values])
+        if isinstance(values, list | tuple)
+        else np.ravel(values)
+    )
+    values = values[np.isfinite(values) & (values > 0)]
+    low, high = (values.min(), values.max()) if values.size else (0.1, 1.0)
+    (axes.set_xscale if in_x else axes.set_yscale)("log")
+    margin = max((high / low) ** 0.06, 1.25)
+    (axes.set_xlim if in_x else axes.set_ylim)(low / margin, high * margin)
+    decades = np.log10(high / low * margin**2)
+    if decades < 1.7:
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades > 0.5 else (1, 1.5, 2, 3, 5, 7)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
+        axis.set_minor_locator(NullLocator())
+
+
+@styled
+def save_figure(figure, path, dpi=200):
+    """Write a figure; the suffix of `path` chooses the format. The file appears whole or not at all."""
+    with whole_file(path) as temporary:
+        write_figure(figure, temporary, path.suffix.lstrip("."), dpi)
+
+
+@styled
+def write_figure(figure, target, kind, dpi):
+    """Write a figure to a path or an open binary file."""
+    undated = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}.get(kind)
+    figure.savefig(target, format=kind, dpi=dpi, metadata=undated, bbox_inches="tight", pad_inches=0.08)

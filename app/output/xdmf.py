@@ -1,0 +1,107 @@
+"""XDMF: a small text file beside result files that tells ParaView and others what is in them.
+
+A result becomes a uniform grid with its fields on cells; several results, such as the steps of a load path, a series in
+time. The file names the HDF5 files by their names alone: keep them in one folder. As a mesh of two
+directions (``2DCoRectMesh``) all of ParaView's readers take it, but stand it in their y-z plane; the three-dimensional
+topology of the same cells is read by one of them only.
+
+Not collective: call on one rank.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import h5py
+import numpy as np
+
+from app.output.files import whole_file
+from app.output.result import AXES, FIELDS
+
+_HEAD = '<?xml version="1.0"?>\n<Xdmf Version="3.0">\n<Domain>\n'
+_TAIL = "</Domain>\n</Xdmf>\n"
+
+
+def write_xdmf(results, path=None):
+    """Write the XDMF file of some result files.
+
+    Parameters
+    ----------
+    results : sequence of str or Path
+        In one folder, in the order of time.
+    path : str or Path, optional
+        Default: beside the first of them, with its name and the suffix ``.xdmf``.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    ValueError
+        If a file is no result file, or lies in another folder.
+    """
+    results = [Path(result) for result in results]
+    path = results[0].with_suffix(".xdmf") if path is None else Path(path)
+    if path.suffix != ".xdmf":
+        raise ValueError(f"{path}: the name must end in .xdmf")
+    for result in results:
+        if result.resolve().parent != path.resolve().parent:
+            raise ValueError(f"{path}: must lie in the folder of {result}, which it refers to")
+    grids = [_read(result) for result in results]
+    loads = [load for load, _ in grids]
+    rising = len(loads) > 1 and (np.diff(loads) > 0).all()
+    times = loads if rising else range(len(grids))
+    body = "".join(grid(float(time)) for (_, grid), time in zip(grids, times, strict=True))
+    if len(grids) > 1:
+        body = f'<Grid Name="steps" GridType="Collection" CollectionType="Temporal">\n{body}</Grid>\n'
+    with whole_file(path) as temporary:
+        temporary.write_text(_HEAD + body + _TAIL, encoding="utf-8")
+    return path
+
+
+def _read(result):
+    """Load [N] and ``grid(time)``, which is the text, of a result."""
+    try:
+        with h5py.File(result, "r") as file:
+            missing = [name for name in (*FIELDS, *AXES) if name not in file]
+            if missing:
+                raise ValueError(f"dataset {', '.join(missing)} is missing")
+            x, y = (file[name][()] for name in ("x", "y"))
+            shape = y.size, x.size
+            fields = {name: file[name].dtype for name in file if getattr(file[name], "shape", None) == shape}
+            return float(file.attrs.get("load", np.nan)), _grid(result, x, y, fields)
+    except (OSError, ValueError) as error:
+        raise ValueError(f"result file {result}: {error}") from None
+
+
+def _grid(result, x, y, fields):
+    """Text of a grid as a function of its time."""
+    dx, dy = (float(c[-1] - c[0]) / (c.size - 1) if c.size > 1 else 1.0 for c in (x, y))
+    corner = f"{float(y[0]) - dy / 2!r} {float(x[0]) - dx / 2!r}"
+    attributes = "".join(
+        f"<Attribute Name={quoteattr(name)} AttributeType=\"Scalar\" Center=\"Cell\">\n"
+        f"{_item(f'{y.size} {x.size}', 'HDF', f'{result.name}:/{name}', kind)}</Attribute>\n"
+        for name, kind in fields.items()
+    )
+
+    def text(time):
+        return (
+            f"<Grid Name={quoteattr(result.stem)} GridType=\"Uniform\">\n<Time Value=\"{time!r}\"/>\n"
+            f'<Topology TopologyType="2DCoRectMesh" Dimensions="{y.size + 1} {x.size + 1}"/>\n'
+            f'<Geometry GeometryType="ORIGIN_DXDY">\n'
+            f"{_item('2', 'XML', corner)}{_item('2', 'XML', f'{dy!r} {dx!r}')}</Geometry>\n{attributes}</Grid>\n"
+        )
+
+    return text
+
+
+def _item(dimensions, where, text, kind=np.float64):
+    kind = np.dtype(kind)
+    number = {"f": "Float", "i": "Int", "u": "UInt" if kind.itemsize > 1 else "UChar"}.get(kind.kind, "Int")
+    escaped = text.replace("&", "&amp;").replace("<", "&lt;")
+    return (
+        f'<DataItem Dimensions="{dimensions}" NumberType="{number}" Precision="{kind.itemsize}" '
+        f'Format="{where}">{escaped}</DataItem>\n'
+    )

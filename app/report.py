@@ -1,0 +1,307 @@
+"""Tell all about a result in one web page to send to a colleague: ``python -m app.report RESULT.h5 [-o report.html]``.
+
+Numbers with units and meanings, how good they are proved to be, what was asked, notes, pictures, the table of a load
+path, and the largest stress below the surface where Poisson's ratio is known (or given by ``--poisson``). The page
+needs no other file and no network. Without -o it is RESULT.html beside the result. Exit status 0, or 2 with one line on
+standard error. Runs on one rank.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from app import subsurface
+from app.commands import streams
+from app.commands.arguments import Parser
+from app.errors import InputError, one_line
+from app.output import figures, page
+from app.output.files import whole_file
+from app.output.patches import label_patches
+from app.output.result import read_result
+from app.output.style import length_unit
+from app.plot import pictures_of
+
+_LENGTH, _AREA = "length", "area"
+# Attribute, label, unit, meaning; `_LENGTH` and `_AREA`: in a unit that suits the value.
+_QUANTITIES = (
+    ("load", "load", "N", "normal force"),
+    (
+        "approach",
+        "approach",
+        _LENGTH,
+        "how far the bodies are moved together from where their distance is the one given",
+    ),
+    ("mean_pressure", "mean pressure", "N/mm²", "load over the area of the patch"),
+    ("max_pressure", "maximum pressure", "N/mm²", "largest mean pressure of a cell"),
+    ("contact_area", "contact area", _AREA, "cells in contact times their area"),
+    ("mean_contact_pressure", "mean pressure in contact", "N/mm²", "load over contact area"),
+    ("contact_fraction", "contact fraction", "", "share of the cells where contact is possible"),
+    ("contact_fraction_corrected", "corrected", "", "the same, corrected for its stepped boundary"),
+    ("contact_cells", "cells in contact", "", ""),
+    ("contact_patches", "patches", "", "parts of the contact that hang together by faces of cells"),
+    ("perimeter", "perimeter", _LENGTH, "length of the faces between contact and no contact"),
+    ("semi_axis_major", "larger semi-axis", _LENGTH, "of the ellipse with the second moments of the contact"),
+    ("semi_axis_minor", "smaller semi-axis", _LENGTH, ""),
+    ("pressure_centre_x", "centre of pressure, x", _LENGTH, ""),
+    ("pressure_centre_y", "centre of pressure, y", _LENGTH, ""),
+    ("mean_gap", "mean gap", _LENGTH, "over the cells where contact is possible"),
+    ("stiffness", "stiffness", "N/mm", "dF/dδ, change of the load with the approach"),
+    ("contact_modulus", "contact modulus E*", "N/mm²", "1/E* = (1 − ν₁²)/E₁ + (1 − ν₂²)/E₂"),
+    ("rms_height", "rms height", _LENGTH, "of the undeformed distance about its mean"),
+    ("rms_slope", "rms slope", "", "of the undeformed distance on this grid"),
+)
+_COLUMNS = {name: (label, unit) for name, label, unit, _ in _QUANTITIES}
+_ORIGIN = {
+    "version": "version",
+    "ranks": "MPI ranks",
+    "setup_seconds": "set-up [s]",
+    "solve_seconds": "solve [s]",
+    "active_set_iterations": "active set iterations",
+    "inner_iterations": "inner iterations",
+    "operator_applications": "operator applications",
+    "residual": "residual, (5.1)",
+}
+_ELSEWHERE = {"options", "command_line", "notes", "reason", "converged", "problem", *_ORIGIN, *_COLUMNS}
+_MOST_ROWS = 200
+
+
+@dataclass
+class Section:
+    """A part of the page: sentences, quantities, facts, a table, pictures."""
+
+    name: str
+    heading: str
+    texts: list = field(default_factory=list)
+    quantities: list = field(default_factory=list)
+    facts: dict = field(default_factory=dict)
+    rows: list = field(default_factory=list)
+    pictures: dict = field(default_factory=dict)
+
+
+def quantity(value, unit, digits=6):
+    """A number with its unit, in one that suits it."""
+    if unit in (_LENGTH, _AREA):
+        power = 2 if unit == _AREA else 1
+        suits = length_unit(abs(value) ** (1 / power))
+        value, unit = value * suits.per_mm**power, suits.name + "²" * (power == 2)
+    return f"{value:.{digits}g} {unit}".strip().replace("-", "−")
+
+
+def _is_number(value):
+    return isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
+
+
+def numbers_section(result):
+    """What came out."""
+    _, cells = label_patches(result.contact == 1, result.attributes.get("periodic"))
+    values = result.attributes | {"contact_patches": len(cells)}
+    found = [
+        {"label": label, "value": quantity(values[name], unit), "meaning": meaning}
+        for name, label, unit, meaning in _QUANTITIES
+        if _is_number(values.get(name))
+    ]
+    modulus, slope = (values.get(name, np.nan) for name in ("contact_modulus", "rms_slope"))
+    for name, scale, label, meaning in (
+        (
+            "max_pressure",
+            modulus,
+            "maximum pressure over E*",
+            "far below 1 where bodies stay elastic and slopes small",
+        ),
+        (
+            "mean_pressure",
+            modulus * slope,
+            "mean pressure over E* times rms slope",
+            "what the contact fraction follows",
+        ),
+    ):
+        if _is_number(values.get(name)) and scale > 0:
+            found.append({"label": label, "value": f"{values[name] / scale:.3g}", "meaning": meaning})
+    return Section("result", "Result", quantities=found)
+
+
+def proof_section(values):
+    """The certificate in words."""
+    bound, texts = values.get("error_bound", np.nan), []
+    if np.isfinite(bound):
+        texts.append(
+            f"Proved: the pressure lies within {bound:.2g} of the exact solution on this grid, relative and in the "
+            "energy norm. The proof is the duality gap of the pressure, from one product in double precision; it "
+            "does not depend on the method that found the pressure."
+        )
+        texts.append(
+            f"Bodies penetrate by {quantity(values.get('largest_penetration', 0.0), _LENGTH, 2)} at most, and no "
+            f"pressure is below {quantity(min(values.get('smallest_pressure', 0.0), 0.0), 'N/mm²', 2)}."
+        )
+    else:
+        texts.append(
+            "Nothing is proved about the pressure: there is no certificate, or it does not bound the error."
+        )
+    error = values.get("discretisation_error", np.nan)
+    errors = {
+        name: values.get(f"{name}_error", np.nan)
+        for name in ("load", "approach", "max_pressure", "contact_area")
+    }
+    known = [
+        f"{name.replace('_', ' ').replace('max', 'maximum')} {e:.2g}" for name, e in errors.items() if e > 0
+    ]
+    if _is_number(error) and error > 0:
+        texts.append(
+            f"All this is about the problem on this grid. What the grid itself costs: about {error:.2g} of the "
+            "pressure (root mean square, from the last two grids)."
+        )
+    else:
+        texts.append(
+            "All this is about the problem on this grid. What the grid itself costs is not known from this run: solve "
+            "on one twice as fine and compare."
+        )
+    if known:
+        texts.append(f"Relative errors that the size of the cells makes, estimated: {', '.join(known)}.")
+    return Section("accuracy", "How good it is", texts)
+
+
+def request_section(result):
+    """What was asked."""
+    values = result.attributes
+    ny, nx = result.pressure.shape
+    grid = subsurface.grid_of(result)
+    unit = length_unit(max(nx * grid.dx, ny * grid.dy))
+    size = " × ".join(f"{n * d * unit.per_mm:.6g}" for n, d in ((nx, grid.dx), (ny, grid.dy)))
+    cell = length_unit(max(grid.dx, grid.dy))
+    facts = {
+        "problem": figures.PROBLEMS.get(values.get("problem"), values.get("problem", "")),
+        "patch": f"{size} {unit.name}, {'repeated for ever in x and y' if values.get('periodic') else 'alone'}",
+        "cells": f"{nx} × {ny}, each {grid.dx * cell.per_mm:.4g} × {grid.dy * cell.per_mm:.4g} {cell.name}",
+    }
+    facts |= {
+        name: value if isinstance(value, str) else np.array2string(np.asarray(value), precision=6)
+        for name, value in values.items()
+        if name.startswith(
+            ("hertz_", "sphere_", "cone_", "punch_", "surface_", "body", "young", "poisson", "shear_", "gap_")
+        )
+        and value != ""
+    }
+    for name in ("options", "command_line"):
+        if values.get(name):
+            facts[name.replace("_", " ")] = values[name]
+    return Section("asked", "What was asked", facts=facts)
+
+
+def path_section(result, pictures):
+    """Table and picture of the load path."""
+    columns = {
+        name: column for name, column in result.path.items() if np.asarray(column).dtype.kind in "biuf"
+    }
+    steps = len(next(iter(columns.values())))
+
+    def heading(name):
+        label, unit = _COLUMNS.get(name, (name.replace("_", " "), ""))
+        unit = {_LENGTH: "mm", _AREA: "mm²"}.get(unit, unit)
+        return f"{label} [{unit}]" if unit else label
+
+    rows = [
+        {heading(name): f"{column[k]:.6g}".replace("-", "−") for name, column in columns.items()}
+        for k in range(min(steps, _MOST_ROWS))
+    ]
+    texts = [f"{steps} steps."] if steps <= _MOST_ROWS else [f"The first {_MOST_ROWS} of {steps} steps."]
+    return Section("path", "Load path", texts, rows=rows, pictures=pictures)
+
+
+def stress_section(result, below):
+    """Largest stress below the surface; `below` is None where Poisson's ratio is not known."""
+    if below is None:
+        text = "Poisson's ratio is not known, so the stresses are not (--poisson gives it)."
+        return Section("stress", "Below the surface", [text])
+    found = subsurface.survey(below, depths=64)
+    text = subsurface.summary(found.hottest, result, below.nu)
+    text = text[0].upper() + " ".join(text[1:].split()) + "."
+    picture = page.png(subsurface.picture(result, found))
+    return Section("stress", "Below the surface", [text], pictures={"stress": picture})
+
+
+def web_page(result, poisson_ratio=None, body=None, with_stress=True):
+    """All about a result in HTML.
+
+    Not collective.
+
+    Parameters
+    ----------
+    result : Result
+    poisson_ratio, body
+        As of `app.subsurface.stress`.
+    with_stress : bool
+        Whether to look for the largest stress below the surface: that takes longest.
+
+    Returns
+    -------
+    str
+    """
+    values = result.attributes
+    below, with_stress = None, with_stress and bool(np.isfinite(result.pressure).all())
+    if with_stress and (
+        poisson_ratio is not None or subsurface.known_poisson_ratio(values, body) is not None
+    ):
+        below = subsurface.stress(result, poisson_ratio, body)
+    pictures = {
+        name: page.png(figure)
+        for name, figure in pictures_of(result)
+        if name not in ("contact", "pressure", "history")
+    }
+    of_path = {name: pictures.pop(name) for name in ("path",) if name in pictures}
+    first = {"summary": pictures.pop("summary")}
+    sections = [numbers_section(result), proof_section(values)]
+    sections[0].pictures = first
+    if values.get("notes"):
+        sections.insert(1, Section("notes", "To look at twice", values["notes"].splitlines()))
+    if result.path:
+        sections.append(path_section(result, of_path))
+    if with_stress:
+        sections.append(stress_section(result, below))
+    sections.append(Section("pictures", "Pictures", pictures=pictures))
+    sections.append(request_section(result))
+    made = {label: values[name] for name, label in _ORIGIN.items() if name in values}
+    sections.append(Section("made", "How it was made", facts=made))
+    state = f"{'Solved' if values['converged'] else 'NOT SOLVED'}: {values['reason']}."
+    return page.template("result.html").render(
+        title=figures.title(result), converged=values["converged"], state=state, sections=sections
+    )
+
+
+def main(argv=None):
+    """Run the command and return its exit status."""
+    parser = Parser(prog="python -m app.report", description="Tell all about a result in one web page.")
+    parser.add_argument("result", type=Path, metavar="RESULT.h5", help="result file of app.solve")
+    parser.add_argument("-o", "--output", type=Path, metavar="F.html", help="default: RESULT.html")
+    parser.add_argument("--poisson", type=float, metavar="NU", help="of the body whose stress is wanted")
+    parser.add_argument(
+        "--body", type=int, choices=(1, 2), help="whose stress, where the result knows both bodies"
+    )
+    parser.add_argument("--no-stress", action="store_true", help="do not look below the surface; saves time")
+    try:
+        arguments = parser.parse_args(argv)
+        output = arguments.output or arguments.result.with_suffix(".html")
+        if output.suffix not in (".html", ".htm"):
+            raise InputError(f"-o {output}: the name must end in .html")
+        if not output.parent.is_dir():
+            raise InputError(f"-o {output}: folder {output.parent} does not exist")
+        result = read_result(arguments.result)
+        text = web_page(result, arguments.poisson, arguments.body, not arguments.no_stress)
+        try:
+            with whole_file(output) as temporary:
+                temporary.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"-o {output}: cannot be written: {error.strerror}") from None
+    except (ValueError, MemoryError) as error:
+        streams.complain(f"error: {one_line(error)}")
+        return 2
+    streams.say(str(output))
+    return 0
+
+
+if __name__ == "__main__":
+    streams.repair()
+    sys.exit(main())

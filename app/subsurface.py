@@ -1,0 +1,271 @@
+"""Stress below a contact: ``python -m app.subsurface RESULT.h5 [--poisson NU] [-o DIR]``, or `stress` from Python.
+
+The command finds the largest von Mises stress and prints it. With -o it writes DIR/subsurface.png, the von Mises stress
+on a vertical section and the stresses on the line through that point (or through ``--at``), and DIR/subsurface.h5: all
+six components on the section along x and on the one along y, on the line, and on the horizontal planes asked for by
+``--planes``, [N/mm2], compression negative. Exit status 0, or 2 with one line on standard error. Runs on one rank.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+
+from app.commands import streams
+from app.commands.arguments import Parser, count
+from app.errors import InputError, one_line
+from app.halfspace.grid import Grid
+from app.halfspace.stress import COMPONENTS, Hottest, SubsurfaceStress, von_mises
+from app.output import curves, figures, style
+from app.output.files import whole_file
+from app.output.result import read_result
+
+_DEEP = 4.0  # sections reach to so many times the depth of the largest stress
+
+
+def stress(solution, poisson_ratio=None, body=None):
+    """Stress in one of the two bodies below a solution.
+
+    Not collective: for a solution on several ranks call it on one, with ``solution.gather()``.
+
+    Parameters
+    ----------
+    solution : Solution or Result
+        As `app.solve` returns it, or `app.read_result`.
+    poisson_ratio : float, optional
+        Of the body looked at; default: what the problem says.
+    body : int, optional
+        1 or 2, where the problem knows both bodies; default: the first that is not rigid.
+
+    Returns
+    -------
+    SubsurfaceStress
+        Has `plane`, `section`, `line` and `maximum`.
+
+    Raises
+    ------
+    InputError
+        If Poisson's ratio is unknown or not allowed, or the solution has the rows of one rank only.
+
+    Examples
+    --------
+    >>> from app import ContactProblem, Grid, Material, solve
+    >>> grid = Grid.from_domain(64, 64, (-1, 1, -1, 1))
+    >>> sphere = ContactProblem(grid, Material.combined(80000, 0.3), lambda x, y: (x**2 + y**2) / 40)
+    >>> hottest = stress(solve(sphere, approach=0.02)).maximum()
+    >>> round(hottest.depth, 1)  # 0.48 radii of the contact
+    0.3
+    """
+    if hasattr(solution, "grid"):
+        grid, facts = solution.grid, solution.attributes
+    else:
+        grid, facts = grid_of(solution), solution.attributes
+    if poisson_ratio is None:
+        poisson_ratio = known_poisson_ratio(facts, body)
+    elif body is not None:
+        raise InputError("body: has no effect with a Poisson ratio")
+    if poisson_ratio is None:
+        raise InputError(
+            "Poisson's ratio of the body is not known: the material was given by its contact modulus alone; "
+            "needed: --poisson NU, or poisson_ratio="
+        )
+    if solution.pressure.shape != grid.shape:
+        raise InputError("solution: has the rows of one rank; needed: solution.gather() on one rank")
+    try:
+        return SubsurfaceStress(solution.pressure, grid, poisson_ratio)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+
+
+def known_poisson_ratio(facts, body=None):
+    """Poisson's ratio of a body as the attributes of a result tell it, None if they do not."""
+    each = np.atleast_1d(facts["poisson"]) if "poisson" in facts else ()
+    if len(each) == 2:
+        if body is None:
+            young = np.atleast_1d(facts.get("young", (1.0, 1.0)))
+            body = 1 if np.isfinite(young[0]) else 2
+        return float(each[body - 1])
+    if body is not None:
+        raise InputError(f"body {body}: the material of the pair was given, not those of the bodies")
+    return facts.get("poisson_ratio")
+
+
+def grid_of(result):
+    """Grid of a result file."""
+    half_x, half_y = (np.ptp(c) / (c.size - 1) / 2 if c.size > 1 else 0.5 for c in (result.x, result.y))
+    domain = (result.x[0] - half_x, result.x[-1] + half_x, result.y[0] - half_y, result.y[-1] + half_y)
+    symbol = result.attributes.get("periodic_symbol", "")
+    return Grid.from_domain(result.x.size, result.y.size, domain, symbol)
+
+
+def survey(below, depths=96, at=None, deepest=None):
+    """Largest stress, sections and line through it.
+
+    Not collective.
+
+    Parameters
+    ----------
+    below : SubsurfaceStress
+    depths : int
+        Of sections and line.
+    at : (float, float), optional
+        Point (x, y) [mm] that these go through, if not the most stressed one.
+    deepest : float, optional
+        Last depth [mm]; default: some times that of the largest stress.
+
+    Returns
+    -------
+    SimpleNamespace
+        `hottest` (where the stress is largest), `at` (the largest of the line), `depths`, `section_x`, `section_y`
+        (6, depths, nx or ny), `line` (6, depths).
+    """
+    hottest = below.maximum()
+    x, y = at or (hottest.x, hottest.y)
+    cell = max(below.grid.dx, below.grid.dy)
+    depths = np.linspace(0.0, deepest or max(_DEEP * hottest.depth, 4 * cell), depths)
+    line = below.line(depths, x, y)
+    here = hottest
+    if at is not None:
+        k = int(np.argmax(von_mises(line)))
+        here = Hottest(float(von_mises(line)[k]), x, y, float(depths[k]), line[:, k])
+    along_x, along_y = below.section(depths, y=y), below.section(depths, x=x)
+    return SimpleNamespace(
+        hottest=hottest,
+        at=here,
+        depths=depths,
+        section_x=along_x,
+        section_y=along_y,
+        line=line,
+        poisson_ratio=below.nu,
+    )
+
+
+def picture(result, found, along="x"):
+    """Figure of a survey. Not collective."""
+    centres, section = (result.x, found.section_x) if along == "x" else (result.y, found.section_y)
+    heading = f"{figures.title(result)}, ν = {found.poisson_ratio:.3g}"
+    return curves.stress_figure(along, centres, found.depths, section, found.line, found.at, heading)
+
+
+def write(path, result, found, planes):
+    """HDF5 file of a survey and of some planes (depth -> stress); whole or not at all. Not collective."""
+    with whole_file(path) as temporary, h5py.File(temporary, "w") as file:
+        at, hottest = found.at, found.hottest
+        for name, values in (("x", result.x), ("y", result.y), ("depth", found.depths)):
+            file[name] = values
+            file[name].attrs["unit"] = "mm"
+            file[name].make_scale(name)
+        file.attrs.update(
+            poisson_ratio=found.poisson_ratio, x=at.x, y=at.y, max_von_mises=hottest.von_mises,
+            max_von_mises_x=hottest.x, max_von_mises_y=hottest.y, max_von_mises_depth=hottest.depth,
+        )  # fmt: skip
+        groups = {
+            "section_x": (found.section_x, ("depth", "x")),
+            "section_y": (found.section_y, ("depth", "y")),
+        }
+        groups["line"] = found.line, ("depth",)
+        for number, (depth, plane) in enumerate(planes.items()):
+            groups[f"plane_{number}"] = plane, ("y", "x")
+            file.create_group(f"plane_{number}").attrs["depth"] = depth
+        for group, (values, axes) in groups.items():
+            fields = {f"sigma_{name}": part for name, part in zip(COMPONENTS, values, strict=True)}
+            for name, field in (fields | {"von_mises": von_mises(values)}).items():
+                item = file.create_dataset(f"{group}/{name}", data=field)
+                item.attrs["unit"] = "N/mm2"
+                for dimension, axis in zip(item.dims, axes, strict=True):
+                    dimension.attach_scale(file[axis])
+
+
+def _numbers(text, least=None):
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"{text}: not allowed; allowed: numbers [mm], parted by commas") from None
+    if not all(math.isfinite(v) and (least is None or v >= least) for v in values):
+        raise InputError(
+            f"{text}: not allowed; allowed: finite numbers{'' if least is None else f' from {least:g}'}"
+        )
+    return values
+
+
+def _arguments(argv):
+    parser = Parser(prog="python -m app.subsurface", description="Stress below the contact of a result file.")
+    parser.add_argument("result", type=Path, metavar="RESULT.h5", help="result file of app.solve")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="DIR", help="folder for subsurface.h5 and the picture"
+    )
+    parser.add_argument(
+        "--poisson", type=float, metavar="NU", help="of the body, 0 to 0.5; default: the result's"
+    )
+    parser.add_argument("--body", type=int, choices=(1, 2), help="where the result knows both bodies")
+    parser.add_argument(
+        "--at", metavar="X,Y", help="sections go through here [mm]; default: the largest stress"
+    )
+    parser.add_argument(
+        "--section", choices=("x", "y"), default="x", help="direction of the picture's; default: x"
+    )
+    parser.add_argument("--depths", type=count, default=96, metavar="N", help="number of depths; default: 96")
+    parser.add_argument(
+        "--deepest", metavar="Z", help="last depth [mm]; default: 4 times that of the largest stress"
+    )
+    parser.add_argument("--planes", metavar="Z1,Z2", help="depths of horizontal planes [mm]")
+    parser.add_argument("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")
+    arguments = parser.parse_args(argv)
+    arguments.at = _numbers(arguments.at) if arguments.at else None
+    if arguments.at and len(arguments.at) != 2:
+        raise InputError("--at: allowed: X,Y [mm]")
+    arguments.deepest = _numbers(arguments.deepest, 0)[0] if arguments.deepest else None
+    arguments.planes = _numbers(arguments.planes, 0) if arguments.planes else ()
+    folder = arguments.output
+    if folder is None and (arguments.planes or arguments.at or arguments.deepest):
+        raise InputError("--at, --planes, --deepest: have no effect without -o DIR")
+    if folder is not None and folder.exists() and not folder.is_dir():
+        raise InputError(f"-o {folder}: exists and is not a folder")
+    if folder is not None and not folder.parent.is_dir():
+        raise InputError(f"-o {folder}: folder {folder.parent} does not exist")
+    return arguments
+
+
+def summary(hottest, result, poisson_ratio):
+    """What was found, in a line or two. Not collective."""
+    unit = style.length_unit(hottest.depth or float(np.ptp(result.x)))
+    highest = float(np.nanmax(result.pressure))
+    share = f", {hottest.von_mises / highest:.3g} of the maximum pressure" if highest > 0 else ""
+    return (
+        f"largest von Mises stress {hottest.von_mises:.6g} N/mm2{share}, for nu = {poisson_ratio:g}\n"
+        f"  at x = {hottest.x:.6g} mm, y = {hottest.y:.6g} mm, depth {hottest.depth * unit.per_mm:.4g} {unit.name}"
+    )
+
+
+def main(argv=None):
+    """Run the command and return its exit status."""
+    try:
+        arguments = _arguments(argv)
+        result = read_result(arguments.result)
+        below = stress(result, arguments.poisson, arguments.body)
+        if arguments.output is None:
+            streams.say(summary(below.maximum(), result, below.nu))
+            return 0
+        found = survey(below, arguments.depths, arguments.at, arguments.deepest)
+        try:
+            arguments.output.mkdir(exist_ok=True)
+            names = [arguments.output / f"subsurface.{kind}" for kind in ("h5", arguments.format)]
+            write(names[0], result, found, {depth: below.plane(depth) for depth in arguments.planes})
+            style.save_figure(picture(result, found, arguments.section), names[1])
+        except OSError as error:
+            raise InputError(f"-o {arguments.output}: cannot be written to: {error.strerror}") from None
+    except (ValueError, MemoryError) as error:
+        streams.complain(f"error: {one_line(error)}")
+        return 2
+    streams.say("\n".join([summary(found.hottest, result, below.nu), *map(str, names)]))
+    return 0
+
+
+if __name__ == "__main__":
+    streams.repair()
+    sys.exit(main())

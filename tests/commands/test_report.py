@@ -1,0 +1,202 @@
+"""app.report: one file that says all; app.xdmf and app.subsurface: what they write, and bad input in one line."""
+
+import base64
+import re
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+from mpi4py import MPI
+from results import MAX_PRESSURE, made_up_result, with_attributes, write
+
+from app import ContactProblem, Grid, Material, read_result, report, solve, subsurface, xdmf
+from app.errors import InputError
+from app.halfspace.grid import Slabs
+from app.halfspace.stress import von_mises
+
+
+@pytest.fixture(scope="module")
+def made():
+    return with_attributes(made_up_result(64, 48), notes="first note\nsecond note", error_bound=3e-4)
+
+
+@pytest.fixture
+def path(made, tmp_path):
+    write(tmp_path / "result.h5", MPI.COMM_SELF, Slabs(48), made)
+    return tmp_path / "result.h5"
+
+
+# -- report ----------------------------------------------------------------------------------------------------
+
+
+def test_report_is_one_file_with_everything_in_it(path, made, capsys):
+    assert report.main([str(path)]) == 0
+    assert capsys.readouterr().out == f"{path.with_suffix('.html')}\n"
+    text = path.with_suffix(".html").read_text(encoding="utf-8")
+    assert not re.search(r'(src|href)="(?!data:|#)', text)  # needs nothing else
+    pictures = re.findall(r'src="data:image/png;base64,([^"]*)"', text)
+    assert len(pictures) >= 4
+    assert all(base64.b64decode(picture).startswith(b"\x89PNG") for picture in pictures)
+    for said in (
+        f"{made.attributes['load']:.6g} N", "within 0.0003", "first note", "second note", "python -m app.solve",
+        "Solved: contact set unchanged", "von Mises", "64 × 48",
+    ):  # fmt: skip
+        assert said in text, said
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Pictures are not drawn; that takes longest."""
+    monkeypatch.setattr(report.page, "png", lambda figure: b"no picture")
+
+
+def test_report_has_the_path_and_says_what_is_not_known(made, undrawn):
+    columns = {"load": np.array([1.0, 2.0]), "approach": np.array([1e-3, -1.6e-3])}
+    text = report.web_page(
+        replace(
+            with_attributes(made, without=["poisson_ratio"], problem="given", converged=False), path=columns
+        )
+    )
+    assert "2 steps." in text and "load [N]" in text and "−0.0016" in text
+    assert "NOT SOLVED" in text
+    assert "ratio is not known" in text
+    text = report.web_page(with_attributes(made, without=["error_bound"]), with_stress=False)
+    assert "Nothing is proved" in text and "von Mises" not in text
+
+
+def test_a_load_path_is_read_from_the_file(path):
+    with h5py.File(path, "r+") as file:
+        file["path/load"] = [3.0, 4.0]
+    assert read_result(path).path["load"].tolist() == [3, 4]
+
+
+def test_text_of_the_user_is_no_markup(made, undrawn):
+    text = report.web_page(
+        with_attributes(made, notes="a < b & <script>", command_line="<b>"), with_stress=False
+    )
+    assert "a &lt; b &amp; &lt;script&gt;" in text and "<script>" not in text and "<b>" not in text
+
+
+@pytest.mark.parametrize(
+    "command, arguments, message",
+    [
+        (report, ["absent.h5"], "absent.h5: no such file"),
+        (report, ["RESULT", "-o", "report.pdf"], "must end in .html"),
+        (report, ["RESULT", "-o", "no/report.html"], "folder no does not exist"),
+        (
+            report,
+            ["RESULT", "--poisson", "0.7", "-o", "TMP/r.html"],
+            "Poisson ratio 0.7: must be from 0 to 0.5",
+        ),
+        (subsurface, ["RESULT", "--poisson", "-1"], "Poisson ratio -1"),
+        (subsurface, ["RESULT", "--body", "2"], "not those of the bodies"),
+        (subsurface, ["RESULT", "--planes", "1"], "no effect without -o"),
+        (subsurface, ["RESULT", "-o", "TMP", "--planes", "1,-2"], "1,-2: not allowed"),
+        (subsurface, ["RESULT", "-o", "TMP", "--at", "1"], "allowed: X,Y"),
+        (subsurface, ["RESULT", "-o", "RESULT"], "not a folder"),
+        (xdmf, ["absent.h5"], "absent.h5"),
+        (xdmf, ["RESULT", "-o", "series.xml"], "must end in .xdmf"),
+        (xdmf, ["RESULT", "-o", "/series.xdmf"], "must lie in the folder"),
+    ],
+)
+def test_bad_input_is_one_line(path, tmp_path, capsys, command, arguments, message):
+    names = {"RESULT": str(path), "TMP": str(tmp_path), "TMP/r.html": str(tmp_path / "r.html")}
+    assert command.main([names.get(argument, argument) for argument in arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.startswith("error: ") and err.count("\n") == 1 and message in err
+    assert list(tmp_path.iterdir()) == [path]
+
+
+# -- subsurface ------------------------------------------------------------------------------------------------
+
+
+def test_subsurface_writes_sections_line_and_planes(path, made, tmp_path, capsys):
+    folder = tmp_path / "below"
+    assert subsurface.main([str(path), "-o", str(folder), "--planes", "0.5,2", "--depths", "40"]) == 0
+    assert "largest von Mises stress" in capsys.readouterr().out
+    assert (folder / "subsurface.png").read_bytes().startswith(b"\x89PNG")
+    with h5py.File(folder / "subsurface.h5") as file:
+        assert 0.55 < file.attrs["max_von_mises"] / MAX_PRESSURE < 0.68
+        assert file["section_x/sigma_xx"].shape == (40, 64) and file["section_y/sigma_xy"].shape == (40, 48)
+        assert file["plane_1"].attrs["depth"] == 2 and file["plane_1/von_mises"].shape == (48, 64)
+        assert file["section_x/sigma_zz"].dims[0][0].name == "/depth"
+        depth = file["depth"][()]
+        k = np.argmin(abs(depth - file.attrs["max_von_mises_depth"]))
+        assert file["line/von_mises"][k] == pytest.approx(file.attrs["max_von_mises"], rel=2e-3)
+        row = np.argmin(abs(made.y - file.attrs["y"]))
+        column = np.argmin(abs(made.x - file.attrs["x"]))
+        assert file["section_x/sigma_zz"][:, column] == pytest.approx(file["line/sigma_zz"][()])
+        surface = file["section_x/sigma_zz"][0]
+        assert surface == pytest.approx(-made.pressure[row], abs=1e-6 * MAX_PRESSURE)
+
+
+def test_stress_of_a_solution_is_that_of_its_file(tmp_path):
+    grid = Grid.from_domain(32, 24, (-1, 1, -0.75, 0.75), periodic=True)
+    problem = ContactProblem(
+        grid, Material.from_contact_modulus(1e5), lambda x, y: 0.01 * np.cos(np.pi * x) + 0 * y, periodic=True
+    )
+    solution = solve(problem, mean_pressure=100)
+    solution.save(tmp_path / "waves.h5")
+    with pytest.raises(InputError, match="Poisson's ratio of the body is not known"):
+        subsurface.stress(solution)
+    one = subsurface.stress(solution, 0.3).plane(0.1)
+    other = subsurface.stress(read_result(tmp_path / "waves.h5"), 0.3).plane(0.1)
+    assert von_mises(one) == pytest.approx(von_mises(other))
+    assert one[2].mean() == pytest.approx(-100)
+
+
+def test_poisson_ratio_is_that_of_the_body_asked_for():
+    facts = {"poisson": np.array([0.3, 0.35]), "young": np.array([np.inf, 3000.0]), "poisson_ratio": 0.2}
+    assert subsurface.known_poisson_ratio(facts) == 0.35  # the other one is rigid
+    assert subsurface.known_poisson_ratio(facts, 1) == 0.3
+    assert subsurface.known_poisson_ratio({"poisson_ratio": 0.2}) == 0.2
+    assert subsurface.known_poisson_ratio({}) is None
+
+
+# -- xdmf and dimension scales -----------------------------------------------------------------------------------
+
+
+def items(path):
+    """The tree, and arrays of all data items by attribute name."""
+    root = ElementTree.parse(path).getroot()
+    arrays = {}
+    for attribute in root.iter("Attribute"):
+        (item,) = attribute
+        name, dataset = item.text.split(":")
+        with h5py.File(path.parent / name) as file:
+            values = file[dataset][()]
+        assert tuple(map(int, item.get("Dimensions").split())) == values.shape
+        assert int(item.get("Precision")) == values.dtype.itemsize
+        arrays.setdefault(attribute.get("Name"), []).append(values)
+    return root, arrays
+
+
+def test_xdmf_names_what_is_in_the_file(path, made, capsys):
+    assert xdmf.main([str(path)]) == 0
+    assert capsys.readouterr().out == f"{path.with_suffix('.xdmf')}\n"
+    root, arrays = items(path.with_suffix(".xdmf"))
+    assert arrays.keys() == {"pressure", "gap", "displacement", "undeformed_distance", "contact"}
+    assert np.array_equal(arrays["pressure"][0], made.pressure)
+    assert root.find(".//Topology").get("Dimensions") == "49 65"  # points; fields are on cells
+    origin, steps = (np.array(item.text.split(), float) for item in root.find(".//Geometry"))
+    assert origin == pytest.approx([-6, -10]) and steps == pytest.approx([12 / 48, 20 / 64])
+
+
+def test_xdmf_of_several_results_is_a_series_in_the_order_of_loads(path, made, tmp_path):
+    for number, load in enumerate((10.0, 20.0)):
+        write(tmp_path / f"{number} & more.h5", MPI.COMM_SELF, Slabs(48), with_attributes(made, load=load))
+    files = [str(tmp_path / f"{number} & more.h5") for number in (0, 1)]
+    assert xdmf.main([*files, "-o", str(tmp_path / "series.xdmf")]) == 0
+    root, arrays = items(tmp_path / "series.xdmf")
+    assert root.find(".//Grid").get("CollectionType") == "Temporal"
+    assert [time.get("Value") for time in root.iter("Time")] == ["10.0", "20.0"]
+    assert len(arrays["pressure"]) == 2
+
+
+def test_fields_have_their_coordinates_as_dimension_scales(path):
+    with h5py.File(path) as file:
+        for name in ("pressure", "gap", "displacement", "undeformed_distance", "contact"):
+            assert [dimension[0].name for dimension in file[name].dims] == ["/y", "/x"]
+        assert all(h5py.h5ds.is_scale(file[name].id) for name in ("x", "y"))
