@@ -26,19 +26,15 @@ from petsc4py import PETSc
 from app import method as methods
 from app.contact import certificate, kernels, measures
 from app.contact.certificate import certify
-from app.contact.full_contact import FullContact
-from app.contact.full_multigrid import full_multigrid
+from app.contact.extent import measure_extent
 from app.contact.history import History
-from app.contact.iteration import active_set_by_load
 from app.contact.loading import PrescribedApproach, prescribe
 from app.contact.reference_solvers import REFERENCE_SOLVERS
-from app.contact.state import ContactState, UndeformedDistance
+from app.contact.state import UndeformedDistance
+from app.contact.stiffness import contact_stiffness
 from app.contact.stopping import StoppingTest
 from app.errors import InputError, agree
 from app.fast.circulant import circulant_of
-from app.fast.iteration import InexactStop
-from app.fast.lift import lift
-from app.fast.nested import nested_iteration, solve_on
 from app.fast.solver import TrackingSolver
 from app.halfspace.grid import check_memory
 from app.halfspace.influence import influence_quadrant
@@ -49,19 +45,16 @@ from app.multigrid.linear_solver import LinearSolver
 from app.notes import notes_on
 from app.petsc import OptionDatabase, Resources, error_message
 from app.primal import stencil
-from app.primal.nested import primal_iteration
 from app.primal.solver import PrimalSolver
 from app.problems.given import ContactProblem
 from app.problems.problem import checked_shape
 from app.solution import Solution
+from app.strategy import Strategy
 
 __all__ = ["ContactProblem", "ContactSolver", "Solution", "solve"]
 
 # Options that PETSc looks up only while solving, or never marks as used.
 _READ_LATE = re.compile(r"(\w+_)?(ksp|snes|tao)_converged_reason|(\w+_)?(ksp|pc|mat|vec|snes|tao)_view\w*")
-# PETSc's errors that say that types do not go together: unsupported, wrong argument or state, method missing, unknown
-# type, no factorisation
-_WRONG_CHOICES = (56, 60, 62, 73, 75, 83, 86, 92)
 
 
 def solve(
@@ -174,6 +167,9 @@ class ContactSolver:
                 f"unknown or unused option{'s'[: len(unused) > 1]}: -{', -'.join(sorted(unused))}"
             )
         self._measure_shapes()
+        self._strategy = Strategy(
+            chosen, hierarchy, self._distances, lambda: self._coarse_minimum, self._solver
+        )
 
     def _make_solver(self):
         """Make the solver of the target grid; what PETSc refuses is the user's to know.
@@ -229,7 +225,7 @@ class ContactSolver:
         self._coarse_minimum = hierarchy.coarse_minimum(shapes)
         for distance in self._distances:
             self._resources.remove(distance)
-        self._distances = []
+        self._distances.clear()
         for level in hierarchy.levels:
             self._distances.append(UndeformedDistance(level, shapes.pop(0), reference))
             self._resources.add(self._distances[-1])
@@ -289,7 +285,7 @@ class ContactSolver:
             start = None  # there is no pressure
         history = History(self.listeners)
         with self._database.active():
-            state, outcome = self._run(loading, history, start)
+            state, outcome = self._strategy.run(loading, history, start)
             try:
                 solution = self._solution(state, loading, outcome, history, started, products)
             finally:
@@ -299,6 +295,26 @@ class ContactSolver:
         if not solution.converged:
             warnings.warn(f"not converged: {solution.message}", RuntimeWarning, stacklevel=2)
         return solution
+
+    def stiffness(self, solution):
+        """Contact stiffness dF/d(approach) of a solution, exactly, by one more linear solve on its contact set.
+
+        Parameters
+        ----------
+        solution : Solution
+            Of this problem, grid and communicator.
+
+        Returns
+        -------
+        float
+            [N/mm]; 0 without contact, infinite where a periodic patch is in contact everywhere, NaN if the linear
+            solver does not converge.
+        """
+        if self._finalizer.alive is False:
+            raise InputError("the solver is closed")
+        self._strategy.check(solution, "solution")
+        with self._database.active():
+            return contact_stiffness(self.hierarchy, self._distances[-1], solution.contact)
 
     def _loading(self, **given):
         loading = prescribe(self.problem.grid, self._distances[-1], **given)
@@ -313,69 +329,6 @@ class ContactSolver:
         if loading.prescribes_load and loading.load == 0:
             return PrescribedApproach(self._touching)  # it is not unique: where the bodies just touch
         return loading
-
-    def _run(self, loading, history, start):
-        chosen, hierarchy = self.settings, self.hierarchy
-        arguments, last = (hierarchy, self._distances, loading), len(hierarchy.levels) - 1
-        state = ContactState(hierarchy.target, self._distances[-1])
-        stop = StoppingTest(chosen.rtol, chosen.max_it)
-        if outcome := FullContact(last).solve(state, loading, stop, history):
-            return state, outcome
-        state.destroy()
-        if chosen.strategy in REFERENCE_SOLVERS:
-            state = ContactState(hierarchy.target, self._distances[-1])
-            state.approach = loading.approach
-            try:
-                return state, self._solver.solve(state, history)
-            except PETSc.Error as error:
-                state.destroy()
-                if error.ierr not in _WRONG_CHOICES:
-                    raise
-                raise InputError(f"-lcp_type {chosen.strategy}: {error_message(error)}") from None
-        if chosen.strategy in ("fast", "primal"):
-            stop = InexactStop(
-                chosen.rtol, chosen.max_it, True, chosen.coarse_rtol, chosen.predictor, chosen.error_bound
-            )
-        if chosen.strategy == "primal":
-            return primal_iteration(*arguments, stop, history, chosen.nested, self._solver)
-        if chosen.strategy == "fast":
-            if start is not None:
-                state = self._started_from(start, loading)
-                return state, solve_on(hierarchy, last, state, loading, stop, history, False, self._solver)
-            return nested_iteration(
-                *arguments,
-                stop,
-                history,
-                chosen.nested,
-                chosen.beta,
-                chosen.lifted,
-                self._coarse_minimum,
-                self._solver,
-            )
-        if start is not None:
-            state = self._started_from(start, loading)
-            solver = self._solver
-            return state, active_set_by_load(state, solver, loading, stop, history)
-        prolong = lift if chosen.lifted else None
-        return full_multigrid(*arguments, stop, history, chosen.nested, chosen.beta, prolong, self._solver)
-
-    def _started_from(self, start, loading):
-        """State of the target grid as a solution left it, at the approach of the loading."""
-        here = self.hierarchy.slabs
-        alike = (
-            isinstance(start, Solution)
-            and start.grid == self.problem.grid
-            and start.slabs.starts == here.starts
-        )
-        if not self.comm.allreduce(alike, MPI.LAND):
-            raise InputError("start: needed: a Solution on the same grid and as many ranks")
-        state = ContactState(self.hierarchy.target, self._distances[-1], u=start.displacement.copy())
-        with state.pressure as p:
-            p[...] = np.where(state.admissible, start.pressure, 0.0).reshape(-1)
-        state.contact[...] = start.contact & state.admissible
-        state.approach = start.approach
-        loading.resume(state, start.load)
-        return state
 
     def _solution(self, state, loading, outcome, history, started, products):
         applications = self.hierarchy.operator_applications() - products
@@ -410,8 +363,10 @@ class ContactSolver:
             work_units=sum(entry["work_units"] for entry in history.entries),
             operator_applications=applications,
             discretisation_error=outcome.discretisation_error,
+            **outcome.grid_errors._asdict(),
             fallbacks=outcome.fallbacks,
             **measures.measure_contact(state)._asdict(),
+            **measure_extent(state)._asdict(),
             **self._roughness._asdict(),
             rtol=self.settings.rtol,
             certificate=proof,
