@@ -15,6 +15,7 @@ _PLACES = {
     "Material": "app.halfspace.influence",
     "Solution": "app.solution",
     "read_result": "app.output.result",
+    "refine": "app.refinement",
     "solve": "app.solver",
 }
 __all__ = [*_PLACES, "__version__"]

@@ -17,6 +17,7 @@ import re
 import time
 import warnings
 import weakref
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -24,11 +25,11 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app import method as methods
-from app.contact import certificate, kernels, measures
+from app.contact import measures
 from app.contact.certificate import certify
 from app.contact.extent import measure_extent
 from app.contact.history import History
-from app.contact.loading import PrescribedApproach, prescribe
+from app.contact.loading import LOADINGS, PrescribedApproach, prescribe
 from app.contact.reference_solvers import REFERENCE_SOLVERS
 from app.contact.state import UndeformedDistance
 from app.contact.stiffness import contact_stiffness
@@ -38,18 +39,16 @@ from app.fast.circulant import circulant_of
 from app.fast.solver import TrackingSolver
 from app.halfspace.grid import check_memory
 from app.halfspace.influence import influence_quadrant
-from app.halfspace.sweeps import gauss_seidel
-from app.multigrid import transfer
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.notes import notes_on
+from app.path import LoadPath
 from app.petsc import OptionDatabase, Resources, error_message
-from app.primal import stencil
 from app.primal.solver import PrimalSolver
 from app.problems.given import ContactProblem
 from app.problems.problem import checked_shape
 from app.solution import Solution
-from app.strategy import Strategy
+from app.strategy import Strategy, warm_up
 
 __all__ = ["ContactProblem", "ContactSolver", "Solution", "solve"]
 
@@ -106,6 +105,8 @@ class ContactSolver:
     ----------
     settings : app.method.Settings
     setup_seconds : float
+    touching : float
+        Approach at which the bodies just touch [mm].
     hierarchy : Hierarchy
     ksp : PETSc.KSP or None
         Of the target grid; None where it is only made in a window, or there is none.
@@ -156,7 +157,7 @@ class ContactSolver:
         )  # fmt: skip
         self._solver = self._make_solver()
         self._resources.add(self._solver)
-        self._warm_up()
+        warm_up(chosen)
         if chosen.lifted and chosen.nested:
             for operator in hierarchy.levels:
                 if not hierarchy.windowed(operator):
@@ -196,19 +197,6 @@ class ContactSolver:
         except (ValueError, ImportError, AttributeError) as error:
             raise InputError(f"solver options: {error}") from None
 
-    def _warm_up(self):
-        """Load compiled loops now, not in the first iteration."""
-        texts = self.settings.texts
-        kernels.warm_up()
-        certificate.warm_up()
-        measures.warm_up()
-        transfer.warm_up()
-        if self.settings.strategy == "primal":
-            stencil.warm_up()
-        kind = texts.get("pc_type", "")
-        if kind == "sor" or (kind == "mg" and texts.get("mg_levels_pc_type", "") in ("", "sor")):
-            gauss_seidel.warm_up()
-
     def _measure_shapes(self):
         """Undeformed distance on all grids."""
         hierarchy, problem = self.hierarchy, self.problem
@@ -219,7 +207,7 @@ class ContactSolver:
         if self.settings.single:
             highest = self.comm.allreduce(float(np.nanmax(np.abs(target), initial=0.0)), MPI.MAX)
             _check_single("pressures", highest / self._largest, "N/mm2")
-        self._touching = reference = self.comm.allreduce(float(np.nanmin(target, initial=np.inf)), MPI.MIN)
+        self.touching = reference = self.comm.allreduce(float(np.nanmin(target, initial=np.inf)), MPI.MIN)
         for shape in shapes:
             shape -= reference
         self._coarse_minimum = hierarchy.coarse_minimum(shapes)
@@ -281,7 +269,7 @@ class ContactSolver:
         if self._digits_lost():
             self._measure_shapes()
         loading = self._loading(approach=approach, load=load, mean_pressure=mean_pressure, mean_gap=mean_gap)
-        if not loading.prescribes_load and loading.approach <= self._touching:
+        if not loading.prescribes_load and loading.approach <= self.touching:
             start = None  # there is no pressure
         history = History(self.listeners)
         with self._database.active():
@@ -295,6 +283,55 @@ class ContactSolver:
         if not solution.converged:
             warnings.warn(f"not converged: {solution.message}", RuntimeWarning, stacklevel=2)
         return solution
+
+    def path(self, stiffness=False, rows=(), **loadings):
+        """Solve for many loads, one after the other.
+
+        Parameters
+        ----------
+        stiffness : bool
+            Solve for the exact stiffness of every step, too.
+        rows : sequence of dict, optional
+            Of steps done already, see `app.path.LoadPath`.
+        **loadings : sequence of float
+            Exactly one of load, approach, mean_pressure and mean_gap, as of `solve`.
+
+        Returns
+        -------
+        LoadPath
+            Iterate over it for the Solutions; its ``table`` has the numbers of all steps.
+
+        Raises
+        ------
+        InputError
+            If a number is not allowed.
+        """
+        if len(loadings) != 1 or not loadings.keys() <= LOADINGS.keys():
+            raise InputError(
+                f"path: exactly one of {', '.join(LOADINGS)} is needed, with a number for each step"
+            )
+        [(kind, numbers)] = loadings.items()
+        return LoadPath(self, kind, numbers, stiffness, rows)
+
+    def check(self, **loading):
+        """Refuse a loading that `solve` would refuse; solve nothing. Collective."""
+        self._loading(**loading)
+
+    @contextmanager
+    def unmoved(self):
+        """Give a function that takes back what moving the bodies has left of rounding in the undeformed distances.
+
+        After it a solve does the same, to the last digit, as the first one did. It costs a field for every grid.
+        """
+        if any(distance.depth or distance.deepest for distance in self._distances):
+            self._measure_shapes()
+        kept = [distance.b.copy() for distance in self._distances]
+
+        def take_back():
+            for distance, b in zip(self._distances, kept, strict=True):
+                distance.take_back(b)
+
+        yield take_back
 
     def stiffness(self, solution):
         """Contact stiffness dF/d(approach) of a solution, exactly, by one more linear solve on its contact set.
@@ -324,10 +361,10 @@ class ContactSolver:
             if loading.prescribes_load:
                 pressure = loading.load / self.problem.grid.cell_area
             else:
-                pressure = max(loading.approach - self._touching, 0.0) / self._largest
+                pressure = max(loading.approach - self.touching, 0.0) / self._largest
             _check_single("pressures", pressure, "N/mm2")
         if loading.prescribes_load and loading.load == 0:
-            return PrescribedApproach(self._touching)  # it is not unique: where the bodies just touch
+            return PrescribedApproach(self.touching)  # it is not unique: where the bodies just touch
         return loading
 
     def _solution(self, state, loading, outcome, history, started, products):
@@ -348,6 +385,7 @@ class ContactSolver:
                 ),
             )
         p, distance, depth = state.p, state.distance, state.depth
+        found = measures.measure_contact(state)
         last = len(self.hierarchy.levels) - 1
         return Solution(
             pressure=p,
@@ -363,9 +401,9 @@ class ContactSolver:
             work_units=sum(entry["work_units"] for entry in history.entries),
             operator_applications=applications,
             discretisation_error=outcome.discretisation_error,
-            **outcome.grid_errors._asdict(),
+            **outcome.grid_errors.with_rim(found)._asdict(),
             fallbacks=outcome.fallbacks,
-            **measures.measure_contact(state)._asdict(),
+            **found._asdict(),
             **measure_extent(state)._asdict(),
             **self._roughness._asdict(),
             rtol=self.settings.rtol,

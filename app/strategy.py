@@ -6,6 +6,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from app.contact import certificate, kernels, measures
 from app.contact.full_contact import FullContact
 from app.contact.full_multigrid import full_multigrid
 from app.contact.iteration import active_set_by_load
@@ -16,8 +17,11 @@ from app.errors import InputError
 from app.fast.iteration import InexactStop
 from app.fast.lift import lift
 from app.fast.nested import nested_iteration, solve_on
+from app.halfspace.sweeps import gauss_seidel
+from app.multigrid import transfer
 from app.multigrid.hierarchy import Hierarchy
 from app.petsc import error_message
+from app.primal import stencil
 from app.primal.nested import primal_iteration
 from app.solution import Solution
 
@@ -119,3 +123,14 @@ class Strategy:
         state.approach = start.approach
         loading.resume(state, start.load)
         return state
+
+
+def warm_up(settings):
+    """Load the compiled loops of a strategy now, not in the first iteration. Not collective."""
+    for module in (kernels, certificate, measures, transfer):
+        module.warm_up()
+    if settings.strategy == "primal":
+        stencil.warm_up()
+    kind = settings.texts.get("pc_type", "")
+    if kind == "sor" or (kind == "mg" and settings.texts.get("mg_levels_pc_type", "") in ("", "sor")):
+        gauss_seidel.warm_up()

@@ -34,6 +34,16 @@ class GridErrors(NamedTuple):
     max_pressure_error: float = float("nan")
     contact_area_error: float = float("nan")
 
+    def with_rim(self, solution):
+        """Let the area be no more certain than the cells on its rim are: see ``contact_fraction_corrected``.
+
+        Not collective. Counts of cells scatter: on two grids they may agree by chance.
+        """
+        if not solution.contact_fraction or np.isnan(self.contact_area_error):
+            return self
+        rim = 1 - solution.contact_fraction_corrected / solution.contact_fraction
+        return self._replace(contact_area_error=max(self.contact_area_error, rim))
+
     @property
     def largest(self):
         """The largest of them that is known; NaN if none is. Not collective."""

@@ -31,6 +31,7 @@ class Rough(Problem):
 
     name = "rough"
     sampled = True  # what a coarse grid cannot carry is averaged, not seen as some other wave
+    refinable = True
 
     def __post_init__(self):
         check_cut_off(self.grid, self.surface.shortest_wavelength)
