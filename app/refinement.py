@@ -18,11 +18,20 @@ class Refinement(NamedTuple):
     solution: Solution  # on the finest grid
     errors: GridErrors  # of it
     reached: bool  # whether all of them that are known are small enough
+    stiffness: float  # dF/d(approach), exactly, if asked for [N/mm]; else NaN
     rows: list  # of dict, one for each grid: cells, numbers, errors
 
 
 def refine(
-    problem, until, most_cells=MOST_CELLS, method=None, options=None, comm=None, listeners=(), **loading
+    problem,
+    until,
+    most_cells=MOST_CELLS,
+    method=None,
+    options=None,
+    comm=None,
+    listeners=(),
+    stiffness=False,
+    **loading,
 ):
     """Solve a problem on finer and finer grids, each with twice the cells in both directions.
 
@@ -39,6 +48,8 @@ def refine(
         Of the finest grid.
     method, options, comm, listeners
         As of `ContactSolver`.
+    stiffness : bool
+        Solve for the stiffness on the finest grid, too.
     **loading : float
         As of `ContactSolver.solve`.
 
@@ -62,21 +73,22 @@ def refine(
     (True, True)
     """
     check(problem, until)
-    rows, before = [], None
+    rows, before, by_load = [], None, bool(loading.keys() & {"load", "mean_pressure"})
     while True:
+        grid = problem.grid
         with ContactSolver(problem, method, options, comm, listeners=listeners) as solver:
             solution = solver.solve(**loading)
-            touching = solver.touching
-        numbers = GridNumbers(solution.load, solution.approach, solution.max_pressure, solution.contact_area)
-        errors = GridErrors(*(getattr(solution, name) for name in GridErrors._fields))
-        if before:
-            errors = errors_from(before, numbers, touching, bool(loading.keys() & {"load", "mean_pressure"}))
-            errors = errors.with_rim(solution)
-        rows.append(_row(solution, errors))
-        reached = solution.converged and errors.largest <= until
-        grid = problem.grid
-        if reached or not solution.converged or 4 * grid.n > most_cells:
-            return Refinement(solution, errors, reached, rows)
+            errors = GridErrors(*(getattr(solution, name) for name in GridErrors._fields))
+            numbers = GridNumbers(
+                solution.load, solution.approach, solution.max_pressure, solution.contact_area
+            )
+            if before:
+                errors = errors_from(before, numbers, solver.touching, by_load).with_rim(solution)
+            rows.append(_row(solution, errors))
+            reached = solution.converged and errors.largest <= until
+            if reached or not solution.converged or 4 * grid.n > most_cells:
+                exact = solver.stiffness(solution) if stiffness else float("nan")
+                return Refinement(solution, errors, reached, exact, rows)
         before, problem = numbers, problem.on(grid.refine())
 
 

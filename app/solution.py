@@ -255,13 +255,15 @@ class Solution:
 
         return replace(self, **whole, distance=lambda: h, slabs=Slabs(self.grid.ny), comm=MPI.COMM_SELF)
 
-    def save(self, path, **attributes):
+    def save(self, path, steps=None, **attributes):
         """Write a result file (HDF5), whole or not at all. Collective.
 
         Parameters
         ----------
         path : str or Path
             Ends in ``.h5`` or ``.hdf5``.
+        steps : mapping of str to ndarray, shape (steps,), optional
+            Table of the load path that ended here, `app.path.LoadPath.table`; the group ``path`` of the file.
         **attributes
             More root attributes, or others than those of `attributes`.
 
@@ -271,6 +273,7 @@ class Solution:
             If it cannot be written.
         """
         from app.output.result import write_result
+        from app.path import UNITS
 
         fields = {
             "pressure": self.pressure,
@@ -281,7 +284,9 @@ class Solution:
         }
         facts = self.attributes | attributes
         try:
-            write_result(path, self.comm, self.slabs, fields, self.x, self.grid.y(), facts, self.history)
+            write_result(
+                path, self.comm, self.slabs, fields, self.x, self.grid.y(), facts, self.history, UNITS, steps
+            )
         except OSError as error:
             raise InputError(f"result file {path}: cannot be written: {error}") from None
         except ValueError as error:  # the folder is gone, which was there when the solve began

@@ -25,6 +25,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app import method as methods
+from app.analytic import analytic_values
 from app.contact import measures
 from app.contact.certificate import certify
 from app.contact.extent import measure_extent
@@ -167,10 +168,8 @@ class ContactSolver:
             raise InputError(
                 f"unknown or unused option{'s'[: len(unused) > 1]}: -{', -'.join(sorted(unused))}"
             )
+        self._strategy = Strategy(chosen, hierarchy, self._distances, self._solver)
         self._measure_shapes()
-        self._strategy = Strategy(
-            chosen, hierarchy, self._distances, lambda: self._coarse_minimum, self._solver
-        )
 
     def _make_solver(self):
         """Make the solver of the target grid; what PETSc refuses is the user's to know.
@@ -210,7 +209,7 @@ class ContactSolver:
         self.touching = reference = self.comm.allreduce(float(np.nanmin(target, initial=np.inf)), MPI.MIN)
         for shape in shapes:
             shape -= reference
-        self._coarse_minimum = hierarchy.coarse_minimum(shapes)
+        self._strategy.coarse_minimum = hierarchy.coarse_minimum(shapes)
         for distance in self._distances:
             self._resources.remove(distance)
         self._distances.clear()
@@ -385,6 +384,8 @@ class ContactSolver:
                 ),
             )
         p, distance, depth = state.p, state.distance, state.depth
+        prescribed = loading.load if loading.prescribes_load else None
+        approach = loading.approach if prescribed is None else state.approach
         found = measures.measure_contact(state)
         last = len(self.hierarchy.levels) - 1
         return Solution(
@@ -394,7 +395,7 @@ class ContactSolver:
             contact=state.contact.copy(),
             converged=outcome.converged,
             message=outcome.reason,
-            approach=state.approach if loading.prescribes_load else loading.approach,
+            approach=approach,
             residual=outcome.residual,
             iterations=outcome.iterations,
             inner_iterations=sum(e["inner_iterations"] for e in history.entries if e["level"] == last),
@@ -409,7 +410,7 @@ class ContactSolver:
             rtol=self.settings.rtol,
             certificate=proof,
             history=history.columns(),
-            problem=self.problem.describe(),
+            problem=self.problem.describe() | analytic_values(self.problem, approach, prescribed),
             options=self.settings.summary,
             notes=(*self.settings.warnings, *notes_on(state)),
             solve_seconds=seconds,

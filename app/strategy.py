@@ -41,15 +41,18 @@ class Strategy:
     hierarchy : Hierarchy
     distances : list of UndeformedDistance
         On every level; the list itself is kept.
-    coarse_minimum : callable
-        Returns what `Hierarchy.coarse_minimum` did.
     solver : LinearSolver, a reference solver, or None
         Of the target grid.
+
+    Attributes
+    ----------
+    coarse_minimum : ndarray or None
+        See `Hierarchy.coarse_minimum`.
     """
 
-    def __init__(self, settings, hierarchy: Hierarchy, distances, coarse_minimum, solver):
+    def __init__(self, settings, hierarchy: Hierarchy, distances, solver):
         self._settings, self._hierarchy, self._distances = settings, hierarchy, distances
-        self._coarse_minimum, self._solver = coarse_minimum, solver
+        self.coarse_minimum, self._solver = None, solver
 
     def run(self, loading, history, start=None):
         """Solve for a loading, from a Solution if one is given.
@@ -87,8 +90,8 @@ class Strategy:
                 return state, solve_on(hierarchy, last, state, loading, stop, history, False, self._solver)
             return state, active_set_by_load(state, self._solver, loading, stop, history)
         if chosen.strategy == "fast":
-            coarse_minimum, how = self._coarse_minimum(), (chosen.nested, chosen.beta, chosen.lifted)
-            return nested_iteration(*arguments, stop, history, *how, coarse_minimum, self._solver)
+            how = chosen.nested, chosen.beta, chosen.lifted, self.coarse_minimum
+            return nested_iteration(*arguments, stop, history, *how, self._solver)
         prolong = lift if chosen.lifted else None
         return full_multigrid(*arguments, stop, history, chosen.nested, chosen.beta, prolong, self._solver)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from app.commands import load_path
 from app.errors import InputError, agree
 from app.halfspace.grid import SYMBOLS
 from app.options import (
@@ -12,6 +13,7 @@ from app.options import (
     OptionReader,
     as_line,
     choice,
+    count,
     domain,
     flag,
     from_zero,
@@ -37,6 +39,7 @@ def grid_size(text):
     return pair(allowed, lambda nx, ny: nx * ny <= most)(text)
 
 
+share = real("above 0 and below 1", above=0, highest=1 - 1e-9)
 frequencies = pair("M,N or M, whole numbers from 1 to 10000", lambda m, n: max(m, n) <= 10000)
 
 PROBLEM_OPTIONS = [
@@ -66,10 +69,14 @@ PROBLEM_OPTIONS = [
     Option("surface_rms_height", from_zero, None, "rough: rms height [mm]"),
     Option("gap_file", word, REQUIRED, "undeformed distance (ny, nx): .npy, .h5[:/dataset] or text; NaN: no contact"),
     Option("problem_type", word, REQUIRED, "python: module.Name or file.py:Name, a Problem or a function of x and y"),
+    *load_path.OPTIONS,
+    Option("stiffness", flag, False, "solve for the contact stiffness, too"),
+    Option("refine_until", share, None, "finer and finer grids until the errors that cells make are below"),
+    Option("refine_max", count, 4096**2, "refine_until: most cells"),
     Option("output", word, None, "result file (HDF5)"),
     Option("lcp_monitor", flag, False, "a line for each active set iteration"),
 ]  # fmt: skip
-LOADING = ("approach", "load", "mean_pressure", "mean_gap")
+LOADING = ("approach", "load", "mean_pressure", "mean_gap", *(f"{kind}_path" for kind in load_path.KINDS))
 MATERIAL = ("contact_modulus", ("shear_modulus", "poisson_ratio"))
 ROUGHNESS = ("surface_rms_slope", "surface_rms_height")
 
@@ -88,7 +95,13 @@ class Request:
     ----------
     problem : app.problems.problem.Problem
     loading : dict
-        Argument of `app.solver.ContactSolver.solve`.
+        Argument of `app.solver.ContactSolver.solve`; empty for a path.
+    path : app.commands.load_path.PathRequest or None
+    refine_until : float or None
+    refine_max : int
+    stiffness : bool
+    inputs : list of str
+        Files that the problem is read from.
     method : dict of str to str
         Options left for the solver, which knows which of them there are.
     options_text : str
@@ -113,13 +126,25 @@ class Request:
         if self.output:
             agree(comm, check_output_path, self.output, [*given.files, *input_files(given.texts)])
         self.problem, own, self.notes = agree(comm, make_problem, options, given.texts, comm)
-        self.loading = dict([loading(given)])
-        options.asked |= self.loading.keys()
+        kind, number = loading(given)
+        options.asked.add(kind)
+        self.loading, self.path, self.refine_until = {kind: number}, None, options["refine_until"]
+        if kind.endswith("_path"):
+            self.loading = {}
+            self.path = agree(
+                comm, load_path.PathRequest.of, kind.removesuffix("_path"), options, self.output
+            )
+            if self.refine_until:
+                raise InputError(f"-refine_until: of one loading only, not of -{kind}")
+        self.refine_max = options["refine_max"] if self.refine_until else None
+        self.stiffness = options["stiffness"]
+        self.inputs = input_files(given.texts)
         self.wants_monitor = options["lcp_monitor"]
         if options.unused():
             raise InputError(unused(options.unused()))
         taken = {option.name for option in PROBLEM_OPTIONS} | own.asked
         self.method = {name: text for name, text in given.texts.items() if name not in taken}
+        self.identity = load_path.identifying(given.texts)
         self.options_text = as_line({name: given.texts[name] for name in given.texts.keys() & taken})
 
 
