@@ -113,6 +113,20 @@ CASES = {
     "two moduli": (
         [*HERTZ, "-contact_modulus", "3", "-shear_modulus", "3"], "both -contact_modulus and -shear_modulus"
     ),
+    "no path": ([*HERTZ, "-load_path", "1:2"], "-load_path 1:2: not allowed; allowed: first:last:n"),
+    "path and approach": ([*HERTZ, "-load_path", "1,2", "-approach", "1"], "both -approach and -load_path"),
+    "path of negative loads": ([*HERTZ, "-load_path", "1,-2"], "load -2: the bodies do not stick together"),
+    "resumes nothing": ([*HERTZ, "-resume"], "-resume"),
+    "resumes from nowhere": ([*HERTZ, "-load_path", "1,2", "-resume"], "neither is given"),
+    "fields of steps nowhere": ([*HERTZ, "-load_path", "1,2", "-path_fields"], "-output, which is missing"),
+    "refines a path": ([*HERTZ, "-load_path", "1,2", "-refine_until", "0.1"], "of one loading only"),
+    "refines a file": (
+        with_file(
+            *("gap.npy", np.ones((8, 8)), "-problem", "file", "-gap_file", "FILE", "-domain", "0,1,0,1"),
+            *("-approach", "2", "-contact_modulus", "1", "-refine_until", "0.1"),
+        ),
+        "there is no finer one",
+    ),
     "one infinite value": (gap_of(infinite(7, 4)), "inf in row 7, column 4"),
 }  # fmt: skip
 ON_TWO_RANKS = [
