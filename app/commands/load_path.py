@@ -104,6 +104,8 @@ def run_path(wanted, solver, stiffness, inputs, identity, save):
     done : callable
         To be called when everything is written: the journal is not needed any more.
     """
+    for number in wanted.numbers:  # before a file is touched
+        solver.check(**{wanted.kind: number})
     first = solver.comm.rank == 0
     book = _Book()
     agree(solver.comm, lambda: first and book.open(wanted, solver, inputs, identity))

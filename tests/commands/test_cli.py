@@ -117,8 +117,6 @@ CASES = {
     "path and approach": ([*HERTZ, "-load_path", "1,2", "-approach", "1"], "both -approach and -load_path"),
     "path of negative loads": ([*HERTZ, "-load_path", "1,-2"], "load -2: the bodies do not stick together"),
     "resumes nothing": ([*HERTZ, "-resume"], "-resume"),
-    "resumes from nowhere": ([*HERTZ, "-load_path", "1,2", "-resume"], "neither is given"),
-    "fields of steps nowhere": ([*HERTZ, "-load_path", "1,2", "-path_fields"], "-output, which is missing"),
     "refines a path": ([*HERTZ, "-load_path", "1,2", "-refine_until", "0.1"], "of one loading only"),
     "refines a file": (
         with_file(

@@ -66,6 +66,13 @@ def test_a_step_that_is_not_solved_is_status_3(cli, tmp_path):
     assert list(read_result(tmp_path / "a.h5").path["converged"]) == [0, 1]
 
 
+def test_what_is_kept_needs_a_place(cli):
+    for option in ("-resume", "-path_fields"):
+        refused = cli(*PATH, option)
+        assert refused.returncode == 2
+        assert "-output" in refused.stderr
+
+
 def test_refine_until(cli, tmp_path):
     fine = cli(*HERTZ, "-refine_until", "0.02", "-stiffness", "-output", tmp_path / "a.h5")
     assert fine.returncode == 0, fine.stderr
