@@ -91,6 +91,7 @@ class LoadPath:
 
     def __init__(self, solver, kind, numbers, stiffness=False, rows=()):
         self._solver, self._kind, self._exact = solver, kind, stiffness
+        self._rank = solver.comm.rank  # the solver may be closed when the table is saved
         self.numbers = _as_numbers(kind, numbers)
         for number in self.numbers:
             solver.check(**{kind: number})
@@ -163,7 +164,7 @@ class LoadPath:
         """
         from app.output.table import write_table
 
-        if self._solver.comm.rank:
+        if self._rank:
             return
         columns = {name: column.tolist() for name, column in self.table.items()}
         try:
