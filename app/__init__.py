@@ -23,6 +23,7 @@ _PLACES = {
     "Sphere": "app.problems.shapes",
     "read_result": "app.output.result",
     "read_surface": "app.problems.measured",
+    "refine": "app.refinement",
     "solve": "app.solver",
 }
 __all__ = [*_PLACES, "__version__"]

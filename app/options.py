@@ -285,6 +285,27 @@ def cells(text):
     return i0, i1, j0, j1
 
 
+def series(text):
+    """Kind: ``first:last:n`` or ``first:last:n:log``, n numbers from first to last, or some with commas between.
+
+    Examples
+    --------
+    >>> series("1:100:3:log"), series("0:1:3"), series("1,5,2")
+    ((1.0, 10.0, 100.0), (0.0, 0.5, 1.0), (1.0, 5.0, 2.0))
+    """
+    allowed = "first:last:n, first:last:n:log with both above 0, n from 2 to 100000; or numbers a,b,c"
+    try:
+        if ":" not in text:
+            return tuple(_real(part) for part in text.split(","))
+        first, last, n, *spacing = text.split(":")
+        first, last, n = _real(first), _real(last), int(n)
+    except ValueError:
+        raise ValueError(allowed) from None
+    if spacing not in ([], ["log"]) or not 2 <= n <= 100000 or (spacing and min(first, last) <= 0):
+        raise ValueError(allowed)
+    return tuple((np.geomspace if spacing else np.linspace)(first, last, n).tolist())
+
+
 def domain(text):
     """Kind: ``x0,x1,y0,y1``."""
     allowed = "x0,x1,y0,y1 with x0 < x1 and y0 < y1 [mm]"

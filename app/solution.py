@@ -7,7 +7,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from app.contact.certificate import Certificate
+from app.contact.extent import ContactExtent, patch_areas
+from app.errors import InputError
 from app.halfspace.grid import Grid, Slabs
+from app.halfspace.reductions import minimum_over, sum_over
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +33,13 @@ class Solution:
         [N], [mm].
     mean_pressure, mean_gap : float
         Load over the area of the patch [N/mm2]; mean of the gap over the cells where contact is possible [mm].
+    contact_area, mean_contact_pressure : float
+        [mm2]; load over it [N/mm2].
+    pressure_centre_x, pressure_centre_y, moment_x, moment_y : float
+        Centre of pressure [mm], and moments about the axes through the origin [N mm].
+    semi_axis_major, semi_axis_minor, major_axis_angle : float
+        Of the ellipse with the second moments of the contact set [mm]; its angle from the x axis [degree]. These seven
+        are NaN on a periodic patch, which has no origin.
     contact_fraction, contact_fraction_corrected, perimeter : float
         Share of these cells; the same corrected for its stepped boundary; the length of that [mm]. See
         `app.contact.measures`.
@@ -43,6 +53,9 @@ class Solution:
         The paper's count; and everything computed, in products on the target grid.
     discretisation_error : float
         Relative rms difference of the pressures on the last two grids; NaN where it is not known.
+    load_error, approach_error, max_pressure_error, contact_area_error : float
+        Estimated relative errors that the size of the cells makes in these numbers, rather too large; the approach
+        counts from first touch. NaN without nested iteration; see `app.contact.grid_errors`.
     fallbacks : int
         Grids on which the safeguard took over.
     certificate : Certificate
@@ -72,14 +85,27 @@ class Solution:
     work_units: float
     operator_applications: float
     discretisation_error: float
+    load_error: float
+    approach_error: float
+    max_pressure_error: float
+    contact_area_error: float
     fallbacks: int
     max_pressure: float
     contact_cells: int
     contact_fraction: float
     contact_fraction_corrected: float
     perimeter: float
+    contact_area: float
+    mean_contact_pressure: float
     mean_pressure: float
     mean_gap: float
+    pressure_centre_x: float
+    pressure_centre_y: float
+    moment_x: float
+    moment_y: float
+    semi_axis_major: float
+    semi_axis_minor: float
+    major_axis_angle: float
     rms_height: float
     rms_slope: float
     rtol: float
@@ -134,6 +160,10 @@ class Solution:
             "operator_applications": self.operator_applications,
             "residual": self.residual,
             "discretisation_error": self.discretisation_error,
+            "load_error": self.load_error,
+            "approach_error": self.approach_error,
+            "max_pressure_error": self.max_pressure_error,
+            "contact_area_error": self.contact_area_error,
             "fallbacks": self.fallbacks,
             "load": self.load,
             "approach": self.approach,
@@ -142,8 +172,11 @@ class Solution:
             "contact_fraction": self.contact_fraction,
             "contact_fraction_corrected": self.contact_fraction_corrected,
             "perimeter": self.perimeter,
+            "contact_area": self.contact_area,
+            "mean_contact_pressure": self.mean_contact_pressure,
             "mean_pressure": self.mean_pressure,
             "mean_gap": self.mean_gap,
+            **{name: getattr(self, name) for name in ContactExtent._fields},
             "rms_height": self.rms_height,
             "rms_slope": self.rms_slope,
             "lcp_rtol": self.rtol,
@@ -157,6 +190,50 @@ class Solution:
             "ranks": self.comm.size,
             "version": __version__,
         }
+
+    def contact_patches(self):
+        """Areas of the patches of contact, from large to small [mm2]; the same on all ranks. Collective.
+
+        Cells hang together by faces; on a periodic patch across its sides, too.
+        """
+        return patch_areas(self.contact, self.grid, self.slabs, self.comm)
+
+    def distribution(self, name, bins=100, logarithmic=False):
+        """Distribution of the pressure over the cells in contact, or of the gap over those that are open.
+
+        Collective.
+
+        Parameters
+        ----------
+        name : str
+            "pressure" or "gap".
+        bins : int
+        logarithmic : bool
+            Bins of equal ratio; else of equal width.
+
+        Returns
+        -------
+        edges : ndarray, shape (bins + 1,), [N/mm2] or [mm]
+            From the smallest to the largest value; empty if there are none.
+        density : ndarray, shape (bins,)
+            Share of the cells counted per unit; its integral is 1.
+
+        Raises
+        ------
+        InputError
+            If it is the distribution of something else.
+        """
+        if name not in ("pressure", "gap"):
+            raise InputError(f"distribution {name!r}: allowed: pressure, gap")
+        values = getattr(self, name)
+        values = values[(self.contact if name == "pressure" else ~self.contact) & (values > 0)]
+        low, high = minimum_over(self.comm, [values.min(initial=np.inf), -values.max(initial=0.0)]) * (1, -1)
+        if not high:
+            return np.zeros(0), np.zeros(0)
+        edges = np.geomspace(low, high, bins + 1) if logarithmic else np.linspace(low, high, bins + 1)
+        edges[0], edges[-1] = low, high
+        counts = sum_over(self.comm, np.histogram(values, edges)[0])
+        return edges, counts / counts.sum() / np.diff(edges)
 
     def gather(self, root=0):
         """Bring all rows to one rank. Collective.
@@ -178,13 +255,15 @@ class Solution:
 
         return replace(self, **whole, distance=lambda: h, slabs=Slabs(self.grid.ny), comm=MPI.COMM_SELF)
 
-    def save(self, path, **attributes):
+    def save(self, path, steps=None, **attributes):
         """Write a result file (HDF5), whole or not at all. Collective.
 
         Parameters
         ----------
         path : str or Path
             Ends in ``.h5`` or ``.hdf5``.
+        steps : mapping of str to ndarray, shape (steps,), optional
+            Table of the load path that ended here, `app.path.LoadPath.table`; the group ``path`` of the file.
         **attributes
             More root attributes, or others than those of `attributes`.
 
@@ -193,8 +272,8 @@ class Solution:
         InputError
             If it cannot be written.
         """
-        from app.errors import InputError
         from app.output.result import write_result
+        from app.path import UNITS
 
         fields = {
             "pressure": self.pressure,
@@ -205,7 +284,9 @@ class Solution:
         }
         facts = self.attributes | attributes
         try:
-            write_result(path, self.comm, self.slabs, fields, self.x, self.grid.y(), facts, self.history)
+            write_result(
+                path, self.comm, self.slabs, fields, self.x, self.grid.y(), facts, self.history, UNITS, steps
+            )
         except OSError as error:
             raise InputError(f"result file {path}: cannot be written: {error}") from None
         except ValueError as error:  # the folder is gone, which was there when the solve began

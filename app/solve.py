@@ -20,8 +20,10 @@ def main(given):
     from petsc4py import PETSc
 
     from app.commands import monitor
+    from app.commands.load_path import run_path
     from app.commands.problem_options import Request, help_text
-    from app.commands.report import report
+    from app.commands.report import along, grids, report
+    from app.refinement import refine
     from app.solver import ContactSolver
 
     if "help" in given.of_petsc:
@@ -29,27 +31,67 @@ def main(given):
         if "problem" not in given.texts:
             return 0
     started = time.perf_counter()
+    facts = {"command_line": shlex.join(sys.argv)}
     with PETSc.Log.Stage("Setup"):
         request = Request(given, MPI.COMM_WORLD)
-        solver = ContactSolver(request.problem, options=request.method)
-        solver.listeners += monitor.listeners(request.wants_monitor, solver.settings.rtol)
-    facts = {
-        "setup_seconds": time.perf_counter() - started,
-        "command_line": shlex.join(sys.argv),
-    }
+        solver = None
+        if not request.refine_until:
+            solver = ContactSolver(request.problem, options=request.method)
+            shown = request.wants_monitor or not request.path  # which has a bar, or lines, of its own
+            solver.listeners += (
+                monitor.listeners(request.wants_monitor, solver.settings.rtol) if shown else []
+            )
+            facts["setup_seconds"] = time.perf_counter() - started
     gc.freeze()  # all this stays: looking for garbage in it takes as long as a small solve
-    with solver, PETSc.Log.Stage("Solve"), warnings.catch_warnings():
+
+    def save(solution, file, steps=None):
+        with PETSc.Log.Stage("Output"):
+            options = f"{request.options_text} {solution.options}"
+            more = {**facts, "options": options, "peak_memory": session.peak_memory()}
+            solution.save(file, steps, **more)
+
+    done, steps, status = None, None, 0
+    with PETSc.Log.Stage("Solve"), warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of what the report says: not converged
-        solution = solver.solve(**request.loading)
-    facts["options"] = f"{request.options_text} {solution.options}"
-    with PETSc.Log.Stage("Output"):
-        facts["peak_memory"] = session.peak_memory()
-        if request.output:
-            solution.save(request.output, **facts)
+        if solver is None:
+            listeners = monitor.listeners(request.wants_monitor, 1e-6)
+            refined = refine(
+                request.problem, request.refine_until, request.refine_max, options=request.method,
+                listeners=listeners, stiffness=request.stiffness, **request.loading,
+            )  # fmt: skip
+            solution, stiffness = refined.solution, refined.stiffness
+            facts |= refined.errors._asdict()
+            status = 0 if refined.reached else 3
+        else:
+            with solver:
+                if request.path:
+                    path, solution, done = run_path(
+                        request.path, solver, request.stiffness, request.inputs, request.identity, save
+                    )
+                    steps, status = path.table, 0 if path.converged else 3
+                    facts |= {
+                        "path_operator_applications": path.operator_applications,
+                        "path_seconds": path.solve_seconds,
+                    }
+                else:
+                    solution = solver.solve(**request.loading)
+                stiffness = solver.stiffness(solution) if request.stiffness else None
+    patches = solution.contact_patches()
+    facts |= {"contact_patches": len(patches), "largest_patch": float(patches.max(initial=0.0))}
+    if request.stiffness:
+        facts["stiffness"] = stiffness
+    if request.output:
+        save(solution, request.output, steps)
+    if done:
+        done()
+    if solver is None:
+        session.say(grids(refined, request.refine_until))
+    if steps:
+        session.say(along(path, request.path))
     session.say(report(solution.attributes | facts, solution.grid, request.output))
     for line in solution.notes:
         session.warn(line)
-    return 0 if solution.converged else 3
+    return status if solution.converged else 3
 
 
 class _Command(types.ModuleType):

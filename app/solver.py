@@ -17,6 +17,7 @@ import re
 import time
 import warnings
 import weakref
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -24,43 +25,36 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app import method as methods
-from app.contact import certificate, kernels, measures
+from app.analytic import analytic_values
+from app.contact import measures
 from app.contact.certificate import certify
-from app.contact.full_contact import FullContact
-from app.contact.full_multigrid import full_multigrid
+from app.contact.extent import measure_extent
 from app.contact.history import History
-from app.contact.iteration import active_set_by_load
-from app.contact.loading import PrescribedApproach, prescribe
+from app.contact.loading import LOADINGS, PrescribedApproach, prescribe
 from app.contact.reference_solvers import REFERENCE_SOLVERS
-from app.contact.state import ContactState, UndeformedDistance
+from app.contact.state import UndeformedDistance
+from app.contact.stiffness import contact_stiffness
 from app.contact.stopping import StoppingTest
 from app.errors import InputError, agree
 from app.fast.circulant import circulant_of
-from app.fast.iteration import InexactStop
-from app.fast.lift import lift
-from app.fast.nested import nested_iteration, solve_on
 from app.fast.solver import TrackingSolver
 from app.halfspace.grid import check_memory
 from app.halfspace.influence import influence_quadrant
-from app.halfspace.sweeps import gauss_seidel
-from app.multigrid import transfer
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.notes import notes_on
+from app.path import LoadPath
 from app.petsc import OptionDatabase, Resources, error_message
-from app.primal.nested import primal_iteration
 from app.primal.solver import PrimalSolver
 from app.problems.given import ContactProblem
 from app.problems.problem import checked_shape
 from app.solution import Solution
+from app.strategy import Strategy, warm_up
 
 __all__ = ["ContactProblem", "ContactSolver", "Solution", "solve"]
 
 # Options that PETSc looks up only while solving, or never marks as used.
 _READ_LATE = re.compile(r"(\w+_)?(ksp|snes|tao)_converged_reason|(\w+_)?(ksp|pc|mat|vec|snes|tao)_view\w*")
-# PETSc's errors that say that types do not go together: unsupported, wrong argument or state, method missing, unknown
-# type, no factorisation
-_WRONG_CHOICES = (56, 60, 62, 73, 75, 83, 86, 92)
 
 
 def solve(
@@ -112,6 +106,8 @@ class ContactSolver:
     ----------
     settings : app.method.Settings
     setup_seconds : float
+    touching : float
+        Approach at which the bodies just touch [mm].
     hierarchy : Hierarchy
     ksp : PETSc.KSP or None
         Of the target grid; None where it is only made in a window, or there is none.
@@ -162,7 +158,7 @@ class ContactSolver:
         )  # fmt: skip
         self._solver = self._make_solver()
         self._resources.add(self._solver)
-        self._warm_up()
+        warm_up(chosen)
         if chosen.lifted and chosen.nested:
             for operator in hierarchy.levels:
                 if not hierarchy.windowed(operator):
@@ -172,6 +168,7 @@ class ContactSolver:
             raise InputError(
                 f"unknown or unused option{'s'[: len(unused) > 1]}: -{', -'.join(sorted(unused))}"
             )
+        self._strategy = Strategy(chosen, hierarchy, self._distances, self._solver)
         self._measure_shapes()
 
     def _make_solver(self):
@@ -199,17 +196,6 @@ class ContactSolver:
         except (ValueError, ImportError, AttributeError) as error:
             raise InputError(f"solver options: {error}") from None
 
-    def _warm_up(self):
-        """Load compiled loops now, not in the first iteration."""
-        texts = self.settings.texts
-        kernels.warm_up()
-        certificate.warm_up()
-        measures.warm_up()
-        transfer.warm_up()
-        kind = texts.get("pc_type", "")
-        if kind == "sor" or (kind == "mg" and texts.get("mg_levels_pc_type", "") in ("", "sor")):
-            gauss_seidel.warm_up()
-
     def _measure_shapes(self):
         """Undeformed distance on all grids."""
         hierarchy, problem = self.hierarchy, self.problem
@@ -220,13 +206,13 @@ class ContactSolver:
         if self.settings.single:
             highest = self.comm.allreduce(float(np.nanmax(np.abs(target), initial=0.0)), MPI.MAX)
             _check_single("pressures", highest / self._largest, "N/mm2")
-        self._touching = reference = self.comm.allreduce(float(np.nanmin(target, initial=np.inf)), MPI.MIN)
+        self.touching = reference = self.comm.allreduce(float(np.nanmin(target, initial=np.inf)), MPI.MIN)
         for shape in shapes:
             shape -= reference
-        self._coarse_minimum = hierarchy.coarse_minimum(shapes)
+        self._strategy.coarse_minimum = hierarchy.coarse_minimum(shapes)
         for distance in self._distances:
             self._resources.remove(distance)
-        self._distances = []
+        self._distances.clear()
         for level in hierarchy.levels:
             self._distances.append(UndeformedDistance(level, shapes.pop(0), reference))
             self._resources.add(self._distances[-1])
@@ -282,11 +268,11 @@ class ContactSolver:
         if self._digits_lost():
             self._measure_shapes()
         loading = self._loading(approach=approach, load=load, mean_pressure=mean_pressure, mean_gap=mean_gap)
-        if not loading.prescribes_load and loading.approach <= self._touching:
+        if not loading.prescribes_load and loading.approach <= self.touching:
             start = None  # there is no pressure
         history = History(self.listeners)
         with self._database.active():
-            state, outcome = self._run(loading, history, start)
+            state, outcome = self._strategy.run(loading, history, start)
             try:
                 solution = self._solution(state, loading, outcome, history, started, products)
             finally:
@@ -297,6 +283,75 @@ class ContactSolver:
             warnings.warn(f"not converged: {solution.message}", RuntimeWarning, stacklevel=2)
         return solution
 
+    def path(self, stiffness=False, rows=(), **loadings):
+        """Solve for many loads, one after the other.
+
+        Parameters
+        ----------
+        stiffness : bool
+            Solve for the exact stiffness of every step, too.
+        rows : sequence of dict, optional
+            Of steps done already, see `app.path.LoadPath`.
+        **loadings : sequence of float
+            Exactly one of load, approach, mean_pressure and mean_gap, as of `solve`.
+
+        Returns
+        -------
+        LoadPath
+            Iterate over it for the Solutions; its ``table`` has the numbers of all steps.
+
+        Raises
+        ------
+        InputError
+            If a number is not allowed.
+        """
+        if len(loadings) != 1 or not loadings.keys() <= LOADINGS.keys():
+            raise InputError(
+                f"path: exactly one of {', '.join(LOADINGS)} is needed, with a number for each step"
+            )
+        [(kind, numbers)] = loadings.items()
+        return LoadPath(self, kind, numbers, stiffness, rows)
+
+    def check(self, **loading):
+        """Refuse a loading that `solve` would refuse; solve nothing. Collective."""
+        self._loading(**loading)
+
+    @contextmanager
+    def unmoved(self):
+        """Give a function that takes back what moving the bodies has left of rounding in the undeformed distances.
+
+        After it a solve does the same, to the last digit, as the first one did. It costs a field for every grid.
+        """
+        if any(distance.depth or distance.deepest for distance in self._distances):
+            self._measure_shapes()
+        kept = [distance.b.copy() for distance in self._distances]
+
+        def take_back():
+            for distance, b in zip(self._distances, kept, strict=True):
+                distance.take_back(b)
+
+        yield take_back
+
+    def stiffness(self, solution):
+        """Contact stiffness dF/d(approach) of a solution, exactly, by one more linear solve on its contact set.
+
+        Parameters
+        ----------
+        solution : Solution
+            Of this problem, grid and communicator.
+
+        Returns
+        -------
+        float
+            [N/mm]; 0 without contact, infinite where a periodic patch is in contact everywhere, NaN if the linear
+            solver does not converge.
+        """
+        if self._finalizer.alive is False:
+            raise InputError("the solver is closed")
+        self._strategy.check(solution, "solution")
+        with self._database.active():
+            return contact_stiffness(self.hierarchy, self._distances[-1], solution.contact)
+
     def _loading(self, **given):
         loading = prescribe(self.problem.grid, self._distances[-1], **given)
         if loading.prescribes_load and self.settings.strategy in REFERENCE_SOLVERS:
@@ -305,74 +360,11 @@ class ContactSolver:
             if loading.prescribes_load:
                 pressure = loading.load / self.problem.grid.cell_area
             else:
-                pressure = max(loading.approach - self._touching, 0.0) / self._largest
+                pressure = max(loading.approach - self.touching, 0.0) / self._largest
             _check_single("pressures", pressure, "N/mm2")
         if loading.prescribes_load and loading.load == 0:
-            return PrescribedApproach(self._touching)  # it is not unique: where the bodies just touch
+            return PrescribedApproach(self.touching)  # it is not unique: where the bodies just touch
         return loading
-
-    def _run(self, loading, history, start):
-        chosen, hierarchy = self.settings, self.hierarchy
-        arguments, last = (hierarchy, self._distances, loading), len(hierarchy.levels) - 1
-        state = ContactState(hierarchy.target, self._distances[-1])
-        stop = StoppingTest(chosen.rtol, chosen.max_it)
-        if outcome := FullContact(last).solve(state, loading, stop, history):
-            return state, outcome
-        state.destroy()
-        if chosen.strategy in REFERENCE_SOLVERS:
-            state = ContactState(hierarchy.target, self._distances[-1])
-            state.approach = loading.approach
-            try:
-                return state, self._solver.solve(state, history)
-            except PETSc.Error as error:
-                state.destroy()
-                if error.ierr not in _WRONG_CHOICES:
-                    raise
-                raise InputError(f"-lcp_type {chosen.strategy}: {error_message(error)}") from None
-        if chosen.strategy in ("fast", "primal"):
-            stop = InexactStop(
-                chosen.rtol, chosen.max_it, True, chosen.coarse_rtol, chosen.predictor, chosen.error_bound
-            )
-        if chosen.strategy == "primal":
-            return primal_iteration(*arguments, stop, history, chosen.nested, self._solver)
-        if chosen.strategy == "fast":
-            if start is not None:
-                state = self._started_from(start, loading)
-                return state, solve_on(hierarchy, last, state, loading, stop, history, False, self._solver)
-            return nested_iteration(
-                *arguments,
-                stop,
-                history,
-                chosen.nested,
-                chosen.beta,
-                chosen.lifted,
-                self._coarse_minimum,
-                self._solver,
-            )
-        if start is not None:
-            state = self._started_from(start, loading)
-            solver = self._solver
-            return state, active_set_by_load(state, solver, loading, stop, history)
-        prolong = lift if chosen.lifted else None
-        return full_multigrid(*arguments, stop, history, chosen.nested, chosen.beta, prolong, self._solver)
-
-    def _started_from(self, start, loading):
-        """State of the target grid as a solution left it, at the approach of the loading."""
-        here = self.hierarchy.slabs
-        alike = (
-            isinstance(start, Solution)
-            and start.grid == self.problem.grid
-            and start.slabs.starts == here.starts
-        )
-        if not self.comm.allreduce(alike, MPI.LAND):
-            raise InputError("start: needed: a Solution on the same grid and as many ranks")
-        state = ContactState(self.hierarchy.target, self._distances[-1], u=start.displacement.copy())
-        with state.pressure as p:
-            p[...] = np.where(state.admissible, start.pressure, 0.0).reshape(-1)
-        state.contact[...] = start.contact & state.admissible
-        state.approach = start.approach
-        loading.resume(state, start.load)
-        return state
 
     def _solution(self, state, loading, outcome, history, started, products):
         applications = self.hierarchy.operator_applications() - products
@@ -392,7 +384,10 @@ class ContactSolver:
                 ),
             )
         p, distance, depth = state.p, state.distance, state.depth
-        last, contact = len(self.hierarchy.levels) - 1, measures.measure_contact(state)
+        prescribed = loading.load if loading.prescribes_load else None
+        approach = loading.approach if prescribed is None else state.approach
+        found = measures.measure_contact(state)
+        last = len(self.hierarchy.levels) - 1
         return Solution(
             pressure=p,
             displacement=state.u,
@@ -400,22 +395,24 @@ class ContactSolver:
             contact=state.contact.copy(),
             converged=outcome.converged,
             message=outcome.reason,
-            approach=state.approach if loading.prescribes_load else loading.approach,
+            approach=approach,
             residual=outcome.residual,
             iterations=outcome.iterations,
             inner_iterations=sum(e["inner_iterations"] for e in history.entries if e["level"] == last),
             work_units=sum(entry["work_units"] for entry in history.entries),
             operator_applications=applications,
             discretisation_error=outcome.discretisation_error,
+            **outcome.grid_errors.with_rim(found)._asdict(),
             fallbacks=outcome.fallbacks,
-            **contact._asdict(),
+            **found._asdict(),
+            **measure_extent(state)._asdict(),
             **self._roughness._asdict(),
             rtol=self.settings.rtol,
             certificate=proof,
             history=history.columns(),
-            problem=self.problem.describe(),
+            problem=self.problem.describe() | analytic_values(self.problem, approach, prescribed),
             options=self.settings.summary,
-            notes=(*self.settings.warnings, *notes_on(state, self.problem, contact, self._roughness)),
+            notes=(*self.settings.warnings, *notes_on(state, self.problem, found, self._roughness)),
             solve_seconds=seconds,
             setup_seconds=self.setup_seconds,
             grid=self.problem.grid,

@@ -33,6 +33,13 @@ def self_affine(n, shortest_cells=4, seed=1, hurst=0.8, rolloff=1 / 8):
     return ContactProblem(grid, Material(80000.0, 0.3), height.max() - height)
 
 
+def periodic_rough(n, cutoff=1 / 16):
+    """Self-affine surface under a flat rigid body, periodic on 1 mm; the same on every grid; the rms slope is 0.1."""
+    grid = Grid.from_domain(n, n, (0.0, 1.0, 0.0, 1.0), "spectral")
+    surface = SelfAffineSurface(0.8, 0.25, cutoff, (1.0, 1.0), 3, rms_slope=0.1)
+    return ContactProblem(grid, Material(80000.0, 0.3), surfaces=[surface])
+
+
 def assert_counts_of_norm(n, solution):
     """Compare with `COUNTS`."""
     # The count of CG iterations depends on round-off: the problem is symmetric about both axes, so only

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from app.commands import load_path
 from app.commands.geometry import ALTERNATIVES, FILES, GEOMETRY_OPTIONS, MATERIAL_OPTIONS, make_problem
 from app.errors import InputError, agree
-from app.options import Option, OptionReader, as_line, flag, real, word
+from app.options import Option, OptionReader, as_line, count, flag, real, word
 
 __all__ = ["PROBLEM_OPTIONS", "Request", "help_text", "loading", "make_problem", "reader_of", "settle"]
+
+share = real("above 0 and below 1", above=0, highest=1 - 1e-9)
 
 PROBLEM_OPTIONS = [
     *GEOMETRY_OPTIONS,
@@ -15,10 +18,14 @@ PROBLEM_OPTIONS = [
     Option("load", real(), None, "total normal force [N]"),
     Option("mean_pressure", real(), None, "load over the area of the patch [N/mm2]"),
     Option("mean_gap", real(), None, "mean gap of a periodic patch [mm]"),
+    *load_path.OPTIONS,
+    Option("stiffness", flag, False, "solve for the contact stiffness, too"),
+    Option("refine_until", share, None, "finer and finer grids until the errors that cells make are below"),
+    Option("refine_max", count, 4096**2, "refine_until: most cells"),
     Option("output", word, None, "result file (HDF5)"),
     Option("lcp_monitor", flag, False, "a line for each active set iteration"),
 ]  # fmt: skip
-LOADING = ("approach", "load", "mean_pressure", "mean_gap")
+LOADING = ("approach", "load", "mean_pressure", "mean_gap", *(f"{kind}_path" for kind in load_path.KINDS))
 
 
 class Request:
@@ -35,7 +42,13 @@ class Request:
     ----------
     problem : app.problems.problem.Problem
     loading : dict
-        Argument of `app.solver.ContactSolver.solve`.
+        Argument of `app.solver.ContactSolver.solve`; empty for a path.
+    path : app.commands.load_path.PathRequest or None
+    refine_until : float or None
+    refine_max : int
+    stiffness : bool
+    inputs : list of str
+        Files that the problem is read from.
     method : dict of str to str
         Options left for the solver, which knows which of them there are.
     options_text : str
@@ -58,13 +71,25 @@ class Request:
         if self.output:
             agree(comm, check_output_path, self.output, [*given.files, *input_files(given.texts)])
         self.problem, own = agree(comm, make_problem, options, given.texts, comm)
-        self.loading = dict([loading(given)])
-        options.asked |= self.loading.keys()
+        kind, number = loading(given)
+        options.asked.add(kind)
+        self.loading, self.path, self.refine_until = {kind: number}, None, options["refine_until"]
+        if kind.endswith("_path"):
+            self.loading = {}
+            self.path = agree(
+                comm, load_path.PathRequest.of, kind.removesuffix("_path"), options, self.output
+            )
+            if self.refine_until:
+                raise InputError(f"-refine_until: of one loading only, not of -{kind}")
+        self.refine_max = options["refine_max"] if self.refine_until else None
+        self.stiffness = options["stiffness"]
+        self.inputs = input_files(given.texts)
         self.wants_monitor = options["lcp_monitor"]
         if left := set(options.unused()) - own.asked:
             raise InputError(unused(left))
         taken = {option.name for option in PROBLEM_OPTIONS} | own.asked
         self.method = {name: text for name, text in given.texts.items() if name not in taken}
+        self.identity = load_path.identifying(given.texts)
         self.options_text = as_line({name: given.texts[name] for name in given.texts.keys() & taken})
 
 

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from app.output.table import text
+
+_WITH_ERROR = ("load", "approach", "max_pressure", "contact_area")
+_ANALYTIC = (*_WITH_ERROR, "semi_axis_major", "semi_axis_minor", "stiffness")
+
 
 def report(facts, grid, output=None):
     """Text for standard output.
@@ -41,10 +46,7 @@ def report(facts, grid, output=None):
         lines.insert(
             2, f"mean pressure {facts['mean_pressure']:.8g} N/mm2, mean gap {facts['mean_gap']:.8g} mm"
         )
-    if facts["discretisation_error"] > 0:
-        lines.append(
-            f"discretisation error about {facts['discretisation_error']:.2g} of the pressure (rms, from two grids)"
-        )
+    lines += _more(facts)
     if output:
         lines.append(f"result in {output}")
     return "\n  ".join(lines)
@@ -64,5 +66,68 @@ def _elastic(facts):
     return text
 
 
-def _count(number, what):
-    return f"{number} {what}{'s'[: number != 1]}"
+def _more(facts):
+    """Observables and errors, as far as they are known."""
+    corrected = facts["contact_area"] * _ratio(facts["contact_fraction_corrected"], facts["contact_fraction"])
+    lines = [
+        f"contact area {facts['contact_area']:.6g} mm2, corrected for its stepped rim {corrected:.6g}; "
+        f"mean pressure in it {facts['mean_contact_pressure']:.6g} N/mm2"
+    ]
+    if "contact_patches" in facts:
+        count = _count(facts["contact_patches"], "patch", "es")
+        lines[0] += f"; {count}, the largest {facts['largest_patch']:.6g} mm2"
+    if facts["semi_axis_major"] == facts["semi_axis_major"]:
+        lines.append(
+            f"ellipse of the contact: semi-axes {facts['semi_axis_major']:.6g} and {facts['semi_axis_minor']:.6g} mm, "
+            f"the longer at {facts['major_axis_angle']:.4g} degrees from x; centre of pressure "
+            f"({facts['pressure_centre_x']:.4g}, {facts['pressure_centre_y']:.4g}) mm"
+        )
+    if "stiffness" in facts:
+        lines.append(f"stiffness {facts['stiffness']:.8g} N/mm, by one more linear solve")
+    analytic = [
+        f"{_words(name)} {known:.7g} ({facts[name] / known - 1:+.1e})"
+        for name in _ANALYTIC
+        if name in facts
+        and (known := facts.get(f"analytic_{name}"))
+        and abs(facts[name] - known) > 1e-12 * abs(known)
+    ]
+    if analytic:
+        lines.append(f"analytic, and how far off this is: {', '.join(analytic)}")
+    errors = [
+        f"{_words(name)} {facts[f'{name}_error']:.1e}" for name in _WITH_ERROR if facts[f"{name}_error"] > 0
+    ]
+    if facts["discretisation_error"] > 0:
+        errors.append(f"pressure (rms) {facts['discretisation_error']:.1e}")
+    if errors:
+        lines.append(f"relative errors that the size of the cells makes, about: {', '.join(errors)}")
+    return lines
+
+
+def along(path, wanted):
+    """Text on a load path: what is where, and what it cost. Not collective."""
+    failed = [str(row["step"]) for row in path.rows if not row["converged"]]
+    state = f"step{'s'[: len(failed) > 1]} {', '.join(failed)} NOT CONVERGED" if failed else "all solved"
+    table = f"; table in {wanted.csv}" if wanted.csv else ""
+    return (
+        f"path of {_count(len(path), 'step')}: {state}; {path.operator_applications:.4g} operator applications, "
+        f"{path.solve_seconds:.3g} s{table}"
+    )
+
+
+def grids(refined, until):
+    """Table of the grids of a refinement, and whether the last is fine enough. Not collective."""
+    formats = {name: ".1e" for name in refined.rows[0] if name.endswith("_error")}
+    end = "is below" if refined.reached else "is NOT below"
+    return f"{text(refined.rows, formats=formats)}the largest of the errors {end} {until:g}"
+
+
+def _ratio(one, other):
+    return one / other if other else 0.0
+
+
+def _words(name):
+    return name.replace("_", " ").replace("max ", "maximum ")
+
+
+def _count(number, what, plural="s"):
+    return f"{number} {what}{plural if number != 1 else ''}"

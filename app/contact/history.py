@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field, replace
 
+from app.contact.grid_errors import UNKNOWN, GridErrors
+
 
 class Listener:
     """Hears of the iteration while it runs; called on the ranks that take part in a grid."""
@@ -80,6 +82,7 @@ class Outcome:
     inner_iterations: int = 0
     residual: float = 0.0  # ||r|| / ||h||, eq. (5.1)
     discretisation_error: float = float("nan")  # of the pressure (rms), relative, estimated from two grids
+    grid_errors: GridErrors = UNKNOWN
     fallbacks: int = 0  # grids on which the safeguard took over
 
     def after(self, first):

@@ -30,6 +30,8 @@ class ContactMeasures(NamedTuple):
     mean_pressure: float  # load over the area of the patch [N/mm2]
     mean_gap: float  # of e = h + u over the admissible cells [mm]
     contact_cells: int
+    contact_area: float  # their area [mm2]
+    mean_contact_pressure: float  # load over it [N/mm2]; 0 without contact
     perimeter: float  # length of the faces between contact and no contact [mm]
     contact_fraction: float  # of the admissible cells
     contact_fraction_corrected: float  # less `PER_FACE` of a cell for each of these faces
@@ -54,7 +56,9 @@ def measure_contact(state):
     """
     grid, distance, slabs, load = state.grid, state.distance, state.operator.slabs, state.load
     _, total, _ = kernels.gap_on(distance.b, state.u, state.admissible, state.admissible)
-    in_x, in_y = _faces(state.contact, _row_before(state.contact, state.operator, False), bool(grid.periodic))
+    in_x, in_y = _faces(
+        state.contact, row_before(state.contact, grid, slabs, state.comm, False), bool(grid.periodic)
+    )
     if slabs.local and slabs.rows.stop == grid.ny and not grid.periodic:
         in_y += np.count_nonzero(state.contact[-1])
     total, cells, in_x, in_y = state.sum([total, np.count_nonzero(state.contact), in_x, in_y])
@@ -65,6 +69,8 @@ def measure_contact(state):
         mean_pressure=load / grid.area,
         mean_gap=float(total / admissible),
         contact_cells=int(cells),
+        contact_area=float(cells * grid.cell_area),
+        mean_contact_pressure=float(load / (cells * grid.cell_area)) if cells else 0.0,
         perimeter=float(in_x * grid.dy + in_y * grid.dx),
         contact_fraction=float(cells / admissible),
         contact_fraction_corrected=float((cells - PER_FACE * (in_x + in_y)) / admissible),
@@ -114,7 +120,7 @@ def _of_waves(operator, shape):
 def _of_differences(operator, shape):
     """Mean squares of the differences across faces in x and in y, over the squares of the widths."""
     grid = operator.grid
-    before = _row_before(shape, operator, np.nan)
+    before = row_before(shape, grid, operator.slabs, operator.comm, np.nan)
     in_x, faces_x, in_y, faces_y = sum_over(
         operator.comm, _squared_differences(shape, before, bool(grid.periodic))
     )
@@ -123,12 +129,11 @@ def _of_differences(operator, shape):
     return in_x / max(faces_x, 1) / grid.dx**2 + in_y / max(faces_y, 1) / grid.dy**2
 
 
-def _row_before(field, operator, beyond):
+def row_before(field, grid, slabs, comm, beyond):
     """Row before the first one of this rank.
 
     Collective. Before the first of a periodic patch comes its last one, of a free patch a row of the value `beyond`.
     """
-    grid, comm, slabs = operator.grid, operator.comm, operator.slabs
     row = np.full(grid.nx, beyond, field.dtype)
     owners = [rank for rank, count in enumerate(slabs.counts) if count]
     if not slabs.local:

@@ -152,6 +152,12 @@ class UndeformedDistance:
                 values += depth - self.depth
             self.depth, self.deepest = float(depth), max(self.deepest, abs(depth))
 
+    def take_back(self, b):
+        """Be at depth 0 again with the -h it had there, free of the rounding of moves. Not collective."""
+        with self.rhs as values:
+            values[...] = b.reshape(-1)
+        self.depth = self.deepest = 0.0
+
     def norm(self):
         """||h||_2 over the admissible cells [mm], (5.1); 1 where it is zero, to be divided by. Not collective."""
         cells, mean, deviation = self.statistics
@@ -186,7 +192,8 @@ class ContactState:
         self.u = np.zeros(operator.local_shape) if u is None else u
         self.u_is = Displacement.EXACT
         self._released = np.zeros(operator.local_shape, bool)
-        self.contact = operator.mask  # the very array the operator uses
+        self.contact = operator.mask  # the very array the operator uses, with what the last state left in it
+        self.contact[...] = False
         self.window = window or whole(operator.grid)
         self.work = None  # a field that is at rest when the certificate is asked for, if somebody has one
 

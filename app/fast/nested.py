@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from app.contact.full_multigrid import copy_prolongation, route, tell
+from app.contact.grid_errors import UNKNOWN, errors_from, numbers_on
 from app.contact.iteration import active_set
 from app.contact.state import Displacement
 from app.contact.stopping import StoppingTest
@@ -45,7 +46,7 @@ def nested_iteration(
     """
     last = len(hierarchy.levels) - 1
     coarse = outcome = predicted = None
-    difference = float("nan")
+    difference, before = float("nan"), None
     for number in route(hierarchy, distances, loading, nested):
         level, target = hierarchy.levels[number], number == last
         stage = Stage(hierarchy, number, distances[number], coarse if nested else None, predicted)
@@ -66,6 +67,7 @@ def nested_iteration(
         if coarse is not None:
             if nested:
                 difference = _difference(stage.transfer, stage.coarse.p, state)
+                before = numbers_on(stage.coarse)
             coarse.destroy()
         stage.close()
         coarse = state
@@ -75,7 +77,12 @@ def nested_iteration(
                 rest = solve_on(hierarchy, number, state, loading, stop, history, False, None)
                 outcome = rest.after(outcome)
     telling = stop.coarse_rtol <= _TELLING * difference
-    return state, replace(outcome, discretisation_error=difference if telling else float("nan"))
+    errors = UNKNOWN
+    if before:
+        errors = errors_from(before, numbers_on(state), state.first_touch(), loading.prescribes_load)
+    return state, replace(
+        outcome, discretisation_error=difference if telling else float("nan"), grid_errors=errors
+    )
 
 
 def solve_on(hierarchy, number, state, loading, stop, history, first, given):

@@ -10,6 +10,7 @@ dataset                    shape       type     unit   meaning (symbol of the pa
 ``contact``                (ny, nx)    uint8    1      1 on the contact set C, else 0
 ``x``, ``y``               (nx), (ny)  float64  mm     cell centres
 ``history/<column>``       (k)                  yes    one entry per active set iteration
+``path/<column>``          (steps)              yes    of a load path: one entry per step, the fields are the last's
 =========================  ==========  =======  =====  ==========================================
 
 `x` and `y` are the dimension scales of the fields, as in NetCDF: xarray finds the coordinates.
@@ -119,7 +120,7 @@ class Result:
     path: dict = field(default_factory=dict)
 
 
-def write_result(path, comm, slabs, fields, x, y, attributes, history, units=None):
+def write_result(path, comm, slabs, fields, x, y, attributes, history, units=None, steps=None):
     """Write a result file; it appears whole or not at all.
 
     Collective. `path`, `x`, `y`, `attributes`, `history` and `units` are those of rank 0 (a measured
@@ -142,7 +143,9 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, units=Non
     history : mapping of str to array_like, shape (k,)
         All of `HISTORY` and any other numeric columns; empty if there was no iteration.
     units : mapping of str to str, optional
-        Units of the fields that are not in `FIELDS`; ``"1"`` if not given.
+        Units of the fields that are not in `FIELDS`, and of `steps`; ``"1"`` if not given.
+    steps : mapping of str to array_like, shape (steps,), optional
+        Numeric columns of a load path.
 
     Raises
     ------
@@ -157,7 +160,7 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, units=Non
             ValueError,
             lambda: (
                 check_output_path(path),
-                _plan(slabs, fields, x, y, attributes, history, units),
+                _plan(slabs, fields, x, y, attributes, history, units, steps),
             ),
             only_root=True,
         )
@@ -214,7 +217,7 @@ def read_result(path):
         raise ValueError(f"result file {path}: not a readable HDF5 file ({one_line(error)})") from error
 
 
-def _plan(slabs, fields, x, y, attributes, history, units):
+def _plan(slabs, fields, x, y, attributes, history, units, steps):
     """Check what rank 0 gives and return it as dict, ready to be written."""
     axes = {name: np.asarray(values, AXES[name]) for name, values in (("x", x), ("y", y))}
     if axes["x"].ndim != 1 or axes["y"].shape != (slabs.ny,):
@@ -226,7 +229,7 @@ def _plan(slabs, fields, x, y, attributes, history, units):
     history = history or dict.fromkeys(HISTORY, ())
     _require(history, HISTORY, "history column")
     for name in fields:
-        if name in axes or name == "history" or "/" in name:
+        if name in axes or name in ("history", "path") or "/" in name:
             raise ValueError(f"field {name!r}: name is reserved")
     for name, value in attributes.items():
         value = np.asarray(value)
@@ -249,6 +252,7 @@ def _plan(slabs, fields, x, y, attributes, history, units):
         "axes": axes,
         "attributes": dict(attributes),
         "history": columns,
+        "path": {name: np.asarray(values) for name, values in (steps or {}).items()},
     }
 
 
@@ -274,7 +278,8 @@ def _lay_out(path, plan):
     shape = plan["axes"]["y"].size, plan["axes"]["x"].size
     # A full disk must show up here, in plain system calls: HDF5 cannot even close a file that it failed
     # to write. The space is taken twice because HDF5 starts from an empty file.
-    size = sum(axis.nbytes for axis in (*plan["axes"].values(), *plan["history"].values()))
+    columns = (*plan["axes"].values(), *plan["history"].values(), *plan["path"].values())
+    size = sum(column.nbytes for column in columns)
     size += sum(len(str(value).encode(errors="replace")) for value in plan["attributes"].values())
     size += shape[0] * shape[1] * sum(dtype.itemsize for dtype in plan["types"].values()) + METADATA_BYTES
     _reserve(path, size, "xb")
@@ -284,6 +289,9 @@ def _lay_out(path, plan):
         for name, column in plan["history"].items():
             file[f"history/{name}"] = column
             file[f"history/{name}"].attrs["unit"] = HISTORY_UNITS.get(name, "1")
+        for name, column in plan["path"].items():
+            file[f"path/{name}"] = column.astype(np.uint8) if column.dtype == bool else column
+            file[f"path/{name}"].attrs["unit"] = plan["units"].get(name, "1")
         for name, axis in plan["axes"].items():
             file[name] = axis
             file[name].make_scale(name)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from app.contact.full_multigrid import route
+from app.contact.grid_errors import UNKNOWN, errors_from, numbers_on
 from app.contact.state import ContactState
 from app.fast.iteration import NeedsSafeguard
 from app.fast.nested import _difference, safeguarded
@@ -25,7 +26,7 @@ _SAFEGUARD = {
 }
 
 
-def primal_iteration(hierarchy, distances, loading, stop, history, nested, target_solver=None):
+def primal_iteration(hierarchy, distances, loading, stop, history, nested, target_solver=None, start=None):
     """Solve on the target grid of a periodic hierarchy, from the coarsest grid on.
 
     Collective. Replicated grids are solved by rank 0, which tells the others.
@@ -34,6 +35,8 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
     ----------
     hierarchy, distances, loading, stop, history, nested, target_solver
         See `app.fast.nested.nested_iteration`; the solver is a PrimalSolver.
+    start : Solution, optional
+        On the target grid, to start from there: what is above it in the hierarchy is left out.
 
     Returns
     -------
@@ -41,8 +44,8 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
         On the target grid.
     """
     last = len(hierarchy.levels) - 1
-    coarse, outcome, difference = None, None, float("nan")
-    for number in route(hierarchy, distances, loading, nested) if nested else [last]:
+    coarse, outcome, difference, before = None, None, float("nan"), None
+    for number in route(hierarchy, distances, loading, nested) if nested and start is None else [last]:
         level, target = hierarchy.levels[number], number == last
         state = ContactState(level, distances[number])
         if target or level.comm is not None or hierarchy.comm.rank == 0:
@@ -55,7 +58,9 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
             state.work = solver.scratch
         else:
             primal = PrimalState(state, InverseOperator(level), loading)
-        if coarse is None:
+        if start is not None:
+            primal.continue_from(start)
+        elif coarse is None:
             primal.w[...] = state.distance.b  # full contact
         else:
             primal.mean_pressure = coarse.mean_pressure
@@ -72,11 +77,15 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
             difference = (
                 _difference(hierarchy.transfers[number], coarse.state.p, state) if target else difference
             )
+            before = coarse.numbers()
             coarse.state.destroy()
             coarse.destroy()
         coarse = primal
     primal.destroy()
-    return state, replace(outcome, discretisation_error=difference)
+    errors = UNKNOWN
+    if before:
+        errors = errors_from(before, numbers_on(state), state.first_touch(), loading.prescribes_load)
+    return state, replace(outcome, discretisation_error=difference, grid_errors=errors)
 
 
 def _solve_on(hierarchy, number, primal, solver, stop, history):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
+from app.contact.grid_errors import numbers_on
 from app.contact.state import Displacement, Update
 from app.primal import kernels as loops
 from app.primal import stencil
@@ -105,6 +106,19 @@ class PrimalState:
         if not self.loading.prescribes_load:
             self.w += self.mean_displacement - self.mean(self.w)
         self.refresh()
+
+    def continue_from(self, solution):
+        """Take w, and under a prescribed approach the mean pressure, from a Solution on this grid. Not collective."""
+        state = self.state
+        np.subtract(solution.displacement, solution.approach - state.distance.reference, out=self.w)
+        np.copyto(self.w, state.distance.b, where=solution.contact & state.admissible)
+        if not self.loading.prescribes_load:
+            self.mean_pressure = solution.mean_pressure
+
+    def numbers(self):
+        """Numbers of the solution, as w and the mean pressure have them. Collective over the ranks of the state."""
+        load = self.mean_pressure * self.cells * self.state.grid.cell_area
+        return numbers_on(self.state, load, -self.mean(self.w))
 
     def guess(self, solver):
         """The contact set of the obstacle problem in small, by projected sweeps with the centre of B; w and p follow.

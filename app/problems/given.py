@@ -126,6 +126,11 @@ class ContactProblem(Problem):
         return any(part.sampled for part in (self.shape, *self.surfaces))
 
     @property
+    def refinable(self):
+        """See `Problem.refinable`."""
+        return all(getattr(part, "refinable", not part.sampled) for part in (self.shape, *self.surfaces))
+
+    @property
     def notes(self):
         """See `Problem.notes`."""
         return tuple(note for part in (self.shape, *self.surfaces) for note in getattr(part, "notes", ()))

@@ -13,6 +13,7 @@ outside a punch, holes in measured data).
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,6 +50,17 @@ class Problem:
             NaN in inadmissible cells.
         """
         raise NotImplementedError(f"{type(self).__name__}.shape_on")
+
+    @property
+    def refinable(self):
+        """Whether the shape can be asked for on finer grids than the problem's own. Not collective."""
+        return not self.sampled
+
+    def on(self, grid):
+        """Return the same problem on another grid of the same patch, if it is `refinable`. Not collective."""
+        other = copy(self)
+        object.__setattr__(other, "grid", grid)
+        return other
 
     def reference(self, approach):
         """Analytic solution at this approach (see `app.reference`), or None. Not collective."""

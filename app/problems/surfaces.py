@@ -272,6 +272,7 @@ class SelfAffineSurface(_Function):
     """
 
     sampled = True  # what a coarse grid cannot carry is averaged, not seen as some other wave
+    refinable = True
 
     def __init__(
         self,

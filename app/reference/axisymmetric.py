@@ -85,7 +85,7 @@ class Sphere(AxisymmetricContact):
     @classmethod
     def from_load(cls, radius, e_star, load):
         """Return the contact under `load` [N]; ValueError if it is negative."""
-        return cls(radius, e_star, 1.0)._at_load(load)
+        return cls(radius, e_star, 1.0).at_load(load)
 
     @property
     def a(self):
@@ -148,7 +148,7 @@ class FlatCircularPunch(AxisymmetricContact):
     @classmethod
     def from_load(cls, radius, e_star, load):
         """Return the contact under `load` [N]; ValueError if it is negative."""
-        return cls(radius, e_star, 1.0)._at_load(load)
+        return cls(radius, e_star, 1.0).at_load(load)
 
     @property
     def a(self):
@@ -245,7 +245,7 @@ class Cone(AxisymmetricContact):
     @classmethod
     def from_load(cls, slope, e_star, load):
         """Return the contact under `load` [N]; ValueError if it is negative."""
-        return cls(slope, e_star, 1.0)._at_load(load)
+        return cls(slope, e_star, 1.0).at_load(load)
 
     @property
     def a(self):

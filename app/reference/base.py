@@ -50,7 +50,7 @@ class NormalContact(ABC):
         if not math.isfinite(self.approach):
             raise ValueError(f"approach {self.approach:g}: must be finite")
 
-    def _at_load(self, load):
+    def at_load(self, load):
         """Return the same bodies pressed together by `load` [N], at least 0."""
         if not 0 <= load < math.inf:
             raise ValueError(f"load {load:g}: must be finite and not negative")

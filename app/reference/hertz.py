@@ -74,7 +74,7 @@ class EllipticHertz(NormalContact):
     @classmethod
     def from_load(cls, rx, ry, e_star, load):
         """Return the contact under `load` [N]; ValueError if it is negative."""
-        return cls(rx, ry, e_star, 1.0)._at_load(load)
+        return cls(rx, ry, e_star, 1.0).at_load(load)
 
     @cached_property
     def _ratio(self):

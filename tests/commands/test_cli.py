@@ -115,6 +115,18 @@ CASES = {
     ),
     "half a pair of bodies": ([*HERTZ, "-young", "3,inf"], "-poisson is missing: nu1,nu2"),
     "strip one cell wide": ([*HERTZ, "-grid", "8,1"], "no line contact; for plane strain"),
+    "no path": ([*HERTZ, "-load_path", "1:2"], "-load_path 1:2: not allowed; allowed: first:last:n"),
+    "path and approach": ([*HERTZ, "-load_path", "1,2", "-approach", "1"], "both -approach and -load_path"),
+    "path of negative loads": ([*HERTZ, "-load_path", "1,-2"], "load -2: the bodies do not stick together"),
+    "resumes nothing": ([*HERTZ, "-resume"], "-resume"),
+    "refines a path": ([*HERTZ, "-load_path", "1,2", "-refine_until", "0.1"], "of one loading only"),
+    "refines a file": (
+        with_file(
+            *("gap.npy", np.ones((8, 8)), "-problem", "file", "-gap_file", "FILE", "-domain", "0,1,0,1"),
+            *("-approach", "2", "-contact_modulus", "1", "-refine_until", "0.1"),
+        ),
+        "there is no finer one",
+    ),
     "one infinite value": (gap_of(infinite(7, 4)), "inf in row 7, column 4"),
 }  # fmt: skip
 ON_TWO_RANKS = [

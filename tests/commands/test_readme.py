@@ -26,9 +26,16 @@ def test_python_of_the_readme(tmp_path, monkeypatch, capsys):
     assert names["solution"].converged
     assert names["solution"].load == pytest.approx(82003.9, rel=1e-4)  # Hertz's
     names = run_blocks(blocks[1:], names)
-    assert names["solution"].converged and names["solution"].load == pytest.approx(110)
+    assert names["solution"].converged and names["solution"].load == pytest.approx(1000)
+    assert len((tmp_path / "curve.csv").read_text().splitlines()) == 11
     assert names["result"].attributes["load"] == pytest.approx(100)
     assert len(capsys.readouterr().out.splitlines()) >= 12
+
+
+def test_python_of_load_paths(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    [block] = code_blocks((TESTS.parent / "docs/load-paths.md").read_text(encoding="utf-8"))
+    assert run_blocks([block])["exponent"] == pytest.approx(1.5, abs=0.01)
 
 
 def table_of_options():

@@ -1,0 +1,207 @@
+"""Load paths of app.solve: options, the journal that an interrupted one goes on from, what is shown and written."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.commands.session import say
+from app.errors import InputError, agree
+from app.options import Option, flag, series, word
+from app.output.files import check_output_path, remove
+
+KINDS = ("load", "mean_pressure", "approach", "mean_gap")
+_UNITS = ("N", "N/mm2", "mm", "mm of a periodic patch")
+OPTIONS = [
+    *(
+        Option(f"{kind}_path", series, None, f"first:last:n[:log] or a,b,c: one after the other [{unit}]")
+        for kind, unit in zip(KINDS, _UNITS, strict=True)
+    ),
+    Option("path_csv", word, None, "path: table of the steps (default: beside -output)"),
+    Option("path_fields", flag, False, "path: a result file for every step, beside -output"),
+    Option("resume", flag, False, "path: go on after the steps that an interrupted run has finished"),
+]  # fmt: skip
+_NO_MATTER = ("output", "path_csv", "path_fields", "resume", "lcp_monitor")  # to what a row says
+_SHOWN = ("load", "approach", "contact_fraction", "max_pressure")
+
+
+@dataclass(frozen=True)
+class PathRequest:
+    """What a path is asked to do: see `OPTIONS`."""
+
+    kind: str
+    numbers: tuple
+    output: Path | None
+    csv: Path | None
+    fields: bool
+    resume: bool
+
+    @classmethod
+    def of(cls, kind, options, output):
+        """Read the options of a path.
+
+        Not collective.
+
+        Raises
+        ------
+        InputError
+            If one is not allowed, or asks for what there is no place for.
+        """
+        numbers, csv = tuple(options[f"{kind}_path"]), options["path_csv"]
+        fields, resume = options["path_fields"], options["resume"]
+        if fields and not output:
+            raise InputError(
+                "-path_fields: the files of the steps lie beside that of -output, which is missing"
+            )
+        if resume and not (output or csv):
+            raise InputError(
+                "-resume: what is finished is kept beside -output or -path_csv; neither is given"
+            )
+        if csv and Path(csv).suffix != ".csv":
+            raise InputError(f"-path_csv {csv}: the name must end in .csv")
+        if csv and not Path(csv).absolute().parent.is_dir():
+            raise InputError(f"-path_csv {csv}: folder {Path(csv).absolute().parent} does not exist")
+        csv = csv or (output and Path(output).with_suffix(".csv"))
+        request = cls(kind, numbers, output and Path(output), csv and Path(csv), fields, resume)
+        if fields:
+            check_output_path(request.of_step(len(numbers)))
+        return request
+
+    @property
+    def journal(self):
+        """File of the steps finished so far, or None."""
+        return self.csv and self.csv.with_suffix(".path.jsonl")
+
+    def of_step(self, step):
+        """Result file of a step, counted from 1."""
+        return self.output.with_name(f"{self.output.stem}_{step:04d}{self.output.suffix}")
+
+
+def run_path(wanted, solver, stiffness, inputs, identity, save):
+    """Solve along a path.
+
+    Collective.
+
+    Parameters
+    ----------
+    wanted : PathRequest
+    solver : ContactSolver
+    stiffness : bool
+    inputs : list of str
+        Files that the problem is read from.
+    identity : str
+        All options that the table depends on.
+    save : callable
+        ``save(solution, file)`` writes the result of a step.
+
+    Returns
+    -------
+    path : LoadPath
+    solution : Solution
+        Of the last step.
+    done : callable
+        To be called when everything is written: the journal is not needed any more.
+    """
+    for number in wanted.numbers:  # before a file is touched
+        solver.check(**{wanted.kind: number})
+    first = solver.comm.rank == 0
+    book = _Book()
+    agree(solver.comm, lambda: first and book.open(wanted, solver, inputs, identity))
+    rows = solver.comm.bcast(book.rows)
+    path = solver.path(stiffness=stiffness, rows=rows, **{wanted.kind: wanted.numbers})
+    if rows:
+        say(f"{len(rows)} of {len(path)} steps are done already")
+    with _progress(path, len(rows)) as shown:
+        for solution in path:
+            row = path.rows[-1]
+            if wanted.fields:
+                save(solution, wanted.of_step(row["step"]))
+            book.add(row)
+            shown(row)
+    if wanted.csv:
+        agree(solver.comm, path.save, wanted.csv)
+    return path, solution, book.close
+
+
+class _Book:
+    """The journal of a path; before it is opened, and without a file, it remembers nothing."""
+
+    def __init__(self):
+        self.rows, self._journal = [], None
+
+    def open(self, wanted, solver, inputs, identity):
+        from app.runs.journal import Journal
+
+        self._path = wanted.journal
+        if not self._path:
+            return
+        what = {"what": _identity(wanted, solver, inputs, identity)}
+        self._journal = Journal(self._path, wanted.resume)
+        found = self._journal.outcomes
+        if found and found.get("path") != what:
+            self._journal.close()
+            raise InputError(
+                f"-resume: {self._path} is of a run with other options, files, ranks or program; "
+                "without -resume the path begins anew"
+            )
+        while (key := str(len(self.rows) + 1)) in found:
+            self.rows.append(found[key])
+        if not found:
+            self._journal.add("path", what)
+
+    def add(self, row):
+        if self._journal:
+            self._journal.add(str(row["step"]), row)
+
+    def close(self):
+        """All is done and written."""
+        if self._journal:
+            self._journal.close()
+            remove(self._path)
+
+
+def _identity(wanted, solver, inputs, identity):
+    """Digest of all that the table depends on."""
+    from app import __version__
+
+    files = [hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in inputs if Path(name).is_file()]
+    parts = (identity, *files, wanted.kind, *wanted.numbers, solver.comm.size, __version__)
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
+
+
+class _progress:
+    """A bar on a terminal, else a line for each step. Only rank 0 shows anything."""
+
+    def __init__(self, path, done):
+        self._steps, self._bar = len(path), None
+        from mpi4py import MPI
+
+        if MPI.COMM_WORLD.rank == 0 and sys.stderr.isatty():
+            from tqdm import tqdm
+
+            self._bar = tqdm(total=self._steps, initial=done, desc="path", unit="step")
+
+    def __enter__(self):
+        return self._show
+
+    def __exit__(self, *error):
+        if self._bar is not None:
+            self._bar.close()
+
+    def _show(self, row):
+        numbers = ", ".join(f"{name.replace('_', ' ')} {row[name]:.6g}" for name in _SHOWN)
+        failed = "" if row["converged"] else ", NOT CONVERGED"
+        if self._bar is None:
+            say(f"step {row['step']} of {self._steps}: {numbers}{failed}")
+        else:
+            self._bar.set_postfix_str(f"{numbers}{failed}", refresh=False)
+            self._bar.update(row["step"] - self._bar.n)
+
+
+def identifying(texts):
+    """The options, as one text, that rows depend on. Not collective."""
+    from app.options import as_line
+
+    return as_line({name: text for name, text in texts.items() if name not in _NO_MATTER})

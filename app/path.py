@@ -1,0 +1,199 @@
+"""Load paths: one problem, many loads, in one process.
+
+Every step is solved for itself: the nested iteration begins anew on the coarsest grid. To start from the step before
+does not pay where steps are larger than about a percent. Operator applications of 20 loads over three decades on a
+self-affine surface of 256 x 256 cells, free and periodic: anew 511 and 344; from the last solution 658 and 384; from
+the linear extrapolation of the last two 622 and 301 (512 x 512: 6% less than anew); with changes of the coarse
+solutions added to the last one 312 (periodic); with approaches predicted from those of all grids at the last loads 476
+to 508 (free; 512 x 512: nothing less). So a row depends on nothing but its own load, and a path goes on from any row.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.contact.extent import ContactExtent
+from app.contact.grid_errors import GridErrors
+from app.contact.loading import LOADINGS
+from app.errors import InputError
+
+# Columns of the table: name -> unit.
+COLUMNS = {
+    "load": "N",
+    "approach": "mm",
+    "mean_pressure": "N/mm2",
+    "mean_gap": "mm",
+    "contact_area": "mm2",
+    "contact_fraction": "1",
+    "contact_fraction_corrected": "1",
+    "perimeter": "mm",
+    "max_pressure": "N/mm2",
+    "mean_contact_pressure": "N/mm2",
+    **dict(zip(ContactExtent._fields, ("mm", "mm", "N mm", "N mm", "mm", "mm", "degree"), strict=True)),
+    **dict.fromkeys(GridErrors._fields, "1"),
+    "error_bound": "1",
+    "residual": "1",
+    "iterations": "1",
+    "fallbacks": "1",
+}
+UNITS = {
+    "step": "1",
+    **COLUMNS,
+    "contact_patches": "1",
+    "largest_patch": "mm2",
+    "stiffness": "N/mm",
+    "stiffness_by_differences": "N/mm",
+    "converged": "1",
+}
+
+
+class LoadPath:
+    """The solutions along a path, one after the other: iterate over it, then look at its table.
+
+    Collective, as is every step. It can be iterated over once.
+
+    Parameters
+    ----------
+    solver : ContactSolver
+    kind : str
+        What is prescribed: load, mean_pressure, approach or mean_gap.
+    numbers : sequence of float
+        One for each step, in any order.
+    stiffness : bool
+        Solve for the exact stiffness of every step, too.
+    rows : sequence of dict, optional
+        Of steps done already, from the first on: they are taken as they are and their solutions left out. The last step
+        is solved in any case.
+
+    Attributes
+    ----------
+    rows : list of dict
+        A row for each step done so far: names and units in `UNITS`; the same on all ranks.
+    operator_applications, solve_seconds : float
+        Of the steps done here.
+
+    Raises
+    ------
+    InputError
+        If a number is not allowed; before any step is solved.
+
+    Examples
+    --------
+    >>> from app import ContactProblem, ContactSolver, Grid, Material
+    >>> grid = Grid.from_domain(32, 32, (-1, 1, -1, 1))
+    >>> sphere = ContactProblem(grid, Material.combined(80000, 0.3), lambda x, y: (x**2 + y**2) / (2 * 20))
+    >>> with ContactSolver(sphere) as solver:
+    ...     path = solver.path(load=[200, 400, 800])
+    ...     fractions = [round(solution.contact_fraction, 1) for solution in path]
+    >>> fractions, path.table["load"]
+    ([0.1, 0.1, 0.2], array([200., 400., 800.]))
+    """
+
+    def __init__(self, solver, kind, numbers, stiffness=False, rows=()):
+        self._solver, self._kind, self._exact = solver, kind, stiffness
+        self._rank = solver.comm.rank  # the solver may be closed when the table is saved
+        self.numbers = _as_numbers(kind, numbers)
+        for number in self.numbers:
+            solver.check(**{kind: number})
+        if len(rows) > len(self.numbers):
+            raise InputError(f"path: {len(rows)} steps are done already, of {len(self.numbers)}")
+        self.rows = [dict(row) for row in rows]
+        self.operator_applications = self.solve_seconds = 0.0
+        self._steps = self._solve()
+
+    def __len__(self):
+        return len(self.numbers)
+
+    def __iter__(self):
+        return self._steps
+
+    def _solve(self):
+        done = min(len(self.rows), len(self.numbers) - 1)
+        with self._solver.unmoved() as start:
+            for step in range(done, len(self.numbers)):
+                start()
+                solution = self._solver.solve(**{self._kind: self.numbers[step]})
+                self.operator_applications += solution.operator_applications
+                self.solve_seconds += solution.solve_seconds
+                self.rows[step:] = [self._row(step, solution)]
+                yield solution
+
+    def _row(self, step, solution):
+        patches = solution.contact_patches()
+        row = {
+            "step": step + 1,
+            **{name: getattr(solution, name) for name in COLUMNS},
+            "contact_patches": len(patches),
+            "largest_patch": float(patches[0]) if len(patches) else 0.0,
+        }
+        if self._exact:
+            row["stiffness"] = self._solver.stiffness(solution)
+        return row | {"converged": solution.converged}
+
+    @property
+    def converged(self):
+        """Whether all steps done so far are solved. Not collective."""
+        return all(row["converged"] for row in self.rows)
+
+    @property
+    def table(self):
+        """The rows as columns: name -> ndarray, shape (steps,). Not collective.
+
+        With two steps and more a column more: the stiffness by differences of neighbouring steps.
+        """
+        columns = (
+            {name: np.array([row[name] for row in self.rows]) for name in self.rows[0]} if self.rows else {}
+        )
+        if len(self.rows) > 1:
+            columns["stiffness_by_differences"] = _slope(columns["approach"], columns["load"])
+            columns["converged"] = columns.pop("converged")
+        return columns
+
+    def save(self, path):
+        """Write the table as CSV, whole or not at all. Rank 0 only writes; not collective.
+
+        Parameters
+        ----------
+        path : str or Path
+            Ends in ``.csv``.
+
+        Raises
+        ------
+        InputError
+            If it cannot be written.
+        """
+        from app.output.table import write_table
+
+        if self._rank:
+            return
+        columns = {name: column.tolist() for name, column in self.table.items()}
+        try:
+            write_table(
+                path, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+            )
+        except (OSError, ValueError) as error:
+            raise InputError(f"{path}: cannot be written: {error}") from None
+
+
+def _as_numbers(kind, numbers):
+    try:
+        found = [float(number) for number in numbers]
+    except (TypeError, ValueError):
+        found = []
+    if not found:
+        raise InputError(f"path: {kind}: needed: one number or more [{LOADINGS[kind]}]")
+    return found
+
+
+def _slope(x, y):
+    """Slope of the parabola through each point and its neighbours; NaN where points fall together."""
+    with np.errstate(all="ignore"):
+        order = np.argsort(x, kind="stable")
+        if len(x) == 2 or (np.diff(x[order]) == 0).any():
+            slope = np.diff(y[order]) / np.diff(x[order])
+            found = np.append(slope, slope[-1]) if len(x) == 2 else np.full(len(x), np.nan)
+        else:
+            found = np.gradient(y[order], x[order], edge_order=2)
+    result = np.empty(len(x))
+    result[order] = found
+    return np.where(np.isfinite(result), result, np.nan)

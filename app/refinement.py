@@ -1,0 +1,115 @@
+"""Finer and finer grids, until the error that the size of the cells makes is small enough."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from app.contact.grid_errors import GridErrors, GridNumbers, errors_from
+from app.errors import InputError
+from app.solution import Solution
+from app.solver import ContactSolver
+
+MOST_CELLS = 4096**2
+
+
+class Refinement(NamedTuple):
+    """What `refine` returns."""
+
+    solution: Solution  # on the finest grid
+    errors: GridErrors  # of it
+    reached: bool  # whether all of them that are known are small enough
+    stiffness: float  # dF/d(approach), exactly, if asked for [N/mm]; else NaN
+    rows: list  # of dict, one for each grid: cells, numbers, errors
+
+
+def refine(
+    problem,
+    until,
+    most_cells=MOST_CELLS,
+    method=None,
+    options=None,
+    comm=None,
+    listeners=(),
+    stiffness=False,
+    **loading,
+):
+    """Solve a problem on finer and finer grids, each with twice the cells in both directions.
+
+    Collective over `comm`. The errors of a grid are the changes of the numbers since the grid before
+    (`app.contact.grid_errors`); of the first grid they are those that its nested iteration tells.
+
+    Parameters
+    ----------
+    problem : Problem
+        On the coarsest grid; its undeformed distance a function, not known on that grid only.
+    until : float
+        Relative error of load (or approach), maximum pressure and contact area that is small enough.
+    most_cells : int
+        Of the finest grid.
+    method, options, comm, listeners
+        As of `ContactSolver`.
+    stiffness : bool
+        Solve for the stiffness on the finest grid, too.
+    **loading : float
+        As of `ContactSolver.solve`.
+
+    Returns
+    -------
+    Refinement
+        Stops at the first grid that is fine enough, or not solved, or the last one allowed.
+
+    Raises
+    ------
+    InputError
+        If the problem cannot be put on another grid, or a number is not allowed.
+
+    Examples
+    --------
+    >>> from app import ContactProblem, Grid, Material, refine
+    >>> grid = Grid.from_domain(16, 16, (-1, 1, -1, 1))
+    >>> sphere = ContactProblem(grid, Material.combined(80000, 0.3), lambda x, y: (x**2 + y**2) / (2 * 20))
+    >>> refined = refine(sphere, until=0.03, load=700)
+    >>> refined.reached, refined.errors.largest < 0.03
+    (True, True)
+    """
+    check(problem, until)
+    rows, before, by_load = [], None, bool(loading.keys() & {"load", "mean_pressure"})
+    while True:
+        grid = problem.grid
+        with ContactSolver(problem, method, options, comm, listeners=listeners) as solver:
+            solution = solver.solve(**loading)
+            errors = GridErrors(*(getattr(solution, name) for name in GridErrors._fields))
+            numbers = GridNumbers(
+                solution.load, solution.approach, solution.max_pressure, solution.contact_area
+            )
+            if before:
+                errors = errors_from(before, numbers, solver.touching, by_load).with_rim(solution)
+            rows.append(_row(solution, errors))
+            reached = solution.converged and errors.largest <= until
+            if reached or not solution.converged or 4 * grid.n > most_cells:
+                exact = solver.stiffness(solution) if stiffness else float("nan")
+                return Refinement(solution, errors, reached, exact, rows)
+        before, problem = numbers, problem.on(grid.refine())
+
+
+def check(problem, until):
+    """Refuse what cannot be refined. Not collective."""
+    if not 0 < until < 1:
+        raise InputError(f"refine until {until:g}: allowed: a relative error above 0 and below 1")
+    if not problem.refinable:
+        raise InputError(
+            f"problem {problem.name}: its undeformed distance is known on its own grid only, there is no finer one; "
+            "refining needs a function or a generated surface"
+        )
+
+
+def _row(solution, errors):
+    grid = solution.grid
+    return {
+        "nx": grid.nx,
+        "ny": grid.ny,
+        **{name: getattr(solution, name) for name in ("load", "approach", "max_pressure", "contact_area")},
+        **errors._asdict(),
+        "solve_seconds": solution.solve_seconds,
+        "converged": solution.converged,
+    }

@@ -1,0 +1,139 @@
+"""Which iteration solves: the paper's, the default methods', or PETSc's, from the start there is."""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from app.contact import certificate, kernels, measures
+from app.contact.full_contact import FullContact
+from app.contact.full_multigrid import full_multigrid
+from app.contact.iteration import active_set_by_load
+from app.contact.reference_solvers import REFERENCE_SOLVERS
+from app.contact.state import ContactState
+from app.contact.stopping import StoppingTest
+from app.errors import InputError
+from app.fast.iteration import InexactStop
+from app.fast.lift import lift
+from app.fast.nested import nested_iteration, solve_on
+from app.halfspace.sweeps import gauss_seidel
+from app.multigrid import transfer
+from app.multigrid.hierarchy import Hierarchy
+from app.petsc import error_message
+from app.primal import stencil
+from app.primal.nested import primal_iteration
+from app.solution import Solution
+
+# PETSc's errors that say that types do not go together: unsupported, wrong argument or state, method missing, unknown
+# type, no factorisation
+_WRONG_CHOICES = (56, 60, 62, 73, 75, 83, 86, 92)
+
+
+class Strategy:
+    """Solves on the grids of a hierarchy by the strategy of the settings.
+
+    Collective.
+
+    Parameters
+    ----------
+    settings : app.method.Settings
+    hierarchy : Hierarchy
+    distances : list of UndeformedDistance
+        On every level; the list itself is kept.
+    solver : LinearSolver, a reference solver, or None
+        Of the target grid.
+
+    Attributes
+    ----------
+    coarse_minimum : ndarray or None
+        See `Hierarchy.coarse_minimum`.
+    """
+
+    def __init__(self, settings, hierarchy: Hierarchy, distances, solver):
+        self._settings, self._hierarchy, self._distances = settings, hierarchy, distances
+        self.coarse_minimum, self._solver = None, solver
+
+    def run(self, loading, history, start=None):
+        """Solve for a loading, from a Solution if one is given.
+
+        Returns
+        -------
+        ContactState, Outcome
+            On the target grid.
+
+        Raises
+        ------
+        InputError
+            If `start` does not fit, or PETSc finds that the chosen solvers do not go together.
+        """
+        chosen, hierarchy = self._settings, self._hierarchy
+        arguments, last = (hierarchy, self._distances, loading), len(hierarchy.levels) - 1
+        if start is not None:
+            self.check(start)
+        state = ContactState(hierarchy.target, self._distances[-1])
+        stop = StoppingTest(chosen.rtol, chosen.max_it)
+        if outcome := FullContact(last).solve(state, loading, stop, history):
+            return state, outcome
+        state.destroy()
+        if chosen.strategy in REFERENCE_SOLVERS:
+            return self._by_petsc(loading, history)
+        if chosen.strategy in ("fast", "primal"):
+            stop = InexactStop(
+                chosen.rtol, chosen.max_it, True, chosen.coarse_rtol, chosen.predictor, chosen.error_bound
+            )
+        if chosen.strategy == "primal":
+            return primal_iteration(*arguments, stop, history, chosen.nested, self._solver, start)
+        if start is not None:
+            state = self._started_from(start, loading)
+            if chosen.strategy == "fast":
+                return state, solve_on(hierarchy, last, state, loading, stop, history, False, self._solver)
+            return state, active_set_by_load(state, self._solver, loading, stop, history)
+        if chosen.strategy == "fast":
+            how = chosen.nested, chosen.beta, chosen.lifted, self.coarse_minimum
+            return nested_iteration(*arguments, stop, history, *how, self._solver)
+        prolong = lift if chosen.lifted else None
+        return full_multigrid(*arguments, stop, history, chosen.nested, chosen.beta, prolong, self._solver)
+
+    def _by_petsc(self, loading, history):
+        state = ContactState(self._hierarchy.target, self._distances[-1])
+        state.approach = loading.approach
+        try:
+            return state, self._solver.solve(state, history)
+        except PETSc.Error as error:
+            state.destroy()
+            if error.ierr not in _WRONG_CHOICES:
+                raise
+            raise InputError(f"-lcp_type {self._settings.strategy}: {error_message(error)}") from None
+
+    def check(self, start, name="start"):
+        """Refuse what is no Solution on the same grid and ranks."""
+        slabs = self._hierarchy.slabs
+        alike = (
+            isinstance(start, Solution)
+            and start.grid == self._hierarchy.target.grid
+            and start.slabs.starts == slabs.starts
+        )
+        if not self._hierarchy.comm.allreduce(alike, MPI.LAND):
+            raise InputError(f"{name}: needed: a Solution on the same grid and as many ranks")
+
+    def _started_from(self, start, loading):
+        """State of the target grid as a solution left it, at the approach of the loading."""
+        state = ContactState(self._hierarchy.target, self._distances[-1], u=start.displacement.copy())
+        with state.pressure as p:
+            p[...] = np.where(state.admissible, start.pressure, 0.0).reshape(-1)
+        state.contact[...] = start.contact & state.admissible
+        state.approach = start.approach
+        loading.resume(state, start.load)
+        return state
+
+
+def warm_up(settings):
+    """Load the compiled loops of a strategy now, not in the first iteration. Not collective."""
+    for module in (kernels, certificate, measures, transfer):
+        module.warm_up()
+    if settings.strategy == "primal":
+        stencil.warm_up()
+    kind = settings.texts.get("pc_type", "")
+    if kind == "sor" or (kind == "mg" and settings.texts.get("mg_levels_pc_type", "") in ("", "sor")):
+        gauss_seidel.warm_up()

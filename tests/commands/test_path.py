@@ -1,0 +1,86 @@
+"""Load paths and refinement from outside: interrupted and resumed, on ranks, what is written, exit status."""
+
+import csv
+
+import numpy as np
+import pytest
+from processes import OPTIONS
+
+from app.output.result import read_result
+
+HERTZ = ("-options_file", OPTIONS / "hertz.opts", "-grid", 32)
+PATH = (*HERTZ, "-load_path", "1000:80000:4:log")
+
+
+def table(path):
+    """Columns of a CSV."""
+    rows = list(csv.DictReader(path.open()))
+    return {name: [row[name] for row in rows] for name in rows[0]}
+
+
+def test_interrupted_and_resumed_path_gives_the_identical_table(cli, tmp_path):
+    whole, broken = tmp_path / "whole.h5", tmp_path / "broken.h5"
+    assert cli(*PATH, "-path_fields", "-output", whole).returncode == 0
+    in_the_way = tmp_path / "broken_0003.h5"
+    in_the_way.mkdir()
+    stopped = cli(*PATH, "-path_fields", "-output", broken)
+    assert stopped.returncode == 2
+    assert not broken.exists()
+    in_the_way.rmdir()
+    other = cli(*PATH, "-path_fields", "-output", broken, "-resume", "-poisson_ratio", "0.3")
+    assert other.returncode == 2
+    assert "is of a run with other options" in other.stderr
+    resumed = cli(*PATH, "-path_fields", "-output", broken, "-resume")
+    assert resumed.returncode == 0, resumed.stderr
+    assert "2 of 4 steps are done already" in resumed.stdout
+    assert broken.with_suffix(".csv").read_bytes() == whole.with_suffix(".csv").read_bytes()
+    assert not list(tmp_path.glob("*.jsonl"))
+    steps = [read_result(tmp_path / f"broken_{step:04d}.h5").attributes["load"] for step in (1, 2, 3, 4)]
+    assert steps == pytest.approx(np.geomspace(1000, 80000, 4))
+    one, other = read_result(whole), read_result(broken)
+    assert np.array_equal(one.pressure, other.pressure)
+    assert one.path.keys() == other.path.keys() == table(whole.with_suffix(".csv")).keys()
+    assert one.path["load"] == pytest.approx(steps)
+    assert one.attributes["load"] == pytest.approx(80000)
+    assert one.attributes["contact_patches"] == 1
+
+
+@pytest.mark.ranks(2)
+def test_path_on_ranks_writes_its_table_alone(cli, tmp_path, ranks):
+    done = cli(*PATH, "-path_csv", tmp_path / "a.csv", "-stiffness", ranks=ranks)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("step ") == 4
+    columns = table(tmp_path / "a.csv")
+    assert [float(load) for load in columns["load"]] == pytest.approx(np.geomspace(1000, 80000, 4))
+    assert set(columns["converged"]) == {"True"}
+    assert float(columns["stiffness"][1]) == pytest.approx(
+        float(columns["stiffness_by_differences"][1]), rel=0.1
+    )
+
+
+def test_a_step_that_is_not_solved_is_status_3(cli, tmp_path):
+    options = ("-options_file", OPTIONS / "norm.opts", "-lcp_max_it", 1)
+    failed = cli(*HERTZ, *options, "-approach_path", "0.1,-1", "-output", tmp_path / "a.h5")
+    assert failed.returncode == 3
+    assert "step 1 NOT CONVERGED" in failed.stdout
+    assert list(read_result(tmp_path / "a.h5").path["converged"]) == [0, 1]
+
+
+def test_what_is_kept_needs_a_place(cli):
+    for option in ("-resume", "-path_fields"):
+        refused = cli(*PATH, option)
+        assert refused.returncode == 2
+        assert "-output" in refused.stderr
+
+
+def test_refine_until(cli, tmp_path):
+    fine = cli(*HERTZ, "-refine_until", "0.02", "-stiffness", "-output", tmp_path / "a.h5")
+    assert fine.returncode == 0, fine.stderr
+    assert "is below 0.02" in fine.stdout
+    result = read_result(tmp_path / "a.h5")
+    assert result.pressure.shape[0] > 32
+    assert 0 < result.attributes["load_error"] < result.attributes["contact_area_error"] <= 0.02
+    assert result.attributes["stiffness"] == pytest.approx(result.attributes["analytic_stiffness"], rel=0.02)
+    coarse = cli(*HERTZ, "-refine_until", "0.001", "-refine_max", 2000)
+    assert coarse.returncode == 3
+    assert "is NOT below 0.001" in coarse.stdout

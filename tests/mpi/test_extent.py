@@ -1,0 +1,41 @@
+"""Patches of contact that go over ranks; path, stiffness and errors on several of them."""
+
+import numpy as np
+import pytest
+from cases import hertz, self_affine
+from mpi4py import MPI
+
+from app import ContactSolver, Grid
+from app.contact.extent import patch_areas
+from app.halfspace.grid import Slabs
+
+
+@pytest.mark.mpi(2, 3)
+def test_patches_are_the_same_on_any_number_of_ranks(comm):
+    for shape in ((13, 17), (2, 9)):
+        for symbol in ("", "spectral"):
+            grid, contact = (
+                Grid(*shape[::-1], 1.0, 1.0, periodic=symbol),
+                np.random.default_rng(1).random(shape) < 0.55,
+            )
+            slabs = Slabs.over(comm, shape[0])
+            several = patch_areas(contact[slabs.rows], grid, slabs, comm)
+            assert np.array_equal(several, patch_areas(contact, grid, Slabs(shape[0]), MPI.COMM_SELF))
+
+
+@pytest.mark.mpi(2, 3)
+def test_paths_are_the_same_on_any_number_of_ranks(comm):
+    for problem, loads in ((hertz(64), [1e3, 8e4]), (self_affine(32), [3.0, 30.0])):
+        tables = []
+        for one in (comm, MPI.COMM_SELF):
+            with ContactSolver(
+                problem, options={"lcp_rtol": 1e-10, "lcp_coarse_rtol": 1e-8}, comm=one
+            ) as solver:
+                path = solver.path(load=loads, stiffness=True)
+                distributions = [solution.distribution("gap", 5) for solution in path]
+                tables.append(path.table | {"distribution": distributions[-1][1]})
+        several, alone = tables
+        for name in several.keys() - {"residual", "error_bound", "iterations", "major_axis_angle"}:
+            size = alone["load"].max() if name.startswith("moment") else 1e-4  # symmetric: next to none
+            scale = np.abs(alone[name]).max() + size
+            assert several[name] == pytest.approx(alone[name], abs=1e-6 * scale, nan_ok=True), name

@@ -1,0 +1,143 @@
+"""Where load and contact are, patches, distributions, stiffness: by definition, and as Hertz has them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cases import APPROACH, hertz
+from mpi4py import MPI
+from running import solve
+
+from app import ContactProblem, ContactSolver, Grid, Material
+from app.contact.extent import patch_areas
+from app.errors import InputError
+from app.halfspace.grid import Slabs
+
+
+@pytest.fixture(scope="module")
+def of_hertz():
+    return solve(hertz(128), APPROACH, None), hertz(128).reference(APPROACH)
+
+
+def test_ellipse_of_hertz(of_hertz):
+    solution, known = of_hertz
+    assert solution.semi_axis_major == pytest.approx(known.a, rel=5e-3)
+    assert solution.semi_axis_minor == pytest.approx(known.b, rel=5e-3)
+    assert solution.contact_area == pytest.approx(known.contact_area, rel=0.01)
+    assert solution.mean_contact_pressure == pytest.approx(known.mean_pressure, rel=0.01)
+    assert abs(solution.major_axis_angle) < 1e-6
+    assert abs(solution.pressure_centre_x) + abs(solution.pressure_centre_y) < 1e-6
+
+
+def test_an_ellipse_turned_and_moved_is_found():
+    angle, x0, y0 = np.radians(130.0), 1.3, -0.4
+    c, s = np.cos(angle), np.sin(angle)
+
+    def gap(x, y):
+        along, across = c * (x - x0) + s * (y - y0), -s * (x - x0) + c * (y - y0)
+        return along**2 / 600 + across**2 / 326
+
+    problem = replace(hertz(256), rx=300.0)
+    turned = solve(ContactProblem(problem.grid, problem.material, gap), 0.02, None)
+    known = problem.reference(0.02)
+    assert turned.semi_axis_major == pytest.approx(known.a, rel=0.01)
+    assert turned.semi_axis_minor == pytest.approx(known.b, rel=0.01)
+    assert turned.major_axis_angle == pytest.approx(130 - 180, abs=0.5)
+    assert (turned.pressure_centre_x, turned.pressure_centre_y) == pytest.approx((x0, y0), abs=1e-3)
+    assert turned.moment_x == pytest.approx(turned.load * turned.pressure_centre_y)
+    assert turned.moment_y == pytest.approx(-turned.load * turned.pressure_centre_x)
+
+
+def test_without_contact_and_on_periodic_patches_there_is_no_centre():
+    problem = hertz(16)
+    apart = solve(problem, -1.0, None)
+    assert np.isnan([apart.pressure_centre_x, apart.semi_axis_major]).all()
+    assert (apart.moment_x, apart.contact_area, apart.mean_contact_pressure) == (0, 0, 0)
+    assert apart.contact_patches().size == apart.distribution("pressure")[0].size == 0
+    x = np.cos(2 * np.pi * (np.arange(16) + 0.5) / 16)
+    wave = ContactProblem(
+        Grid.from_domain(16, 16, (0, 1, 0, 1)), problem.material, 1e-3 * (x - x[:, None]), True
+    )
+    assert np.isnan(solve(wave, 0.0, None).moment_x)
+
+
+def by_flooding(contact, periodic):
+    """Sizes of the patches, from large to small."""
+    left, sizes = {tuple(cell) for cell in np.argwhere(contact)}, []
+    while left:
+        front, size = [left.pop()], 0
+        while front:
+            j, i = front.pop()
+            size += 1
+            for cell in ((j + 1, i), (j - 1, i), (j, i + 1), (j, i - 1)):
+                if periodic:
+                    cell = tuple(np.mod(cell, contact.shape).tolist())
+                if cell in left:
+                    left.remove(cell)
+                    front.append(cell)
+        sizes.append(size)
+    return sorted(sizes, reverse=True)
+
+
+@pytest.mark.parametrize("symbol", ["", "spectral"])
+@pytest.mark.parametrize("shape", [(17, 23), (1, 9), (8, 1)])
+def test_patches_are_those_found_by_flooding(symbol, shape):
+    grid = Grid(*shape[::-1], 0.5, 0.2, periodic=symbol)
+    for seed in range(5):
+        contact = np.random.default_rng(seed).random(shape) < 0.5
+        areas = patch_areas(contact, grid, Slabs(shape[0]), MPI.COMM_SELF)
+        assert areas == pytest.approx(0.1 * np.array(by_flooding(contact, bool(symbol))))
+
+
+def test_distributions_of_hertz(of_hertz):
+    solution, known = of_hertz
+    edges, density = solution.distribution("pressure", 10)
+    middle = (edges[1:] + edges[:-1]) / 2
+    assert (density * np.diff(edges)).sum() == pytest.approx(1)
+    uniform = (
+        2 * middle / known.max_pressure**2
+    )  # so is 1 - (p / p_max)^2; cells on the rim have other pressures
+    assert density[2:] == pytest.approx(uniform[2:], rel=0.1)
+    edges, density = solution.distribution("gap", 10, logarithmic=True)
+    assert (density * np.diff(edges)).sum() == pytest.approx(1)
+    assert np.diff(np.log(edges)) == pytest.approx(np.log(edges[-1] / edges[0]) / 10)
+    with pytest.raises(InputError, match="allowed: pressure, gap"):
+        solution.distribution("load")
+
+
+def test_stiffness_is_the_derivative_of_the_load():
+    with ContactSolver(hertz(128)) as solver:
+        here = solver.solve(load=80000.0)
+        stiffness, step = solver.stiffness(here), 800.0
+        low, high = (solver.solve(load=80000.0 + sign * step) for sign in (-1, 1))
+        assert solver.stiffness(solver.solve(approach=-1.0)) == 0
+    assert stiffness == pytest.approx(2 * step / (high.approach - low.approach), rel=3e-3)
+    assert stiffness == pytest.approx(hertz(128).reference(here.approach).stiffness, rel=5e-3)
+
+
+@pytest.mark.parametrize("method", [None, "norm", "fmg_v11"])
+def test_stiffness_where_contact_does_not_change_is_load_over_approach(method):
+    grid = Grid.from_domain(24, 16, (0.0, 3.0, 0.0, 2.0))
+    flat = ContactProblem(grid, Material.from_contact_modulus(1000.0), np.zeros(grid.shape))
+    with ContactSolver(flat, method, {"lcp_rtol": 1e-9}) as solver:
+        solution = solver.solve(approach=0.01)
+        assert solver.stiffness(solution) == pytest.approx(solution.load / 0.01, rel=1e-7)
+
+
+def test_stiffness_of_full_contact_is_infinite():
+    grid = Grid.from_domain(16, 16, (0.0, 1.0, 0.0, 1.0))
+    wave = 1e-4 * np.cos(2 * np.pi * grid.x()) + np.zeros(grid.shape)
+    with ContactSolver(ContactProblem(grid, Material.from_contact_modulus(1000.0), wave, True)) as solver:
+        assert solver.stiffness(solver.solve(mean_pressure=100.0)) == np.inf
+        half = solver.solve(mean_pressure=0.1)
+        low, high = (solver.solve(mean_pressure=p) for p in (0.099, 0.101))
+        assert solver.stiffness(half) == pytest.approx(0.002 / (high.approach - low.approach), rel=0.3)
+
+
+def test_analytic_values_stand_beside(of_hertz):
+    solution, known = of_hertz
+    assert solution.attributes["analytic_load"] == pytest.approx(known.load)
+    assert solution.attributes["analytic_semi_axis_major"] == pytest.approx(known.a)
+    by_load = solve(hertz(64), None, None, load=known.load)
+    assert by_load.attributes["analytic_approach"] == pytest.approx(APPROACH)
+    assert not any(name.startswith("analytic") for name in solve(hertz(16), -1.0, None).attributes)

@@ -1,0 +1,111 @@
+"""Load paths: rows that depend on their own load alone, laws along the path, refusals before any work."""
+
+import warnings
+
+import numpy as np
+import pytest
+from cases import APPROACH, hertz, periodic_rough, punch, self_affine
+
+from app import ContactSolver
+from app.errors import InputError
+
+
+def same(one, other):
+    """Whether two tables are the same to the last digit."""
+    return one.keys() == other.keys() and all(
+        np.array_equal(one[name], other[name], equal_nan=True) for name in one
+    )
+
+
+def test_load_of_hertz_grows_with_the_approach_to_the_power_of_three_halves():
+    with ContactSolver(hertz(128)) as solver:
+        path = solver.path(approach=np.geomspace(0.02, 0.15, 5))
+        assert [round(solution.approach, 6) for solution in path] == list(np.round(path.table["approach"], 6))
+    table = path.table
+    exponent, _ = np.polyfit(np.log(table["approach"]), np.log(table["load"]), 1)
+    assert exponent == pytest.approx(1.5, abs=1e-3)
+    inside = slice(1, -1)
+    known = 1.5 * table["load"] / table["approach"]
+    assert table["stiffness_by_differences"][inside] == pytest.approx(known[inside], rel=0.03)
+    assert path.converged
+
+
+@pytest.mark.parametrize(
+    ("problem", "loading"),
+    [
+        (self_affine(64), {"load": [3.0, 300.0, 30.0]}),
+        (periodic_rough(64), {"mean_pressure": [3000.0, 10.0, 1e6, 300.0]}),
+        (hertz(64), {"approach": [0.1, 0.01, -1.0, 0.05]}),
+    ],
+    ids=["free", "periodic", "hertz"],
+)
+def test_an_interrupted_path_goes_on_to_the_same_table(problem, loading):
+    with ContactSolver(problem) as solver:
+        path = solver.path(stiffness=True, **loading)
+        fields = [solution.pressure for solution in path]
+    with ContactSolver(problem) as solver:
+        solver.solve(approach=-1e-3)  # moves the bodies
+        rest = solver.path(stiffness=True, rows=path.rows[:2], **loading)
+        assert np.array_equal([solution.pressure for solution in rest], fields[2:])
+        again = solver.path(stiffness=True, rows=path.rows, **loading)
+        assert np.array_equal([solution.pressure for solution in again], fields[-1:])
+    assert same(rest.table, path.table)
+    assert same(again.table, path.table)
+
+
+def test_a_smaller_load_after_a_larger_one_forgets_its_contact():
+    with ContactSolver(hertz(128)) as solver:
+        cells = [solver.solve(approach=approach).contact_cells for approach in (0.02, 0.15, 0.02)]
+    assert cells[2] == cells[0]
+
+
+def test_steps_that_are_not_solved_are_told():
+    with warnings.catch_warnings(), ContactSolver(punch(32), "norm", {"lcp_max_it": 1}) as solver:
+        warnings.simplefilter("ignore", RuntimeWarning)
+        path = solver.path(approach=[-1.0, 0.1])
+        list(path)
+    assert list(path.table["converged"]) == [True, False]
+    assert not path.converged
+
+
+REFUSED = {
+    "none": ({}, "exactly one of approach, load"),
+    "two": ({"load": [1], "approach": [1]}, "exactly one of"),
+    "unknown": ({"force": [1]}, "exactly one of"),
+    "empty": ({"load": []}, r"one number or more \[N\]"),
+    "no numbers": ({"load": ["many"]}, "one number or more"),
+    "a number": ({"load": 5}, "one number or more"),
+    "negative": ({"load": [1, -1]}, "load -1: the bodies do not stick together"),
+    "mean gap": ({"mean_gap": [1]}, "only on a periodic patch"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refuses_before_any_step(case):
+    loadings, message = REFUSED[case]
+    with ContactSolver(hertz(16)) as solver, pytest.raises(InputError, match=message):
+        solver.path(**loadings)
+
+
+@pytest.mark.parametrize("kind", ["mean_pressure", "approach", "mean_gap"])
+def test_start_on_a_periodic_patch(kind):
+    with ContactSolver(periodic_rough(128)) as solver:
+        near = solver.solve(mean_pressure=500.0)
+        again = solver.solve(approach=near.approach, start=near)
+        loading = {kind: 1.005 * getattr(near, kind)}
+        cold, warm = solver.solve(**loading), solver.solve(**loading, start=near)
+    assert again.iterations == 1
+    assert again.operator_applications < 0.4 * near.operator_applications
+    assert again.load == pytest.approx(near.load, rel=1e-6)
+    assert warm.operator_applications < cold.operator_applications
+    assert warm.load == pytest.approx(cold.load, rel=1e-5)
+    assert warm.approach == pytest.approx(cold.approach, rel=1e-4)
+
+
+def test_start_must_fit():
+    with ContactSolver(hertz(16)) as solver, ContactSolver(hertz(32)) as other:
+        start = other.solve(approach=APPROACH)
+        with pytest.raises(InputError, match="start: needed: a Solution on the same grid"):
+            solver.solve(approach=APPROACH, start=start)
+        with pytest.raises(InputError, match="solution: needed: a Solution on the same grid"):
+            solver.stiffness(start)
