@@ -307,13 +307,21 @@ def sweep_figure(columns, heading=""):
     groups = {}
     for row in range(len(x)):
         groups.setdefault(tuple(columns[name][row] for name in others), []).append(row)
-    count = min(len(measured), 4)
-    figure = new_figure(6.4 * min(count, 2), 4.6 * -(-count // 2), heading)
-    for axes, name in zip(np.ravel(figure.subplots(-(-count // 2), min(count, 2))), measured, strict=False):
+    count = min(len(measured), 6)
+    across = 1 if count == 1 else 2 if count < 5 else 3
+    down = -(-count // across)
+    figure = new_figure(6.0 * across, 4.4 * down, heading)
+    for axes, name in zip(np.ravel(figure.subplots(down, across)), measured, strict=False):
         _draw_measured(axes, x, numbers(columns[name]), groups)
         axes.set(xlabel=f"-{along}", ylabel=_LABELS[name.removeprefix("result_")])
+    for axes in figure.axes[count:]:
+        axes.remove()
     if others:
-        figure.axes[0].legend(title=", ".join(f"-{name}" for name in others), fontsize=9, title_fontsize=9)
+        figure.axes[0].legend(
+            title=", ".join("option file" if name == "option_files" else f"-{name}" for name in others),
+            fontsize=9,
+            title_fontsize=9,
+        )
     return figure
 
 
@@ -331,5 +339,5 @@ def _draw_measured(axes, x, y, groups):
         )
     for axis, values in ((axes.xaxis, x), (axes.yaxis, y)):
         values = values[np.isfinite(values)]
-        if values.min() > 0 and values.max() > 5 * values.min():
+        if values.min() > 0 and values.max() >= 4 * values.min():
             log_axis(axis, values)
