@@ -45,6 +45,7 @@ _LABELS = {
     "solve_seconds": "time of the solve  [s]",
 }
 _MOST_SERIES = 12
+_MOST_TICKS = 6
 
 
 class Path(NamedTuple):
@@ -341,3 +342,7 @@ def _draw_measured(axes, x, y, groups):
         values = values[np.isfinite(values)]
         if values.min() > 0 and values.max() >= 4 * values.min():
             log_axis(axis, values)
+    points = np.unique(x[np.isfinite(x)])
+    if len(points) <= _MOST_TICKS:
+        axes.set_xticks(points, [f"{value:g}" for value in points])
+        axes.set_xticks([], minor=True)
