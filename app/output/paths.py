@@ -19,7 +19,6 @@ from app.output.style import (
     BLUE,
     DASHED,
     DOTTED,
-    GREY,
     ORANGE,
     SERIES,
     length_unit,
@@ -145,12 +144,12 @@ def _draw_fraction(axes, paths):
     corrected = [path.positive("mean_pressure", "contact_fraction_corrected") for path in paths]
     for path, found in zip(paths, corrected, strict=True):
         if found is not None:
-            axes.plot(found[0] * path.relative, found[1], "x", color=GREY, zorder=1)
+            axes.plot(found[0] * path.relative, found[1], "x", color="0.4", zorder=1)
     x = np.geomspace(drawn[0].min(), drawn[0].max() * 1.0001, 200)
     axes.plot(x, _persson(x), color=ORANGE, linestyle=DASHED, label="Persson")
     bgt = _bgt(x)
     axes.plot(x[bgt < 1], bgt[bgt < 1], color="0.3", linestyle=DOTTED, label="Bush, Gibson, Thomas")
-    axes.plot([], [], "x", color=GREY, label="corrected for the stepped boundary")
+    axes.plot([], [], "x", color="0.4", label="corrected for the stepped boundary")
     axes.set(xlabel=_RELATIVE, ylabel="contact fraction")
     axes.legend(loc="best")
 
@@ -164,7 +163,7 @@ def _draw_kappa(axes, paths):
         found = path.positive("mean_pressure", "contact_fraction_corrected")
         if found is not None:
             x = found[0] * path.relative
-            axes.plot(x, found[1] / x, "x", color=GREY, zorder=1)
+            axes.plot(x, found[1] / x, "x", color="0.4", zorder=1)
         highest = max(highest, (share / (p * path.relative)).max())
     x = np.concatenate(
         [path.positive("mean_pressure", "contact_fraction")[0] * path.relative for path in paths]
