@@ -216,7 +216,7 @@ def stress_section(result, below):
     if below is None:
         text = "Poisson's ratio is not known, so the stresses are not (--poisson gives it)."
         return Section("stress", "Below the surface", [text])
-    found = subsurface.survey(below, depths=64)
+    found = subsurface.survey(below, along="x")
     text = subsurface.summary(found.hottest, result, below.nu)
     text = text[0].upper() + " ".join(text[1:].split()) + "."
     picture = page.png(subsurface.picture(result, found))

@@ -103,7 +103,7 @@ def grid_of(result):
     return Grid.from_domain(result.x.size, result.y.size, domain, symbol)
 
 
-def survey(below, depths=96, at=None, deepest=None):
+def survey(below, depths=64, at=None, deepest=None, along="xy"):
     """Largest stress, sections and line through it.
 
     Not collective.
@@ -117,12 +117,14 @@ def survey(below, depths=96, at=None, deepest=None):
         Point (x, y) [mm] that these go through, if not the most stressed one.
     deepest : float, optional
         Last depth [mm]; default: some times that of the largest stress.
+    along : str
+        Directions of the sections wanted: "xy", "x" or "y".
 
     Returns
     -------
     SimpleNamespace
         `hottest` (where the stress is largest), `at` (the largest of the line), `depths`, `section_x`, `section_y`
-        (6, depths, nx or ny), `line` (6, depths).
+        (6, depths, nx or ny) or None, `line` (6, depths).
     """
     hottest = below.maximum()
     x, y = at or (hottest.x, hottest.y)
@@ -133,7 +135,8 @@ def survey(below, depths=96, at=None, deepest=None):
     if at is not None:
         k = int(np.argmax(von_mises(line)))
         here = Hottest(float(von_mises(line)[k]), x, y, float(depths[k]), line[:, k])
-    along_x, along_y = below.section(depths, y=y), below.section(depths, x=x)
+    along_x = below.section(depths, y=y) if "x" in along else None
+    along_y = below.section(depths, x=x) if "y" in along else None
     return SimpleNamespace(
         hottest=hottest,
         at=here,
@@ -209,7 +212,7 @@ def _arguments(argv):
     parser.add_argument(
         "--section", choices=("x", "y"), default="x", help="direction of the picture's; default: x"
     )
-    parser.add_argument("--depths", type=count, default=96, metavar="N", help="number of depths; default: 96")
+    parser.add_argument("--depths", type=count, default=64, metavar="N", help="number of depths; default: 64")
     parser.add_argument(
         "--deepest", metavar="Z", help="last depth [mm]; default: 4 times that of the largest stress"
     )

@@ -25,7 +25,7 @@ A. E. H. Love, Phil. Trans. R. Soc. A 228 (1929) 377. K. L. Johnson, Contact Mec
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import atan2, log, pi, sqrt
 
 import numba
@@ -37,8 +37,10 @@ from app.halfspace.periodic import frequencies
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 _ODD_X, _ODD_Y = (3, 4), (3, 5)  # components that change sign with x, with y
-_STARTS = 6  # cells below which the depth is refined
-_FINEST = 0.125  # of a cell: first depth below the surface that is looked at
+_STARTS = 3  # cells below which the depth is refined
+_ROWS = 64  # of a kernel at a time
+_SMOOTH = 8  # cells: the search goes on with larger ones from twice this depth on
+_FINEST = 0.25  # of a cell: first depth below the surface that is looked at
 
 
 @dataclass(frozen=True)
@@ -144,37 +146,42 @@ class SubsurfaceStress:
         return np.concatenate([[0.0], extent / 2 ** (np.arange(steps, -1, -1) / 2)])
 
     def maximum(self):
-        """Find the largest von Mises stress below the cell centres.
+        """Find the largest von Mises stress.
 
-        Planes down to the width of the loaded part are looked at, one at a time; then the depth is refined below the
-        most stressed cells. Before that an asperity's own maximum is missed by 2% at the most.
+        Planes down to the width of the loaded part are looked at, one at a time, deep ones on larger cells; then the
+        depth is refined below the most stressed cells of all. Before that an asperity's own maximum is missed by 2% at
+        the most.
 
         Returns
         -------
         Hottest
             At the surface without pressure.
         """
-        depths, best = self.depths_to_search(), None
-        for k, depth in enumerate(depths):
-            here = von_mises(self.plane(depth))
-            if best is None:
-                best, level = here, np.zeros(here.shape, np.int16)
-            else:
-                level[here > best] = k
-                np.maximum(best, here, out=best)
-        candidates = [self._refined(*cell, depths, level[cell]) for cell in _peaks(best)]
-        return max(candidates, key=lambda found: found.von_mises)
+        depths, found = self.depths_to_search(), []
+        below, grid = self._below, self.grid
+        for level, depth in enumerate(depths):
+            while depth > 2 * _SMOOTH * max(grid.dx, grid.dy) and (halved := _halved(below.pressure, grid)):
+                pressure, grid = halved
+                below = type(below)(pressure, grid, self.nu)
+            plane = von_mises(below.plane(depth))
+            found += [(plane[cell], level, grid.x()[cell[1]], grid.y()[cell[0]]) for cell in _peaks(plane)]
+        found.sort(key=lambda peak: -peak[0])
+        candidates = [self._refined(float(x), float(y), depths, level) for _, level, x, y in found[:_STARTS]]
+        return max(candidates, key=lambda here: here.von_mises)
 
-    def _refined(self, row, column, depths, level):
-        """Largest stress below a cell, near a depth of the search."""
-        x, y = float(self.grid.x()[column]), float(self.grid.y()[row])
+    def _refined(self, x, y, depths, level):
+        """Largest stress below a point, near a depth of the search."""
+        looked_at = {}
+
+        def deficit(depth):
+            looked_at[depth] = self._below.point(depth, x, y)
+            return -float(von_mises(looked_at[depth]))
+
         low, high = depths[max(level - 1, 0)], depths[min(level + 1, len(depths) - 1)]
-        found = minimize_scalar(
-            lambda depth: -float(von_mises(self._below.point(depth, x, y))),
-            bounds=(low, high), method="bounded", options={"xatol": 1e-4 * high},
-        )  # fmt: skip
-        depth = max((found.x, float(depths[level])), key=lambda z: von_mises(self._below.point(z, x, y)))
-        stress = self._below.point(depth, x, y)
+        deficit(float(depths[level]))
+        if high > 0:
+            minimize_scalar(deficit, bounds=(low, high), method="bounded", options={"xatol": 2e-3 * high})
+        depth, stress = max(looked_at.items(), key=lambda item: von_mises(item[1]))
         return Hottest(float(von_mises(stress)), x, y, float(depth), stress)
 
 
@@ -195,6 +202,16 @@ def _peaks(field):
     return found[:_STARTS]
 
 
+def _halved(pressure, grid):
+    """Pressure and grid of cells joined by two; None where that is not possible."""
+    fy, fx = (1 if n % 2 or n < 4 else 2 for n in grid.shape)
+    if fx == fy == 1:
+        return None
+    ny, nx = grid.ny // fy, grid.nx // fx
+    joined = pressure.reshape(ny, fy, nx, fx).mean(axis=(1, 3))
+    return joined, replace(grid, nx=nx, ny=ny, dx=fx * grid.dx, dy=fy * grid.dy)
+
+
 # -- periodic patches ------------------------------------------------------------------------------------------
 
 
@@ -202,9 +219,9 @@ class _Waves:
     """Below a periodic patch."""
 
     def __init__(self, pressure, grid, nu):
-        self.grid, self.nu = grid, nu
+        self.grid, self.nu, self.pressure = grid, nu, pressure
         self.extent = grid.nx * grid.dx, grid.ny * grid.dy
-        self._pressure = scipy.fft.rfft2(pressure, norm="forward")
+        self._transform = scipy.fft.rfft2(pressure, norm="forward")
         qx, qy = frequencies(grid, np.arange(grid.nx // 2 + 1), scipy.fft.fftfreq(grid.ny, 1 / grid.ny))
         self._q = np.hypot(qx, qy[:, None])
         nowhere = np.zeros_like(self._q)
@@ -219,9 +236,9 @@ class _Waves:
     def _waves(self, depth):
         """Transforms of the components, one after the other."""
         s, (nx, ny), (odd_x, odd_y) = self._q * depth, self._direction, self._odd
-        p = self._pressure * np.exp(-s)
+        p = self._transform * np.exp(-s)
         sideways = 2 * self.nu
-        mean = -self.nu / (1 - self.nu) * self._pressure[0, 0]
+        mean = -self.nu / (1 - self.nu) * self._transform[0, 0]
         for along, across in ((nx, ny), (ny, nx)):
             field = -p * (along**2 * (1 - s) + sideways * across**2)
             field[0, 0] = mean
@@ -264,82 +281,89 @@ class _Cells:
     """Below a patch that is alone on its half-space."""
 
     def __init__(self, pressure, grid, nu):
-        self.grid, self.nu = grid, nu
+        self.grid, self.nu, self.pressure = grid, nu, pressure
         loaded = [np.flatnonzero(pressure.any(axis=axis)) for axis in (1, 0)]
         rows, columns = (slice(k[0], k[-1] + 1) if k.size else slice(0, 1) for k in loaded)
-        self._pressure = np.ascontiguousarray(pressure[rows, columns])
+        self._loaded = np.ascontiguousarray(pressure[rows, columns])
         self._x, self._y = grid.x()[columns], grid.y()[rows]
-        ny, nx = self._pressure.shape
+        self._first = rows.start, columns.start
+        ny, nx = self._loaded.shape
         self.extent = nx * grid.dx, ny * grid.dy
 
-    def _kernel(self, depth, x, y):
-        """Stress at offsets x, y from a cell under unit pressure, shape (6, len(y), len(x))."""
-        half_x, half_y = self.grid.dx / 2, self.grid.dy / 2
-        corners = np.empty((6, len(y) + 1, len(x) + 1))
-        _corners(
-            np.append(x - half_x, x[-1] + half_x),
-            np.append(y - half_y, y[-1] + half_y),
-            depth,
-            self.nu,
-            corners,
-        )
-        return np.diff(np.diff(corners, axis=1), axis=2)
-
     def plane(self, depth):
-        grid, (rows, columns) = self.grid, self._pressure.shape
-        # Offsets from the first loaded cell to the first cell of the patch, and from the last to the last.
+        grid, (rows, columns) = self.grid, self._loaded.shape
+        # Offsets from the last loaded cell to the first of the patch, up to those from the first to the last.
         lengths = grid.ny + rows - 1, grid.nx + columns - 1
         padded = [scipy.fft.next_fast_len(n, real=True) for n in lengths]
-        x = grid.x()[0] - self._x[-1] + grid.dx * np.arange(lengths[1])
-        y = grid.y()[0] - self._y[-1] + grid.dy * np.arange(lengths[0])
-        transform = scipy.fft.rfft2(self._pressure, padded)
+        mirror_y, mirror_x = (
+            _Mirror(1 - first - loaded, length)
+            for first, loaded, length in zip(self._first, (rows, columns), lengths, strict=True)
+        )
+        corners = np.empty((6, mirror_y.edges, mirror_x.edges))
+        _corners(mirror_x.edge(grid.dx), mirror_y.edge(grid.dy), depth, self.nu, corners)
+        transform = scipy.fft.rfft2(self._loaded, padded)
         out = np.empty((6, *grid.shape))
-        for field, part in zip(out, self._kernel(depth, x, y), strict=True):
-            whole = scipy.fft.irfft2(scipy.fft.rfft2(part, padded) * transform, padded)
+        for k, field in enumerate(out):
+            kernel = mirror_y.difference(mirror_x.difference(corners[k], 1, k in _ODD_X), 0, k in _ODD_Y)
+            whole = scipy.fft.irfft2(scipy.fft.rfft2(kernel, padded) * transform, padded)
             field[...] = whole[rows - 1 : rows - 1 + grid.ny, columns - 1 : columns - 1 + grid.nx]
         return out
 
     def row(self, depth, x, y):
         if y is not None:
-            return self._along(depth, self._pressure, y - self._y, self._x, self.grid.x(), swap=False)
-        return self._along(depth, self._pressure.T, x - self._x, self._y, self.grid.y(), swap=True)
+            return self._along(depth, self._loaded, y - self._y, 1)
+        return self._along(depth, self._loaded.T, x - self._x, 0)
 
-    def _along(self, depth, pressure, across, loaded, centres, swap):
-        """Stress on a row of points: sum over the loaded rows of one-dimensional convolutions."""
-        step = centres[1] - centres[0] if len(centres) > 1 else 1.0
-        count = len(centres) + len(loaded) - 1
+    def _along(self, depth, pressure, across, axis):
+        """Stress on a row of points along an axis of fields: sum over loaded rows of one-dimensional convolutions."""
+        grid, loaded = self.grid, pressure.shape[1]
+        steps, count = (grid.dy, grid.dx), grid.shape[axis] + loaded - 1
         padded = scipy.fft.next_fast_len(count, real=True)
-        offsets = centres[0] - loaded[-1] + step * np.arange(count)
+        mirror = _Mirror(1 - self._first[axis] - loaded, count)
+        edges = np.append(across + steps[1 - axis] / 2, across[-1] - steps[1 - axis] / 2)
         transform = scipy.fft.rfft(pressure, padded)
         sums = np.zeros((6, padded // 2 + 1), complex)
-        for first in range(0, len(across), 64):  # a few rows at a time
-            rows = slice(first, first + 64)
-            for k, part in enumerate(self._rows_of_kernel(depth, offsets, across[rows], swap)):
-                sums[k] += np.einsum("jk,jk->k", scipy.fft.rfft(part, padded), transform[rows])
-        return scipy.fft.irfft(sums, padded)[:, len(loaded) - 1 : count]
-
-    def _rows_of_kernel(self, depth, along, across, swap):
-        """Kernel at offsets along the row of points and at any across, shape (6, len(across), len(along))."""
-        half_x, half_y = self.grid.dx / 2, self.grid.dy / 2
-        half_along, half_across = (half_y, half_x) if swap else (half_x, half_y)
-        edges = np.append(along - half_along, along[-1] + half_along)
-        kernel = np.empty((6, len(across), len(along)))
-        corners = np.empty((6, 2, len(edges)))
-        for j, offset in enumerate(across):
-            sides = np.array([offset - half_across, offset + half_across])
-            if swap:
-                turned = np.empty((6, len(edges), 2))
-                _corners(sides, edges, depth, self.nu, turned)
-                corners[...] = turned.transpose(0, 2, 1)
+        for first in range(0, len(across), _ROWS):
+            sides = edges[first : first + _ROWS + 1]
+            if axis:
+                corners = np.empty((6, len(sides), mirror.edges))
+                _corners(mirror.edge(steps[1]), sides, depth, self.nu, corners)
             else:
-                _corners(edges, sides, depth, self.nu, corners)
-            kernel[:, j] = np.diff(corners[:, 1] - corners[:, 0], axis=1)
-        return kernel
+                corners = np.empty((6, mirror.edges, len(sides)))
+                _corners(sides, mirror.edge(steps[0]), depth, self.nu, corners)
+                corners = corners.transpose(0, 2, 1)
+            for k, part in enumerate(corners):
+                kernel = mirror.difference(-np.diff(part, axis=0), 1, k in (_ODD_X if axis else _ODD_Y))
+                sums[k] += np.einsum(
+                    "jk,jk->k", scipy.fft.rfft(kernel, padded), transform[first : first + _ROWS]
+                )
+        return scipy.fft.irfft(sums, padded)[:, loaded - 1 : count]
 
     def point(self, depth, x, y):
         return _at_point(
-            self._pressure, x - self._x, y - self._y, self.grid.dx / 2, self.grid.dy / 2, depth, self.nu
+            self._loaded, x - self._x, y - self._y, self.grid.dx / 2, self.grid.dy / 2, depth, self.nu
         )
+
+
+class _Mirror:
+    """Offsets `first`, `first` + 1, ... of cells in a direction: positive edges tell of all."""
+
+    def __init__(self, first, count):
+        edge = np.arange(first - 1, first + count)  # number m is at (m + 1/2) cells
+        self._index, self._negative = np.where(edge < 0, -edge - 1, edge), edge < 0
+        self.edges = int(self._index.max()) + 1
+
+    def edge(self, step):
+        """Positive edges [mm]."""
+        return (np.arange(self.edges) + 0.5) * step
+
+    def difference(self, corners, axis, odd):
+        """Differences between the edges of each cell; `odd`: the kernel changes sign, so its integral does not."""
+        whole = corners.take(self._index, axis)
+        if not odd:
+            sign = np.where(self._negative, -1.0, 1.0)
+            whole *= sign if axis else sign[:, None]
+        return np.diff(whole, axis=axis)
 
 
 @numba.njit(cache=True)

@@ -193,7 +193,7 @@ def _draw_gap(axes, edges, gap, ends):
     right.stairs(gap * unit.per_mm, edges, color=ORANGE, linewidth=1.0, baseline=None)
     right.set(ylim=(2.6 * highest * unit.per_mm, 0), ylabel=f"gap e  [{unit.name}]")
     right.yaxis.label.set_color(ORANGE)
-    right.yaxis.set_label_coords(1.07, 0.82)
+    right.yaxis.set_label_coords(1.1, 0.82)
     right.spines["right"].set_visible(True)
     right.set_yticks([t for t in right.get_yticks() if 0 <= t <= 1.05 * highest * unit.per_mm])
     ticks, top = axes.get_yticks(), axes.get_ylim()[1]
@@ -214,7 +214,7 @@ def draw_residual(axes, result):
     if "lcp_rtol" in result.attributes:
         tolerance = result.attributes["lcp_rtol"]
         axes.axhline(tolerance, color=ORANGE, linestyle=DASHED, label="tolerance")
-        axes.legend(loc="lower left")
+        axes.legend(loc="best")
         # Direct solves on the coarsest grid go down to round-off; that is not what the picture is about.
         shown = np.maximum(np.append(shown, tolerance), 1e-3 * tolerance)
     log_axis(axes.yaxis, shown)

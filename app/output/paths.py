@@ -19,7 +19,6 @@ from app.output.style import (
     BLUE,
     DASHED,
     DOTTED,
-    GREY,
     ORANGE,
     SERIES,
     length_unit,
@@ -45,6 +44,7 @@ _LABELS = {
     "solve_seconds": "time of the solve  [s]",
 }
 _MOST_SERIES = 12
+_MOST_TICKS = 6
 
 
 class Path(NamedTuple):
@@ -144,12 +144,12 @@ def _draw_fraction(axes, paths):
     corrected = [path.positive("mean_pressure", "contact_fraction_corrected") for path in paths]
     for path, found in zip(paths, corrected, strict=True):
         if found is not None:
-            axes.plot(found[0] * path.relative, found[1], "x", color=GREY, zorder=1)
+            axes.plot(found[0] * path.relative, found[1], "x", color="0.4", zorder=1)
     x = np.geomspace(drawn[0].min(), drawn[0].max() * 1.0001, 200)
     axes.plot(x, _persson(x), color=ORANGE, linestyle=DASHED, label="Persson")
     bgt = _bgt(x)
     axes.plot(x[bgt < 1], bgt[bgt < 1], color="0.3", linestyle=DOTTED, label="Bush, Gibson, Thomas")
-    axes.plot([], [], "x", color=GREY, label="corrected for the stepped boundary")
+    axes.plot([], [], "x", color="0.4", label="corrected for the stepped boundary")
     axes.set(xlabel=_RELATIVE, ylabel="contact fraction")
     axes.legend(loc="best")
 
@@ -163,7 +163,7 @@ def _draw_kappa(axes, paths):
         found = path.positive("mean_pressure", "contact_fraction_corrected")
         if found is not None:
             x = found[0] * path.relative
-            axes.plot(x, found[1] / x, "x", color=GREY, zorder=1)
+            axes.plot(x, found[1] / x, "x", color="0.4", zorder=1)
         highest = max(highest, (share / (p * path.relative)).max())
     x = np.concatenate(
         [path.positive("mean_pressure", "contact_fraction")[0] * path.relative for path in paths]
@@ -307,13 +307,21 @@ def sweep_figure(columns, heading=""):
     groups = {}
     for row in range(len(x)):
         groups.setdefault(tuple(columns[name][row] for name in others), []).append(row)
-    count = min(len(measured), 4)
-    figure = new_figure(6.4 * min(count, 2), 4.6 * -(-count // 2), heading)
-    for axes, name in zip(np.ravel(figure.subplots(-(-count // 2), min(count, 2))), measured, strict=False):
+    count = min(len(measured), 6)
+    across = 1 if count == 1 else 2 if count < 5 else 3
+    down = -(-count // across)
+    figure = new_figure(6.0 * across, 4.4 * down, heading)
+    for axes, name in zip(np.ravel(figure.subplots(down, across)), measured, strict=False):
         _draw_measured(axes, x, numbers(columns[name]), groups)
         axes.set(xlabel=f"-{along}", ylabel=_LABELS[name.removeprefix("result_")])
+    for axes in figure.axes[count:]:
+        axes.remove()
     if others:
-        figure.axes[0].legend(title=", ".join(f"-{name}" for name in others), fontsize=9, title_fontsize=9)
+        figure.axes[0].legend(
+            title=", ".join("option file" if name == "option_files" else f"-{name}" for name in others),
+            fontsize=9,
+            title_fontsize=9,
+        )
     return figure
 
 
@@ -331,5 +339,9 @@ def _draw_measured(axes, x, y, groups):
         )
     for axis, values in ((axes.xaxis, x), (axes.yaxis, y)):
         values = values[np.isfinite(values)]
-        if values.min() > 0 and values.max() > 5 * values.min():
+        if values.min() > 0 and values.max() >= 4 * values.min():
             log_axis(axis, values)
+    points = np.unique(x[np.isfinite(x)])
+    if len(points) <= _MOST_TICKS:
+        axes.set_xticks(points, [f"{value:g}" for value in points])
+        axes.set_xticks([], minor=True)

@@ -27,6 +27,21 @@ def test_sphere_yields_first_at_half_a_radius_below():
     assert von_mises(hottest.stress) == pytest.approx(hottest.von_mises)
 
 
+@pytest.mark.parametrize("periodic", ["", "spectral"])
+def test_search_finds_what_looking_everywhere_finds(periodic):
+    """Asperities of many sizes, some deep enough for larger cells."""
+    rng = np.random.default_rng(5)
+    grid = Grid(96, 80, 0.1, 0.1, periodic=periodic)
+    x, y = np.meshgrid(grid.x(), grid.y())
+    pressure = np.zeros(grid.shape)
+    for a in (0.15, 0.3, 0.6, 1.2, 3.5):
+        r2 = ((x - rng.uniform(2, 8)) ** 2 + (y - rng.uniform(2, 6)) ** 2) / a**2
+        pressure += rng.uniform(0.5, 1.0) * np.sqrt(np.maximum(1 - r2, 0))
+    below = SubsurfaceStress(pressure, grid, 0.3)
+    most = max(von_mises(below.plane(depth)).max() for depth in np.geomspace(0.02, 4, 60))
+    assert below.maximum().von_mises == pytest.approx(most, rel=2e-3)
+
+
 def test_below_the_centre_of_a_sphere_the_error_falls_with_the_square_of_the_cell():
     exact_z = -1 / (1 + DEPTHS**2)
     exact_x = -1.3 * (1 - DEPTHS * np.arctan(1 / DEPTHS)) - exact_z / 2
