@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from app.output.figures import BLUE, GREY, ORANGE, STYLE, save_figure
+from app.output.style import BLUE, GREY, ORANGE, STYLE, save_figure
 from app.output.table import markdown
 from benchmarks.challenge.measures import persson, persson_pressures, stiffness
 from benchmarks.challenge.surface import CUTOFF, SIDE
