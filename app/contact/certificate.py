@@ -103,7 +103,7 @@ def _lifting(state, most, energy):
     """What the lifting of penetrations adds to the gap: the least for some t between 0 and `most`. Collective."""
     shares = most * np.append(0.5 ** np.arange(_TRIALS), 0.0)
     to_u, squares = state.sum(_lift(state.distance.b, state.u, state.admissible, shares))
-    grid, diagonal = state.grid, state.operator.diagonal
+    grid, diagonal = state.patch, state.operator.diagonal
     to_u, squares = to_u / diagonal, squares / diagonal**2
     # Rows of A add up to less than the displacement in the middle of twice the patch under unit pressure.
     twice = Grid(1, 1, 2 * grid.nx * grid.dx, 2 * grid.ny * grid.dy)

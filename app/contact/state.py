@@ -182,9 +182,11 @@ class ContactState:
         Which cells of the level these are; default: all.
     u : ndarray, shape (local rows, nx), [mm], optional
         Displacement, if it is known already. Taken over.
+    patch : Grid, optional
+        All of the level: what is proved, is proved for it; default: the operator's.
     """
 
-    def __init__(self, operator, distance, window=None, u=None):
+    def __init__(self, operator, distance, window=None, u=None, patch=None):
         self.operator, self.grid, self.comm = operator, operator.grid, operator.comm
         self.distance, self.admissible = distance, distance.admissible
         self._p = np.zeros(operator.local_shape)
@@ -194,7 +196,7 @@ class ContactState:
         self._released = np.zeros(operator.local_shape, bool)
         self.contact = operator.mask  # the very array the operator uses, with what the last state left in it
         self.contact[...] = False
-        self.window = window or whole(operator.grid)
+        self.window, self.patch = window or whole(operator.grid), patch or operator.grid
         self.work = None  # a field that is at rest when the certificate is asked for, if somebody has one
 
     # -- what it is -------------------------------------------------------------------------------------

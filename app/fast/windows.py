@@ -19,6 +19,7 @@ from scipy.fft import next_fast_len
 from app.contact.state import ContactState, UndeformedDistance
 from app.halfspace.grid import Slabs
 from app.halfspace.operator import InfluenceOperator
+from app.halfspace.reductions import sum_over
 from app.halfspace.window import Scatter, Window, bounding_box, whole
 from app.multigrid.transfer import Transfer
 
@@ -61,6 +62,12 @@ class VerificationProduct:
         self._scatter.reverse(p, self.u)
         self._target.exact_displacement(self.u, self.u)
         u[...] = self._scatter.forward(self.u)
+
+    def follow(self, u):
+        """Scale the last product as the window's u has been scaled since, to meet a load. Collective."""
+        before, after = sum_over(self._target.comm, [self._scatter.forward(self.u).sum(), u.sum()])
+        if before and after != before:
+            self.u *= after / before
 
 
 class Stage:
@@ -135,7 +142,7 @@ class Stage:
         fine.prepare("product")  # first, so that other transforms can use its storage
         self.transfer = Transfer(fine, below, factors)
         part = UndeformedDistance.part_of(self._distance, fine, self._scatter)
-        self.state = ContactState(fine, part, window)
+        self.state = ContactState(fine, part, window, patch=level.grid)
 
     def predicted_box(self, coarse_minimum, depth):
         """Where the target grid may have contact that this one cannot see: asperities smaller than its cells.
@@ -186,6 +193,7 @@ class Stage:
         inside, level, scatter = self.state, self._hierarchy.target, self._scatter
         if self._verification.u is None or not outcome.converged:
             self._verification.apply(inside.p, inside.u)
+        self._verification.follow(inside.u)
         self._distance.move_to(inside.depth)
         state = ContactState(level, self._distance, u=self._verification.u)
         with state.pressure as values:

@@ -5,9 +5,10 @@ import pytest
 from cases import APPROACH, hertz, punch
 from running import assert_solves_lcp, solve
 
-from app import ContactProblem
+from app import ContactProblem, ContactSolver
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
+from app.halfspace.operator import InfluenceOperator
 
 
 @pytest.mark.parametrize(
@@ -68,3 +69,15 @@ def test_out_of_iterations_in_a_window_is_said():
     assert not solution.converged
     assert solution.iterations == 1
     assert np.isfinite(solution.certificate.error_bound)
+
+
+def test_under_a_load_the_displacement_of_all_cells_is_that_of_the_pressure():
+    problem = hertz(128)
+    with ContactSolver(problem) as solver:
+        for load in (20.0, 2000.0, 50000.0):
+            solution = solver.solve(load=load)
+            u = np.empty(problem.grid.shape)
+            InfluenceOperator(problem.grid, problem.material.compliance).exact_displacement(
+                solution.pressure, u
+            )
+            np.testing.assert_allclose(solution.displacement, u, rtol=0, atol=1e-13 * u.max())
