@@ -160,7 +160,26 @@ def _warm_up(dtype):
     add(field, 0.0, low)
 
 
-class TrackingCG:
+class KspContext:
+    """What our Krylov methods share: they tell PETSc of their iterations, and let it decide when it is enough."""
+
+    def _report(self, ksp, iteration, norm):
+        """Tell PETSc of an iteration; return its reason to stop, or 0."""
+        if not norm >= 0:
+            return PETSc.KSP.ConvergedReason.DIVERGED_NANORINF
+        ksp.its, ksp.norm = iteration, norm
+        ksp.logConvergenceHistory(norm)
+        ksp.monitor(iteration, norm)
+        return ksp.callConvergenceTest(iteration, norm)
+
+    def _read(self, vec):
+        return vec.getArray(readonly=True).reshape(self._operator.local_shape)
+
+    def _sum(self, values):
+        return sum_over(self._operator.comm, values)
+
+
+class TrackingCG(KspContext):
     """KSP context; its operator must be an `InfluenceOperator`. Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*.
 
     As a KSP it solves C A C x = C b. With `displacement` it also keeps u = A x on all cells.
@@ -247,21 +266,6 @@ class TrackingCG:
             r = residual.reshape(shape)
             squares = _first_residual(self._read(b), u, self._operator.mask, self._spans, r)
         return float(np.sqrt(self._sum([squares])[0]))
-
-    def _report(self, ksp, iteration, norm):
-        """Tell PETSc of an iteration; return its reason to stop, or 0."""
-        if not norm >= 0:
-            return PETSc.KSP.ConvergedReason.DIVERGED_NANORINF
-        ksp.its, ksp.norm = iteration, norm
-        ksp.logConvergenceHistory(norm)
-        ksp.monitor(iteration, norm)
-        return ksp.callConvergenceTest(iteration, norm)
-
-    def _read(self, vec):
-        return vec.getArray(readonly=True).reshape(self._operator.local_shape)
-
-    def _sum(self, values):
-        return sum_over(self._operator.comm, values)
 
     def destroy(self, ksp):
         """Free the work vectors."""

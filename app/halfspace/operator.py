@@ -143,12 +143,7 @@ class InfluenceOperator:
 
     def mat(self, comm):
         """Make a Mat with this context, the caller's to destroy. Collective over the PETSc communicator `comm`."""
-        local = self.local_shape[0] * self.local_shape[1]
-        size = (local, PETSc.DETERMINE)
-        mat = PETSc.Mat().createPython((size, size), self, comm=comm)
-        mat.setOption(PETSc.Mat.Option.SPD, True)
-        mat.setUp()
-        return mat
+        return symmetric_mat(self, comm)
 
     def mask_changed(self):
         """Take notice of another contact set; who holds a Mat must tell PETSc. Not collective."""
@@ -292,3 +287,12 @@ class InfluenceOperator:
         viewer.printfASCII(
             f"  influence matrix of {grid.nx} x {grid.ny} cells of {grid.dx:g} x {grid.dy:g} mm, {kind}, {spread}\n"
         )
+
+
+def symmetric_mat(context, comm):
+    """Make a Mat of an operator with a `local_shape`, symmetric positive definite. Collective over `comm`."""
+    size = (context.local_shape[0] * context.local_shape[1], PETSc.DETERMINE)
+    mat = PETSc.Mat().createPython((size, size), context, comm=comm)
+    mat.setOption(PETSc.Mat.Option.SPD, True)
+    mat.setUp()
+    return mat

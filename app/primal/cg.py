@@ -16,7 +16,8 @@ import numba
 import numpy as np
 from petsc4py import PETSc
 
-from app.halfspace.reductions import any_order, sum_over
+from app.fast.tracking_cg import KspContext
+from app.halfspace.reductions import any_order
 
 
 @any_order
@@ -99,7 +100,7 @@ def _warm_up(dtype):
     _direct(low, fixed, dtype.type(0))
 
 
-class CarryingCG:
+class CarryingCG(KspContext):
     """KSP context; its operator must be an `InverseOperator`. Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*.
 
     The preconditioner is applied to p as it is; it must look at the free cells only, and leave the others zero.
@@ -157,21 +158,6 @@ class CarryingCG:
             reason = self._report(ksp, iteration, norm)
         self.residual = norm
         ksp.setConvergedReason(reason or PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
-
-    def _report(self, ksp, iteration, norm):
-        """Tell PETSc of an iteration; return its reason to stop, or 0."""
-        if not norm >= 0:
-            return PETSc.KSP.ConvergedReason.DIVERGED_NANORINF
-        ksp.its, ksp.norm = iteration, norm
-        ksp.logConvergenceHistory(norm)
-        ksp.monitor(iteration, norm)
-        return ksp.callConvergenceTest(iteration, norm)
-
-    def _read(self, vec):
-        return vec.getArray(readonly=True).reshape(self._operator.local_shape)
-
-    def _sum(self, values):
-        return sum_over(self._operator.comm, values)
 
     def destroy(self, ksp):
         """Free the work vector."""

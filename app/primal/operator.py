@@ -7,6 +7,8 @@ from functools import cached_property
 import numpy as np
 from petsc4py import PETSc
 
+from app.halfspace.operator import symmetric_mat
+
 _mult_event = PETSc.Log.Event("InverseMult")
 
 
@@ -51,11 +53,7 @@ class InverseOperator:
 
     def mat(self, comm):
         """Make a Mat with this context, the caller's to destroy. Collective over the PETSc communicator `comm`."""
-        size = (self.local_shape[0] * self.local_shape[1], PETSc.DETERMINE)
-        mat = PETSc.Mat().createPython((size, size), self, comm=comm)
-        mat.setOption(PETSc.Mat.Option.SPD, True)
-        mat.setUp()
-        return mat
+        return symmetric_mat(self, comm)
 
     def mask_changed(self):
         """Take notice of other free cells. Not collective."""
