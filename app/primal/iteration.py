@@ -47,7 +47,8 @@ def primal_active_set(primal, solver, stop, history):
     state, inner, aim = primal.state, 0, _SURE
     allowed = allowed_gap(primal, stop)
     best, fewest, since = float("inf"), float("inf"), 0
-    primal.start()
+    doubted = False
+    primal.start(exact=stop.final)
     history.start(state, solver)
     primal.guess(solver)
     for k in range(1, stop.max_it + 1):
@@ -69,19 +70,22 @@ def primal_active_set(primal, solver, stop, history):
             return Outcome(True, CONVERGED, k, inner, residual)
         if near and not changed:
             kept = state.contact.copy()
-            update = verify(primal)
+            update = verify(primal, solver.scratch)
             residual = update.residual / state.distance.norm()
             last = update.residual / np.sqrt(max(update.cells, 1))
-            if primal.loading.prescribes_load and not state.load > 0:
-                raise NeedsSafeguard(Outcome(False, _NO_PRESSURE, k, inner, residual))
-            if last <= allowed and stop.promising(state):
-                return Outcome(True, CONVERGED, k, inner, residual)
+            enough = last <= allowed
+            if enough:
+                accept(primal, solver.scratch)
+                if stop.promising(state):
+                    return Outcome(True, CONVERGED, k, inner, residual)
             reached = min(1.0, norm / goal) * aim
             aim = max(reached * min(0.5, _DOUBT * allowed / last), ROUNDING / stop.rtol)
             state.contact[...] = kept  # the free cells are as before
             state.depth = 0.0
-            primal.restore_mean(solver)
-            primal.refresh(exact=True)
+            if enough or doubted:  # what is carried along may have become inaccurate
+                primal.restore_mean(solver)
+                primal.refresh(exact=True)
+            doubted = True
         elif update.added:
             primal.close(solver)
         since += 1
@@ -108,28 +112,46 @@ def allowed_gap(primal, stop):
     return rtol * abs(primal.mean_displacement)
 
 
-def verify(primal):
-    """Pressure >= 0 with the right load, u = A p by one product in double precision; return the Update.
+def verify(primal, found):
+    """Step 4 on the target grid: pressure >= 0 with the right load, and u = A p by one product in double precision.
 
-    Collective. Leaves the state as a ContactState is: at the depth found, what overlaps in its contact set. The load is
-    met if there is any pressure.
+    Collective. Leaves the state at the depth found, and what overlaps in its contact set.
+
+    Parameters
+    ----------
+    primal : PrimalState
+    found : ndarray, shape (local rows, nx)
+        Becomes that pressure, for `accept`.
+
+    Returns
+    -------
+    Update
+
+    Raises
+    ------
+    NeedsSafeguard
+        If there is none under a load.
     """
     state, loading = primal.state, primal.loading
-    with state.pressure as values:
-        kernels.keep_positive(values.reshape(primal.w.shape), state.contact)
+    total = float(state.sum([kernels.positive(state.p, state.contact, found)])[0])
     if loading.prescribes_load:
-        load = state.load
-        if load > 0:
-            state.scale(loading.load / load)
-    state.compute_displacement(exact=True)
+        if not total > 0:
+            raise NeedsSafeguard(Outcome(False, _NO_PRESSURE))
+        found *= loading.load / (state.grid.cell_area * total)
+    state.operator.exact_displacement(found, state.u)
     if loading.prescribes_load:
         state.depth = 0.0
         state.depth = _mean_gap_on_contact(state)
     else:
         state.approach = loading.approach
-    update = state.activate_penetrating()
-    state.u_is = Displacement.EXACT
-    return update
+    return state.activate_penetrating()
+
+
+def accept(primal, found):
+    """Take the pressure that `verify` has found. Not collective."""
+    with primal.state.pressure as values:
+        values[...] = found.reshape(-1)
+    primal.state.u_is = Displacement.EXACT
 
 
 def _mean_gap_on_contact(state):

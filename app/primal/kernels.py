@@ -82,16 +82,22 @@ def take(x, lowest, w, b, contact):
 
 
 @any_order
-def _positive_row(p, contact):
+def _positive_row(p, contact, out):
+    total = 0.0
     for i in range(p.size):
-        p[i] = max(p[i], 0.0) if contact[i] else 0.0
+        value = max(p[i], 0.0) if contact[i] else 0.0
+        out[i] = value
+        total += value
+    return total
 
 
 @any_order
-def keep_positive(p, contact):
-    """p = max(p, 0) on C, 0 elsewhere."""
+def positive(p, contact, out):
+    """out = max(p, 0) on C, 0 elsewhere; return its sum."""
+    total = 0.0
     for j in range(p.shape[0]):
-        _positive_row(p[j], contact[j])
+        total += _positive_row(p[j], contact[j], out[j])
+    return total
 
 
 @cache
@@ -104,4 +110,4 @@ def warm_up(dtype):
     close(field, fixed, cells, field, 0.0, field.astype(dtype))
     guess_sources(fixed, field, fixed, cells, 0.0, low, low)
     take(low, low, field, fixed, cells)
-    keep_positive(field, cells)
+    positive(fixed, cells, field)

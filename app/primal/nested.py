@@ -12,7 +12,7 @@ from app.contact.state import ContactState
 from app.fast.iteration import NeedsSafeguard
 from app.fast.nested import _difference, safeguarded
 from app.multigrid.pcmg import options_set
-from app.primal.iteration import primal_active_set, verify
+from app.primal.iteration import accept, primal_active_set, verify
 from app.primal.operator import InverseOperator
 from app.primal.solver import PrimalSolver
 from app.primal.state import PrimalState
@@ -93,7 +93,8 @@ def _solve_on(hierarchy, number, primal, solver, stop, history):
         return primal_active_set(primal, solver, stop, history)
     except NeedsSafeguard as stagnation:
         primal.begin_again()
-        verify(primal)
+        verify(primal, solver.scratch)
+        accept(primal, solver.scratch)
         with options_set("", {}, _SAFEGUARD):
             rest = safeguarded(hierarchy, number, primal.state, primal.loading, stop, history)
         np.subtract(primal.state.u, primal.state.depth, out=primal.w)

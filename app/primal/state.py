@@ -64,10 +64,12 @@ class PrimalState:
         return self.state.distance.reference - self.mean(self.w)
 
     def begin_again(self):
-        """Contact everywhere, p = 0 where it makes no sense any more. Collective."""
+        """Contact everywhere, and some pressure that makes sense. Collective."""
+        self.state.contact[...] = self.state.admissible
         with self.state.pressure as p:
             np.nan_to_num(p, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
-        self.state.contact[...] = self.state.admissible
+            if self.state.minimum([-p.max(initial=0.0)])[0] == 0:
+                p[...] = self.mean_pressure
 
     def refresh(self, exact=False):
         """p = B w + mean pressure. Collective."""
@@ -97,7 +99,7 @@ class PrimalState:
 
     # -- steps ------------------------------------------------------------------------------------------
 
-    def start(self):
+    def start(self, exact=False):
         """Begin from w: overlaps are closed, p follows; the mean of w is as prescribed. Collective."""
         state, b = self.state, self.state.distance.b
         np.maximum(self.w, b, out=self.w, where=state.admissible)
@@ -105,7 +107,7 @@ class PrimalState:
         state.contact &= state.admissible
         if not self.loading.prescribes_load:
             self.w += self.mean_displacement - self.mean(self.w)
-        self.refresh()
+        self.refresh(exact)
 
     def continue_from(self, solution):
         """Take w, and under a prescribed approach the mean pressure, from a Solution on this grid. Not collective."""

@@ -372,9 +372,9 @@ def test_under_a_load_something_stays_in_contact(steps):
 def test_the_loops_of_the_state():
     rng = np.random.default_rng(9)
     p, contact = rng.normal(size=(6, 7)), rng.random((6, 7)) < 0.5
-    expected = np.where(contact, np.maximum(p, 0), 0)
-    kernels.keep_positive(p, contact)
-    np.testing.assert_array_equal(p, expected)
+    expected, out = np.where(contact, np.maximum(p, 0), 0), np.empty_like(p)
+    assert kernels.positive(p, contact, out) == pytest.approx(expected.sum(), rel=1e-13)
+    np.testing.assert_array_equal(out, expected)
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])
