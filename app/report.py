@@ -183,7 +183,7 @@ def request_section(result):
         if name.startswith(
             ("hertz_", "sphere_", "cone_", "punch_", "surface_", "body", "young", "poisson", "shear_", "gap_")
         )
-        and value != ""
+        and not (isinstance(value, str) and not value)
     }
     for name in ("options", "command_line"):
         if values.get(name):

@@ -76,7 +76,8 @@ def main(given):
                 else:
                     solution = solver.solve(**request.loading)
                 stiffness = solver.stiffness(solution) if request.stiffness else None
-    patches = solution.contact_patches()
+    with PETSc.Log.Stage("Output"):
+        patches = solution.contact_patches()
     facts |= {"contact_patches": len(patches), "largest_patch": float(patches.max(initial=0.0))}
     if request.stiffness:
         facts["stiffness"] = stiffness

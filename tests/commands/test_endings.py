@@ -192,7 +192,7 @@ def test_pictures_do_not_need_standard_output(solve, tmp_path):
         ["bash", "-c", command], capture_output=True, text=True, timeout=LIMIT, cwd=tmp_path
     )
     assert (done.returncode, done.stderr) == (0, "warning: standard output: No space left on device\n")
-    assert len(list((tmp_path / "pictures").iterdir())) == 6
+    assert {"pressure.png", "summary.png"} <= {file.name for file in (tmp_path / "pictures").iterdir()}
 
 
 def test_removed_folder(tmp_path):
@@ -219,9 +219,9 @@ def test_logging_may_be_asked_for_in_a_file(solve, tmp_path):
 
 
 def test_own_problem(solve, tmp_path):
-    (tmp_path / "mine.py").write_text("def bowl(x, y):\n    return x**2 + y**2\n")
+    (tmp_path / "mine.py").write_text("def bowl(x, y):\n    return (x**2 + y**2) / 40\n")
     problem = (
-        "-problem python -grid 8 -domain -1,1,-1,1 -shear_modulus 1 -poisson_ratio 0.3 -load 0.1".split()
+        "-problem python -grid 8 -domain -1,1,-1,1 -shear_modulus 80000 -poisson_ratio 0.3 -load 300".split()
     )
     done = solve(*problem, "-problem_type", "mine.py:bowl", ranks=2)
     assert (done.returncode, done.stderr) == (0, "")
