@@ -5,7 +5,7 @@ import pytest
 from cases import APPROACH, COUNTS, assert_counts_of_norm, hertz
 from running import assert_solves_lcp, solve
 
-from app import ContactProblem
+from app import ContactProblem, Sphere
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
 
@@ -65,8 +65,7 @@ def test_odd_grids_and_oblong_cells(nx, ny):
 def test_sphere():
     material = Material(1000.0, 0.5)
     grid = Grid.from_domain(80, 80, (-1.3, 1.3, -1.3, 1.3))
-    sphere = type(hertz(8))(grid, material, rx=5.0, ry=5.0)
-    solution = solve(sphere, 0.2)
+    solution = solve(ContactProblem(grid, material, Sphere(5.0)), 0.2)
     # Johnson, Contact Mechanics, eqs. (4.22)-(4.24): a^2 = R delta, F = 4/3 E* sqrt(R delta^3)
     assert solution.load == pytest.approx(4 / 3 * 2000 * np.sqrt(5 * 0.2**3), rel=1e-3)
     assert solution.contact.sum() * grid.cell_area == pytest.approx(np.pi * 5 * 0.2, rel=0.02)

@@ -226,7 +226,7 @@ def test_a_limit_on_iterations_is_kept_and_said():
 
 
 def test_loads_one_after_another_on_several_solvers():
-    """Any order, warm or cold: the answer is that of a fresh solver, and so is the work."""
+    """Any order: the answer is that of a fresh solver, and so is the work; warm, the answer within its tolerance."""
     problems = [surface("self-affine", 64), periodic.rough(24, 18, 2, holes=0.1)]
     solvers = [ContactSolver(problem) for problem in problems]
     start = [None, None]
@@ -234,11 +234,13 @@ def test_loads_one_after_another_on_several_solvers():
         for k, (problem, solver) in enumerate(zip(problems, solvers, strict=True)):
             approach = share * np.nanmean(problem.gap)
             fresh = solve(problem, approach, None)
-            for first in (None, start[k]):
-                found = solver.solve(approach=approach, start=first)
-                np.testing.assert_allclose(found.pressure, fresh.pressure, rtol=0, atol=1e-9)
-                assert found.operator_applications == fresh.operator_applications
-            start[k] = found
+            found = solver.solve(approach=approach)
+            np.testing.assert_allclose(found.pressure, fresh.pressure, rtol=0, atol=1e-9)
+            assert found.operator_applications == fresh.operator_applications
+            warm = solver.solve(approach=approach, start=start[k])
+            size = fresh.pressure.max()
+            np.testing.assert_allclose(warm.pressure, fresh.pressure, rtol=0, atol=1e-4 * size)
+            start[k] = warm
     for solver in solvers:
         solver.close()
 
