@@ -6,7 +6,9 @@ import numpy as np
 
 HIGH_PRESSURE = 0.2  # of E*, beyond which hardly any solid is elastic
 STEEP = 0.5  # rms slope, beyond which a body is no half-space
+FLAT = 1e-4  # rms slope of measured heights, below which lengths along and across may be in different units
 TALL = 0.1  # rms height over the shorter side of the patch: with wrong units, or slopes that are steep anyway
+SQUARISH = 0.2  # of measured cells that are meant to be square, perhaps: logarithm of their sides' ratio
 FEW_CELLS = 10  # of contact, fewer of which do not show its shape
 LARGE_PATCH = 100  # cells of a patch that is meant to show one
 
@@ -37,6 +39,15 @@ def notes_on(state, problem, contact, roughness):
         )
     if roughness.rms_slope > STEEP:
         found.append(f"the rms slope is {roughness.rms_slope:.2g}: the theory is for slopes below {STEEP:g}")
+    measured = any(getattr(surface, "measured", False) for surface in getattr(problem, "surfaces", ()))
+    if measured and 0 < roughness.rms_slope < FLAT:
+        found.append(
+            f"the rms slope is {roughness.rms_slope:.2g}: are lengths along the surface in mm, as heights are?"
+        )
+    if measured and 1e-3 < abs(np.log(grid.dx / grid.dy)) < SQUARISH and min(grid.nx, grid.ny) > 1:
+        found.append(
+            f"cells are {grid.dx:.4g} x {grid.dy:.4g} mm, nearly square: are rows and columns exchanged?"
+        )
     if roughness.rms_height > TALL * side:
         found.append(
             f"the distances vary by {roughness.rms_height:.2g} mm (rms) on a patch {side:.2g} mm wide: are they in mm?"

@@ -154,13 +154,15 @@ def proof_section(values):
             f"All this is about the problem on this grid. What the grid itself costs: about {error:.2g} of the "
             "pressure (root mean square, from the last two grids)."
         )
-    else:
+    elif not known:
         texts.append(
             "All this is about the problem on this grid. What the grid itself costs is not known from this run: solve "
             "on one twice as fine and compare."
         )
     if known:
-        texts.append(f"Relative errors that the size of the cells makes, estimated: {', '.join(known)}.")
+        texts.append(
+            f"Relative errors that the size of the cells makes, estimated from two grids: {', '.join(known)}."
+        )
     return Section("accuracy", "How good it is", texts)
 
 

@@ -81,6 +81,10 @@ def main(given):
     facts |= {"contact_patches": len(patches), "largest_patch": float(patches.max(initial=0.0))}
     if request.stiffness:
         facts["stiffness"] = stiffness
+    notes = solution.notes
+    if steps:
+        notes = [f"step{'s'[: len(at) > 1]} {', '.join(at)}: {note}" for note, at in path.notes.values()]
+        facts["notes"] = "\n".join(notes)
     if request.output:
         save(solution, request.output, steps)
     if done:
@@ -90,7 +94,7 @@ def main(given):
     if steps:
         session.say(along(path, request.path))
     session.say(report(solution.attributes | facts, solution.grid, request.output))
-    for line in solution.notes:
+    for line in notes:
         session.warn(line)
     return status if solution.converged else 3
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -113,11 +114,14 @@ def run_path(wanted, solver, stiffness, inputs, identity, save):
     path = solver.path(stiffness=stiffness, rows=rows, **{wanted.kind: wanted.numbers})
     if rows:
         say(f"{len(rows)} of {len(path)} steps are done already")
+    path.notes = {}
     with _progress(path, len(rows)) as shown:
         for solution in path:
             row = path.rows[-1]
             if wanted.fields:
                 save(solution, wanted.of_step(row["step"]))
+            for note in solution.notes:
+                path.notes.setdefault(re.sub(r"[\d.]+", "", note), (note, []))[1].append(str(row["step"]))
             book.add(row)
             shown(row)
     if wanted.csv:

@@ -73,9 +73,9 @@ class Grid:
         """
         x0, x1, y0, y1 = domain
         if nx < 1 or ny < 1:
-            raise ValueError(f"grid {nx},{ny}: at least one cell in each direction is needed")
+            raise InputError(f"grid {nx},{ny}: at least one cell in each direction is needed")
         if not (np.isfinite(domain).all() and x1 > x0 and y1 > y0):
-            raise ValueError(f"domain {x0:g},{x1:g},{y0:g},{y1:g}: need finite x0 < x1 and y0 < y1")
+            raise InputError(f"domain {x0:g},{x1:g},{y0:g},{y1:g}: need finite x0 < x1 and y0 < y1")
         return cls(nx, ny, (x1 - x0) / nx, (y1 - y0) / ny, x0, y0, symbol_name(periodic))
 
     @property

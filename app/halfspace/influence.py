@@ -24,6 +24,7 @@ from functools import lru_cache, partial
 import numba
 import numpy as np
 
+from app.errors import InputError
 from app.halfspace.periodic import folded, periodic_quadrant
 
 # The closed form subtracts numbers that are up to rho/cell times larger than their difference. From 8 cells on a
@@ -60,11 +61,11 @@ class Material:
 
     def __post_init__(self):
         if not (np.isfinite(self.shear_modulus) and self.shear_modulus > 0):
-            raise ValueError(f"shear modulus {self.shear_modulus:g}: must be positive and finite")
+            raise InputError(f"shear modulus {self.shear_modulus:g}: must be positive and finite")
         if not 0 <= self.poisson_ratio <= 0.5:
-            raise ValueError(f"Poisson ratio {self.poisson_ratio:g}: must be from 0 to 0.5")
+            raise InputError(f"Poisson ratio {self.poisson_ratio:g}: must be from 0 to 0.5")
         if not np.isfinite(self.compliance):
-            raise ValueError(f"shear modulus {self.shear_modulus:g}: too small, its reciprocal is infinite")
+            raise InputError(f"shear modulus {self.shear_modulus:g}: too small, its reciprocal is infinite")
 
     @classmethod
     def combined(cls, shear_modulus, poisson_ratio):
@@ -84,7 +85,7 @@ class Material:
 
         Raises
         ------
-        ValueError
+        InputError
             If a number is out of range, or both bodies are rigid.
 
         Examples
@@ -93,15 +94,20 @@ class Material:
         >>> round(steel_on_polymer.contact_modulus)
         3369
         """
-        young, poisson = (tuple(map(float, pair)) for pair in (young, poisson))
+        try:
+            young, poisson = (tuple(map(float, pair)) for pair in (young, poisson))
+        except TypeError:
+            raise InputError(
+                "pair: needed: two Young's moduli and two Poisson's ratios, (E1, E2), (nu1, nu2)"
+            ) from None
         if not (len(young) == 2 and all(modulus > 0 for modulus in young)):
-            raise ValueError(
+            raise InputError(
                 f"Young's moduli {_listed(young)}: needed: two positive numbers; inf: a rigid body"
             )
         if not (len(poisson) == 2 and all(0 <= ratio <= 0.5 for ratio in poisson)):
-            raise ValueError(f"Poisson's ratios {_listed(poisson)}: needed: two numbers from 0 to 0.5")
+            raise InputError(f"Poisson's ratios {_listed(poisson)}: needed: two numbers from 0 to 0.5")
         if all(map(math.isinf, young)):
-            raise ValueError("Young's moduli inf,inf: one body at least must be elastic")
+            raise InputError("Young's moduli inf,inf: one body at least must be elastic")
         soft = [2 * (1 + ratio) / modulus for modulus, ratio in zip(young, poisson, strict=True)]  # 1/G
         ratio = sum(one * other for one, other in zip(soft, poisson, strict=True)) / sum(soft)
         return cls(2 / sum(soft), ratio)._knowing(young=young, poisson=poisson)
@@ -116,7 +122,7 @@ class Material:
         {'contact_modulus': 25.0}
         """
         if not (np.isfinite(contact_modulus) and contact_modulus > 0):
-            raise ValueError(f"contact modulus {contact_modulus:g}: must be positive and finite")
+            raise InputError(f"contact modulus {contact_modulus:g}: must be positive and finite")
         return cls(contact_modulus, 0.0)._knowing()
 
     def _knowing(self, **known):

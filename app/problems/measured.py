@@ -119,7 +119,7 @@ class Surface:
     _filled: tuple = field(repr=False)  # rows, columns of the crop, values [mm]
     _averaged: tuple = (1, 1)
 
-    sampled = True
+    sampled = measured = True
 
     def grid(self, domain=None, periodic=False):
         """Grid of its cells; its patch lies about the origin, or where `domain` says [mm].
@@ -297,8 +297,8 @@ def read_surface(path, unit=None, level="none", crop=None, missing="hole"):
         filled = harmonic_fill(values)
     elif holes:
         notes.append(
-            f"surface file {source.file}: {holes} of {nx * ny} points are missing and cannot touch; fill them by "
-            "-surface_missing fill"
+            f"surface file {source.file}: {holes} of {nx * ny} points are missing: cells without any cannot touch; "
+            "fill them by -surface_missing fill"
         )
     rise, rms = moments.tilt()
     if level in ("none", "mean") and rise > _TILTED * rms > 0:
