@@ -48,7 +48,7 @@ METHOD_OPTIONS = [
     Option("lcp_coarse_rtol", from_zero, 0.0, "fast, primal: ||r|| / ||h|| on C that is enough on coarser grids"),
     Option("lcp_predictor", from_zero, 0.0, "fast: share of the change of u to be expected that step 4.b believes"),
     Option("lcp_prolongation", choice("copy", "lift"), "copy", "nested: of p, the paper's or by FFT preconditioner"),
-    Option("lcp_window", from_zero, 0.0, "fast: work in a window around contact, with this margin; 0: all cells"),
+    Option("lcp_window", from_zero, 0.0, "fast: work in a window around contact, wider by this share; 0: all cells"),
     Option("lcp_beta", from_zero, 0.003, "nested: start set after prolongation by copy, eq. (4.1)"),
     Option("lcp_coarsest", count, 4, "directions of up to this many cells are not coarsened"),
     Option("lcp_replicate", count, 64, "grids of up to this many cells squared are held by all ranks"),

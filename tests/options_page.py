@@ -40,13 +40,15 @@ _SHAPES = (
     "For `-problem hertz`, `sphere`, `cylinder`, `cone`, `punch`; see [surfaces](surfaces.md#base-shapes)."
 )
 _ROUGH = """On any base shape, several at once: [surfaces](surfaces.md#rough-surfaces). A punch has the paper's waves
-unless another surface is given. A self-affine surface is periodic on the patch and counted from its mean
-plane; exactly one of its rms slope and height is given.
+unless another surface is given; other shapes have them if `-surface_sigma`, `_decay` or `_modes` is given. A
+self-affine surface is periodic on the patch and counted from its mean plane; exactly one of its rms slope and
+height is given.
 """
 _LOADING = "One number, or a path of many: [load curves](load-paths.md)."
 _OUTPUT = "[Results](results.md) says what the file holds."
 _METHOD = """The default of the option, and what the default methods set: `fast.opts` on free patches, `primal.opts` on
-periodic ones. What they do: [methods](methods.md).
+periodic ones. What they do: [methods](methods.md). With `primal`, `-lcp_coarse_rtol` is of the gap, over the
+deviation of h from its mean.
 """
 _PARTS = """Read by preconditioners that a method file names by `-pc_python_type`: `app.fast.circulant.Circulant` and
 `app.primal.two_grid.TwoGrid`.

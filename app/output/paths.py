@@ -58,12 +58,12 @@ class Path(NamedTuple):
     contact_modulus: float = np.nan
     rms_slope: float = np.nan
 
-    def positive(self, *names):
-        """Columns without the steps at which one of them is not a positive number; None if that leaves nothing."""
+    def positive(self, *names, lowest=0.0):
+        """Columns without the steps at which one of them is no number above `lowest`; None if that leaves nothing."""
         if any(name not in self.columns for name in names):
             return None
         values = np.array([np.asarray(self.columns[name], float) for name in names])
-        kept = (np.isfinite(values) & (values > 0)).all(axis=0)
+        kept = (np.isfinite(values) & (values > lowest)).all(axis=0)
         return values[:, kept] if kept.any() else None
 
     @property
@@ -108,10 +108,10 @@ def path_figure(paths, heading=""):
 
 
 def _curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True)):
-    """Draw a column against another for all paths; return all values in x and y."""
+    """Draw a column against another for all paths; return all values in x and y, positive ones on logarithmic axes."""
     drawn = []
     for number, path in enumerate(paths):
-        found = path.positive(x, y)
+        found = path.positive(x, y, lowest=0.0 if any(logs) else -np.inf)
         if found is None:
             continue
         colour, marker, line = SERIES[number % len(SERIES)]
@@ -202,9 +202,13 @@ def _draw_stiffness(axes, paths):
 
 def _against_approach(name, label):
     def draw(axes, paths):
-        known = [path.positive("approach", name) for path in paths]
-        unit = length_unit(max((found[0].max() for found in known if found is not None), default=1.0))
-        if _curves(axes, paths, "approach", name, lambda path: (unit.per_mm, 1.0)) is not None:
+        known = [path.positive("approach", name, lowest=-np.inf) for path in paths]
+        known = np.concatenate([found[0] for found in known if found is not None] or [[1.0]])
+        unit = length_unit(abs(known).max())
+        logs = (
+            known.min() >= 0,
+        ) * 2  # an approach that is counted from within the roughness has no logarithm
+        if _curves(axes, paths, "approach", name, lambda path: (unit.per_mm, 1.0), logs) is not None:
             axes.set(xlabel=f"approach δ  [{unit.name}]", ylabel=label)
 
     return draw

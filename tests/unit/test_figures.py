@@ -223,6 +223,13 @@ def test_path_without_roughness_is_drawn_by_load_and_approach():
     assert len(first.lines) == 2
 
 
+def test_path_by_an_approach_counted_from_within_the_roughness_keeps_its_first_steps():
+    d = np.linspace(-1e-3, 3e-3, 5)
+    axes = paths.path_figure([paths.Path({"load": (d + 2e-3) ** 1.5, "approach": d})]).axes[0]
+    assert axes.lines[0].get_xdata() == pytest.approx(1e3 * d)
+    assert (axes.get_xscale(), axes.get_yscale()) == ("linear", "linear")
+
+
 def test_sweep_is_drawn_against_the_option_with_most_values():
     columns = {
         "grid": ["32", "64", "128"] * 2,
