@@ -6,7 +6,6 @@ files that are linked to, with numbered lines.
 """
 
 import re
-import sys
 from pathlib import Path
 
 from pygments import highlight
@@ -15,8 +14,6 @@ from pygments.lexers import TextLexer, get_lexer_for_filename
 from pygments.util import ClassNotFound
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
-
 NAV = {  # heading -> page -> its name there; None: that of the page
     "Begin": {"install": None, "cluster": "On a cluster", "tutorial": None},
     "Guide": {
