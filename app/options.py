@@ -40,7 +40,7 @@ class Option:
 
 
 def _default(value):
-    if value is REQUIRED or value is None:
+    if value is REQUIRED or value is None or value == ():
         return ""
     if value is False:
         return " (off)"
@@ -218,6 +218,19 @@ def choice(*names):
         if text not in names:
             raise ValueError("one of " + ", ".join(names))
         return text
+
+    parse.names = names  # for the help
+    return parse
+
+
+def some_of(*names):
+    """Kind: some of some words, with commas between, in any order."""
+
+    def parse(text):
+        found = tuple(text.split(","))
+        if not set(found) <= set(names):
+            raise ValueError("with commas between: " + ", ".join(names))
+        return found
 
     parse.names = names  # for the help
     return parse

@@ -22,8 +22,8 @@ from app.output import figures, page
 from app.output.files import whole_file
 from app.output.patches import label_patches
 from app.output.result import read_result
-from app.output.style import length_unit
 from app.plot import pictures_of
+from app.units import length_unit
 
 _LENGTH, _AREA = "length", "area"
 # Attribute, label, unit, meaning; `_LENGTH` and `_AREA`: in a unit that suits the value.

@@ -36,6 +36,10 @@ def report(facts, grid, output=None):
         f"residual {facts['residual']:.3g}, {facts['solve_seconds']:.3g} s on {_count(facts['ranks'], 'rank')} "
         f"(set-up {facts['setup_seconds']:.3g} s)",
     ]
+    for number in ("2", ""):
+        if f"surface_read{number}" in facts:
+            read = facts[f"surface_read{number}"]
+            lines.insert(1, f"surface file {facts[f'surface_file{number}']}: {read}")
     if "body1_radii" in facts:
         lines.insert(
             2,

@@ -19,13 +19,13 @@ from app.output.style import (
     GREY,
     ORANGE,
     PURPLE,
-    length_unit,
     linear_ticks,
     log_axis,
     new_figure,
     styled,
 )
 from app.problems.statistics import radial_spectrum
+from app.units import length_unit
 
 _BINS_PER_DECADE = 8
 _STRESS_MAP = "magma_r"

@@ -13,7 +13,8 @@ from matplotlib.patches import Patch
 
 from app.output import style
 from app.output.patches import label_patches
-from app.output.style import BLUE, GREY, length_unit, linear_ticks
+from app.output.style import BLUE, GREY, linear_ticks
+from app.units import length_unit
 
 PRESSURE_MAP, LENGTH_MAP = "viridis", "cividis"
 MOST_PIXELS = 1024  # longer sides of an image are averaged down to this

@@ -21,11 +21,11 @@ from app.output.style import (
     DOTTED,
     ORANGE,
     SERIES,
-    length_unit,
     log_axis,
     new_figure,
     styled,
 )
+from app.units import length_unit
 
 _MEASURED = (
     "contact_fraction",

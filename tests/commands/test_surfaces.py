@@ -66,7 +66,7 @@ def test_points_are_converted_with_all_that_is_known_of_them(tmp_path):
     np.savetxt(tmp_path / "s.xyz", np.delete(points, 5, axis=0), fmt="%.4f")
     done = convert(tmp_path / "s.xyz", "-o", tmp_path / "s.h5", "--unit", "um")
     assert done.returncode == 0, done.stderr
-    assert "16 x 20 heights from" in done.stdout and "cells of 2 x 3 um" in done.stdout
+    assert "16 x 20 heights in um, cells of 2 x 3 um, patch of 32 x 60 um" in done.stdout
     with h5py.File(tmp_path / "s.h5") as file:
         assert np.isnan(file["heights"]).sum() == 1 == file["mask"][()].sum()
         np.testing.assert_array_equal(file["heights"][:18], HEIGHTS[:18])
