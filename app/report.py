@@ -18,9 +18,9 @@ from app import subsurface
 from app.commands import streams
 from app.commands.arguments import Parser
 from app.errors import InputError, one_line
+from app.halfspace.connected import connected_sets
 from app.output import figures, page
 from app.output.files import whole_file
-from app.output.patches import label_patches
 from app.output.result import read_result
 from app.plot import pictures_of
 from app.units import length_unit
@@ -97,7 +97,7 @@ def _is_number(value):
 
 def numbers_section(result):
     """What came out."""
-    _, cells = label_patches(result.contact == 1, result.attributes.get("periodic"))
+    _, cells = connected_sets(result.contact == 1, result.attributes.get("periodic"))
     values = result.attributes | {"contact_patches": len(cells)}
     found = [
         {"label": label, "value": quantity(values[name], unit), "meaning": meaning}
