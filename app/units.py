@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 UNITS = {"m": 1e3, "mm": 1.0, "um": 1e-3, "nm": 1e-6}  # [mm]
@@ -28,6 +29,19 @@ def length_unit(largest):
         if largest >= least:
             return unit
     return Unit(1e6, "nm") if largest > 0 else Unit(1.0, "mm")
+
+
+def resolved(value, cell):
+    """A place rounded to what cells of a size resolve, a thousandth of one: what is less is rounding.
+
+    Not collective.
+
+    Examples
+    --------
+    >>> resolved(2e-10, 0.02), resolved(0.123456789, 0.02), resolved(float("nan"), 1.0)
+    (0.0, 0.12346, nan)
+    """
+    return round(value, 3 - math.floor(math.log10(cell))) + 0.0 if math.isfinite(value) else value
 
 
 def in_words(*lengths, digits=3):
