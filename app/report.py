@@ -165,7 +165,9 @@ def proof_section(values):
         for name in ("load", "approach", "max_pressure", "contact_area")
     }
     known = [
-        f"{name.replace('_', ' ').replace('max', 'maximum')} {e:.2g}" for name, e in errors.items() if e > 0
+        f"{name.replace('_', ' ').replace('max', 'maximum')} {f'{e:.2g}' if e < 1 else '(does not converge)'}"
+        for name, e in errors.items()
+        if e > 0
     ]
     if _is_number(error) and error > 0:
         texts.append(
@@ -179,7 +181,7 @@ def proof_section(values):
         )
     if known:
         texts.append(
-            f"Relative errors that the size of the cells makes, estimated from two grids: {', '.join(known)}."
+            f"Relative errors that the size of the cells makes, estimated from the last grids: {', '.join(known)}."
         )
     return Section("accuracy", "How good it is", texts)
 

@@ -109,13 +109,19 @@ def _more(facts, grid):
     if analytic:
         lines.append(f"analytic, and how far off this is: {', '.join(analytic)}")
     errors = [
-        f"{_words(name)} {facts[f'{name}_error']:.1e}" for name in _WITH_ERROR if facts[f"{name}_error"] > 0
+        f"{_words(name)} {_error(facts[f'{name}_error'])}"
+        for name in _WITH_ERROR
+        if facts[f"{name}_error"] > 0
     ]
     if facts["discretisation_error"] > 0:
         errors.append(f"pressure (rms) {facts['discretisation_error']:.1e}")
     if errors:
         lines.append(f"relative errors that the size of the cells makes, about: {', '.join(errors)}")
     return lines
+
+
+def _error(value):
+    return f"{value:.1e}" if value < 1 else "does not converge"
 
 
 def along(path, wanted):
