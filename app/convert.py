@@ -80,7 +80,10 @@ def _main(argv):
         _write(arguments.output, heights, facts, path)
     except OSError as error:
         raise InputError(f"-o {arguments.output}: cannot be written: {one_line(error)}") from None
-    print(_summary(arguments.output))
+    summary, doubts = _summary(arguments.output)
+    print(summary)
+    if doubts:
+        print(f"warning: {doubts}", file=sys.stderr)
     return 0
 
 
@@ -228,12 +231,14 @@ def _checksum(path):
 
 
 def _summary(output):
-    """What a solve will read."""
+    """What a solve will read, and what is doubtful in it."""
+    from app.notes import doubt
     from app.problems.measured import read_surface
 
     surface = read_surface(output)
+    grid = surface.grid()
     missing = 100 * surface.missing_points / (surface.shape[0] * surface.shape[1])
-    return f"{output}: {surface.understood(surface.grid())}; {missing:.3g}% missing"
+    return f"{output}: {surface.understood(grid)}; {missing:.3g}% missing", doubt(surface, grid)
 
 
 if __name__ == "__main__":

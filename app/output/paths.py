@@ -102,7 +102,7 @@ def path_figure(paths, heading=""):
     panels = figure.subplots(2, 2)
     for axes, draw in zip(panels.flat, _ROUGH if rough else _SMOOTH, strict=True):
         draw(axes, paths)
-    if len(paths) > 1:
+    if len(paths) > 1 and panels[0, 0].get_legend_handles_labels()[0]:
         panels[0, 0].legend()
     return figure
 

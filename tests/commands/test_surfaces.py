@@ -75,6 +75,22 @@ def test_points_are_converted_with_all_that_is_known_of_them(tmp_path):
         assert file.attrs["source"] == "s.xyz"
 
 
+def test_converted_with_a_head_turned_and_doubted(tmp_path):
+    """Text of an instrument in German, upside down; a spacing in um given as mm is doubted."""
+    lines = [";".join(f"{value:.3f}".replace(".", ",") for value in row) for row in HEIGHTS[::-1]]
+    (tmp_path / "s.csv").write_text("\n".join(["Höhe;µm", "", *lines]), encoding="cp1252")
+    options = ("--skip", 1, "--orient", "flip_y", "--unit", "um", "--spacing", "2,3")
+    done = convert(tmp_path / "s.csv", "-o", tmp_path / "s.h5", *options)
+    assert done.returncode == 0 and "cells of 2 x 3 mm" in done.stdout
+    assert done.stderr.startswith("warning: ") and "flatter than most surfaces" in done.stderr
+    np.testing.assert_allclose(read_surface(tmp_path / "s.h5").heights(), 1e-3 * HEIGHTS, rtol=1e-12)
+    refused = convert(tmp_path / "s.csv", "-o", tmp_path / "s.h5", "--orient", "mirror")
+    assert (
+        refused.returncode == 2
+        and "allowed, with commas between: transpose, flip_x, flip_y" in refused.stderr
+    )
+
+
 @pytest.mark.skipif(
     instruments_python() is None, reason="SurfaceTopography is not installed: run/setup --surfaces"
 )
