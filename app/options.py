@@ -40,7 +40,7 @@ class Option:
 
 
 def _default(value):
-    if value is REQUIRED or value is None or value == ():
+    if value is REQUIRED or value is None:
         return ""
     if value is False:
         return " (off)"

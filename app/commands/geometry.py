@@ -90,7 +90,7 @@ GEOMETRY_OPTIONS = [
     Option("surface_unit", choice(*UNITS), None, "of measured heights and points, where the file does not say"),
     Option("surface_height_unit", choice(*UNITS), None, "of the heights alone, where points x, y have another one"),
     Option("surface_skip", integer(0, "a whole number from 0"), 0, "lines at the head of a text to leave out"),
-    Option("surface_orient", some_of(*TURNS), (), "how rows and columns are turned, before all else, in this order"),
+    Option("surface_orient", some_of(*TURNS), None, "how rows and columns are turned, before all else, in this order"),
     Option("surface_level", choice(*LEVELS), "none", "what is taken off measured heights"),
     Option("surface_crop", cells, None, "i0,i1,j0,j1: columns i0 to i1 - 1 and rows j0 to j1 - 1 of them only"),
     Option("surface_missing", choice(*MISSING), "hole", "what becomes of missing points: no contact, or filled"),
@@ -222,7 +222,7 @@ def _measured(options):
         if options[name]:
             surface = read_surface(
                 options[name], options["surface_unit"], options["surface_level"], options["surface_crop"],
-                options["surface_missing"], options["surface_height_unit"], options["surface_orient"],
+                options["surface_missing"], options["surface_height_unit"], options["surface_orient"] or (),
                 options["surface_skip"],
             )  # fmt: skip
             if options.given("grid"):
