@@ -20,9 +20,12 @@ from app.options import (
     pair_of_reals,
     positive,
     real,
+    some_of,
     word,
 )
-from app.problems.measured import LEVELS, MISSING, UNITS
+from app.problems.height_file import TURNS
+from app.problems.measured import LEVELS, MISSING
+from app.units import UNITS
 
 DEFAULT_CELLS = 256  # per side, of the default grid
 DEFAULT_PATCH = 1.5  # half sides of the default patch in semi-axes of Hertz's contact
@@ -85,7 +88,10 @@ GEOMETRY_OPTIONS = [
     Option("surface_rms_height", from_zero, None, "its rms height [mm]"),
     Option("surface_file", word, None, "measured heights, peaks positive: .npy, .h5[:/dataset], text or points xyz"),
     Option("surface_file2", word, None, "those of the other body, in the same x and y"),
-    Option("surface_unit", choice(*UNITS), None, "of measured heights, where the file does not say"),
+    Option("surface_unit", choice(*UNITS), None, "of measured heights and points, where the file does not say"),
+    Option("surface_height_unit", choice(*UNITS), None, "of the heights alone, where points x, y have another one"),
+    Option("surface_skip", integer(0, "a whole number from 0"), 0, "lines at the head of a text to leave out"),
+    Option("surface_orient", some_of(*TURNS), None, "how rows and columns are turned, before all else, in this order"),
     Option("surface_level", choice(*LEVELS), "none", "what is taken off measured heights"),
     Option("surface_crop", cells, None, "i0,i1,j0,j1: columns i0 to i1 - 1 and rows j0 to j1 - 1 of them only"),
     Option("surface_missing", choice(*MISSING), "hole", "missing points (NaN): no contact there, or filled"),
@@ -217,7 +223,8 @@ def _measured(options):
         if options[name]:
             surface = read_surface(
                 options[name], options["surface_unit"], options["surface_level"], options["surface_crop"],
-                options["surface_missing"],
+                options["surface_missing"], options["surface_height_unit"], options["surface_orient"] or (),
+                options["surface_skip"],
             )  # fmt: skip
             if options.given("grid"):
                 surface = surface.averaged(options["grid"][::-1])

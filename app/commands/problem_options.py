@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
+from difflib import get_close_matches
+
 from app.commands import load_path
 from app.commands.geometry import ALTERNATIVES, FILES, GEOMETRY_OPTIONS, MATERIAL_OPTIONS, make_problem
 from app.errors import InputError, agree
+from app.method import METHOD_OPTIONS
 from app.options import Option, OptionReader, as_line, count, flag, real, word
 
-__all__ = ["PROBLEM_OPTIONS", "Request", "help_text", "loading", "make_problem", "reader_of", "settle"]
+__all__ = [
+    "PROBLEM_OPTIONS",
+    "Request",
+    "help_text",
+    "loading",
+    "make_problem",
+    "reader_of",
+    "settle",
+    "suggesting",
+]
 
 share = real("above 0 and below 1", above=0, highest=1 - 1e-9)
 
@@ -25,6 +38,8 @@ PROBLEM_OPTIONS = [
     Option("output", word, None, "result file (HDF5)"),
     Option("lcp_monitor", flag, False, "a line for each active set iteration"),
 ]  # fmt: skip
+_ALIKE = 0.7  # likeness, of 1, of names that may have been mistaken
+_OF_PETSC = ("ksp_", "pc_", "mg_", "tao_", "snes_", "mat_", "vec_")
 LOADING = ("approach", "load", "mean_pressure", "mean_gap", *(f"{kind}_path" for kind in load_path.KINDS))
 
 
@@ -91,6 +106,25 @@ class Request:
         self.method = {name: text for name, text in given.texts.items() if name not in taken}
         self.identity = load_path.identifying(given.texts)
         self.options_text = as_line({name: given.texts[name] for name in given.texts.keys() & taken})
+
+
+@contextmanager
+def suggesting(texts):
+    """Whatever is refused meanwhile, name options that nobody knows but that are nearly called like others.
+
+    Not collective. What they were meant to say is missing then, and would be complained of alone.
+    """
+    try:
+        yield
+    except InputError as error:
+        known = [option.name for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)]
+        found = {name: get_close_matches(name, known, 1, _ALIKE) for name in texts.keys() - set(known)}
+        meant = [
+            f"-{name} is no option, did you mean -{near[0]}?"
+            for name, near in sorted(found.items())
+            if near and not name.startswith(_OF_PETSC)
+        ]
+        raise InputError("; ".join([*meant, str(error)])) from None
 
 
 def unused(names):
