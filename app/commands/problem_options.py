@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
+
 from app.commands import load_path
 from app.commands.geometry import ALTERNATIVES, FILES, GEOMETRY_OPTIONS, MATERIAL_OPTIONS, make_problem
 from app.errors import InputError, agree
-from app.options import Option, OptionReader, as_line, count, flag, real, word
+from app.options import Option, OptionReader, as_line, count, flag, nearest, real, unknown_options, word
+
+_OF_SOLVERS = re.compile("(lcp|ksp|pc|mg|sub|tao|snes|mat|vec)_")  # who know better which options there are
 
 __all__ = ["PROBLEM_OPTIONS", "Request", "help_text", "loading", "make_problem", "reader_of", "settle"]
 
@@ -49,8 +53,10 @@ class Request:
     stiffness : bool
     inputs : list of str
         Files that the problem is read from.
-    method : dict of str to str
-        Options left for the solver, which knows which of them there are.
+    method : dict of str to dict
+        What option files say that is left for the solver, which knows which options there are.
+    options : dict of str to str
+        The same of the command line and the environment.
     options_text : str
         The other options, as they would be written on a command line.
     output : str or None
@@ -88,7 +94,11 @@ class Request:
         if left := set(options.unused()) - own.asked:
             raise InputError(unused(left))
         taken = {option.name for option in PROBLEM_OPTIONS} | own.asked
-        self.method = {name: text for name, text in given.texts.items() if name not in taken}
+        self.method, self.options = given.files_and_words(given.texts.keys() - taken)
+        known = [option.name for option in PROBLEM_OPTIONS]
+        mine = [name for name in given.texts.keys() - taken if not _OF_SOLVERS.match(name)]
+        if meant := [name for name in mine if nearest(name, known)]:
+            raise InputError(unknown_options(meant, known))
         self.identity = load_path.identifying(given.texts)
         self.options_text = as_line({name: given.texts[name] for name in given.texts.keys() & taken})
 

@@ -168,9 +168,10 @@ class Multigrid:
 def options_set(prefix, defaults, forced):
     """Set options inside the block: `defaults` where the user has not, `forced` in any case."""
     database = PETSc.Options(prefix)
-    before = {name: database.getString(name) for name in forced if database.hasName(name)}
-    temporary = {name: text for name, text in defaults.items() if not database.hasName(name)} | forced
-    if any(database.hasName(f"mg_levels_pc_sor_{kind}") for kind in _OTHER_SWEEPS):
+    given = database.getAll().keys()  # which, other than hasName, counts as asking for none
+    before = {name: database.getString(name) for name in forced if name in given}
+    temporary = {name: text for name, text in defaults.items() if name not in given} | forced
+    if any(f"mg_levels_pc_sor_{kind}" in given for kind in _OTHER_SWEEPS):
         temporary.pop("mg_levels_pc_sor_forward", None)
     for name, text in temporary.items():
         database.setValue(name, text)

@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from cases import APPROACH, hertz
-from processes import OPTIONS, TESTS, run, solve_arguments
+from processes import TESTS, run, solve_arguments
 from running import solve
 
 from app.commands.problem_options import PROBLEM_OPTIONS
@@ -51,7 +51,7 @@ def infinite(j, i):
 # Name of the case: arguments (or a function of a folder that makes them), and a part of the line that must appear.
 CASES = {
     "nothing at all": ([], "-problem is missing"),
-    "unknown option": ([*HERTZ, "-gird", "8"], "-gird"),
+    "unknown option": ([*HERTZ, "-gird", "8"], "-gird (did you mean -grid?)"),
     "unknown option of the method": ([*HERTZ, "-lcp_rtool", "1e-3"], "unknown option: -lcp_rtool"),
     "misspelt PETSc option": ([*HERTZ, "-ksp_rtoll", "1e-3"], "-ksp_rtoll"),
     "misspelt logging option": ([*HERTZ, "-log_vieww"], "-log_vieww"),
@@ -78,9 +78,12 @@ CASES = {
     "empty field": (gap_of(b"1,,3\n4,,6\n", "gap.csv"), "line 1, entry 2: '' is no number"),
     "archive of arrays": (gap_of(b"PK\x03\x04\xff\xfe", "gap.npz"), "it is no text; formats: .npy"),
     "value that cannot be squared": (gap_of(np.full((8, 8), 1e200)), "1e+200 in row 0, column 0; allowed: numbers"),
-    "method of another solver": (
-        [*DEFAULT, "-options_file", str(OPTIONS / "fast.opts"), "-lcp_type", "tao"], "has no effect here; allowed with"
+    "mistyped option in a file": (
+        with_file("a.opts", b"-pc_mg_tipe full\n", *HERTZ, "-options_file", "FILE", "-pc_type", "jacobi"),
+        "unknown or unused option: -pc_mg_tipe (in ",
     ),
+    "prefix of nothing": ([*HERTZ, "-foo_ksp_view"], "unknown or unused option: -foo_ksp_view"),
+    "bounds of nothing": ([*HERTZ, "-ksp_type", "chebyshev"], "needed: -ksp_chebyshev_eigenvalues"),
     "method of the active set": (
         [*DEFAULT, "-lcp_type", "tao", "-lcp_nested"], "-lcp_nested: has no effect here; allowed with -lcp_type"
     ),
