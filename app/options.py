@@ -7,6 +7,7 @@ program has a dict. Options of the linear solvers (``-ksp_*``, ``-pc_*``, ``-mg_
 from __future__ import annotations
 
 import difflib
+import re
 from dataclasses import dataclass
 from functools import partial
 
@@ -100,7 +101,9 @@ class OptionReader:
             return option.kind(text)
         except ValueError as error:
             wrong = f"-{name} {text}: not allowed" if text else f"-{name}: its value is missing"
-            raise InputError(f"{wrong}; allowed: {error}") from None
+            unit = re.search(r"\[[^]]+\]", option.meaning)
+            unit = f" {unit[0]}" if unit and unit[0] not in str(error) else ""
+            raise InputError(f"{wrong}; allowed: {error}{unit}") from None
 
     def unused(self):
         """Names of the table's options that are set and that nobody has asked for, sorted."""

@@ -104,10 +104,13 @@ def _arguments(argv):
         raise InputError(f"-o {arguments.output}: exists and is not a folder")
     if not arguments.output.parent.is_dir():
         raise InputError(f"-o {arguments.output}: folder {arguments.output.parent} does not exist")
-    stems = [file.stem for file in arguments.files]
-    twice = sorted({stem for stem in stems if stems.count(stem) > 1})
-    if twice:
+    names = [file.name for file in arguments.files]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
         raise InputError(f"files: two are named {twice[0]}; each needs a folder of its own name")
+    stems = [file.stem for file in arguments.files]
+    arguments.names = [
+        f.stem if stems.count(f.stem) == 1 else f.name.replace(".", "_") for f in arguments.files
+    ]
     return arguments
 
 
@@ -117,9 +120,9 @@ def _draw_all(arguments):
     for file in arguments.files[1:]:
         _read(file)  # what cannot be read is told before anything is drawn
     arguments_of, drawn = [], []
-    for file in arguments.files:
+    for file, name in zip(arguments.files, arguments.names, strict=True):
         data = _read(file)
-        folder = arguments.output / file.stem if several else arguments.output
+        folder = arguments.output / name if several else arguments.output
         folder.parent.mkdir(exist_ok=True)
         folder.mkdir(exist_ok=True)
         if isinstance(data, dict):

@@ -6,6 +6,7 @@ import sys
 import types
 
 from app.commands import session
+from app.errors import InputError
 
 
 def main(given):
@@ -30,6 +31,10 @@ def main(given):
         session.say(help_text())
         if "problem" not in given.texts:
             return 0
+    if not given.texts:
+        raise InputError(
+            "nothing to solve; to begin with: -options_file petsc_options/hertz.opts; all options: -help"
+        )
     started = time.perf_counter()
     facts = {"command_line": shlex.join(sys.argv)}
     with PETSc.Log.Stage("Setup"):

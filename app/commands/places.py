@@ -175,8 +175,10 @@ def for_the_start(argv, environment):
     InputError
         If a word is neither an option nor the value of one.
     """
-    chosen = []
-    for name, text in _environment_pairs(environment) + _pairs(argv[1:]):
+    chosen, pairs = [], _environment_pairs(environment) + _pairs(argv[1:])
+    for name, text in pairs:
+        if len(pairs) == 1 and _name(name) == "help":
+            continue  # our own is help enough; beside a problem PETSc tells the options of what it uses
         if _OF_PETSC.fullmatch(_name(name)):
             chosen += [name] if text is None else [name, text]
     return [*argv[:1], *chosen, "-skip_petscrc"]
@@ -392,6 +394,9 @@ def _pairs(words):
             word.encode()
         except UnicodeEncodeError:
             raise InputError(f"{word!a}: is not UTF-8 text") from None
+        if re.match(r"-{0,2}[A-Za-z]\w*=", word) and (_is_option(word) or not open_for_a_value):
+            name, text = word.split("=", 1)
+            raise InputError(f"{word}: needed: -{name.lstrip('-')} {text}")
         if _is_option(word):
             pairs.append((word, None))
             open_for_a_value = word.lower() != "-prefix_pop"

@@ -150,12 +150,20 @@ def help_text():
     from app.method import METHOD_OPTIONS
 
     circulant = "app.fast.circulant.Circulant"
-    lines = ["Options of app.solve (lengths mm, forces N, stresses N/mm2):"]
-    lines += [option.help() for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)]
+    lines = [
+        "usage: python -m app.solve -options_file petsc_options/hertz.opts [-options_file METHOD.opts] [-grid 512] ...",
+        "       mpiexec -n 2 python -m app.solve ...",
+        "Lengths mm, forces N, stresses N/mm2; what stands later overrides what stands before.",
+        "The problem, what is prescribed, the output:",
+        *(option.help() for option in PROBLEM_OPTIONS),
+        "The method:",
+        *(option.help() for option in METHOD_OPTIONS),
+    ]
     lines += [
         f"Of the FFT preconditioner (-pc_type python -pc_python_type {circulant}):",
         f"  -{'pc_circulant_extend':<20} cells by which the residual is extended over the rim (default 0)",
         f"  -{'pc_circulant_margin':<20} share of the patch left free before it is continued periodically (default 0)",
         "Linear solvers: PETSc's own -ksp_*, -pc_*, -mg_levels_*, -mg_coarse_*; see petsc_options/ and README.md.",
+        "With a problem, -help also lists PETSc's options of the solvers that it uses.",
     ]
     return "\n".join(lines)

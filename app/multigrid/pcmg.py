@@ -185,4 +185,20 @@ def options_set(prefix, defaults, forced):
             database.getString(name)  # still an option that is used
 
 
+@contextmanager
+def options_hidden(prefix, *names):
+    """Hide options inside the block; they count as used."""
+    database = PETSc.Options(prefix)
+    given = database.getAll().keys()
+    texts = {name: database.getString(name, "") for name in names if name in given}
+    for name in texts:
+        database.delValue(name)
+    try:
+        yield
+    finally:
+        for name, text in texts.items():
+            database.setValue(name, text or None)
+            database.getString(name, "")
+
+
 SMOOTHER_DEFAULTS = {**_SMOOTHER, **_DIRECT}

@@ -50,7 +50,9 @@ def infinite(j, i):
 
 # Name of the case: arguments (or a function of a folder that makes them), and a part of the line that must appear.
 CASES = {
-    "nothing at all": ([], "-problem is missing"),
+    "nothing but an output": ([], "-problem is missing"),
+    "equals sign": ([*HERTZ, "-grid=16"], "-grid=16: needed: -grid 16"),
+    "approach is no number": ([*HERTZ, "-approach", "1,5"], "allowed: a finite number [mm]"),
     "unknown option": ([*HERTZ, "-gird", "8"], "-gird (did you mean -grid?)"),
     "unknown option of the method": ([*HERTZ, "-lcp_rtool", "1e-3"], "unknown option: -lcp_rtool"),
     "misspelt PETSc option": ([*HERTZ, "-ksp_rtoll", "1e-3"], "-ksp_rtoll"),
@@ -254,9 +256,18 @@ def test_result_holds_what_was_printed_and_asked_for(cli, tmp_path):
         assert words in done.stdout
 
 
+def test_nothing_at_all_is_told_where_to_begin():
+    done = run("-m", "app.solve")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == (
+        "error: nothing to solve; to begin with: -options_file petsc_options/hertz.opts; all options: -help\n"
+    )
+
+
 def test_help_names_every_option(cli):
-    done = cli("-help")
-    assert done.returncode == 0
+    done = cli("--help")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("usage: ")
     for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS):
         assert f"-{option.name} " in done.stdout
 
