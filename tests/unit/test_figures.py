@@ -221,7 +221,7 @@ def test_path_of_a_smooth_body_has_no_theory_of_rough_surfaces(result):
         "approach": np.array([1.0, 2.0]),
         "mean_pressure": np.array([1.0, 2.0]),
     }
-    result = result._replace(path=columns | {"contact_fraction": np.array([0.1, 0.2])})
+    result = replace(result, path=columns | {"contact_fraction": np.array([0.1, 0.2])})
     assert paths.path_figure([paths.path_of(result)]).axes[0].get_ylabel() == "load F  [N]"
 
 

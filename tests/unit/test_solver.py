@@ -371,6 +371,16 @@ def test_what_a_file_says_may_be_overridden(case):
     assert len(gone) == ("strategy" in case or "by a file" in case)
 
 
+@pytest.mark.parametrize("kind", ["tao", "snesvi"])
+def test_residual_of_the_reference_solvers_is_that_of_the_paper(kind):
+    found = running.solve(hertz(16), APPROACH, None, lcp_type=kind, lcp_rtol=1e-2, lcp_max_it=2)
+    h = found.undeformed_distance
+    assert found.residual == pytest.approx(
+        np.linalg.norm(found.gap[found.contact]) / np.linalg.norm(h), rel=1e-9
+    )
+    assert (found.gap[~found.contact] < 0).any() or kind == "snesvi"
+
+
 def test_a_later_method_file_is_that_method():
     files = {name: read_method_file(name) for name in ("fast", "fmg_v11")}
     alone = running.solve(hertz(24), APPROACH, "fmg_v11")
