@@ -371,14 +371,11 @@ def test_what_a_file_says_may_be_overridden(case):
     assert len(gone) == ("strategy" in case or "by a file" in case)
 
 
-@pytest.mark.parametrize("kind", ["tao", "snesvi"])
-def test_residual_of_the_reference_solvers_is_that_of_the_paper(kind):
-    found = running.solve(hertz(16), APPROACH, None, lcp_type=kind, lcp_rtol=1e-2, lcp_max_it=2)
-    h = found.undeformed_distance
-    assert found.residual == pytest.approx(
-        np.linalg.norm(found.gap[found.contact]) / np.linalg.norm(h), rel=1e-9
-    )
-    assert (found.gap[~found.contact] < 0).any() or kind == "snesvi"
+def test_residual_of_the_reference_solvers_is_that_of_the_paper():
+    found = running.solve(punch(24), 0.1, None, lcp_type="snesvi", lcp_max_it=1)
+    e, h, contact = found.gap, found.undeformed_distance, found.contact
+    assert found.residual == pytest.approx(np.linalg.norm(e[contact]) / np.linalg.norm(h[~np.isnan(h)]), rel=1e-9)
+    assert (e[~contact] < 0).any()  # which counts against the solution, but is not in (5.1)
 
 
 def test_a_later_method_file_is_that_method():
