@@ -374,7 +374,9 @@ def test_what_a_file_says_may_be_overridden(case):
 def test_residual_of_the_reference_solvers_is_that_of_the_paper():
     found = running.solve(punch(24), 0.1, None, lcp_type="snesvi", lcp_max_it=1)
     e, h, contact = found.gap, found.undeformed_distance, found.contact
-    assert found.residual == pytest.approx(np.linalg.norm(e[contact]) / np.linalg.norm(h[~np.isnan(h)]), rel=1e-9)
+    assert found.residual == pytest.approx(
+        np.linalg.norm(e[contact]) / np.linalg.norm(h[~np.isnan(h)]), rel=1e-9
+    )
     assert (e[~contact] < 0).any()  # which counts against the solution, but is not in (5.1)
 
 
