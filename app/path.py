@@ -52,7 +52,7 @@ UNITS = {
 class LoadPath:
     """The solutions along a path, one after the other: iterate over it, then look at its table.
 
-    Collective, as is every step. It can be iterated over once.
+    Collective, as is every step. It can be iterated over once. A pickled one keeps its table, and has no steps to come.
 
     Parameters
     ----------
@@ -102,6 +102,12 @@ class LoadPath:
         self.rows = [dict(row) for row in rows]
         self.operator_applications = self.solve_seconds = 0.0
         self._steps = self._solve()
+
+    def __getstate__(self):
+        return self.__dict__ | {"_solver": None, "_steps": None}
+
+    def __setstate__(self, state):
+        self.__dict__.update(state, _steps=iter(()))
 
     def __len__(self):
         return len(self.numbers)

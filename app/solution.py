@@ -18,7 +18,7 @@ from app.halfspace.reductions import minimum_over, sum_over
 class Solution:
     """The solution of a contact problem, or the best there is.
 
-    Arrays hold the rows of this rank, (rows, nx); `gather` brings all of them to one.
+    Arrays hold the rows of this rank, (rows, nx); `gather` brings all of them to one. Can be pickled there.
 
     Attributes
     ----------
@@ -121,6 +121,18 @@ class Solution:
     slabs: Slabs
     comm: object = field(repr=False)
     distance: object = field(repr=False)  # gives `undeformed_distance` when called
+
+    def __getstate__(self):
+        """What is pickled: everything, on one rank; the copy has a communicator of its own process."""
+        if self.comm.size > 1:
+            raise TypeError("a Solution on several ranks cannot be pickled; gather() brings it to one")
+        return self.__dict__ | {"distance": self.undeformed_distance, "comm": None}
+
+    def __setstate__(self, state):
+        from mpi4py import MPI
+
+        h = state["distance"]
+        self.__dict__.update(state, distance=lambda: h, comm=MPI.COMM_SELF)
 
     @property
     def undeformed_distance(self):

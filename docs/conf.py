@@ -19,6 +19,7 @@ NAV = {  # heading -> page -> its name there; None: that of the page
     "Guide": {
         "python": None,
         "commands": None,
+        "command-line": None,
         "surfaces": "Surfaces and materials",
         "load-paths": "Load curves",
         "periodic": None,

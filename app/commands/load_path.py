@@ -25,7 +25,7 @@ OPTIONS = [
     Option("resume", flag, False, "path: go on after the steps that an interrupted run has finished"),
 ]  # fmt: skip
 _NO_MATTER = ("output", "path_csv", "path_fields", "resume", "lcp_monitor")  # to what a row says
-_SHOWN = ("load", "approach", "contact_fraction", "max_pressure")
+_SHOWN = {"load": " N", "approach": " mm", "contact_fraction": "", "max_pressure": " N/mm2"}
 
 
 @dataclass(frozen=True)
@@ -202,7 +202,9 @@ class _progress:
             self._bar.close()
 
     def _show(self, row):
-        numbers = ", ".join(f"{name.replace('_', ' ')} {row[name]:.6g}" for name in _SHOWN)
+        numbers = ", ".join(
+            f"{name.replace('_', ' ')} {row[name]:.6g}{unit}" for name, unit in _SHOWN.items()
+        )
         failed = "" if row["converged"] else ", NOT CONVERGED"
         if self._bar is None:
             say(f"step {row['step']} of {self._steps}: {numbers}{failed}")

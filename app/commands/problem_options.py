@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import contextmanager
-from difflib import get_close_matches
 
 from app.commands import load_path
 from app.commands.geometry import ALTERNATIVES, FILES, GEOMETRY_OPTIONS, MATERIAL_OPTIONS, make_problem
 from app.errors import InputError, agree
 from app.method import METHOD_OPTIONS
-from app.options import Option, OptionReader, as_line, count, flag, real, word
+from app.options import Option, OptionReader, as_line, count, flag, nearest, real, unknown_options, word
+
+_OF_SOLVERS = re.compile("(lcp|ksp|pc|mg|sub|tao|snes|mat|vec)_")  # who know better which options there are
 
 __all__ = [
     "PROBLEM_OPTIONS",
@@ -38,8 +40,6 @@ PROBLEM_OPTIONS = [
     Option("output", word, None, "result file (HDF5)"),
     Option("lcp_monitor", flag, False, "a line for each active set iteration"),
 ]  # fmt: skip
-_ALIKE = 0.7  # likeness, of 1, of names that may have been mistaken
-_OF_PETSC = ("ksp_", "pc_", "mg_", "tao_", "snes_", "mat_", "vec_")
 LOADING = ("approach", "load", "mean_pressure", "mean_gap", *(f"{kind}_path" for kind in load_path.KINDS))
 
 
@@ -64,8 +64,10 @@ class Request:
     stiffness : bool
     inputs : list of str
         Files that the problem is read from.
-    method : dict of str to str
-        Options left for the solver, which knows which of them there are.
+    method : dict of str to dict
+        What option files say that is left for the solver, which knows which options there are.
+    options : dict of str to str
+        The same of the command line and the environment.
     options_text : str
         The other options, as they would be written on a command line.
     output : str or None
@@ -103,7 +105,11 @@ class Request:
         if left := set(options.unused()) - own.asked:
             raise InputError(unused(left))
         taken = {option.name for option in PROBLEM_OPTIONS} | own.asked
-        self.method = {name: text for name, text in given.texts.items() if name not in taken}
+        self.method, self.options = given.files_and_words(given.texts.keys() - taken)
+        known = [option.name for option in PROBLEM_OPTIONS]
+        mine = [name for name in given.texts.keys() - taken if not _OF_SOLVERS.match(name)]
+        if meant := [name for name in mine if nearest(name, known)]:
+            raise InputError(unknown_options(meant, known))
         self.identity = load_path.identifying(given.texts)
         self.options_text = as_line({name: given.texts[name] for name in given.texts.keys() & taken})
 
@@ -118,13 +124,13 @@ def suggesting(texts):
         yield
     except InputError as error:
         known = [option.name for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)]
-        found = {name: get_close_matches(name, known, 1, _ALIKE) for name in texts.keys() - set(known)}
-        meant = [
-            f"-{name} is no option, did you mean -{near[0]}?"
-            for name, near in sorted(found.items())
-            if near and not name.startswith(_OF_PETSC)
+        ours = [
+            name for name in texts.keys() - set(known) if name[:4] == "lcp_" or not _OF_SOLVERS.match(name)
         ]
-        raise InputError("; ".join([*meant, str(error)])) from None
+        meant = [name for name in ours if nearest(name, known) and f"-{name}" not in str(error)]
+        if not meant:
+            raise
+        raise InputError(f"{unknown_options(meant, known)}; {error}") from None
 
 
 def unused(names):
@@ -173,11 +179,17 @@ def help_text():
     """All options of the command, for ``-help``. Not collective."""
     from app.method import METHOD_OPTIONS, PART_OPTIONS
 
-    lines = ["Options of app.solve (lengths mm, forces N, stresses N/mm2):"]
-    lines += [option.help() for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)]
-    lines += [
+    lines = [
+        "usage: python -m app.solve -options_file petsc_options/hertz.opts [-options_file METHOD.opts] [-grid 512] ...",
+        "       mpiexec -n 2 python -m app.solve ...",
+        "Lengths mm, forces N, stresses N/mm2; the same option said later, also in a file, overrides an earlier one.",
+        "The problem, what is prescribed, the output:",
+        *(option.help() for option in PROBLEM_OPTIONS),
+        "The method:",
+        *(option.help() for option in METHOD_OPTIONS),
         "Of preconditioners (-pc_type python -pc_python_type ...):",
         *(option.help() for option in PART_OPTIONS),
         "Linear solvers: PETSc's own -ksp_*, -pc_*, -mg_levels_*, -mg_coarse_*; see petsc_options/, docs/options.md.",
+        "With a problem, -help also lists PETSc's options of the solvers that it uses.",
     ]
     return "\n".join(lines)

@@ -43,6 +43,7 @@ _LABELS = {
     "work_units": "work units",
     "solve_seconds": "time of the solve  [s]",
 }
+_SMOOTH_BODIES = ("hertz", "sphere", "cylinder", "cone")
 _MOST_SERIES = 12
 _MOST_TICKS = 6
 
@@ -50,13 +51,14 @@ _MOST_TICKS = 6
 class Path(NamedTuple):
     """Columns of a path, its name, and what its loads are compared with.
 
-    `contact_modulus` [N/mm2] and `rms_slope` are NaN where nobody knows them.
+    `contact_modulus` [N/mm2] and `rms_slope` are NaN where nobody knows them; `smooth`: there is no roughness at all.
     """
 
     columns: dict
     name: str = ""
     contact_modulus: float = np.nan
     rms_slope: float = np.nan
+    smooth: bool = False
 
     def positive(self, *names, lowest=0.0):
         """Columns without the steps at which one of them is no number above `lowest`; None if that leaves nothing."""
@@ -79,7 +81,9 @@ def path_of(result, name=""):
     if not columns:
         return None
     values = result.attributes
-    return Path(columns, name, values.get("contact_modulus", np.nan), values.get("rms_slope", np.nan))
+    smooth = values.get("problem") in _SMOOTH_BODIES and not values.get("surfaces")
+    modulus, slope = (values.get(key, np.nan) for key in ("contact_modulus", "rms_slope"))
+    return Path(columns, name, modulus, slope, smooth)
 
 
 @styled
@@ -95,14 +99,16 @@ def path_figure(paths, heading=""):
     heading : str
     """
     rough = all(
-        np.isfinite(path.relative) and path.positive("mean_pressure", "contact_fraction") is not None
+        not path.smooth
+        and np.isfinite(path.relative)
+        and path.positive("mean_pressure", "contact_fraction") is not None
         for path in paths
     )
     figure = new_figure(12.0, 8.6, heading)
     panels = figure.subplots(2, 2)
     for axes, draw in zip(panels.flat, _ROUGH if rough else _SMOOTH, strict=True):
         draw(axes, paths)
-    if len(paths) > 1 and panels[0, 0].get_legend_handles_labels()[0]:
+    if len(paths) > 1 and not rough and panels[0, 0].get_legend_handles_labels()[0]:
         panels[0, 0].legend()
     return figure
 
@@ -151,7 +157,7 @@ def _draw_fraction(axes, paths):
     axes.plot(x, bgt, color="0.3", linestyle=DOTTED, label="Bush, Gibson, Thomas")
     axes.plot([], [], "x", color="0.4", label="corrected for the stepped boundary")
     axes.set(xlabel=_RELATIVE, ylabel="contact fraction")
-    axes.legend(loc="best")
+    axes.legend(loc="lower right", fontsize=10)
 
 
 def _draw_kappa(axes, paths):

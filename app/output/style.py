@@ -79,15 +79,26 @@ def log_axis(axis, values):
     )
     values = values[np.isfinite(values) & (values > 0)]
     low, high = (values.min(), values.max()) if values.size else (0.1, 1.0)
+    if high < 2 * low:
+        low, high = low / 1.5, high * 1.5
     (axes.set_xscale if in_x else axes.set_yscale)("log")
     margin = max((high / low) ** 0.06, 1.25)
     (axes.set_xlim if in_x else axes.set_ylim)(low / margin, high * margin)
     decades = np.log10(high / low * margin**2)
     if decades < 1.7:
         axis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades > 0.5 else (1, 1.5, 2, 3, 5, 7)))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: _number(value)))
         axis.set_minor_formatter(NullFormatter())
         axis.set_minor_locator(NullLocator())
+
+
+def _number(value):
+    """A number as text, very large and small ones as in 5·10⁻⁵."""
+    if 1e-3 <= value < 1e5:
+        return f"{value:g}"
+    factor, _, power = f"{value:e}".partition("e")
+    times = "" if float(factor) == 1 else f"{float(factor):g}\\cdot "
+    return f"${times}10^{{{int(power)}}}$"
 
 
 @styled

@@ -216,6 +216,16 @@ def test_path_of_a_rough_surface_stands_beside_the_theories():
     assert [axes.texts[0].get_text() for axes in others] == ["no mean gap", "no stiffness"] or others[0].texts
 
 
+def test_path_of_a_smooth_body_has_no_theory_of_rough_surfaces(result):
+    columns = {
+        "load": np.array([1.0, 2.0]),
+        "approach": np.array([1.0, 2.0]),
+        "mean_pressure": np.array([1.0, 2.0]),
+    }
+    result = replace(result, path=columns | {"contact_fraction": np.array([0.1, 0.2])})
+    assert paths.path_figure([paths.path_of(result)]).axes[0].get_ylabel() == "load F  [N]"
+
+
 def test_path_without_roughness_is_drawn_by_load_and_approach():
     d = np.geomspace(1e-3, 0.1, 5)
     path = paths.Path({"load": 1e5 * d**1.5, "approach": d})

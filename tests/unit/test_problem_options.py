@@ -20,11 +20,10 @@ def made(**texts):
 @pytest.mark.parametrize(
     ("texts", "message"),
     [
-        ({"laod": "10"}, "-laod is no option, did you mean -load?; what is wrong"),
+        ({"laod": "10"}, "unknown option: -laod (did you mean -load?); what is wrong"),
         (
             {"aproach": "1", "lcp_rtoll": "1"},
-            "-aproach is no option, did you mean -approach?; -lcp_rtoll is no option, did you mean -lcp_rtol?; "
-            "what is wrong",
+            "unknown options: -aproach (did you mean -approach?), -lcp_rtoll (did you mean -lcp_rtol?); what is wrong",
         ),
         ({"load": "10", "ksp_rtol": "1", "mylaw": "2"}, "what is wrong"),
     ],
