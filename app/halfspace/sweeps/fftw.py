@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import weakref
+from functools import cache
 
 import numpy as np
 from mpi4py_fft import fftw
+
+_loaded = cache(ctypes.CDLL)  # each makes types of its own, which are freed only by collecting garbage
 
 
 class FFTW:
@@ -17,7 +20,7 @@ class FFTW:
         if dtype.name not in known:
             raise ValueError(f"dtype {dtype.name}: must be one of {', '.join(known)}")
         module, name = known[dtype.name]
-        self._library, self._name = ctypes.CDLL(module.__file__), name
+        self._library, self._name = _loaded(module.__file__), name
         # mpi4py_fft does the same before it plans: the first such call in a process forgets all plans.
         self._library[f"{name}_plan_with_nthreads"](1)
         self._destroy = self._library[f"{name}_destroy_plan"]
