@@ -35,12 +35,12 @@ from app.contact.reference_solvers import REFERENCE_SOLVERS
 from app.contact.state import UndeformedDistance
 from app.contact.stiffness import contact_stiffness
 from app.contact.stopping import StoppingTest
-from app.errors import InputError, agree
+from app.errors import InputError, agree, check_alike
 from app.fast.circulant import circulant_of
 from app.fast.solver import TrackingSolver
-from app.halfspace.grid import check_memory
 from app.halfspace.influence import influence_quadrant
-from app.multigrid.hierarchy import Hierarchy
+from app.memory import check_hosts, doubles_per_cell
+from app.multigrid.hierarchy import Hierarchy, cells_held
 from app.multigrid.linear_solver import LinearSolver
 from app.notes import notes_on
 from app.path import LoadPath
@@ -126,9 +126,11 @@ class ContactSolver:
         self._outer_comm = MPI.COMM_WORLD if comm is None else comm
         self.comm = self._resources.comm = self._outer_comm.Dup()
         try:
-            agree(self.comm, check_memory, problem.grid, self.comm.size)
-            texts = dict(options or {}) | methods.global_options(prefix)
-            self.settings = agree(self.comm, methods.settings, method, texts, bool(problem.grid.periodic))
+            grid, texts = problem.grid, dict(options or {}) | methods.global_options(prefix)
+            self.settings = chosen = agree(self.comm, methods.settings, method, texts, bool(grid.periodic))
+            check_alike(self.comm, (grid.shape, grid.periodic, chosen), "grid or options")
+            cells = cells_held(grid, self.comm, chosen)
+            check_hosts(self.comm, grid, cells, doubles_per_cell(chosen, bool(grid.periodic)))
             self._database = OptionDatabase(self.settings.texts)
             for name in self.settings.texts:
                 if name.startswith("lcp_"):
@@ -353,6 +355,7 @@ class ContactSolver:
             return contact_stiffness(self.hierarchy, self._distances[-1], solution.contact)
 
     def _loading(self, **given):
+        check_alike(self.comm, given, "loading")
         loading = prescribe(self.problem.grid, self._distances[-1], **given)
         if loading.prescribes_load and self.settings.strategy in REFERENCE_SOLVERS:
             raise InputError(f"-lcp_type {self.settings.strategy}: works by approach only, not by load")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from app.commands import load_path
 from app.commands.geometry import ALTERNATIVES, FILES, GEOMETRY_OPTIONS, MATERIAL_OPTIONS, make_problem
-from app.errors import InputError, agree
+from app.errors import InputError, agree, check_alike
 from app.options import Option, OptionReader, as_line, count, flag, real, word
 
 __all__ = ["PROBLEM_OPTIONS", "Request", "help_text", "loading", "make_problem", "reader_of", "settle"]
@@ -63,7 +63,7 @@ class Request:
     """
 
     def __init__(self, given, comm):
-        from app.output.files import check_output_path
+        from app.output.files import check_output_path, fingerprint
 
         settle(given)
         options = reader_of(given)
@@ -71,6 +71,9 @@ class Request:
         if self.output:
             agree(comm, check_output_path, self.output, [*given.files, *input_files(given.texts)])
         self.problem, own = agree(comm, make_problem, options, given.texts, comm)
+        self.inputs = input_files(given.texts)
+        for file in self.inputs:
+            check_alike(comm, agree(comm, fingerprint, file), f"input {file}")
         kind, number = loading(given)
         options.asked.add(kind)
         self.loading, self.path, self.refine_until = {kind: number}, None, options["refine_until"]
@@ -83,7 +86,6 @@ class Request:
                 raise InputError(f"-refine_until: of one loading only, not of -{kind}")
         self.refine_max = options["refine_max"] if self.refine_until else None
         self.stiffness = options["stiffness"]
-        self.inputs = input_files(given.texts)
         self.wants_monitor = options["lcp_monitor"]
         if left := set(options.unused()) - own.asked:
             raise InputError(unused(left))

@@ -19,6 +19,52 @@ LARGEST_DIRECT = 1024  # cells of a grid whose matrix may be stored and factoris
 _SMALLEST_WINDOWED = 64 * 64  # cells; on smaller grids it does not pay to leave any out
 
 
+def plan(grid, comm, coarsest=4, replicate=64 * 64, single=False):
+    """Grids of a hierarchy, parameters as of `Hierarchy`; nothing is allocated. Not collective.
+
+    Returns
+    -------
+    grids : list of Grid
+        The target first.
+    factors : list of (int, int)
+        From each to the next.
+    cut : list of bool
+        Whether a grid is cut into slabs; else it is replicated.
+    slabs : Slabs
+        Of the target grid.
+    """
+    grids, factors = [grid], []
+    most = 1 if single else grid.n  # grids; more there cannot be
+    if not single and grid.coarsen(coarsest) is None:
+        coarsest, most = 1, 2  # a multigrid method needs two grids
+    while len(grids) < most and (coarser := grids[-1].coarsen(coarsest)) is not None:
+        factors.append(grids[-1].coarsening(coarsest))
+        grids.append(coarser)
+    # The target grid is cut into slabs, small grids are not, nor is the coarsest if it can be solved directly.
+    direct = grids[-1].n <= LARGEST_DIRECT
+    cut = [
+        comm.size > 1 and (g is grid or (g.n > replicate and not (g is grids[-1] and direct))) for g in grids
+    ]
+    # Cells of the next coarser grid lie on one rank; on a periodic patch those of the one after it, too (TwoGrid).
+    together = (cut.index(False) if False in cut else len(cut)) + bool(grid.periodic)
+    block = math.prod(fy for fy, _ in factors[:together])
+    slabs = Slabs.over(comm, grid.ny, block)
+    return grids, factors, cut, slabs
+
+
+def cells_held(grid, comm, settings):
+    """Cells of all the rows that this rank will hold, of the target grid and of replicated ones. Not collective.
+
+    Parameters
+    ----------
+    settings : app.method.Settings
+    """
+    grids, _, cut, slabs = plan(grid, comm, settings.coarsest, settings.replicate**2)
+    return slabs.local * grid.nx + sum(
+        g.n for g, is_cut in zip(grids[1:], cut[1:], strict=True) if not is_cut
+    )
+
+
 class Hierarchy:
     """Operators ``levels[0]`` (coarsest) to ``levels[-1]`` (target), ``transfers[l]`` from level l to l-1.
 
@@ -47,23 +93,7 @@ class Hierarchy:
     ):
         self.comm, self.compliance, self.dtype, self.margin = comm, compliance, dtype, margin
         self._spent = 0.0  # in windows that are gone
-        grids, factors = [grid], []
-        most = 1 if single else grid.n  # grids; more there cannot be
-        if not single and grid.coarsen(coarsest) is None:
-            coarsest, most = 1, 2  # a multigrid method needs two grids
-        while len(grids) < most and (coarser := grids[-1].coarsen(coarsest)) is not None:
-            factors.append(grids[-1].coarsening(coarsest))
-            grids.append(coarser)
-        # The target grid is cut into slabs, small grids are not, nor is the coarsest if it can be solved directly.
-        direct = grids[-1].n <= LARGEST_DIRECT
-        cut = [
-            comm.size > 1 and (g is grid or (g.n > replicate and not (g is grids[-1] and direct)))
-            for g in grids
-        ]
-        # Cells of the next coarser grid lie on one rank; on a periodic patch those of the one after it, too (TwoGrid).
-        together = (cut.index(False) if False in cut else len(cut)) + bool(grid.periodic)
-        block = math.prod(fy for fy, _ in factors[:together])
-        slabs = Slabs.over(comm, grid.ny, block)
+        grids, factors, cut, slabs = plan(grid, comm, coarsest, replicate, single)
         self.levels, self.transfers = [], [None]
         for number, level in enumerate(grids):
             if number:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
 
 from app.errors import one_line
+from app.memory import check_fits
 from app.options import LARGEST
 
 _BYTES_PER_BYTE = 40  # of memory, for a byte of text: a line is a list of texts, then of numbers
@@ -103,11 +103,7 @@ class ArrayFile:
         return file[name]
 
     def _read_text(self):
-        there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        if self.path.stat().st_size * _BYTES_PER_BYTE > there:
-            raise ValueError(
-                f"{self.path.stat().st_size / 2**30:.1f} GiB of text are too much; use .npy or .h5"
-            )
+        check_fits(self.path.stat().st_size * _BYTES_PER_BYTE, "text, where .npy or .h5 take little")
         try:
             lines = self.path.read_text(encoding="utf-8-sig").splitlines()
         except UnicodeDecodeError:
@@ -136,6 +132,7 @@ class ArrayFile:
 
     def rows(self, rows=slice(None)):
         """Return some rows as float64. Not collective."""
+        check_fits(8 * self.shape[1] * len(range(*rows.indices(self.shape[0]))), f"{self.what} {self.file}")
         return np.array(self._rows[rows], dtype=np.float64, order="C")
 
     def check(self, rows):
