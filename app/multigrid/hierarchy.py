@@ -60,9 +60,8 @@ def cells_held(grid, comm, settings):
     settings : app.method.Settings
     """
     grids, _, cut, slabs = plan(grid, comm, settings.coarsest, settings.replicate**2)
-    return slabs.local * grid.nx + sum(
-        g.n for g, is_cut in zip(grids[1:], cut[1:], strict=True) if not is_cut
-    )
+    replicated = [coarse.n for coarse, is_cut in zip(grids, cut, strict=True) if comm.size > 1 and not is_cut]
+    return slabs.local * grid.nx + sum(replicated)
 
 
 class Hierarchy:
