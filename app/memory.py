@@ -27,8 +27,8 @@ def doubles_per_cell(settings, periodic=False):
     Parameters
     ----------
     settings : app.method.Settings
-    periodic : bool
-        Whether the patch is.
+    periodic : bool or str
+        Whether the patch is, see `Grid.periodic`.
     """
     doubles = DOUBLES[settings.strategy]
     if settings.strategy in ("fast", "primal"):

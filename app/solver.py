@@ -39,8 +39,7 @@ from app.errors import InputError, agree, check_alike
 from app.fast.circulant import circulant_of
 from app.fast.solver import TrackingSolver
 from app.halfspace.influence import influence_quadrant
-from app.memory import check_hosts, doubles_per_cell
-from app.multigrid.hierarchy import Hierarchy, cells_held
+from app.multigrid.hierarchy import Hierarchy, check_room
 from app.multigrid.linear_solver import LinearSolver
 from app.notes import notes_on
 from app.path import LoadPath
@@ -129,8 +128,7 @@ class ContactSolver:
             grid, texts = problem.grid, dict(options or {}) | methods.global_options(prefix)
             self.settings = chosen = agree(self.comm, methods.settings, method, texts, bool(grid.periodic))
             check_alike(self.comm, (grid.shape, grid.periodic, chosen), "grid or options")
-            cells = cells_held(grid, self.comm, chosen)
-            check_hosts(self.comm, grid, cells, doubles_per_cell(chosen, bool(grid.periodic)))
+            check_room(self.comm, grid, chosen)
             self._database = OptionDatabase(self.settings.texts)
             for name in self.settings.texts:
                 if name.startswith("lcp_"):

@@ -11,6 +11,7 @@ import math
 
 from app.halfspace.grid import Slabs
 from app.halfspace.operator import InfluenceOperator
+from app.memory import check_hosts, doubles_per_cell
 from app.multigrid.transfer import Transfer
 
 LARGEST_DIRECT = 1024  # cells of a grid whose matrix may be stored and factorised
@@ -52,16 +53,24 @@ def plan(grid, comm, coarsest=4, replicate=64 * 64, single=False):
     return grids, factors, cut, slabs
 
 
-def cells_held(grid, comm, settings):
-    """Cells of all the rows that this rank will hold, of the target grid and of replicated ones. Not collective.
+def check_room(comm, grid, settings):
+    """Refuse a target grid for which some host has not the memory; nothing is allocated. Collective.
 
     Parameters
     ----------
+    comm : mpi4py communicator
+    grid : Grid
     settings : app.method.Settings
+
+    Raises
+    ------
+    InputError
     """
     grids, _, cut, slabs = plan(grid, comm, settings.coarsest, settings.replicate**2)
     replicated = [coarse.n for coarse, is_cut in zip(grids, cut, strict=True) if comm.size > 1 and not is_cut]
-    return slabs.local * grid.nx + sum(replicated)
+    check_hosts(
+        comm, grid, slabs.local * grid.nx + sum(replicated), doubles_per_cell(settings, grid.periodic)
+    )
 
 
 class Hierarchy:

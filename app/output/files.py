@@ -16,6 +16,7 @@ from pathlib import Path
 
 SUFFIXES = (".h5", ".hdf5")  # of result files
 _PIECES, _PIECE = 64, 1 << 16  # of a file, and bytes of each, that tell it from another one
+_BLOCK = 1 << 20  # bytes by which a file in memory grows
 _numbers = itertools.count()
 
 
@@ -107,6 +108,22 @@ def whole_file(path):
     except BaseException:
         remove(temporary)
         raise
+
+
+@contextmanager
+def whole_hdf5(path):
+    """Yield an HDF5 file in memory that is written to `path` when the block succeeds. Not collective.
+
+    HDF5 cannot close a file that a full disk kept it from writing; plain system calls say what is wrong.
+    """
+    import h5py
+
+    with whole_file(path) as temporary:
+        with h5py.File(temporary, "w", driver="core", backing_store=False, block_size=_BLOCK) as file:
+            yield file
+            file.flush()
+            image = file.id.get_file_image()
+        temporary.write_bytes(image)
 
 
 def temporary_name(path):

@@ -64,6 +64,8 @@ def write_xdmf(results, path=None):
 
 def _read(result):
     """Load [N] and ``grid(time)``, which is the text, of a result."""
+    if not result.is_file():
+        raise ValueError(f"result file {result}: {'not a file' if result.exists() else 'no such file'}")
     try:
         with h5py.File(result, "r") as file:
             x, y = (read_dataset(file, name) for name in AXES)
