@@ -124,9 +124,9 @@ def test_run_killed_at_a_hundred_moments(tmp_path):
     assert list(tmp_path.iterdir()) == [result]
 
 
-@pytest.mark.parametrize(("ranks", "word"), [(2, signal.SIGINT), (2, signal.SIGTERM), (None, signal.SIGTERM)])
+@pytest.mark.parametrize(("ranks", "word"), [(2, signal.SIGINT), (None, signal.SIGTERM)])
 def test_ended_by_a_signal(ranks, word, tmp_path):
-    """Ctrl-C on one rank is in test_crashes."""
+    """Ctrl-C on one rank and SIGTERM on two are in test_crashes."""
     out = tmp_path / "out.h5"
     out.write_text("an earlier result")
     slow = "-grid 256 -lcp_rtol 1e-14 -lcp_max_it 100000 -ksp_rtol 1e-15 -lcp_monitor".split()
@@ -206,7 +206,7 @@ def test_folder_that_nobody_may_write_in(name, given, capsys):
 # ---------------------------------------------------------------------------------------- hosts that differ
 
 
-@pytest.mark.parametrize("second", [None, (9, 9), "other values"])
+@pytest.mark.parametrize("second", [None, pytest.param((9, 9), marks=pytest.mark.slow), "other values"])
 def test_input_that_hosts_see_differently(second, tmp_path):
     folders = tmp_path / "first", tmp_path / "second"
     gap = np.random.default_rng(1).random((8, 8))

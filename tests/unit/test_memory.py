@@ -18,7 +18,10 @@ from app.problems.array_file import ArrayFile
 GRID = Grid(4000, 3000, 1.0, 1.0)
 
 
-@pytest.mark.parametrize(("cells", "method"), [(512, "default"), (384, "periodic:default"), (256, "fmg_v11")])
+@pytest.mark.parametrize(
+    ("cells", "method"),
+    [(384, "default"), pytest.param(384, "periodic:default", marks=pytest.mark.slow), (256, "fmg_v11")],
+)
 def test_the_estimate_is_the_measured_peak(cells, method):
     """docs/scaling.md promises a factor: at most a tenth more than estimated, and half of it at least."""
     done = run(TESTS / "peak.py", cells, method, timeout=300)
