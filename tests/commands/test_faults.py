@@ -96,6 +96,7 @@ def test_two_runs_to_one_output(path_of_two, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 def test_run_killed_at_a_hundred_moments(tmp_path):
     """By ``run/test --slow tests/commands/test_faults.py -k hundred``: over an existing result, on one rank and two."""
     result, dice = tmp_path / "result.h5", random.Random(2)
