@@ -207,15 +207,14 @@ def _settle(facts, arguments, path):
 
 
 def _write(output, heights, facts, path):
-    import h5py
     import numpy as np
 
     from app import __version__
-    from app.output.files import whole_file
+    from app.output.files import whole_hdf5
 
     heights *= facts["factor"]
     source = Path(str(path).partition(":/")[0])
-    with whole_file(output) as temporary, h5py.File(temporary, "w") as file:
+    with whole_hdf5(output) as file:
         dataset = file.create_dataset("heights", data=heights)
         dataset.attrs["unit"], dataset.attrs["spacing_unit"] = facts["unit"], facts["spacing_unit"]
         dataset.attrs["spacing"] = np.asarray(facts["spacing"], float)

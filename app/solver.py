@@ -32,11 +32,11 @@ from app.contact.loading import LOADINGS, PrescribedApproach, prescribe
 from app.contact.reference_solvers import REFERENCE_SOLVERS
 from app.contact.state import UndeformedDistance
 from app.contact.stiffness import contact_stiffness
-from app.errors import InputError, agree
+from app.errors import InputError, agree, check_alike
 from app.fast.circulant import circulant_of
-from app.halfspace.grid import check_memory
 from app.halfspace.influence import influence_quadrant
 from app.method_solver import database_of, make_hierarchy, make_solver, read_by, refuse_unread
+from app.multigrid.hierarchy import check_room
 from app.notes import notes_on
 from app.path import LoadPath
 from app.petsc import Resources
@@ -118,12 +118,13 @@ class ContactSolver:
         self.comm = self._resources.comm = self._outer_comm.Dup()
         try:
             agree(self.comm, check_compiler)
-            agree(self.comm, check_memory, problem.grid, self.comm.size)
-            texts = dict(options or {}) | methods.global_options(prefix)
-            self.settings = agree(self.comm, methods.settings, method, texts, bool(problem.grid.periodic))
-            self._database = database_of(self.settings)
+            grid, texts = problem.grid, dict(options or {}) | methods.global_options(prefix)
+            self.settings = chosen = agree(self.comm, methods.settings, method, texts, bool(grid.periodic))
+            check_alike(self.comm, (grid.shape, grid.periodic, chosen), "grid or options")
+            check_room(self.comm, grid, chosen)
+            self._database = database_of(chosen)
             if unread := read_by(self._database, self._set_up):
-                self.settings = refuse_unread(unread, self.settings, bool(problem.grid.periodic))
+                self.settings = refuse_unread(unread, chosen, bool(grid.periodic))
             self._strategy = Strategy(self.settings, self.hierarchy, self._distances, self._solver)
             self._measure_shapes()
         except BaseException:
@@ -306,6 +307,7 @@ class ContactSolver:
             return contact_stiffness(self.hierarchy, self._distances[-1], solution.contact)
 
     def _loading(self, **given):
+        check_alike(self.comm, given, "loading")
         loading = prescribe(self.problem.grid, self._distances[-1], **given)
         if loading.prescribes_load and self.settings.strategy in REFERENCE_SOLVERS:
             raise InputError(f"-lcp_type {self.settings.strategy}: works by approach only, not by load")

@@ -13,7 +13,6 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
-import h5py
 import numpy as np
 
 from app.commands import streams
@@ -22,7 +21,7 @@ from app.errors import InputError, one_line
 from app.halfspace.grid import Grid
 from app.halfspace.stress import COMPONENTS, Hottest, SubsurfaceStress, von_mises
 from app.output import curves, figures, style
-from app.output.files import whole_file
+from app.output.files import whole_hdf5
 from app.output.result import read_result
 from app.units import length_unit
 
@@ -158,7 +157,7 @@ def picture(result, found, along="x"):
 
 def write(path, result, found, planes):
     """HDF5 file of a survey and of some planes (depth -> stress); whole or not at all. Not collective."""
-    with whole_file(path) as temporary, h5py.File(temporary, "w") as file:
+    with whole_hdf5(path) as file:
         at, hottest = found.at, found.hottest
         for name, values in (("x", result.x), ("y", result.y), ("depth", found.depths)):
             file[name] = values

@@ -132,15 +132,17 @@ def make_problem(options, texts, comm):
     InputError, ValueError, OSError
         If something is missing or of no use.
     """
-    from app.halfspace.grid import Slabs, check_memory
+    from app.halfspace.grid import Slabs
+    from app.memory import check_share
     from app.problems.given import ContactProblem
 
     name, material, periodic = options["problem"], _material(options), _periodic(options)
     shape = None if name == "python" else _shape(name, options)
     measured = _measured(options)
     grid = _grid(options, name, shape, measured, material, periodic)
-    check_memory(grid, comm.size)
-    rows, own = Slabs.over(comm, grid.ny).rows, OptionReader((), {})
+    slabs, own = Slabs.over(comm, grid.ny), OptionReader((), {})
+    check_share(grid, slabs.local * grid.nx)
+    rows = slabs.rows
     if name == "python":
         from app.problems import own as own_problems
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 from app.commands import load_path
 from app.commands.geometry import ALTERNATIVES, FILES, GEOMETRY_OPTIONS, MATERIAL_OPTIONS, make_problem
-from app.errors import InputError, agree
+from app.errors import InputError, agree, check_alike
 from app.method import METHOD_OPTIONS
 from app.options import Option, OptionReader, as_line, count, flag, nearest, real, unknown_options, word
 
@@ -80,7 +80,7 @@ class Request:
     """
 
     def __init__(self, given, comm):
-        from app.output.files import check_output_path
+        from app.output.files import check_output_path, fingerprint
 
         settle(given)
         options = reader_of(given)
@@ -88,6 +88,9 @@ class Request:
         if self.output:
             agree(comm, check_output_path, self.output, [*given.files, *input_files(given.texts)])
         self.problem, own = agree(comm, make_problem, options, given.texts, comm)
+        self.inputs = input_files(given.texts)
+        for file in self.inputs:
+            check_alike(comm, agree(comm, fingerprint, file), f"input {file}")
         kind, number = loading(given)
         options.asked.add(kind)
         self.loading, self.path, self.refine_until = {kind: number}, None, options["refine_until"]
@@ -100,7 +103,6 @@ class Request:
                 raise InputError(f"-refine_until: of one loading only, not of -{kind}")
         self.refine_max = options["refine_max"] if self.refine_until else None
         self.stiffness = options["stiffness"]
-        self.inputs = input_files(given.texts)
         self.wants_monitor = options["lcp_monitor"]
         if left := set(options.unused()) - own.asked:
             raise InputError(unused(left))

@@ -80,6 +80,7 @@ class _ReferenceSolver:
             reason = error_message(error)
         norm, overlap = self._residual(state)
         self._record.end(norm)
+        self._record = None  # which refers to this: a circle would keep all arrays until garbage is collected
         for vec in (lower, upper):
             vec.destroy()
         converged = np.hypot(norm, overlap) <= acceptable

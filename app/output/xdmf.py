@@ -16,8 +16,9 @@ from xml.sax.saxutils import quoteattr
 import h5py
 import numpy as np
 
+from app.errors import one_line
 from app.output.files import whole_file
-from app.output.result import AXES, FIELDS
+from app.output.result import AXES, FIELDS, read_dataset
 
 _HEAD = '<?xml version="1.0"?>\n<Xdmf Version="3.0">\n<Domain>\n'
 _TAIL = "</Domain>\n</Xdmf>\n"
@@ -63,17 +64,21 @@ def write_xdmf(results, path=None):
 
 def _read(result):
     """Load [N] and ``grid(time)``, which is the text, of a result."""
+    if not result.is_file():
+        raise ValueError(f"result file {result}: {'not a file' if result.exists() else 'no such file'}")
     try:
         with h5py.File(result, "r") as file:
-            missing = [name for name in (*FIELDS, *AXES) if name not in file]
-            if missing:
-                raise ValueError(f"dataset {', '.join(missing)} is missing")
-            x, y = (file[name][()] for name in ("x", "y"))
-            shape = y.size, x.size
-            fields = {name: file[name].dtype for name in file if getattr(file[name], "shape", None) == shape}
-            return float(file.attrs.get("load", np.nan)), _grid(result, x, y, fields)
-    except (OSError, ValueError) as error:
-        raise ValueError(f"result file {result}: {error}") from None
+            x, y = (read_dataset(file, name) for name in AXES)
+            there = {name: getattr(file.get(name), "shape", None) for name in file}
+            if wrong := [name for name in FIELDS if there.get(name) != (y.size, x.size)]:
+                raise ValueError(
+                    f"dataset {', '.join(wrong)} is missing, or of another shape than y and x say"
+                )
+            fields = {name: file[name].dtype for name, shape in there.items() if shape == (y.size, x.size)}
+            load = file.attrs.get("load", np.nan)
+            return float(load) if np.isscalar(load) else np.nan, _grid(result, x, y, fields)
+    except (OSError, ValueError, RuntimeError, KeyError) as error:  # the last two: links
+        raise ValueError(f"result file {result}: {one_line(error)}") from None
 
 
 def _grid(result, x, y, fields):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import codecs
-import os
 from pathlib import Path
 
 import numpy as np
 
 from app.errors import one_line
+from app.memory import check_fits
 from app.options import LARGEST
 from app.problems.text_table import read_table
 
@@ -113,11 +113,7 @@ class ArrayFile:
         return file[name]
 
     def _read_text(self):
-        there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        if self.path.stat().st_size * _BYTES_PER_BYTE > there:
-            raise ValueError(
-                f"{self.path.stat().st_size / 2**30:.1f} GiB of text are too much; use .npy or .h5"
-            )
+        check_fits(self.path.stat().st_size * _BYTES_PER_BYTE, "text, where .npy or .h5 take little")
         lines = _decoded(self.path.read_bytes()).splitlines()
         return read_table(lines, self.missing, self.skip, self.marks, self.how_to_skip)
 
@@ -128,6 +124,7 @@ class ArrayFile:
 
     def rows(self, rows=slice(None)):
         """Return some rows as float64. Not collective."""
+        check_fits(8 * self.shape[1] * len(range(*rows.indices(self.shape[0]))), f"{self.what} {self.file}")
         return np.array(self._rows[rows], dtype=np.float64, order="C")
 
     def check(self, rows):
