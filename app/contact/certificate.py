@@ -11,14 +11,14 @@ positive: by ``q = (1 + t) p + w``, all cells a little by t >= 0, and what is le
 
     p.e + (t + t^2 / 2) p.u + (1 + t) w.u + L w.w / 2,
 
-and the smallest of the bounds for some t is taken: a few far outliers, or a great many small ones, cost little. The other
-makes of the gap e any ``g >= 0``: ``q = p + B w``, ``w = g - e``, B the inverse of A. Then, since B w.A p = w.p,
+and the smallest of the bounds for some t is taken: a few far outliers, or a great many small ones, cost little. The
+other makes of the gap e any ``g >= 0``: ``q = p + B w``, ``w = g - e``, B the inverse of A. Then, since B w.A p = w.p,
 
     f(p) + q.Aq / 2 = p.g + w.Bw / 2 <= p.g + w.w / (2 smallest eigenvalue),
 
-which is least, cell by cell, for ``g = max(e - smallest p, 0)``. It is of second order in what is wrong, so better near the
-solution. No eigenvalue is smaller than that of the wave whose crests are the cells' diagonals, ``2 / (E* |q|)``, ``|q| =
-pi sqrt(1/dx^2 + 1/dy^2)``: constant pressures on cells displace their centres by 1.17 (long cells) to 1.4 times that.
+which is least, cell by cell, for ``g = max(e - smallest p, 0)``. It is of second order in what is wrong, so better near
+the solution. No eigenvalue is smaller than ``2 / (E* |q|)``, ``|q| = pi sqrt(1/dx^2 + 1/dy^2)``, of the shortest wave:
+constant pressures on cells displace their centres by 1.17 (long cells) to 1.4 times that.
 
 On a periodic patch A has entries of both signs, and no pressure lifts all cells alike; but every field without mean is
 the displacement of some pressure. So any gap ``g >= 0`` with the mean that e has is that of a dual feasible q:
@@ -30,10 +30,10 @@ the factor needs. The norm is a seminorm: a constant pressure counts nothing.
 
 Both hold for a prescribed load, too, if p has it: f at the approach found differs from that of the load by a constant.
 
-They take u for A p, which rounding forbids: with an error d of u they are those of the problem with h + d, whose solution
-differs from that with h by ``||d||_B <= ||d|| / sqrt(smallest eigenvalue)`` at most. What a product by FFT leaves is about
-``eps (sqrt(A_II) ||p|| + ||u|| / sqrt(smallest))`` in that norm, from the transforms forth and back (0.26 to 0.72 times
-it was measured); `_ROUNDING` times it is added to the bound. Undeformed distances are taken as they are held.
+They take u for A p, which rounding forbids: with an error d of u they are those of the problem with h + d, whose
+solution differs from that with h by ``||d||_B <= ||d|| / sqrt(smallest eigenvalue)`` at most. A product by FFT leaves
+about ``eps (sqrt(A_II) ||p|| + ||u|| / sqrt(smallest))`` in that norm, from the transforms forth and back (measured:
+0.26 to 0.72 times it); `_ROUNDING` times it is added to the bound. Undeformed distances are taken as they are held.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Certificate:
     """Optimality of a pressure; the same on all ranks."""
 
     duality_gap: float  # [mm N/mm2 per cell area] * cell area = [N mm]
-    error_bound: float  # ||p - p*||_A / ||p||_A at most, rounding included; infinite if there should be pressure and is none
+    error_bound: float  # ||p - p*||_A / ||p||_A at most; infinite if there should be pressure and is none
     largest_penetration: float  # max(-e) over the admissible cells, at least 0 [mm]
     smallest_pressure: float  # [N/mm2]
     complementarity: float  # max |p e| / (max p * max |h|)

@@ -1,7 +1,8 @@
 """Contact problems small enough for their matrix: solved by pivoting, which shares nothing with the solvers but A.
 
-`by_lemke` is exact, in rational numbers, for a handful of cells. `DenseProblem` finds the contact set by block principal
-pivoting and refines its pressures in extended precision: the truth to which answers and certificates are compared.
+`by_lemke` is exact, in rational numbers, for a handful of cells. `DenseProblem` finds the contact set by block
+principal pivoting and refines its pressures in extended precision: the truth to which answers and certificates are
+compared.
 
 References
 ----------
@@ -19,7 +20,6 @@ from scipy.linalg import lu_factor, lu_solve
 
 from app.halfspace.influence import dense_matrix
 
-_SIGN = 1e-14  # of the largest: what counts as negative
 _PATIENCE = 3
 
 
@@ -95,7 +95,8 @@ class DenseProblem:
         self.matrix = dense_matrix(self.grid, problem.material.compliance)
         gap = np.asarray(problem.gap, float).ravel()
         self.inside = ~np.isnan(gap)
-        self._gap = gap[self.inside]
+        self._least = np.longdouble(gap[self.inside].min())
+        self._gap = gap[self.inside].astype(np.longdouble) - self._least  # counted from first touch
         self._a = self.matrix[np.ix_(self.inside, self.inside)]
         self._long = self._a.astype(np.longdouble)
         # On all cells of a periodic patch A is singular.
@@ -104,45 +105,39 @@ class DenseProblem:
 
     def at(self, approach):
         """Pressure at an approach, shape (ny, nx) [N/mm2]."""
-        if self._singular and approach >= self._gap.mean():
+        depth = np.longdouble(approach) - self._least
+        mean = self._gap.mean()
+        if self._singular and depth >= mean - 1e-15 * abs(self._least + mean):
             return self._field(self._full())
-        return self._field(self._pivot(self._gap.astype(np.longdouble) - approach))
+        return self._field(self._pivot(depth))
 
     def under(self, load, approach):
         """Pressure under a load [N], shape (ny, nx) [N/mm2], and its approach [mm]; given one to begin with."""
-        cell, full = self.grid.cell_area, self._full() if self._singular else None
+        sum_p, full = np.longdouble(load) / self.grid.cell_area, self._full() if self._singular else None
         if load == 0:
-            return self._field(np.zeros(self._gap.size)), float(self._gap.min())
-        if full is not None and load >= cell * float(full.sum()):
-            return self._field(full + (load / cell - full.sum()) / full.size), float(self._gap.mean())
-        depth = np.longdouble(max(approach, self._gap.min() + 1e-9 * (np.ptp(self._gap) or 1.0)))
-        if self._singular:
-            depth = min(depth, self._gap.mean() * np.longdouble(1) - 1e-12 * np.ptp(self._gap))
-        for _ in range(200):  # Newton's method: the load is convex and piecewise linear
-            p = self._pivot(self._gap.astype(np.longdouble) - depth)
-            off = np.longdouble(load) / cell - p.sum()
+            return self._field(np.zeros(self._gap.size)), float(self._least)
+        if full is not None and sum_p >= full.sum():
+            return self._field(full + (sum_p - full.sum()) / full.size), float(self._least + self._gap.mean())
+        # The load is convex and piecewise linear: Newton's method, within what is known to hold the answer
+        low, high = np.longdouble(0), self._gap.mean() if self._singular else np.longdouble(np.inf)
+        depth = np.longdouble(approach) - self._least
+        for _ in range(300):
+            if not low < depth < high:
+                beside = low + sum_p * self._a[0, 0] if low == 0 else 2 * low
+                depth = (low + high) / 2 if np.isfinite(high) else beside
+            p = self._pivot(depth)
+            off = sum_p - p.sum()
+            low, high = (depth, high) if off > 0 else (low, depth)
+            if abs(off) <= 1e-16 * sum_p or high - low <= 1e-18 * high:
+                break
             slope = self._linear(self._contact, np.ones(self._gap.size)).sum()
-            if abs(off) <= 1e-17 * load / cell:
-                break
-            before, depth = depth, depth + off / slope
-            if depth <= self._gap.min():
-                depth = (before + self._gap.min()) / 2
-            if depth == before:
-                break
-        return self._field(p), float(depth)
+            depth = depth + off / slope if slope > 0 else low
+        return self._field(p), float(self._least + depth)
 
     def energy(self, pressure):
         """||p||_A, a seminorm on periodic patches. The pressure may be given in extended precision."""
         p = np.asarray(pressure, np.longdouble).ravel()
         return float(np.sqrt(max(p @ (self.matrix @ p.astype(float)), 0.0)))
-
-    def violation(self, pressure, approach):
-        """How much a pressure violates the conditions: penetration, and |p e|, over those of the undeformed bodies."""
-        p = np.asarray(pressure, float).ravel()
-        e = (self._gap - approach) + (self.matrix @ p)[self.inside]
-        deepest = max(approach - self._gap.min(), 0.0) or 1.0
-        highest = p.max(initial=0.0) or 1.0
-        return max(-e.min(), 0.0) / deepest, float(abs(p[self.inside] * e).max()) / (highest * deepest)
 
     def _field(self, p):
         whole = np.zeros(self.grid.n, np.longdouble)
@@ -151,8 +146,12 @@ class DenseProblem:
 
     def _full(self):
         """Least pressure in full contact of a periodic patch: A p = mean(h) - h."""
-        p = np.linalg.lstsq(self._a, self._gap.mean() - self._gap, rcond=1e-13)[0]
-        return (p - p.min()).astype(np.longdouble)
+        right = self._gap.mean() - self._gap
+        inverse = np.linalg.pinv(self._a, rcond=1e-13, hermitian=True)
+        p = np.zeros(right.size, np.longdouble)
+        for _ in range(4):
+            p += inverse @ (right - self._long @ p).astype(float)
+        return p - p.min()
 
     def _linear(self, contact, right):
         """A_CC p = right on C, p = 0 beside it, refined in extended precision."""
@@ -168,18 +167,22 @@ class DenseProblem:
         p[members] = x
         return p
 
-    def _pivot(self, h):
+    def _pivot(self, depth):
+        h = self._gap - depth
         contact = h < 0 if self._contact is None else self._contact
         fewest, patience = h.size + 1, _PATIENCE
-        while True:
+        for _ in range(100 * h.size + 100):
             if self._singular and contact.all():
                 contact = contact ^ (np.arange(h.size) == np.argmax(h))
             p = self._linear(contact, -h)
-            e = h + self._long @ p
-            wrong = (contact & (p < -_SIGN * abs(p).max())) | (~contact & (e < -_SIGN * abs(h).max()))
+            u = self._long @ p
+            e = h + u
+            rounding = 1e-18 * abs(h).max() + 1e-16 * abs(u).max()
+            wrong = (contact & (p < -1e-15 * abs(p).max())) | (~contact & (e < -rounding))
             if not wrong.any():
                 self._contact = contact
                 return np.maximum(p, 0)
             patience = _PATIENCE if wrong.sum() < fewest else patience - 1
             fewest = min(fewest, wrong.sum())
             contact = contact ^ (wrong if patience > 0 else np.arange(h.size) == np.flatnonzero(wrong)[-1])
+        raise ArithmeticError("rounding keeps pivoting from its end")

@@ -48,7 +48,9 @@ def _each(change):
                     off += not (before.converged and after.converged)
                     worst = max(worst, difference(after.pressure, expected))
                 kind = f"{periodic or 'free'}, {method or 'default'}"
-                figures.append(Figure(f"difference of pressures, {kind}", worst if not off else np.nan, most=_ROUNDING))
+                figures.append(
+                    Figure(f"difference of pressures, {kind}", worst if not off else np.nan, most=_ROUNDING)
+                )
         return figures
 
     return measure
@@ -82,7 +84,10 @@ def translation(problem, before):
 
 def stiffness(problem, before):
     """Pressures are proportional to E*."""
-    for material, factor in ((Material(7 * UNIT.shear_modulus, 0.0), 7), (Material(UNIT.shear_modulus, 0.5), 2)):
+    for material, factor in (
+        (Material(7 * UNIT.shear_modulus, 0.0), 7),
+        (Material(UNIT.shear_modulus, 0.5), 2),
+    ):
         yield replace(problem, material=material), _at(), factor * before.pressure
 
 
@@ -93,7 +98,9 @@ def heights(problem, before):
 
 def lengths(problem, before):
     """Similar bodies have the same pressure, and loads like the square of their lengths."""
-    grid = replace(problem.grid, **{name: 5 * getattr(problem.grid, name) for name in ("dx", "dy", "x0", "y0")})
+    grid = replace(
+        problem.grid, **{name: 5 * getattr(problem.grid, name) for name in ("dx", "dy", "x0", "y0")}
+    )
     larger = replace(problem, grid=grid, gap=5 * problem.gap)
     yield larger, _at(5 * _APPROACH), before.pressure
     yield larger, {"load": 25 * before.load}, before.pressure
@@ -123,7 +130,9 @@ def larger_patch(quick):
         for name, beside in (("far away", 10.0), ("impossible", np.nan)):
             gap = np.full(wide.shape, beside)
             gap[4:35, 7:47] = _problem("").gap
-            after = solved(_problem("", wide, gap), method, options=options | {"lcp_rtol": 1e-13}, approach=_APPROACH)
+            after = solved(
+                _problem("", wide, gap), method, options=options | {"lcp_rtol": 1e-13}, approach=_APPROACH
+            )
             what = f"difference of pressures, cells beside it {name}, {method or 'default'}"
             figures.append(Figure(what, difference(after.pressure, expected), most=_ROUNDING))
     return figures

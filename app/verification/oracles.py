@@ -35,7 +35,10 @@ def lemke(quick):
                 off = difference(found.pressure.ravel(), exact)
                 worst[method] = max(worst[method], off if found.converged else np.inf)
         kind = periodic or "free"
-        figures += [Figure(f"difference of pressures, {kind}, {m or 'default'}", w, most=1e-9) for m, w in worst.items()]
+        figures += [
+            Figure(f"difference of pressures, {kind}, {m or 'default'}", w, most=1e-9)
+            for m, w in worst.items()
+        ]
     return figures
 
 
@@ -103,8 +106,8 @@ def larger_grids(quick):
 
 CHECKS = (
     Check("lemke", "Lemke's method", "Exact, in rational numbers, on up to nine cells.", lemke),
-    Check("tao", "PETSc's TAO", "Bound-constrained minimisation, `-lcp_type tao`, on the same product.", _by_petsc("tao")),
-    Check("snesvi", "PETSc's SNESVI", "Variational inequalities, `-lcp_type snesvi`, on the same product.", _by_petsc("snesvi")),
+    Check("tao", "PETSc's TAO", "Minimisation under bounds, on the same product.", _by_petsc("tao")),
+    Check("snesvi", "PETSc's SNESVI", "Variational inequalities, on the same product.", _by_petsc("snesvi")),
     Check("methods", "Every method by every loading", every_method.__doc__, every_method),
     Check("methods-larger", "Every method on larger grids", larger_grids.__doc__, larger_grids),
 )  # fmt: skip
