@@ -11,11 +11,12 @@ import matplotlib
 import numba
 import numpy as np
 import scipy
+from matplotlib.ticker import NullLocator
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from app import __version__
-from app.output.style import GREY, SERIES, new_figure, styled
+from app.output.style import GREY, SERIES, log_axis, new_figure, styled
 from app.output.table import markdown
 from app.verification import analytic, certificates, invariances, oracles, ranks
 from app.verification.check import Check, Figure
@@ -170,13 +171,20 @@ def orders_picture(results):
             colour, marker, style = SERIES[k % len(SERIES)]
             sizes, errors = line.points
             label = line.what.removeprefix("order of ").removeprefix("the ")
-            few = f"{label.split(',')[0]}: {line.value:.1f}" if k < 2 or len(lines) <= 4 else None
-            panel.loglog(sizes, errors, color=colour, marker=marker, ls=style, lw=1.2, ms=3.5, label=few)
+            few = (
+                f"{label}: {line.value:.1f}"
+                if len(lines) <= 4
+                else f"{label.split(',')[0]}: {line.value:.1f}"
+            )
+            label = few if k < 2 or len(lines) <= 4 else None
+            panel.plot(sizes, errors, color=colour, marker=marker, ls=style, lw=1.2, ms=3.5, label=label)
+        log_axis(panel.yaxis, [line.points[1] for line in lines])
+        panel.set_xscale("log")
         panel.set_title(result.check.title)
         panel.set_xlabel("cells in a direction")
         ticks = sizes[:: max(1, len(sizes) // 4)]
         panel.set_xticks(ticks, [str(n) for n in ticks])
-        panel.minorticks_off()
+        panel.xaxis.set_minor_locator(NullLocator())
         panel.legend(fontsize=9, loc="lower left")
     for panel in panels[::columns]:
         panel.set_ylabel("error")

@@ -19,13 +19,13 @@ from app.verification.solving import solved
 
 EXAMPLES = int(os.environ.get("CONTACT_EXAMPLES", 0))
 some = settings(
-    max_examples=EXAMPLES or 40,
+    max_examples=EXAMPLES or 20,
     derandomize=not EXAMPLES,
     deadline=None,
     database=None,
     suppress_health_check=list(HealthCheck),
 )
-CELLS = 200  # at most: what is true is found on the matrix
+CELLS = 150  # at most: what is true is found on the matrix
 ITERATIONS = 100  # of active sets on a grid; the safeguard and the search of a load have as many again
 ROUNDING = 1e-13  # of the largest distance: what a gap may be off by
 
