@@ -224,7 +224,11 @@ def line_contact(quick):
         # Images bend the surface by (half / patch)^2 of what the cylinder does: the patch grows with the grid.
         reach = 8.0 * n / sizes[0]
         grid = Grid.from_domain(2 * n * n // sizes[0], 1, (-reach, reach, 0.0, width))
-        found = solved(ContactProblem(grid, MATERIAL, Cylinder(radius), periodic=True), options={"lcp_rtol": 1e-10}, load=load * width)
+        found = solved(
+            ContactProblem(grid, MATERIAL, Cylinder(radius), periodic=True),
+            options={"lcp_rtol": 1e-10},
+            load=load * width,
+        )
         exact = top * np.sqrt(np.maximum(1 - (grid.x() / half) ** 2, 0))
         errors.append(abs(found.max_pressure / top - 1))
         inside = abs(found.pressure[0] - exact)[abs(grid.x()) < 0.9 * half].max() / top

@@ -167,17 +167,15 @@ def orders_picture(results):
     for panel in panels[len(shown) :]:
         panel.set_visible(False)
     for panel, (result, lines) in zip(panels, shown, strict=False):
-        for k, line in enumerate(lines):
-            colour, marker, style = SERIES[k % len(SERIES)]
-            sizes, errors = line.points
-            label = line.what.removeprefix("order of ").removeprefix("the ")
-            few = (
-                f"{label}: {line.value:.1f}"
-                if len(lines) <= 4
-                else f"{label.split(',')[0]}: {line.value:.1f}"
-            )
-            label = few if k < 2 or len(lines) <= 4 else None
-            panel.plot(sizes, errors, color=colour, marker=marker, ls=style, lw=1.2, ms=3.5, label=label)
+        kinds = {}  # what converges -> its lines
+        for line in lines:
+            kinds.setdefault(line.what.removeprefix("order of the ").split(",")[0], []).append(line)
+        for (kind, alike), (colour, marker, style) in zip(kinds.items(), SERIES, strict=False):
+            label = f"{kind}: {', '.join(f'{line.value:.1f}' for line in alike)}"
+            for line in alike:
+                panel.plot(*line.points, color=colour, marker=marker, ls=style, lw=1.2, ms=3.5, label=label)
+                label = None
+        sizes = lines[0].points[0]
         log_axis(panel.yaxis, [line.points[1] for line in lines])
         panel.set_xscale("log")
         panel.set_title(result.check.title)
