@@ -49,7 +49,9 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
     if not loading.prescribes_load:
         state = ContactState(hierarchy.target, distances[last])
         state.approach = loading.approach
-        if state.first_touch() >= state.depth:  # where rounding would look for a pressure in the cells that just touch
+        if (
+            state.first_touch() >= state.depth
+        ):  # where rounding would look for a pressure in the cells that just touch
             history.start(state, target_solver)
             state.start_from_interpenetration()
             return state, Outcome(True, NO_CONTACT)

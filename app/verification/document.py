@@ -180,7 +180,7 @@ def orders_picture(results):
         panel.set_xscale("log")
         panel.set_title(result.check.title)
         panel.set_xlabel("cells in a direction")
-        ticks = sizes[:: max(1, len(sizes) // 4)]
+        ticks = sizes[:: -(-len(sizes) // 5)]
         panel.set_xticks(ticks, [str(n) for n in ticks])
         panel.xaxis.set_minor_locator(NullLocator())
         panel.legend(fontsize=9, loc="lower left")
