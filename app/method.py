@@ -20,7 +20,19 @@ from pathlib import Path
 from petsc4py import PETSc
 
 from app.errors import InputError
-from app.options import Option, OptionReader, as_line, as_texts, choice, count, flag, from_zero, real, renamed
+from app.options import (
+    Option,
+    OptionReader,
+    as_line,
+    as_texts,
+    choice,
+    count,
+    flag,
+    from_zero,
+    integer,
+    real,
+    renamed,
+)
 from app.petsc import OptionDatabase, error_message
 
 DEFAULT, PERIODIC = "fast", "primal"
@@ -30,17 +42,25 @@ _tolerance = real("a number above 0 and below 1", above=0, highest=1 - 1e-9)
 METHOD_OPTIONS = [
     Option("lcp_type", choice("active_set", "fast", "primal", "tao", "snesvi"), "active_set", "strategy"),
     Option("lcp_nested", flag, False, "nested iteration (FMG): solve on coarser grids first"),
-    Option("lcp_rtol", _tolerance, 1e-6, "accepted ||r|| / ||h||, eq. (5.1); fast: also 100 times it with h on C"),
+    Option("lcp_rtol", _tolerance, 1e-6, "accepted ||r|| / ||h||, eq. (5.1); fast: also 100 times it, h on C alone"),
     Option("lcp_error_bound", _tolerance, 0.01, "proved error (energy norm) up to which a solution counts as solved"),
     Option("lcp_max_it", count, 100, "iterations on one grid: active set, or those of tao and snesvi"),
-    Option("lcp_coarse_rtol", from_zero, 0.0, "fast: ||r|| / ||h|| on C that is enough on coarser grids"),
+    Option("lcp_coarse_rtol", from_zero, 0.0, "fast, primal: ||r|| / ||h|| on C that is enough on coarser grids"),
     Option("lcp_predictor", from_zero, 0.0, "fast: share of the change of u to be expected that step 4.b believes"),
-    Option("lcp_prolongation", choice("copy", "lift"), "copy", "nested: of p, the paper's or by an FFT"),
-    Option("lcp_window", from_zero, 0.0, "fast: work in a window around contact, with this margin; 0: all cells"),
+    Option("lcp_prolongation", choice("copy", "lift"), "copy", "nested: of p, the paper's or by FFT preconditioner"),
+    Option("lcp_window", from_zero, 0.0, "fast: work in a window around contact, wider by this share; 0: all cells"),
     Option("lcp_beta", from_zero, 0.003, "nested: start set after prolongation by copy, eq. (4.1)"),
     Option("lcp_coarsest", count, 4, "directions of up to this many cells are not coarsened"),
     Option("lcp_replicate", count, 64, "grids of up to this many cells squared are held by all ranks"),
-    Option("lcp_precision", choice("double", "single"), "double", "fast: of products; answers are verified in double"),
+    Option("lcp_precision", choice("double", "single"), "double", "fast, primal: of products, verified in double"),
+]  # fmt: skip
+# Read by the preconditioners themselves, as -pc_* are.
+_share = real("a number from 0 to 1", lowest=0, highest=1)
+_cells = integer(0, "a whole number from 0")
+PART_OPTIONS = [
+    Option("pc_circulant_extend", _cells, 0, "Circulant: cells by which the residual is extended over the rim"),
+    Option("pc_circulant_margin", _share, 0.0, "Circulant: share of the patch left free before it is continued"),
+    Option("pc_two_grid_sweeps", count, 3, "TwoGrid: sweeps before and after the coarser grid, at most 50"),
 ]  # fmt: skip
 _GONE = {
     "lcp_merge": "tighter contact sets (-ksp_rtol) do what it did",

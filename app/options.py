@@ -223,6 +223,19 @@ def choice(*names):
     return parse
 
 
+def some_of(*names):
+    """Kind: some of some words, with commas between, in any order."""
+
+    def parse(text):
+        found = tuple(text.split(","))
+        if not set(found) <= set(names):
+            raise ValueError("with commas between: " + ", ".join(names))
+        return found
+
+    parse.names = names  # for the help
+    return parse
+
+
 def flag(text):
     """Kind: on or off; the bare option means on."""
     if text.lower() in ("", "1", "true", "yes", "on"):

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from app.analytic import THEORIES
 from app.contact.extent import ContactExtent
 from app.contact.grid_errors import GridErrors
 from app.contact.loading import LOADINGS
@@ -39,6 +40,7 @@ COLUMNS = {
 UNITS = {
     "step": "1",
     **COLUMNS,
+    **dict.fromkeys(THEORIES, "1"),
     "contact_patches": "1",
     "largest_patch": "mm2",
     "stiffness": "N/mm",
@@ -123,6 +125,7 @@ class LoadPath:
         row = {
             "step": step + 1,
             **{name: getattr(solution, name) for name in COLUMNS},
+            **{name: solution.problem[name] for name in THEORIES if name in solution.problem},
             "contact_patches": len(patches),
             "largest_patch": float(patches[0]) if len(patches) else 0.0,
         }

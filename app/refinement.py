@@ -73,23 +73,23 @@ def refine(
     (True, True)
     """
     check(problem, until)
-    rows, before, by_load = [], None, bool(loading.keys() & {"load", "mean_pressure"})
+    rows, numbers, by_load = [], [], bool(loading.keys() & {"load", "mean_pressure"})
     while True:
         grid = problem.grid
         with ContactSolver(problem, method, options, comm, listeners=listeners) as solver:
             solution = solver.solve(**loading)
             errors = GridErrors(*(getattr(solution, name) for name in GridErrors._fields))
-            numbers = GridNumbers(
-                solution.load, solution.approach, solution.max_pressure, solution.contact_area
+            numbers.append(
+                GridNumbers(solution.load, solution.approach, solution.max_pressure, solution.contact_area)
             )
-            if before:
-                errors = errors_from(before, numbers, solver.touching, by_load).with_rim(solution)
+            if len(numbers) > 1:
+                errors = errors_from(numbers, solver.touching, by_load).with_rim(solution)
             rows.append(_row(solution, errors))
             reached = solution.converged and errors.largest <= until
             if reached or not solution.converged or 4 * grid.n > most_cells:
                 exact = solver.stiffness(solution) if stiffness else float("nan")
                 return Refinement(solution, errors, reached, exact, rows)
-        before, problem = numbers, problem.on(grid.refine())
+        problem = problem.on(grid.refine())
 
 
 def check(problem, until):

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from app.contact.certificate import Certificate
-from app.contact.extent import ContactExtent, patch_areas
+from app.contact.extent import ContactExtent
 from app.errors import InputError
+from app.halfspace.connected import connected_sets
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.reductions import minimum_over, sum_over
 
@@ -196,7 +197,8 @@ class Solution:
 
         Cells hang together by faces; on a periodic patch across its sides, too.
         """
-        return patch_areas(self.contact, self.grid, self.slabs, self.comm)
+        _, cells = connected_sets(self.contact, bool(self.grid.periodic), self.slabs, self.comm)
+        return np.sort(cells)[::-1] * self.grid.cell_area
 
     def distribution(self, name, bins=100, logarithmic=False):
         """Distribution of the pressure over the cells in contact, or of the gap over those that are open.

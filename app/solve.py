@@ -21,7 +21,7 @@ def main(given):
 
     from app.commands import monitor
     from app.commands.load_path import run_path
-    from app.commands.problem_options import Request, help_text
+    from app.commands.problem_options import Request, help_text, suggesting
     from app.commands.report import along, grids, report
     from app.refinement import refine
     from app.solver import ContactSolver
@@ -32,7 +32,7 @@ def main(given):
             return 0
     started = time.perf_counter()
     facts = {"command_line": shlex.join(sys.argv)}
-    with PETSc.Log.Stage("Setup"):
+    with PETSc.Log.Stage("Setup"), suggesting(given.texts):
         request = Request(given, MPI.COMM_WORLD)
         solver = None
         if not request.refine_until:

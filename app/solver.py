@@ -25,7 +25,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app import method as methods
-from app.analytic import analytic_values
+from app.analytic import analytic_values, theories
 from app.contact import measures
 from app.contact.certificate import certify
 from app.contact.extent import measure_extent
@@ -410,7 +410,9 @@ class ContactSolver:
             rtol=self.settings.rtol,
             certificate=proof,
             history=history.columns(),
-            problem=self.problem.describe() | analytic_values(self.problem, approach, prescribed),
+            problem=self.problem.describe()
+            | analytic_values(self.problem, approach, prescribed)
+            | theories(self.problem, found.mean_pressure, self._roughness.rms_slope),
             options=self.settings.summary,
             notes=(*self.settings.warnings, *notes_on(state, self.problem, found, self._roughness)),
             solve_seconds=seconds,

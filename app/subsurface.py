@@ -24,6 +24,7 @@ from app.halfspace.stress import COMPONENTS, Hottest, SubsurfaceStress, von_mise
 from app.output import curves, figures, style
 from app.output.files import whole_file
 from app.output.result import read_result
+from app.units import length_unit
 
 _DEEP = 4.0  # sections reach to so many times the depth of the largest stress
 
@@ -236,7 +237,7 @@ def _arguments(argv):
 
 def summary(hottest, result, poisson_ratio):
     """What was found, in a line or two. Not collective."""
-    unit = style.length_unit(hottest.depth or float(np.ptp(result.x)))
+    unit = length_unit(hottest.depth or float(np.ptp(result.x)))
     highest = float(np.nanmax(result.pressure))
     share = f", {hottest.von_mises / highest:.3g} of the maximum pressure" if highest > 0 else ""
     return (

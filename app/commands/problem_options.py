@@ -2,29 +2,44 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
+from difflib import get_close_matches
+
 from app.commands import load_path
 from app.commands.geometry import ALTERNATIVES, FILES, GEOMETRY_OPTIONS, MATERIAL_OPTIONS, make_problem
 from app.errors import InputError, agree
+from app.method import METHOD_OPTIONS
 from app.options import Option, OptionReader, as_line, count, flag, real, word
 
-__all__ = ["PROBLEM_OPTIONS", "Request", "help_text", "loading", "make_problem", "reader_of", "settle"]
+__all__ = [
+    "PROBLEM_OPTIONS",
+    "Request",
+    "help_text",
+    "loading",
+    "make_problem",
+    "reader_of",
+    "settle",
+    "suggesting",
+]
 
 share = real("above 0 and below 1", above=0, highest=1 - 1e-9)
 
 PROBLEM_OPTIONS = [
     *GEOMETRY_OPTIONS,
     *MATERIAL_OPTIONS,
-    Option("approach", real(), None, "approach of the bodies [mm] (this or one of the next three)"),
+    Option("approach", real(), None, "approach of the bodies [mm]; exactly one of this and the next seven"),
     Option("load", real(), None, "total normal force [N]"),
-    Option("mean_pressure", real(), None, "load over the area of the patch [N/mm2]"),
-    Option("mean_gap", real(), None, "mean gap of a periodic patch [mm]"),
+    Option("mean_pressure", real(), None, "load over the area of the patch, holes and all [N/mm2]"),
+    Option("mean_gap", real(), None, "mean gap of a periodic patch without holes [mm]"),
     *load_path.OPTIONS,
-    Option("stiffness", flag, False, "solve for the contact stiffness, too"),
-    Option("refine_until", share, None, "finer and finer grids until the errors that cells make are below"),
+    Option("stiffness", flag, False, "dF/d(approach), exactly, by one more linear solve"),
+    Option("refine_until", share, None, "double the cells both ways until the errors they make are below"),
     Option("refine_max", count, 4096**2, "refine_until: most cells"),
     Option("output", word, None, "result file (HDF5)"),
     Option("lcp_monitor", flag, False, "a line for each active set iteration"),
 ]  # fmt: skip
+_ALIKE = 0.7  # likeness, of 1, of names that may have been mistaken
+_OF_PETSC = ("ksp_", "pc_", "mg_", "tao_", "snes_", "mat_", "vec_")
 LOADING = ("approach", "load", "mean_pressure", "mean_gap", *(f"{kind}_path" for kind in load_path.KINDS))
 
 
@@ -93,6 +108,25 @@ class Request:
         self.options_text = as_line({name: given.texts[name] for name in given.texts.keys() & taken})
 
 
+@contextmanager
+def suggesting(texts):
+    """Whatever is refused meanwhile, name options that nobody knows but that are nearly called like others.
+
+    Not collective. What they were meant to say is missing then, and would be complained of alone.
+    """
+    try:
+        yield
+    except InputError as error:
+        known = [option.name for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)]
+        found = {name: get_close_matches(name, known, 1, _ALIKE) for name in texts.keys() - set(known)}
+        meant = [
+            f"-{name} is no option, did you mean -{near[0]}?"
+            for name, near in sorted(found.items())
+            if near and not name.startswith(_OF_PETSC)
+        ]
+        raise InputError("; ".join([*meant, str(error)])) from None
+
+
 def unused(names):
     """Complain about options that have no effect."""
     return f"unknown or unused option{'s'[: len(names) > 1]}: -{', -'.join(sorted(names))}"
@@ -137,15 +171,13 @@ def input_files(texts):
 
 def help_text():
     """All options of the command, for ``-help``. Not collective."""
-    from app.method import METHOD_OPTIONS
+    from app.method import METHOD_OPTIONS, PART_OPTIONS
 
-    circulant = "app.fast.circulant.Circulant"
     lines = ["Options of app.solve (lengths mm, forces N, stresses N/mm2):"]
     lines += [option.help() for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)]
     lines += [
-        f"Of the FFT preconditioner (-pc_type python -pc_python_type {circulant}):",
-        f"  -{'pc_circulant_extend':<20} cells by which the residual is extended over the rim (default 0)",
-        f"  -{'pc_circulant_margin':<20} share of the patch left free before it is continued periodically (default 0)",
-        "Linear solvers: PETSc's own -ksp_*, -pc_*, -mg_levels_*, -mg_coarse_*; see petsc_options/ and README.md.",
+        "Of preconditioners (-pc_type python -pc_python_type ...):",
+        *(option.help() for option in PART_OPTIONS),
+        "Linear solvers: PETSc's own -ksp_*, -pc_*, -mg_levels_*, -mg_coarse_*; see petsc_options/, docs/options.md.",
     ]
     return "\n".join(lines)

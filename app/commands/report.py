@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from app.output.table import text
+from app.units import resolved
 
 _WITH_ERROR = ("load", "approach", "max_pressure", "contact_area")
 _ANALYTIC = (*_WITH_ERROR, "semi_axis_major", "semi_axis_minor", "stiffness")
@@ -28,7 +29,7 @@ def report(facts, grid, output=None):
         f"maximum pressure {facts['max_pressure']:.8g} N/mm2",
         _elastic(facts),
         f"contact {_count(facts['contact_cells'], 'cell')}, "
-        f"{100 * facts['contact_fraction']:.4g}% of the admissible ones",
+        f"{100 * facts['contact_fraction']:.4g}% of the admissible ones{_theories(facts)}",
         f"{_count(facts['active_set_iterations'], 'active set iteration')}, {facts['inner_iterations']} inner, "
         f"{facts['work_units']:.4g} work units, {facts['operator_applications']:.4g} operator applications",
         f"certificate: pressure within {facts['error_bound']:.2g} of this grid's exact one (energy norm), "
@@ -36,6 +37,10 @@ def report(facts, grid, output=None):
         f"residual {facts['residual']:.3g}, {facts['solve_seconds']:.3g} s on {_count(facts['ranks'], 'rank')} "
         f"(set-up {facts['setup_seconds']:.3g} s)",
     ]
+    for number in ("2", ""):
+        if f"surface_read{number}" in facts:
+            read = facts[f"surface_read{number}"]
+            lines.insert(1, f"surface file {facts[f'surface_file{number}']}: {read}")
     if "body1_radii" in facts:
         lines.insert(
             2,
@@ -46,10 +51,19 @@ def report(facts, grid, output=None):
         lines.insert(
             2, f"mean pressure {facts['mean_pressure']:.8g} N/mm2, mean gap {facts['mean_gap']:.8g} mm"
         )
-    lines += _more(facts)
+    lines += _more(facts, grid)
     if output:
         lines.append(f"result in {output}")
     return "\n  ".join(lines)
+
+
+def _theories(facts):
+    """What theories of rough surfaces say of the contact fraction."""
+    if "persson_fraction" not in facts:
+        return ""
+    persson, bgt = facts["persson_fraction"], facts["bush_gibson_thomas_fraction"]
+    light = f", Bush, Gibson and Thomas {100 * bgt:.4g}%" if bgt == bgt else ""
+    return f" (Persson {100 * persson:.4g}%{light})"
 
 
 def _elastic(facts):
@@ -66,7 +80,7 @@ def _elastic(facts):
     return text
 
 
-def _more(facts):
+def _more(facts, grid):
     """Observables and errors, as far as they are known."""
     corrected = facts["contact_area"] * _ratio(facts["contact_fraction_corrected"], facts["contact_fraction"])
     lines = [
@@ -80,7 +94,8 @@ def _more(facts):
         lines.append(
             f"ellipse of the contact: semi-axes {facts['semi_axis_major']:.6g} and {facts['semi_axis_minor']:.6g} mm, "
             f"the longer at {facts['major_axis_angle']:.4g} degrees from x; centre of pressure "
-            f"({facts['pressure_centre_x']:.4g}, {facts['pressure_centre_y']:.4g}) mm"
+            f"({resolved(facts['pressure_centre_x'], grid.dx):.6g}, "
+            f"{resolved(facts['pressure_centre_y'], grid.dy):.6g}) mm"
         )
     if "stiffness" in facts:
         lines.append(f"stiffness {facts['stiffness']:.8g} N/mm, by one more linear solve")
@@ -94,13 +109,19 @@ def _more(facts):
     if analytic:
         lines.append(f"analytic, and how far off this is: {', '.join(analytic)}")
     errors = [
-        f"{_words(name)} {facts[f'{name}_error']:.1e}" for name in _WITH_ERROR if facts[f"{name}_error"] > 0
+        f"{_words(name)} {_error(facts[f'{name}_error'])}"
+        for name in _WITH_ERROR
+        if facts[f"{name}_error"] > 0
     ]
     if facts["discretisation_error"] > 0:
         errors.append(f"pressure (rms) {facts['discretisation_error']:.1e}")
     if errors:
         lines.append(f"relative errors that the size of the cells makes, about: {', '.join(errors)}")
     return lines
+
+
+def _error(value):
+    return f"{value:.1e}" if value < 1 else "does not converge"
 
 
 def along(path, wanted):

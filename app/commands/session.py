@@ -152,7 +152,8 @@ def run(main, argv=None):
     streams.repair()
     status, complaint = 1, None
     try:
-        status = main(start(sys.argv if argv is None else argv)) or 0
+        words = sys.argv if argv is None else argv
+        status = main(start(["-help" if word == "--help" else word for word in words])) or 0
     except InputError as error:
         complaint = one_line(error)
     except MemoryError as error:

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from app.halfspace.connected import connected_sets
 from app.halfspace.stress import von_mises
 from app.output.figures import title
 from app.output.maps import finite_pressure, spacing
-from app.output.patches import label_patches
 from app.output.style import (
     BLUE,
     DASHED,
@@ -19,13 +19,13 @@ from app.output.style import (
     GREY,
     ORANGE,
     PURPLE,
-    length_unit,
     linear_ticks,
     log_axis,
     new_figure,
     styled,
 )
 from app.problems.statistics import radial_spectrum
+from app.units import length_unit
 
 _BINS_PER_DECADE = 8
 _STRESS_MAP = "magma_r"
@@ -66,7 +66,7 @@ def _density(axes, values, label, unit):
 
 def _draw_patches(axes, result):
     """How many patches are at least so large."""
-    _, cells = label_patches(result.contact == 1, result.attributes.get("periodic"))
+    _, cells = connected_sets(result.contact == 1, result.attributes.get("periodic"))
     cell = spacing(result.x) * spacing(result.y)
     unit = length_unit(np.sqrt(cells.max(initial=0) * cell))
     axes.set(xlabel=f"area A of a patch  [{unit.name}²]", ylabel="patches of at least A")

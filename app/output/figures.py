@@ -18,12 +18,12 @@ from app.output.style import (
     DASHED,
     ORANGE,
     PALE,
-    length_unit,
     linear_ticks,
     log_axis,
     new_figure,
     styled,
 )
+from app.units import length_unit
 
 PROBLEMS = {
     "hertz": "Hertz contact",

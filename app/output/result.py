@@ -20,7 +20,7 @@ dataset                    shape       type     unit   meaning (symbol of the pa
 
 Root attributes are Python numbers, strings or small numeric arrays: lengths and `approach` in mm,
 `load` in N, pressures and moduli in N/mm2, times in s; `residual` is (5.1), without unit. Of the others
-README.md says what they mean.
+docs/results.md says what they mean.
 Datasets and attributes beyond the required ones are kept.
 """
 

@@ -6,7 +6,6 @@ So pictures need no display and do not pile up. Not collective: call on one rank
 from __future__ import annotations
 
 from functools import wraps
-from typing import NamedTuple
 
 import matplotlib
 import numpy as np
@@ -42,21 +41,6 @@ STYLE = {
     "svg.hashsalt": "contact",  # the same picture is the same file
 }
 _INCHES_PER_TICK = 0.75
-
-
-class Unit(NamedTuple):
-    """A unit of length: how many of it are a mm, and its name."""
-
-    per_mm: float
-    name: str
-
-
-def length_unit(largest):
-    """Unit in which lengths up to `largest` [mm] are numbers that one reads: nm, µm, mm or m."""
-    for least, unit in ((2e4, Unit(1e-3, "m")), (0.2, Unit(1.0, "mm")), (2e-4, Unit(1e3, "µm"))):
-        if largest >= least:
-            return unit
-    return Unit(1e6, "nm") if largest > 0 else Unit(1.0, "mm")
 
 
 def styled(draw):

@@ -1,9 +1,9 @@
 """XDMF: a small text file beside result files that tells ParaView and others what is in them.
 
 A result becomes a uniform grid with its fields on cells; several results, such as the steps of a load path, a series in
-time. The file names the HDF5 files by their names alone: keep them in one folder. As a mesh of two
-directions (``2DCoRectMesh``) all of ParaView's readers take it, but stand it in their y-z plane; the three-dimensional
-topology of the same cells is read by one of them only.
+time. The file names the HDF5 files by their names alone: keep them in one folder. The patch is one layer of cells below
+z = 0: ParaView's readers stand a mesh of two directions (``2DCoRectMesh``) in the y-z plane, and only one of them reads
+fields on a layer without thickness.
 
 Not collective: call on one rank.
 """
@@ -79,19 +79,20 @@ def _read(result):
 def _grid(result, x, y, fields):
     """Text of a grid as a function of its time."""
     dx, dy = (float(c[-1] - c[0]) / (c.size - 1) if c.size > 1 else 1.0 for c in (x, y))
-    corner = f"{float(y[0]) - dy / 2!r} {float(x[0]) - dx / 2!r}"
+    dz = min(dx, dy)
+    corner = f"{-dz!r} {float(y[0]) - dy / 2!r} {float(x[0]) - dx / 2!r}"
     attributes = "".join(
         f"<Attribute Name={quoteattr(name)} AttributeType=\"Scalar\" Center=\"Cell\">\n"
-        f"{_item(f'{y.size} {x.size}', 'HDF', f'{result.name}:/{name}', kind)}</Attribute>\n"
+        f"{_item(f'1 {y.size} {x.size}', 'HDF', f'{result.name}:/{name}', kind)}</Attribute>\n"
         for name, kind in fields.items()
     )
 
     def text(time):
         return (
             f"<Grid Name={quoteattr(result.stem)} GridType=\"Uniform\">\n<Time Value=\"{time!r}\"/>\n"
-            f'<Topology TopologyType="2DCoRectMesh" Dimensions="{y.size + 1} {x.size + 1}"/>\n'
-            f'<Geometry GeometryType="ORIGIN_DXDY">\n'
-            f"{_item('2', 'XML', corner)}{_item('2', 'XML', f'{dy!r} {dx!r}')}</Geometry>\n{attributes}</Grid>\n"
+            f'<Topology TopologyType="3DCoRectMesh" Dimensions="2 {y.size + 1} {x.size + 1}"/>\n'
+            f'<Geometry GeometryType="ORIGIN_DXDYDZ">\n'
+            f"{_item('3', 'XML', corner)}{_item('3', 'XML', f'{dz!r} {dy!r} {dx!r}')}</Geometry>\n{attributes}</Grid>\n"
         )
 
     return text

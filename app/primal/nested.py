@@ -49,14 +49,12 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
     if not loading.prescribes_load:
         state = ContactState(hierarchy.target, distances[last])
         state.approach = loading.approach
-        if (
-            state.first_touch() >= state.depth
-        ):  # where rounding would look for a pressure in the cells that just touch
+        if state.first_touch() >= state.depth:  # rounding would look for a pressure in cells that just touch
             history.start(state, target_solver)
             state.start_from_interpenetration()
             return state, Outcome(True, NO_CONTACT)
         state.destroy()
-    coarse, outcome, difference, before = None, None, float("nan"), None
+    coarse, outcome, difference, numbers = None, None, float("nan"), []
     for number in route(hierarchy, distances, loading, nested) if nested and start is None else [last]:
         level, target = hierarchy.levels[number], number == last
         state = ContactState(level, distances[number])
@@ -89,14 +87,14 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
             difference = (
                 _difference(hierarchy.transfers[number], coarse.state.p, state) if target else difference
             )
-            before = coarse.numbers()
+            numbers.append(coarse.numbers())
             coarse.state.destroy()
             coarse.destroy()
         coarse = primal
     primal.destroy()
     errors = UNKNOWN
-    if before:
-        errors = errors_from(before, numbers_on(state), state.first_touch(), loading.prescribes_load)
+    if numbers:
+        errors = errors_from([*numbers, numbers_on(state)], state.first_touch(), loading.prescribes_load)
     return state, replace(outcome, discretisation_error=difference, grid_errors=errors)
 
 

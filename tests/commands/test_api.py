@@ -60,7 +60,7 @@ def test_an_exception_that_nobody_catches(ranks, tmp_path):
 
 
 def test_word_of_five_lines(tmp_path):
-    """As the README says: arrays in, arrays out, nothing else to be started or ended."""
+    """Arrays in, arrays out, nothing else to be started or ended."""
     program = tmp_path / "program.py"
     program.write_text(PROBLEM + "print(round(solve(problem, approach=0.005).load, -1))\n")
     done = run(program)

@@ -266,7 +266,7 @@ def test_runs_from_any_folder_with_relative_names(cli, tmp_path):
 
 
 def test_help_names_the_choices(cli):
-    told = cli("-help").stdout
+    told = cli("--help").stdout
     assert "what is pressed together: hertz, punch, file" in told
     assert "(default 12,10)" in told
 

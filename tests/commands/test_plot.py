@@ -78,6 +78,24 @@ def test_several_files_have_a_folder_each_and_paths_are_drawn_together(path, tmp
         assert message in capsys.readouterr().err
 
 
+def test_files_of_one_name_have_folders_that_tell_them_apart(path, tmp_path, capsys):
+    """A path and its table, beside each other or in two folders; the same file twice is no use."""
+    text, out = "load,approach,contact_area\n1,0.01,0.1\n2,0.02,0.2\n", tmp_path / "out"
+    for file in (path.with_suffix(".csv"), tmp_path / "result.csv"):
+        file.write_text(text)
+    assert main([str(path), str(path.with_suffix(".csv")), "-o", str(out), "--dpi", "30"]) == 0
+    assert sorted(found.name for found in out.iterdir()) == ["result_csv", "result_h5"]
+    assert (
+        main([str(path.with_suffix(".csv")), str(tmp_path / "result.csv"), "-o", str(out), "--dpi", "30"])
+        == 0
+    )
+    folders = [path.parent.name, tmp_path.name]
+    assert all((out / f"{folder}_result_csv/path.png").is_file() for folder in folders)
+    capsys.readouterr()
+    assert main([str(path), str(path), "-o", str(out)]) == 2
+    assert "two are named result" in capsys.readouterr().err
+
+
 def test_exit_status_of_the_command(tmp_path):
     command = [sys.executable, "-m", "app.plot", "absent.h5", "-o", tmp_path]
     run = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
