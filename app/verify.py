@@ -1,8 +1,8 @@
-"""All that the program is trusted for, checked: ``python -m app.verify -o DIR [-only NAME ...] [-quick]``.
+"""All that the program is trusted for, checked: ``python -m app.verify -o DIR [--only NAME ...] [--quick]``.
 
 Analytic solutions with observed orders, invariances, independent solvers, every method by every loading, numbers of
 ranks, the certificate against true errors. DIR gets ``verification.md``, the figures with their limits, and its
-pictures ``verification-orders.png`` and ``verification-certificate.png``. All takes some minutes on one core; -quick,
+pictures ``verification-orders.png`` and ``verification-certificate.png``. All takes some minutes on one core; --quick,
 small cases, half a minute.
 
 Exit status: 0 all limits are kept; 1 some are not; 2 bad input; 130 interrupted, nothing is written.
@@ -43,7 +43,7 @@ def _main(argv):
     names = given.only or list(CHECKS)
     for name in names:
         if name not in CHECKS:
-            raise InputError(f"-only {name}: unknown; allowed: {', '.join(CHECKS)}")
+            raise InputError(f"--only {name}: unknown; allowed: {', '.join(CHECKS)}")
     if "ranks" in names:
         check_ranks(2)
     check_folder(given.output)
@@ -53,7 +53,7 @@ def _main(argv):
     for name, picture in pictures.items():
         if picture is not None:
             save_figure(picture, given.output / name, dpi=100)
-    arguments = "".join(f" -only {name}" for name in given.only or ()) + " -quick" * given.quick
+    arguments = "".join(f" --only {name}" for name in given.only or ()) + " --quick" * given.quick
     text = document(results, arguments, [name for name, picture in pictures.items() if picture is not None])
     with whole_file(given.output / "verification.md") as temporary:
         temporary.write_text(text, encoding="utf-8")

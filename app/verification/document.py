@@ -36,9 +36,9 @@ _HEAD = """\
 
 {summary} Made by `python -m app.verify -o DIR{arguments}` on {date} with version {version}; {software}; {machine}.
 
-Each table is made anew by the command above it; without `-only` all are. `≤` and `≥` are the limits that a figure has
+Each table is made anew by the command above it; without `--only` all are. `≤` and `≥` are the limits that a figure has
 to keep; figures without one are told only. Errors are relative, pressures over the largest one, unless said otherwise.
-The test suite runs all checks on small cases (`-quick`).
+The test suite runs all checks on small cases (`--quick`).
 """
 
 
@@ -139,7 +139,7 @@ def _table(result, quick):
         }
         for figure in result.figures
     ]
-    command = f"python -m app.verify -o DIR -only {result.check.name}" + " -quick" * quick
+    command = f"python -m app.verify -o DIR --only {result.check.name}" + " --quick" * quick
     return f"### {result.check.title}\n\n{result.check.law}\n\n    {command}\n\n{markdown(rows)}"
 
 

@@ -59,7 +59,7 @@ def checks(monkeypatch):
 def test_the_document_has_every_figure_and_the_command_fails_with_one(checks, tmp_path, capsys):
     assert verify.main(["-o", str(tmp_path)]) == 1
     text = (tmp_path / "verification.md").read_text()
-    assert "1 of 2 limits are not kept" in text and "**FAIL**" in text and "-only bad" in text
+    assert "1 of 2 limits are not kept" in text and "**FAIL**" in text and "--only bad" in text
     assert "error: 1, has to be ≤ 0.5" in capsys.readouterr().out
     assert (tmp_path / document.ORDERS).is_file() and document.ORDERS in text
     assert not (tmp_path / document.SHARPNESS).exists()
@@ -68,10 +68,10 @@ def test_the_document_has_every_figure_and_the_command_fails_with_one(checks, tm
 def test_one_check_alone(checks, tmp_path):
     assert verify.main(["-o", str(tmp_path), "-only", "good", "-quick"]) == 0
     text = (tmp_path / "verification.md").read_text()
-    assert "All 1 limits are kept" in text and "-only good -quick" in text and "Bad" not in text
+    assert "All 1 limits are kept" in text and "--only good --quick" in text and "Bad" not in text
 
 
 def test_bad_input_is_one_line(checks, tmp_path, capsys):
     assert verify.main(["-o", str(tmp_path), "-only", "better"]) == 2
-    assert capsys.readouterr().err == "error: -only better: unknown; allowed: good, bad\n"
+    assert capsys.readouterr().err == "error: --only better: unknown; allowed: good, bad\n"
     assert verify.main(["-o", str(tmp_path / "a" / "b")]) == 2
