@@ -113,8 +113,13 @@ def method_file(name):
     for folder in _PLACES:
         if (folder / f"{name}.opts").is_file():
             return folder / f"{name}.opts"
-    known = sorted(path.stem for folder in _PLACES for path in folder.glob("*.opts"))
-    raise InputError(f"method {name!r}: allowed: {', '.join(known)}")
+    raise InputError(f"method {name!r}: allowed: {', '.join(method_names())}")
+
+
+def method_names():
+    """Names of all method files, sorted. Not collective."""
+    files = {path.stem: path for folder in _PLACES for path in folder.glob("*.opts")}
+    return sorted(name for name, path in files.items() if path.read_text("utf-8").startswith("# Method:"))
 
 
 def read_method_file(name):
