@@ -28,8 +28,8 @@ def main(argv=None):
 def _main(argv):
     parser = Parser(prog="python -m app.verify", description="All that the program is trusted for, checked.")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder to write to")
-    parser.add_argument("-only", "--only", action="append", metavar="NAME", help="one check; may be repeated")
-    parser.add_argument("-quick", "--quick", action="store_true", help="small cases only")
+    parser.add_argument("--only", action="append", metavar="NAME", help="one check; may be repeated")
+    parser.add_argument("--quick", action="store_true", help="small cases only")
     given = parser.parse_args(argv)
     from app.verification.document import (
         CHECKS,
