@@ -101,7 +101,7 @@ def document(results, arguments, pictures):
         for name, caption in _PICTURES.get(title, {}).items():
             if name in pictures:
                 parts.append(f"![{caption}]({name})\n")
-        parts += [_table(result, "-quick" in arguments) for result in inside]
+        parts += [_table(result, "--quick" in arguments) for result in inside]
     return "\n".join(parts)
 
 
