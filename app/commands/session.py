@@ -124,6 +124,12 @@ def warn(message):
         streams.complain(f"warning: {message}")
 
 
+def note(message):
+    """Print a note on standard error. Not collective: only rank 0 prints."""
+    if _rank() == 0:
+        streams.complain(f"note: {message}")
+
+
 def peak_memory():
     """Largest memory of all ranks together so far [bytes]. Collective."""
     import resource

@@ -31,9 +31,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from app.compiled import njit
 from app.contact.state import Displacement
 from app.halfspace.grid import Grid
 from app.halfspace.influence import influence_quadrant
@@ -147,7 +147,7 @@ def _gaps_row(b, u, p, admissible, diagonal):
     return gaps, excess, to_p, squares
 
 
-@numba.njit(cache=True)
+@njit()
 def _gaps(b, u, p, admissible, diagonal):
     """Sums of the gap g that is to be reached, of g - e, of p g and p p."""
     sums = np.zeros(4)
@@ -169,7 +169,7 @@ def _moves_row(b, u, p, admissible, diagonal, factor, constant, elsewhere, out):
     return squares
 
 
-@numba.njit(cache=True)
+@njit()
 def _moves(b, u, p, admissible, diagonal, factor, constant, elsewhere, out):
     """out = w, what e moves by to the gap that is to be reached; return w.w."""
     squares = 0.0
@@ -188,7 +188,7 @@ def _moves_times_row(b, u, p, admissible, diagonal, factor, constant, elsewhere,
     return total
 
 
-@numba.njit(cache=True)
+@njit()
 def _moves_times(b, u, p, admissible, diagonal, factor, constant, elsewhere, field):
     """w.field, for w as of `_moves`."""
     total = 0.0
@@ -217,7 +217,7 @@ def _survey_row(b, u, p, admissible):
     return lift, penetration, tension, product, highest, deepest, energy, defect
 
 
-@numba.njit(cache=True)
+@njit()
 def _survey(b, u, p, admissible):
     """Largest of -e / u, -e, -p, |p e|, p, |h|; sums of p u and p e. h and e are zero in inadmissible cells."""
     largest, sums = np.full(6, -np.inf), np.zeros(2)
@@ -230,7 +230,7 @@ def _survey(b, u, p, admissible):
     return largest, sums
 
 
-@numba.njit(cache=True)
+@njit()
 def _lift(b, u, admissible, shares):
     """Sums of w u and w w for ``w = max(-(e + t u), 0)`` where e < 0, for each share t."""
     sums = np.zeros((2, shares.size))

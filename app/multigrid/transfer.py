@@ -7,9 +7,10 @@ slab in `interpolate`, need communication.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from petsc4py import PETSc
+
+from app.compiled import njit
 
 _FIRST, _LAST = 1, 2  # tags: which row of a slab
 
@@ -156,7 +157,7 @@ class Transfer:
         return _transfer_mat(_Prolongation(self), self.fine, self.coarse, comm)
 
 
-@numba.njit(cache=True)
+@njit()
 def _bilinear(coarse, fine, a, b, weight_y, c, d, weight_x):
     """fine[j, i] from the four coarse cells in rows a, b and columns c, d."""
     row = np.empty(coarse.shape[1])
