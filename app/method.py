@@ -15,16 +15,26 @@ default, `DEFAULT`. The strategies (-lcp_type) are
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from petsc4py import PETSc
 
 from app.errors import InputError
-from app.options import Option, OptionReader, as_line, as_texts, choice, count, flag, from_zero, real, renamed
+from app.options import (
+    FILES,
+    Option,
+    OptionReader,
+    as_line,
+    as_texts,
+    choice,
+    count,
+    flag,
+    from_zero,
+    real,
+    renamed,
+)
 from app.petsc import OptionDatabase, error_message
 
 DEFAULT, PERIODIC = "fast", "primal"
-_PLACES = Path(__file__).parent / "petsc_options", Path(__file__).parents[1] / "petsc_options"
 
 _tolerance = real("a number above 0 and below 1", above=0, highest=1 - 1e-9)
 METHOD_OPTIONS = [
@@ -87,11 +97,11 @@ def method_file(name):
     InputError
         If there is none.
     """
-    for folder in _PLACES:
-        if (folder / f"{name}.opts").is_file():
-            return folder / f"{name}.opts"
-    known = sorted(path.stem for folder in _PLACES for path in folder.glob("*.opts"))
-    raise InputError(f"method {name!r}: allowed: {', '.join(known)}")
+    if not (FILES / f"{name}.opts").is_file():
+        raise InputError(
+            f"method {name!r}: allowed: {', '.join(sorted(path.stem for path in FILES.glob('*.opts')))}"
+        )
+    return FILES / f"{name}.opts"
 
 
 def read_method_file(name):

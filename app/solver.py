@@ -44,7 +44,7 @@ from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.notes import notes_on
 from app.path import LoadPath
-from app.petsc import OptionDatabase, Resources, error_message
+from app.petsc import OptionDatabase, Resources, as_raised, check_cells, error_message
 from app.primal.solver import PrimalSolver
 from app.problems.given import ContactProblem
 from app.problems.problem import checked_shape
@@ -126,6 +126,7 @@ class ContactSolver:
         self._outer_comm = MPI.COMM_WORLD if comm is None else comm
         self.comm = self._resources.comm = self._outer_comm.Dup()
         try:
+            agree(self.comm, check_cells, problem.grid)
             agree(self.comm, check_memory, problem.grid, self.comm.size)
             texts = dict(options or {}) | methods.global_options(prefix)
             self.settings = agree(self.comm, methods.settings, method, texts, bool(problem.grid.periodic))
@@ -183,14 +184,15 @@ class ContactSolver:
         chosen, hierarchy = self.settings, self.hierarchy
         kind = {"fast": TrackingSolver, "primal": PrimalSolver}.get(chosen.strategy, LinearSolver)
         try:
-            if chosen.strategy in REFERENCE_SOLVERS:
-                stop = StoppingTest(chosen.rtol, chosen.max_it)
-                return REFERENCE_SOLVERS[chosen.strategy](hierarchy, stop)
-            if not hierarchy.windowed(hierarchy.target):
-                return kind(hierarchy)
-            level = hierarchy.finest_whole
-            kind(hierarchy, level, hierarchy.levels[level].petsc_comm).destroy()
-            return None
+            with as_raised():
+                if chosen.strategy in REFERENCE_SOLVERS:
+                    stop = StoppingTest(chosen.rtol, chosen.max_it)
+                    return REFERENCE_SOLVERS[chosen.strategy](hierarchy, stop)
+                if not hierarchy.windowed(hierarchy.target):
+                    return kind(hierarchy)
+                level = hierarchy.finest_whole
+                kind(hierarchy, level, hierarchy.levels[level].petsc_comm).destroy()
+                return None
         except PETSc.Error as error:
             raise InputError(f"solver options: {error_message(error)}") from None
         except (ValueError, ImportError, AttributeError) as error:

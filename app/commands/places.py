@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from app.errors import InputError, agree
-from app.options import ALIASES, renaming
+from app.options import ALIASES, option_file, renaming
 
 OPTION_FILES = ("-options_file", "-options_file_yaml")
 LARGEST_FILE = 1 << 24  # bytes of an option file
@@ -182,6 +182,7 @@ class _Reader:
             if name.lower() in OPTION_FILES:
                 if text is None:
                     raise InputError(f"{name}: a file name must follow")
+                text = option_file(text)
                 self._file(name, text, ())
             else:
                 own.append((name, text))
