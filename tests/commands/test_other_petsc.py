@@ -1,4 +1,4 @@
-"""Every method on Debian's other builds of PETSc: for debugging, where nothing may be left, and with larger integers."""
+"""Every method on Debian's other builds of PETSc: for debugging, where nothing may be left, and with long integers."""
 
 import os
 from pathlib import Path
