@@ -129,7 +129,8 @@ def for_the_start(argv, environment):
     for name, text in _environment_pairs(environment) + _pairs(argv[1:]):
         if _OF_PETSC.fullmatch(_name(name)):
             chosen += [name] if text is None else [name, text]
-    return [*argv[:1], *chosen, "-skip_petscrc"]
+    # A debug build would tell of unused options in the end; those of the solvers are looked after by `app.solver`.
+    return [*argv[:1], "-options_left", "no", *chosen, "-skip_petscrc"]
 
 
 def read(argv, environment):

@@ -95,7 +95,7 @@ def test_options_that_are_petscs_own_are_kept_apart(read, files):
         ["solve.py", "-grid", "8", "-log_view", "-options_file", "a.opts"],
         {"PETSC_OPTIONS": "-malloc_debug true"},
     )
-    assert words == ["solve.py", "-malloc_debug", "true", "-log_view", "-skip_petscrc"]
+    assert words == ["solve.py", "-options_left", "no", "-malloc_debug", "true", "-log_view", "-skip_petscrc"]
 
 
 @pytest.mark.parametrize(
