@@ -7,7 +7,8 @@ numba keeps what it has compiled beside the source, or in the user's cache where
 from __future__ import annotations
 
 import fcntl
-import getpass
+import os
+import stat
 import tempfile
 from contextlib import suppress
 from pathlib import Path
@@ -24,13 +25,22 @@ def njit(**options):
         try:
             dispatcher = numba.njit(cache=True, **options)(function)
         except RuntimeError:  # numba: no locator available
-            numba.config.CACHE_DIR = str(Path(tempfile.gettempdir(), f"numba-{getpass.getuser()}"))
+            numba.config.CACHE_DIR = str(_own_folder())
             dispatcher = numba.njit(cache=True, **options)(function)
         with suppress(AttributeError):  # should numba change: then every rank compiles for itself
             dispatcher._cache = _OneAtATime(dispatcher._cache)
         return dispatcher
 
     return decorate
+
+
+def _own_folder():
+    """A folder in the temporary one that nobody else can have put anything into: what numba loads is executed."""
+    folder = Path(tempfile.gettempdir(), f"numba-{os.getuid()}")
+    folder.mkdir(mode=0o700, exist_ok=True)
+    facts = folder.lstat()
+    mine = stat.S_ISDIR(facts.st_mode) and facts.st_uid == os.getuid() and not facts.st_mode & 0o022
+    return folder if mine else tempfile.mkdtemp()
 
 
 def _tell():
