@@ -49,9 +49,9 @@ class InexactStop(StoppingTest):
     predictor: float = 0.0
     error_bound: float = float("inf")
 
-    def allowed(self, state):
-        """Norm of the residual that is small enough [mm]. Collective."""
-        whole, inside = state.distance.norm(), state.h_on_contact()
+    def allowed(self, state, inside=None):
+        """Norm of the residual that is small enough [mm]. Collective, unless ||h|| on C is given [mm]."""
+        whole, inside = state.distance.norm(), state.h_on_contact() if inside is None else inside
         if not inside:
             return self.rtol * whole
         if not self.final:
@@ -64,9 +64,12 @@ class InexactStop(StoppingTest):
             return True
         return estimate(state).error_bound <= self.error_bound
 
-    def worth_verifying(self, state):
-        """Whether a verification product may end it; where contact is small the certificate says. Collective."""
-        light = self.final and IN_CONTACT * state.h_on_contact() < state.distance.norm()
+    def worth_verifying(self, state, inside):
+        """Whether a verification product may end it; where contact is small the certificate says. Collective.
+
+        `inside`: ||h|| on C [mm].
+        """
+        light = self.final and IN_CONTACT * inside < state.distance.norm()
         return self.promising(state) if light else True
 
     def tighter(self):
@@ -101,16 +104,17 @@ def inexact_active_set(state, solver, loading, stop, history):
     if not begin(state, solver, loading, history):
         return Outcome(not loading.prescribes_load, NO_CONTACT)
     for k in range(1, stop.max_it + 1):
-        allowed, done = stop.allowed(state), False
+        inside = state.h_on_contact()
+        allowed, done = stop.allowed(state, inside), False
         solver.set_contact()  # 2. (2.11) on C^k
         its, failure, norm = solver.improve(state, allowed)  # 3. a little, u along with p
         inner += its
         ready = norm <= allowed and (not stop.final or solver.tension(state) <= stop.rtol)
-        too_loose = ready and not stop.worth_verifying(state)
+        too_loose = ready and not stop.worth_verifying(state, inside)
         if ready and not stop.final:
             update, done = _leave(state, solver, loading, allowed)
         elif ready and not too_loose:
-            update, done = _verify(state, loading, stop)
+            update, done = _verify(state, loading, stop, allowed)
         else:
             solver.release(state)  # (4.a), and u along with it
             loading.update(state)
@@ -134,7 +138,7 @@ def inexact_active_set(state, solver, loading, stop, history):
     )
 
 
-def _verify(state, loading, stop):
+def _verify(state, loading, stop, allowed):
     """Steps 4 to 6 on the target grid by a product in double precision, the load met exactly. Collective.
 
     Returns
@@ -147,7 +151,7 @@ def _verify(state, loading, stop):
         state.compute_displacement(exact=True)
     loading.update(state)
     update = state.activate_penetrating()  # (4.b)
-    if not update.changed and update.residual <= stop.allowed(state):
+    if not update.changed and update.residual <= allowed:
         update = loading.settle(state, update)
     return update, not update.changed and update.residual <= stop.allowed(state)  # 5. and 6. (5.1)
 
@@ -162,6 +166,6 @@ def _leave(state, solver, loading, allowed):
     if enough:
         state.release_tensile()  # (4.a)
     else:
-        solver.release(state)  # (4.a), and u along with it
+        solver.release(state, found=True)  # (4.a), and u along with it
         loading.update(state)
     return state.activate_penetrating(), enough  # (4.b)

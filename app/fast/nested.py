@@ -46,7 +46,7 @@ def nested_iteration(
     """
     last = len(hierarchy.levels) - 1
     coarse = outcome = predicted = None
-    difference, before = float("nan"), None
+    difference, numbers = float("nan"), []
     for number in route(hierarchy, distances, loading, nested):
         level, target = hierarchy.levels[number], number == last
         stage = Stage(hierarchy, number, distances[number], coarse if nested else None, predicted)
@@ -67,7 +67,7 @@ def nested_iteration(
         if coarse is not None:
             if nested:
                 difference = _difference(stage.transfer, stage.coarse.p, state)
-                before = numbers_on(stage.coarse)
+                numbers.append(numbers_on(stage.coarse))
             coarse.destroy()
         stage.close()
         coarse = state
@@ -78,8 +78,8 @@ def nested_iteration(
                 outcome = rest.after(outcome)
     telling = stop.coarse_rtol <= _TELLING * difference
     errors = UNKNOWN
-    if before:
-        errors = errors_from(before, numbers_on(state), state.first_touch(), loading.prescribes_load)
+    if numbers:
+        errors = errors_from([*numbers, numbers_on(state)], state.first_touch(), loading.prescribes_load)
     return state, replace(
         outcome, discretisation_error=difference if telling else float("nan"), grid_errors=errors
     )

@@ -74,3 +74,36 @@ class Halo:
             MPI.Request.Waitall(requests)
         half = len(rows) // 2
         return rows[:half], rows[half:]
+
+
+def row_before(field, periodic, slabs, comm, beyond):
+    """Row before the first one of this rank.
+
+    Collective. Before the first of a periodic patch comes its last one, of a free patch a row of the value `beyond`.
+
+    Parameters
+    ----------
+    field : ndarray, shape (local rows, nx)
+    periodic : bool
+    slabs : Slabs or None
+        None: all rows are here.
+    comm : mpi4py communicator or None
+    beyond : number
+
+    Returns
+    -------
+    ndarray, shape (nx,)
+    """
+    row = np.full(field.shape[1], beyond, field.dtype)
+    owners = [rank for rank, count in enumerate(slabs.counts) if count] if slabs else [0]
+    if not len(field):
+        return row
+    if len(owners) == 1:
+        return field[-1].copy() if periodic else row
+    place = owners.index(slabs.rank)
+    before, after = owners[place - 1], owners[(place + 1) % len(owners)]
+    if not periodic:
+        before = before if place else MPI.PROC_NULL
+        after = after if after > slabs.rank else MPI.PROC_NULL
+    comm.Sendrecv(field[-1].copy(), after, recvbuf=row, source=before)
+    return row

@@ -11,12 +11,66 @@ import math
 
 from app.halfspace.grid import Slabs
 from app.halfspace.operator import InfluenceOperator
+from app.memory import check_hosts, doubles_per_cell
 from app.multigrid.transfer import Transfer
 
 LARGEST_DIRECT = 1024  # cells of a grid whose matrix may be stored and factorised
 
 
 _SMALLEST_WINDOWED = 64 * 64  # cells; on smaller grids it does not pay to leave any out
+
+
+def plan(grid, comm, coarsest=4, replicate=64 * 64, single=False):
+    """Grids of a hierarchy, parameters as of `Hierarchy`; nothing is allocated. Not collective.
+
+    Returns
+    -------
+    grids : list of Grid
+        The target first.
+    factors : list of (int, int)
+        From each to the next.
+    cut : list of bool
+        Whether a grid is cut into slabs; else it is replicated.
+    slabs : Slabs
+        Of the target grid.
+    """
+    grids, factors = [grid], []
+    most = 1 if single else grid.n  # grids; more there cannot be
+    if not single and grid.coarsen(coarsest) is None:
+        coarsest, most = 1, 2  # a multigrid method needs two grids
+    while len(grids) < most and (coarser := grids[-1].coarsen(coarsest)) is not None:
+        factors.append(grids[-1].coarsening(coarsest))
+        grids.append(coarser)
+    # The target grid is cut into slabs, small grids are not, nor is the coarsest if it can be solved directly.
+    direct = grids[-1].n <= LARGEST_DIRECT
+    cut = [
+        comm.size > 1 and (g is grid or (g.n > replicate and not (g is grids[-1] and direct))) for g in grids
+    ]
+    # Cells of the next coarser grid lie on one rank; on a periodic patch those of the one after it, too (TwoGrid).
+    together = (cut.index(False) if False in cut else len(cut)) + bool(grid.periodic)
+    block = math.prod(fy for fy, _ in factors[:together])
+    slabs = Slabs.over(comm, grid.ny, block)
+    return grids, factors, cut, slabs
+
+
+def check_room(comm, grid, settings):
+    """Refuse a target grid for which some host has not the memory; nothing is allocated. Collective.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    grid : Grid
+    settings : app.method.Settings
+
+    Raises
+    ------
+    InputError
+    """
+    grids, _, cut, slabs = plan(grid, comm, settings.coarsest, settings.replicate**2)
+    replicated = [coarse.n for coarse, is_cut in zip(grids, cut, strict=True) if comm.size > 1 and not is_cut]
+    check_hosts(
+        comm, grid, slabs.local * grid.nx + sum(replicated), doubles_per_cell(settings, grid.periodic)
+    )
 
 
 class Hierarchy:
@@ -47,23 +101,7 @@ class Hierarchy:
     ):
         self.comm, self.compliance, self.dtype, self.margin = comm, compliance, dtype, margin
         self._spent = 0.0  # in windows that are gone
-        grids, factors = [grid], []
-        most = 1 if single else grid.n  # grids; more there cannot be
-        if not single and grid.coarsen(coarsest) is None:
-            coarsest, most = 1, 2  # a multigrid method needs two grids
-        while len(grids) < most and (coarser := grids[-1].coarsen(coarsest)) is not None:
-            factors.append(grids[-1].coarsening(coarsest))
-            grids.append(coarser)
-        # The target grid is cut into slabs, small grids are not, nor is the coarsest if it can be solved directly.
-        direct = grids[-1].n <= LARGEST_DIRECT
-        cut = [
-            comm.size > 1 and (g is grid or (g.n > replicate and not (g is grids[-1] and direct)))
-            for g in grids
-        ]
-        # Cells of the next coarser grid lie on one rank; on a periodic patch those of the one after it, too (TwoGrid).
-        together = (cut.index(False) if False in cut else len(cut)) + bool(grid.periodic)
-        block = math.prod(fy for fy, _ in factors[:together])
-        slabs = Slabs.over(comm, grid.ny, block)
+        grids, factors, cut, slabs = plan(grid, comm, coarsest, replicate, single)
         self.levels, self.transfers = [], [None]
         for number, level in enumerate(grids):
             if number:

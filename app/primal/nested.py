@@ -44,7 +44,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
         On the target grid.
     """
     last = len(hierarchy.levels) - 1
-    coarse, outcome, difference, before = None, None, float("nan"), None
+    coarse, outcome, difference, numbers = None, None, float("nan"), []
     for number in route(hierarchy, distances, loading, nested) if nested and start is None else [last]:
         level, target = hierarchy.levels[number], number == last
         state = ContactState(level, distances[number])
@@ -77,14 +77,14 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
             difference = (
                 _difference(hierarchy.transfers[number], coarse.state.p, state) if target else difference
             )
-            before = coarse.numbers()
+            numbers.append(coarse.numbers())
             coarse.state.destroy()
             coarse.destroy()
         coarse = primal
     primal.destroy()
     errors = UNKNOWN
-    if before:
-        errors = errors_from(before, numbers_on(state), state.first_touch(), loading.prescribes_load)
+    if numbers:
+        errors = errors_from([*numbers, numbers_on(state)], state.first_touch(), loading.prescribes_load)
     return state, replace(outcome, discretisation_error=difference, grid_errors=errors)
 
 
