@@ -14,7 +14,7 @@ default, `DEFAULT`. The strategies (-lcp_type) are
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from petsc4py import PETSc
 
@@ -93,7 +93,7 @@ class Settings:
     texts: dict
     warnings: tuple = ()
     stages: tuple = ()  # name of a file, and all that files have said when it ends: without what overrides it later
-    of_files: frozenset = frozenset()  # names that nothing but files has set
+    of_files: frozenset = field(default=frozenset(), repr=False)  # names that nothing but files has set; in any order
 
     @property
     def summary(self):
