@@ -93,7 +93,9 @@ class Settings:
     texts: dict
     warnings: tuple = ()
     stages: tuple = ()  # name of a file, and all that files have said when it ends: without what overrides it later
-    of_files: frozenset = field(default=frozenset(), repr=False)  # names that nothing but files has set; in any order
+    of_files: frozenset = field(
+        default=frozenset(), repr=False
+    )  # names that nothing but files has set; in any order
 
     @property
     def summary(self):
@@ -110,10 +112,15 @@ def method_file(name):
         If there is none.
     """
     if not (FILES / f"{name}.opts").is_file():
-        raise InputError(
-            f"method {name!r}: allowed: {', '.join(sorted(path.stem for path in FILES.glob('*.opts')))}"
-        )
+        raise InputError(f"method {name!r}: allowed: {', '.join(method_names())}")
     return FILES / f"{name}.opts"
+
+
+def method_names():
+    """Names of all method files, sorted. Not collective."""
+    return sorted(
+        path.stem for path in FILES.glob("*.opts") if path.read_text("utf-8").startswith("# Method:")
+    )
 
 
 def read_method_file(name):
