@@ -62,7 +62,7 @@ def small_machine(monkeypatch):
 @pytest.mark.parametrize("name", ["gap.h5", "gap.npy"])
 def test_sparse_and_huge_gap_file(sparse, name, monkeypatch):
     small_machine(monkeypatch)
-    with pytest.raises(InputError, match=r"grid 40000,40000: needs about 107 GiB .* 1 GiB are free"):
+    with pytest.raises(ValueError, match=r"grid 40000,40000: needs about 107 GiB .* 1 GiB are free"):
         made(problem="file", gap_file=sparse(name, 40_000))
     with pytest.raises(InputError, match=r"has 1000000 x 1000000 cells; at most 2147483647 are possible"):
         made(problem="file", gap_file=sparse(name, 1_000_000))
@@ -76,7 +76,7 @@ def test_sparse_and_huge_text(sparse, monkeypatch):
 
 def test_grid_beyond_the_machine(monkeypatch):
     small_machine(monkeypatch)
-    with pytest.raises(InputError, match="grid 20000,20000: needs about 26.8 GiB"):
+    with pytest.raises(ValueError, match="grid 20000,20000: needs about 26.8 GiB"):
         made(problem="hertz", grid="20000", hertz_rx="1", hertz_ry="1")
 
 
