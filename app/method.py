@@ -15,12 +15,12 @@ default, `DEFAULT`. The strategies (-lcp_type) are
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from petsc4py import PETSc
 
 from app.errors import InputError
 from app.options import (
+    FILES,
     Option,
     OptionReader,
     as_line,
@@ -37,7 +37,6 @@ from app.options import (
 from app.petsc import OptionDatabase, error_message
 
 DEFAULT, PERIODIC = "fast", "primal"
-_PLACES = Path(__file__).parent / "petsc_options", Path(__file__).parents[1] / "petsc_options"
 
 _tolerance = real("a number above 0 and below 1", above=0, highest=1 - 1e-9)
 METHOD_OPTIONS = [
@@ -112,16 +111,16 @@ def method_file(name):
     InputError
         If there is none.
     """
-    for folder in _PLACES:
-        if (folder / f"{name}.opts").is_file():
-            return folder / f"{name}.opts"
-    raise InputError(f"method {name!r}: allowed: {', '.join(method_names())}")
+    if not (FILES / f"{name}.opts").is_file():
+        raise InputError(f"method {name!r}: allowed: {', '.join(method_names())}")
+    return FILES / f"{name}.opts"
 
 
 def method_names():
     """Names of all method files, sorted. Not collective."""
-    files = {path.stem: path for folder in _PLACES for path in folder.glob("*.opts")}
-    return sorted(name for name, path in files.items() if path.read_text("utf-8").startswith("# Method:"))
+    return sorted(
+        path.stem for path in FILES.glob("*.opts") if path.read_text("utf-8").startswith("# Method:")
+    )
 
 
 def read_method_file(name):

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from functools import cache
 
-import numba
 import numpy as np
 from petsc4py import PETSc
 
+from app.compiled import njit
 from app.halfspace.reductions import any_order, sum_over
 
 # r and d vanish outside C; z and q need not. Rows are gone through from their first to their last cell of C.
@@ -133,7 +133,7 @@ def _dots(a, b, c, spans):
     return first, second
 
 
-@numba.njit(cache=True)
+@njit()
 def _find_spans(contact, spans):
     """First and last but one column of C in each row."""
     for j in range(contact.shape[0]):
