@@ -24,7 +24,6 @@ from app import __version__
 from app.commands import streams
 from app.errors import InputError, agree, one_line
 
-NEEDED = ("mpi4py", "petsc4py", "numpy", "scipy", "numba", "h5py")
 PATIENCE = 3.0  # s; of a rank that has met an error, until it believes that the others have not
 
 
@@ -169,9 +168,8 @@ def run(main, argv=None):
         Default: ``sys.argv``.
     """
     streams.repair()
-    if missing := [name for name in NEEDED if find_spec(name) is None]:
-        # Without MPI no rank knows of the others; mpiexec ends them.
-        where = f"host {socket.gethostname()}: {sys.executable} has no {', '.join(missing)}"
+    if find_spec("mpi4py") is None:  # no rank knows of the others; mpiexec ends them
+        where = f"host {socket.gethostname()}: {sys.executable} has no mpi4py"
         streams.complain(
             f"error: {where}; . run/env brings the right Python, and run/mpi brings it to all hosts"
         )
