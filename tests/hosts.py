@@ -11,7 +11,6 @@ import argparse
 import fcntl
 import os
 import select
-import shlex
 import shutil
 import signal
 import struct
