@@ -28,7 +28,7 @@ ADDRESSES = ("10.77.0.1", "10.77.0.2")
 FILES = {"net": "net", "uts": "uts", "ipc": "ipc", "mount": "mnt", "pid": "pid"}  # of namespaces, in /proc
 NAMESPACES = [f"--{name}" for name in FILES]
 TUN, NO_HEADER, ATTACH = 0x0001, 0x1000, 0x400454CA  # IFF_TUN, IFF_NO_PI, TUNSETIFF
-FIRST = "read number rest </proc/self/stat; echo $number; exec sleep infinity"
+FIRST = "read number rest </proc/self/stat; echo $number; sleep infinity & wait"  # it buries orphans, too
 FRAME = 65536  # bytes
 
 
