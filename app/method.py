@@ -20,7 +20,19 @@ from pathlib import Path
 from petsc4py import PETSc
 
 from app.errors import InputError
-from app.options import Option, OptionReader, as_line, as_texts, choice, count, flag, from_zero, real, renamed
+from app.options import (
+    Option,
+    OptionReader,
+    as_line,
+    as_texts,
+    choice,
+    count,
+    count_from_zero,
+    flag,
+    from_zero,
+    real,
+    renamed,
+)
 from app.petsc import OptionDatabase, error_message
 
 DEFAULT, PERIODIC = "fast", "primal"
@@ -39,11 +51,12 @@ METHOD_OPTIONS = [
     Option("lcp_window", from_zero, 0.0, "fast: work in a window around contact, with this margin; 0: all cells"),
     Option("lcp_beta", from_zero, 0.003, "nested: start set after prolongation by copy, eq. (4.1)"),
     Option("lcp_coarsest", count, 4, "directions of up to this many cells are not coarsened"),
-    Option("lcp_replicate", count, 64, "grids of up to this many cells squared are held by all ranks"),
+    Option("lcp_cells_per_rank", count_from_zero, 0, "at least, of coarser grids and windows; 0: by the latency"),
     Option("lcp_precision", choice("double", "single"), "double", "fast: of products; answers are verified in double"),
 ]  # fmt: skip
 _GONE = {
     "lcp_merge": "tighter contact sets (-ksp_rtol) do what it did",
+    "lcp_replicate": "-lcp_cells_per_rank says how many cells a rank gets at least",
     "lcp_cheap": "a larger -lcp_rtol does what it did, with a certificate",
 }
 _ONLY_FAST = ("lcp_coarse_rtol", "lcp_predictor", "lcp_window", "lcp_precision")
@@ -68,7 +81,7 @@ class Settings:
     window: float
     beta: float
     coarsest: int
-    replicate: int
+    cells_per_rank: int
     single: bool
     texts: dict
     warnings: tuple = ()
@@ -156,7 +169,7 @@ def settings(method=None, options=None, periodic=False):
     return Settings(
         strategy, nested, reader["lcp_rtol"], reader["lcp_error_bound"], reader["lcp_max_it"],
         reader["lcp_coarse_rtol"], reader["lcp_predictor"], reader["lcp_prolongation"] == "lift",
-        reader["lcp_window"], reader["lcp_beta"], reader["lcp_coarsest"], reader["lcp_replicate"],
+        reader["lcp_window"], reader["lcp_beta"], reader["lcp_coarsest"], reader["lcp_cells_per_rank"],
         reader["lcp_precision"] == "single", texts, tuple(warnings),
     )  # fmt: skip
 

@@ -321,3 +321,4 @@ def domain(text):
 positive = real("a positive number", above=0)
 from_zero = real("a number from 0", lowest=0)
 count = integer(1, "a whole number of at least 1")
+count_from_zero = integer(0, "a whole number from 0")

@@ -60,7 +60,7 @@ class Solution:
         Grids on which the safeguard took over.
     certificate : Certificate
     history : dict of str to list
-        A column per quantity, an entry per active set iteration; complete on rank 0.
+        A column per quantity, an entry per active set iteration.
     problem : dict
         What the problem says of itself.
     options : str
@@ -148,7 +148,7 @@ class Solution:
 
     @property
     def attributes(self):
-        """All numbers, as they go into the root of a result file. Not collective; complete on rank 0."""
+        """All numbers, as they go into the root of a result file. Not collective."""
         from app import __version__
 
         return {

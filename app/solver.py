@@ -38,6 +38,7 @@ from app.contact.stopping import StoppingTest
 from app.errors import InputError, agree
 from app.fast.circulant import circulant_of
 from app.fast.solver import TrackingSolver
+from app.halfspace.communication import Communicator
 from app.halfspace.grid import check_memory
 from app.halfspace.influence import influence_quadrant
 from app.multigrid.hierarchy import Hierarchy
@@ -124,7 +125,7 @@ class ContactSolver:
         self._finalizer = weakref.finalize(self, self._resources.free)
         self.problem, self.listeners = problem, list(listeners)
         self._outer_comm = MPI.COMM_WORLD if comm is None else comm
-        self.comm = self._resources.comm = self._outer_comm.Dup()
+        self.comm = self._resources.comm = Communicator(self._outer_comm.Dup())
         try:
             agree(self.comm, check_memory, problem.grid, self.comm.size)
             texts = dict(options or {}) | methods.global_options(prefix)
@@ -151,11 +152,12 @@ class ContactSolver:
             _check_single("influence coefficients", self._largest, "mm3/N")
         margin = chosen.window if chosen.strategy == "fast" and chosen.nested else 0.0
         self.hierarchy = hierarchy = Hierarchy(
-            grid, compliance, self.comm, chosen.coarsest, chosen.replicate**2,
+            grid, compliance, self.comm, chosen.coarsest, chosen.cells_per_rank,
             single=chosen.strategy in REFERENCE_SOLVERS,
             dtype=np.float32 if chosen.single else np.float64,
             margin=margin,
         )  # fmt: skip
+        self._resources.add(hierarchy)
         self._solver = self._make_solver()
         self._resources.add(self._solver)
         warm_up(chosen)
@@ -163,7 +165,8 @@ class ContactSolver:
             for operator in hierarchy.levels:
                 if not hierarchy.windowed(operator):
                     circulant_of(operator)
-        unused = [name for name in self._database.unused() if not _READ_LATE.fullmatch(name)]
+        # Rank 0 has a part in every grid.
+        unused = self.comm.bcast([name for name in self._database.unused() if not _READ_LATE.fullmatch(name)])
         if unused:
             raise InputError(
                 f"unknown or unused option{'s'[: len(unused) > 1]}: -{', -'.join(sorted(unused))}"
@@ -180,6 +183,12 @@ class ContactSolver:
             None if the target grid is worked on in a window, whose solver is made when that is known: then the options
             have been tried on a smaller grid.
         """
+        try:
+            return agree(self.comm, self._solver_of_target)
+        except InputError as error:
+            raise InputError(f"solver options: {error}") from None
+
+    def _solver_of_target(self):
         chosen, hierarchy = self.settings, self.hierarchy
         kind = {"fast": TrackingSolver, "primal": PrimalSolver}.get(chosen.strategy, LinearSolver)
         try:
@@ -188,13 +197,15 @@ class ContactSolver:
                 return REFERENCE_SOLVERS[chosen.strategy](hierarchy, stop)
             if not hierarchy.windowed(hierarchy.target):
                 return kind(hierarchy)
-            level = hierarchy.finest_whole
-            kind(hierarchy, level, hierarchy.levels[level].petsc_comm).destroy()
+            number = hierarchy.finest_whole
+            level = hierarchy.levels[number]
+            if level.active:
+                kind(hierarchy, number, level.petsc_comm).destroy()
             return None
         except PETSc.Error as error:
-            raise InputError(f"solver options: {error_message(error)}") from None
-        except (ValueError, ImportError, AttributeError) as error:
-            raise InputError(f"solver options: {error}") from None
+            raise ValueError(error_message(error)) from None
+        except (ImportError, AttributeError) as error:
+            raise ValueError(str(error)) from None
 
     def _measure_shapes(self):
         """Undeformed distance on all grids."""
@@ -214,7 +225,7 @@ class ContactSolver:
             self._resources.remove(distance)
         self._distances.clear()
         for level in hierarchy.levels:
-            self._distances.append(UndeformedDistance(level, shapes.pop(0), reference))
+            self._distances.append(UndeformedDistance(level, shapes.pop(0), reference, self.comm))
             self._resources.add(self._distances[-1])
         self._roughness = measures.measure_roughness(hierarchy.target, self._distances[-1], target)
 
@@ -368,6 +379,8 @@ class ContactSolver:
 
     def _solution(self, state, loading, outcome, history, started, products):
         applications = self.hierarchy.operator_applications() - products
+        # Rank 0 has a part in every grid and window.
+        applications, history.entries = self.comm.bcast((applications, history.entries))
         seconds = time.perf_counter() - started
         proof = certify(state)
         bound, allowed = proof.error_bound, self.settings.error_bound

@@ -18,7 +18,7 @@ def full_multigrid(
 ):
     """Solve on the target grid of a hierarchy, from the coarsest grid on.
 
-    Collective. Replicated grids are solved by rank 0, which tells the others.
+    Collective. A grid is solved by the ranks that share it, and they tell those that join them on the next.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def full_multigrid(
             else:
                 state.start_from_interpenetration()
             coarse.destroy()
-        if target or level.comm is not None or hierarchy.comm.rank == 0:
+        if level.active:
             solver = (
                 target_solver if target and target_solver else solver_on(hierarchy, number, coarse is None)
             )
@@ -72,8 +72,7 @@ def full_multigrid(
             outcome = loading.first_solve(state, solve) if coarse is None else solve(loading)
             if solver is not target_solver:
                 solver.destroy()
-        if not target:
-            tell(hierarchy, level, state, loading)
+        [outcome] = tell(hierarchy, number, state, loading, outcome)
         coarse = state
     return state, outcome
 
@@ -112,13 +111,29 @@ def solver_on(hierarchy, number, coarsest=False):
     return LinearSolver(hierarchy, number, operator.petsc_comm)
 
 
-def tell(hierarchy, level, state, loading):
-    """Give all ranks what rank 0 has found on a replicated grid. Collective."""
-    comm = hierarchy.comm
-    if level.comm is not None or comm.size == 1:
-        return
-    with state.pressure as p:
-        comm.Bcast(p)
-    comm.Bcast(state.u)
-    comm.Bcast(state.contact)
-    state.depth, loading.slope = comm.bcast((state.depth, loading.slope))
+def tell(hierarchy, number, state, loading, *facts):
+    """Give what is known after a grid to the ranks that join on the next one. Collective.
+
+    Parameters
+    ----------
+    hierarchy : Hierarchy
+    number : int
+        Of the level of that grid.
+    state : ContactState
+        On it, or on a window of it: gets its depth.
+    loading : PrescribedApproach or PrescribedLoad
+        Gets what was found out about it.
+    *facts
+        More that the ranks of the grid know.
+
+    Returns
+    -------
+    tuple
+        These.
+    """
+    if hierarchy.joined(number, state.operator):
+        depth, known, facts = hierarchy.comm.bcast((state.depth, vars(loading), facts))
+        if not state.operator.active:
+            vars(loading).update(known)
+            state.depth = depth
+    return facts

@@ -25,7 +25,7 @@ class Listener:
 class History:
     """One entry per active set iteration on any grid, and who wants to hear of it.
 
-    Complete on rank 0; the others miss the replicated grids that it solved alone.
+    Complete on rank 0; the others miss grids and windows that they have no part in.
     """
 
     listeners: list = field(default_factory=list)

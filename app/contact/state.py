@@ -26,7 +26,7 @@ from petsc4py import PETSc
 
 from app.contact import kernels
 from app.halfspace.reductions import any_nonzero, minimum_over, sum_over
-from app.halfspace.window import whole
+from app.halfspace.window import bounding_box, whole
 
 
 @dataclass(frozen=True)
@@ -87,6 +87,8 @@ class UndeformedDistance:
         Undeformed distance at the reference; NaN in inadmissible cells. Left as it is.
     reference : float
         An approach, the same on all grids of a problem [mm].
+    comm : mpi4py communicator, optional
+        Ranks that want to know the norm; default: those of the operator.
 
     Attributes
     ----------
@@ -97,16 +99,19 @@ class UndeformedDistance:
     least_mean_pressure : float
         That full contact of a periodic patch needs, as soon as it is known [N/mm2].
     admissible : ndarray of bool, shape (local rows, nx)
+    possible : Window or None
+        Around all admissible cells.
     """
 
-    def __init__(self, operator, shape, reference=0.0):
+    def __init__(self, operator, shape, reference=0.0, comm=None):
         self.admissible = ~np.isnan(shape)
         b = np.negative(shape)
         np.copyto(b, 0.0, where=~self.admissible)
         self._hold(b, operator)
         self.depth, self.deepest, self.reference = 0.0, 0.0, reference
         self.least_mean_pressure = 0.0
-        self.statistics = self._measure(operator.comm)
+        self.statistics = self._measure(comm or operator.comm)
+        self.possible = bounding_box(self.admissible, operator.slabs, comm or operator.comm)
 
     @classmethod
     def part_of(cls, whole, operator, scatter):
@@ -256,7 +261,7 @@ class ContactState:
     @property
     def load(self):
         """Total force F = dx dy sum(p) [N], eq. of equilibrium. Collective."""
-        return self.grid.cell_area * self.pressure.sum()
+        return self.grid.cell_area * float(self.sum([self._p.sum()])[0])
 
     def sum(self, values):
         """Sum a few numbers over the ranks. Collective."""

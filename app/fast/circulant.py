@@ -89,6 +89,8 @@ def _periodic_inverse(grid, compliance, slabs, comm, dtype, workspace):
 
 def circulant_of(operator, margin=None):
     """Inverse circulant of an `InfluenceOperator`, made when first asked for. Collective over its ranks."""
+    if not operator.active:
+        return operator.product
     grid = operator.grid
     periods = grid.shape if grid.periodic else circulant_periods(grid.shape, margin)
     if periods not in operator.circulants:

@@ -28,7 +28,7 @@ def nested_iteration(
 ):
     """Solve on the target grid of a hierarchy, from the coarsest grid on.
 
-    Collective. Replicated grids are solved by rank 0, which tells the others.
+    Collective. A grid is solved by the ranks that share it, or its window, and they tell those that join on the next.
 
     Parameters
     ----------
@@ -44,12 +44,12 @@ def nested_iteration(
     ContactState, Outcome
         On the target grid.
     """
-    last = len(hierarchy.levels) - 1
-    coarse = outcome = predicted = None
-    difference, before = float("nan"), None
+    last, comm = len(hierarchy.levels) - 1, hierarchy.comm
+    coarse = outcome = found = before = None
+    difference = float("nan")
     for number in route(hierarchy, distances, loading, nested):
-        level, target = hierarchy.levels[number], number == last
-        stage = Stage(hierarchy, number, distances[number], coarse if nested else None, predicted)
+        target = number == last
+        stage = Stage(hierarchy, number, distances[number], coarse if nested else None, found)
         state = stage.state
         if coarse is not None:
             state.depth = loading.predict(coarse.depth)
@@ -57,17 +57,17 @@ def nested_iteration(
                 _prolong(stage, beta, lifted)
             else:
                 state.start_from_interpenetration()
-        if target or level.comm is not None or hierarchy.comm.rank == 0:
+        if state.operator.active:
             given = target_solver if target else None
             test = stop if target else stop.for_coarse_grid()
             outcome = solve_on(hierarchy, number, state, loading, test, history, coarse is None, given)
-        if not target:
-            tell(hierarchy, level, state, loading)
-        predicted = stage.predicted_box(coarse_minimum, loading.predict(state.depth))
+            found = None if target else stage.find(coarse_minimum, loading.predict(state.depth))
+        stage.verify_no_more()
+        outcome, found = tell(hierarchy, number, state, loading, outcome, found)
         if coarse is not None:
-            if nested:
-                difference = _difference(stage.transfer, stage.coarse.p, state)
-                before = numbers_on(stage.coarse)
+            if nested and target:
+                difference = _difference(comm, stage.transfer, stage.coarse.p, state)
+                before = numbers_on(stage.coarse, comm)
             coarse.destroy()
         stage.close()
         coarse = state
@@ -79,7 +79,7 @@ def nested_iteration(
     telling = stop.coarse_rtol <= _TELLING * difference
     errors = UNKNOWN
     if before:
-        errors = errors_from(before, numbers_on(state), state.first_touch(), loading.prescribes_load)
+        errors = errors_from(before, numbers_on(state, comm), state.first_touch(), loading.prescribes_load)
     return state, replace(
         outcome, discretisation_error=difference if telling else float("nan"), grid_errors=errors
     )
@@ -138,8 +138,8 @@ def _prolong(stage, beta, lifted):
         copy_prolongation(transfer, coarse, state, beta)
 
 
-def _difference(transfer, coarse, state):
+def _difference(comm, transfer, coarse, state):
     """Return the rms difference of the pressures on two grids over that of the larger; NaN if none. Collective."""
     fine = transfer.restrict_defect(state.p)
-    squares = sum_over(transfer.coarse.comm, [np.vdot(p, p) for p in (fine - coarse, fine, coarse)])
+    squares = sum_over(comm, [np.vdot(p, p) for p in (fine - coarse, fine, coarse)])
     return float(np.sqrt(squares[0] / max(squares[1:]))) if squares[0] > 0 else float("nan")

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-from mpi4py import MPI
+from app.halfspace.communication import Fetch
 
 
 class Halo:
@@ -19,32 +18,9 @@ class Halo:
     """
 
     def __init__(self, slabs, comm, width):
-        self.comm = comm if comm is not None and comm.size > 1 else None
-        self._here = self._wanted(slabs, width, slabs.rank)
-        if self.comm is None:
-            return
-        ranks = [rank for rank in range(comm.size) if rank != comm.rank]
-        first, last = slabs.rows.start, slabs.rows.stop
-        self._sent, self._got = {}, {}
-        for rank in ranks:
-            rows = self._wanted(slabs, width, rank)
-            mine = rows[(rows >= first) & (rows < last)] - first
-            if mine.size:
-                self._sent[rank] = mine
-            a, b = slabs.starts[rank], slabs.starts[rank + 1]
-            theirs = np.flatnonzero((self._here >= a) & (self._here < b))
-            if theirs.size:
-                self._got[rank] = theirs
-        self._own = np.flatnonzero((self._here >= first) & (self._here < last))
-        self._own_rows = self._here[self._own] - first
-
-    @staticmethod
-    def _wanted(slabs, width, rank):
-        """Rows of the grid that a rank asks for: those before its own, then those after them."""
-        first, last = slabs.starts[rank], slabs.starts[rank + 1]
-        if first == last:
-            return np.empty(0, int)
-        return np.concatenate([np.arange(first - width, first), np.arange(last, last + width)]) % slabs.ny
+        first, last = slabs.bounds(1 if comm is None else comm.size)
+        by = width * (last > first)
+        self._fetch = Fetch(slabs, [(first - by, first), (last, last + by)], comm)
 
     def __call__(self, field):
         """Fetch the rows of a field.
@@ -60,17 +36,6 @@ class Halo:
         before, after : ndarray, shape (width, columns)
             Of the field's type; without rows if there are none here.
         """
-        if self.comm is None:
-            rows = field[self._here]
-        else:
-            rows = np.empty((self._here.size, field.shape[1]), field.dtype)
-            parcels = [(rank, field[mine]) for rank, mine in self._sent.items()]
-            requests = [self.comm.Isend(parcel, rank) for rank, parcel in parcels]
-            rows[self._own] = field[self._own_rows]
-            for rank, places in self._got.items():
-                arrived = np.empty((places.size, field.shape[1]), field.dtype)
-                self.comm.Recv(arrived, rank)
-                rows[places] = arrived
-            MPI.Request.Waitall(requests)
+        rows = self._fetch(field)
         half = len(rows) // 2
         return rows[:half], rows[half:]

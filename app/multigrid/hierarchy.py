@@ -1,16 +1,13 @@
 """The grids of one problem, from the coarsest to the target, with their operators and transfers.
 
-Operators are rediscretised on every grid (no Galerkin products). On several ranks the target grid is cut into
-slabs; grids of at most `replicate` cells, and a coarsest one that can be solved directly, are *replicated*: every rank
-holds all of them, and every rank or rank 0 alone computes, which costs less than talking about it.
+Operators are rediscretised on every grid (no Galerkin products). All ranks share the target grid; each of the others is
+dealt to as many as it is worth (`app.halfspace.communication.Ranks`), and one that can be solved directly is on one.
 """
 
 from __future__ import annotations
 
-import math
-
-from app.halfspace.grid import Slabs
-from app.halfspace.operator import InfluenceOperator
+from app.halfspace.communication import Ranks
+from app.halfspace.operator import InfluenceOperator, petsc_comm
 from app.multigrid.transfer import Transfer
 
 LARGEST_DIRECT = 1024  # cells of a grid whose matrix may be stored and factorised
@@ -31,8 +28,8 @@ class Hierarchy:
     comm : mpi4py communicator
     coarsest : int
         Directions of at most this many cells are not halved.
-    replicate : int
-        Grids of at most this many cells are replicated on every rank.
+    cells_per_rank : int
+        That a rank gets at least of grids but the target; 0: see `Ranks`.
     single : bool
         Only the target grid is needed.
     dtype : numpy real type
@@ -43,9 +40,10 @@ class Hierarchy:
     """
 
     def __init__(
-        self, grid, compliance, comm, coarsest=4, replicate=64 * 64, single=False, dtype=float, margin=0.0
+        self, grid, compliance, comm, coarsest=4, cells_per_rank=0, single=False, dtype=float, margin=0.0
     ):
-        self.comm, self.compliance, self.dtype, self.margin = comm, compliance, dtype, margin
+        self.ranks = Ranks(comm, cells_per_rank)
+        self.comm, self.compliance, self.dtype, self.margin = self.ranks.comm, compliance, dtype, margin
         self._spent = 0.0  # in windows that are gone
         grids, factors = [grid], []
         most = 1 if single else grid.n  # grids; more there cannot be
@@ -54,30 +52,29 @@ class Hierarchy:
         while len(grids) < most and (coarser := grids[-1].coarsen(coarsest)) is not None:
             factors.append(grids[-1].coarsening(coarsest))
             grids.append(coarser)
-        # The target grid is cut into slabs, small grids are not, nor is the coarsest if it can be solved directly.
-        direct = grids[-1].n <= LARGEST_DIRECT
-        cut = [
-            comm.size > 1 and (g is grid or (g.n > replicate and not (g is grids[-1] and direct)))
-            for g in grids
-        ]
-        # Cells of the next coarser grid lie on one rank; on a periodic patch those of the one after it, too (TwoGrid).
-        together = (cut.index(False) if False in cut else len(cut)) + bool(grid.periodic)
-        block = math.prod(fy for fy, _ in factors[:together])
-        slabs = Slabs.over(comm, grid.ny, block)
+        direct = len(grids) > 1 and grids[-1].n <= LARGEST_DIRECT
+        sizes = [self.ranks.size, *map(self.ranks.number, grids[1 : len(grids) - direct]), *[1] * direct]
         self.levels, self.transfers = [], [None]
-        for number, level in enumerate(grids):
-            if number:
-                slabs = slabs.coarsen(factors[number - 1][0])
-            spread = (slabs, comm) if cut[number] else (None, None)
-            self.levels.insert(0, InfluenceOperator(level, compliance, *spread, dtype))
+        for number, (level, size) in enumerate(zip(grids, sizes, strict=True)):
+            self.levels.insert(0, InfluenceOperator(level, compliance, *self.ranks.deal(level, size), dtype))
             if number:
                 fine, coarse = self.levels[1], self.levels[0]
-                self.transfers.insert(1, Transfer(fine, coarse, factors[number - 1]))
+                self.transfers.insert(1, Transfer(fine, coarse, factors[number - 1], self.comm))
         self.slabs = self.levels[-1].slabs
         self.target.prepare("exact_product")
         for level in self.levels:
             if not self.windowed(level):
                 level.prepare("product")
+
+    @property
+    def petsc_comm(self):
+        """PETSc communicator of all ranks."""
+        return petsc_comm(self.comm)
+
+    def joined(self, number, operator):
+        """Whether ranks that have had no part in an operator of level `number` have one in the next. Not collective."""
+        after = self.levels[min(number + 1, len(self.levels) - 1)]
+        return operator.slabs.size < after.slabs.size
 
     @property
     def target(self):
@@ -133,3 +130,7 @@ class Hierarchy:
     def spent(self, operator):
         """Count what was computed in a window that will not be used any more. Not collective."""
         self._spent += self.share(operator) * operator.equivalent_products
+
+    def destroy(self):
+        """Free the communicators made for it. Collective."""
+        self.ranks.destroy()

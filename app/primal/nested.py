@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.contact.full_multigrid import route
+from app.contact.full_multigrid import route, tell
 from app.contact.grid_errors import UNKNOWN, errors_from, numbers_on
 from app.contact.state import ContactState
 from app.fast.iteration import NeedsSafeguard
@@ -29,7 +29,7 @@ _SAFEGUARD = {
 def primal_iteration(hierarchy, distances, loading, stop, history, nested, target_solver=None, start=None):
     """Solve on the target grid of a periodic hierarchy, from the coarsest grid on.
 
-    Collective. Replicated grids are solved by rank 0, which tells the others.
+    Collective. A grid is solved by the ranks that share it, and they tell those that join on the next.
 
     Parameters
     ----------
@@ -43,12 +43,12 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
     ContactState, Outcome
         On the target grid.
     """
-    last = len(hierarchy.levels) - 1
+    last, comm = len(hierarchy.levels) - 1, hierarchy.comm
     coarse, outcome, difference, before = None, None, float("nan"), None
     for number in route(hierarchy, distances, loading, nested) if nested and start is None else [last]:
         level, target = hierarchy.levels[number], number == last
         state = ContactState(level, distances[number])
-        if target or level.comm is not None or hierarchy.comm.rank == 0:
+        if level.active:
             solver = (
                 target_solver
                 if target and target_solver
@@ -65,26 +65,25 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
         else:
             primal.mean_pressure = coarse.mean_pressure
             hierarchy.transfers[number].interpolate(coarse.w, primal.w)
-        if target or level.comm is not None or hierarchy.comm.rank == 0:
+        if level.active:
             outcome = _solve_on(
                 hierarchy, number, primal, solver, stop if target else stop.for_coarse_grid(), history
             )
             if solver is not target_solver:
                 solver.destroy()
-        if not target:
-            _tell(hierarchy, level, primal)
+        facts = outcome, primal.mean_pressure
+        outcome, primal.mean_pressure = tell(hierarchy, number, state, loading, *facts)
         if coarse is not None:
-            difference = (
-                _difference(hierarchy.transfers[number], coarse.state.p, state) if target else difference
-            )
-            before = coarse.numbers()
+            if target:
+                difference = _difference(comm, hierarchy.transfers[number], coarse.state.p, state)
+                before = coarse.numbers(comm)
             coarse.state.destroy()
             coarse.destroy()
         coarse = primal
     primal.destroy()
     errors = UNKNOWN
     if before:
-        errors = errors_from(before, numbers_on(state), state.first_touch(), loading.prescribes_load)
+        errors = errors_from(before, numbers_on(state, comm), state.first_touch(), loading.prescribes_load)
     return state, replace(outcome, discretisation_error=difference, grid_errors=errors)
 
 
@@ -100,15 +99,3 @@ def _solve_on(hierarchy, number, primal, solver, stop, history):
         np.subtract(primal.state.u, primal.state.depth, out=primal.w)
         primal.mean_pressure = primal.mean(primal.state.p)
         return rest.after(stagnation.outcome)
-
-
-def _tell(hierarchy, level, primal):
-    """Give all ranks what rank 0 has found on a replicated grid. Collective."""
-    comm = hierarchy.comm
-    if level.comm is not None or comm.size == 1:
-        return
-    comm.Bcast(primal.w)
-    comm.Bcast(primal.state.contact)
-    with primal.state.pressure as p:
-        comm.Bcast(p)
-    primal.mean_pressure = comm.bcast(primal.mean_pressure)

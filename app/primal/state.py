@@ -7,6 +7,7 @@ from petsc4py import PETSc
 
 from app.contact.grid_errors import numbers_on
 from app.contact.state import Displacement, Update
+from app.halfspace.reductions import sum_over
 from app.primal import kernels as loops
 from app.primal import stencil
 
@@ -117,10 +118,10 @@ class PrimalState:
         if not self.loading.prescribes_load:
             self.mean_pressure = solution.mean_pressure
 
-    def numbers(self):
-        """Numbers of the solution, as w and the mean pressure have them. Collective over the ranks of the state."""
+    def numbers(self, comm):
+        """Numbers of the solution, as w and the mean pressure have them. Collective over all ranks that want them."""
         load = self.mean_pressure * self.cells * self.state.grid.cell_area
-        return numbers_on(self.state, load, -self.mean(self.w))
+        return numbers_on(self.state, comm, load, -float(sum_over(comm, [self.w.sum()])[0]) / self.cells)
 
     def guess(self, solver):
         """The contact set of the obstacle problem in small, by projected sweeps with the centre of B; w and p follow.
