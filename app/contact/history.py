@@ -51,7 +51,7 @@ class History:
             "residual": update.residual / state.distance.norm(),
             "inner_iterations": inner,
             "work_units": self._work - before,
-            "load": state.load,
+            "load": update.load if update.load == update.load else state.load,
             "approach": state.approach if approach is None else approach,
             "seconds": time.perf_counter() - self._started,
         }

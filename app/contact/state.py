@@ -37,6 +37,8 @@ class Update:
     added: int
     released: int  # and not come straight back
     residual: float  # ||h + u||_2 over the new set [mm]
+    h_on_contact: float = float("nan")  # ||h||_2 over the new set [mm]; NaN: nobody knows
+    load: float = float("nan")  # of the pressure there is [N]; NaN: nobody knows
 
     @property
     def changed(self):
@@ -298,8 +300,10 @@ class ContactState:
         return max(self.sum([np.count_nonzero(self.contact)])[0], 1.0)
 
     def h_on_contact(self):
-        """||h||_2 over C [mm]. Collective."""
-        return float(np.sqrt(self.sum([kernels.sum_squares(self.distance.b, 0.0, self.contact)])[0]))
+        """||h||_2 over C [mm], and the cells of C, 1 at least. Collective."""
+        squares = kernels.sum_squares(self.distance.b, 0.0, self.contact)
+        squares, cells = self.sum([squares, np.count_nonzero(self.contact)])
+        return float(np.sqrt(squares)), max(int(cells), 1)
 
     # -- Sec. 4.1, step by step -----------------------------------------------------------------------
 
@@ -369,17 +373,20 @@ class ContactState:
         Update
             Since before `release_tensile`.
         """
-        cells, added, lost, squares = self.sum(
-            kernels.activate(self.distance.b, self.u, self.admissible, self.contact, self._released, expected)
-        )
+        b = self.distance.b
+        counts = kernels.activate(b, self.u, self.admissible, self.contact, self._released, expected)
+        more = kernels.sum_squares(b, 0.0, self.contact), self._p.sum()
         self._released[...] = False
-        return Update(int(cells), int(added), int(lost), residual=float(np.sqrt(squares)))
+        cells, added, lost, squares, h, total = (float(number) for number in self.sum([*counts, *more]))
+        load = self.grid.cell_area * total
+        return Update(int(cells), int(added), int(lost), float(np.sqrt(squares)), float(np.sqrt(h)), load)
 
     def gap_on_contact(self):
-        """Root mean square and mean of h + u over C and where it is negative [mm], and the cells. Collective."""
-        b = self.distance.b
-        squares, total, cells = self.sum(kernels.gap_on(b, self.u, self.admissible, self.contact))
-        return float(np.sqrt(squares / max(cells, 1))), float(total / max(cells, 1)), int(cells)
+        """RMS and mean of h + u over C and where it is negative [mm], the cells there, and the load [N]. Collective."""
+        sums = kernels.gap_on(self.distance.b, self.u, self.admissible, self.contact)
+        squares, total, cells, pressure = (float(number) for number in self.sum([*sums, self._p.sum()]))
+        load = self.grid.cell_area * pressure
+        return float(np.sqrt(squares / max(cells, 1))), total / max(cells, 1), int(cells), load
 
     def scale(self, factor):
         """p and u times a factor. Not collective."""

@@ -49,9 +49,9 @@ class InexactStop(StoppingTest):
     predictor: float = 0.0
     error_bound: float = float("inf")
 
-    def allowed(self, state):
-        """Norm of the residual that is small enough [mm]. Collective."""
-        whole, inside = state.distance.norm(), state.h_on_contact()
+    def allowed(self, state, inside=None):
+        """Norm of the residual that is small enough [mm]. Collective, unless ||h|| on C is given [mm]."""
+        whole, inside = state.distance.norm(), state.h_on_contact()[0] if inside is None else inside
         if not inside:
             return self.rtol * whole
         if not self.final:
@@ -64,9 +64,12 @@ class InexactStop(StoppingTest):
             return True
         return estimate(state).error_bound <= self.error_bound
 
-    def worth_verifying(self, state):
-        """Whether a verification product may end it; where contact is small the certificate says. Collective."""
-        light = self.final and IN_CONTACT * state.h_on_contact() < state.distance.norm()
+    def worth_verifying(self, state, inside):
+        """Whether a verification product may end it; where contact is small the certificate says. Collective.
+
+        `inside`: ||h|| on C [mm].
+        """
+        light = self.final and IN_CONTACT * inside < state.distance.norm()
         return self.promising(state) if light else True
 
     def tighter(self):
@@ -100,15 +103,16 @@ def inexact_active_set(state, solver, loading, stop, history):
     best, since = float("inf"), 0
     if not begin(state, solver, loading, history):
         return Outcome(not loading.prescribes_load, NO_CONTACT)
+    (inside, cells), norm = state.h_on_contact(), None  # what the last update knows of C^k
     for k in range(1, stop.max_it + 1):
-        allowed, done = stop.allowed(state), False
+        allowed, done = stop.allowed(state, inside), False
         solver.set_contact()  # 2. (2.11) on C^k
-        its, failure, norm = solver.improve(state, allowed)  # 3. a little, u along with p
+        its, failure, norm = solver.improve(state, allowed, norm)  # 3. a little, u along with p
         inner += its
         ready = norm <= allowed and (not stop.final or solver.tension(state) <= stop.rtol)
-        too_loose = ready and not stop.worth_verifying(state)
+        too_loose = ready and not stop.worth_verifying(state, inside)
         if ready and not stop.final:
-            update, done = _leave(state, solver, loading, allowed)
+            update, done = _leave(state, solver, loading, NEAR * allowed / np.sqrt(cells))
         elif ready and not too_loose:
             update, done = _verify(state, loading, stop)
         else:
@@ -117,6 +121,7 @@ def inexact_active_set(state, solver, loading, stop, history):
             expected = solver.predict(state, stop.predictor) if norm > allowed else None
             update = state.activate_penetrating(expected)  # (4.b)
         history.add(state, solver, update, its)
+        inside, cells, norm = update.h_on_contact, max(update.cells, 1), update.residual
         residual = update.residual / state.distance.norm()
         if wrong := what_is_wrong(failure, residual):
             return Outcome(False, wrong, k, inner, residual)
@@ -147,17 +152,21 @@ def _verify(state, loading, stop):
         state.compute_displacement(exact=True)
     loading.update(state)
     update = state.activate_penetrating()  # (4.b)
-    if not update.changed and update.residual <= stop.allowed(state):
+    if _solved(state, update, stop):
         update = loading.settle(state, update)
-    return update, not update.changed and update.residual <= stop.allowed(state)  # 5. and 6. (5.1)
+    return update, _solved(state, update, stop)
 
 
-def _leave(state, solver, loading, allowed):
+def _solved(state, update, stop):
+    """5. and 6. (5.1). Not collective."""
+    return not update.changed and update.residual <= stop.allowed(state, update.h_on_contact)
+
+
+def _leave(state, solver, loading, near):
     """Step 4 on a coarse grid whose system is solved well enough; as `_verify`.
 
-    What little the last release does to u is for the finer grid to find out, if the load is nearly met.
+    What little the last release does to u is for the finer grid to find out, if the load is met but for `near` [mm].
     """
-    near = NEAR * allowed / np.sqrt(state.cells_in_contact())
     enough = solver.tension(state) <= RELEASED and loading.update(state) <= near
     if enough:
         state.release_tensile()  # (4.a)

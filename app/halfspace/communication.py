@@ -17,8 +17,8 @@ from app.halfspace.grid import Slabs
 from app.petsc import log_messages, log_reduction
 
 # A grid is worth another rank if that saves more than talking costs. Inside a machine that is so from this many cells
-# a rank on, where a step of CG takes about 0.2 ms; between machines it is found by measuring the latency.
-_CELLS_INSIDE = 2048
+# a rank on, where a step of CG takes about 0.3 ms; between machines it is found by measuring the latency.
+_CELLS_INSIDE = 8192
 _CELLS_PER_SECOND = (
     4e8  # a step waits for some 12 messages, and does 1e-9 s of work for a cell and a logarithm
 )

@@ -1,12 +1,14 @@
-"""Rows beside a slab of a periodic grid: the neighbours', or those from the other end of the patch."""
+"""Rows beside a slab: the neighbours', on a periodic grid also those from the other end of the patch."""
 
 from __future__ import annotations
+
+import numpy as np
 
 from app.halfspace.communication import Fetch
 
 
 class Halo:
-    """Fetches some rows before and after this rank's, over the period, from whatever ranks have them.
+    """Fetches some rows before and after this rank's from whatever ranks have them.
 
     Parameters
     ----------
@@ -15,12 +17,20 @@ class Halo:
         Ranks that share the rows; None if all are here.
     width : int
         Rows on either side.
+    periodic : bool
+        Over the period; else fewer at the ends of the patch.
     """
 
-    def __init__(self, slabs, comm, width):
+    def __init__(self, slabs, comm, width, periodic=True):
         first, last = slabs.bounds(1 if comm is None else comm.size)
-        by = width * (last > first)
-        self._fetch = Fetch(slabs, [(first - by, first), (last, last + by)], comm)
+        low, high = first - width, last + width
+        if not periodic:
+            low, high = np.maximum(low, 0), np.minimum(high, slabs.ny)
+        some = last > first
+        before, after = (np.where(some, low, first), first), (last, np.where(some, high, last))
+        self._fetch = Fetch(slabs, [before, after], comm)
+        rank = 0 if comm is None else slabs.rank
+        self._before = int(before[1][rank] - before[0][rank])
 
     def __call__(self, field):
         """Fetch the rows of a field.
@@ -33,9 +43,8 @@ class Halo:
 
         Returns
         -------
-        before, after : ndarray, shape (width, columns)
+        before, after : ndarray, shape (at most width, columns)
             Of the field's type; without rows if there are none here.
         """
         rows = self._fetch(field)
-        half = len(rows) // 2
-        return rows[:half], rows[half:]
+        return rows[: self._before], rows[self._before :]
