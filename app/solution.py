@@ -9,6 +9,7 @@ import numpy as np
 from app.contact.certificate import Certificate
 from app.contact.extent import ContactExtent, patch_areas
 from app.errors import InputError
+from app.halfspace.communication import Traffic
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.reductions import minimum_over, sum_over
 
@@ -67,6 +68,8 @@ class Solution:
     notes : tuple of str
         What a user should look at twice.
     solve_seconds, setup_seconds : float
+    traffic : Traffic
+        What rank 0, which has a part in every grid, sent to others for it.
     grid : Grid
     slabs : Slabs
     comm : mpi4py communicator
@@ -116,6 +119,7 @@ class Solution:
     notes: tuple
     solve_seconds: float
     setup_seconds: float
+    traffic: Traffic
     grid: Grid
     slabs: Slabs
     comm: object = field(repr=False)
@@ -188,6 +192,7 @@ class Solution:
             "solve_seconds": self.solve_seconds,
             "setup_seconds": self.setup_seconds,
             "ranks": self.comm.size,
+            **vars(self.traffic),
             "version": __version__,
         }
 

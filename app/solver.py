@@ -274,7 +274,7 @@ class ContactSolver:
         """
         if self._finalizer.alive is False:
             raise InputError("the solver is closed")
-        started = time.perf_counter()
+        started, before = time.perf_counter(), self.comm.traffic.copy()
         products = self.hierarchy.operator_applications()
         if self._digits_lost():
             self._measure_shapes()
@@ -285,7 +285,7 @@ class ContactSolver:
         with self._database.active():
             state, outcome = self._strategy.run(loading, history, start)
             try:
-                solution = self._solution(state, loading, outcome, history, started, products)
+                solution = self._solution(state, loading, outcome, history, started, products, before)
             finally:
                 state.destroy()
         for listener in self.listeners:
@@ -377,10 +377,8 @@ class ContactSolver:
             return PrescribedApproach(self.touching)  # it is not unique: where the bodies just touch
         return loading
 
-    def _solution(self, state, loading, outcome, history, started, products):
+    def _solution(self, state, loading, outcome, history, started, products, before):
         applications = self.hierarchy.operator_applications() - products
-        # Rank 0 has a part in every grid and window.
-        applications, history.entries = self.comm.bcast((applications, history.entries))
         seconds = time.perf_counter() - started
         proof = certify(state)
         bound, allowed = proof.error_bound, self.settings.error_bound
@@ -399,7 +397,11 @@ class ContactSolver:
         p, distance, depth = state.p, state.distance, state.depth
         prescribed = loading.load if loading.prescribes_load else None
         approach = loading.approach if prescribed is None else state.approach
-        found = measures.measure_contact(state)
+        found, extent = measures.measure_contact(state), measure_extent(state)
+        notes = notes_on(state, self.problem, found, self._roughness)
+        # Rank 0 has a part in every grid and window.
+        told = applications, history.entries, self.comm.traffic.since(before)
+        applications, history.entries, traffic = self.comm.bcast(told)
         last = len(self.hierarchy.levels) - 1
         return Solution(
             pressure=p,
@@ -418,16 +420,17 @@ class ContactSolver:
             **outcome.grid_errors.with_rim(found)._asdict(),
             fallbacks=outcome.fallbacks,
             **found._asdict(),
-            **measure_extent(state)._asdict(),
+            **extent._asdict(),
             **self._roughness._asdict(),
             rtol=self.settings.rtol,
             certificate=proof,
             history=history.columns(),
             problem=self.problem.describe() | analytic_values(self.problem, approach, prescribed),
             options=self.settings.summary,
-            notes=(*self.settings.warnings, *notes_on(state, self.problem, found, self._roughness)),
+            notes=(*self.settings.warnings, *notes),
             solve_seconds=seconds,
             setup_seconds=self.setup_seconds,
+            traffic=traffic,
             grid=self.problem.grid,
             slabs=self.hierarchy.slabs,
             comm=self._outer_comm,

@@ -30,9 +30,9 @@ class Traffic:
     """What a rank has sent so far; what all-to-alls leave where it is does not count."""
 
     messages: int = 0  # point to point, and in all-to-alls
-    bytes: int = 0
+    message_bytes: int = 0
     all_to_alls: int = 0
-    collectives: int = 0  # small ones: reductions, broadcasts, gathers
+    small_collectives: int = 0  # reductions, broadcasts, gathers
 
     def since(self, before):
         """Return what has been added since a `copy`. Not collective."""
@@ -45,7 +45,7 @@ class Traffic:
     def count(self, messages, size):
         """Count messages and all of their bytes, for -log_view too. Not collective."""
         self.messages += messages
-        self.bytes += size
+        self.message_bytes += size
         log_messages(messages, size)
 
 
@@ -105,7 +105,7 @@ def _counted(name):
     plain = getattr(MPI.Intracomm, name)
 
     def method(self, *arguments, **named):
-        self.traffic.collectives += 1
+        self.traffic.small_collectives += 1
         log_reduction()
         return plain(self, *arguments, **named)
 
