@@ -5,6 +5,8 @@ With one grid to visit, the target, it is the active set iteration alone (Sec. 3
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from app.contact.iteration import active_set_by_load
@@ -44,7 +46,7 @@ def full_multigrid(
     """
     last = len(hierarchy.levels) - 1
     coarse = outcome = None
-    for number in route(hierarchy, distances, loading, nested):
+    for number, following in pairs(route(hierarchy, distances, loading, nested)):
         level, target = hierarchy.levels[number], number == last
         state = ContactState(level, distances[number])
         if coarse is not None:
@@ -72,7 +74,7 @@ def full_multigrid(
             outcome = loading.first_solve(state, solve) if coarse is None else solve(loading)
             if solver is not target_solver:
                 solver.destroy()
-        [outcome] = tell(hierarchy, number, state, loading, outcome)
+        [outcome] = tell(hierarchy, following, state, loading, outcome)
         coarse = state
     return state, outcome
 
@@ -90,6 +92,11 @@ def route(hierarchy, distances, loading, nested):
         return range(max(set(range(last)).difference(sighted), default=-1) + 1, last + 1)
     small = [number for number in sighted if number < last and solves_directly(hierarchy.levels[number])]
     return [*small[-1:], last] if loading.prescribes_load else [last]
+
+
+def pairs(numbers):
+    """Each number and the next one, the last and itself. Not collective."""
+    return itertools.pairwise([*numbers, numbers[-1]])
 
 
 def copy_prolongation(transfer, coarse, state, beta):
@@ -111,16 +118,16 @@ def solver_on(hierarchy, number, coarsest=False):
     return LinearSolver(hierarchy, number, operator.petsc_comm)
 
 
-def tell(hierarchy, number, state, loading, *facts):
+def tell(hierarchy, following, state, loading, *facts):
     """Give what is known after a grid to the ranks that join on the next one. Collective.
 
     Parameters
     ----------
     hierarchy : Hierarchy
-    number : int
-        Of the level of that grid.
+    following : int
+        Number of the level of that.
     state : ContactState
-        On it, or on a window of it: gets its depth.
+        On the grid solved, or a window of it: gets its depth.
     loading : PrescribedApproach or PrescribedLoad
         Gets what was found out about it.
     *facts
@@ -131,7 +138,7 @@ def tell(hierarchy, number, state, loading, *facts):
     tuple
         These.
     """
-    if hierarchy.joined(number, state.operator):
+    if hierarchy.joined(state.operator, following):
         depth, known, facts = hierarchy.comm.bcast((state.depth, vars(loading), facts))
         if not state.operator.active:
             vars(loading).update(known)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.contact.full_multigrid import copy_prolongation, route, tell
+from app.contact.full_multigrid import copy_prolongation, pairs, route, tell
 from app.contact.grid_errors import UNKNOWN, errors_from, numbers_on
 from app.contact.iteration import active_set
 from app.contact.state import Displacement
@@ -47,7 +47,7 @@ def nested_iteration(
     last, comm = len(hierarchy.levels) - 1, hierarchy.comm
     coarse = outcome = found = before = None
     difference = float("nan")
-    for number in route(hierarchy, distances, loading, nested):
+    for number, following in pairs(route(hierarchy, distances, loading, nested)):
         target = number == last
         stage = Stage(hierarchy, number, distances[number], coarse if nested else None, found)
         state = stage.state
@@ -63,7 +63,7 @@ def nested_iteration(
             outcome = solve_on(hierarchy, number, state, loading, test, history, coarse is None, given)
             found = None if target else stage.find(coarse_minimum, loading.predict(state.depth))
         stage.verify_no_more()
-        outcome, found = tell(hierarchy, number, state, loading, outcome, found)
+        outcome, found = tell(hierarchy, following, state, loading, outcome, found)
         if coarse is not None:
             if nested and target:
                 difference = _difference(comm, stage.transfer, stage.coarse.p, state)

@@ -136,9 +136,8 @@ class Ranks:
         self._made = {}
 
     def number(self, grid):
-        """How many ranks a grid is worth: all, or a power of two; one row at least for each. Not collective."""
-        most = min(grid.n // self.cells, grid.ny)
-        return self.size if most >= self.size else 1 << (max(most, 1).bit_length() - 1)
+        """How many ranks a grid is worth, see `worth`. Not collective."""
+        return worth(grid, self.size, self.cells)
 
     def deal(self, grid, size=None):
         """Deal the rows of a grid to the first `size` ranks. Collective over these, when it is their first grid.
@@ -167,6 +166,15 @@ class Ranks:
         """Free the communicators made here. Collective."""
         for size in sorted(self._made):
             self._made.pop(size).Free()
+
+
+def worth(grid, size, cells):
+    """How many of `size` ranks a grid is worth: all, or a power of two. Not collective.
+
+    Each has so many cells at least, and a row. Coarser grids, and windows, are never worth more.
+    """
+    most = min(grid.n // cells, grid.ny)
+    return size if most >= size else 1 << (max(most, 1).bit_length() - 1)
 
 
 def aligned(ny, size, least=1):

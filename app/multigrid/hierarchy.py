@@ -71,10 +71,9 @@ class Hierarchy:
         """PETSc communicator of all ranks."""
         return petsc_comm(self.comm)
 
-    def joined(self, number, operator):
-        """Whether ranks that have had no part in an operator of level `number` have one in the next. Not collective."""
-        after = self.levels[min(number + 1, len(self.levels) - 1)]
-        return operator.slabs.size < after.slabs.size
+    def joined(self, operator, number):
+        """Whether ranks that have no part in an operator have one in level `number`. Not collective."""
+        return operator.slabs.size < self.levels[number].slabs.size
 
     @property
     def target(self):

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.contact.full_multigrid import route, tell
+from app.contact.full_multigrid import pairs, route, tell
 from app.contact.grid_errors import UNKNOWN, errors_from, numbers_on
 from app.contact.state import ContactState
 from app.fast.iteration import NeedsSafeguard
@@ -45,7 +45,8 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
     """
     last, comm = len(hierarchy.levels) - 1, hierarchy.comm
     coarse, outcome, difference, before = None, None, float("nan"), None
-    for number in route(hierarchy, distances, loading, nested) if nested and start is None else [last]:
+    stops = route(hierarchy, distances, loading, nested) if nested and start is None else [last]
+    for number, following in pairs(stops):
         level, target = hierarchy.levels[number], number == last
         state = ContactState(level, distances[number])
         if level.active:
@@ -72,7 +73,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
             if solver is not target_solver:
                 solver.destroy()
         facts = outcome, primal.mean_pressure
-        outcome, primal.mean_pressure = tell(hierarchy, number, state, loading, *facts)
+        outcome, primal.mean_pressure = tell(hierarchy, following, state, loading, *facts)
         if coarse is not None:
             if target:
                 difference = _difference(comm, hierarchy.transfers[number], coarse.state.p, state)
