@@ -1,8 +1,11 @@
-"""Analytic values beside those of a solution, where the problem knows them."""
+"""Analytic values beside those of a solution, where the problem knows them; theories of rough contact."""
 
 from __future__ import annotations
 
 from app.reference.base import NormalContact
+from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction
+
+THEORIES = {"persson_fraction": persson_fraction, "bush_gibson_thomas_fraction": bush_gibson_thomas_fraction}
 
 
 def analytic_values(problem, approach, load=None):
@@ -37,3 +40,26 @@ def analytic_values(problem, approach, load=None):
         "analytic_semi_axis_minor": min(reference.a, reference.b),
         "analytic_stiffness": reference.stiffness,
     }
+
+
+def theories(problem, mean_pressure, rms_slope):
+    """Contact fractions of `THEORIES`, where nominally flat bodies are rough: surfaces on a plane.
+
+    Not collective.
+
+    Parameters
+    ----------
+    problem : Problem
+    mean_pressure : float
+        [N/mm2]
+    rms_slope : float
+
+    Returns
+    -------
+    dict
+        Empty for other bodies.
+    """
+    scale = problem.material.contact_modulus * rms_slope
+    if problem.name != "rough" or not scale > 0:
+        return {}
+    return {name: float(theory(mean_pressure / scale)) for name, theory in THEORIES.items()}

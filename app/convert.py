@@ -51,27 +51,56 @@ def _main(argv):
     )
     parser.add_argument("--channel", default="", help="name or number of a channel, where there are several")
     parser.add_argument("--unit", help="m, mm, um or nm: where the file does not say")
+    parser.add_argument("--height-unit", help="of the heights alone, where points x, y have another one")
+    parser.add_argument(
+        "--skip", type=_count, default=0, metavar="N", help="lines at the head of a text to leave out"
+    )
+    parser.add_argument(
+        "--orient", type=_turns, default=(), metavar="HOW",
+        help="how rows and columns are turned: transpose, flip_x, flip_y, or some of them with commas between",
+    )  # fmt: skip
     parser.add_argument(
         "--spacing", type=_spacing, metavar="DX,DY", help="size of a cell [mm], where the file does not say"
     )
     arguments = parser.parse_args(argv)
     from app.output.files import check_output_path
+    from app.problems.height_file import turned
 
     path = arguments.file
     if not Path(str(path).partition(":/")[0]).is_file():
         raise InputError(f"surface file {path}: {'not a file' if path.exists() else 'no such file'}")
     try:
         check_output_path(arguments.output, [path, str(path).partition(":/")[0]])
-        heights, facts = _read(path, arguments.channel)
+        heights, facts = _read(path, arguments.channel, arguments.skip)
         facts = _settle(facts, arguments, path)
+        heights, facts["spacing"] = turned(heights, facts["spacing"], arguments.orient)
     except (ValueError, OSError) as error:
         raise InputError(one_line(error)) from None
     try:
         _write(arguments.output, heights, facts, path)
     except OSError as error:
         raise InputError(f"-o {arguments.output}: cannot be written: {one_line(error)}") from None
-    print(_summary(arguments.output, heights, facts))
+    summary, doubts = _summary(arguments.output)
+    print(summary)
+    if doubts:
+        print(f"warning: {doubts}", file=sys.stderr)
     return 0
+
+
+def _count(text):
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text}: not allowed; allowed: a whole number from 0")
+    return int(text)
+
+
+def _turns(text):
+    from app.problems.height_file import TURNS
+
+    if not set(found := tuple(text.split(","))) <= TURNS.keys():
+        raise argparse.ArgumentTypeError(
+            f"{text}: not allowed; allowed, with commas between: {', '.join(TURNS)}"
+        )
+    return found
 
 
 def _spacing(text):
@@ -84,21 +113,29 @@ def _spacing(text):
     return [dx, dy]
 
 
-def _read(path, channel):
+def _read(path, channel, skip):
     """Heights (ny, nx), NaN where missing, and what the file says of them."""
-    from app.problems.measured import HeightFile
+    from app.problems.height_file import HeightFile
 
-    suffix = Path(str(path).partition(":/")[0]).suffix.lower()
+    suffix, refusal = Path(str(path).partition(":/")[0]).suffix.lower(), None
     if suffix in (*_PLAIN, *_TEXT) and not channel:
         try:
-            source = HeightFile(path)
-        except ValueError:
-            if suffix in _PLAIN or not instruments_python():
+            source = HeightFile(path, skip)
+        except ValueError as error:
+            if suffix in _PLAIN or skip or not instruments_python():
                 raise
+            refusal = error
         else:
             facts = {"unit": source.unit, "spacing": source.spacing, "spacing_unit": source.lateral}
             return source.rows(), {**facts, "format": suffix[1:], "channel": ""}
-    return _read_instruments(path, channel)
+    elif skip:
+        raise InputError(f"--skip {skip}: allowed of {', '.join(_TEXT)}")
+    try:
+        return _read_instruments(path, channel)
+    except InputError:
+        if refusal is None:
+            raise
+        raise refusal from None  # what is wrong with it as text says more
 
 
 def _read_instruments(path, channel):
@@ -128,22 +165,26 @@ def _read_instruments(path, channel):
 
 def _settle(facts, arguments, path):
     """Unit and spacing, each from the file or from the command line, not from both."""
-    from app.problems.measured import UNITS, unit_named
+    from app.units import UNITS, unit_named
 
     unit, factor = facts["unit"], 1.0
     if unit in _OTHER_UNITS:
         unit, factor = "nm", _OTHER_UNITS[unit]
     elif unit is not None:
         unit = unit_named(unit)
-    given = arguments.unit
-    if given is not None and given not in UNITS:
-        raise InputError(f"--unit {given}: not allowed; allowed: {', '.join(UNITS)}")
+    options = {"--height-unit": arguments.height_unit, "--unit": arguments.unit}
+    for option, given in options.items():
+        if given is not None and given not in UNITS:
+            raise InputError(f"{option} {given}: not allowed; allowed: {', '.join(UNITS)}")
+    option, given = next(((option, given) for option, given in options.items() if given), ("--unit", None))
     if unit is None and given is None:
         said = f"says {facts['unit']}, which is no length" if facts["unit"] else "does not say it"
         raise InputError(f"--unit is missing: surface file {path} {said}; allowed: {', '.join(UNITS)}")
     if unit and given and unit != given:
-        raise InputError(f"--unit {given}: surface file {path} says {unit}")
-    spacing, lateral = facts["spacing"], facts.get("spacing_unit") or unit or given
+        raise InputError(f"{option} {given}: surface file {path} says {unit}")
+    spacing, lateral = facts["spacing"], facts.get("spacing_unit") or unit or arguments.unit
+    if spacing is not None and lateral is None:
+        raise InputError(f"--unit is missing: surface file {path} does not say the unit of its x and y")
     if spacing is None and arguments.spacing is None:
         raise InputError(
             f"--spacing is missing: surface file {path} does not say the size DX,DY of its cells [mm]"
@@ -156,19 +197,24 @@ def _settle(facts, arguments, path):
         spacing, lateral = arguments.spacing, "mm"
     elif facts["unit"] in _OTHER_UNITS:
         spacing = [factor * side for side in spacing]
-    return {**facts, "unit": unit or given, "spacing": spacing, "spacing_unit": lateral, "factor": factor}
+    return {
+        **facts,
+        "unit": unit or given,
+        "spacing": tuple(spacing),
+        "spacing_unit": lateral,
+        "factor": factor,
+    }
 
 
 def _write(output, heights, facts, path):
-    import h5py
     import numpy as np
 
     from app import __version__
-    from app.output.files import whole_file
+    from app.output.files import whole_hdf5
 
     heights *= facts["factor"]
     source = Path(str(path).partition(":/")[0])
-    with whole_file(output) as temporary, h5py.File(temporary, "w") as file:
+    with whole_hdf5(output) as file:
         dataset = file.create_dataset("heights", data=heights)
         dataset.attrs["unit"], dataset.attrs["spacing_unit"] = facts["unit"], facts["spacing_unit"]
         dataset.attrs["spacing"] = np.asarray(facts["spacing"], float)
@@ -183,20 +229,15 @@ def _checksum(path):
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _summary(output, heights, facts):
-    import numpy as np
+def _summary(output):
+    """What a solve will read, and what is doubtful in it."""
+    from app.notes import doubt
+    from app.problems.measured import read_surface
 
-    ny, nx = heights.shape
-    missing = np.count_nonzero(np.isnan(heights)) / heights.size
-    (dx, dy), unit = facts["spacing"], facts["unit"]
-    if missing == 1:
-        return f"{output}: {nx} x {ny} heights, all missing"
-    channel = f" ({facts['channel']})" if facts["channel"] else ""
-    return (
-        f"{output}: {nx} x {ny} heights{channel} from {np.nanmin(heights):.4g} to {np.nanmax(heights):.4g} {unit}, "
-        f"rms {np.nanstd(heights):.4g} {unit}, cells of {dx:.6g} x {dy:.6g} {facts['spacing_unit']}, "
-        f"{100 * missing:.3g}% missing"
-    )
+    surface = read_surface(output)
+    grid = surface.grid()
+    missing = 100 * surface.missing_points / (surface.shape[0] * surface.shape[1])
+    return f"{output}: {surface.understood(grid)}; {missing:.3g}% missing", doubt(surface, grid)
 
 
 if __name__ == "__main__":

@@ -38,3 +38,23 @@ def agree(comm, function, *args, only_root=False):
         if message is not None:
             raise InputError(message)
     return result
+
+
+def check_alike(comm, value, what):
+    """Refuse what is not the same on all ranks, which would wait for each other.
+
+    Collective over the mpi4py communicator `comm`.
+
+    Parameters
+    ----------
+    value : object
+        Compared by its `repr`.
+    what : str
+        For the message.
+
+    Raises
+    ------
+    InputError
+    """
+    if len(set(comm.allgather(repr(value)))) > 1:
+        raise InputError(f"{what}: not the same on all ranks")

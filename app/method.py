@@ -27,11 +27,12 @@ from app.options import (
     as_texts,
     choice,
     count,
-    count_from_zero,
     flag,
     from_zero,
+    integer,
     real,
     renamed,
+    unknown_options,
 )
 from app.petsc import OptionDatabase, error_message
 
@@ -39,20 +40,28 @@ DEFAULT, PERIODIC = "fast", "primal"
 _PLACES = Path(__file__).parent / "petsc_options", Path(__file__).parents[1] / "petsc_options"
 
 _tolerance = real("a number above 0 and below 1", above=0, highest=1 - 1e-9)
+_share = real("a number from 0 to 1", lowest=0, highest=1)
+_cells = integer(0, "a whole number from 0")
 METHOD_OPTIONS = [
     Option("lcp_type", choice("active_set", "fast", "primal", "tao", "snesvi"), "active_set", "strategy"),
     Option("lcp_nested", flag, False, "nested iteration (FMG): solve on coarser grids first"),
-    Option("lcp_rtol", _tolerance, 1e-6, "accepted ||r|| / ||h||, eq. (5.1); fast: also 100 times it with h on C"),
+    Option("lcp_rtol", _tolerance, 1e-6, "accepted ||r|| / ||h||, eq. (5.1); fast: also 100 times it, h on C alone"),
     Option("lcp_error_bound", _tolerance, 0.01, "proved error (energy norm) up to which a solution counts as solved"),
     Option("lcp_max_it", count, 100, "iterations on one grid: active set, or those of tao and snesvi"),
-    Option("lcp_coarse_rtol", from_zero, 0.0, "fast: ||r|| / ||h|| on C that is enough on coarser grids"),
+    Option("lcp_coarse_rtol", from_zero, 0.0, "fast, primal: ||r|| / ||h|| on C that is enough on coarser grids"),
     Option("lcp_predictor", from_zero, 0.0, "fast: share of the change of u to be expected that step 4.b believes"),
-    Option("lcp_prolongation", choice("copy", "lift"), "copy", "nested: of p, the paper's or by an FFT"),
-    Option("lcp_window", from_zero, 0.0, "fast: work in a window around contact, with this margin; 0: all cells"),
+    Option("lcp_prolongation", choice("copy", "lift"), "copy", "nested: of p, the paper's or by FFT preconditioner"),
+    Option("lcp_window", from_zero, 0.0, "fast: work in a window around contact, wider by this share; 0: all cells"),
     Option("lcp_beta", from_zero, 0.003, "nested: start set after prolongation by copy, eq. (4.1)"),
     Option("lcp_coarsest", count, 4, "directions of up to this many cells are not coarsened"),
-    Option("lcp_cells_per_rank", count_from_zero, 0, "at least, of coarser grids and windows; 0: by the latency"),
-    Option("lcp_precision", choice("double", "single"), "double", "fast: of products; answers are verified in double"),
+    Option("lcp_cells_per_rank", _cells, 0, "at least, of coarser grids and windows; 0: by the latency"),
+    Option("lcp_precision", choice("double", "single"), "double", "fast, primal: of products, verified in double"),
+]  # fmt: skip
+# Read by the preconditioners themselves, as -pc_* are.
+PART_OPTIONS = [
+    Option("pc_circulant_extend", _cells, 0, "Circulant: cells by which the residual is extended over the rim"),
+    Option("pc_circulant_margin", _share, 0.0, "Circulant: share of the patch left free before it is continued"),
+    Option("pc_two_grid_sweeps", count, 3, "TwoGrid: sweeps before and after the coarser grid, at most 50"),
 ]  # fmt: skip
 _GONE = {
     "lcp_merge": "tighter contact sets (-ksp_rtol) do what it did",
@@ -85,6 +94,8 @@ class Settings:
     single: bool
     texts: dict
     warnings: tuple = ()
+    stages: tuple = ()  # name of a file, and all that files have said when it ends: without what overrides it later
+    of_files: frozenset = frozenset()  # names that nothing but files has set
 
     @property
     def summary(self):
@@ -122,10 +133,10 @@ def settings(method=None, options=None, periodic=False):
 
     Parameters
     ----------
-    method : str, optional
-        Name of a method file.
+    method : str, or mapping of str to mapping, optional
+        Name of a method file; or option files in order, name -> options.
     options : mapping, optional
-        Names without dash, texts or numbers; they override the file's.
+        Names without dash, texts or numbers; they override the files'.
     periodic : bool
         Whether it is for a periodic patch, which has another default.
 
@@ -136,27 +147,37 @@ def settings(method=None, options=None, periodic=False):
     Raises
     ------
     InputError
-        If an option is not allowed, or has no effect with the others.
+        If an option is not allowed, or has no effect with the others. What a file says may be idle if something later
+        has overridden it.
     """
     given, warnings = renamed(as_texts(options or {}))
-    for name in _GONE.keys() & given.keys():
-        del given[name]
-        warnings.append(f"-{name} is gone and ignored: {_GONE[name]}")
-    from_file, default = {}, PERIODIC if periodic else DEFAULT
-    if method is not None:
-        from_file = read_method_file(method)
-    elif not given.keys() & {"ksp_type", "pc_type"} and given.get("lcp_type", default) == default:
-        from_file = read_method_file(default)
-        if not OptionReader(METHOD_OPTIONS, from_file | given)["lcp_nested"]:
-            from_file = {name: text for name, text in from_file.items() if name not in _ONLY_NESTED}
-    if not given.get("pc_python_type", "Circulant").endswith("Circulant"):
-        from_file = {name: text for name, text in from_file.items() if not name.startswith("pc_circulant_")}
-    texts = from_file | given
-    if "lcp_type" not in texts and texts.get("ksp_python_type", "").endswith(".TrackingCG"):
-        texts["lcp_type"] = "fast"  # as option files of the first edition mean it
-    unknown = {name for name in texts if name.startswith("lcp_")} - {option.name for option in METHOD_OPTIONS}
-    if unknown:
-        raise InputError(f"unknown option{'s'[: len(unknown) > 1]}: -{', -'.join(sorted(unknown))}")
+    files = {method: read_method_file(method)} if isinstance(method, str) else dict(method or {})
+    for texts in (given, *files.values()):
+        for name in _GONE.keys() & texts.keys():
+            del texts[name]
+            warnings.append(f"-{name} is gone and ignored: {_GONE[name]}")
+    warnings += _give_way(files, given)
+    said = {name: text for texts in (*files.values(), given) for name, text in texts.items()}
+    default = PERIODIC if periodic else DEFAULT
+    chosen = isinstance(method, str) or said.keys() & {"ksp_type", "pc_type"}
+    if not chosen and said.get("lcp_type", default) == default:
+        files = {default: read_method_file(default), **files}
+    stages, texts = [], {}
+    for name in files:
+        texts = texts | files[name]
+        stages.append((name, texts))
+    of_files = texts.keys() - given.keys()
+    texts = _with_type(texts | given)
+    idle = _idle(texts)
+    for name in sorted(idle):
+        if name in of_files and any(
+            name in found and name not in _idle(_with_type(found)) for _, found in stages
+        ):
+            del texts[name]  # overridden
+        else:
+            raise InputError(
+                f"-{name} {texts[name]}".rstrip() + f": has no effect here; allowed with {idle[name]}"
+            )
     reader = OptionReader(METHOD_OPTIONS, texts)
     strategy, nested = reader["lcp_type"], reader["lcp_nested"]
     if strategy == (DEFAULT if periodic else PERIODIC):
@@ -164,36 +185,79 @@ def settings(method=None, options=None, periodic=False):
         raise InputError(
             f"-lcp_type {strategy}: works on {works}; allowed on {here} ones: {default}, active_set, tao, snesvi"
         )
-    _refuse_without_effect(strategy, nested, texts, reader, given)
     _refuse_what_crashes(strategy, texts)
     return Settings(
         strategy, nested, reader["lcp_rtol"], reader["lcp_error_bound"], reader["lcp_max_it"],
         reader["lcp_coarse_rtol"], reader["lcp_predictor"], reader["lcp_prolongation"] == "lift",
         reader["lcp_window"], reader["lcp_beta"], reader["lcp_coarsest"], reader["lcp_cells_per_rank"],
-        reader["lcp_precision"] == "single", texts, tuple(warnings),
+        reader["lcp_precision"] == "single", texts, tuple(warnings), tuple(stages), frozenset(of_files),
     )  # fmt: skip
 
 
-def _refuse_without_effect(strategy, nested, texts, reader, given):
-    def refuse(name, needs):
-        raise InputError(f"-{name} {texts[name]}".rstrip() + f": has no effect here; allowed with {needs}")
+def _give_way(files, given):
+    """Remove method files in whose place another one comes later, or another strategy; return a line for each.
 
-    for name in texts.keys() & given.keys():
-        if strategy not in _ACTIVE_SET and name in ("lcp_nested", "lcp_coarsest", *_ONLY_FAST, *_ONLY_NESTED):
-            refuse(name, "-lcp_type active_set or fast only")
+    A file is a method if it chooses a strategy, or a KSP and a PC. Two of them mixed are neither.
+    """
+    warnings, wanted, kept = [], given.get("lcp_type"), None
+    for name in reversed(list(files)):
+        texts = _with_type(files[name])
+        if "lcp_type" not in texts and not {"ksp_type", "pc_type"} <= texts.keys():
+            continue
+        other = wanted is not None and texts.get("lcp_type", "active_set") != wanted
+        if later := f"-lcp_type {wanted}" if other else kept:
+            del files[name]
+            warnings.append(f"the method of {name} gives way to {later}")
+        else:
+            kept = name
+    return warnings[::-1]
+
+
+def _with_type(texts):
+    """Texts with the strategy that option files of the first edition mean."""
+    if "lcp_type" not in texts and texts.get("ksp_python_type", "").endswith(".TrackingCG"):
+        return texts | {"lcp_type": "fast"}
+    return texts
+
+
+def _idle(texts):
+    """Options of the table without effect beside the others, and what they need: name -> text.
+
+    Raises
+    ------
+    InputError
+        If an option is not known, or its value not allowed.
+    """
+    known = [option.name for option in METHOD_OPTIONS]
+    if unknown := sorted({name for name in texts if name.startswith("lcp_")} - set(known)):
+        raise InputError(unknown_options(unknown, known))
+    reader = OptionReader(METHOD_OPTIONS, texts)
+    strategy, nested = reader["lcp_type"], reader["lcp_nested"]
+    idle = {}
+    for name in texts.keys() & set(known):
         of_both = strategy == "primal" and name in _PRIMAL_TOO
-        if strategy != "fast" and not of_both and name in _ONLY_FAST and reader[name] != _neutral(name):
-            refuse(name, "-lcp_type fast only")
-        if strategy == "primal" and name in ("lcp_beta", "lcp_prolongation"):
-            refuse(name, "-lcp_type active_set or fast only")
-        if not nested and name in _ONLY_NESTED and reader[name] != _neutral(name):
-            refuse(name, "-lcp_nested only")
-    if "lcp_beta" in given and reader["lcp_prolongation"] == "lift":
-        refuse("lcp_beta", "-lcp_prolongation copy only")
+        neutral = reader[name] == _neutral(name)
+        if strategy not in _ACTIVE_SET and name in ("lcp_nested", "lcp_coarsest", *_ONLY_FAST, *_ONLY_NESTED):
+            idle[name] = "-lcp_type active_set or fast only"
+        elif strategy != "fast" and not of_both and name in _ONLY_FAST and not neutral:
+            idle[name] = "-lcp_type fast only"
+        elif strategy == "primal" and name in ("lcp_beta", "lcp_prolongation"):
+            idle[name] = "-lcp_type active_set or fast only"
+        elif not nested and name in _ONLY_NESTED and not neutral:
+            idle[name] = "-lcp_nested only"
+        elif name == "lcp_beta" and reader["lcp_prolongation"] == "lift":
+            idle[name] = "-lcp_prolongation copy only"
+    return idle
 
 
 def _refuse_what_crashes(strategy, texts):
+    bounded = any(name.endswith("ksp_chebyshev_eigenvalues") for name in texts)
     for name, text in texts.items():
+        if name.endswith("ksp_type") and text == "chebyshev" and not bounded:
+            raise InputError(
+                f"-{name} chebyshev: PETSc estimates its bounds before there is a contact set; needed: "
+                f"-{name.removesuffix('type')}chebyshev_eigenvalues least,largest (0.5,30 with -pc_type jacobi)"
+            )
         if name.endswith("pc_type") and text in _NEED_ENTRIES:
             raise InputError(f"-{name} {text}: needs the entries of the matrix, which are never stored")
         # These work on parts of the operator, which are none of this program's.

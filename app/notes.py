@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from app.halfspace.halo import row_before
+from app.problems.given import is_measured
+from app.units import in_words
+
 HIGH_PRESSURE = 0.2  # of E*, beyond which hardly any solid is elastic
 STEEP = 0.5  # rms slope, beyond which a body is no half-space
-FLAT = 1e-4  # rms slope of measured heights, below which lengths along and across may be in different units
+FLAT = 2e-4  # rms slope of measured heights, below which heights or spacing may be in another unit ...
+COARSE, COARSE_FLAT = 0.05, 5e-3  # ... and the same where cells are as wide as this [mm]
 TALL = 0.1  # rms height over the shorter side of the patch: with wrong units, or slopes that are steep anyway
 SQUARISH = 0.2  # of measured cells that are meant to be square, perhaps: logarithm of their sides' ratio
+SEAM = 3.0  # steps where a periodic patch repeats, in those from cell to cell, that do not look like the surface's
 FEW_CELLS = 10  # of contact, fewer of which do not show its shape
 LARGE_PATCH = 100  # cells of a patch that is meant to show one
 
@@ -37,17 +43,24 @@ def notes_on(state, problem, contact, roughness):
             f"the maximum pressure is {contact.max_pressure / modulus:.2g} E*: beyond what solids bear elastically, or "
             "a length is in another unit than mm"
         )
-    if roughness.rms_slope > STEEP:
+    measured = [surface for surface in getattr(problem, "surfaces", ()) if is_measured(surface)]
+    doubts = [note for surface in measured if (note := doubt(surface, grid))]
+    found += doubts
+    if roughness.rms_slope > STEEP and not doubts:
         found.append(f"the rms slope is {roughness.rms_slope:.2g}: the theory is for slopes below {STEEP:g}")
-    measured = any(getattr(surface, "measured", False) for surface in getattr(problem, "surfaces", ()))
-    if measured and 0 < roughness.rms_slope < FLAT:
-        found.append(
-            f"the rms slope is {roughness.rms_slope:.2g}: are lengths along the surface in mm, as heights are?"
-        )
-    if measured and 1e-3 < abs(np.log(grid.dx / grid.dy)) < SQUARISH and min(grid.nx, grid.ny) > 1:
-        found.append(
-            f"cells are {grid.dx:.4g} x {grid.dy:.4g} mm, nearly square: are rows and columns exchanged?"
-        )
+    if measured and min(grid.nx, grid.ny) > 1:
+        shape = np.log(grid.dx / grid.dy)
+        exchanged = abs(shape + 2 * np.log(grid.nx / grid.ny)) < 1e-3  # sides of the patch
+        if abs(shape) > 1e-3 and (exchanged or abs(shape) < SQUARISH):
+            what = "square if the sides of the patch are exchanged" if exchanged else "nearly square"
+            found.append(f"cells are {in_words(grid.dx, grid.dy, digits=4)}, {what}: is x exchanged with y?")
+    if measured and grid.periodic:
+        across, inside = _step_at_the_sides(state), max(max(surface.steps) for surface in measured)
+        if across > SEAM * inside > 0:
+            found.append(
+                f"where the patch repeats heights step by {in_words(across)} (rms), from cell to cell elsewhere by "
+                f"{in_words(inside)}: a measured surface is not periodic, and touches there as at a cliff"
+            )
     if roughness.rms_height > TALL * side:
         found.append(
             f"the distances vary by {roughness.rms_height:.2g} mm (rms) on a patch {side:.2g} mm wide: are they in mm?"
@@ -70,6 +83,34 @@ def notes_on(state, problem, contact, roughness):
         what = "contact reaches" if state.in_contact() else "the smallest distance is found at"
         found.append(f"{what} the rim of the patch: enlarge the domain if the bodies go on beyond it")
     return found
+
+
+def doubt(surface, grid):
+    """Note on a measured surface that is not as steep as surfaces are, as with a unit mistaken by 1000; None: it is.
+
+    Not collective.
+    """
+    slope = surface.rms_slope(grid)
+    if slope > STEEP:
+        what = f"steeper than the theory is for (slopes below {STEEP:g})"
+    elif 0 < slope < (COARSE_FLAT if max(surface.cell(grid)) > COARSE else FLAT):
+        what = "flatter than most surfaces"
+    else:
+        return None
+    what = f"surface file {surface.file}: is {what}"
+    return f"{what}; are heights and spacing in the units said? {surface.understood(grid)}"
+
+
+def _step_at_the_sides(state):
+    """Root mean square of the steps in distance across the sides of a periodic patch [mm]. Collective."""
+    rows = state.operator.slabs.rows
+    b = np.where(state.admissible, state.distance.b, np.nan)
+    below = row_before(b, True, state.operator.slabs, state.operator.comm, np.nan)
+    steps = [b[:, 0] - b[:, -1], b[0] - below if len(b) and rows.start == 0 else np.zeros(0)]
+    known = np.concatenate(steps)
+    known = known[np.isfinite(known)]
+    total, count = state.sum([known @ known, known.size])
+    return float(np.sqrt(total / count)) if count else 0.0
 
 
 def _touches_rim(state):

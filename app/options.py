@@ -6,6 +6,8 @@ program has a dict. Options of the linear solvers (``-ksp_*``, ``-pc_*``, ``-mg_
 
 from __future__ import annotations
 
+import difflib
+import re
 from dataclasses import dataclass
 from functools import partial
 
@@ -99,7 +101,9 @@ class OptionReader:
             return option.kind(text)
         except ValueError as error:
             wrong = f"-{name} {text}: not allowed" if text else f"-{name}: its value is missing"
-            raise InputError(f"{wrong}; allowed: {error}") from None
+            unit = re.search(r"\[[^]]+\]", option.meaning)
+            unit = f" {unit[0]}" if unit and unit[0] not in str(error) else ""
+            raise InputError(f"{wrong}; allowed: {error}{unit}") from None
 
     def unused(self):
         """Names of the table's options that are set and that nobody has asked for, sorted."""
@@ -176,6 +180,26 @@ def renaming(old, aliases=None):
     return f"-{old} is called -{(aliases or ALIASES)[old]} now; the old name works in this release only"
 
 
+def nearest(name, known):
+    """The known name that is nearly the same; None if there is none."""
+    return next(iter(difflib.get_close_matches(name, known, 1, 0.75)), None)
+
+
+def unknown_options(names, known):
+    """Complain about options that nobody knows; a known name that is nearly the same is told.
+
+    Examples
+    --------
+    >>> unknown_options(["gird"], ["grid", "load"])
+    'unknown option: -gird (did you mean -grid?)'
+    """
+    said = []
+    for name in sorted(names):
+        near = nearest(name, known)
+        said.append(f"-{name} (did you mean -{near}?)" if near else f"-{name}")
+    return f"unknown option{'s'[: len(said) > 1]}: {', '.join(said)}"
+
+
 # ------------------------------------------------------------------------------------------------- kinds
 
 
@@ -218,6 +242,19 @@ def choice(*names):
         if text not in names:
             raise ValueError("one of " + ", ".join(names))
         return text
+
+    parse.names = names  # for the help
+    return parse
+
+
+def some_of(*names):
+    """Kind: some of some words, with commas between, in any order."""
+
+    def parse(text):
+        found = tuple(text.split(","))
+        if not set(found) <= set(names):
+            raise ValueError("with commas between: " + ", ".join(names))
+        return found
 
     parse.names = names  # for the help
     return parse
@@ -321,4 +358,3 @@ def domain(text):
 positive = real("a positive number", above=0)
 from_zero = real("a number from 0", lowest=0)
 count = integer(1, "a whole number of at least 1")
-count_from_zero = integer(0, "a whole number from 0")

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from app.analytic import THEORIES
 from app.contact.extent import ContactExtent
 from app.contact.grid_errors import GridErrors
 from app.contact.loading import LOADINGS
@@ -39,6 +40,7 @@ COLUMNS = {
 UNITS = {
     "step": "1",
     **COLUMNS,
+    **dict.fromkeys(THEORIES, "1"),
     "contact_patches": "1",
     "largest_patch": "mm2",
     "stiffness": "N/mm",
@@ -50,7 +52,7 @@ UNITS = {
 class LoadPath:
     """The solutions along a path, one after the other: iterate over it, then look at its table.
 
-    Collective, as is every step. It can be iterated over once.
+    Collective, as is every step. It can be iterated over once. A pickled one keeps its table, and has no steps to come.
 
     Parameters
     ----------
@@ -101,6 +103,12 @@ class LoadPath:
         self.operator_applications = self.solve_seconds = 0.0
         self._steps = self._solve()
 
+    def __getstate__(self):
+        return self.__dict__ | {"_solver": None, "_steps": None}
+
+    def __setstate__(self, state):
+        self.__dict__.update(state, _steps=iter(()))
+
     def __len__(self):
         return len(self.numbers)
 
@@ -123,6 +131,7 @@ class LoadPath:
         row = {
             "step": step + 1,
             **{name: getattr(solution, name) for name in COLUMNS},
+            **{name: solution.problem[name] for name in THEORIES if name in solution.problem},
             "contact_patches": len(patches),
             "largest_patch": float(patches[0]) if len(patches) else 0.0,
         }

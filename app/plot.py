@@ -104,11 +104,25 @@ def _arguments(argv):
         raise InputError(f"-o {arguments.output}: exists and is not a folder")
     if not arguments.output.parent.is_dir():
         raise InputError(f"-o {arguments.output}: folder {arguments.output.parent} does not exist")
-    stems = [file.stem for file in arguments.files]
-    twice = sorted({stem for stem in stems if stems.count(stem) > 1})
-    if twice:
-        raise InputError(f"files: two are named {twice[0]}; each needs a folder of its own name")
+    arguments.names = _names(arguments.files)
     return arguments
+
+
+def _names(files):
+    """Names of folders for files: theirs, where several have the same one with suffix, or folder and suffix."""
+    ways = (
+        lambda file: file.stem,
+        lambda file: f"{file.stem}_{file.suffix[1:]}",
+        lambda file: f"{file.absolute().parent.name}_{file.stem}_{file.suffix[1:]}",
+    )
+    names = [[way(file) for way in ways] for file in files]
+    chosen = []
+    for mine in names:
+        fit = [name for way, name in enumerate(mine) if sum(name == other[way] for other in names) == 1]
+        if not fit:
+            raise InputError(f"files: two are named {mine[0]}; each needs a folder of its own name")
+        chosen.append(fit[0])
+    return chosen
 
 
 def _draw_all(arguments):
@@ -117,16 +131,16 @@ def _draw_all(arguments):
     for file in arguments.files[1:]:
         _read(file)  # what cannot be read is told before anything is drawn
     arguments_of, drawn = [], []
-    for file in arguments.files:
+    for file, name in zip(arguments.files, arguments.names, strict=True):
         data = _read(file)
-        folder = arguments.output / file.stem if several else arguments.output
+        folder = arguments.output / name if several else arguments.output
         folder.parent.mkdir(exist_ok=True)
         folder.mkdir(exist_ok=True)
         if isinstance(data, dict):
-            path = None if "exit_status" in data else paths.path_of_csv(data, file.stem)
+            path = None if "exit_status" in data else paths.path_of_csv(data, name)
             drawn.append(_draw_table(data, file, folder / file.name, kind, dpi))
         else:
-            path = paths.path_of(data, file.stem)
+            path = paths.path_of(data, name)
             drawn += draw(data, folder, kind, dpi)
         arguments_of += [path] if path else []
     if len(arguments_of) > 1:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from app.contact.grid_errors import GridErrors, GridNumbers, errors_from
 from app.errors import InputError
+from app.multigrid.hierarchy import check_room
 from app.solution import Solution
 from app.solver import ContactSolver
 
@@ -56,7 +57,7 @@ def refine(
     Returns
     -------
     Refinement
-        Stops at the first grid that is fine enough, or not solved, or the last one allowed.
+        Stops at the first grid that is fine enough, or not solved, or the last one allowed or that memory has room for.
 
     Raises
     ------
@@ -73,23 +74,33 @@ def refine(
     (True, True)
     """
     check(problem, until)
-    rows, before, by_load = [], None, bool(loading.keys() & {"load", "mean_pressure"})
+    rows, numbers, by_load = [], [], bool(loading.keys() & {"load", "mean_pressure"})
     while True:
         grid = problem.grid
         with ContactSolver(problem, method, options, comm, listeners=listeners) as solver:
             solution = solver.solve(**loading)
             errors = GridErrors(*(getattr(solution, name) for name in GridErrors._fields))
-            numbers = GridNumbers(
-                solution.load, solution.approach, solution.max_pressure, solution.contact_area
+            numbers.append(
+                GridNumbers(solution.load, solution.approach, solution.max_pressure, solution.contact_area)
             )
-            if before:
-                errors = errors_from(before, numbers, solver.touching, by_load).with_rim(solution)
+            if len(numbers) > 1:
+                errors = errors_from(numbers, solver.touching, by_load).with_rim(solution)
             rows.append(_row(solution, errors))
             reached = solution.converged and errors.largest <= until
-            if reached or not solution.converged or 4 * grid.n > most_cells:
+            last = 4 * grid.n > most_cells or not _has_room(solver, grid.refine())
+            if reached or not solution.converged or last:
                 exact = solver.stiffness(solution) if stiffness else float("nan")
                 return Refinement(solution, errors, reached, exact, rows)
-        before, problem = numbers, problem.on(grid.refine())
+        problem = problem.on(grid.refine())
+
+
+def _has_room(solver, grid):
+    """Whether there is memory for a grid beside that of a solver; if not, what was found is not lost. Collective."""
+    try:
+        check_room(solver.comm, grid, solver.settings)
+    except InputError:
+        return False
+    return True
 
 
 def check(problem, until):

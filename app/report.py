@@ -18,12 +18,12 @@ from app import subsurface
 from app.commands import streams
 from app.commands.arguments import Parser
 from app.errors import InputError, one_line
+from app.halfspace.connected import connected_sets
 from app.output import figures, page
 from app.output.files import whole_file
-from app.output.patches import label_patches
 from app.output.result import read_result
-from app.output.style import length_unit
 from app.plot import pictures_of
+from app.units import length_unit, resolved
 
 _LENGTH, _AREA = "length", "area"
 # Attribute, label, unit, meaning; `_LENGTH` and `_AREA`: in a unit that suits the value.
@@ -41,6 +41,8 @@ _QUANTITIES = (
     ("mean_contact_pressure", "mean pressure in contact", "N/mm²", "load over contact area"),
     ("contact_fraction", "contact fraction", "", "share of the cells where contact is possible"),
     ("contact_fraction_corrected", "corrected", "", "the same, corrected for its stepped boundary"),
+    ("persson_fraction", "Persson's theory", "", "contact fraction at this mean pressure, E* and rms slope"),
+    ("bush_gibson_thomas_fraction", "Bush, Gibson and Thomas's", "", "the same for light loads"),
     ("contact_cells", "cells in contact", "", ""),
     ("contact_patches", "patches", "", "parts of the contact that hang together by faces of cells"),
     ("perimeter", "perimeter", _LENGTH, "length of the faces between contact and no contact"),
@@ -91,19 +93,34 @@ def quantity(value, unit, digits=6):
     return f"{value:.{digits}g} {unit}".strip().replace("-", "−")
 
 
+def plain(value):
+    """Text of an attribute: numbers with as many digits as are read."""
+    if isinstance(value, str):
+        return value
+    return ", ".join(f"{number:.6g}" for number in np.ravel(value))
+
+
 def _is_number(value):
     return isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
 
 
 def numbers_section(result):
     """What came out."""
-    _, cells = label_patches(result.contact == 1, result.attributes.get("periodic"))
+    _, cells = connected_sets(result.contact == 1, result.attributes.get("periodic"))
+    grid = subsurface.grid_of(result)
     values = result.attributes | {"contact_patches": len(cells)}
-    found = [
-        {"label": label, "value": quantity(values[name], unit), "meaning": meaning}
-        for name, label, unit, meaning in _QUANTITIES
-        if _is_number(values.get(name))
-    ]
+    for name, cell in (("pressure_centre_x", grid.dx), ("pressure_centre_y", grid.dy)):
+        if name in values:
+            values[name] = resolved(values[name], cell)
+    found = []
+    for name, label, unit, meaning in _QUANTITIES:
+        value, known = values.get(name), values.get(f"analytic_{name}")
+        if _is_number(value):
+            differs = known and abs(value / known - 1) > 1e-12  # it is not what was prescribed
+            exact = f"{quantity(known, unit)} ({value / known - 1:+.1e})" if differs else ""
+            found.append(
+                {"label": label, "value": quantity(value, unit), "analytic": exact, "meaning": meaning}
+            )
     modulus, slope = (values.get(name, np.nan) for name in ("contact_modulus", "rms_slope"))
     for name, scale, label, meaning in (
         (
@@ -120,7 +137,8 @@ def numbers_section(result):
         ),
     ):
         if _is_number(values.get(name)) and scale > 0:
-            found.append({"label": label, "value": f"{values[name] / scale:.3g}", "meaning": meaning})
+            value = f"{values[name] / scale:.3g}"
+            found.append({"label": label, "value": value, "analytic": "", "meaning": meaning})
     return Section("result", "Result", quantities=found)
 
 
@@ -147,7 +165,9 @@ def proof_section(values):
         for name in ("load", "approach", "max_pressure", "contact_area")
     }
     known = [
-        f"{name.replace('_', ' ').replace('max', 'maximum')} {e:.2g}" for name, e in errors.items() if e > 0
+        f"{name.replace('_', ' ').replace('max', 'maximum')} {f'{e:.2g}' if e < 1 else '(does not converge)'}"
+        for name, e in errors.items()
+        if e > 0
     ]
     if _is_number(error) and error > 0:
         texts.append(
@@ -161,7 +181,7 @@ def proof_section(values):
         )
     if known:
         texts.append(
-            f"Relative errors that the size of the cells makes, estimated from two grids: {', '.join(known)}."
+            f"Relative errors that the size of the cells makes, estimated from the last grids: {', '.join(known)}."
         )
     return Section("accuracy", "How good it is", texts)
 
@@ -180,7 +200,7 @@ def request_section(result):
         "cells": f"{nx} × {ny}, each {grid.dx * cell.per_mm:.4g} × {grid.dy * cell.per_mm:.4g} {cell.name}",
     }
     facts |= {
-        name: value if isinstance(value, str) else np.array2string(np.asarray(value), precision=6)
+        name: plain(value)
         for name, value in values.items()
         if name.startswith(
             ("hertz_", "sphere_", "cone_", "punch_", "surface_", "body", "young", "poisson", "shear_", "gap_")
@@ -265,7 +285,7 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
         sections.append(stress_section(result, below))
     sections.append(Section("pictures", "Pictures", pictures=pictures))
     sections.append(request_section(result))
-    made = {label: values[name] for name, label in _ORIGIN.items() if name in values}
+    made = {label: plain(values[name]) for name, label in _ORIGIN.items() if name in values}
     sections.append(Section("made", "How it was made", facts=made))
     state = f"{'Solved' if values['converged'] else 'NOT SOLVED'}: {values['reason']}."
     return page.template("result.html").render(

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from app.contact.certificate import Certificate
-from app.contact.extent import ContactExtent, patch_areas
+from app.contact.extent import ContactExtent
 from app.errors import InputError
 from app.halfspace.communication import Traffic
+from app.halfspace.connected import connected_sets
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.reductions import minimum_over, sum_over
 
@@ -18,7 +19,7 @@ from app.halfspace.reductions import minimum_over, sum_over
 class Solution:
     """The solution of a contact problem, or the best there is.
 
-    Arrays hold the rows of this rank, (rows, nx); `gather` brings all of them to one.
+    Arrays hold the rows of this rank, (rows, nx); `gather` brings all of them to one. Can be pickled there.
 
     Attributes
     ----------
@@ -125,6 +126,18 @@ class Solution:
     comm: object = field(repr=False)
     distance: object = field(repr=False)  # gives `undeformed_distance` when called
 
+    def __getstate__(self):
+        """What is pickled: everything, on one rank; the copy has a communicator of its own process."""
+        if self.comm.size > 1:
+            raise TypeError("a Solution on several ranks cannot be pickled; gather() brings it to one")
+        return self.__dict__ | {"distance": self.undeformed_distance, "comm": None}
+
+    def __setstate__(self, state):
+        from mpi4py import MPI
+
+        h = state["distance"]
+        self.__dict__.update(state, distance=lambda: h, comm=MPI.COMM_SELF)
+
     @property
     def undeformed_distance(self):
         """h, the approach taken off, shape (rows, nx) [mm]; NaN where contact is impossible. Made when asked for."""
@@ -201,7 +214,8 @@ class Solution:
 
         Cells hang together by faces; on a periodic patch across its sides, too.
         """
-        return patch_areas(self.contact, self.grid, self.slabs, self.comm)
+        _, cells = connected_sets(self.contact, bool(self.grid.periodic), self.slabs, self.comm)
+        return np.sort(cells)[::-1] * self.grid.cell_area
 
     def distribution(self, name, bins=100, logarithmic=False):
         """Distribution of the pressure over the cells in contact, or of the gap over those that are open.

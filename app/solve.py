@@ -6,6 +6,7 @@ import sys
 import types
 
 from app.commands import session
+from app.errors import InputError
 
 
 def main(given):
@@ -21,7 +22,7 @@ def main(given):
 
     from app.commands import monitor
     from app.commands.load_path import run_path
-    from app.commands.problem_options import Request, help_text
+    from app.commands.problem_options import Request, help_text, suggesting
     from app.commands.report import along, grids, report
     from app.refinement import refine
     from app.solver import ContactSolver
@@ -30,13 +31,20 @@ def main(given):
         session.say(help_text())
         if "problem" not in given.texts:
             return 0
+    if not given.texts:
+        raise InputError(
+            "nothing to solve; to begin with: -options_file petsc_options/hertz.opts; all options: -help"
+        )
     started = time.perf_counter()
     facts = {"command_line": shlex.join(sys.argv)}
-    with PETSc.Log.Stage("Setup"):
+    with PETSc.Log.Stage("Setup"), suggesting(given.texts):
+        told = len(given.warnings)
         request = Request(given, MPI.COMM_WORLD)
+        for line in given.warnings[told:]:
+            session.warn(line)
         solver = None
         if not request.refine_until:
-            solver = ContactSolver(request.problem, options=request.method)
+            solver = ContactSolver(request.problem, request.method, request.options)
             shown = request.wants_monitor or not request.path  # which has a bar, or lines, of its own
             solver.listeners += (
                 monitor.listeners(request.wants_monitor, solver.settings.rtol) if shown else []
@@ -56,7 +64,7 @@ def main(given):
         if solver is None:
             listeners = monitor.listeners(request.wants_monitor, 1e-6)
             refined = refine(
-                request.problem, request.refine_until, request.refine_max, options=request.method,
+                request.problem, request.refine_until, request.refine_max, request.method, request.options,
                 listeners=listeners, stiffness=request.stiffness, **request.loading,
             )  # fmt: skip
             solution, stiffness = refined.solution, refined.stiffness

@@ -13,7 +13,6 @@ one changes, nor does anybody's command line count.
 
 from __future__ import annotations
 
-import re
 import time
 import warnings
 import weakref
@@ -22,10 +21,9 @@ from dataclasses import replace
 
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from app import method as methods
-from app.analytic import analytic_values
+from app.analytic import analytic_values, theories
 from app.contact import measures
 from app.contact.certificate import certify
 from app.contact.extent import measure_extent
@@ -34,28 +32,21 @@ from app.contact.loading import LOADINGS, PrescribedApproach, prescribe
 from app.contact.reference_solvers import REFERENCE_SOLVERS
 from app.contact.state import UndeformedDistance
 from app.contact.stiffness import contact_stiffness
-from app.contact.stopping import StoppingTest
-from app.errors import InputError, agree
+from app.errors import InputError, agree, check_alike
 from app.fast.circulant import circulant_of
-from app.fast.solver import TrackingSolver
 from app.halfspace.communication import Communicator
-from app.halfspace.grid import check_memory
 from app.halfspace.influence import influence_quadrant
-from app.multigrid.hierarchy import Hierarchy
-from app.multigrid.linear_solver import LinearSolver
+from app.method_solver import database_of, make_hierarchy, make_solver, read_by, refuse_unread
+from app.multigrid.hierarchy import check_room
 from app.notes import notes_on
 from app.path import LoadPath
-from app.petsc import OptionDatabase, Resources, error_message
-from app.primal.solver import PrimalSolver
+from app.petsc import Resources
 from app.problems.given import ContactProblem
 from app.problems.problem import checked_shape
 from app.solution import Solution
-from app.strategy import Strategy, warm_up
+from app.strategy import Strategy, check_compiler, warm_up
 
 __all__ = ["ContactProblem", "ContactSolver", "Solution", "solve"]
-
-# Options that PETSc looks up only while solving, or never marks as used.
-_READ_LATE = re.compile(r"(\w+_)?(ksp|snes|tao)_converged_reason|(\w+_)?(ksp|pc|mat|vec|snes|tao)_view\w*")
 
 
 def solve(
@@ -91,9 +82,9 @@ class ContactSolver:
     ----------
     problem : Problem
         `ContactProblem`, or another one of `app.problems`.
-    method : str, optional
-        Name of a method file in petsc_options, such as "fmg_v11"; default: the default method, unless the options
-        choose a KSP or PC.
+    method : str, or mapping of str to mapping, optional
+        Name of a method file in petsc_options, such as "fmg_v11"; or option files in order, a mapping of name ->
+        options. Default: the default method, unless the options choose a KSP or PC.
     options : mapping, optional
         Options without dash, texts or numbers: {"lcp_rtol": 1e-8, "ksp_rtol": 0.1}. They override the file's.
     comm : mpi4py communicator, optional
@@ -127,15 +118,17 @@ class ContactSolver:
         self._outer_comm = MPI.COMM_WORLD if comm is None else comm
         self.comm = self._resources.comm = Communicator(self._outer_comm.Dup())
         try:
-            agree(self.comm, check_memory, problem.grid, self.comm.size)
-            texts = dict(options or {}) | methods.global_options(prefix)
-            self.settings = agree(self.comm, methods.settings, method, texts, bool(problem.grid.periodic))
-            self._database = OptionDatabase(self.settings.texts)
-            for name in self.settings.texts:
-                if name.startswith("lcp_"):
-                    self._database.drop(name)
-            with self._database.active():
-                self._set_up()
+            agree(self.comm, check_compiler)
+            grid, texts = problem.grid, dict(options or {}) | methods.global_options(prefix)
+            self.settings = chosen = agree(self.comm, methods.settings, method, texts, bool(grid.periodic))
+            check_alike(self.comm, (grid.shape, grid.periodic, chosen), "grid or options")
+            check_room(self.comm, grid, chosen)
+            self._database = database_of(chosen)
+            # Rank 0 has a part in every grid.
+            if unread := self.comm.bcast(read_by(self._database, self._set_up)):
+                self.settings = refuse_unread(unread, chosen, bool(grid.periodic))
+            self._strategy = Strategy(self.settings, self.hierarchy, self._distances, self._solver)
+            self._measure_shapes()
         except BaseException:
             self.close()
             raise
@@ -150,62 +143,15 @@ class ContactSolver:
             alone = replace(grid, periodic="")  # images change little of a cell's influence on itself
             self._largest = float(influence_quadrant(alone, compliance, slice(0, 1), 1)[0, 0])
             _check_single("influence coefficients", self._largest, "mm3/N")
-        margin = chosen.window if chosen.strategy == "fast" and chosen.nested else 0.0
-        self.hierarchy = hierarchy = Hierarchy(
-            grid, compliance, self.comm, chosen.coarsest, chosen.cells_per_rank,
-            single=chosen.strategy in REFERENCE_SOLVERS,
-            dtype=np.float32 if chosen.single else np.float64,
-            margin=margin,
-        )  # fmt: skip
+        self.hierarchy = hierarchy = make_hierarchy(grid, compliance, self.comm, chosen)
         self._resources.add(hierarchy)
-        self._solver = self._make_solver()
+        self._solver = make_solver(hierarchy, chosen)
         self._resources.add(self._solver)
         warm_up(chosen)
         if chosen.lifted and chosen.nested:
             for operator in hierarchy.levels:
                 if not hierarchy.windowed(operator):
                     circulant_of(operator)
-        # Rank 0 has a part in every grid.
-        unused = self.comm.bcast([name for name in self._database.unused() if not _READ_LATE.fullmatch(name)])
-        if unused:
-            raise InputError(
-                f"unknown or unused option{'s'[: len(unused) > 1]}: -{', -'.join(sorted(unused))}"
-            )
-        self._strategy = Strategy(chosen, hierarchy, self._distances, self._solver)
-        self._measure_shapes()
-
-    def _make_solver(self):
-        """Make the solver of the target grid; what PETSc refuses is the user's to know.
-
-        Returns
-        -------
-        LinearSolver or a reference solver
-            None if the target grid is worked on in a window, whose solver is made when that is known: then the options
-            have been tried on a smaller grid.
-        """
-        try:
-            return agree(self.comm, self._solver_of_target)
-        except InputError as error:
-            raise InputError(f"solver options: {error}") from None
-
-    def _solver_of_target(self):
-        chosen, hierarchy = self.settings, self.hierarchy
-        kind = {"fast": TrackingSolver, "primal": PrimalSolver}.get(chosen.strategy, LinearSolver)
-        try:
-            if chosen.strategy in REFERENCE_SOLVERS:
-                stop = StoppingTest(chosen.rtol, chosen.max_it)
-                return REFERENCE_SOLVERS[chosen.strategy](hierarchy, stop)
-            if not hierarchy.windowed(hierarchy.target):
-                return kind(hierarchy)
-            number = hierarchy.finest_whole
-            level = hierarchy.levels[number]
-            if level.active:
-                kind(hierarchy, number, level.petsc_comm).destroy()
-            return None
-        except PETSc.Error as error:
-            raise ValueError(error_message(error)) from None
-        except (ImportError, AttributeError) as error:
-            raise ValueError(str(error)) from None
 
     def _measure_shapes(self):
         """Undeformed distance on all grids."""
@@ -364,6 +310,7 @@ class ContactSolver:
             return contact_stiffness(self.hierarchy, self._distances[-1], solution.contact)
 
     def _loading(self, **given):
+        check_alike(self.comm, given, "loading")
         loading = prescribe(self.problem.grid, self._distances[-1], **given)
         if loading.prescribes_load and self.settings.strategy in REFERENCE_SOLVERS:
             raise InputError(f"-lcp_type {self.settings.strategy}: works by approach only, not by load")
@@ -425,7 +372,9 @@ class ContactSolver:
             rtol=self.settings.rtol,
             certificate=proof,
             history=history.columns(),
-            problem=self.problem.describe() | analytic_values(self.problem, approach, prescribed),
+            problem=self.problem.describe()
+            | analytic_values(self.problem, approach, prescribed)
+            | theories(self.problem, found.mean_pressure, self._roughness.rms_slope),
             options=self.settings.summary,
             notes=(*self.settings.warnings, *notes),
             solve_seconds=seconds,

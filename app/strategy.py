@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -126,6 +127,12 @@ class Strategy:
         state.approach = start.approach
         loading.resume(state, start.load)
         return state
+
+
+def check_compiler():
+    """Refuse an interpreter in the place of numba's compiler: some loops have no meaning there. Not collective."""
+    if numba.config.DISABLE_JIT:
+        raise InputError("NUMBA_DISABLE_JIT is set: the loops of this program work compiled only; unset it")
 
 
 def warm_up(settings):

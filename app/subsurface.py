@@ -13,7 +13,6 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
-import h5py
 import numpy as np
 
 from app.commands import streams
@@ -22,8 +21,9 @@ from app.errors import InputError, one_line
 from app.halfspace.grid import Grid
 from app.halfspace.stress import COMPONENTS, Hottest, SubsurfaceStress, von_mises
 from app.output import curves, figures, style
-from app.output.files import whole_file
+from app.output.files import whole_hdf5
 from app.output.result import read_result
+from app.units import length_unit
 
 _DEEP = 4.0  # sections reach to so many times the depth of the largest stress
 
@@ -157,7 +157,7 @@ def picture(result, found, along="x"):
 
 def write(path, result, found, planes):
     """HDF5 file of a survey and of some planes (depth -> stress); whole or not at all. Not collective."""
-    with whole_file(path) as temporary, h5py.File(temporary, "w") as file:
+    with whole_hdf5(path) as file:
         at, hottest = found.at, found.hottest
         for name, values in (("x", result.x), ("y", result.y), ("depth", found.depths)):
             file[name] = values
@@ -236,7 +236,7 @@ def _arguments(argv):
 
 def summary(hottest, result, poisson_ratio):
     """What was found, in a line or two. Not collective."""
-    unit = style.length_unit(hottest.depth or float(np.ptp(result.x)))
+    unit = length_unit(hottest.depth or float(np.ptp(result.x)))
     highest = float(np.nanmax(result.pressure))
     share = f", {hottest.von_mises / highest:.3g} of the maximum pressure" if highest > 0 else ""
     return (

@@ -80,7 +80,9 @@ def _main(argv):
     )
     parser.add_argument("--timeout", type=seconds, metavar="S", help="stop a run after S seconds")
     parser.add_argument("--resume", action="store_true", help="keep what an earlier call has finished")
-    parser.add_argument("--keep", action="store_true", help="keep the result files, in TABLE.runs/")
+    parser.add_argument(
+        "--keep", action="store_true", help="keep the result files, for a table out.csv in out.runs/"
+    )
     arguments = parser.parse_args(argv)
     output = arguments.output
     check_ranks(arguments.ranks)

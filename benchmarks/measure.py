@@ -33,12 +33,23 @@ def processor():
     return next(names, "unknown processor")
 
 
+def _commit():
+    """Which state of the program this is."""
+    said = subprocess.run(
+        ["git", "describe", "--always", "--dirty"], cwd=Path(__file__).parent, capture_output=True, text=True
+    )
+    return said.stdout.strip() or "of unknown state"
+
+
 def head(options, title="Benchmark"):
     """Date, machine, versions."""
     from petsc4py import PETSc
 
+    from app import __version__
+
     petsc = ".".join(map(str, PETSc.Sys.getVersion()))
     versions = f"PETSc {petsc}, numpy {np.__version__}, Python {platform.python_version()}"
+    versions = f"version {__version__} ({_commit()}), {versions}"
     threads = f"OMP_NUM_THREADS={os.environ.get('OMP_NUM_THREADS')}"
     command = shlex.join(["run/bench", *sys.argv[1:]])
     method = ", ".join(options.method) or "the default (fast.opts)"

@@ -4,6 +4,7 @@ import errno
 import os
 import runpy
 import sys
+from pathlib import Path
 
 
 def full_disk():
@@ -17,8 +18,12 @@ def full_disk():
 
 def little_memory():
     """The host has a single page."""
-    sysconf = os.sysconf
-    os.sysconf = lambda name: 1 if name == "SC_PHYS_PAGES" else sysconf(name)
+    read = Path.read_text
+
+    def read_little(path, *arguments, **named):
+        return "MemAvailable: 4 kB\n" if str(path) == "/proc/meminfo" else read(path, *arguments, **named)
+
+    Path.read_text = read_little
 
 
 if __name__ == "__main__":

@@ -20,9 +20,12 @@ from app.options import (
     pair_of_reals,
     positive,
     real,
+    some_of,
     word,
 )
-from app.problems.measured import LEVELS, MISSING, UNITS
+from app.problems.height_file import TURNS
+from app.problems.measured import LEVELS, MISSING
+from app.units import UNITS
 
 DEFAULT_CELLS = 256  # per side, of the default grid
 DEFAULT_PATCH = 1.5  # half sides of the default patch in semi-axes of Hertz's contact
@@ -46,35 +49,36 @@ frequencies = pair("M,N or M, whole numbers from 1 to 10000", lambda m, n: max(m
 moduli = pair_of_reals("E1,E2, positive numbers; inf: a rigid body", above=0)
 ratios = pair_of_reals("nu1,nu2, numbers from 0 to 0.5", lowest=0, highest=0.5)
 radii = pair_of_reals("two numbers, not 0; inf: straight; negative: concave", nonzero=True)
+half = real("from 0 to 0.5", lowest=0, highest=0.5)
 slant = real("above 0, at most 89.9", above=0, highest=89.9)
 share = real("above 0, at most 1", above=0, highest=1)
 
 MATERIAL_OPTIONS = [
     Option("contact_modulus", positive, REQUIRED, "E* of the pair [N/mm2]; or else the next two, or the two after"),
-    Option("young", moduli, REQUIRED, "E1,E2: Young's moduli of the bodies [N/mm2]; inf: rigid"),
-    Option("poisson", ratios, REQUIRED, "nu1,nu2: Poisson's ratios of the bodies"),
+    Option("young", moduli, REQUIRED, "E1,E2: Young's moduli of the two bodies [N/mm2]; inf: rigid"),
+    Option("poisson", ratios, REQUIRED, "nu1,nu2: their Poisson's ratios"),
     Option("shear_modulus", positive, REQUIRED, "combined G of the pair, 2/G = 1/G1 + 1/G2 [N/mm2]"),
-    Option("poisson_ratio", real("from 0 to 0.5", lowest=0, highest=0.5), REQUIRED, "combined nu"),
+    Option("poisson_ratio", half, REQUIRED, "combined nu, 2 nu/G = nu1/G1 + nu2/G2"),
 ]  # fmt: skip
 SHAPES = ("hertz", "punch", "file", "python", "rough", "sphere", "cylinder", "cone")
 GEOMETRY_OPTIONS = [
     Option("problem", choice(*SHAPES), REQUIRED, "what is pressed together"),
-    Option("grid", grid_size, REQUIRED, "nx,ny or n: cells"),
-    Option("domain", domain, REQUIRED, "x0,x1,y0,y1: potential contact area [mm]"),
+    Option("grid", grid_size, REQUIRED, "nx,ny or n: cells (default: a file's; hertz, sphere: 256)"),
+    Option("domain", domain, REQUIRED, "x0,x1,y0,y1: potential contact area [mm] (default: a file's, or Hertz's)"),
     Option("periodic", flag, False, "the patch repeats for ever in x and y"),
-    Option("periodic_symbol", choice(*SYMBOLS), SYMBOLS[0], "what its numbers stand for, waves or cells"),
+    Option("periodic_symbol", choice(*SYMBOLS), SYMBOLS[0], "its numbers are values of waves, or constant on cells"),
     Option("hertz_rx", positive, REQUIRED, "relative radius of curvature in x [mm]"),
     Option("hertz_ry", positive, REQUIRED, "relative radius of curvature in y [mm]"),
     Option("body1_radii", radii, REQUIRED, "hertz: principal radii of body 1 [mm], inf: straight, negative: concave"),
     Option("body2_radii", radii, REQUIRED, "hertz: principal radii of body 2 [mm]"),
     Option("body_angle", real(), 0.0, "hertz: from body 1's first axis to body 2's [degrees]"),
-    Option("sphere_radius", positive, REQUIRED, "radius, of two spheres the relative one [mm]"),
+    Option("sphere_radius", positive, REQUIRED, "radius, of two spheres the relative one, 1/R = 1/R1 + 1/R2 [mm]"),
     Option("cylinder_radius", positive, REQUIRED, "radius of a cylinder lying along y [mm]"),
     Option("cylinder_length", positive, None, "its length [mm] (default: beyond the patch)"),
     Option("cone_angle", slant, REQUIRED, "angle between its flank and the flat body [degrees]"),
-    Option("punch_diameter", positive, REQUIRED, "diameter of the flat punch [mm]"),
+    Option("punch_diameter", positive, REQUIRED, "diameter of a flat punch at the origin [mm]"),
     Option("surface_seed", integer(0, "a whole number from 0"), 7, "seed of the random surface"),
-    Option("surface_sigma", from_zero, 0.1, "standard deviation of the heights of the paper's surface [mm]"),
+    Option("surface_sigma", from_zero, 0.1, "the paper's surface: standard deviation of its heights [mm]"),
     Option("surface_decay", share, 0.8, "gamma: fall of its amplitudes"),
     Option("surface_modes", frequencies, (12, 10), "M,N: frequencies in x and y"),
     Option("surface_hurst", share, 0.8, "self-affine surface: Hurst exponent"),
@@ -84,10 +88,13 @@ GEOMETRY_OPTIONS = [
     Option("surface_rms_height", from_zero, None, "its rms height [mm]"),
     Option("surface_file", word, None, "measured heights, peaks positive: .npy, .h5[:/dataset], text or points xyz"),
     Option("surface_file2", word, None, "those of the other body, in the same x and y"),
-    Option("surface_unit", choice(*UNITS), None, "of measured heights, where the file does not say"),
+    Option("surface_unit", choice(*UNITS), None, "of measured heights and points, where the file does not say"),
+    Option("surface_height_unit", choice(*UNITS), None, "of the heights alone, where points x, y have another one"),
+    Option("surface_skip", integer(0, "a whole number from 0"), 0, "lines at the head of a text to leave out"),
+    Option("surface_orient", some_of(*TURNS), None, "how rows and columns are turned, before all else, in this order"),
     Option("surface_level", choice(*LEVELS), "none", "what is taken off measured heights"),
     Option("surface_crop", cells, None, "i0,i1,j0,j1: columns i0 to i1 - 1 and rows j0 to j1 - 1 of them only"),
-    Option("surface_missing", choice(*MISSING), "hole", "what becomes of missing points: no contact, or filled"),
+    Option("surface_missing", choice(*MISSING), "hole", "missing points (NaN): no contact there, or filled"),
     Option("gap_file", word, REQUIRED, "undeformed distance (ny, nx): .npy, .h5[:/dataset] or text; NaN: no contact"),
     Option("problem_type", word, REQUIRED, "python: module.Name or file.py:Name, a Problem or a function of x and y"),
 ]  # fmt: skip
@@ -125,15 +132,17 @@ def make_problem(options, texts, comm):
     InputError, ValueError, OSError
         If something is missing or of no use.
     """
-    from app.halfspace.grid import Slabs, check_memory
+    from app.halfspace.grid import Slabs
+    from app.memory import check_share
     from app.problems.given import ContactProblem
 
     name, material, periodic = options["problem"], _material(options), _periodic(options)
     shape = None if name == "python" else _shape(name, options)
     measured = _measured(options)
     grid = _grid(options, name, shape, measured, material, periodic)
-    check_memory(grid, comm.size)
-    rows, own = Slabs.over(comm, grid.ny).rows, OptionReader((), {})
+    slabs, own = Slabs.over(comm, grid.ny), OptionReader((), {})
+    check_share(grid, slabs.local * grid.nx)
+    rows = slabs.rows
     if name == "python":
         from app.problems import own as own_problems
 
@@ -216,7 +225,8 @@ def _measured(options):
         if options[name]:
             surface = read_surface(
                 options[name], options["surface_unit"], options["surface_level"], options["surface_crop"],
-                options["surface_missing"],
+                options["surface_missing"], options["surface_height_unit"], options["surface_orient"] or (),
+                options["surface_skip"],
             )  # fmt: skip
             if options.given("grid"):
                 surface = surface.averaged(options["grid"][::-1])

@@ -25,7 +25,7 @@ OPTIONS = [
     Option("resume", flag, False, "path: go on after the steps that an interrupted run has finished"),
 ]  # fmt: skip
 _NO_MATTER = ("output", "path_csv", "path_fields", "resume", "lcp_monitor")  # to what a row says
-_SHOWN = ("load", "approach", "contact_fraction", "max_pressure")
+_SHOWN = {"load": " N", "approach": " mm", "contact_fraction": "", "max_pressure": " N/mm2"}
 
 
 @dataclass(frozen=True)
@@ -110,19 +110,25 @@ def run_path(wanted, solver, stiffness, inputs, identity, save):
     first = solver.comm.rank == 0
     book = _Book()
     agree(solver.comm, lambda: first and book.open(wanted, solver, inputs, identity))
-    rows = solver.comm.bcast(book.rows)
+    rows, notes = solver.comm.bcast((book.rows, book.notes))
     path = solver.path(stiffness=stiffness, rows=rows, **{wanted.kind: wanted.numbers})
     if rows:
         say(f"{len(rows)} of {len(path)} steps are done already")
     path.notes = {}
+
+    def note(step, lines):
+        for line in lines:
+            path.notes.setdefault(re.sub(r"[\d.]+", "", line), (line, []))[1].append(str(step))
+
+    for step, lines in enumerate(notes[: len(path) - 1], 1):  # the last step is solved in any case
+        note(step, lines)
     with _progress(path, len(rows)) as shown:
         for solution in path:
             row = path.rows[-1]
             if wanted.fields:
                 save(solution, wanted.of_step(row["step"]))
-            for note in solution.notes:
-                path.notes.setdefault(re.sub(r"[\d.]+", "", note), (note, []))[1].append(str(row["step"]))
-            book.add(row)
+            note(row["step"], solution.notes)
+            book.add(row, solution.notes)
             shown(row)
     if wanted.csv:
         agree(solver.comm, path.save, wanted.csv)
@@ -133,7 +139,7 @@ class _Book:
     """The journal of a path; before it is opened, and without a file, it remembers nothing."""
 
     def __init__(self):
-        self.rows, self._journal = [], None
+        self.rows, self.notes, self._journal = [], [], None  # of the steps done before
 
     def open(self, wanted, solver, inputs, identity):
         from app.runs.journal import Journal
@@ -151,13 +157,14 @@ class _Book:
                 "without -resume the path begins anew"
             )
         while (key := str(len(self.rows) + 1)) in found:
-            self.rows.append(found[key])
+            self.notes.append(found[key].get("notes", ()))
+            self.rows.append({name: value for name, value in found[key].items() if name != "notes"})
         if not found:
             self._journal.add("path", what)
 
-    def add(self, row):
+    def add(self, row, notes):
         if self._journal:
-            self._journal.add(str(row["step"]), row)
+            self._journal.add(str(row["step"]), {**row, "notes": notes})
 
     def close(self):
         """All is done and written."""
@@ -195,7 +202,9 @@ class _progress:
             self._bar.close()
 
     def _show(self, row):
-        numbers = ", ".join(f"{name.replace('_', ' ')} {row[name]:.6g}" for name in _SHOWN)
+        numbers = ", ".join(
+            f"{name.replace('_', ' ')} {row[name]:.6g}{unit}" for name, unit in _SHOWN.items()
+        )
         failed = "" if row["converged"] else ", NOT CONVERGED"
         if self._bar is None:
             say(f"step {row['step']} of {self._steps}: {numbers}{failed}")

@@ -2,7 +2,8 @@
 
 1. ``~/.petscrc``, ``.petscrc``, ``petscrc``, unless ``-skip_petscrc`` is on the command line,
 2. ``PETSC_OPTIONS``, then ``PETSC_OPTIONS_YAML``,
-3. the command line, with option files where they are named on it.
+3. the command line, with option files where they are named on it: what stands before a file gives way to it, as in
+   PETSc, and is told.
 
 Rank 0 alone reads all that, by PETSc's own reading, into private databases, and tells the others: files need to be on
 its host only, and what is wrong with them is one error for all ranks.
@@ -13,13 +14,14 @@ from __future__ import annotations
 import os
 import re
 import shlex
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from app.errors import InputError, agree
 from app.options import ALIASES, renaming
 
 OPTION_FILES = ("-options_file", "-options_file_yaml")
+COMMAND_LINE = "on the command line"
 LARGEST_FILE = 1 << 24  # bytes of an option file
 
 # PETSc's options that are none of a solver's: most of them must be there when PETSc starts ...
@@ -40,10 +42,19 @@ _LATER = re.compile(
 
 @dataclass(frozen=True)
 class Place:
-    """A place that sets options: what it is called in messages, and their names without dash, in lower case."""
+    """A place that sets options: what it is called in messages, their names without dash in lower case, and texts.
+
+    A command line with option files on it is several places, around the files.
+    """
 
     description: str
-    names: frozenset
+    texts: dict
+    file: str = ""  # its name, if it is one
+
+    @property
+    def names(self):
+        """Names of the options."""
+        return self.texts.keys()
 
 
 @dataclass
@@ -53,9 +64,10 @@ class Given:
     Attributes
     ----------
     texts : dict of str to str
-        Name, without dash and in lower case -> text; without those that are PETSc's own affair.
+        Name, without dash and in lower case -> text of the last place that sets it; without those that are PETSc's own
+        affair.
     places : list of Place
-        In order; the command line comes last, wherever the files stand on it.
+        In order.
     files : list of str
         Option files that were read.
     of_petsc : dict of str to str
@@ -70,7 +82,7 @@ class Given:
     warnings: list = field(default_factory=list)
 
     def last_of(self, alternatives, needed=""):
-        """Which of some options excluding each other holds: the one given in the last place that gives any.
+        """Which of some options excluding each other holds: that of the command line, else of the last place with any.
 
         Removes the others. Not collective.
 
@@ -97,11 +109,17 @@ class Given:
             if not needed:
                 return None
             raise InputError(f"neither {needed} is given: exactly one is needed")
-        found, where = present, ""
+        found, where, here = present, "", {}
         for place in self.places:
-            here = [one for one in present if place.names & set(members[one])]
-            if here:
-                found, where = here, f" {place.description}"
+            if ones := {one for one in present if place.names & set(members[one])}:
+                # The parts of the command line are one place as far as contradictions go.
+                here[place.description] = ones | here.get(place.description, set())
+                if place.file and COMMAND_LINE in here:
+                    continue  # what the command line says, wherever it stands, replaces what excludes it in a file
+                found, where = (
+                    [one for one in present if one in here[place.description]],
+                    f" {place.description}",
+                )
         if len(found) > 1:
             both = "both " if len(found) == 2 else ""
             names = [next(name for name in members[one] if name in self.texts) for one in found]
@@ -114,6 +132,31 @@ class Given:
                     self.texts.pop(name, None)
         return found[0]
 
+    def files_and_words(self, wanted):
+        """Options by where they come from.
+
+        Parameters
+        ----------
+        wanted : set of str
+            Names of the options that count.
+
+        Returns
+        -------
+        files : dict of str to dict
+            Name of an option file -> what it says; in order.
+        words : dict of str to str
+            What is said last elsewhere: on the command line or in the environment.
+        """
+        files, last = {}, {}
+        for place in self.places:
+            texts = {name: text for name, text in place.texts.items() if name in wanted & self.texts.keys()}
+            last |= dict.fromkeys(texts, place.file)
+            if place.file and texts:
+                files[place.file] = files.pop(place.file, {}) | texts
+        return files, {
+            name: self.texts[name] for name in sorted(wanted & self.texts.keys()) if not last.get(name)
+        }
+
 
 def for_the_start(argv, environment):
     """Words of the command line and PETSC_OPTIONS that PETSc must see when it starts; it has to skip all files.
@@ -125,8 +168,10 @@ def for_the_start(argv, environment):
     InputError
         If a word is neither an option nor the value of one.
     """
-    chosen = []
-    for name, text in _environment_pairs(environment) + _pairs(argv[1:]):
+    chosen, pairs = [], _environment_pairs(environment) + _pairs(argv[1:])
+    for name, text in pairs:
+        if len(pairs) == 1 and _name(name) == "help":
+            continue  # our own is help enough; beside a problem PETSc tells the options of what it uses
         if _OF_PETSC.fullmatch(_name(name)):
             chosen += [name] if text is None else [name, text]
     return [*argv[:1], *chosen, "-skip_petscrc"]
@@ -160,7 +205,7 @@ def read(argv, environment):
     reader.take(_environment_pairs(environment), "in PETSC_OPTIONS")
     if environment.get("PETSC_OPTIONS_YAML"):
         reader.take([("-options_string_yaml", environment["PETSC_OPTIONS_YAML"])], "in PETSC_OPTIONS_YAML")
-    reader.take(line, "on the command line")
+    reader.take(line, COMMAND_LINE)
     return reader.given()
 
 
@@ -177,17 +222,24 @@ class _Reader:
 
     def take(self, pairs, description):
         """Take the option files and then the options of some words."""
-        own = []
+        own, whole = [], any(name.lower() == "-prefix_push" for name, _ in pairs)
         for name, text in pairs:
             if name.lower() in OPTION_FILES:
                 if text is None:
                     raise InputError(f"{name}: a file name must follow")
+                if not whole:
+                    self._words(own, description)
+                    own = []
                 self._file(name, text, ())
             else:
                 own.append((name, text))
             self._steps.append((name, text, description))
+        self._words(own, description)
+
+    def _words(self, own, description):
+        """Take words that stand together."""
         if own:
-            self._places.append(Place(description, frozenset(_read(own, description))))
+            self._places.append(Place(description, _read(own, description)))
 
     def _file(self, flag, path, inside):
         """Take an option file, after those it includes."""
@@ -197,8 +249,9 @@ class _Reader:
         for inner_flag, inner in nested:
             self._file(inner_flag, inner, (*inside, identity))
         included = set().union(*(place.names for place in self._places[before:]))
-        names = set(_read([(flag, path)], f"option file {path}"))
-        place = Place(f"in {path}", frozenset(names - (included - mentioned)))
+        texts = _read([(flag, path)], f"option file {path}")
+        own = {name: text for name, text in texts.items() if name not in included - mentioned}
+        place = Place(f"in {path}", own, path)
         _refuse_what_is_too_late(place)
         self._places.append(place)
         self._files.append(identity)
@@ -212,13 +265,22 @@ class _Reader:
         return Given(
             texts={name: text for name, text in texts.items() if name not in of_petsc},
             places=[
-                Place(place.description, frozenset(ALIASES.get(name, name) for name in place.names))
+                replace(place, texts={ALIASES.get(name, name): text for name, text in place.texts.items()})
                 for place in self._places
             ],
             files=self._files,
             of_petsc=of_petsc,
-            warnings=[renaming(name) for name in old],
+            warnings=[renaming(name) for name in old] + list(self._overridden()),
         )
+
+    def _overridden(self):
+        """Complaints about what a file takes back that stands before it on the command line."""
+        for at, place in enumerate(self._places):
+            later = self._places[at + 1 :]
+            for name in sorted(place.names) if place.description == COMMAND_LINE else ():
+                last = next((other for other in reversed(later) if name in other.names), None)
+                if last and last.file and last.texts[name] != place.texts[name]:
+                    yield f"-{name} {place.texts[name]}: {last.file} comes later and says {last.texts[name]}"
 
 
 def _read(steps, description="", aliases=()):
@@ -325,6 +387,9 @@ def _pairs(words):
             word.encode()
         except UnicodeEncodeError:
             raise InputError(f"{word!a}: is not UTF-8 text") from None
+        if re.match(r"-{0,2}[A-Za-z]\w*=", word) and (_is_option(word) or not open_for_a_value):
+            name, text = word.split("=", 1)
+            raise InputError(f"{word}: needed: -{name.lstrip('-')} {text}")
         if _is_option(word):
             pairs.append((word, None))
             open_for_a_value = word.lower() != "-prefix_pop"

@@ -2,25 +2,40 @@
 
 from __future__ import annotations
 
+import re
+from contextlib import contextmanager
+
 from app.commands import load_path
 from app.commands.geometry import ALTERNATIVES, FILES, GEOMETRY_OPTIONS, MATERIAL_OPTIONS, make_problem
-from app.errors import InputError, agree
-from app.options import Option, OptionReader, as_line, count, flag, real, word
+from app.errors import InputError, agree, check_alike
+from app.method import METHOD_OPTIONS
+from app.options import Option, OptionReader, as_line, count, flag, nearest, real, unknown_options, word
 
-__all__ = ["PROBLEM_OPTIONS", "Request", "help_text", "loading", "make_problem", "reader_of", "settle"]
+_OF_SOLVERS = re.compile("(lcp|ksp|pc|mg|sub|tao|snes|mat|vec)_")  # who know better which options there are
+
+__all__ = [
+    "PROBLEM_OPTIONS",
+    "Request",
+    "help_text",
+    "loading",
+    "make_problem",
+    "reader_of",
+    "settle",
+    "suggesting",
+]
 
 share = real("above 0 and below 1", above=0, highest=1 - 1e-9)
 
 PROBLEM_OPTIONS = [
     *GEOMETRY_OPTIONS,
     *MATERIAL_OPTIONS,
-    Option("approach", real(), None, "approach of the bodies [mm] (this or one of the next three)"),
+    Option("approach", real(), None, "approach of the bodies [mm]; exactly one of this and the next seven"),
     Option("load", real(), None, "total normal force [N]"),
-    Option("mean_pressure", real(), None, "load over the area of the patch [N/mm2]"),
-    Option("mean_gap", real(), None, "mean gap of a periodic patch [mm]"),
+    Option("mean_pressure", real(), None, "load over the area of the patch, holes and all [N/mm2]"),
+    Option("mean_gap", real(), None, "mean gap of a periodic patch without holes [mm]"),
     *load_path.OPTIONS,
-    Option("stiffness", flag, False, "solve for the contact stiffness, too"),
-    Option("refine_until", share, None, "finer and finer grids until the errors that cells make are below"),
+    Option("stiffness", flag, False, "dF/d(approach), exactly, by one more linear solve"),
+    Option("refine_until", share, None, "double the cells both ways until the errors they make are below"),
     Option("refine_max", count, 4096**2, "refine_until: most cells"),
     Option("output", word, None, "result file (HDF5)"),
     Option("lcp_monitor", flag, False, "a line for each active set iteration"),
@@ -49,8 +64,10 @@ class Request:
     stiffness : bool
     inputs : list of str
         Files that the problem is read from.
-    method : dict of str to str
-        Options left for the solver, which knows which of them there are.
+    method : dict of str to dict
+        What option files say that is left for the solver, which knows which options there are.
+    options : dict of str to str
+        The same of the command line and the environment.
     options_text : str
         The other options, as they would be written on a command line.
     output : str or None
@@ -63,7 +80,7 @@ class Request:
     """
 
     def __init__(self, given, comm):
-        from app.output.files import check_output_path
+        from app.output.files import check_output_path, fingerprint
 
         settle(given)
         options = reader_of(given)
@@ -71,6 +88,9 @@ class Request:
         if self.output:
             agree(comm, check_output_path, self.output, [*given.files, *input_files(given.texts)])
         self.problem, own = agree(comm, make_problem, options, given.texts, comm)
+        self.inputs = input_files(given.texts)
+        for file in self.inputs:
+            check_alike(comm, agree(comm, fingerprint, file), f"input {file}")
         kind, number = loading(given)
         options.asked.add(kind)
         self.loading, self.path, self.refine_until = {kind: number}, None, options["refine_until"]
@@ -83,14 +103,36 @@ class Request:
                 raise InputError(f"-refine_until: of one loading only, not of -{kind}")
         self.refine_max = options["refine_max"] if self.refine_until else None
         self.stiffness = options["stiffness"]
-        self.inputs = input_files(given.texts)
         self.wants_monitor = options["lcp_monitor"]
         if left := set(options.unused()) - own.asked:
             raise InputError(unused(left))
         taken = {option.name for option in PROBLEM_OPTIONS} | own.asked
-        self.method = {name: text for name, text in given.texts.items() if name not in taken}
+        self.method, self.options = given.files_and_words(given.texts.keys() - taken)
+        known = [option.name for option in PROBLEM_OPTIONS]
+        mine = [name for name in given.texts.keys() - taken if not _OF_SOLVERS.match(name)]
+        if meant := [name for name in mine if nearest(name, known)]:
+            raise InputError(unknown_options(meant, known))
         self.identity = load_path.identifying(given.texts)
         self.options_text = as_line({name: given.texts[name] for name in given.texts.keys() & taken})
+
+
+@contextmanager
+def suggesting(texts):
+    """Whatever is refused meanwhile, name options that nobody knows but that are nearly called like others.
+
+    Not collective. What they were meant to say is missing then, and would be complained of alone.
+    """
+    try:
+        yield
+    except InputError as error:
+        known = [option.name for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)]
+        ours = [
+            name for name in texts.keys() - set(known) if name[:4] == "lcp_" or not _OF_SOLVERS.match(name)
+        ]
+        meant = [name for name in ours if nearest(name, known) and f"-{name}" not in str(error)]
+        if not meant:
+            raise
+        raise InputError(f"{unknown_options(meant, known)}; {error}") from None
 
 
 def unused(names):
@@ -137,15 +179,19 @@ def input_files(texts):
 
 def help_text():
     """All options of the command, for ``-help``. Not collective."""
-    from app.method import METHOD_OPTIONS
+    from app.method import METHOD_OPTIONS, PART_OPTIONS
 
-    circulant = "app.fast.circulant.Circulant"
-    lines = ["Options of app.solve (lengths mm, forces N, stresses N/mm2):"]
-    lines += [option.help() for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)]
-    lines += [
-        f"Of the FFT preconditioner (-pc_type python -pc_python_type {circulant}):",
-        f"  -{'pc_circulant_extend':<20} cells by which the residual is extended over the rim (default 0)",
-        f"  -{'pc_circulant_margin':<20} share of the patch left free before it is continued periodically (default 0)",
-        "Linear solvers: PETSc's own -ksp_*, -pc_*, -mg_levels_*, -mg_coarse_*; see petsc_options/ and README.md.",
+    lines = [
+        "usage: python -m app.solve -options_file petsc_options/hertz.opts [-options_file METHOD.opts] [-grid 512] ...",
+        "       mpiexec -n 2 python -m app.solve ...",
+        "Lengths mm, forces N, stresses N/mm2; the same option said later, also in a file, overrides an earlier one.",
+        "The problem, what is prescribed, the output:",
+        *(option.help() for option in PROBLEM_OPTIONS),
+        "The method:",
+        *(option.help() for option in METHOD_OPTIONS),
+        "Of preconditioners (-pc_type python -pc_python_type ...):",
+        *(option.help() for option in PART_OPTIONS),
+        "Linear solvers: PETSc's own -ksp_*, -pc_*, -mg_levels_*, -mg_coarse_*; see petsc_options/, docs/options.md.",
+        "With a problem, -help also lists PETSc's options of the solvers that it uses.",
     ]
     return "\n".join(lines)

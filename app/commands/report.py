@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from app.output.table import text
+from app.units import resolved
 
 _WITH_ERROR = ("load", "approach", "max_pressure", "contact_area")
 _ANALYTIC = (*_WITH_ERROR, "semi_axis_major", "semi_axis_minor", "stiffness")
@@ -27,15 +28,12 @@ def report(facts, grid, output=None):
         f"approach {facts['approach']:.8g} mm, load {facts['load']:.8g} N, "
         f"maximum pressure {facts['max_pressure']:.8g} N/mm2",
         _elastic(facts),
-        f"contact {_count(facts['contact_cells'], 'cell')}, "
-        f"{100 * facts['contact_fraction']:.4g}% of the admissible ones",
-        f"{_count(facts['active_set_iterations'], 'active set iteration')}, {facts['inner_iterations']} inner, "
-        f"{facts['work_units']:.4g} work units, {facts['operator_applications']:.4g} operator applications",
-        f"certificate: pressure within {facts['error_bound']:.2g} of this grid's exact one (energy norm), "
-        f"largest penetration {facts['largest_penetration']:.2g} mm",
-        f"residual {facts['residual']:.3g}, {facts['solve_seconds']:.3g} s on {_count(facts['ranks'], 'rank')} "
-        f"(set-up {facts['setup_seconds']:.3g} s)",
+        _contact(facts, grid),
     ]
+    for number in ("2", ""):
+        if f"surface_read{number}" in facts:
+            read = facts[f"surface_read{number}"]
+            lines.insert(1, f"surface file {facts[f'surface_file{number}']}: {read}")
     if "body1_radii" in facts:
         lines.insert(
             2,
@@ -46,10 +44,26 @@ def report(facts, grid, output=None):
         lines.insert(
             2, f"mean pressure {facts['mean_pressure']:.8g} N/mm2, mean gap {facts['mean_gap']:.8g} mm"
         )
-    lines += _more(facts)
+    lines += _more(facts, grid)
+    lines += [
+        f"certificate: pressure within {facts['error_bound']:.2g} of this grid's exact one (relative, energy norm), "
+        f"largest penetration {facts['largest_penetration']:.2g} mm, residual {facts['residual']:.3g}",
+        f"{_count(facts['active_set_iterations'], 'active set iteration')}, {facts['inner_iterations']} inner, "
+        f"{facts['work_units']:.4g} work units, {facts['operator_applications']:.4g} operator applications",
+        f"{facts['solve_seconds']:.3g} s on {_count(facts['ranks'], 'rank')}, set-up {facts['setup_seconds']:.3g} s",
+    ]
     if output:
         lines.append(f"result in {output}")
     return "\n  ".join(lines)
+
+
+def _theories(facts):
+    """What theories of rough surfaces say of the contact fraction."""
+    if "persson_fraction" not in facts:
+        return ""
+    persson, bgt = facts["persson_fraction"], facts["bush_gibson_thomas_fraction"]
+    light = f", Bush, Gibson and Thomas {100 * bgt:.4g}%" if bgt == bgt else ""
+    return f" (Persson {100 * persson:.4g}%{light})"
 
 
 def _elastic(facts):
@@ -66,41 +80,59 @@ def _elastic(facts):
     return text
 
 
-def _more(facts):
+def _contact(facts, grid):
+    """How much is in contact, and how it hangs together."""
+    cells, share = facts["contact_cells"], facts["contact_fraction"]
+    corrected = facts["contact_area"] * _ratio(facts["contact_fraction_corrected"], share)
+    whole = "all" if round(cells - share * grid.n) == 0 else "those where contact is possible"
+    text = f"contact area {facts['contact_area']:.6g} mm2"
+    if cells:
+        text += f" ({corrected:.6g} corrected for its stepped rim)"
+    text += f": {_count(cells, 'cell')}, {100 * share:.4g}% of {whole}"
+    if facts.get("contact_patches", 0) > 1:
+        text += f", in {facts['contact_patches']} patches, the largest {facts['largest_patch']:.6g} mm2"
+    return text + _theories(facts)
+
+
+def _more(facts, grid):
     """Observables and errors, as far as they are known."""
-    corrected = facts["contact_area"] * _ratio(facts["contact_fraction_corrected"], facts["contact_fraction"])
-    lines = [
-        f"contact area {facts['contact_area']:.6g} mm2, corrected for its stepped rim {corrected:.6g}; "
-        f"mean pressure in it {facts['mean_contact_pressure']:.6g} N/mm2"
-    ]
-    if "contact_patches" in facts:
-        count = _count(facts["contact_patches"], "patch", "es")
-        lines[0] += f"; {count}, the largest {facts['largest_patch']:.6g} mm2"
+    lines = (
+        [f"mean pressure in contact {facts['mean_contact_pressure']:.6g} N/mm2"]
+        if facts["contact_cells"]
+        else []
+    )
     if facts["semi_axis_major"] == facts["semi_axis_major"]:
         lines.append(
             f"ellipse of the contact: semi-axes {facts['semi_axis_major']:.6g} and {facts['semi_axis_minor']:.6g} mm, "
             f"the longer at {facts['major_axis_angle']:.4g} degrees from x; centre of pressure "
-            f"({facts['pressure_centre_x']:.4g}, {facts['pressure_centre_y']:.4g}) mm"
+            f"({resolved(facts['pressure_centre_x'], grid.dx):.6g}, "
+            f"{resolved(facts['pressure_centre_y'], grid.dy):.6g}) mm"
         )
     if "stiffness" in facts:
         lines.append(f"stiffness {facts['stiffness']:.8g} N/mm, by one more linear solve")
     analytic = [
-        f"{_words(name)} {known:.7g} ({facts[name] / known - 1:+.1e})"
+        f"{_words(name)} {known:.7g} ({100 * (facts[name] / known - 1):+.2g}%)"
         for name in _ANALYTIC
         if name in facts
         and (known := facts.get(f"analytic_{name}"))
         and abs(facts[name] - known) > 1e-12 * abs(known)
     ]
     if analytic:
-        lines.append(f"analytic, and how far off this is: {', '.join(analytic)}")
+        lines.append(f"Hertz's formulas, and how far off this is: {', '.join(analytic)}")
     errors = [
-        f"{_words(name)} {facts[f'{name}_error']:.1e}" for name in _WITH_ERROR if facts[f"{name}_error"] > 0
+        f"{_words(name)} {_error(facts[f'{name}_error'])}"
+        for name in _WITH_ERROR
+        if facts[f"{name}_error"] > 0
     ]
     if facts["discretisation_error"] > 0:
-        errors.append(f"pressure (rms) {facts['discretisation_error']:.1e}")
+        errors.append(f"pressure (rms) {100 * facts['discretisation_error']:.2g}%")
     if errors:
-        lines.append(f"relative errors that the size of the cells makes, about: {', '.join(errors)}")
+        lines.append(f"errors that the size of the cells makes, about: {', '.join(errors)}")
     return lines
+
+
+def _error(value):
+    return f"{100 * value:.2g}%" if value < 1 else "does not converge"
 
 
 def along(path, wanted):
@@ -125,8 +157,14 @@ def _ratio(one, other):
     return one / other if other else 0.0
 
 
+def _rounded(facts, name):
+    """A coordinate, zero where it is nothing but rounding."""
+    return facts[name] if abs(facts[name]) > 1e-6 * facts["semi_axis_major"] else 0.0
+
+
 def _words(name):
-    return name.replace("_", " ").replace("max ", "maximum ")
+    words = {"max_pressure": "maximum pressure", "semi_axis_major": "semi-axes", "semi_axis_minor": "and"}
+    return words.get(name, name.replace("_", " "))
 
 
 def _count(number, what, plural="s"):

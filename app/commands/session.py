@@ -151,8 +151,9 @@ def run(main, argv=None):
     """
     streams.repair()
     status, complaint = 1, None
+    argv = ["-help" if word in ("-h", "--help") else word for word in (sys.argv if argv is None else argv)]
     try:
-        status = main(start(sys.argv if argv is None else argv)) or 0
+        status = main(start(argv)) or 0
     except InputError as error:
         complaint = one_line(error)
     except MemoryError as error:

@@ -1,7 +1,6 @@
-"""Where the load and the contact are: centre of pressure, moments, ellipse of the contact, its patches.
+"""Where the load and the contact are: centre of pressure, moments, ellipse of the contact.
 
-On a periodic patch there is no origin to count from: these numbers are NaN there. Patches are always told apart: sets
-of contact cells that hang together by faces, not by corners alone.
+On a periodic patch there is no origin to count from: these numbers are NaN there.
 """
 
 from __future__ import annotations
@@ -9,12 +8,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy import ndimage
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-
-from app.contact.measures import row_before
-from app.halfspace.reductions import sum_over
 
 
 class ContactExtent(NamedTuple):
@@ -66,40 +59,3 @@ def measure_extent(state):
     return ContactExtent(
         *map(float, (*centre, force[2], -force[1], 2 * np.sqrt(high), 2 * np.sqrt(low), angle))
     )
-
-
-def patch_areas(contact, grid, slabs, comm):
-    """Areas of the patches of contact, from large to small [mm2].
-
-    Collective. Each rank tells its own rows' patches apart; which of them are one across ranks, or across the sides of
-    a periodic patch, is found from pairs of labels: no rank sees the whole contact set.
-
-    Parameters
-    ----------
-    contact : ndarray of bool, shape (local rows, nx)
-    grid : Grid
-    slabs : Slabs
-    comm : mpi4py communicator
-
-    Returns
-    -------
-    ndarray, shape (patches,)
-        The same on all ranks.
-    """
-    labels, count = ndimage.label(contact) if contact.size else (np.zeros(contact.shape, int), 0)
-    counts = comm.allgather(count)
-    labels = np.where(labels, labels.astype(np.int64) + sum(counts[: comm.rank]), 0)
-    before = row_before(labels, grid, slabs, comm, 0)
-    pairs = [np.stack([labels[0], before])] if len(labels) else []
-    if grid.periodic and len(labels):
-        pairs.append(np.stack([labels[:, 0], labels[:, -1]]))
-    pairs = np.hstack(pairs) if pairs else np.zeros((2, 0), np.int64)
-    pairs = np.unique(pairs[:, (pairs > 0).all(axis=0)], axis=1) - 1
-    pairs = np.hstack(comm.allgather(pairs))
-    cells = np.bincount(labels[labels > 0], minlength=sum(counts) + 1)[1:].astype(float)
-    cells = sum_over(comm, cells)
-    if not cells.size:
-        return cells
-    same = coo_array((np.ones(pairs.shape[1], bool), tuple(pairs)), shape=(cells.size, cells.size))
-    patches, of = connected_components(same, directed=False)
-    return np.sort(np.bincount(of, cells, patches))[::-1] * grid.cell_area

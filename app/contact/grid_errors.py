@@ -1,11 +1,12 @@
-"""How far the numbers of a solution are off because cells have a size, from its last two grids.
+"""How far the numbers of a solution are off because cells have a size, from its last grids.
 
 A number that converges with order k differs on two grids, one twice as fine as the other, by 2^k - 1 times the error of
 the finer one. An area counted in cells converges with order 1 and much scatter; loads, approaches and maximum pressures
-of smooth bodies, or of rough ones whose shortest waves are resolved, with orders of 1.5 to 2. The difference itself is
-taken for the error: rather too much. Measured on Hertz's contact and on self-affine surfaces it is 1 to 20 times the
-error, seldom less. The coarser grid was solved to -lcp_coarse_rtol only: what is below that is less certain.
-A maximum pressure that is singular, at the rim of a punch, is found not to converge.
+of smooth bodies, or of rough ones whose shortest waves are resolved, with orders of 1.5 to 2. So the difference of the
+last two grids is taken for the error, or that of the two before, halved, if that is more: grids may agree by chance.
+Of the scattering area a third pair counts. Where three differences in turn have one sign and do not fall, the number
+does not converge, as the maximum pressure at the rim of a punch: the error is all of it. docs/load-paths.md has how
+often all this holds. Coarser grids are solved to -lcp_coarse_rtol only: what is below that is less certain.
 """
 
 from __future__ import annotations
@@ -52,6 +53,8 @@ class GridErrors(NamedTuple):
 
 
 UNKNOWN = GridErrors()
+_MOST_PAIRS = 3  # of grids that are looked at
+_FALLING = 0.7  # share of a difference that the next one is at most, of a number that converges
 
 
 def numbers_on(state, comm, load=None, depth=None):
@@ -68,14 +71,15 @@ def numbers_on(state, comm, load=None, depth=None):
     )
 
 
-def errors_from(coarse, fine, touching, prescribes_load):
-    """Estimate the errors of the finer grid.
+def errors_from(grids, touching, prescribes_load):
+    """Estimate the errors of the finest grid.
 
     Not collective.
 
     Parameters
     ----------
-    coarse, fine : GridNumbers
+    grids : sequence of GridNumbers
+        From coarse to fine, each twice as fine as the one before; of fewer than two nothing is known.
     touching : float
         Depth of first touch [mm].
     prescribes_load : bool
@@ -84,14 +88,24 @@ def errors_from(coarse, fine, touching, prescribes_load):
     -------
     GridErrors
     """
-
-    def error(one, other):
-        return abs(one - other) / abs(other) if other else float("nan")
-
-    depth = error(coarse.depth - touching, fine.depth - touching)
+    if len(grids) < 2:
+        return UNKNOWN
+    load, depth, pressure, area = np.array(grids[: -_MOST_PAIRS - 2 : -1]).T  # from fine to coarse
     return GridErrors(
-        load_error=0.0 if prescribes_load else error(coarse.load, fine.load),
-        approach_error=depth if prescribes_load else 0.0,
-        max_pressure_error=error(coarse.max_pressure, fine.max_pressure),
-        contact_area_error=error(coarse.contact_area, fine.contact_area),
+        load_error=0.0 if prescribes_load else _error(load, 2),
+        approach_error=_error(depth - touching, 2) if prescribes_load else 0.0,
+        max_pressure_error=_error(pressure, 2),
+        contact_area_error=_error(area, _MOST_PAIRS),
     )
+
+
+def _error(values, pairs):
+    """Relative error of the first of some values, on grids from fine to coarse."""
+    if not values[0]:
+        return float("nan")
+    steps = np.diff(values)
+    sizes = np.abs(steps)
+    alike = len(steps) == _MOST_PAIRS and len(set(np.sign(steps))) == 1
+    if alike and (sizes[:-1] > _FALLING * sizes[1:]).all():
+        return 1.0
+    return float((sizes * 0.5 ** np.arange(len(sizes)))[:pairs].max() / abs(values[0]))

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from mpi4py import MPI
 
 from app.contact import kernels
+from app.halfspace.halo import row_before
 from app.halfspace.periodic import frequencies
 from app.halfspace.product import PeriodicProduct
 from app.halfspace.reductions import any_order, sum_over
@@ -57,7 +57,9 @@ def measure_contact(state):
     grid, distance, slabs, load = state.grid, state.distance, state.operator.slabs, state.load
     _, total, _ = kernels.gap_on(distance.b, state.u, state.admissible, state.admissible)
     in_x, in_y = _faces(
-        state.contact, row_before(state.contact, grid, slabs, state.comm, False), bool(grid.periodic)
+        state.contact,
+        row_before(state.contact, bool(grid.periodic), slabs, state.comm, False),
+        bool(grid.periodic),
     )
     if slabs.local and slabs.rows.stop == grid.ny and not grid.periodic:
         in_y += np.count_nonzero(state.contact[-1])
@@ -120,33 +122,13 @@ def _of_waves(operator, shape):
 def _of_differences(operator, shape):
     """Mean squares of the differences across faces in x and in y, over the squares of the widths."""
     grid = operator.grid
-    before = row_before(shape, grid, operator.slabs, operator.comm, np.nan)
+    before = row_before(shape, bool(grid.periodic), operator.slabs, operator.comm, np.nan)
     in_x, faces_x, in_y, faces_y = sum_over(
         operator.comm, _squared_differences(shape, before, bool(grid.periodic))
     )
     if not faces_x + faces_y:
         return np.nan
     return in_x / max(faces_x, 1) / grid.dx**2 + in_y / max(faces_y, 1) / grid.dy**2
-
-
-def row_before(field, grid, slabs, comm, beyond):
-    """Row before the first one of this rank.
-
-    Collective. Before the first of a periodic patch comes its last one, of a free patch a row of the value `beyond`.
-    """
-    row = np.full(grid.nx, beyond, field.dtype)
-    owners = [rank for rank, count in enumerate(slabs.counts) if count]
-    if not slabs.local:
-        return row
-    if len(owners) == 1:
-        return field[-1].copy() if grid.periodic else row
-    place = owners.index(slabs.rank)
-    before, after = owners[place - 1], owners[(place + 1) % len(owners)]
-    if not grid.periodic:
-        before = before if place else MPI.PROC_NULL
-        after = after if after > slabs.rank else MPI.PROC_NULL
-    comm.Sendrecv(field[-1].copy(), after, recvbuf=row, source=before)
-    return row
 
 
 @any_order

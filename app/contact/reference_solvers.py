@@ -78,16 +78,22 @@ class _ReferenceSolver:
             if error.ierr not in _GIVES_UP:
                 raise
             reason = error_message(error)
-        norm = self._residual(state)
+        norm, overlap = self._residual(state)
         self._record.end(norm)
+        self._record = None  # which refers to this: a circle would keep all arrays until garbage is collected
         for vec in (lower, upper):
             vec.destroy()
-        converged = norm <= acceptable
-        reason = reason if converged else f"{reason}; the residual is too large"
+        converged = np.hypot(norm, overlap) <= acceptable
+        if not converged:
+            wrong = "the residual is too large" if norm > overlap else "the bodies penetrate outside contact"
+            reason = f"{reason}; {wrong}"
         return Outcome(converged, reason, self.iterations, self.inner, norm / state.distance.norm())
 
     def _residual(self, state):
-        """Norm of the residual by a double precision product; sets contact and displacement. Collective."""
+        """Norms of the residual (5.1) and of the penetration outside contact [mm], by a double precision product.
+
+        Collective. Sets contact and displacement.
+        """
         with state.pressure as values:
             p = values.reshape(state.u.shape)
             np.maximum(p, 0, out=p)
@@ -96,7 +102,7 @@ class _ReferenceSolver:
         state.u_is = Displacement.EXACT
         e = state.u - state.distance.b
         defect, overlap = e[state.contact], e[state.admissible & ~state.contact].clip(max=0)
-        return float(np.sqrt(state.sum([defect @ defect + overlap @ overlap])[0]))
+        return np.sqrt(state.sum([defect @ defect, overlap @ overlap])).tolist()
 
     def destroy(self):
         """Free what both have. Collective."""

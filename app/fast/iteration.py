@@ -171,6 +171,6 @@ def _leave(state, solver, loading, near):
     if enough:
         state.release_tensile()  # (4.a)
     else:
-        solver.release(state)  # (4.a), and u along with it
+        solver.release(state, found=True)  # (4.a), and u along with it
         loading.update(state)
     return state.activate_penetrating(), enough  # (4.b)

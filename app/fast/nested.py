@@ -45,8 +45,8 @@ def nested_iteration(
         On the target grid.
     """
     last, comm = len(hierarchy.levels) - 1, hierarchy.comm
-    coarse = outcome = found = before = None
-    difference = float("nan")
+    coarse = outcome = found = None
+    difference, numbers = float("nan"), []
     for number, following in pairs(route(hierarchy, distances, loading, nested)):
         target = number == last
         stage = Stage(hierarchy, number, distances[number], coarse if nested else None, found)
@@ -61,13 +61,15 @@ def nested_iteration(
             given = target_solver if target else None
             test = stop if target else stop.for_coarse_grid()
             outcome = solve_on(hierarchy, number, state, loading, test, history, coarse is None, given)
-            found = None if target else stage.find(coarse_minimum, loading.predict(state.depth))
+            if not target:
+                found = stage.find(coarse_minimum, loading.predict(state.depth))
+                numbers.append(numbers_on(state, state.comm))
         stage.verify_no_more()
-        outcome, found = tell(hierarchy, following, state, loading, outcome, found)
+        facts = outcome, found, numbers
+        outcome, found, numbers = tell(hierarchy, following, state, loading, *facts)
         if coarse is not None:
             if nested and target:
                 difference = _difference(comm, stage.transfer, stage.coarse.p, state)
-                before = numbers_on(stage.coarse, comm)
             coarse.destroy()
         stage.close()
         coarse = state
@@ -78,8 +80,10 @@ def nested_iteration(
                 outcome = rest.after(outcome)
     telling = stop.coarse_rtol <= _TELLING * difference
     errors = UNKNOWN
-    if before:
-        errors = errors_from(before, numbers_on(state, comm), state.first_touch(), loading.prescribes_load)
+    if nested and numbers:
+        errors = errors_from(
+            [*numbers, numbers_on(state, comm)], state.first_touch(), loading.prescribes_load
+        )
     return state, replace(
         outcome, discretisation_error=difference if telling else float("nan"), grid_errors=errors
     )

@@ -59,14 +59,20 @@ class TrackingSolver(LinearSolver):
         return iterations, failure, self._cg.residual
 
     def tension(self, state):
-        """Pressure that is negative, as a share of the sum of p. Collective."""
-        total, negative = state.sum([state.p.sum(), -np.sum(state.p, where=state.p < 0)])
-        return negative / total if total > 0 else float(negative)
-
-    def release(self, state):
-        """Step 4.a, and one product for what it changes in u; return how many cells left C. Collective."""
+        """Pressure that is negative, as a share of the sum of p; left in the direction, for `release`. Collective."""
         change = self._cg.direction
         kernels.tension(state.p, state.contact, change)
+        total, negative = state.sum([state.p.sum(), change.sum(dtype=np.float64)])
+        return negative / total if total > 0 else float(negative)
+
+    def release(self, state, found=False):
+        """Step 4.a, and one product for what it changes in u; return how many cells left C. Collective.
+
+        `found`: nothing has changed since `tension` was asked for.
+        """
+        change = self._cg.direction
+        if not found:
+            kernels.tension(state.p, state.contact, change)
         released = state.release_tensile()
         if released:
             state.operator.displacement(change, self._cg.product)

@@ -195,8 +195,6 @@ class TrackingCG(KspContext):
     ----------
     displacement : ndarray, shape (local rows, nx), or None
         u = A x on entry and on exit; set by the caller, who also says that x is the initial guess.
-    resume : bool
-        Nothing has changed since the last solve: go on with its search direction. Set by the caller, for one solve.
     first_norm : float or None
         Norm of the residual on entry, if it is known. Set by the caller, for one solve.
     residual : float
@@ -204,7 +202,6 @@ class TrackingCG(KspContext):
     """
 
     displacement = first_norm = None
-    resume = False
     residual = 0.0
     _vecs = ()
 
@@ -221,7 +218,6 @@ class TrackingCG(KspContext):
         self.product = scratch.view(operator.dtype)[: scratch.size].reshape(shape)  # q = A d
         self.direction = np.zeros(shape, operator.dtype)  # d
         self._spans = np.zeros((shape[0], 2), np.int64)
-        self._previous = 0.0
         _warm_up(operator.dtype)
 
     def solve(self, ksp, b, x):
@@ -231,18 +227,15 @@ class TrackingCG(KspContext):
         pc, d, q, spans = ksp.getPC(), self.direction, self.product, self._spans
         _find_spans(contact, spans)
         norm = self._first_residual(ksp, b, x)
+        d[...] = 0  # outside the new spans too
         squares = summed = norm**2
-        if not self.resume:
-            self._previous = 0.0
-            d[...] = 0  # outside the new spans too
-        self.resume = False
-        iteration, max_it = 0, ksp.getTolerances()[3]
+        iteration, max_it, previous = 0, ksp.getTolerances()[3], 0.0
         reason = self._report(ksp, 0, norm)
         while not reason and iteration < max_it:
             pc.apply(self._r, self._z)
             with self._r as residual:
                 rz = self._sum([_dot(residual.reshape(shape), self._read(self._z), contact, spans)])[0]
-            beta = rz / self._previous if self._previous else 0.0
+            beta = rz / previous if previous else 0.0
             _direction(d, self._read(self._z), d.dtype.type(beta), contact, spans)
             operator.products += 1
             operator.displacement(d, q)
@@ -259,7 +252,7 @@ class TrackingCG(KspContext):
                 summed = squares = self._sum([here])[0]
             if u is not None:
                 add(u, alpha, q)
-            self._previous = rz
+            previous = rz
             norm = float(np.sqrt(max(squares, 0.0)))
             iteration += 1
             reason = self._report(ksp, iteration, norm)

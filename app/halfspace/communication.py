@@ -148,9 +148,14 @@ class Ranks:
         comm : Communicator or None
             None if all rows are here, or none.
         """
+        slabs = self.slabs(grid, size)
+        return slabs, self.first(slabs.size)
+
+    def slabs(self, grid, size=None):
+        """Those of `deal`. Not collective."""
         size = size or self.number(grid)
         least = 4 if grid.periodic else 1  # cells of the coarse grid of `app.primal.two_grid` are on one rank
-        return Slabs(grid.ny, size, self.rank, aligned(grid.ny, size, least)), self.first(size)
+        return Slabs(grid.ny, size, self.rank, aligned(grid.ny, size, least))
 
     def first(self, size):
         """Communicator of the first ranks; None if this is the only one, or none of them. Collective over these."""

@@ -12,7 +12,6 @@ direction with an odd number of cells is not halved there.
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +19,6 @@ from mpi4py import MPI
 
 from app.errors import InputError
 
-_DOUBLES_PER_CELL = 12  # of memory, at the least
 SYMBOLS = ("spectral", "love")  # of the influence matrix of a periodic patch
 
 
@@ -124,22 +122,6 @@ class Grid:
         if fy == fx == 1:
             return None
         return replace(self, nx=-(-self.nx // fx), ny=-(-self.ny // fy), dx=fx * self.dx, dy=fy * self.dy)
-
-
-def check_memory(grid, ranks):
-    """Refuse a grid that cannot fit into this rank's machine, before trying. Not collective.
-
-    Raises
-    ------
-    InputError
-    """
-    needed = _DOUBLES_PER_CELL * 8 * grid.n / ranks
-    there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    if needed > there:
-        raise InputError(
-            f"grid {grid.nx},{grid.ny}: needs about {needed / 2**30:.0f} GiB on each of {ranks} rank(s); "
-            f"this machine has {there / 2**30:.0f} GiB"
-        )
 
 
 class Slabs:

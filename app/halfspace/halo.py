@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.halfspace.communication import Fetch
+from app.halfspace.grid import Slabs
 
 
 class Halo:
@@ -48,3 +49,28 @@ class Halo:
         """
         rows = self._fetch(field)
         return rows[: self._before], rows[self._before :]
+
+
+def row_before(field, periodic, slabs, comm, beyond):
+    """Row before the first one of this rank.
+
+    Collective. Before the first of a periodic patch comes its last one, of a free patch a row of the value `beyond`.
+
+    Parameters
+    ----------
+    field : ndarray, shape (local rows, nx)
+    periodic : bool
+    slabs : Slabs or None
+        None: all rows are here.
+    comm : mpi4py communicator or None
+    beyond : number
+
+    Returns
+    -------
+    ndarray, shape (nx,)
+    """
+    slabs = slabs or Slabs(len(field))
+    first, last = slabs.bounds(1 if comm is None else comm.size)
+    low = np.where(last > first, first - 1 if periodic else np.maximum(first - 1, 0), first)
+    found = Fetch(slabs, [(low, first)], comm)(field)
+    return found[0] if len(found) else np.full(field.shape[1], beyond, field.dtype)

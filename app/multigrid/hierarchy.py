@@ -8,12 +8,54 @@ from __future__ import annotations
 
 from app.halfspace.communication import Ranks
 from app.halfspace.operator import InfluenceOperator, petsc_comm
+from app.memory import check_hosts, doubles_per_cell
 from app.multigrid.transfer import Transfer
 
 LARGEST_DIRECT = 1024  # cells of a grid whose matrix may be stored and factorised
 
 
 _SMALLEST_WINDOWED = 64 * 64  # cells; on smaller grids it does not pay to leave any out
+
+
+def plan(grid, coarsest=4, single=False):
+    """Grids of a hierarchy, parameters as of `Hierarchy`; nothing is allocated. Not collective.
+
+    Returns
+    -------
+    grids : list of Grid
+        The target first.
+    factors : list of (int, int)
+        From each to the next.
+    """
+    grids, factors = [grid], []
+    most = 1 if single else grid.n  # grids; more there cannot be
+    if not single and grid.coarsen(coarsest) is None:
+        coarsest, most = 1, 2  # a multigrid method needs two grids
+    while len(grids) < most and (coarser := grids[-1].coarsen(coarsest)) is not None:
+        factors.append(grids[-1].coarsening(coarsest))
+        grids.append(coarser)
+    return grids, factors
+
+
+def check_room(comm, grid, settings):
+    """Refuse a target grid for which some host has not the memory; nothing is allocated. Collective.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    grid : Grid
+    settings : app.method.Settings
+
+    Raises
+    ------
+    InputError
+    """
+    ranks = Ranks(comm, settings.cells_per_rank)
+    grids, _ = plan(grid, settings.coarsest)
+    # What grids that all ranks share take is counted with the target's cells.
+    few = [ranks.slabs(g).local * g.nx for g in grids[1:] if ranks.number(g) < comm.size]
+    cells = ranks.slabs(grid, comm.size).local * grid.nx + sum(few)
+    check_hosts(comm, grid, cells, doubles_per_cell(settings, grid.periodic))
 
 
 class Hierarchy:
@@ -45,13 +87,7 @@ class Hierarchy:
         self.ranks = Ranks(comm, cells_per_rank)
         self.comm, self.compliance, self.dtype, self.margin = self.ranks.comm, compliance, dtype, margin
         self._spent = 0.0  # in windows that are gone
-        grids, factors = [grid], []
-        most = 1 if single else grid.n  # grids; more there cannot be
-        if not single and grid.coarsen(coarsest) is None:
-            coarsest, most = 1, 2  # a multigrid method needs two grids
-        while len(grids) < most and (coarser := grids[-1].coarsen(coarsest)) is not None:
-            factors.append(grids[-1].coarsening(coarsest))
-            grids.append(coarser)
+        grids, factors = plan(grid, coarsest, single)
         direct = len(grids) > 1 and grids[-1].n <= LARGEST_DIRECT
         sizes = [self.ranks.size, *map(self.ranks.number, grids[1 : len(grids) - direct]), *[1] * direct]
         self.levels, self.transfers = [], [None]

@@ -10,7 +10,7 @@ import math
 
 from petsc4py import PETSc
 
-from app.multigrid.pcmg import SMOOTHER_DEFAULTS, Multigrid, options_set
+from app.multigrid.pcmg import SMOOTHER_DEFAULTS, Multigrid, options_hidden, options_set
 
 
 def reason_names(reasons):
@@ -70,7 +70,12 @@ class LinearSolver:
             )
         # The grids of a nested iteration have fewer levels than the target grid may have been given.
         forced = {"pc_mg_levels": str(len(self.multigrid.operators))} if self.multigrid else {}
-        with options_set(prefix, SMOOTHER_DEFAULTS if self.multigrid else {}, forced):
+        # PETSc would view the solver of every grid after every solve; once, on the target grid, is enough.
+        self._view = f"-{prefix}ksp_view" if self.level == len(hierarchy.levels) - 1 else ""
+        with (
+            options_hidden(prefix, "ksp_view"),
+            options_set(prefix, SMOOTHER_DEFAULTS if self.multigrid else {}, forced),
+        ):
             ksp.setFromOptions()
             if self.multigrid:
                 self.multigrid.contact_changed()
@@ -138,6 +143,9 @@ class LinearSolver:
             # A hair below: what passes here must pass the same test on the recomputed residual.
             self.ksp.setTolerances(atol=allowed * (1 - 1e-9))
         self.ksp.solve(b, x)
+        if self._view:
+            self.ksp.viewFromOptions(self._view)
+            self._view = ""
         reason = self.ksp.getConvergedReason()
         failed = reason < 0 and reason != PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
         return self.ksp.getIterationNumber(), _REASONS.get(reason, str(reason)) if failed else ""

@@ -171,9 +171,10 @@ class Multigrid:
 def options_set(prefix, defaults, forced):
     """Set options inside the block: `defaults` where the user has not, `forced` in any case."""
     database = PETSc.Options(prefix)
-    before = {name: database.getString(name) for name in forced if database.hasName(name)}
-    temporary = {name: text for name, text in defaults.items() if not database.hasName(name)} | forced
-    if any(database.hasName(f"mg_levels_pc_sor_{kind}") for kind in _OTHER_SWEEPS):
+    given = database.getAll().keys()  # which, other than hasName, counts as asking for none
+    before = {name: database.getString(name) for name in forced if name in given}
+    temporary = {name: text for name, text in defaults.items() if name not in given} | forced
+    if any(f"mg_levels_pc_sor_{kind}" in given for kind in _OTHER_SWEEPS):
         temporary.pop("mg_levels_pc_sor_forward", None)
     for name, text in temporary.items():
         database.setValue(name, text)
@@ -185,6 +186,22 @@ def options_set(prefix, defaults, forced):
         for name, text in before.items():
             database.setValue(name, text)
             database.getString(name)  # still an option that is used
+
+
+@contextmanager
+def options_hidden(prefix, *names):
+    """Hide options inside the block; they count as used."""
+    database = PETSc.Options(prefix)
+    given = database.getAll().keys()
+    texts = {name: database.getString(name, "") for name in names if name in given}
+    for name in texts:
+        database.delValue(name)
+    try:
+        yield
+    finally:
+        for name, text in texts.items():
+            database.setValue(name, text or None)
+            database.getString(name, "")
 
 
 SMOOTHER_DEFAULTS = {**_SMOOTHER, **_DIRECT}

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from app.halfspace.connected import connected_sets
 from app.halfspace.stress import von_mises
 from app.output.figures import title
 from app.output.maps import finite_pressure, spacing
-from app.output.patches import label_patches
 from app.output.style import (
     BLUE,
     DASHED,
@@ -19,13 +19,13 @@ from app.output.style import (
     GREY,
     ORANGE,
     PURPLE,
-    length_unit,
     linear_ticks,
     log_axis,
     new_figure,
     styled,
 )
 from app.problems.statistics import radial_spectrum
+from app.units import length_unit
 
 _BINS_PER_DECADE = 8
 _STRESS_MAP = "magma_r"
@@ -48,12 +48,17 @@ def distribution_figure(result):
 def _density(axes, values, label, unit):
     """Probability density by bins of equal width in the logarithm."""
     axes.set(xlabel=label, ylabel=f"probability density  {unit}")
-    if np.ptp(values) == 0 if values.size else True:
+    if not values.size:
         return _nothing(axes)
-    low = np.quantile(values, min(0.5, 20 / values.size))
+    low = np.quantile(
+        values, 20 / values.size if values.size > 100 else 0.0
+    )  # few are told by no bin of theirs
     high = values.max()
+    if not high > low * (1 + 1e-6):
+        return _nothing(axes, f"all of them {high:.4g} {label.partition('[')[2].rstrip(']')}")
     count = max(8, int(_BINS_PER_DECADE * np.log10(high / low)))
-    edges = np.geomspace(low, high, count + 1) if high > low else np.linspace(0, high, 9)[1:]
+    edges = np.geomspace(low, high, count + 1)
+    edges[0], edges[-1] = low, high
     share, _ = np.histogram(values, edges)
     density = share / values.size / np.diff(edges)
     shown = share > 0
@@ -66,7 +71,7 @@ def _density(axes, values, label, unit):
 
 def _draw_patches(axes, result):
     """How many patches are at least so large."""
-    _, cells = label_patches(result.contact == 1, result.attributes.get("periodic"))
+    _, cells = connected_sets(result.contact == 1, result.attributes.get("periodic"))
     cell = spacing(result.x) * spacing(result.y)
     unit = length_unit(np.sqrt(cells.max(initial=0) * cell))
     axes.set(xlabel=f"area A of a patch  [{unit.name}²]", ylabel="patches of at least A")
@@ -172,7 +177,8 @@ def stress_figure(along, centres, depths, section, line, hottest, heading):
     figure = new_figure(13.5, 5.2, heading)
     left, right = figure.subplots(1, 2, gridspec_kw={"width_ratios": [1.6, 1]})
     unit = length_unit(max(np.ptp(centres), depths[-1]))
-    x, z = centres * unit.per_mm, depths * unit.per_mm
+    deep = length_unit(depths[-1])
+    x, z = centres * unit.per_mm, depths * deep.per_mm
     mises = von_mises(section)
     image = left.pcolormesh(x, z, mises, cmap=_STRESS_MAP, shading="nearest", vmin=0, rasterized=True)
     if np.ptp(mises) > 0 and min(mises.shape) > 1:
@@ -180,12 +186,12 @@ def stress_figure(along, centres, depths, section, line, hottest, heading):
     bar = figure.colorbar(image, ax=left, pad=0.02, aspect=25)
     bar.set_label("von Mises stress  [N/mm²]")
     at = (hottest.x if along == "x" else hottest.y) * unit.per_mm
-    deepest = f"{hottest.von_mises:.4g} N/mm² at depth {hottest.depth * unit.per_mm:.3g} {unit.name}"
+    deepest = f"{hottest.von_mises:.4g} N/mm² at depth {hottest.depth * deep.per_mm:.3g} {deep.name}"
     left.plot(
-        at, hottest.depth * unit.per_mm, "+", color=GREEN, markersize=12, markeredgewidth=2, label=deepest
+        at, hottest.depth * deep.per_mm, "+", color=GREEN, markersize=12, markeredgewidth=2, label=deepest
     )
     left.legend(loc="lower right", facecolor="white", frameon=True, framealpha=0.85)
-    left.set(xlabel=f"{along}  [{unit.name}]", ylabel=f"depth z  [{unit.name}]", ylim=(z[-1], 0))
+    left.set(xlabel=f"{along}  [{unit.name}]", ylabel=f"depth z  [{deep.name}]", ylim=(z[-1], 0))
     linear_ticks(left.xaxis, 6.0)
     for k, label, colour, style in (
         (0, "σx", GREEN, "-."), (1, "σy", PURPLE, DOTTED), (2, "σz", BLUE, DASHED)
@@ -193,7 +199,7 @@ def stress_figure(along, centres, depths, section, line, hottest, heading):
         right.plot(line[k], z, color=colour, linestyle=style, label=label)
     right.plot(von_mises(line), z, color=ORANGE, label="von Mises")
     right.axvline(0, color=GREY, linewidth=0.8, zorder=0)
-    right.set(xlabel="stress  [N/mm²]", ylabel=f"depth z  [{unit.name}]", ylim=(z[-1], 0))
+    right.set(xlabel="stress  [N/mm²]", ylabel=f"depth z  [{deep.name}]", ylim=(z[-1], 0))
     linear_ticks(right.xaxis, 3.0)
     right.legend(loc="best")
     return figure

@@ -18,12 +18,12 @@ from app.output.style import (
     DASHED,
     ORANGE,
     PALE,
-    length_unit,
     linear_ticks,
     log_axis,
     new_figure,
     styled,
 )
+from app.units import length_unit
 
 PROBLEMS = {
     "hertz": "Hertz contact",
@@ -167,17 +167,20 @@ def draw_section(axes, result, along, row, column, reference):
     ends = (edges[touching[0]], edges[touching[-1] + 1]) if touching.size else (edges[0], edges[-1])
     margin = 0.15 * (ends[1] - ends[0])
     ends = max(edges[0], ends[0] - margin), min(edges[-1], ends[1] + margin)
+    exact = np.zeros(0)
     if reference is not None:
         s = np.linspace(*ends, 1001)
         mm = s / unit.per_mm
         x, y = (mm, result.y[row]) if along == "x" else (result.x[column], mm)
-        axes.plot(s, reference.pressure(x, y), color=ORANGE, linestyle=DASHED, label=reference.label)
+        exact = reference.pressure(x, y)
+        axes.plot(s, exact, color=ORANGE, linestyle=DASHED, label=reference.label)
         axes.legend(loc="upper right")
     across = across.replace("-", "−")
     axes.set(
         xlim=ends, xlabel=f"{along}  [{unit.name}]   at {across} {unit.name}", ylabel="pressure p  [N/mm²]"
     )
-    axes.set_ylim(0, 1.1 * finite_pressure(values).max() or 1.0)
+    # Room for the legend above what is drawn.
+    axes.set_ylim(0, max(1.1 * finite_pressure(values).max(), 1.35 * exact.max(initial=0.0)) or 1.0)
     linear_ticks(axes.xaxis, 5.0)
     if reference is None:
         _draw_gap(axes, edges, gap, ends)
@@ -206,6 +209,10 @@ def draw_residual(axes, result):
     residual = result.history["residual"]
     residual = np.where((residual > 0) & np.isfinite(residual), residual, np.nan)
     iterations = np.arange(1, residual.size + 1)
+    if not iterations.size:
+        axes.text(0.5, 0.5, "no iterations", ha="center", va="center", transform=axes.transAxes)
+        axes.set(yticks=[], xlabel="active set iteration", ylabel="residual  ‖r‖ / ‖h‖")
+        return
     _mark_grids(axes, result, label=True)
     for first, last in _runs(result.history["level"]):
         part = slice(first, last)

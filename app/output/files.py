@@ -11,9 +11,12 @@ import os
 import re
 import socket
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 SUFFIXES = (".h5", ".hdf5")  # of result files
+_PIECES, _PIECE = 64, 1 << 16  # of a file, and bytes of each, that tell it from another one
+_BLOCK = 1 << 20  # bytes by which a file in memory grows
 _numbers = itertools.count()
 
 
@@ -63,6 +66,19 @@ def check_output_path(path, inputs=()):
     return target
 
 
+def fingerprint(path):
+    """Size and digest of a file, None if there is none: of large ones some pieces only. Not collective."""
+    path = Path(path)
+    if not path.is_file():
+        return None
+    size, digest = path.stat().st_size, hashlib.sha256()
+    with path.open("rb") as file:
+        for number in range(_PIECES):
+            file.seek(number * max(size - _PIECE, 0) // (_PIECES - 1))
+            digest.update(file.read(_PIECE))
+    return size, digest.hexdigest()
+
+
 def _target(path):
     """Where a path leads: a symbolic link stays, and what it names is replaced."""
     try:
@@ -94,30 +110,47 @@ def whole_file(path):
         raise
 
 
+@contextmanager
+def whole_hdf5(path):
+    """Yield an HDF5 file in memory that is written to `path` when the block succeeds. Not collective.
+
+    HDF5 cannot close a file that a full disk kept it from writing; plain system calls say what is wrong.
+    """
+    import h5py
+
+    with whole_file(path) as temporary:
+        with h5py.File(temporary, "w", driver="core", backing_store=False, block_size=_BLOCK) as file:
+            yield file
+            file.flush()
+            image = file.id.get_file_image()
+        temporary.write_bytes(image)
+
+
 def temporary_name(path):
     """Return an unused name in the folder of `path`, so that the later rename stays in one file system.
 
-    It is short, whatever the name of `path`. What killed runs on this machine have left of the same `path` is removed.
+    It is short, whatever the name of `path`. What killed runs on this machine have left in the folder is removed.
     """
-    mine = f".{_digest(path.name)}-{_machine()}-"
-    for left in path.parent.glob(f"{mine}*.tmp"):
-        owner = re.fullmatch(r"(\d+)-\d+\.tmp", left.name.removeprefix(mine))
-        if owner and not _runs(int(owner[1])):
+    for left in path.parent.glob(f".*-{_machine()}-*.tmp"):
+        name = re.fullmatch(r"\.[0-9a-f]{8}-[0-9a-f]{8}-(\d+)-\d+\.tmp", left.name)
+        if name and not _runs(int(name[1])):
             remove(left)
-    return path.with_name(f"{mine}{os.getpid()}-{next(_numbers)}.tmp")
+    return path.with_name(f".{_digest(path.name)}-{_machine()}-{os.getpid()}-{next(_numbers)}.tmp")
 
 
 def _digest(text):
     return hashlib.sha256(os.fsencode(text)).hexdigest()[:8]
 
 
+@cache
 def _machine():
-    """Digest of where process numbers mean the same: host, and container on it."""
+    """Digest of where process numbers mean the same: boot of a host, and container on it."""
     try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text()
         container = Path("/proc/self/ns/pid").stat().st_ino
     except OSError:
-        container = 0
-    return _digest(f"{socket.gethostname()} {container}")
+        boot, container = socket.gethostname(), 0
+    return _digest(f"{boot} {container}")
 
 
 def _runs(process):

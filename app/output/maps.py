@@ -11,9 +11,10 @@ import numpy as np
 from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.patches import Patch
 
+from app.halfspace.connected import connected_sets
 from app.output import style
-from app.output.patches import label_patches
-from app.output.style import BLUE, GREY, length_unit, linear_ticks
+from app.output.style import BLUE, GREY, linear_ticks
+from app.units import length_unit
 
 PRESSURE_MAP, LENGTH_MAP = "viridis", "cividis"
 MOST_PIXELS = 1024  # longer sides of an image are averaged down to this
@@ -122,7 +123,7 @@ class Canvas:
         """Draw the contact area, its patches told apart by colours that mean nothing else."""
         has_outside = self.background(axes)
         result = self.result
-        labels, cells = label_patches(result.contact == 1, result.attributes.get("periodic"))
+        labels, cells = connected_sets(result.contact == 1, result.attributes.get("periodic"))
         share, b = block_mean(result.contact.astype(float), MOST_PIXELS)
         palette = np.array([to_rgb(colour) for colour in (PATCH_COLOURS if len(cells) > 1 else (BLUE,))])
         order = np.empty(len(cells), int)

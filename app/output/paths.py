@@ -13,7 +13,6 @@ import csv
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import erf
 
 from app.output.style import (
     BLUE,
@@ -21,11 +20,12 @@ from app.output.style import (
     DOTTED,
     ORANGE,
     SERIES,
-    length_unit,
     log_axis,
     new_figure,
     styled,
 )
+from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction
+from app.units import length_unit
 
 _MEASURED = (
     "contact_fraction",
@@ -43,6 +43,7 @@ _LABELS = {
     "work_units": "work units",
     "solve_seconds": "time of the solve  [s]",
 }
+_SMOOTH_BODIES = ("hertz", "sphere", "cylinder", "cone")
 _MOST_SERIES = 12
 _MOST_TICKS = 6
 
@@ -50,20 +51,21 @@ _MOST_TICKS = 6
 class Path(NamedTuple):
     """Columns of a path, its name, and what its loads are compared with.
 
-    `contact_modulus` [N/mm2] and `rms_slope` are NaN where nobody knows them.
+    `contact_modulus` [N/mm2] and `rms_slope` are NaN where nobody knows them; `smooth`: there is no roughness at all.
     """
 
     columns: dict
     name: str = ""
     contact_modulus: float = np.nan
     rms_slope: float = np.nan
+    smooth: bool = False
 
-    def positive(self, *names):
-        """Columns without the steps at which one of them is not a positive number; None if that leaves nothing."""
+    def positive(self, *names, lowest=0.0):
+        """Columns without the steps at which one of them is no number above `lowest`; None if that leaves nothing."""
         if any(name not in self.columns for name in names):
             return None
         values = np.array([np.asarray(self.columns[name], float) for name in names])
-        kept = (np.isfinite(values) & (values > 0)).all(axis=0)
+        kept = (np.isfinite(values) & (values > lowest)).all(axis=0)
         return values[:, kept] if kept.any() else None
 
     @property
@@ -79,7 +81,9 @@ def path_of(result, name=""):
     if not columns:
         return None
     values = result.attributes
-    return Path(columns, name, values.get("contact_modulus", np.nan), values.get("rms_slope", np.nan))
+    smooth = values.get("problem") in _SMOOTH_BODIES and not values.get("surfaces")
+    modulus, slope = (values.get(key, np.nan) for key in ("contact_modulus", "rms_slope"))
+    return Path(columns, name, modulus, slope, smooth)
 
 
 @styled
@@ -95,23 +99,25 @@ def path_figure(paths, heading=""):
     heading : str
     """
     rough = all(
-        np.isfinite(path.relative) and path.positive("mean_pressure", "contact_fraction") is not None
+        not path.smooth
+        and np.isfinite(path.relative)
+        and path.positive("mean_pressure", "contact_fraction") is not None
         for path in paths
     )
     figure = new_figure(12.0, 8.6, heading)
     panels = figure.subplots(2, 2)
     for axes, draw in zip(panels.flat, _ROUGH if rough else _SMOOTH, strict=True):
         draw(axes, paths)
-    if len(paths) > 1:
+    if len(paths) > 1 and not rough and panels[0, 0].get_legend_handles_labels()[0]:
         panels[0, 0].legend()
     return figure
 
 
 def _curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True)):
-    """Draw a column against another for all paths; return all values in x and y."""
+    """Draw a column against another for all paths; return all values in x and y, positive ones on logarithmic axes."""
     drawn = []
     for number, path in enumerate(paths):
-        found = path.positive(x, y)
+        found = path.positive(x, y, lowest=0.0 if any(logs) else -np.inf)
         if found is None:
             continue
         colour, marker, line = SERIES[number % len(SERIES)]
@@ -146,12 +152,12 @@ def _draw_fraction(axes, paths):
         if found is not None:
             axes.plot(found[0] * path.relative, found[1], "x", color="0.4", zorder=1)
     x = np.geomspace(drawn[0].min(), drawn[0].max() * 1.0001, 200)
-    axes.plot(x, _persson(x), color=ORANGE, linestyle=DASHED, label="Persson")
-    bgt = _bgt(x)
-    axes.plot(x[bgt < 1], bgt[bgt < 1], color="0.3", linestyle=DOTTED, label="Bush, Gibson, Thomas")
+    axes.plot(x, persson_fraction(x), color=ORANGE, linestyle=DASHED, label="Persson")
+    bgt = bush_gibson_thomas_fraction(x)
+    axes.plot(x, bgt, color="0.3", linestyle=DOTTED, label="Bush, Gibson, Thomas")
     axes.plot([], [], "x", color="0.4", label="corrected for the stepped boundary")
     axes.set(xlabel=_RELATIVE, ylabel="contact fraction")
-    axes.legend(loc="best")
+    axes.legend(loc="lower right", fontsize=10)
 
 
 def _draw_kappa(axes, paths):
@@ -169,7 +175,7 @@ def _draw_kappa(axes, paths):
         [path.positive("mean_pressure", "contact_fraction")[0] * path.relative for path in paths]
     )
     span = np.geomspace(x.min(), x.max() * 1.0001, 200)
-    axes.plot(span, _persson(span) / span, color=ORANGE, linestyle=DASHED)
+    axes.plot(span, persson_fraction(span) / span, color=ORANGE, linestyle=DASHED)
     axes.axhline(np.sqrt(2 * np.pi), color="0.3", linestyle=DOTTED)
     log_axis(axes.xaxis, x)
     axes.set(
@@ -202,9 +208,13 @@ def _draw_stiffness(axes, paths):
 
 def _against_approach(name, label):
     def draw(axes, paths):
-        known = [path.positive("approach", name) for path in paths]
-        unit = length_unit(max((found[0].max() for found in known if found is not None), default=1.0))
-        if _curves(axes, paths, "approach", name, lambda path: (unit.per_mm, 1.0)) is not None:
+        known = [path.positive("approach", name, lowest=-np.inf) for path in paths]
+        known = np.concatenate([found[0] for found in known if found is not None] or [[1.0]])
+        unit = length_unit(abs(known).max())
+        logs = (
+            known.min() >= 0,
+        ) * 2  # an approach that is counted from within the roughness has no logarithm
+        if _curves(axes, paths, "approach", name, lambda path: (unit.per_mm, 1.0), logs) is not None:
             axes.set(xlabel=f"approach δ  [{unit.name}]", ylabel=label)
 
     return draw
@@ -226,16 +236,6 @@ _SMOOTH = (
     _against_load("contact_area", "contact area  [mm²]"),
     _against_load("stiffness", "stiffness dF/dδ  [N/mm]"),
 )
-
-
-def _persson(x):
-    """Contact fraction at x = p / (E* h'rms): Persson 2001."""
-    return erf(np.sqrt(2) * x)
-
-
-def _bgt(x):
-    """Contact fraction at x = p / (E* h'rms): Bush, Gibson, Thomas 1975."""
-    return np.sqrt(2 * np.pi) * x
 
 
 # -- tables of sweeps --------------------------------------------------------------------------------------------

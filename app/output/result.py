@@ -20,7 +20,7 @@ dataset                    shape       type     unit   meaning (symbol of the pa
 
 Root attributes are Python numbers, strings or small numeric arrays: lengths and `approach` in mm,
 `load` in N, pressures and moduli in N/mm2, times in s; `residual` is (5.1), without unit. Of the others
-README.md says what they mean.
+docs/results.md says what they mean.
 Datasets and attributes beyond the required ones are kept.
 """
 
@@ -34,6 +34,7 @@ import h5py
 import numpy as np
 
 from app.errors import one_line
+from app.memory import check_fits
 from app.output.files import check_output_path, publish, remove, temporary_name
 
 METADATA_BYTES = 1 << 16  # more than HDF5 needs for the names and layout of a few dozen datasets
@@ -84,6 +85,13 @@ ATTRIBUTES = (
     "command_line",
     "version",
 )
+
+TEXTS = ("reason", "options", "command_line", "version", "notes", "problem", "periodic_symbol")
+NUMBERS = (  # beside the other `ATTRIBUTES`, where there are any
+    "mean_pressure", "contact_area", "contact_modulus", "rms_slope", "rms_height", "mean_gap", "stiffness",
+    "error_bound", "discretisation_error", "poisson_ratio", "periodic", "largest_penetration", "smallest_pressure",
+)  # fmt: skip
+PAIRS = ("young", "poisson")
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,29 +330,65 @@ def _read_hdf5(file):
     if not any(name in file for name in FIELDS):
         raise ValueError("no result of app.solve: it has none of the datasets " + ", ".join(FIELDS))
     _require(file.attrs, ATTRIBUTES, "attribute")
-    data = {name: _dataset(file, name, dtype) for name, dtype in (FIELDS | AXES).items()}
+    sizes = []
+    file.visititems(lambda name, item: sizes.append(float(getattr(item, "nbytes", None) or 0)))
+    check_fits(sum(sizes), "what it holds")  # a few bytes can stand for many
+    data = {name: read_dataset(file, name, dtype) for name, dtype in (FIELDS | AXES).items()}
     shape = data["y"].size, data["x"].size
     for name in FIELDS:
         if data[name].shape != shape:
             raise ValueError(f"dataset {name}: shape {data[name].shape}, but y and x say {shape}")
-    history = {name: _dataset(file, f"history/{name}", dtype) for name, dtype in HISTORY.items()}
-    history |= {name: item[()] for name, item in file["history"].items() if name not in history}
+    history = {name: read_dataset(file, f"history/{name}", dtype) for name, dtype in HISTORY.items()}
+    history |= _columns(file, "history", history)
     extra = {
         name: item[()] for name, item in file.items() if name not in data and isinstance(item, h5py.Dataset)
     }
-    units = {name: file[name].attrs["unit"] for name in (*data, *extra) if "unit" in file[name].attrs}
-    steps = {name: item[()] for name, item in file.get("path", {}).items()}
-    attributes = {
-        name: value.item() if isinstance(value, np.generic) else value for name, value in file.attrs.items()
+    units = {
+        name: str(file[name].attrs.get("unit", "1")) for name in (*data, *extra) if "unit" in file[name].attrs
     }
+    attributes = {name: _attribute(name, value) for name, value in file.attrs.items()}
+    steps = _columns(file, "path")
     return Result(**data, attributes=attributes, history=history, extra=extra, units=units, path=steps)
 
 
-def _dataset(file, name, dtype):
+def _columns(file, group, known=()):
+    """Columns of a group that are not known yet; all of the group are numbers, and equally many."""
+    if group not in file:
+        return {}
+    names = list(file[group]) if isinstance(file[group], h5py.Group) else [""]
+    columns = {name: read_dataset(file, f"{group}/{name}") for name in names if name not in known}
+    lengths = {column.shape for column in (*columns.values(), *dict(known).values())}
+    if len(lengths) > 1 or any(len(shape) != 1 for shape in lengths):
+        raise ValueError(f"{group}: columns of shapes {sorted(lengths)}")
+    return columns
+
+
+def read_dataset(file, name, dtype=None):
+    """A dataset of numbers from an open file, of its own type if no other is given; ValueError if it is none."""
     item = file.get(name)
     if not isinstance(item, h5py.Dataset):
         raise ValueError(f"dataset {name} is missing")
-    return _cast(f"dataset {name}", item[()], dtype)
+    if item.shape is None or item.dtype.kind not in "biuf":
+        raise ValueError(f"dataset {name}: type {item.dtype}, shape {item.shape} where numbers are needed")
+    if name in AXES and (item.ndim != 1 or not item.size):
+        raise ValueError(f"dataset {name}: shape {item.shape} where one of cell centres is needed")
+    check_fits(float(item.nbytes), f"dataset {name}")
+    return _cast(f"dataset {name}", item[()], dtype or item.dtype)
+
+
+def _attribute(name, value):
+    """An attribute as Python has it."""
+    text, number = name in TEXTS, name in NUMBERS or name in ATTRIBUTES
+    plain = value.item() if isinstance(value, np.generic) else value
+    if name in PAIRS and not (
+        isinstance(plain, np.ndarray) and plain.shape == (2,) and plain.dtype.kind in "iuf"
+    ):
+        raise ValueError(f"attribute {name}: {plain!r} where two numbers are needed")
+    if (text and not isinstance(plain, str)) or (
+        number and not text and not isinstance(plain, bool | int | float)
+    ):
+        raise ValueError(f"attribute {name}: {plain!r} where a {'text' if text else 'number'} is needed")
+    return plain
 
 
 def _cast(name, values, dtype):

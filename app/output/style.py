@@ -6,7 +6,6 @@ So pictures need no display and do not pile up. Not collective: call on one rank
 from __future__ import annotations
 
 from functools import wraps
-from typing import NamedTuple
 
 import matplotlib
 import numpy as np
@@ -42,21 +41,6 @@ STYLE = {
     "svg.hashsalt": "contact",  # the same picture is the same file
 }
 _INCHES_PER_TICK = 0.75
-
-
-class Unit(NamedTuple):
-    """A unit of length: how many of it are a mm, and its name."""
-
-    per_mm: float
-    name: str
-
-
-def length_unit(largest):
-    """Unit in which lengths up to `largest` [mm] are numbers that one reads: nm, µm, mm or m."""
-    for least, unit in ((2e4, Unit(1e-3, "m")), (0.2, Unit(1.0, "mm")), (2e-4, Unit(1e3, "µm"))):
-        if largest >= least:
-            return unit
-    return Unit(1e6, "nm") if largest > 0 else Unit(1.0, "mm")
 
 
 def styled(draw):
@@ -95,15 +79,26 @@ def log_axis(axis, values):
     )
     values = values[np.isfinite(values) & (values > 0)]
     low, high = (values.min(), values.max()) if values.size else (0.1, 1.0)
+    if high < 2 * low:
+        low, high = low / 1.5, high * 1.5
     (axes.set_xscale if in_x else axes.set_yscale)("log")
     margin = max((high / low) ** 0.06, 1.25)
     (axes.set_xlim if in_x else axes.set_ylim)(low / margin, high * margin)
     decades = np.log10(high / low * margin**2)
     if decades < 1.7:
         axis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades > 0.5 else (1, 1.5, 2, 3, 5, 7)))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: _number(value)))
         axis.set_minor_formatter(NullFormatter())
         axis.set_minor_locator(NullLocator())
+
+
+def _number(value):
+    """A number as text, very large and small ones as in 5·10⁻⁵."""
+    if 1e-3 <= value < 1e5:
+        return f"{value:g}"
+    factor, _, power = f"{value:e}".partition("e")
+    times = "" if float(factor) == 1 else f"{float(factor):g}\\cdot "
+    return f"${times}10^{{{int(power)}}}$"
 
 
 @styled

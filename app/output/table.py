@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 from tabulate import tabulate
 
-from app.output.files import whole_file
+from app.output.files import whole_file, whole_hdf5
 
 
 def markdown(rows, columns=None, formats=None):
@@ -81,13 +81,13 @@ def write_table(path, rows, columns=None):
     if path.suffix not in kinds:
         raise ValueError(f"table {path}: the name must end in one of {', '.join(kinds)}")
     render = kinds[path.suffix]
-    with whole_file(path) as temporary:
-        if render is not None:
+    if render is not None:
+        with whole_file(path) as temporary:
             temporary.write_text(render(rows, columns), encoding="utf-8")
-            return
-        with h5py.File(temporary, "w") as file:
-            for key in columns or _keys(rows):
-                file.create_dataset(key, data=_column([row.get(key) for row in rows]))
+        return
+    with whole_hdf5(path) as file:
+        for key in columns or _keys(rows):
+            file.create_dataset(key, data=_column([row.get(key) for row in rows]))
 
 
 def _keys(rows):

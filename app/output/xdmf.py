@@ -1,9 +1,9 @@
 """XDMF: a small text file beside result files that tells ParaView and others what is in them.
 
 A result becomes a uniform grid with its fields on cells; several results, such as the steps of a load path, a series in
-time. The file names the HDF5 files by their names alone: keep them in one folder. As a mesh of two
-directions (``2DCoRectMesh``) all of ParaView's readers take it, but stand it in their y-z plane; the three-dimensional
-topology of the same cells is read by one of them only.
+time. The file names the HDF5 files by their names alone: keep them in one folder. The patch is one layer of cells below
+z = 0: ParaView's readers stand a mesh of two directions (``2DCoRectMesh``) in the y-z plane, and only one of them reads
+fields on a layer without thickness.
 
 Not collective: call on one rank.
 """
@@ -16,8 +16,9 @@ from xml.sax.saxutils import quoteattr
 import h5py
 import numpy as np
 
+from app.errors import one_line
 from app.output.files import whole_file
-from app.output.result import AXES, FIELDS
+from app.output.result import AXES, FIELDS, read_dataset
 
 _HEAD = '<?xml version="1.0"?>\n<Xdmf Version="3.0">\n<Domain>\n'
 _TAIL = "</Domain>\n</Xdmf>\n"
@@ -63,35 +64,40 @@ def write_xdmf(results, path=None):
 
 def _read(result):
     """Load [N] and ``grid(time)``, which is the text, of a result."""
+    if not result.is_file():
+        raise ValueError(f"result file {result}: {'not a file' if result.exists() else 'no such file'}")
     try:
         with h5py.File(result, "r") as file:
-            missing = [name for name in (*FIELDS, *AXES) if name not in file]
-            if missing:
-                raise ValueError(f"dataset {', '.join(missing)} is missing")
-            x, y = (file[name][()] for name in ("x", "y"))
-            shape = y.size, x.size
-            fields = {name: file[name].dtype for name in file if getattr(file[name], "shape", None) == shape}
-            return float(file.attrs.get("load", np.nan)), _grid(result, x, y, fields)
-    except (OSError, ValueError) as error:
-        raise ValueError(f"result file {result}: {error}") from None
+            x, y = (read_dataset(file, name) for name in AXES)
+            there = {name: getattr(file.get(name), "shape", None) for name in file}
+            if wrong := [name for name in FIELDS if there.get(name) != (y.size, x.size)]:
+                raise ValueError(
+                    f"dataset {', '.join(wrong)} is missing, or of another shape than y and x say"
+                )
+            fields = {name: file[name].dtype for name, shape in there.items() if shape == (y.size, x.size)}
+            load = file.attrs.get("load", np.nan)
+            return float(load) if np.isscalar(load) else np.nan, _grid(result, x, y, fields)
+    except (OSError, ValueError, RuntimeError, KeyError) as error:  # the last two: links
+        raise ValueError(f"result file {result}: {one_line(error)}") from None
 
 
 def _grid(result, x, y, fields):
     """Text of a grid as a function of its time."""
     dx, dy = (float(c[-1] - c[0]) / (c.size - 1) if c.size > 1 else 1.0 for c in (x, y))
-    corner = f"{float(y[0]) - dy / 2!r} {float(x[0]) - dx / 2!r}"
+    dz = min(dx, dy)
+    corner = f"{-dz!r} {float(y[0]) - dy / 2!r} {float(x[0]) - dx / 2!r}"
     attributes = "".join(
         f"<Attribute Name={quoteattr(name)} AttributeType=\"Scalar\" Center=\"Cell\">\n"
-        f"{_item(f'{y.size} {x.size}', 'HDF', f'{result.name}:/{name}', kind)}</Attribute>\n"
+        f"{_item(f'1 {y.size} {x.size}', 'HDF', f'{result.name}:/{name}', kind)}</Attribute>\n"
         for name, kind in fields.items()
     )
 
     def text(time):
         return (
             f"<Grid Name={quoteattr(result.stem)} GridType=\"Uniform\">\n<Time Value=\"{time!r}\"/>\n"
-            f'<Topology TopologyType="2DCoRectMesh" Dimensions="{y.size + 1} {x.size + 1}"/>\n'
-            f'<Geometry GeometryType="ORIGIN_DXDY">\n'
-            f"{_item('2', 'XML', corner)}{_item('2', 'XML', f'{dy!r} {dx!r}')}</Geometry>\n{attributes}</Grid>\n"
+            f'<Topology TopologyType="3DCoRectMesh" Dimensions="2 {y.size + 1} {x.size + 1}"/>\n'
+            f'<Geometry GeometryType="ORIGIN_DXDYDZ">\n'
+            f"{_item('3', 'XML', corner)}{_item('3', 'XML', f'{dz!r} {dy!r} {dx!r}')}</Geometry>\n{attributes}</Grid>\n"
         )
 
     return text

@@ -44,7 +44,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
         On the target grid.
     """
     last, comm = len(hierarchy.levels) - 1, hierarchy.comm
-    coarse, outcome, difference, before = None, None, float("nan"), None
+    coarse, outcome, difference, numbers = None, None, float("nan"), []
     stops = route(hierarchy, distances, loading, nested) if nested and start is None else [last]
     for number, following in pairs(stops):
         level, target = hierarchy.levels[number], number == last
@@ -72,19 +72,22 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
             )
             if solver is not target_solver:
                 solver.destroy()
-        facts = outcome, primal.mean_pressure
-        outcome, primal.mean_pressure = tell(hierarchy, following, state, loading, *facts)
+            if not target:
+                numbers.append(primal.numbers())
+        facts = outcome, primal.mean_pressure, numbers
+        outcome, primal.mean_pressure, numbers = tell(hierarchy, following, state, loading, *facts)
         if coarse is not None:
             if target:
                 difference = _difference(comm, hierarchy.transfers[number], coarse.state.p, state)
-                before = coarse.numbers(comm)
             coarse.state.destroy()
             coarse.destroy()
         coarse = primal
     primal.destroy()
     errors = UNKNOWN
-    if before:
-        errors = errors_from(before, numbers_on(state, comm), state.first_touch(), loading.prescribes_load)
+    if numbers:
+        errors = errors_from(
+            [*numbers, numbers_on(state, comm)], state.first_touch(), loading.prescribes_load
+        )
     return state, replace(outcome, discretisation_error=difference, grid_errors=errors)
 
 

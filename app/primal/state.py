@@ -7,7 +7,6 @@ from petsc4py import PETSc
 
 from app.contact.grid_errors import numbers_on
 from app.contact.state import Displacement, Update
-from app.halfspace.reductions import sum_over
 from app.primal import kernels as loops
 from app.primal import stencil
 
@@ -69,7 +68,8 @@ class PrimalState:
         self.state.contact[...] = self.state.admissible
         with self.state.pressure as p:
             np.nan_to_num(p, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
-            if self.state.minimum([-p.max(initial=0.0)])[0] == 0:
+            highest = p.max(initial=0.0, where=self.state.admissible.reshape(-1))
+            if self.state.minimum([-highest])[0] == 0:
                 p[...] = self.mean_pressure
 
     def refresh(self, exact=False):
@@ -118,10 +118,10 @@ class PrimalState:
         if not self.loading.prescribes_load:
             self.mean_pressure = solution.mean_pressure
 
-    def numbers(self, comm):
-        """Numbers of the solution, as w and the mean pressure have them. Collective over all ranks that want them."""
+    def numbers(self):
+        """Numbers of the solution, as w and the mean pressure have them. Collective over the ranks of the state."""
         load = self.mean_pressure * self.cells * self.state.grid.cell_area
-        return numbers_on(self.state, comm, load, -float(sum_over(comm, [self.w.sum()])[0]) / self.cells)
+        return numbers_on(self.state, self.state.comm, load, -self.mean(self.w))
 
     def guess(self, solver):
         """The contact set of the obstacle problem in small, by projected sweeps with the centre of B; w and p follow.
@@ -138,10 +138,18 @@ class PrimalState:
         rows = solver.rows_beside(_GUESSES - 1)
         stencil.sweep_projected(force, *rows(force), lowest, *rows(lowest), weights, _GUESSES, x)
         loops.take(x, lowest, self.w, state.distance.b, state.contact)
+        if self.loading.prescribes_load and not state.sum([np.count_nonzero(state.contact)])[0]:
+            self._touch()
         self._contact_changed(solver)
         change = self.w - before if exact else x
         self._restore_mean_with(change, solver)
         self._add_pressure_of(change, solver)
+
+    def _touch(self):
+        """Let the cells with the least gap be the contact set. Collective."""
+        state = self.state
+        gap = np.where(state.admissible, self.w - state.distance.b, np.inf)
+        state.contact[...] = gap <= state.minimum([gap.min(initial=np.inf)])[0]
 
     def exchange(self, solver, tension, overlap):
         """Cells with p < tension are released, others with e < overlap captured; return the Update.

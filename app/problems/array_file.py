@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-import os
+import codecs
 from pathlib import Path
 
 import numpy as np
 
 from app.errors import one_line
+from app.memory import check_fits
 from app.options import LARGEST
+from app.problems.text_table import read_table
 
+_STRANGE = 0.01  # share of characters beyond ASCII that texts of numbers do not reach
 _BYTES_PER_BYTE = 40  # of memory, for a byte of text: a line is a list of texts, then of numbers
 
 
 class ArrayFile:
     """A two-dimensional array in a file, read a few rows at a time where the format allows it.
 
-    ``.npy``; ``.h5``, ``.hdf5`` or ``.h5:/dataset``; anything else is read as text, a row of cells a line, separated by
-    semicolons, else commas, else tabs or blanks. The first row is the one of smallest y.
+    ``.npy``; ``.h5``, ``.hdf5`` or ``.h5:/dataset``; anything else is read as text, a row of cells a line (see
+    `app.problems.text_table`). The first row is the one of smallest y.
 
     Not collective: every rank opens the file for itself.
 
@@ -25,11 +28,14 @@ class ArrayFile:
     ----------
     name : str
         File name, with ``:/dataset`` behind it if an HDF5 file holds more than one 2-D dataset.
+    skip : int
+        Lines at the head of a text that are none of the array.
 
     Attributes
     ----------
     attributes : dict
         Of the dataset of an HDF5 file, which may say units; else empty.
+    is_text : bool
 
     Raises
     ------
@@ -37,23 +43,27 @@ class ArrayFile:
         If there is no such file or dataset, or it is not a 2-D array of real numbers.
     """
 
-    what, missing = "array file", "a missing value"  # for messages
+    what, missing, how_to_skip = "array file", "a missing value", ""  # for messages
+    marks = False  # whether texts may mark missing values in other ways than by nan
     preferred = ""  # dataset that is taken where there are several
 
-    def __init__(self, name):
-        name, self.attributes = str(name), {}
+    def __init__(self, name, skip=0):
+        name, self.attributes, self.skip = str(name), {}, skip
         path, _, dataset = name.partition(":/")
         self.file, self.path, self._dataset = name, Path(path), dataset
         if not self.path.is_file():
             raise ValueError(f"{self.what} {path}: {self._why_not()}")
         suffix = self.path.suffix.lower()
+        self.is_text = suffix not in (".npy", ".h5", ".hdf5")
+        if skip and not self.is_text:
+            raise ValueError(f"{self.what} {path}: {skip} lines to skip: allowed of text, which it is not")
         try:
             if suffix == ".npy":
                 self._rows = self._map_npy()
-            elif suffix in (".h5", ".hdf5"):
-                self._rows = self._open_hdf5()
-            else:
+            elif self.is_text:
                 self._rows = self._read_text()
+            else:
+                self._rows = self._open_hdf5()
         except (ValueError, OSError, EOFError, KeyError, RuntimeError, MemoryError) as error:
             # RuntimeError: a dataset that is linked to itself.
             raise ValueError(f"{self.what} {name}: cannot be read: {one_line(error)}") from None
@@ -103,31 +113,9 @@ class ArrayFile:
         return file[name]
 
     def _read_text(self):
-        there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        if self.path.stat().st_size * _BYTES_PER_BYTE > there:
-            raise ValueError(
-                f"{self.path.stat().st_size / 2**30:.1f} GiB of text are too much; use .npy or .h5"
-            )
-        try:
-            lines = self.path.read_text(encoding="utf-8-sig").splitlines()
-        except UnicodeDecodeError:
-            raise ValueError("it is no text; formats: .npy, .h5, .hdf5, and text") from None
-        numbers = [j for j, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")]
-        if not numbers:
-            raise ValueError("it is empty")
-        rows = [_fields(lines[j]) for j in numbers]
-        for j, row in zip(numbers, rows, strict=True):
-            if len(row) != len(rows[0]):
-                raise ValueError(
-                    f"line {j + 1} has {len(row)} entries, line {numbers[0] + 1} has {len(rows[0])}; needed: "
-                    "lines of numbers, a row of cells each; others begin with #"
-                )
-        return np.array(
-            [
-                [_number(entry, j, i, self.missing) for i, entry in enumerate(row)]
-                for j, row in zip(numbers, rows, strict=True)
-            ]
-        )
+        check_fits(self.path.stat().st_size * _BYTES_PER_BYTE, "text, where .npy or .h5 take little")
+        lines = _decoded(self.path.read_bytes()).splitlines()
+        return read_table(lines, self.missing, self.skip, self.marks, self.how_to_skip)
 
     @property
     def shape(self):
@@ -136,6 +124,7 @@ class ArrayFile:
 
     def rows(self, rows=slice(None)):
         """Return some rows as float64. Not collective."""
+        check_fits(8 * self.shape[1] * len(range(*rows.indices(self.shape[0]))), f"{self.what} {self.file}")
         return np.array(self._rows[rows], dtype=np.float64, order="C")
 
     def check(self, rows):
@@ -151,21 +140,16 @@ class ArrayFile:
         return int(np.count_nonzero(~np.isnan(values)))
 
 
-def _fields(line):
-    """Entries of a line of text."""
-    for separator in (";", ",", "\t"):
-        if separator in line and not (separator == "\t" and " " in line.strip()):
-            # One at the end of every line is a habit of some programs.
-            return line.strip(" \r").removesuffix(separator).split(separator)
-    return line.split()
-
-
-def _number(entry, j, i, missing):
-    """Value of an entry of a text, in line j, counted from 0."""
+def _decoded(content):
+    """Text of a file: UTF-8; UTF-16 if it says so; else what Windows makes of a micro sign."""
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        coding = "utf-16"
+    else:
+        coding = "utf-8-sig"
     try:
-        return float(entry)
-    except ValueError:
-        raise ValueError(
-            f"line {j + 1}, entry {i + 1}: {entry.strip()!r} is no number; needed: decimal points, "
-            f"and nan for {missing}"
-        ) from None
+        return content.decode(coding)
+    except UnicodeDecodeError:
+        strange = len(content) - len(content.translate(None, bytes(range(128, 256))))
+        if coding == "utf-16" or b"\0" in content or strange > _STRANGE * len(content) + 8:
+            raise ValueError("it is no text; formats: .npy, .h5, .hdf5, and text") from None
+        return content.decode("latin-1")

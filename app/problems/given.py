@@ -13,6 +13,11 @@ from app.problems.problem import Problem
 from app.problems.shapes import Plane
 
 
+def is_measured(surface):
+    """Whether a surface knows its own cells and units: `app.problems.measured.Surface`. Not collective."""
+    return getattr(surface, "measured", False)
+
+
 class _Values:
     """An array of all cells, or a function of x and y, as a shape or a surface.
 
@@ -161,7 +166,8 @@ class ContactProblem(Problem):
         """See `Problem.describe`."""
         facts = {**super().describe(), **self.shape.describe()}
         for surface in self.surfaces:
-            for name, value in surface.describe().items():
+            said = {"surface_read": surface.understood(self.grid)} if is_measured(surface) else {}
+            for name, value in {**surface.describe(), **said}.items():
                 # The second surface of a kind has names of its own.
                 facts[name if name not in facts else f"{name}2"] = value
         if self.surfaces:

@@ -12,71 +12,13 @@ import numpy as np
 
 from app.errors import InputError
 from app.halfspace.grid import Grid
-from app.options import LARGEST
-from app.problems.array_file import ArrayFile
-from app.problems.points import gridded, looks_like_points
+from app.problems.height_file import TURNS, HeightFile
+from app.problems.moments import LEVELS, Moments, centred
+from app.units import UNITS, in_words
 
-UNITS = {"m": 1e3, "mm": 1.0, "um": 1e-3, "nm": 1e-6}  # [mm]
-LEVELS = {"none": (), "mean": ((0, 0),)}
-LEVELS["plane"] = (*LEVELS["mean"], (1, 0), (0, 1))
-LEVELS["quadratic"] = (*LEVELS["plane"], (2, 0), (1, 1), (0, 2))  # powers of x and y that are taken off
 MISSING = ("hole", "fill")
 MOST_CELLS = np.iinfo(np.int32).max  # that PETSc numbers
-_RUN = 1 << 18  # cells that are looked at together
 _TILTED = 4.0  # rise of the best plane over the patch in rms heights about it that is worth a note
-
-
-def unit_named(name):
-    """One of `UNITS` by what files call it; None if it is none of them. Not collective."""
-    if isinstance(name, bytes):
-        name = name.decode(errors="replace")
-    name = str(name).strip().replace("µ", "u").replace("μ", "u")
-    return name if name in UNITS else None
-
-
-class HeightFile(ArrayFile):
-    """Heights in a file, which may know their unit and spacing.
-
-    Attributes
-    ----------
-    unit, lateral : str or None
-        Of the heights, and of the spacing, if that is another one.
-    spacing : pair of float or None
-        dx, dy.
-    """
-
-    what, missing, preferred = "surface file", "missing points", "heights"
-
-    def __init__(self, name):
-        super().__init__(name)
-        self.unit, self.spacing, self.lateral = self._said("unit"), None, None
-        if "spacing" in self.attributes:
-            self.lateral = self._said("spacing_unit") or self.unit
-            self.spacing = tuple(np.atleast_1d(np.asarray(self.attributes["spacing"], float)))
-            if len(self.spacing) != 2 or not (np.isfinite(self.spacing).all() and min(self.spacing) > 0):
-                raise ValueError(
-                    f"surface file {name}: spacing {self.spacing}: needed: two positive numbers dx, dy"
-                )
-        elif isinstance(self._rows, np.ndarray) and not isinstance(self._rows, np.memmap):
-            if looks_like_points(self._rows.shape):
-                try:
-                    self._rows, self.spacing = gridded(self._rows)
-                except ValueError as error:
-                    raise ValueError(
-                        f"surface file {name}: its lines of 3 numbers are no points x, y, z of a grid: {error} "
-                        "(a map of 3 columns can be given as .npy)"
-                    ) from None
-
-    def _said(self, key):
-        """Unit that an attribute names, or None."""
-        if key not in self.attributes:
-            return None
-        unit = unit_named(self.attributes[key])
-        if unit is None:
-            raise ValueError(
-                f"surface file {self.file}: {key} {self.attributes[key]!r}; allowed: {', '.join(UNITS)}"
-            )
-        return unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +38,14 @@ class Surface:
         How it was levelled, what became of missing points.
     crop : tuple of int
         Columns i0 to i1 - 1 and rows j0 to j1 - 1 of the file.
+    orient : tuple of str
+        How rows and columns of the file were turned, before all else.
     rms_height : float
         About the mean of the heights in the file that are not missing, before levelling [mm].
+    rms_level : float
+        About their best plane [mm].
+    steps : tuple of float
+        Root mean square of the steps from cell to cell of the file in x and in y, about that plane [mm].
     missing_points : int
         Of the file, within the crop.
     notes : tuple of str
@@ -111,7 +59,10 @@ class Surface:
     level: str
     missing: str
     crop: tuple
+    orient: tuple
     rms_height: float
+    rms_level: float
+    steps: tuple
     missing_points: int
     notes: tuple
     _source: object = field(repr=False)
@@ -173,6 +124,25 @@ class Surface:
             _averaged=(before[0] * fy, before[1] * fx),
         )
 
+    def cell(self, grid):
+        """Size dx, dy of a cell of the file, where `grid` is that of this surface [mm]. Not collective."""
+        return grid.dx / self._averaged[1], grid.dy / self._averaged[0]
+
+    def rms_slope(self, grid):
+        """Root mean square of the gradient in the file, about the best plane. Not collective."""
+        return float(np.sqrt(np.nansum(np.square(self.steps) / np.square(self.cell(grid)))))
+
+    def understood(self, grid):
+        """What was read, in a line for people to compare with what they know. Not collective."""
+        nx, ny = self.crop[1] - self.crop[0], self.crop[3] - self.crop[2]
+        turned = f" after {','.join(self.orient)}" if self.orient else ""
+        return (
+            f"{nx} x {ny} heights in {self.unit}, cells of {in_words(*self.cell(grid))}, patch of "
+            f"{in_words(grid.nx * grid.dx, grid.ny * grid.dy)}; about the best plane: rms height "
+            f"{in_words(self.rms_level)}, rms slope {self.rms_slope(grid):.2g}; rows along x, the first "
+            f"at the smallest y{turned}"
+        )
+
     def check_grid(self, grid):
         """Refuse a grid whose cells are not the surface's. Not collective."""
         if grid.shape != self.shape:
@@ -212,6 +182,7 @@ class Surface:
             "surface_level": self.level,
             "surface_missing": self.missing,
             "surface_crop": list(self.crop),
+            "surface_orient": ",".join(self.orient),
         }
 
     def _levelled(self, start, stop):
@@ -221,13 +192,15 @@ class Surface:
         j, i, heights = self._filled
         here = slice(*np.searchsorted(j, (start, stop)))
         values[j[here] - start, i[here]] = heights[here]
-        x, y = _centred(self.crop[1] - self.crop[0]), _centred(self.crop[3] - self.crop[2])[start:stop]
+        x, y = centred(self.crop[1] - self.crop[0]), centred(self.crop[3] - self.crop[2])[start:stop]
         for (k, m), coefficient in self._coefficients.items():
             values -= coefficient * x**k * y[:, None] ** m
         return values
 
 
-def read_surface(path, unit=None, level="none", crop=None, missing="hole"):
+def read_surface(
+    path, unit=None, level="none", crop=None, missing="hole", height_unit=None, orient=(), skip=0
+):
     """Read measured heights.
 
     Not collective: every rank looks at the whole file, a run of rows after the other.
@@ -236,7 +209,7 @@ def read_surface(path, unit=None, level="none", crop=None, missing="hole"):
     ----------
     path : str or Path
         ``.npy``, ``.h5`` (``:/dataset``), text with a row of cells a line, or text with points x, y, z of a regular
-        grid in any order, in one unit. Peaks towards the other body are positive; the first row is the one of smallest
+        grid in any order. Peaks towards the other body are positive; the first row is the one of smallest
         y. What instruments write ``python -m app.convert`` turns into ``.h5``.
     unit : str, optional
         m, mm, um or nm: of the file; needed where it does not say.
@@ -246,6 +219,12 @@ def read_surface(path, unit=None, level="none", crop=None, missing="hole"):
         i0, i1, j0, j1: columns i0 to i1 - 1 and rows j0 to j1 - 1 only.
     missing : str
         What becomes of missing points (NaN): "hole", contact is impossible there, or "fill" by a harmonic function.
+    height_unit : str, optional
+        Of the heights alone, where x and y of points are in `unit`.
+    orient : sequence of str
+        How rows and columns are turned before all else, one after the other: transpose, flip_x, flip_y.
+    skip : int
+        Lines at the head of a text to leave out.
 
     Returns
     -------
@@ -270,23 +249,27 @@ def read_surface(path, unit=None, level="none", crop=None, missing="hole"):
     for name, value, allowed in (
         ("level", level, LEVELS),
         ("missing", missing, MISSING),
-        ("unit", unit, UNITS),
+        ("unit", unit, (*UNITS, None)),
+        ("height unit", height_unit, (*UNITS, None)),
+        *(("orient", turn, TURNS) for turn in orient),
     ):
-        if value not in allowed and not (name == "unit" and value is None):
-            raise InputError(f"surface {name} {value}: not allowed; allowed: {', '.join(allowed)}")
+        if value not in allowed:
+            raise InputError(
+                f"surface {name} {value}: not allowed; allowed: {', '.join(filter(None, allowed))}"
+            )
     try:
-        source = HeightFile(path)
+        source = HeightFile(path, skip, orient)
     except (ValueError, OSError) as error:
         raise InputError(str(error)) from None
     if source.shape[0] * source.shape[1] > MOST_CELLS:
         raise InputError(
             f"surface file {path}: has {source.shape[1]} x {source.shape[0]} cells; allowed: {MOST_CELLS}"
         )
-    unit = _agreed_unit(source, unit)
+    unit, lateral = _agreed_units(source, unit, height_unit)
     crop = _checked_crop(source, crop)
     scale = UNITS[unit]
-    moments = _Moments.of(source, crop, scale)
     ny, nx = crop[3] - crop[2], crop[1] - crop[0]
+    moments = Moments(source.file, lambda *rows: scale * _cropped(source, crop, *rows), (ny, nx))
     holes = nx * ny - int(moments.count)
     notes, filled = [], (np.zeros(0, int), np.zeros(0, int), np.zeros(0))
     if holes and missing == "fill":
@@ -306,33 +289,44 @@ def read_surface(path, unit=None, level="none", crop=None, missing="hole"):
             f"surface file {source.file}: is tilted by {rise:.3g} mm over the patch, its rms height about the best "
             f"plane is {rms:.3g} mm; level it by -surface_level plane if that is the instrument's"
         )
-    lateral = source.spacing and UNITS[source.lateral or unit]
     return Surface(
         file=source.file,
         unit=unit,
         shape=(ny, nx),
-        spacing=source.spacing and tuple(lateral * side for side in source.spacing),
+        spacing=source.spacing and tuple(UNITS[lateral] * side for side in source.spacing),
         level=level,
         missing=missing,
         crop=crop,
+        orient=tuple(orient),
         rms_height=moments.rms,
+        rms_level=rms,
+        steps=moments.steps,
         missing_points=holes,
         notes=tuple(notes),
         _source=source,
-        _coefficients=moments.fit(LEVELS[level]),
+        _coefficients=moments.fit(level),
         _filled=filled,
     )
 
 
-def _agreed_unit(source, unit):
-    if source.unit is None and unit is None:
+def _agreed_units(source, unit, height_unit):
+    """Unit of the heights and that of the spacing, from the file or from options, which must not say another one."""
+    given = height_unit or unit
+    if source.unit is None and given is None:
         raise InputError(
             f"-surface_unit is missing: surface file {source.file} does not say the unit of its heights; "
             f"allowed: {', '.join(UNITS)}"
         )
-    if source.unit and unit and unit != source.unit:
-        raise InputError(f"-surface_unit {unit}: surface file {source.file} says {source.unit}")
-    return source.unit or unit
+    if source.unit and given and given != source.unit:
+        option = "-surface_height_unit" if height_unit else "-surface_unit"
+        raise InputError(f"{option} {given}: surface file {source.file} says {source.unit}")
+    lateral = source.lateral or source.unit or unit
+    if source.spacing and lateral is None:
+        raise InputError(
+            f"-surface_unit is missing: surface file {source.file} does not say the unit of its x and y, and "
+            f"-surface_height_unit is of z alone; allowed: {', '.join(UNITS)}"
+        )
+    return source.unit or given, lateral
 
 
 def _checked_crop(source, crop):
@@ -352,85 +346,3 @@ def _cropped(source, crop, start, stop):
     """Rows start to stop - 1 of the crop, in the file's unit."""
     i0, i1, j0, _ = crop
     return np.ascontiguousarray(source.rows(slice(j0 + start, j0 + stop))[:, i0:i1])
-
-
-def _centred(n):
-    """Cell centres of n cells between -1 and 1."""
-    return (2 * np.arange(n) + 1) / n - 1
-
-
-class _Moments:
-    """Sums over the heights z that are there: of x^k y^m, and of z x^k y^m; x and y go from -1 to 1 [mm]."""
-
-    def __init__(self):
-        self.powers, self.products, self.squares = np.zeros((5, 5)), np.zeros((3, 3)), 0.0
-        self.reference = None
-
-    @classmethod
-    def of(cls, source, crop, scale):
-        """Look at all of a file once, a run of rows after the other."""
-        moments = cls()
-        ny, nx = crop[3] - crop[2], crop[1] - crop[0]
-        x, y, step = _centred(nx), _centred(ny), max(1, _RUN // nx)
-        for start in range(0, ny, step):
-            rows = slice(start, min(start + step, ny))
-            moments._add(
-                source, scale * _cropped(source, crop, rows.start, rows.stop), x, y[rows], rows.start
-            )
-        if not moments.count:
-            raise InputError(f"surface file {source.file}: all points are missing (NaN)")
-        return moments
-
-    def _add(self, source, z, x, y, first):
-        there = ~np.isnan(z)
-        if not there.any():
-            return
-        large = np.argwhere(there & ~(np.abs(z) < LARGEST))
-        if len(large):
-            j, i = large[0]
-            raise InputError(
-                f"surface file {source.file}: {z[j, i]:g} mm in row {first + j}, column {i}; allowed: numbers, and NaN "
-                "for missing points"
-            )
-        if self.reference is None:
-            self.reference = z[there][0]  # so that large offsets cost no digits
-        z = np.where(there, z - self.reference, 0.0)
-        in_x, in_y = (np.stack([values**k for k in range(5)]) for values in (x, y))
-        self.powers += in_x @ there.T.astype(float) @ in_y.T
-        self.products += in_x[:3] @ z.T @ in_y[:3].T
-        self.squares += float(np.einsum("ji,ji", z, z))
-
-    @property
-    def count(self):
-        """Points that are there."""
-        return self.powers[0, 0]
-
-    @property
-    def rms(self):
-        """Standard deviation of the heights [mm]."""
-        return float(np.sqrt(max(self._left_by(LEVELS["mean"]), 0.0)))
-
-    def tilt(self):
-        """Rise of the best plane from side to side, and the standard deviation about it [mm]."""
-        plane = self._solve(LEVELS["plane"])
-        left = max(self._left_by(LEVELS["plane"]), 0.0)
-        return float(2 * (abs(plane[1]) + abs(plane[2]))), float(np.sqrt(left))
-
-    def fit(self, terms):
-        """Coefficients of the least squares polynomial of some powers: (k, m) -> [mm]."""
-        coefficients = dict(zip(terms, map(float, self._solve(terms)), strict=True))
-        if terms:
-            coefficients[0, 0] += self.reference
-        return coefficients
-
-    def _solve(self, terms):
-        if not terms:
-            return np.zeros(0)
-        gram = np.array([[self.powers[k + p, m + q] for p, q in terms] for k, m in terms])
-        right = np.array([self.products[k, m] for k, m in terms])
-        return np.linalg.lstsq(gram, right, rcond=1e-12)[0]  # of one row of points no slope across is known
-
-    def _left_by(self, terms):
-        """Mean square about the polynomial."""
-        right = np.array([self.products[k, m] for k, m in terms])
-        return (self.squares - right @ self._solve(terms)) / self.count

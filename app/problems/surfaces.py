@@ -70,7 +70,7 @@ class _Function:
 
 @dataclass(frozen=True)
 class WavySurface(_Function):
-    """Sum of M x N products of cosines with random amplitudes and phases, (6.1), (6.2) [1]_.
+    """Sum of M x N products of cosines with random amplitudes and phases, (6.1), (6.2); see References.
 
     The random numbers come from ``numpy.random.default_rng(seed)`` in the order a, phi, theta, each (M, N).
 
@@ -95,8 +95,8 @@ class WavySurface(_Function):
 
     References
     ----------
-    .. [1] J. Zhao, E.A.H. Vollebregt, C.W. Oosterlee, Math. Model. Anal. 19 (2014), appendix; after
-       J.J. Kalker, F.M. Dekking, E.A.H. Vollebregt, J. Appl. Mech. 64 (1997).
+    J. Zhao, E.A.H. Vollebregt, C.W. Oosterlee, Math. Model. Anal. 19 (2014), appendix; after
+    J.J. Kalker, F.M. Dekking, E.A.H. Vollebregt, J. Appl. Mech. 64 (1997).
 
     Examples
     --------
@@ -225,7 +225,7 @@ class SelfAffineSurface(_Function):
     """Isotropic self-affine surface: a finite Fourier sum with random phases.
 
     ``z = sum_k a_k cos(q_k . (x, y) + phi_k)``, q_k = 2 pi (k_x / l_x, k_y / l_y), one wave of each pair
-    +-q_k, phases uniform on [0, 2 pi), amplitudes a_k^2 proportional to the power spectrum [1]_
+    +-q_k, phases uniform on [0, 2 pi), amplitudes a_k^2 proportional to the power spectrum (see References)
 
     - q^(-2-2H) from the roll-off wavelength to the shortest one,
     - constant from the longest wavelength to the roll-off wavelength, and zero elsewhere.
@@ -267,8 +267,8 @@ class SelfAffineSurface(_Function):
 
     References
     ----------
-    .. [1] T.D.B. Jacobs, T. Junge, L. Pastewka, Quantitative characterization of surface topography using
-       spectral analysis, Surf. Topogr.: Metrol. Prop. 5 (2017) 013001.
+    T.D.B. Jacobs, T. Junge, L. Pastewka, Quantitative characterization of surface topography using
+    spectral analysis, Surf. Topogr.: Metrol. Prop. 5 (2017) 013001.
     """
 
     sampled = True  # what a coarse grid cannot carry is averaged, not seen as some other wave

@@ -110,9 +110,9 @@ class WavyContact(ABC):
 
 @dataclass(frozen=True)
 class Westergaard(WavyContact):
-    """Waves in x alone: distance a (1 - cos(2 pi x / L)), bearing on strips |x| < b about every summit.
+    """Waves in x alone: distance ``a (1 - cos(2 pi x / L))``, bearing on strips ``|x| < b``.
 
-    With ``psi = pi x / L`` and ``s = sin(pi b / L)``, ``s^2`` is the mean pressure over that of full contact,
+    With ``psi = pi x / L`` and ``s = sin(pi b / L)``, ``s^2`` is the mean pressure over that of full contact::
 
         p = 2 p* cos(psi) sqrt(s^2 - sin(psi)^2)                                          in contact,
         e = 2 a (t sqrt(t^2 - s^2) - s^2 arcosh(t / s)), t = |sin(psi)|                    beside it:

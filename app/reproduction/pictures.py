@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.colors import ListedColormap, LogNorm
-from matplotlib.ticker import MultipleLocator
 
 from app.analysis import smoothers
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material, influence_quadrant
 from app.output.maps import LENGTH_MAP
-from app.output.style import BLUE, GREEN, GREY, ORANGE, new_figure, styled
+from app.output.style import BLUE, GREEN, GREY, ORANGE, linear_ticks, new_figure, styled
 from app.problems.statistics import normal_plot
 from app.problems.surfaces import WavySurface
 from app.reproduction import studies, trace
@@ -261,9 +260,7 @@ def _figure12(outcomes):
     heights = {}
     for axes, decay in zip(panels.ravel(), (0.5, 0.8, 0.95), strict=False):
         heights[decay], image = _height_map(axes, 64, _surface(decay), 0.3)
-    figure.colorbar(image, ax=panels[:, 0], location="left", shrink=0.6, extend="both").set_label(
-        "height z  [mm]"
-    )
+    figure.colorbar(image, ax=panels, shrink=0.8, extend="both").set_label("height z of a, b, c  [mm]")
     plot = normal_plot(heights[0.8])
     axes = panels[1, 1]
     axes.plot(plot.height, plot.quantile, ".", color=BLUE, markersize=3, rasterized=True)
@@ -362,7 +359,7 @@ def _figure_selfaffine(outcomes):
     right.set_xscale("log")
     right.legend(loc="upper right")
     left.legend(loc="upper left")
-    left.xaxis.set_major_locator(MultipleLocator(0.05))
+    linear_ticks(left.xaxis, 4.5)
     _letter([left, right], {"a": "contact share", "b": "its slope κ"})
     return figure
 

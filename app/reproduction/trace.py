@@ -78,9 +78,9 @@ def main(given):
 
 def write(path, recorder, solution, exact):
     """Write the file; `exact`: analytic solution, or None. Not collective."""
-    from app.output.files import whole_file
+    from app.output.files import whole_hdf5
 
-    with whole_file(path) as temporary, h5py.File(temporary, "w") as file:
+    with whole_hdf5(path) as file:
         file["pressure"] = np.stack(recorder.pressure)
         file["contact"] = np.stack(recorder.contact)
         file["linear_residuals"] = np.array(recorder.linear_residuals)

@@ -25,7 +25,7 @@ class Journal:
 
     def __init__(self, path, resume=False):
         try:
-            self._file = path.open("a+", encoding="utf-8")
+            self._file = path.open("a+", encoding="utf-8", errors="replace")
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from None
         try:
@@ -40,9 +40,9 @@ class Journal:
         for line in self._file:
             try:
                 entry = json.loads(line)
-            except ValueError:  # cut off when the process was killed
-                continue
-            self.outcomes[entry.pop("key")] = entry
+                self.outcomes[entry.pop("key")] = entry
+            except (ValueError, LookupError, AttributeError, TypeError):
+                continue  # cut off when the process was killed, or nothing of ours
         self._file.write("\n")  # ends a line that was cut off
 
     def add(self, key, outcome):

@@ -5,19 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy import ndimage
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.special import erf
+
+from app.halfspace.connected import connected_sets
 
 PRESSURES = np.linspace(0, 4, 81)  # over E* times the rms slope
 GAPS = np.logspace(-5, 1, 61)  # over the rms height
 AREAS = np.logspace(-8, 0, 41)  # of patches, over that of the period
-
-
-def persson(load):
-    """Persson's contact fraction at p / (E* h'rms)."""
-    return erf(math.sqrt(2) * np.asarray(load))
 
 
 def persson_pressures(pressure, load):
@@ -29,15 +22,8 @@ def persson_pressures(pressure, load):
 
 def patch_cells(contact):
     """Cells of every patch of contact, largest first; patches hang together by sides of cells, over the period, too."""
-    labels, count = ndimage.label(contact)
-    cells = np.bincount(labels.reshape(-1), minlength=count + 1)
-    cells[0] = 0
-    ends = np.hstack([labels[[0, -1]], labels[:, [0, -1]].T])
-    one, other = ends[:, (ends > 0).all(axis=0)]
-    across = coo_array((np.ones(len(one), bool), (one, other)), shape=(count + 1, count + 1))
-    _, patch = connected_components(across, directed=False)
-    whole = np.bincount(patch, weights=cells).astype(int)
-    return np.sort(whole[whole > 0])[::-1]
+    _, cells = connected_sets(contact, periodic=True)
+    return np.sort(cells)[::-1]
 
 
 def corrected_fraction(contact):

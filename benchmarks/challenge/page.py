@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 
 from app.output.style import BLUE, GREY, ORANGE, STYLE, save_figure
 from app.output.table import markdown
-from benchmarks.challenge.measures import persson, persson_pressures, stiffness
+from app.reference.rough import persson_fraction
+from benchmarks.challenge.measures import persson_pressures, stiffness
 from benchmarks.challenge.surface import CUTOFF, SIDE
 
 KAPPAS = {"√(2π), Bush et al.": math.sqrt(2 * math.pi), "√(8/π), Persson": math.sqrt(8 / math.pi)}
@@ -93,7 +94,7 @@ def _line(row, key):
     return first | {
         "contact": f"{row['contact_fraction']:.3%}",
         "corrected": f"{row['corrected_fraction']:.3%}",
-        "Persson": f"{persson(row['load']):.3%}",
+        "Persson": f"{persson_fraction(row['load']):.3%}",
         "contact / load": f"{row['contact_fraction'] / row['load']:.3f}",
         "mean gap": f"{max(row['mean_gap'], 0.0):.4g}",
         "largest pressure": f"{row['max_pressure']:.3g}",
@@ -134,8 +135,8 @@ def loads_figure(rows):
         stiff.loglog(*stiffness(group), **style)
     loads = np.logspace(*np.log10([rows[0]["load"], max(row["load"] for row in rows)]), 200)
     dashed = {"color": ORANGE, "linestyle": (0, (5, 2))}
-    area.loglog(loads, persson(loads), **dashed, label="Persson")
-    ratio.semilogx(loads, persson(loads) / loads, **dashed, label="Persson")
+    area.loglog(loads, persson_fraction(loads), **dashed, label="Persson")
+    ratio.semilogx(loads, persson_fraction(loads) / loads, **dashed, label="Persson")
     for (name, kappa), style in zip(KAPPAS.items(), ("-", ":"), strict=True):
         light = loads[kappa * loads < 1]
         area.loglog(light, kappa * light, color=GREY, linestyle=style, zorder=0)

@@ -97,8 +97,8 @@ in products on the finest. All use the same symbol, 2 / (E* |q|), and displaceme
 WINS = """\
 Rows of the table above in which a package reaches the accuracy and beats us. Our set-up includes the loading of
 compiled code, which the packages have loaded before; our memory includes PETSc, MPI and HDF5, theirs Python and what
-they import. What they have and we have not is in the first table: friction, adhesion, plasticity, lubrication, periodic
-surfaces, GPUs.
+they import. What they have and we have not is in the first table: friction, adhesion, plasticity, lubrication,
+GPUs.
 """
 PERIODIC_WINS = """\
 Rows of the table above in which a package reaches the accuracy and beats us. Our set-up includes the loading of

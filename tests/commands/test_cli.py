@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from cases import APPROACH, hertz
-from processes import OPTIONS, TESTS, run, solve_arguments
+from processes import TESTS, run, solve_arguments
 from running import solve
 
 from app.commands.problem_options import PROBLEM_OPTIONS
@@ -50,8 +50,10 @@ def infinite(j, i):
 
 # Name of the case: arguments (or a function of a folder that makes them), and a part of the line that must appear.
 CASES = {
-    "nothing at all": ([], "-problem is missing"),
-    "unknown option": ([*HERTZ, "-gird", "8"], "-gird"),
+    "nothing but an output": ([], "-problem is missing"),
+    "equals sign": ([*HERTZ, "-grid=16"], "-grid=16: needed: -grid 16"),
+    "approach is no number": ([*HERTZ, "-approach", "1,5"], "allowed: a finite number [mm]"),
+    "unknown option": ([*HERTZ, "-gird", "8"], "-gird (did you mean -grid?)"),
     "unknown option of the method": ([*HERTZ, "-lcp_rtool", "1e-3"], "unknown option: -lcp_rtool"),
     "misspelt PETSc option": ([*HERTZ, "-ksp_rtoll", "1e-3"], "-ksp_rtoll"),
     "misspelt logging option": ([*HERTZ, "-log_vieww"], "-log_vieww"),
@@ -78,9 +80,12 @@ CASES = {
     "empty field": (gap_of(b"1,,3\n4,,6\n", "gap.csv"), "line 1, entry 2: '' is no number"),
     "archive of arrays": (gap_of(b"PK\x03\x04\xff\xfe", "gap.npz"), "it is no text; formats: .npy"),
     "value that cannot be squared": (gap_of(np.full((8, 8), 1e200)), "1e+200 in row 0, column 0; allowed: numbers"),
-    "method of another solver": (
-        [*DEFAULT, "-options_file", str(OPTIONS / "fast.opts"), "-lcp_type", "tao"], "has no effect here; allowed with"
+    "mistyped option in a file": (
+        with_file("a.opts", b"-pc_mg_tipe full\n", *HERTZ, "-options_file", "FILE", "-pc_type", "jacobi"),
+        "unknown or unused option: -pc_mg_tipe (in ",
     ),
+    "prefix of nothing": ([*HERTZ, "-foo_ksp_view"], "unknown or unused option: -foo_ksp_view"),
+    "bounds of nothing": ([*HERTZ, "-ksp_type", "chebyshev"], "needed: -ksp_chebyshev_eigenvalues"),
     "method of the active set": (
         [*DEFAULT, "-lcp_type", "tao", "-lcp_nested"], "-lcp_nested: has no effect here; allowed with -lcp_type"
     ),
@@ -249,11 +254,21 @@ def test_result_holds_what_was_printed_and_asked_for(cli, tmp_path):
         "Output:",
     ):
         assert words in done.stdout
+    assert done.stdout.count("KSP Object: ()") == 1  # of the target grid, once
+
+
+def test_nothing_at_all_is_told_where_to_begin():
+    done = run("-m", "app.solve")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == (
+        "error: nothing to solve; to begin with: -options_file petsc_options/hertz.opts; all options: -help\n"
+    )
 
 
 def test_help_names_every_option(cli):
-    done = cli("-help")
-    assert done.returncode == 0
+    done = cli("--help")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("usage: ")
     for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS):
         assert f"-{option.name} " in done.stdout
 
@@ -266,7 +281,7 @@ def test_runs_from_any_folder_with_relative_names(cli, tmp_path):
 
 
 def test_help_names_the_choices(cli):
-    told = cli("-help").stdout
+    told = cli("--help").stdout
     assert "what is pressed together: hertz, punch, file" in told
     assert "(default 12,10)" in told
 

@@ -45,6 +45,19 @@ def test_interrupted_and_resumed_path_gives_the_identical_table(cli, tmp_path):
     assert one.attributes["contact_patches"] == 1
 
 
+def test_notes_come_back_with_resumed_steps(cli, tmp_path):
+    """Steps 1 and 2 touch few cells and say so, whether they are solved in this run or were in the one before."""
+    few = (*HERTZ, "-load_path", "0.01,0.02,8e4,9e4", "-path_fields")
+    whole, broken = tmp_path / "whole.h5", tmp_path / "broken.h5"
+    expected = cli(*few, "-output", whole).stderr
+    assert "steps 1, 2: contact is " in expected
+    (tmp_path / "broken_0004.h5").mkdir()
+    assert cli(*few, "-output", broken).returncode == 2
+    (tmp_path / "broken_0004.h5").rmdir()
+    assert cli(*few, "-output", broken, "-resume").stderr == expected
+    assert read_result(broken).attributes["notes"] == read_result(whole).attributes["notes"]
+
+
 @pytest.mark.ranks(2)
 def test_path_on_ranks_writes_its_table_alone(cli, tmp_path, ranks):
     done = cli(*PATH, "-path_csv", tmp_path / "a.csv", "-stiffness", ranks=ranks)
@@ -71,6 +84,13 @@ def test_what_is_kept_needs_a_place(cli):
         refused = cli(*PATH, option)
         assert refused.returncode == 2
         assert "-output" in refused.stderr
+
+
+def test_a_misspelt_loading_is_named(cli):
+    refused = cli("-options_file", OPTIONS / "rough.opts", "-grid", 32, "-laod", 10)
+    assert refused.returncode == 2 and refused.stderr.startswith(
+        "error: -laod is no option, did you mean -load?"
+    )
 
 
 def test_refine_until(cli, tmp_path):

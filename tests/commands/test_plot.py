@@ -63,19 +63,38 @@ def test_bad_input_is_one_line(path, tmp_path, capsys, arguments, message):
 
 
 def test_several_files_have_a_folder_each_and_paths_are_drawn_together(path, tmp_path, capsys):
-    sweep, one, two = (tmp_path / name for name in ("sweep.csv", "one.csv", "two.csv"))
+    sweep, one, two = (tmp_path / name for name in ("sweep.csv", "one.csv", f"{path.stem}.csv"))
     sweep.write_text("grid,exit_status,message,work_units\n32,0,,10\n64,0,,12\n128,2,refused,\n")
     for number, file in enumerate((one, two)):
         file.write_text(f"load,approach,contact_area\n1,0.01,0.1\n{2 + number},0.02,0.2\n")
     out = tmp_path / "out"
-    assert main([*map(str, (sweep, one, two)), "-o", str(out), "--dpi", "30"]) == 0
-    names = ["sweep/sweep.png", "one/path.png", "two/path.png", "paths.png"]
-    assert capsys.readouterr().out.splitlines() == [str(out / name) for name in names]
+    assert main([*map(str, (sweep, one, two, path)), "-o", str(out), "--dpi", "30"]) == 0
+    names = ["sweep/sweep.png", "one/path.png", f"{path.stem}_csv/path.png", "paths.png"]
+    assert {str(out / name) for name in names} < set(capsys.readouterr().out.splitlines())
+    assert (out / f"{path.stem}_h5" / "contact.png").exists()
     assert all((out / name).read_bytes().startswith(START["png"]) for name in names)
     for text, message in (("a,b\n1,2\n", "neither a table"), ("grid,exit_status\n32,0\n", "nothing to draw")):
         sweep.write_text(text)
         assert main([str(sweep), "-o", str(out)]) == 2
         assert message in capsys.readouterr().err
+
+
+def test_files_of_one_name_have_folders_that_tell_them_apart(path, tmp_path, capsys):
+    """A path and its table, beside each other or in two folders; the same file twice is no use."""
+    text, out = "load,approach,contact_area\n1,0.01,0.1\n2,0.02,0.2\n", tmp_path / "out"
+    for file in (path.with_suffix(".csv"), tmp_path / "result.csv"):
+        file.write_text(text)
+    assert main([str(path), str(path.with_suffix(".csv")), "-o", str(out), "--dpi", "30"]) == 0
+    assert sorted(found.name for found in out.iterdir()) == ["result_csv", "result_h5"]
+    assert (
+        main([str(path.with_suffix(".csv")), str(tmp_path / "result.csv"), "-o", str(out), "--dpi", "30"])
+        == 0
+    )
+    folders = [path.parent.name, tmp_path.name]
+    assert all((out / f"{folder}_result_csv/path.png").is_file() for folder in folders)
+    capsys.readouterr()
+    assert main([str(path), str(path), "-o", str(out)]) == 2
+    assert "two are named result" in capsys.readouterr().err
 
 
 def test_exit_status_of_the_command(tmp_path):

@@ -2,6 +2,7 @@
 
 import base64
 import re
+import tempfile
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
@@ -11,7 +12,7 @@ import pytest
 from mpi4py import MPI
 from results import MAX_PRESSURE, made_up_result, with_attributes, write
 
-from app import ContactProblem, Grid, Material, read_result, report, solve, subsurface, xdmf
+from app import ContactProblem, Grid, Material, Paraboloid, read_result, report, solve, subsurface, xdmf
 from app.errors import InputError
 from app.halfspace.grid import Slabs
 from app.halfspace.stress import von_mises
@@ -46,6 +47,12 @@ def test_report_is_one_file_with_everything_in_it(path, made, capsys):
         assert said in text, said
 
 
+def read_back(solution):
+    with tempfile.TemporaryDirectory() as folder:
+        solution.save(f"{folder}/result.h5")
+        return read_result(f"{folder}/result.h5")
+
+
 @pytest.fixture
 def undrawn(monkeypatch):
     """Pictures are not drawn; that takes longest."""
@@ -64,6 +71,23 @@ def test_report_has_the_path_and_says_what_is_not_known(made, undrawn):
     assert "ratio is not known" in text
     text = report.web_page(with_attributes(made, without=["error_bound"]), with_stress=False)
     assert "Nothing is proved" in text and "von Mises" not in text
+
+
+def test_report_sets_analytic_values_beside_and_leaves_rounding_out(undrawn):
+    """On an even grid Hertz's centre of pressure is 0 but for round-off, whatever is printed."""
+    hertz = ContactProblem(Grid.from_domain(48, 48, (-3, 3, -3, 3)), Material(8e4, 0.3), Paraboloid(100, 30))
+    solution = solve(hertz, load=10000 / 3)
+    result = read_back(solution)
+    numbers = {found["label"]: found for found in report.numbers_section(result).quantities}
+    assert numbers["centre of pressure, x"]["value"] == numbers["centre of pressure, y"]["value"] == "0 mm"
+    values = result.attributes
+    for name, label in (("approach", "approach"), ("max_pressure", "maximum pressure")):
+        off = values[name] / values[f"analytic_{name}"] - 1
+        assert numbers[label]["analytic"].endswith(f"({off:+.1e})")
+    assert numbers["load"]["analytic"] == ""  # prescribed
+    facts = report.request_section(result).facts | {"load": report.plain(10000 / 3)}
+    assert facts["load"] == "3333.33" and facts["hertz_rx"] == "100"
+    assert "computed</th><th>analytic" in report.web_page(result, with_stress=False)
 
 
 def test_a_load_path_is_read_from_the_file(path):
@@ -167,7 +191,7 @@ def items(path):
         name, dataset = item.text.split(":")
         with h5py.File(path.parent / name) as file:
             values = file[dataset][()]
-        assert tuple(map(int, item.get("Dimensions").split())) == values.shape
+        assert tuple(map(int, item.get("Dimensions").split())) == (1, *values.shape)
         assert int(item.get("Precision")) == values.dtype.itemsize
         arrays.setdefault(attribute.get("Name"), []).append(values)
     return root, arrays
@@ -179,9 +203,10 @@ def test_xdmf_names_what_is_in_the_file(path, made, capsys):
     root, arrays = items(path.with_suffix(".xdmf"))
     assert arrays.keys() == {"pressure", "gap", "displacement", "undeformed_distance", "contact"}
     assert np.array_equal(arrays["pressure"][0], made.pressure)
-    assert root.find(".//Topology").get("Dimensions") == "49 65"  # points; fields are on cells
+    assert root.find(".//Topology").get("Dimensions") == "2 49 65"  # points; fields are on cells
     origin, steps = (np.array(item.text.split(), float) for item in root.find(".//Geometry"))
-    assert origin == pytest.approx([-6, -10]) and steps == pytest.approx([12 / 48, 20 / 64])
+    assert origin[1:] == pytest.approx([-6, -10]) and steps[1:] == pytest.approx([12 / 48, 20 / 64])
+    assert origin[0] + steps[0] == 0  # z, whose upper side is the surface
 
 
 def test_xdmf_of_several_results_is_a_series_in_the_order_of_loads(path, made, tmp_path):

@@ -66,13 +66,29 @@ def test_points_are_converted_with_all_that_is_known_of_them(tmp_path):
     np.savetxt(tmp_path / "s.xyz", np.delete(points, 5, axis=0), fmt="%.4f")
     done = convert(tmp_path / "s.xyz", "-o", tmp_path / "s.h5", "--unit", "um")
     assert done.returncode == 0, done.stderr
-    assert "16 x 20 heights from" in done.stdout and "cells of 2 x 3 um" in done.stdout
+    assert "16 x 20 heights in um, cells of 2 x 3 um, patch of 32 x 60 um" in done.stdout
     with h5py.File(tmp_path / "s.h5") as file:
         assert np.isnan(file["heights"]).sum() == 1 == file["mask"][()].sum()
         np.testing.assert_array_equal(file["heights"][:18], HEIGHTS[:18])
         assert file["heights"].attrs["unit"] == "um" and list(file["heights"].attrs["spacing"]) == [2, 3]
         assert file.attrs["sha256"] == hashlib.sha256((tmp_path / "s.xyz").read_bytes()).hexdigest()
         assert file.attrs["source"] == "s.xyz"
+
+
+def test_converted_with_a_head_turned_and_doubted(tmp_path):
+    """Text of an instrument in German, upside down; a spacing in um given as mm is doubted."""
+    lines = [";".join(f"{value:.3f}".replace(".", ",") for value in row) for row in HEIGHTS[::-1]]
+    (tmp_path / "s.csv").write_text("\n".join(["Höhe;µm", "", *lines]), encoding="cp1252")
+    options = ("--skip", 1, "--orient", "flip_y", "--unit", "um", "--spacing", "2,3")
+    done = convert(tmp_path / "s.csv", "-o", tmp_path / "s.h5", *options)
+    assert done.returncode == 0 and "cells of 2 x 3 mm" in done.stdout
+    assert done.stderr.startswith("warning: ") and "flatter than most surfaces" in done.stderr
+    np.testing.assert_allclose(read_surface(tmp_path / "s.h5").heights(), 1e-3 * HEIGHTS, rtol=1e-12)
+    refused = convert(tmp_path / "s.csv", "-o", tmp_path / "s.h5", "--orient", "mirror")
+    assert (
+        refused.returncode == 2
+        and "allowed, with commas between: transpose, flip_x, flip_y" in refused.stderr
+    )
 
 
 @pytest.mark.skipif(

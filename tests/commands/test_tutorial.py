@@ -10,7 +10,7 @@ from documents import run_blocks
 from processes import TESTS, run
 
 TEXT = (TESTS.parent / "docs" / "tutorial.md").read_text(encoding="utf-8")
-README = (TESTS.parent / "README.md").read_text(encoding="utf-8")
+PAGE = (TESTS.parent / "docs" / "options.md").read_text(encoding="utf-8")
 OUTPUTS = ("-o", "-output")
 
 
@@ -18,7 +18,7 @@ def can_run(command, missing):
     """Whether there is such a command with such options, and nobody was to write its input who could not."""
     module, words = command[1], command[2:]
     options = [word[1:] for word in words if re.match(r"-[a-z]\w+$", word)]
-    there = find_spec(module) is not None and all(re.search(rf"-{option}\b", README) for option in options)
+    there = find_spec(module) is not None and all(re.search(rf"-{option}\b", PAGE) for option in options)
     return there and not missing & set(words)
 
 

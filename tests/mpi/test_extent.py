@@ -5,8 +5,8 @@ import pytest
 from cases import hertz, self_affine
 from mpi4py import MPI
 
-from app import ContactSolver, Grid
-from app.contact.extent import patch_areas
+from app import ContactSolver
+from app.halfspace.connected import connected_sets
 from app.halfspace.grid import Slabs
 
 
@@ -14,13 +14,14 @@ from app.halfspace.grid import Slabs
 def test_patches_are_the_same_on_any_number_of_ranks(comm):
     for shape in ((13, 17), (2, 9)):
         for symbol in ("", "spectral"):
-            grid, contact = (
-                Grid(*shape[::-1], 1.0, 1.0, periodic=symbol),
-                np.random.default_rng(1).random(shape) < 0.55,
-            )
+            contact, periodic = np.random.default_rng(1).random(shape) < 0.55, bool(symbol)
             slabs = Slabs.over(comm, shape[0])
-            several = patch_areas(contact[slabs.rows], grid, slabs, comm)
-            assert np.array_equal(several, patch_areas(contact, grid, Slabs(shape[0]), MPI.COMM_SELF))
+            labels, sizes = connected_sets(contact[slabs.rows], periodic, slabs, comm)
+            expected, alone = connected_sets(contact, periodic)
+            assert np.array_equal(np.sort(sizes), np.sort(alone))
+            labels = np.vstack(comm.allgather(labels))
+            pairs = np.unique(np.stack([labels[contact], expected[contact]]), axis=1)
+            assert pairs.shape[1] == len(alone) and np.array_equal(sizes[pairs[0] - 1], alone[pairs[1] - 1])
 
 
 @pytest.mark.mpi(2, 3)

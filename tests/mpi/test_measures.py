@@ -5,7 +5,7 @@ import pytest
 from mpi4py import MPI
 from running import solve
 
-from app import ContactProblem, Grid, Material
+from app import ContactProblem, Grid, Material, read_surface
 from app.problems.surfaces import SelfAffineSurface
 
 STEEL = Material.from_contact_modulus(1e5)
@@ -36,3 +36,19 @@ def test_measures_are_the_same_on_any_number_of_ranks(comm):
         assert 0 < alone.contact_fraction < 1
         for name in MEASURES:
             assert getattr(several, name) == pytest.approx(getattr(alone, name), rel=1e-9), name
+
+
+@pytest.mark.mpi(1, 3)
+def test_a_measured_surface_that_is_not_periodic_says_so(tmp_path, comm):
+    """A wave that fits is periodic; three quarters of one are not, in either direction."""
+    for waves, told in (((3, 2), False), ((2.75, 2), True), ((3, 1.75), True)):
+        at_x, at_y = (2 * np.pi * k * np.arange(64) / 64 for k in waves)
+        if comm.rank == 0:
+            np.save(tmp_path / "s.npy", np.sin(at_x) + np.cos(at_y)[:, None] + 0.5 * np.sin(at_y)[:, None])
+        comm.Barrier()
+        surface = read_surface(tmp_path / "s.npy", "um")
+        grid, soft = surface.grid((0, 0.32, 0, 0.32)), Material.from_contact_modulus(100.0)
+        problem = ContactProblem(grid, soft, surfaces=[surface], periodic=True)
+        found = solve(problem, None, None, load=1e-3, comm=comm).notes
+        assert any("not periodic" in note for note in found) == told, (waves, found)
+        comm.Barrier()

@@ -8,10 +8,11 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from results import made_up_result, with_attributes
 
+from app.halfspace.connected import connected_sets
 from app.halfspace.grid import Grid
 from app.output import curves, figures, maps, paths, style
-from app.output.patches import label_patches
 from app.plot import analytic_reference
+from app.units import length_unit
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +117,7 @@ def test_titles_and_labels_say_what_and_in_which_unit(result):
     "largest, per_mm, name", [(2.0, 1.0, "mm"), (0.1, 1e3, "µm"), (1e-5, 1e6, "nm"), (5e4, 1e-3, "m")]
 )
 def test_lengths_stand_in_a_unit_that_suits_them(largest, per_mm, name):
-    assert style.length_unit(largest) == (per_mm, name)
+    assert length_unit(largest) == (per_mm, name)
 
 
 def test_map_of_a_small_patch_is_in_its_unit(result):
@@ -163,9 +164,9 @@ def test_patches_are_told_apart_across_the_sides_of_a_periodic_patch():
     contact = np.zeros((6, 8), bool)
     contact[0, 0] = contact[5, 0] = contact[0, 7] = True  # one at the corner
     contact[2, 2] = contact[3, 3] = True  # by a corner only: two
-    _, cells = label_patches(contact)
+    _, cells = connected_sets(contact)
     assert sorted(cells) == [1] * 5
-    labels, cells = label_patches(contact, periodic=True)
+    labels, cells = connected_sets(contact, periodic=True)
     assert sorted(cells) == [1, 1, 3] and labels[0, 0] == labels[5, 0] == labels[0, 7] > 0
     assert not labels[~contact].any()
 
@@ -215,12 +216,29 @@ def test_path_of_a_rough_surface_stands_beside_the_theories():
     assert [axes.texts[0].get_text() for axes in others] == ["no mean gap", "no stiffness"] or others[0].texts
 
 
+def test_path_of_a_smooth_body_has_no_theory_of_rough_surfaces(result):
+    columns = {
+        "load": np.array([1.0, 2.0]),
+        "approach": np.array([1.0, 2.0]),
+        "mean_pressure": np.array([1.0, 2.0]),
+    }
+    result = replace(result, path=columns | {"contact_fraction": np.array([0.1, 0.2])})
+    assert paths.path_figure([paths.path_of(result)]).axes[0].get_ylabel() == "load F  [N]"
+
+
 def test_path_without_roughness_is_drawn_by_load_and_approach():
     d = np.geomspace(1e-3, 0.1, 5)
     path = paths.Path({"load": 1e5 * d**1.5, "approach": d})
     first = paths.path_figure([path, path._replace(name="other")]).axes[0]
     assert first.get_xlabel() == "approach δ  [µm]" and first.lines[0].get_xdata() == pytest.approx(1e3 * d)
     assert len(first.lines) == 2
+
+
+def test_path_by_an_approach_counted_from_within_the_roughness_keeps_its_first_steps():
+    d = np.linspace(-1e-3, 3e-3, 5)
+    axes = paths.path_figure([paths.Path({"load": (d + 2e-3) ** 1.5, "approach": d})]).axes[0]
+    assert axes.lines[0].get_xdata() == pytest.approx(1e3 * d)
+    assert (axes.get_xscale(), axes.get_yscale()) == ("linear", "linear")
 
 
 def test_sweep_is_drawn_against_the_option_with_most_values():

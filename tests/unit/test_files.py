@@ -63,22 +63,27 @@ def test_every_name_that_the_folder_takes_can_be_written(tmp_path):
 
 
 def test_what_killed_runs_leave_is_cleared_by_the_next(tmp_path):
+    """Whatever they wrote; nothing of runs that live, of other machines, or of somebody else."""
     path = tmp_path / "result.h5"
     killed = (
         "import os, signal, sys; from pathlib import Path; from app.output.files import whole_file\n"
-        "with whole_file(Path(sys.argv[1])) as temporary:\n"
-        "    temporary.write_text('half'); os.kill(os.getpid(), signal.SIGKILL)\n"
+        "with whole_file(Path(sys.argv[1], 'result.h5')) as one, whole_file(Path(sys.argv[1], 'b.csv')) as two:\n"
+        "    one.write_text('half'); two.write_text('half'); os.kill(os.getpid(), signal.SIGKILL)\n"
     )
-    for name in ("result.h5", "other.h5"):
-        assert subprocess.run([sys.executable, "-c", killed, tmp_path / name], timeout=60).returncode == -9
+    assert subprocess.run([sys.executable, "-c", killed, tmp_path], timeout=60).returncode == -9
     left = set(tmp_path.iterdir())
     assert len(left) == 2
-    running = temporary_name(path)
-    mine = left - set(tmp_path.iterdir())
-    assert len(mine) == 1  # of the same target
-    running.write_text("of a process that runs")
+    dead = min(left).name.split("-")[2]
+    others = {
+        temporary_name(path),  # of this process, which lives
+        tmp_path / f".0a1b2c3d-0a1b2c3d-{dead}-0.tmp",  # of another machine
+        tmp_path / f".0a1b2c3d-{min(left).name.split('-')[1]}-x-0.tmp",
+        tmp_path / "notes.tmp",
+    }
+    for other in others:
+        other.write_text("not ours to remove")
     write(path, "whole")
-    assert set(tmp_path.iterdir()) == {path, running, *(left - mine)}
+    assert set(tmp_path.iterdir()) == {path, *others}
 
 
 def test_temporary_names_are_all_different(tmp_path):

@@ -43,7 +43,7 @@ def test_dataset_by_name_integers_and_byte_order(tmp_path):
         file["a/b"], file["c"] = values.astype(">f4"), np.zeros((3, 4))
     np.save(tmp_path / "big_endian.npy", values.astype(">i2"))
     np.save(tmp_path / "fortran.npy", np.asfortranarray(values, float))
-    (tmp_path / "odd.txt").write_text("# a comment\n0;1;2; 3\n\n4\t5 6 7\n8,9,10,11e0\n")
+    (tmp_path / "odd.txt").write_text("# a comment\n0 1\t2  3\n\n4\t5 6 7\n8 9 10 11e0\n")
     for name in ("many.h5:/a/b", "big_endian.npy", "fortran.npy", "odd.txt"):
         gap = GapFile(str(tmp_path / name))
         assert gap.shape == (3, 4)

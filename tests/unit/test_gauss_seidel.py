@@ -10,8 +10,6 @@ from sweeps import GRIDS, block_sizes, empty_in_the_middle, make, random_problem
 
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix, influence_quadrant
-from app.halfspace.product import Convolution
-from app.halfspace.relaxation import Jacobi, RedBlack
 from app.halfspace.sweeps.gauss_seidel import GaussSeidel
 
 each_grid = pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
@@ -243,42 +241,3 @@ del relaxation  # crashes if the plans have been forgotten
 """
     done = processes.run("-c", code)
     assert done.returncode == 0, done.stderr
-
-
-def test_jacobi_and_red_black_are_those_of_the_dense_matrix():
-    grid = Grid(13, 11, 0.3, 0.2)
-    mask, r = random_problem(grid, 0.6)
-    A = dense_matrix(grid, 1.0)
-    products = []
-
-    def convolve(p, out):
-        products.append(p.copy())
-        out[...] = (A @ p.reshape(-1)).reshape(grid.shape)
-
-    np.testing.assert_allclose(sweep(Jacobi(A[0, 0]), r, mask, 0.7), 0.7 * r / A[0, 0], rtol=1e-14)
-    red = np.add.outer(np.arange(grid.ny), np.arange(grid.nx)) % 2 == 0
-    relaxation = RedBlack(A[0, 0], convolve, grid.shape)
-    for backward, colour in ((False, red), (True, ~red)):
-        first, second = (mask & colour).reshape(-1), (mask & ~colour).reshape(-1)
-        expected = np.zeros(grid.n)
-        expected[first] = 0.7 / A[0, 0] * r.reshape(-1)[first]
-        expected[second] = 0.7 / A[0, 0] * (r.reshape(-1) - A @ expected)[second]
-        found = sweep(relaxation, r, mask, 0.7, backward)
-        np.testing.assert_allclose(found.reshape(-1), expected, rtol=1e-13, atol=0)
-    assert len(products) == 2
-    part = RedBlack(A[0, 0], lambda p, out: out.fill(0), (4, grid.nx), first_row=3)
-    assert (part._red == red[3:7]).all()
-
-
-def test_a_product_with_the_fft_serves_red_black():
-    grid = Grid(29, 31, 0.3, 0.2)
-    mask, r = random_problem(grid)
-    kernel = influence_quadrant(grid, 1.0)
-    product = Convolution(lambda rows: kernel[rows], grid.shape)
-    A = dense_matrix(grid, 1.0)
-    found = sweep(RedBlack(A[0, 0], product.apply, grid.shape), r, mask, 0.8)
-    dense = RedBlack(
-        A[0, 0], lambda p, out: out.__setitem__(..., (A @ p.ravel()).reshape(p.shape)), grid.shape
-    )
-    np.testing.assert_allclose(found, sweep(dense, r, mask, 0.8), atol=1e-13 * np.abs(found).max())
-    assert product.count == 1

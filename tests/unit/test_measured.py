@@ -10,6 +10,7 @@ from mpi4py import MPI
 from app import ContactProblem, Material, Sphere, read_surface
 from app.commands.problem_options import PROBLEM_OPTIONS, make_problem
 from app.errors import InputError
+from app.notes import doubt
 from app.options import OptionReader
 
 NY, NX = 12, 15
@@ -202,3 +203,100 @@ def test_a_tilt_is_worth_a_note(saved):
     assert read_surface(saved(HEIGHTS), "um").notes == ()
     assert "tilted by" in read_surface(saved(HEIGHTS + 100 * X), "um").notes[0]
     assert read_surface(saved(HEIGHTS + 100 * X), "um", "plane").notes == ()
+
+
+TURNED = {
+    (): HEIGHTS,
+    ("transpose",): HEIGHTS.T,
+    ("flip_x",): HEIGHTS[:, ::-1],
+    ("flip_y",): HEIGHTS[::-1],
+    ("transpose", "flip_y"): HEIGHTS.T[::-1],
+    ("flip_y", "transpose"): HEIGHTS[::-1].T,
+    ("transpose", "flip_x", "transpose"): HEIGHTS[::-1],
+}
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("orient", TURNED)
+def test_orientation_turns_rows_columns_and_spacing(saved, name, orient):
+    surface = read_surface(saved(HEIGHTS, name), None if name == "s.h5" else "um", orient=orient)
+    np.testing.assert_allclose(surface.heights(), 1e-3 * TURNED[orient], rtol=1e-15)
+    if surface.spacing:
+        turned = orient.count("transpose") % 2
+        assert surface.spacing == pytest.approx((1e-3 * DY, 1e-3 * DX) if turned else (1e-3 * DX, 1e-3 * DY))
+
+
+def test_crop_counts_after_turning(saved):
+    turned = read_surface(saved(HEIGHTS), "um", crop=(1, 4, 2, 10), orient=("transpose",))
+    np.testing.assert_allclose(turned.heights(), 1e-3 * HEIGHTS.T[2:10, 1:4], rtol=1e-15)
+
+
+def test_heights_in_another_unit_than_points(saved):
+    points = saved(HEIGHTS, "s.xyz")
+    surface = read_surface(points, "mm", height_unit="um")
+    np.testing.assert_allclose(surface.heights(), 1e-3 * HEIGHTS, rtol=1e-15)
+    assert surface.spacing == pytest.approx((DX, DY))
+    np.testing.assert_array_equal(read_surface(saved(HEIGHTS), height_unit="um").heights(), surface.heights())
+    with pytest.raises(InputError, match="-surface_unit is missing: .* does not say the unit of its x and y"):
+        read_surface(points, height_unit="um")
+    with pytest.raises(InputError, match="-surface_height_unit nm: surface file .* says um"):
+        read_surface(saved(HEIGHTS, "s.h5"), height_unit="nm")
+
+
+@pytest.mark.parametrize("holes", [False, True])
+def test_rms_slope_is_that_about_the_best_plane(saved, holes):
+    """Exact for a wave that the cells resolve, whatever the tilt, the runs of rows and the missing points."""
+    heights = (
+        0.1 * np.sin(2 * np.pi * np.arange(600) / 60)
+        + 0.05 * np.cos(2 * np.pi * np.arange(900) / 90)[:, None]
+    )
+    steps = np.sqrt([np.mean(np.diff(heights, axis=axis) ** 2) for axis in (1, 0)])
+    heights += 3 + 0.2 * np.arange(600) - 0.1 * np.arange(900)[:, None]
+    if holes:
+        heights[:, ::7] = np.nan
+    surface = read_surface(saved(heights), "mm")
+    assert surface.steps == pytest.approx(tuple(steps), rel=0.01)
+    grid = surface.grid((0, 600 * DX, 0, 900 * DY))
+    assert surface.rms_slope(grid) == pytest.approx(np.hypot(steps[0] / DX, steps[1] / DY), rel=0.01)
+    averaged = surface.averaged((90, 60))
+    assert averaged.rms_slope(averaged.grid((0, 600 * DX, 0, 900 * DY))) == pytest.approx(
+        surface.rms_slope(grid)
+    )
+
+
+# What is measured: size of a cell [um], rms slope.
+SURFACES = {
+    "wafer, AFM": (0.01, 8e-3),
+    "polished glass, interferometer": (1.0, 5e-4),
+    "lapped gauge block": (1.0, 5e-3),
+    "race of a bearing": (1.0, 0.03),
+    "ground": (2.0, 0.08),
+    "honed": (2.0, 0.1),
+    "turned": (5.0, 0.12),
+    "cast": (10.0, 0.3),
+    "blasted": (2.0, 0.45),
+}
+MISTAKES = {
+    "none": (1, 1),
+    "spacing um for mm": (1e3, 1),
+    "heights um for mm": (1, 1e3),
+    "heights mm for um": (1, 1e-3),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistaken_unit_is_told_and_a_right_one_is_not(saved, mistake):
+    """The table of docs/surfaces.md."""
+    told, (wider, higher) = 0, MISTAKES[mistake]
+    heights = np.random.default_rng(8).normal(size=(48, 64))
+    step = np.sqrt(sum(np.mean(np.diff(heights, axis=axis) ** 2) for axis in (0, 1)))
+    for cell, slope in SURFACES.values():
+        surface = read_surface(saved(higher * slope * cell / step * heights), "um")
+        side = 1e-3 * cell * wider
+        grid = surface.grid((0, 64 * side, 0, 48 * side))
+        problem = ContactProblem(grid, Material(1.0, 0.3), surfaces=[surface])
+        told += doubt(surface, grid) is not None
+        assert "64 x 48 heights in um, cells of " in problem.describe()["surface_read"]
+    assert (
+        told == {"none": 0, "spacing um for mm": 9, "heights um for mm": 8, "heights mm for um": 7}[mistake]
+    )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from running import solve
 
-from app import ContactProblem, Grid, Material, Sphere
+from app import ContactProblem, Grid, Material, Sphere, read_surface
 
 GRID = Grid.from_domain(32, 32, (-1.0, 1.0, -1.0, 1.0))
 SOFT = Material.from_contact_modulus(100.0)
@@ -36,6 +36,22 @@ def test_a_small_contact_in_the_middle_is_worth_none():
 )
 def test_each_is_told(arguments, message):
     assert any(re.search(message, note) for note in notes(*arguments)), notes(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("domain", "message"),
+    [
+        ((0, 0.24, 0, 0.32), "square if the sides of the patch are exchanged"),
+        ((0, 0.32, 0, 0.23), "nearly square"),
+        ((0, 0.32, 0, 0.24), None),
+    ],
+)
+def test_sides_of_a_measured_patch_that_may_be_exchanged(tmp_path, domain, message):
+    np.save(tmp_path / "s.npy", np.random.default_rng(3).normal(size=(24, 32)))
+    surface = read_surface(tmp_path / "s.npy", "um")
+    found = notes(None, -1e-3, surface.grid(domain), surfaces=[surface])
+    assert [message for note in found if "exchanged" in note] == [message] * bool(message)
+    assert any(message in note for note in found) if message else True
 
 
 def test_micrometres_taken_for_millimetres():

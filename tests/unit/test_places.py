@@ -182,6 +182,9 @@ def prescribed(read, files):
         ("approach.opts -approach 0.2", ("approach", 0.2)),
         ("approach.opts -load 5", ("load", 5)),
         ("-load 5 approach.opts", ("load", 5)),  # the command line wins wherever it stands
+        ("-approach 5 load.opts", ("approach", 5)),
+        ("-approach 5 approach.opts", ("approach", 0.1)),  # as in PETSc: a file counts where it stands
+        ("-load 5 approach.opts -load 6", ("load", 6)),
         ("load.opts -approach -0.2", ("approach", -0.2)),
         ("approach.opts load.opts", ("load", 7e3)),
         ("load.opts approach.opts", ("approach", 0.1)),
@@ -216,6 +219,10 @@ def test_environment_comes_first(prescribed):
         ("-approach 1 -load 2", "on the command line"),
         ("both.opts", "in both.opts"),
         ("approach.opts both.opts", "in both.opts"),
+        (
+            "-approach 1 load.opts -load 2",
+            "on the command line",
+        ),  # one place, however many files stand between
     ],
 )
 def test_exactly_one_of_approach_and_load(prescribed, line, where):
@@ -223,10 +230,32 @@ def test_exactly_one_of_approach_and_load(prescribed, line, where):
         prescribed(line)
 
 
+def test_what_a_later_file_takes_back_is_told(read, files):
+    files(a__opts="-grid 8\n-approach 1\n")
+    given = read("-Grid 9 -ksp_rtol 1 -load 5 -options_file a.opts")
+    settle(given)
+    assert given.texts == {"grid": "8", "ksp_rtol": "1", "load": "5"}
+    assert given.warnings == ["-grid 9: a.opts comes later and says 8"]
+    given = read("-grid 9 -options_file a.opts -grid 9 -approach 2")
+    settle(given)
+    assert given.warnings == []
+
+
+def test_files_and_words_are_told_apart(read, files):
+    files(a__opts="-a 1\n-b 1\n-c 1\n", b__opts="-b 2\n-d 2\n")
+    given = read("-d 0 -options_file a.opts -c 3 -options_file b.opts", PETSC_OPTIONS="-a 0 -e 0")
+    found = given.files_and_words(set("abcde"))
+    assert found == (
+        {"a.opts": {"a": "1", "b": "1", "c": "1"}, "b.opts": {"b": "2", "d": "2"}},
+        {"c": "3", "e": "0"},
+    )
+
+
 @pytest.mark.parametrize(
     ("line", "expected"),
     [
         ("approach.opts -mean_gap 0", ("mean_gap", 0)),
+        ("load.opts -mean_pressure 3", ("mean_pressure", 3)),
         ("-mean_pressure 3 load.opts", ("mean_pressure", 3)),
     ],
 )

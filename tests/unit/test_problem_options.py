@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.commands.problem_options import PROBLEM_OPTIONS, input_files, make_problem
+from app.commands.problem_options import PROBLEM_OPTIONS, input_files, make_problem, suggesting
 from app.errors import InputError
 from app.options import OptionReader
 from app.problems.gap_file import GapFile
@@ -15,6 +15,23 @@ from app.problems.gap_file import GapFile
 def made(**texts):
     given = {"domain": "0,1,0,1", "shear_modulus": "1", "poisson_ratio": "0.3", **texts}
     return make_problem(OptionReader(PROBLEM_OPTIONS, given), given, MPI.COMM_SELF)
+
+
+@pytest.mark.parametrize(
+    ("texts", "message"),
+    [
+        ({"laod": "10"}, "unknown option: -laod (did you mean -load?); what is wrong"),
+        (
+            {"aproach": "1", "lcp_rtoll": "1"},
+            "unknown options: -aproach (did you mean -approach?), -lcp_rtoll (did you mean -lcp_rtol?); what is wrong",
+        ),
+        ({"load": "10", "ksp_rtol": "1", "mylaw": "2"}, "what is wrong"),
+    ],
+)  # fmt: skip
+def test_options_that_are_nearly_known_are_named(texts, message):
+    with pytest.raises(InputError) as refusal, suggesting(texts):
+        raise InputError("what is wrong")
+    assert str(refusal.value) == message
 
 
 @pytest.fixture

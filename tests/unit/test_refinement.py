@@ -5,13 +5,14 @@ import pytest
 from cases import APPROACH, hertz, periodic_rough, self_affine
 from running import solve
 
-from app import refine
+from app import ContactProblem, FlatPunch, Grid, Material, refine
+from app.contact.grid_errors import GridNumbers, errors_from
 from app.errors import InputError
 
 PAIRS = {"load": "load_error", "max_pressure": "max_pressure_error", "contact_area": "contact_area_error"}
 
 
-@pytest.mark.parametrize("n", [64, 128, 256])
+@pytest.mark.parametrize("n", [32, 48, 64, 96, 128, 256])
 def test_estimates_of_a_default_run_on_hertz_are_no_less_than_the_errors(n):
     solution, known = solve(hertz(n), APPROACH, None), hertz(n).reference(APPROACH)
     for name, estimate in PAIRS.items():
@@ -21,6 +22,39 @@ def test_estimates_of_a_default_run_on_hertz_are_no_less_than_the_errors(n):
         )
         assert error < estimated < 60 * error + 2 / n, name
     assert solution.approach_error == 0
+
+
+def grids_of(*pressures):
+    return [GridNumbers(1.0, 1.0, pressure, 1.0) for pressure in pressures]
+
+
+@pytest.mark.parametrize("order", [1.0, 1.5, 2.0])
+def test_the_estimate_bounds_the_error_of_whatever_converges(order):
+    """With order 1 it is the error itself, with 2 at most 6 times; two grids that agree by chance do not lower it."""
+    values = [1 + 0.3 * 2.0 ** (-order * level) for level in range(5)]
+    error = abs(1 - 1 / values[-1])
+    estimated = errors_from(grids_of(*values), 0.0, False).max_pressure_error
+    assert error * (1 - 1e-12) <= estimated <= 6.1 * error
+    by_chance = grids_of(*values[:-1], values[-2])
+    assert errors_from(by_chance, 0.0, False).max_pressure_error >= (values[-3] - values[-2]) / 2 / values[-2]
+
+
+@pytest.mark.parametrize("growth", [1.0, 2**0.5])
+def test_what_does_not_converge_is_told(growth):
+    """Pressures that grow like the logarithm, or the root, of the number of cells; and those of a rigid punch."""
+    steps = np.cumsum(growth ** np.arange(5))
+    assert errors_from(grids_of(*(1 + steps)), 0.0, False).max_pressure_error == 1
+    assert errors_from(grids_of(*(1 + steps)[:2]), 0.0, False).max_pressure_error < 1  # two grids cannot know
+    assert np.isnan(errors_from(grids_of(1.0), 0.0, False).load_error)
+
+
+def test_the_rim_of_a_punch_does_not_converge_its_load_does():
+    grid = Grid.from_domain(128, 128, (-1.0, 1.0, -1.0, 1.0))
+    punch = ContactProblem(grid, Material(8e4, 0.3), FlatPunch(1.0))
+    solution = solve(punch, 1e-3, None)
+    assert solution.max_pressure_error == 1
+    exact = 2 * punch.material.contact_modulus * 0.5 * 1e-3
+    assert abs(solution.load / exact - 1) < solution.load_error < 0.2
 
 
 def test_of_a_load_the_approach_is_uncertain():

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 from mpi4py import MPI
+from scipy.special import erf
 
+from app import ContactProblem, ContactSolver, Sphere, solve
 from app.commands.problem_options import PROBLEM_OPTIONS, make_problem
 from app.errors import InputError
 from app.halfspace.periodic import frequencies
@@ -37,6 +39,26 @@ def spectrum(problem):
 def test_the_same_waves_on_every_grid(grid):
     # 12 waves of 0.25 mm fit into x, 8 into y.
     np.testing.assert_allclose(spectrum(made(grid)), spectrum(made("96")), rtol=0, atol=1e-14)
+
+
+def test_theories_stand_beside_the_contact_fraction_of_flat_rough_bodies():
+    """At light loads both are the same line but for the factor pi / 2 of their slopes; other bodies have none."""
+    problem = made("32")
+    with ContactSolver(problem) as solver:
+        path = solver.path(mean_pressure=[0.01, 0.02, 20.0])
+        light, twice, heavy = path
+    slope = light.problem["persson_fraction"] / (0.01 / (100 * light.rms_slope))
+    assert slope == pytest.approx(np.sqrt(8 / np.pi), rel=1e-5)
+    ratio = light.problem["bush_gibson_thomas_fraction"] / light.problem["persson_fraction"]
+    assert ratio == pytest.approx(np.pi / 2, rel=1e-5)
+    assert heavy.problem["persson_fraction"] == pytest.approx(erf(np.sqrt(2) * 20 / (100 * heavy.rms_slope)))
+    assert np.isnan(heavy.problem["bush_gibson_thomas_fraction"])
+    column = path.table["persson_fraction"]
+    assert column[1] == twice.problem["persson_fraction"] and column[1] == pytest.approx(
+        2 * column[0], rel=1e-4
+    )
+    ball = ContactProblem(problem.grid, problem.material, Sphere(10.0), surfaces=problem.surfaces)
+    assert "persson_fraction" not in solve(ball, mean_pressure=0.01).problem
 
 
 @pytest.mark.parametrize("grid", ["32,20", "96"])

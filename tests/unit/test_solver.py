@@ -1,12 +1,14 @@
 """The Python API: solvers beside each other, again and again, from where another ended; what is refused."""
 
 import gc
+import pickle
 import tracemalloc
 import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
+import running
 from cases import APPROACH, hertz, punch
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -14,6 +16,7 @@ from running import assert_solves_lcp
 
 from app import ContactProblem, ContactSolver, Grid, Material, Solution, read_result, solve
 from app.errors import InputError
+from app.method import read_method_file
 
 METHODS = {
     "fast": (None, {}),
@@ -242,6 +245,20 @@ def test_solution_is_whole_and_frozen(tmp_path):
     assert saved.attributes["load"] == found.load
 
 
+def test_solutions_and_paths_can_be_pickled():
+    with ContactSolver(hertz(16)) as solver:
+        path = solver.path(load=[100, 200])
+        *_, solution = path
+        later = solver.solve(load=50)  # moves the bodies that the solution has come from
+    copy, table = pickle.loads(pickle.dumps(solution)), pickle.loads(pickle.dumps(path)).table
+    assert repr(copy.attributes) == repr(solution.attributes)  # some are NaN
+    for name in ("pressure", "gap", "undeformed_distance", "contact", "x", "y"):
+        np.testing.assert_array_equal(getattr(copy, name), getattr(solution, name))
+    assert copy.contact_patches().tolist() == solution.contact_patches().tolist()
+    assert table["load"].tolist() == path.table["load"].tolist()
+    assert later.approach < copy.approach
+
+
 def test_not_converged_is_a_warning_and_an_answer():
     with pytest.warns(RuntimeWarning, match="not converged: .*not enough"):
         found = solve(punch(24), 0.1, method="norm", options={"lcp_max_it": 1})
@@ -308,8 +325,65 @@ OPTIONS = {
     "only by copy": ({"options": {"lcp_beta": 0.01}}, "lcp_beta.*no effect"),
     "only active sets": ({"options": {"lcp_type": "tao", "lcp_nested": True}}, "lcp_nested.*no effect"),
     "levels of no multigrid": ({"method": "norm", "options": {"mg_levels_pc_type": "sor"}}, "mg_levels_pc_type"),
+    "smoother without effect": (
+        {"method": "fmg_v11", "options": {"mg_levels_pc_type": "jacobi", "mg_levels_pc_sor_omega": 0.3}}, "omega"
+    ),
+    "smoother without bounds": (
+        {"method": "fmg_v11", "options": {"mg_levels_ksp_type": "chebyshev"}}, "mg_levels_ksp_chebyshev_eigenvalues"
+    ),
+    "mistake in a file that is overridden": (
+        {"method": {"m": {"pc_type": "mg", "pc_mg_tipe": "full"}}, "options": {"pc_type": "none"}}, "tipe .in m"
+    ),
+    "idle in its own file": ({"method": {"m": {"ksp_type": "cg", "lcp_beta": "1"}}}, "lcp_beta 1: has no effect"),
     "no tracking": ({"method": "fast", "options": {"ksp_type": "cg"}}, "TrackingCG|ksp_python_type"),
 }  # fmt: skip
+
+
+OVERRIDDEN = {  # method, and options that leave much of it without a reader
+    "multigrid": ("fmg_v11", {"pc_type": "none", "ksp_type": "cg", "ksp_max_it": 30}),
+    "preconditioner": ("fast", {"pc_type": "none"}),
+    "nested": ("fast", {"lcp_nested": False}),
+    "smoother": (
+        "fmg_v11",
+        {
+            "mg_levels_ksp_type": "chebyshev",
+            "mg_levels_pc_type": "jacobi",
+            "mg_levels_ksp_max_it": 2,
+            "mg_levels_ksp_chebyshev_eigenvalues": "0.5,30",
+        },
+    ),
+    "strategy": ("fast", {"lcp_type": "tao"}),
+    "strategy, by a file": ({"a": read_method_file("fmg_v11"), "b": read_method_file("norm")}, {}),
+    "method, by a file": (
+        {"a": read_method_file("fast"), "b": read_method_file("fmg_v11")},
+        {"lcp_rtol": 1e-7},
+    ),
+}
+
+
+@pytest.mark.parametrize("case", OVERRIDDEN)
+def test_what_a_file_says_may_be_overridden(case):
+    method, options = OVERRIDDEN[case]
+    found = running.solve(hertz(24), APPROACH, method, **options)
+    assert found.converged
+    assert found.load == pytest.approx(solve(hertz(24), APPROACH).load, rel=1e-4)
+    gone = [note for note in found.notes if "gives way to" in note]
+    assert len(gone) == ("strategy" in case or "by a file" in case)
+
+
+def test_residual_of_the_reference_solvers_is_that_of_the_paper():
+    found = running.solve(punch(24), 0.1, None, lcp_type="snesvi", lcp_max_it=1)
+    e, h, contact = found.gap, found.undeformed_distance, found.contact
+    assert found.residual == pytest.approx(
+        np.linalg.norm(e[contact]) / np.linalg.norm(h[~np.isnan(h)]), rel=1e-9
+    )
+    assert (e[~contact] < 0).any()  # which counts against the solution, but is not in (5.1)
+
+
+def test_a_later_method_file_is_that_method():
+    files = {name: read_method_file(name) for name in ("fast", "fmg_v11")}
+    alone = running.solve(hertz(24), APPROACH, "fmg_v11")
+    assert running.solve(hertz(24), APPROACH, files).history["residual"] == alone.history["residual"]
 
 
 @pytest.mark.parametrize("case", OPTIONS)

@@ -176,23 +176,6 @@ def test_single_precision_operators_are_solved_as_far_as_they_go(make):
     )
 
 
-@pytest.mark.parametrize("pc", [None, Jacobi])
-def test_resumed_is_uninterrupted(make, pc):
-    whole, parts, anew = (make(pc=pc and pc()) for _ in range(3))
-    for system in (whole, parts, anew):
-        system.track(random_field())
-    uninterrupted = whole.solve(rtol=1e-30, max_it=12)
-    first = parts.solve(rtol=1e-30, max_it=5)
-    parts.cg.resume = True
-    second = parts.solve(rtol=1e-30, max_it=7)
-    np.testing.assert_allclose([*first, *second[1:]], uninterrupted, rtol=1e-10)
-    np.testing.assert_allclose(parts.solution, whole.solution, rtol=0, atol=1e-12 * abs(whole.solution).max())
-    assert parts.cg.resume is False  # for one solve
-    anew.solve(rtol=1e-30, max_it=5)
-    begun_anew = anew.solve(rtol=1e-30, max_it=7)
-    assert abs(begun_anew[2] / uninterrupted[7] - 1) > 1e-3
-
-
 def test_right_hand_side_stays_as_it_is_and_only_its_part_on_c_matters(make):
     system = make()
     before = system.b.getArray(readonly=True).copy()

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import weakref
+from functools import cache
 
 import numpy as np
 from mpi4py_fft import fftw
+
+_loaded = cache(ctypes.CDLL)  # each makes types of its own, which are freed only by collecting garbage
 
 
 class FFTW:
@@ -17,12 +20,12 @@ class FFTW:
         if dtype.name not in known:
             raise ValueError(f"dtype {dtype.name}: must be one of {', '.join(known)}")
         module, name = known[dtype.name]
-        self._library, self._name = ctypes.CDLL(module.__file__), name
+        self._library, self._name = _loaded(module.__file__), name
         # mpi4py_fft does the same before it plans: the first such call in a process forgets all plans.
-        self._library[f"{name}_plan_with_nthreads"](1)
-        self._destroy = self._library[f"{name}_destroy_plan"]
+        getattr(self._library, f"{name}_plan_with_nthreads")(1)
+        self._destroy = getattr(self._library, f"{name}_destroy_plan")
         self._destroy.argtypes = [ctypes.c_void_p]
-        self.execute = ctypes.cast(self._library[f"{name}_execute"], ctypes.c_void_p).value
+        self.execute = ctypes.addressof(ctypes.c_char.in_dll(self._library, f"{name}_execute"))
 
     def plans(self, cells, spectrum, length):
         """Plan the transforms of the rows of `cells` (real or complex) to `spectrum` and back."""
@@ -40,7 +43,7 @@ class FFTW:
         )
 
     def _plan(self, kind, *arguments):
-        planner = self._library[f"{self._name}_plan_many_{kind}"]
+        planner = getattr(self._library, f"{self._name}_plan_many_{kind}")
         planner.restype = ctypes.c_void_p
         plan = planner(*arguments)
         if plan is None:

@@ -1,0 +1,52 @@
+"""Sets of cells that hang together by faces, not by corners alone; on a periodic patch across its sides, too."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from app.halfspace.halo import row_before
+
+
+def connected_sets(cells, periodic=False, slabs=None, comm=None):
+    """Tell the sets of some cells apart.
+
+    Collective over `comm`. Each rank looks at its own rows; which of their sets are one across ranks, or across the
+    sides of a periodic patch, is found from pairs of numbers: no rank sees all cells.
+
+    Parameters
+    ----------
+    cells : ndarray of bool, shape (local rows, nx)
+    periodic : bool
+        What leaves on one side comes in on the other.
+    slabs : Slabs, optional
+    comm : mpi4py communicator, optional
+        Ranks that share the rows; default: all are here.
+
+    Returns
+    -------
+    labels : ndarray of int, shape (local rows, nx)
+        0 in other cells, else from 1 on.
+    sizes : ndarray of int, shape (sets,)
+        Cells of each; the same on all ranks.
+    """
+    labels, count = ndimage.label(cells) if cells.size else (np.zeros(cells.shape, int), 0)
+    counts = comm.allgather(count) if comm else [count]
+    labels = np.where(labels, labels.astype(np.int64) + sum(counts[: comm.rank if comm else 0]), 0)
+    before = row_before(labels, periodic, slabs, comm, 0)
+    pairs = [np.stack([labels[0], before])] if len(labels) else []
+    if periodic and len(labels):
+        pairs.append(np.stack([labels[:, 0], labels[:, -1]]))
+    pairs = np.hstack(pairs) if pairs else np.zeros((2, 0), np.int64)
+    pairs = np.unique(pairs[:, (pairs > 0).all(axis=0)], axis=1) - 1
+    pairs = np.hstack(comm.allgather(pairs)) if comm else pairs
+    parts = sum(counts)
+    if not parts:
+        return labels, np.zeros(0, np.int64)
+    same = coo_array((np.ones(pairs.shape[1], bool), tuple(pairs)), shape=(parts, parts))
+    sets, of = connected_components(same, directed=False)
+    labels = np.concatenate([[0], of + 1])[labels]
+    sizes = np.bincount(labels.ravel(), minlength=sets + 1)[1:]
+    return labels, comm.allreduce(sizes) if comm else sizes

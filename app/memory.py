@@ -1,0 +1,180 @@
+"""How much memory a host has to give, and whether something fits, before anything is allocated.
+
+What a solve takes was measured: peak resident memory of set-up and solve in doubles per cell of the target grid,
+coarser grids and the solution included, see docs/scaling.md. Ranks of one host share its memory.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import socket
+from pathlib import Path
+
+from app.errors import agree
+
+DOUBLES = {"fast": 18, "primal": 16, "active_set": 17, "tao": 40, "snesvi": 40}  # per cell, on one rank
+DOUBLE_PRECISION = 3  # more of the first two, without single precision
+CYCLES = 12  # more of the active set with Gauss-Seidel sweeps, multigrid cycles, or the root search of periodic patches
+EXCHANGE = 0.2  # share more on several ranks: what is received while columns and rows change places
+LEAST = 9  # of any method on any problem
+SMALL = 1 << 20  # bytes that nobody asks after
+
+
+def doubles_per_cell(settings, periodic=False):
+    """What a method takes at most per cell it holds, in doubles. Not collective.
+
+    Parameters
+    ----------
+    settings : app.method.Settings
+    periodic : bool or str
+        Whether the patch is, see `Grid.periodic`.
+    """
+    doubles = DOUBLES[settings.strategy]
+    if settings.strategy in ("fast", "primal"):
+        return doubles + DOUBLE_PRECISION * (not settings.single)
+    if settings.strategy != "active_set":
+        return doubles
+    types = {text for name, text in settings.texts.items() if name.endswith("pc_type")}
+    return doubles + CYCLES * bool(periodic or types & {"mg", "sor", "eisenstat"})
+
+
+def check_hosts(comm, grid, cells, doubles):
+    """Refuse a grid that does not fit into the memory of a host, or of one process.
+
+    Collective.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    grid : Grid
+        For the message.
+    cells : int
+        That this rank will hold, of the target grid and of grids that not all ranks share.
+    doubles : float
+        Per cell.
+
+    Raises
+    ------
+    InputError
+        On all ranks, if there is too little memory for any.
+    """
+    from mpi4py import MPI
+
+    needed = 8.0 * doubles * cells * (1 + EXCHANGE * (comm.size > 1))
+    host = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    try:
+        together, ranks = host.allreduce(needed), host.size
+        there = host.allreduce(available(), MPI.MIN)
+    finally:
+        host.Free()
+    agree(
+        comm,
+        _check,
+        grid,
+        together,
+        there,
+        f"on host {socket.gethostname()} ({ranks} rank{'s'[: ranks > 1]})",
+    )
+    agree(comm, _check, grid, needed, _address_space(), "in one process, which may have (ulimit -v)")
+
+
+def check_share(grid, cells):
+    """Refuse a grid of whose cells this rank cannot hold its share by any method. Not collective; see `check_hosts`."""
+    _check(grid, 8.0 * LEAST * cells, available(), f"on host {socket.gethostname()}")
+
+
+def _check(grid, needed, there, where):
+    if needed > there:
+        raise ValueError(
+            f"grid {grid.nx},{grid.ny}: needs about {_size(needed)} {where}; {_size(there)} are free: "
+            f"about {int(grid.n * there / needed):.2g} cells would fit"
+        )
+
+
+def check_fits(size, what):
+    """Refuse what is larger than the memory there is. Not collective.
+
+    Parameters
+    ----------
+    size : float
+        Bytes.
+    what : str
+        For the message.
+
+    Raises
+    ------
+    ValueError
+    """
+    if size < SMALL:
+        return
+    there = min(available(), _address_space())
+    if size > there:
+        raise ValueError(f"{what}: needs {_size(size)} of memory; {_size(there)} are free")
+
+
+def available():
+    """Bytes that this process and others beside it may still take: of the host, or of its control groups.
+
+    Not collective. Pages that the kernel can drop count as free; swap does not count.
+    """
+    return min(_of_the_host(), *_of_control_groups())
+
+
+def _of_the_host():
+    for line in _lines("/proc/meminfo"):
+        if line.startswith("MemAvailable:"):
+            return int(line.split()[1]) * 1024
+    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+
+
+# Version of control groups: where they are mounted, files of limit and use, and which of the used pages can be dropped.
+_GROUPS = {
+    "": ("/sys/fs/cgroup", "memory.max", "memory.current", "inactive_file"),
+    "memory": (
+        "/sys/fs/cgroup/memory",
+        "memory.limit_in_bytes",
+        "memory.usage_in_bytes",
+        "total_inactive_file",
+    ),
+}
+
+
+def _of_control_groups(root="/"):
+    """What each control group that this process is in has left; `root` is another file system, for tests."""
+    yield float("inf")
+    for line in _lines(f"{root}/proc/self/cgroup"):
+        _, controllers, path = line.split(":", 2)
+        if controllers in _GROUPS:
+            mount, limit, used, droppable = _GROUPS[controllers]
+            top = Path(f"{root}/{mount}")
+            inside = Path(path.lstrip("/"))
+            # In a container the group's own files lie at the top, whatever its path is outside.
+            for group in {top / inside, *(top / parent for parent in inside.parents)}:
+                try:
+                    most, now = (int((group / name).read_text()) for name in (limit, used))
+                except (OSError, ValueError):  # not here, or "max"
+                    continue
+                stat = dict(entry.split() for entry in _lines(group / "memory.stat"))
+                yield max(most - now + int(stat.get(droppable, 0)), 0)
+
+
+def _address_space():
+    """Bytes of address space that this process may still take, by ``ulimit -v``."""
+    most, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if most == resource.RLIM_INFINITY:
+        return float("inf")
+    pages = int(_lines("/proc/self/statm", ["0"])[0].split()[0])
+    return max(most - pages * resource.getpagesize(), 0)
+
+
+def _lines(path, otherwise=()):
+    try:
+        return Path(path).read_text().splitlines()
+    except OSError:
+        return otherwise
+
+
+def _size(size):
+    """A number of bytes to be read."""
+    return f"{size / 2**30:.3g} GiB" if size >= 2**29 else f"{size / 2**20:.3g} MiB"

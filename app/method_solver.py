@@ -1,0 +1,154 @@
+"""The solver of the target grid as a method's options say, and which of them nobody reads."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from app.contact.reference_solvers import REFERENCE_SOLVERS
+from app.contact.stopping import StoppingTest
+from app.errors import InputError, agree
+from app.fast.solver import TrackingSolver
+from app.halfspace.grid import Grid
+from app.method import settings
+from app.multigrid.hierarchy import Hierarchy
+from app.multigrid.linear_solver import LinearSolver
+from app.petsc import OptionDatabase, Resources, error_message
+from app.primal.solver import PrimalSolver
+
+# Options that PETSc looks up only while solving, or never marks as used, ...
+_READ_LATE = re.compile(r"(\w+_)?((ksp|snes|tao)_converged_reason|ksp_view_pre|(pc|mat|snes|tao)_view\w*)")
+_PROBE = "pc_use_amat"  # ... and one with the same default that every object with that prefix looks up
+
+
+def make_hierarchy(grid, compliance, comm, chosen):
+    """Grids and operators for a method. Collective over the mpi4py communicator `comm`.
+
+    Parameters
+    ----------
+    grid : Grid
+    compliance : float
+        Of the material [mm2/N].
+    comm : mpi4py.MPI.Comm
+    chosen : app.method.Settings
+
+    Returns
+    -------
+    Hierarchy
+    """
+    return Hierarchy(
+        grid, compliance, comm, chosen.coarsest, chosen.cells_per_rank,
+        single=chosen.strategy in REFERENCE_SOLVERS,
+        dtype=np.float32 if chosen.single else np.float64,
+        margin=chosen.window if chosen.strategy == "fast" and chosen.nested else 0.0,
+    )  # fmt: skip
+
+
+def database_of(chosen):
+    """Option database of a method: what PETSc is to read."""
+    texts = {name: text for name, text in chosen.texts.items() if not name.startswith("lcp_")}
+    return OptionDatabase(texts)
+
+
+def make_solver(hierarchy, chosen):
+    """Make the solver of the target grid; what PETSc refuses is the user's to know. Collective.
+
+    Returns
+    -------
+    LinearSolver or a reference solver
+        None if the target grid is worked on in a window, whose solver is made when that is known: then the options
+        have been tried on a smaller grid.
+
+    Raises
+    ------
+    InputError
+        If the options ask for what cannot be had.
+    """
+    try:
+        return agree(hierarchy.comm, _solver, hierarchy, chosen)
+    except InputError as error:
+        raise InputError(f"solver options: {error}") from None
+
+
+def _solver(hierarchy, chosen):
+    """As `make_solver`, with a ValueError on the ranks that meet it."""
+    kind = {"fast": TrackingSolver, "primal": PrimalSolver}.get(chosen.strategy, LinearSolver)
+    try:
+        if chosen.strategy in REFERENCE_SOLVERS:
+            return REFERENCE_SOLVERS[chosen.strategy](hierarchy, StoppingTest(chosen.rtol, chosen.max_it))
+        if not hierarchy.windowed(hierarchy.target):
+            return kind(hierarchy)
+        level = hierarchy.levels[hierarchy.finest_whole]
+        if level.active:
+            kind(hierarchy, hierarchy.finest_whole, level.petsc_comm).destroy()
+        return None
+    except PETSc.Error as error:
+        raise ValueError(error_message(error)) from None
+    except (ImportError, AttributeError) as error:
+        raise ValueError(str(error)) from None
+
+
+def read_by(database, make):
+    """Call `make` with the options of a database; return the names of those that nobody reads. Collective as `make`."""
+    late = {name: match[1] or "" for name in database.texts() if (match := _READ_LATE.fullmatch(name))}
+    probes = {f"{prefix}{_PROBE}" for prefix in late.values()} - database.texts().keys()
+    for probe in probes:
+        database.set(probe, "false")
+    with database.active():
+        make()
+    unused = set(database.unused())
+    for probe in probes:
+        database.drop(probe)
+    return {name for name in unused - probes if name not in late or f"{late[name]}{_PROBE}" in unused}
+
+
+def refuse_unread(unread, chosen, periodic):
+    """Refuse options that nobody reads, unless they are a file's and something later has overridden them.
+
+    What a file says is right if somebody reads it in what the files up to it make of a small problem. Not collective.
+
+    Parameters
+    ----------
+    unread : set of str
+    chosen : app.method.Settings
+    periodic : bool
+
+    Returns
+    -------
+    app.method.Settings
+        Without them.
+
+    Raises
+    ------
+    InputError
+        If one is a mistake.
+    """
+    overridden = set()
+    for _, texts in chosen.stages:
+        if left := (unread & chosen.of_files & texts.keys()) - overridden:
+            overridden |= left - _unread_alone(texts, periodic)
+    if mistakes := sorted(unread - overridden):
+        where = {
+            name: file for file, texts in reversed(chosen.stages) for name in texts if name in chosen.of_files
+        }
+        said = [f"-{name} (in {where[name]})" if name in where else f"-{name}" for name in mistakes]
+        raise InputError(f"unknown or unused option{'s'[: len(said) > 1]}: {', '.join(said)}")
+    return replace(chosen, texts={name: text for name, text in chosen.texts.items() if name not in unread})
+
+
+def _unread_alone(texts, periodic):
+    """Options that nobody reads on a small grid of this rank; all of them if they cannot be had."""
+    grid = Grid.from_domain(16, 16, (0.0, 1.0, 0.0, 1.0), periodic)
+    try:
+        chosen = settings({"": texts}, None, periodic)
+        hierarchy = make_hierarchy(grid, 1.0, MPI.COMM_SELF, chosen)
+        parts = Resources()
+        unread = read_by(database_of(chosen), lambda: parts.add(make_solver(hierarchy, chosen)))
+    except InputError:
+        return set(texts)
+    parts.free()
+    return unread

@@ -1,0 +1,80 @@
+"""Heights in a file: their units, the way their rows and columns lie, points x, y, z as a map."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.problems.array_file import ArrayFile
+from app.problems.points import gridded, looks_like_points
+from app.units import UNITS, unit_named
+
+TURNS = {
+    "transpose": lambda rows: rows.T,
+    "flip_x": lambda rows: rows[:, ::-1],
+    "flip_y": lambda rows: rows[::-1],
+}
+
+
+def turned(rows, spacing, orient):
+    """Rows and columns of an array, and their spacing dx, dy or None, after some `TURNS`. Not collective."""
+    for turn in orient:
+        rows = TURNS[turn](rows)
+    return rows, spacing[::-1] if spacing and orient.count("transpose") % 2 else spacing
+
+
+class HeightFile(ArrayFile):
+    """Heights in a file, which may know their unit and spacing.
+
+    Parameters
+    ----------
+    name : str
+        As of `ArrayFile`.
+    skip : int
+        Lines at the head of a text that are none of the map.
+    orient : sequence of str
+        Some of `TURNS`, done one after the other, before all else. All of an HDF5 file is read then.
+
+    Attributes
+    ----------
+    unit, lateral : str or None
+        Of the heights, and of the spacing, if that is another one.
+    spacing : pair of float or None
+        dx, dy, after the turns.
+    """
+
+    what, missing, preferred, marks = "surface file", "missing points", "heights", True
+    how_to_skip = (
+        "skip the {0} at the head by -surface_skip {1} (app.convert: --skip {1}), or begin them with #"
+    )
+
+    def __init__(self, name, skip=0, orient=()):
+        super().__init__(name, skip)
+        self.unit, self.spacing, self.lateral = self._said("unit"), None, None
+        if "spacing" in self.attributes:
+            self.lateral = self._said("spacing_unit") or self.unit
+            self.spacing = tuple(np.atleast_1d(np.asarray(self.attributes["spacing"], float)))
+            if len(self.spacing) != 2 or not (np.isfinite(self.spacing).all() and min(self.spacing) > 0):
+                raise ValueError(
+                    f"surface file {name}: spacing {self.spacing}: needed: two positive numbers dx, dy"
+                )
+        elif self.is_text and looks_like_points(self._rows.shape):
+            try:
+                self._rows, self.spacing = gridded(self._rows)
+            except ValueError as error:
+                raise ValueError(
+                    f"surface file {name}: its lines of 3 numbers are no points x, y, z of a grid: {error} "
+                    "(a map of 3 columns can be given as .npy)"
+                ) from None
+        if orient:
+            self._rows, self.spacing = turned(self._rows[...], self.spacing, orient)
+
+    def _said(self, key):
+        """Unit that an attribute names, or None."""
+        if key not in self.attributes:
+            return None
+        unit = unit_named(self.attributes[key])
+        if unit is None:
+            raise ValueError(
+                f"surface file {self.file}: {key} {self.attributes[key]!r}; allowed: {', '.join(UNITS)}"
+            )
+        return unit

@@ -1,0 +1,172 @@
+"""Tables of numbers in text: which characters separate numbers, and which one begins their decimals.
+
+One rule for the whole file, so that no line is read in another way than its neighbours:
+
+==================================  =======================================
+the lines have                      they are read as
+==================================  =======================================
+semicolons                          separated by these, else
+tabs and no blanks                  by tabs, else
+commas, some numbers have points    by commas, else
+commas that blanks follow           by commas, else
+commas and blanks                   by blanks; the commas begin decimals
+commas only                         by commas, if they cannot be decimal
+neither                             by blanks and tabs
+==================================  =======================================
+
+Commas between semicolons or tabs begin decimals, unless there are points as well.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
+_MARK = re.compile(r"\*+|-+|_+|n/?a|null|none|bad|void|missing|1\.#\w+", re.IGNORECASE)  # of missing points
+_PLAIN = frozenset("0123456789+-.,;eE \t")
+_COMMENTS = ("#", "%")
+
+
+def read_table(lines, missing, skip=0, marks=False, how_to_skip=""):
+    """Read the rows of a table.
+
+    Not collective.
+
+    Parameters
+    ----------
+    lines : list of str
+        Empty ones, and those that begin with # or %, do not count.
+    missing : str
+        What nan stands for, for messages.
+    skip : int
+        Lines at the head that are none of the table.
+    marks : bool
+        Whether entries like ``***``, and empty ones, are missing values (NaN).
+    how_to_skip : str
+        What a user may do about words at the head, ``{0}``: which lines, ``{1}``: how many; empty: nothing.
+
+    Returns
+    -------
+    ndarray, shape (rows, columns)
+
+    Raises
+    ------
+    ValueError
+        If a line holds something else, is of another length, or could be read in two ways; it says which.
+
+    Examples
+    --------
+    >>> read_table(["x y", "0,5 1,5", "*** 2"], "missing", skip=1, marks=True)
+    array([[0.5, 1.5],
+           [nan, 2. ]])
+    """
+    numbered = [
+        (j, line.strip(" \r"))
+        for j, line in enumerate(lines, 1)
+        if j > skip and line.strip() and not line.lstrip().startswith(_COMMENTS)
+    ]
+    if not numbered:
+        raise ValueError("it is empty")
+    _refuse_words_at_the_head(numbered, marks, how_to_skip)
+    texts = [line for _, line in numbered]
+    separator, decimal_commas = _layout(texts)
+    if separator and all(line.endswith(separator) for line in texts):  # a habit of some programs
+        texts = [line[: -len(separator)] for line in texts]
+    rows = []
+    for (j, _), line in zip(numbered, texts, strict=True):
+        row = line.split(separator)
+        if rows and len(row) != len(rows[0]):
+            raise ValueError(
+                f"line {j} has {len(row)} entries, line {numbered[0][0]} has {len(rows[0])}; needed: lines of "
+                f"numbers, a row of cells each; others begin with #{how_to_skip and ', or are skipped at the head'}"
+            )
+        if decimal_commas:
+            row = [entry.replace(",", ".", 1) for entry in row]
+        try:
+            rows.append(np.array(row, float))
+        except ValueError:
+            rows.append(np.array([_value(entry, j, i, missing, marks) for i, entry in enumerate(row, 1)]))
+    return np.array(rows)
+
+
+def _refuse_words_at_the_head(numbered, marks, how_to_skip):
+    """Say how many lines at the head are words, as far as a table follows them."""
+    first = next((k for k, (_, line) in enumerate(numbered) if not _word_in(line, marks)), None)
+    if first:
+        j, line = numbered[0]
+        skipped = numbered[first][0] - 1
+        what = f"{skipped} lines" if skipped > 1 else "line"
+        advice = how_to_skip.format(what, skipped) or "lines that are no row of cells begin with #"
+        raise ValueError(f"line {j}: {_word_in(line, marks)!r} is no number; {advice}")
+
+
+def _word_in(line, marks):
+    """First entry of a line that is no number, whatever separates numbers; None if all are."""
+    if _PLAIN.issuperset(line):
+        return None
+    for entry in re.split(r"[\s;,]+", line):
+        if entry and not _NUMBER.fullmatch(entry) and not (marks and _MARK.fullmatch(entry)):
+            return entry
+    return None
+
+
+def _layout(lines):
+    """Separator, None for blanks and tabs, and whether decimals begin with a comma."""
+    text = "\n".join(lines)
+    points, commas = "." in text, "," in text
+    if ";" in text or ("\t" in text and " " not in text):
+        if points and commas:
+            raise ValueError("numbers have both points and commas: write decimals in one way")
+        return ";" if ";" in text else "\t", commas
+    if not commas:
+        return None, False
+    blanks = re.search(r"\S[ \t]+\S", text)
+    before_blanks = len(re.findall(r",(?=[ \t]|$)|[ \t],", text, re.MULTILINE))
+    if points or before_blanks == text.count(","):
+        if points and blanks and not before_blanks:
+            raise ValueError(
+                "numbers are separated by blanks and have both points and commas: write decimals in one way"
+            )
+        return ",", False
+    if blanks:
+        if before_blanks:
+            raise ValueError(
+                "commas with and without a blank behind: they may be separators or begin decimals; separate numbers by "
+                "semicolons, or write decimal points"
+            )
+        return None, True
+    _refuse_if_decimal(lines)
+    return ",", False
+
+
+def _refuse_if_decimal(lines):
+    """Refuse ``0,12,0,34``, which may be two numbers or four; whole numbers look otherwise."""
+    rows = [line.rstrip(",").split(",") for line in lines]
+    if any(len(row) % 2 for row in rows):
+        return
+    before, behind = ({entry.strip() for row in rows for entry in row[k::2]} for k in (0, 1))
+    if not all(entry.isdigit() for entry in behind):
+        return
+    lengths = [{len(entry.lstrip("+-")) for entry in entries} for entries in (before, behind)]
+    zeros = any(len(entry) > 1 and entry.startswith("0") for entry in behind) or "-0" in before
+    alike = len(lengths[1]) == 1 and lengths[1] != {1} and lengths[0] != lengths[1]
+    if zeros or alike or before <= {"0", "+0"}:
+        raise ValueError(
+            f"line of {lines[0][:40]!r}: commas may separate numbers or begin their decimals; separate numbers by "
+            "semicolons, tabs or blanks, or write decimal points"
+        )
+
+
+def _value(entry, j, i, missing, marks):
+    """Value of an entry in line j, the i-th, both counted from 1."""
+    entry = entry.strip()
+    if marks and (not entry or _MARK.fullmatch(entry)):
+        return np.nan
+    try:
+        return float(entry)
+    except ValueError:
+        raise ValueError(
+            f"line {j}, entry {i}: {entry!r} is no number; needed: numbers, and nan for {missing}"
+        ) from None

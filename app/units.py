@@ -1,0 +1,57 @@
+"""Units of length: what files and options call them, and one in which a length is a number that one reads."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+UNITS = {"m": 1e3, "mm": 1.0, "um": 1e-3, "nm": 1e-6}  # [mm]
+
+
+class Unit(NamedTuple):
+    """A unit of length: how many of it are a mm, and its name."""
+
+    per_mm: float
+    name: str
+
+
+def unit_named(name):
+    """One of `UNITS` by what files call it; None if it is none of them. Not collective."""
+    if isinstance(name, bytes):
+        name = name.decode(errors="replace")
+    name = str(name).strip().replace("µ", "u").replace("μ", "u")
+    return name if name in UNITS else None
+
+
+def length_unit(largest):
+    """Unit in which lengths up to `largest` [mm] are numbers that one reads: nm, µm, mm or m. Not collective."""
+    for least, unit in ((2e4, Unit(1e-3, "m")), (0.2, Unit(1.0, "mm")), (2e-4, Unit(1e3, "µm"))):
+        if largest >= least:
+            return unit
+    return Unit(1e6, "nm") if largest > 0 else Unit(1.0, "mm")
+
+
+def resolved(value, cell):
+    """A place rounded to what cells of a size resolve, a thousandth of one: what is less is rounding.
+
+    Not collective.
+
+    Examples
+    --------
+    >>> resolved(2e-10, 0.02), resolved(0.123456789, 0.02), resolved(float("nan"), 1.0)
+    (0.0, 0.12346, nan)
+    """
+    return round(value, 3 - math.floor(math.log10(cell))) + 0.0 if math.isfinite(value) else value
+
+
+def in_words(*lengths, digits=3):
+    """Lengths [mm] in one unit, in ASCII. Not collective.
+
+    Examples
+    --------
+    >>> in_words(0.5, 0.48), in_words(4e-7)
+    ('0.5 x 0.48 mm', '0.4 nm')
+    """
+    unit = length_unit(max(map(abs, lengths)))
+    numbers = " x ".join(f"{length * unit.per_mm:.{digits}g}" for length in lengths)
+    return f"{numbers} {unit.name.replace('µ', 'u')}"

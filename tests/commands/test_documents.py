@@ -1,0 +1,96 @@
+"""README.md, CONTRIBUTING.md and docs/: what they link to and name is there, and what is there can be found."""
+
+import ast
+import re
+
+import options_page
+import pytest
+from documents import PAGES, ROOT, anchors, files_named, links, options_named
+
+from app.commands.problem_options import PROBLEM_OPTIONS
+from app.method import METHOD_OPTIONS, PART_OPTIONS, method_file
+
+DOCS = ROOT / "docs"
+TEXT = {page: page.read_text(encoding="utf-8") for page in PAGES}
+SITE = {
+    node.targets[0].id: ast.literal_eval(node.value)
+    for node in ast.parse((DOCS / "conf.py").read_text(encoding="utf-8")).body
+    if isinstance(node, ast.Assign) and node.targets[0].id in ("NAV", "COMING")
+}
+COMING = {f"{name}.md" for name in SITE["COMING"]}
+KNOWN = {option.name for option in (*METHOD_OPTIONS, *PART_OPTIONS, *PROBLEM_OPTIONS)}
+OTHERS = {"options_file", "skip_petscrc", "help", "cone_slope", "lcp_foresight", "lcp_merge", "lcp_cheap"}
+PETSCS = re.compile(r"(ksp|pc|mg_levels|mg_coarse|log|malloc|objects)_\w*")
+each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+
+
+@each_page
+def test_links_lead_somewhere(page):
+    for name, anchor in links(TEXT[page]):
+        target = (page.parent / name).resolve() if name else page
+        if target.name in COMING and not target.exists():
+            continue
+        assert target.exists(), name
+        if anchor and target.suffix == ".md":
+            assert anchor in anchors(target.read_text(encoding="utf-8")), f"{name}#{anchor}"
+        elif anchor:
+            assert int(anchor.removeprefix("L")) <= len(target.read_text(encoding="utf-8").splitlines())
+
+
+@each_page
+def test_files_named_are_there(page):
+    there = {name for name in files_named(TEXT[page]) if (ROOT / name).exists()}
+    examples = {"petsc_options/NAME.opts", *(f"docs/{name}" for name in COMING)}
+    assert files_named(TEXT[page]) - there <= examples
+
+
+@each_page
+def test_options_named_are_there(page):
+    named = {name for name in options_named(TEXT[page]) if not PETSCS.fullmatch(name)}
+    assert named - OTHERS <= KNOWN
+
+
+def linked(page):
+    """Files that a page links to."""
+    return {(page.parent / name).resolve() for name, _ in links(TEXT[page])}
+
+
+def test_every_page_is_on_the_site_and_two_clicks_from_the_readme():
+    on_site = {(DOCS / f"{page}.md").resolve() for pages in SITE["NAV"].values() for page in pages}
+    on_site = {page for page in on_site if page.name not in COMING or page.exists()}
+    assert on_site == {*DOCS.glob("*.md"), ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"} - {
+        DOCS / "index.md"
+    }
+    first = (ROOT / "README.md", DOCS / "index.md", DOCS / "speed.md")
+    assert set(first[1:]) <= linked(first[0])
+    assert on_site <= {page for place in first for page in linked(place)}
+
+
+def test_readme_fits_a_screen():
+    assert len(TEXT[ROOT / "README.md"].splitlines()) <= 80
+
+
+def test_every_option_file_has_its_row():
+    told = {
+        name
+        for page in ("methods", "commands")
+        for name in re.findall(r"`(\w+)\.opts`", TEXT[DOCS / f"{page}.md"])
+    }
+    assert told == {path.stem for path in method_file("fast").parent.glob("*.opts")}
+
+
+def test_page_of_options_is_today_s():
+    assert TEXT[options_page.PAGE] == options_page.page(), "python tests/options_page.py writes it anew"
+
+
+def test_page_of_options_has_every_option():
+    for name in KNOWN:
+        assert TEXT[options_page.PAGE].count(f"| `-{name}` |") == 1, name
+
+
+def test_what_is_wrong_is_noticed():
+    text = "# A (b)\n\n[x](gone.md#there) `app/gone.py` `-lcp_gone 1` run/gone [y](https://z.org/q)\n```\n[k](l)\n```\n"
+    assert links(text) == [("gone.md", "there")]
+    assert anchors(text) == {"a-b"}
+    assert files_named(text) == {"app/gone.py", "run/gone"}
+    assert options_named(text) == {"lcp_gone"}

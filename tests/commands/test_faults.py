@@ -1,0 +1,332 @@
+"""Kills, full and read-only disks, hosts that differ, hostile files: a result is there whole or not at all."""
+
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+
+import h5py
+import numpy as np
+import pytest
+from cases import hertz
+from processes import TESTS, run, solve_arguments
+
+from app import ContactSolver, convert, plot, report, subsurface, xdmf
+from app.output.files import fingerprint
+from app.output.result import read_result
+from app.runs.journal import Journal
+
+LIMIT = 60  # s
+HERTZ = [*solve_arguments("hertz", "norm")[2:], "-grid", "8"]
+GAP = "-problem file -domain 0,1,0,1 -approach 2 -shear_modulus 1 -poisson_ratio 0.3".split()
+
+
+def environment():
+    """What this process was started with: MPI has added to it, and mpiexec would take itself for a child."""
+    return dict(os.environ)
+
+
+@pytest.fixture(scope="module")
+def path_of_two():
+    with ContactSolver(hertz(24)) as solver:
+        path = solver.path(load=[20000, 40000])
+        return path, list(path)
+
+
+# ------------------------------------------------------------------------------------------------- killed
+
+
+def start_writing(folder, path, solutions):
+    """Fork a process that writes a result and a table over and over; return it as soon as it has begun."""
+    reader, writer = os.pipe()
+    process = os.fork()
+    if not process:
+        os.write(writer, b"x")
+        while True:
+            for solution in solutions:
+                solution.save(folder / "result.h5")
+                path.save(folder / "path.csv")
+    os.read(reader, 1)
+    os.close(reader)
+    os.close(writer)
+    return process
+
+
+def kill(*processes):
+    for process in processes:
+        os.kill(process, signal.SIGKILL)
+        os.waitpid(process, 0)
+
+
+def test_killed_while_writing(path_of_two, tmp_path):
+    """Old or new, never half; what dead runs leave is gone after the next."""
+    path, solutions = path_of_two
+    dice, halves = random.Random(1), 0
+    result, table = tmp_path / "result.h5", tmp_path / "path.csv"
+    solutions[0].save(result)
+    path.save(table)
+    rows = table.read_text()
+    for _ in range(30):
+        process = start_writing(tmp_path, path, solutions)
+        time.sleep(dice.uniform(0, 0.05))
+        kill(process)
+        found = read_result(result)
+        wanted = next(s for s in solutions if s.load == found.attributes["load"])
+        np.testing.assert_array_equal(found.pressure, wanted.pressure)
+        assert table.read_text() == rows
+        halves += len(list(tmp_path.iterdir())) > 2
+    assert halves  # kills that hit the middle of something
+    solutions[0].save(result)
+    assert set(tmp_path.iterdir()) == {result, table}
+
+
+def test_two_runs_to_one_output(path_of_two, tmp_path):
+    """The last whole one stays; none touches what the other is writing."""
+    path, solutions = path_of_two
+    processes = [start_writing(tmp_path, path, [solution]) for solution in solutions]
+    time.sleep(0.5)
+    ended = [os.waitpid(process, os.WNOHANG)[0] for process in processes]
+    kill(*processes)
+    assert ended == [0, 0]
+    assert read_result(tmp_path / "result.h5").attributes["load"] in [s.load for s in solutions]
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_run_killed_at_a_hundred_moments(tmp_path):
+    """By ``run/test --slow tests/commands/test_faults.py -k hundred``: over an existing result, on one rank and two."""
+    result, dice = tmp_path / "result.h5", random.Random(2)
+    command = [sys.executable, *solve_arguments("hertz"), "-grid", "64", "-output", str(result)]
+    started = time.monotonic()
+    assert subprocess.run(command, timeout=LIMIT, stdout=subprocess.DEVNULL).returncode == 0
+    seconds, kept = time.monotonic() - started, result.read_bytes()
+    killed = replaced = 0
+    for number in range(100):
+        line = command if number % 5 else ["mpiexec", "-n", "2", *command]
+        process = subprocess.Popen(
+            line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment()
+        )
+        time.sleep(dice.uniform(0.3, 1.1) * seconds)
+        killed += process.poll() is None
+        process.kill()  # Open MPI ends the ranks of a dead mpiexec
+        process.wait()
+        now = result.read_bytes()
+        replaced += now != kept
+        kept = now
+        assert read_result(result).attributes["converged"] is True
+    assert killed > 50
+    print(f"killed {killed} of 100 runs; {replaced} had written a new result")
+    time.sleep(2)
+    assert subprocess.run(command, timeout=LIMIT, stdout=subprocess.DEVNULL).returncode == 0
+    assert list(tmp_path.iterdir()) == [result]
+
+
+@pytest.mark.parametrize(("ranks", "word"), [(2, signal.SIGINT), (None, signal.SIGTERM)])
+def test_ended_by_a_signal(ranks, word, tmp_path):
+    """Ctrl-C on one rank and SIGTERM on two are in test_crashes."""
+    out = tmp_path / "out.h5"
+    out.write_text("an earlier result")
+    slow = "-grid 256 -lcp_rtol 1e-14 -lcp_max_it 100000 -ksp_rtol 1e-15 -lcp_monitor".split()
+    command = [sys.executable, *solve_arguments("hertz", "norm"), *slow, "-output", str(out)]
+    process = subprocess.Popen(
+        command if ranks is None else ["mpiexec", "-n", str(ranks), *command],
+        cwd=TESTS.parent, text=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment(),
+    )  # fmt: skip
+    assert process.stdout.readline().startswith("level")
+    process.send_signal(word)
+    process.communicate(timeout=LIMIT)
+    assert process.returncode not in (0, 2, 3)
+    assert out.read_text() == "an earlier result"
+    assert list(tmp_path.iterdir()) == [out]
+
+
+# --------------------------------------------------------------------------------------- disks and folders
+
+
+@contextmanager
+def full_disk():
+    """Files end at 1000 bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.fixture
+def given(path_of_two, tmp_path):
+    """Result file and heights that the commands read, in a folder of their own."""
+    path, solutions = path_of_two
+    folder = tmp_path / "given"
+    folder.mkdir()
+    solutions[-1].save(folder / "result.h5", path.table)
+    np.save(folder / "heights.npy", np.random.default_rng(1).random((40, 50)))
+    return folder
+
+
+WRITERS = {
+    "convert": (convert, "heights.npy", "new.h5", ("--unit", "um", "--spacing", "1,1", "-o")),
+    "report": (report, "result.h5", "new.html", ("--no-stress", "-o")),
+    "subsurface": (subsurface, "result.h5", "", ("-o",)),
+    "xdmf": (xdmf, "result.h5", "new.xdmf", ("-o",)),
+    "plot": (plot, "result.h5", "", ("--dpi", "20", "-o")),
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_full_disk_leaves_what_was_there(name, given, tmp_path, capsys):
+    command, source, target, words = WRITERS[name]
+    folder = given if name == "xdmf" else tmp_path / "out"
+    folder.mkdir(exist_ok=True)
+    (folder / (target or "summary.png")).write_text("an earlier one")
+    before = sorted(folder.iterdir())
+    with full_disk():
+        status = command.main([str(given / source), *words, str(folder / target)])
+    out, errors = capsys.readouterr()
+    assert (status, len(errors.splitlines())) == (2, 1), out + errors
+    assert errors.startswith("error: ")
+    assert "File too large" in errors
+    assert (folder / (target or "summary.png")).read_text() == "an earlier one"
+    assert sorted(folder.iterdir()) == before
+
+
+@pytest.mark.parametrize("name", [name for name in WRITERS if name != "xdmf"])
+def test_folder_that_nobody_may_write_in(name, given, capsys):
+    command, source, target, words = WRITERS[name]
+    assert command.main([str(given / source), *words, f"/proc/{target}"]) == 2  # not even root may
+    errors = capsys.readouterr().err
+    assert errors.startswith("error: ")
+    assert len(errors.splitlines()) == 1
+
+
+# ---------------------------------------------------------------------------------------- hosts that differ
+
+
+@pytest.mark.parametrize("second", [None, pytest.param((9, 9), marks=pytest.mark.slow), "other values"])
+def test_input_that_hosts_see_differently(second, tmp_path):
+    folders = tmp_path / "first", tmp_path / "second"
+    gap = np.random.default_rng(1).random((8, 8))
+    for folder in folders:
+        folder.mkdir()
+    np.save(folders[0] / "gap.npy", gap)
+    if second is not None:
+        np.save(folders[1] / "gap.npy", gap[::-1] if isinstance(second, str) else np.ones(second))
+    command = ["mpiexec"]
+    for folder in folders:
+        command += ["-n", "1", "-wdir", str(folder), sys.executable, "-m", "app.solve", *GAP]
+        command += ["-gap_file", "gap.npy", "-output", str(tmp_path / "out.h5"), ":"]
+    done = subprocess.run(
+        command[:-1], capture_output=True, text=True, timeout=LIMIT, cwd=tmp_path, env=environment()
+    )
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert (done.returncode, len(errors)) == (2, 1), done.stderr
+    assert ("no such file" if second is None else "not the same on all ranks") in errors[0]
+    assert not (tmp_path / "out.h5").exists()
+
+
+def test_files_up_to_4_mib_are_compared_as_a_whole(tmp_path):
+    path, size = tmp_path / "large", 1 << 22
+    path.write_bytes(bytes(size))
+    first = fingerprint(path)
+    for place in (0, 65_537, size // 2, size - 1):
+        with path.open("r+b") as file:
+            file.seek(place)
+            file.write(b"x")
+        assert fingerprint(path) != first
+        path.write_bytes(bytes(size))
+    assert fingerprint(path) == first
+    assert fingerprint(tmp_path / "absent") is None
+
+
+# ----------------------------------------------------------------------------------------- hostile files
+
+
+@pytest.fixture
+def hostile(given):
+    """``hostile(name, values)``: result file in which a dataset, or an attribute @name, is something else."""
+
+    def change(name, values):
+        with h5py.File(given / "result.h5", "r+") as file:
+            if name.startswith("@"):
+                file.attrs[name[1:]] = values
+            else:
+                del file[name]
+                if isinstance(values, dict):
+                    file.create_dataset(name, **values)
+                elif values is not None:
+                    file[name] = values
+        return given / "result.h5"
+
+    return change
+
+
+BOMB = {"shape": (1 << 20, 1 << 20), "dtype": "f8", "chunks": (1024, 1024), "compression": "gzip"}
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "message"),
+    [
+        ("pressure", "text", "dataset pressure: type object"),
+        ("pressure", h5py.Empty("f8"), "dataset pressure: type float64, shape None"),
+        ("pressure", np.ones((3, 3), complex), "dataset pressure: type complex128"),
+        ("pressure", h5py.SoftLink("/nowhere"), "dataset pressure"),
+        ("gap", BOMB, "GiB of memory"),
+        ("x", 1.0, "dataset x: shape ()"),
+        ("x", np.zeros(0), "dataset x: shape (0,)"),
+        ("history/level", np.zeros((2, 2), int), "columns of shapes"),
+        ("path/load", h5py.SoftLink("/nowhere"), "dataset path/load is missing"),
+        ("path/load", np.zeros(5), "columns of shapes"),
+        ("@load", "much", "attribute load: 'much'"),
+        ("@load", h5py.Empty("f8"), "attribute load: "),
+        ("@reason", 3.0, "attribute reason: 3.0"),
+        ("@young", "steel", "attribute young: 'steel'"),
+    ],
+)
+def test_result_of_other_types_is_refused(hostile, name, values, message, capsys):
+    path = hostile(name, values)
+    with pytest.raises(ValueError, match=r"result\.h5: ") as refusal:
+        read_result(path)
+    assert message in str(refusal.value)
+    assert subsurface.main([str(path)]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("command", [convert, plot, report, subsurface, xdmf])
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
+def test_neither_pipe_nor_folder_is_read(command, make, tmp_path, capsys):
+    path = tmp_path / "strange.h5"
+    make(path)
+    target = tmp_path / ("out.xdmf" if command is xdmf else "out.html" if command is report else "out.h5")
+    assert command.main([str(path), "-o", str(target)]) == 2
+    errors = capsys.readouterr().err
+    assert errors.startswith("error: ")
+    assert len(errors.splitlines()) == 1
+
+
+def test_pipe_as_gap_or_result(tmp_path):
+    os.mkfifo(tmp_path / "pipe.h5")
+    for words in ([*HERTZ, "-output", "pipe.h5"], [*GAP, "-gap_file", "pipe.h5"]):
+        done = run(
+            "-m", "app.solve", *words, cwd=tmp_path, env={"PYTHONPATH": str(TESTS.parent)}, timeout=LIMIT
+        )
+        assert (done.returncode, len(done.stderr.splitlines())) == (2, 1), done.stderr
+        assert "not a" in done.stderr
+
+
+def test_journal_with_junk_in_it(tmp_path):
+    path = tmp_path / "journal.jsonl"
+    path.write_bytes(
+        b'{"key": "a", "n": 1}\n{"n": 2}\n[3]\n4\n\xff\xfe\nnull\n{"key": ["b"]}\n{"key": "c", "n"'
+    )
+    journal = Journal(path, resume=True)
+    assert journal.outcomes == {"a": {"n": 1}}
+    journal.add("d", {"n": 4})
+    journal.close()
+    again = Journal(path, resume=True)
+    assert again.outcomes == {"a": {"n": 1}, "d": {"n": 4}}
+    again.close()

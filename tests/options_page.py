@@ -1,0 +1,195 @@
+"""docs/options.md: every option of every command, from the tables and parsers that read them.
+
+The page is written by
+
+    python tests/options_page.py
+"""
+
+import importlib
+from pathlib import Path
+
+from app.commands import arguments, load_path
+from app.commands.geometry import GEOMETRY_OPTIONS, MATERIAL_OPTIONS, most_cells
+from app.commands.problem_options import LOADING, PROBLEM_OPTIONS
+from app.method import _GONE, METHOD_OPTIONS, PART_OPTIONS, read_method_file
+from app.options import ALIASES, REQUIRED
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "options.md"
+DEFAULT_METHODS = ("fast", "primal")
+_OF_SHAPES = ("hertz_", "body", "sphere_", "cylinder_", "cone_", "punch_")
+
+_HEAD = """# Options
+
+Written by `python tests/options_page.py` from the tables that the program itself reads; a test keeps it so.
+Lengths mm, forces N, stresses N/mm2. `python -m app.solve -help` prints the same. From Python,
+`options={"lcp_rtol": 1e-8}` takes those of the [method](#method), [parts](#parts) and [linear
+solvers](#linear-solvers), without the dash.
+
+Options come from three places, later ones override earlier ones: `PETSC_OPTIONS`, option files in order
+(`-options_file F`, with an option a line), the command line. Of options that exclude each other the ones of
+the last place count; two in one place are refused, and so is an option that can do nothing with the others.
+An empty default means that there is none: the option is needed where the problem asks for it, or off.
+"""
+_PROBLEM = """The base shapes are in [surfaces](surfaces.md#base-shapes). Without
+`-domain`, `hertz` and `sphere` take 1.5 times Hertz's semi-axes to every side; a surface file that knows its
+spacing lies about the origin. `-periodic`: [periodic patches](periodic.md).
+"""
+_MATERIALS = "Exactly one of three ways; the formulas are in [surfaces](surfaces.md#materials)."
+_SHAPES = (
+    "For `-problem hertz`, `sphere`, `cylinder`, `cone`, `punch`; see [surfaces](surfaces.md#base-shapes)."
+)
+_ROUGH = """On any base shape, several at once: [surfaces](surfaces.md#rough-surfaces). A punch has the paper's waves
+unless another surface is given; other shapes have them if `-surface_sigma`, `_decay` or `_modes` is given. A
+self-affine surface is periodic on the patch and counted from its mean plane; exactly one of its rms slope and
+height is given.
+"""
+_LOADING = "One number, or a path of many: [load curves](load-paths.md)."
+_OUTPUT = "[Results](results.md) says what the file holds."
+_METHOD = """The default of the option, and what the default methods set: `fast.opts` on free patches, `primal.opts` on
+periodic ones. What they do: [methods](methods.md). With `primal`, `-lcp_coarse_rtol` is of the gap, over the
+deviation of h from its mean.
+"""
+_PARTS = """Read by preconditioners that a method file names by `-pc_python_type`: `app.fast.circulant.Circulant` and
+`app.primal.two_grid.TwoGrid`.
+"""
+_LINEAR = """
+## Linear solvers
+
+`-ksp_*`, `-pc_*`, `-mg_levels_*`, `-mg_coarse_*` are PETSc's own, of the solver that is used once per active
+set iteration; so are `-ksp_view`, `-ksp_monitor`, `-log_view`, `-options_file`. Some that make sense here are
+in [methods](methods.md#petscs-options).
+"""
+
+
+def sections():
+    """Heading, text and options of each table of app.solve; every option is in one of them."""
+    left = {option.name: option for option in PROBLEM_OPTIONS}
+
+    def taken(chosen):
+        return [left.pop(name) for name in list(left) if chosen(left[name])]
+
+    path = (option.name for option in load_path.OPTIONS)
+    loading = {*LOADING, *path, "refine_until", "refine_max", "stiffness"}
+    materials = taken(lambda option: option in MATERIAL_OPTIONS)
+    rough = taken(lambda option: option.name.startswith("surface_"))
+    shapes = taken(lambda option: option.name.startswith(_OF_SHAPES))
+    yield "Problem, patch and grid", _PROBLEM, taken(lambda option: option in GEOMETRY_OPTIONS)
+    yield "Materials", _MATERIALS, materials
+    yield "Base shapes", _SHAPES, shapes
+    yield "Rough surfaces", _ROUGH, rough
+    yield "What is prescribed", _LOADING, taken(lambda option: option.name in loading)
+    yield "Output", _OUTPUT, list(left.values())
+
+
+def allowed(option):
+    """Words of the error that a wrong value brings; nothing for free text."""
+    try:
+        option.kind("?")
+    except ValueError as error:
+        return str(error).replace(f"{most_cells()} cells", "as many cells as PETSc can number")
+    return ""
+
+
+def written(value):
+    """A default, as one would type it."""
+    if value is None or value is REQUIRED:
+        return ""
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    return (
+        ",".join(map(written, value))
+        if isinstance(value, tuple)
+        else f"{value:g}"
+        if isinstance(value, float)
+        else f"{value}"
+    )
+
+
+def table(head, rows):
+    """Markdown of a table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return (
+        "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+        + "\n"
+    )
+
+
+def code(text):
+    """Text as code; nothing for nothing."""
+    return f"`{text}`" if text else ""
+
+
+def options_table(options, methods=()):
+    """A row for each option, with what some method files set."""
+    files = [read_method_file(name) for name in methods]
+    head = ["option", "default", *(f"`{name}.opts`" for name in methods), "allowed", "meaning"]
+    rows = []
+    for option in options:
+        there = (code(file.get(option.name, "")) for file in files)
+        meaning = option.meaning.replace("||", "‖")
+        rows.append([f"`-{option.name}`", code(written(option.default)), *there, allowed(option), meaning])
+    return table(head, rows)
+
+
+class _Found(BaseException):
+    """The parser of a command."""
+
+
+def parser_of(module):
+    """Parser that the ``main`` of a command makes."""
+
+    def found(parser, *_):
+        raise _Found(parser)
+
+    kept, arguments.Parser.parse_args = arguments.Parser.parse_args, found
+    try:
+        importlib.import_module(module).main([])
+    except _Found as parser:
+        return parser.args[0]
+    finally:
+        arguments.Parser.parse_args = kept
+    raise LookupError(f"{module} has no parser")
+
+
+def commands():
+    """Modules of app/ that read words in the style of the shell."""
+    return sorted(f"app.{path.stem}" for path in (ROOT / "app").glob("*.py") if "Parser(" in path.read_text())
+
+
+def command_table(parser):
+    """A row for each argument of a command."""
+    rows = []
+    for action in parser._actions[1:]:  # the first is --help
+        names = " ".join(f"`{name}`" for name in action.option_strings)
+        value = action.metavar or (
+            "|".join(map(str, action.choices)) if action.choices else action.dest.upper()
+        )
+        value = f"`{value}`" if action.nargs != 0 else ""
+        rows.append([f"{names} {value}".strip(), (action.help or "").replace("%%", "%")])
+    return table(["argument", "meaning"], rows)
+
+
+def page():
+    """Return the text of docs/options.md."""
+    parts = [_HEAD]
+    for heading, text, options in sections():
+        parts.append(f"\n## {heading}\n\n{text.strip()}\n\n{options_table(options)}")
+    parts.append(f"\n## Method\n\n{_METHOD.strip()}\n\n{options_table(METHOD_OPTIONS, DEFAULT_METHODS)}")
+    old = [
+        f"- `-{name}` is called `-{new}` now; the old name works in this release."
+        for name, new in ALIASES.items()
+    ]
+    old += [f"- `-{name}` is gone and ignored with a note: {why}." for name, why in _GONE.items()]
+    parts.append("\n" + "\n".join(old) + "\n")
+    parts.append(f"\n## Parts\n\n{_PARTS.strip()}\n\n{options_table(PART_OPTIONS, DEFAULT_METHODS)}")
+    parts.append(_LINEAR)
+    parts.append("\n## Other commands\n\n[Commands](commands.md) says what they are for.\n")
+    for module in commands():
+        parser = parser_of(module)
+        parts.append(f"\n### {parser.prog}\n\n{parser.description}\n\n{command_table(parser)}")
+    return "".join(parts)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

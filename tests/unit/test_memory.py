@@ -1,0 +1,88 @@
+"""What a solve takes is estimated well, what a host has is found, and what does not fit is refused."""
+
+import json
+import resource
+import subprocess
+import sys
+
+import pytest
+from cases import hertz
+from mpi4py import MPI
+from processes import TESTS, run
+
+from app import ContactSolver, memory
+from app.errors import InputError
+from app.halfspace.grid import Grid
+from app.problems.array_file import ArrayFile
+
+GRID = Grid(4000, 3000, 1.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("cells", "method"),
+    [(384, "default"), pytest.param(384, "periodic:default", marks=pytest.mark.slow), (256, "fmg_v11")],
+)
+def test_the_estimate_is_the_measured_peak(cells, method):
+    """docs/scaling.md promises a factor: at most a tenth more than estimated, and half of it at least."""
+    done = run(TESTS / "peak.py", cells, method, timeout=300)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert 0.5 * told["estimated"] < told["measured"] < 1.1 * told["estimated"]
+
+
+def test_refused_before_anything_is_allocated(monkeypatch):
+    monkeypatch.setattr(memory, "available", lambda: 2.0**30)
+    solver = hertz(4096)
+    with pytest.raises(
+        InputError, match=r"grid 4096,4096: needs about 2.25 GiB on host .* \(1 rank\); 1 GiB are free"
+    ):
+        ContactSolver(solver)
+    memory.check_hosts(MPI.COMM_SELF, GRID, 2**23, 16)  # just fits
+    with pytest.raises(InputError, match="about 1.2e\\+07 cells would fit"):
+        memory.check_hosts(MPI.COMM_SELF, GRID, 2**23, 16.001)
+
+
+def test_limit_of_the_process_counts(monkeypatch):
+    monkeypatch.setattr(resource, "getrlimit", lambda kind: (2**40, 2**40))
+    memory.check_hosts(MPI.COMM_SELF, GRID, 1000, 16)
+    monkeypatch.setattr(resource, "getrlimit", lambda kind: (1000, 1000))
+    with pytest.raises(InputError, match="ulimit -v"):
+        memory.check_hosts(MPI.COMM_SELF, GRID, 1000, 16)
+
+
+@pytest.mark.parametrize(
+    ("line", "folder", "files"),
+    [
+        ("0::/slurm/job_7", "sys/fs/cgroup", ("memory.max", "memory.current", "inactive_file")),
+        (
+            "4:memory:/slurm/job_7",
+            "sys/fs/cgroup/memory",
+            ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+        ),
+    ],
+)
+@pytest.mark.parametrize("inside", ["slurm/job_7", "slurm", ""])  # "": of a container
+def test_control_groups_limit_memory(line, folder, files, inside, tmp_path):
+    group, (limit, used, droppable) = tmp_path / folder / inside, files
+    (tmp_path / "proc/self").mkdir(parents=True)
+    (tmp_path / "proc/self/cgroup").write_text(f"11:cpu:/x\n{line}\n")
+    group.mkdir(parents=True)
+    (group / limit).write_text("1000\n")
+    (group / used).write_text("700\n")
+    (group / "memory.stat").write_text(f"anon 600\n{droppable} 50\n")
+    assert list(memory._of_control_groups(tmp_path)) == [float("inf"), 350]
+    (group / limit).write_text("max\n")
+    assert list(memory._of_control_groups(tmp_path)) == [float("inf")]
+
+
+def test_few_bytes_that_stand_for_many(tmp_path):
+    """A dataset of nothing but zeros is a thousandth of its size and less."""
+    program = (
+        "import h5py, sys\n"
+        "with h5py.File(sys.argv[1], 'w') as file:\n"
+        "    file.create_dataset('heights', (2**20, 2**20), 'f8', chunks=(2**10, 2**10), compression='gzip')\n"
+    )
+    subprocess.run([sys.executable, "-c", program, tmp_path / "bomb.h5"], check=True, timeout=60)
+    assert (tmp_path / "bomb.h5").stat().st_size < 2**16
+    with pytest.raises(ValueError, match=r"bomb\.h5: needs 8.19e\+03 GiB of memory"):
+        ArrayFile(tmp_path / "bomb.h5").rows()

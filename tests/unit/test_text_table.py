@@ -1,0 +1,91 @@
+"""Tables of numbers in text: every common way to write them gives the same numbers; what is not clear is refused."""
+
+import numpy as np
+import pytest
+
+from app import read_surface
+from app.errors import InputError
+from app.problems.gap_file import GapFile
+from app.problems.text_table import read_table
+
+VALUES = np.array([[0.12, -3.5, 4.0, 1e-3], [2.25, 0.5, -0.75, 10.0], [7.0, 1.5, 0.25, 8.0]])
+LINES = [["0.12", "-3.5", "4", "1e-3"], ["2.25", "0.5", "-0.75", "10"], ["7", "1.5", "+0.25", "8"]]
+
+
+def text_of(separator, comma=False, end=""):
+    lines = [separator.join(row) + end for row in LINES]
+    return "\n".join(line.replace(".", ",") for line in lines) if comma else "\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *(text_of(separator) for separator in (" ", "  ", "\t", " \t ", ";", "; ", ",", ", ", " , ")),
+        *(text_of(separator, comma=True) for separator in (" ", "\t", " \t", ";", "; ")),
+        *(text_of(separator, end=separator) for separator in ("\t", ";", ",", " ")),
+        text_of(",").replace("0.5", ".5").replace("7,", "7.,"),
+        f"# head\n\n% more, words\n{text_of(' ')}\n\n",
+    ],
+)
+def test_all_ways_to_write_a_table_give_the_same_numbers(text):
+    np.testing.assert_array_equal(read_table(text.splitlines(), "missing"), VALUES)
+
+
+@pytest.mark.parametrize(
+    "text", ["1,2,3,4\n5,6,7,8", "100,2000\n5,64", "12,34,56\n78,90,12", "10,20\n30,-40"]
+)
+def test_whole_numbers_between_commas_are_no_decimals(text):
+    expected = [[int(entry) for entry in line.split(",")] for line in text.splitlines()]
+    np.testing.assert_array_equal(read_table(text.splitlines(), "missing"), expected)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("0,12,0,34\n0,50,1,25", "commas may separate numbers or begin their decimals"),
+        ("0,5,0,25\n0,1,0,3", "commas may separate numbers or begin their decimals"),
+        ("10,5,3,05\n0,1,-2,3", "commas may separate numbers or begin their decimals"),
+        ("0,12, 0,34", "commas with and without a blank behind"),
+        ("1.234,5;2.345,6", "both points and commas"),
+        ("1.234,5 2.345,6", "both points and commas"),
+        ("1 2\n3 4 5", "line 2 has 3 entries, line 1 has 2"),
+        ("1,,2", "line 1, entry 2: '' is no number"),
+        ("1 ***", r"line 1, entry 2: '\*\*\*' is no number"),
+        ("Height\n1 2", "line 1: 'Height' is no number; lines that are no row of cells begin with #"),
+    ],
+)
+def test_what_can_be_read_in_two_ways_is_refused(text, message):
+    with pytest.raises(ValueError, match=message):
+        read_table(text.splitlines(), "missing")
+
+
+@pytest.mark.parametrize("mark", ["***", "---", "NaN", "", "BAD", "n/a", "1.#QNAN"])
+def test_marks_of_missing_points(mark):
+    found = read_table(["0.5;1;2", f"3;{mark};1", f"{mark};2;{mark}"], "missing", marks=True)
+    np.testing.assert_array_equal(found, [[0.5, 1, 2], [3, np.nan, 1], [np.nan, 2, np.nan]])
+
+
+@pytest.mark.parametrize("coding", ["utf-8", "utf-8-sig", "latin-1", "utf-16"])
+def test_words_at_the_head_say_how_many_lines_to_skip(tmp_path, coding):
+    """What a microscope exports: a name, a unit, then numbers."""
+    path = tmp_path / "scan.csv"
+    path.write_text("Höhe;Plane 1\n[µm]\n0,5;1,5\n***;2\n", encoding=coding)
+    with pytest.raises(
+        InputError, match=r"line 1: 'Höhe' is no number; skip the 2 lines at the head by -surface_skip 2"
+    ):
+        read_surface(path, "um")
+    surface = read_surface(path, "um", skip=2)
+    np.testing.assert_allclose(surface.heights(), [[5e-4, 1.5e-3], [np.nan, 2e-3]], rtol=1e-15)
+    assert surface.missing_points == 1
+
+
+def test_lines_are_skipped_of_texts_only(tmp_path):
+    np.save(tmp_path / "s.npy", VALUES)
+    with pytest.raises(InputError, match="2 lines to skip: allowed of text"):
+        read_surface(tmp_path / "s.npy", "um", skip=2)
+
+
+def test_a_gap_has_no_marks(tmp_path):
+    (tmp_path / "gap.txt").write_text("1 ***\n2 3\n")
+    with pytest.raises(ValueError, match=r"line 1: '\*\*\*' is no number"):
+        GapFile(tmp_path / "gap.txt")
