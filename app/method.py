@@ -95,7 +95,7 @@ class Settings:
     texts: dict
     warnings: tuple = ()
     stages: tuple = ()  # name of a file, and all that files have said when it ends: without what overrides it later
-    of_files: frozenset = frozenset()  # names that nothing but files has set
+    of_files: tuple = ()  # names that nothing but files has set
 
     @property
     def summary(self):
@@ -114,8 +114,13 @@ def method_file(name):
     for folder in _PLACES:
         if (folder / f"{name}.opts").is_file():
             return folder / f"{name}.opts"
-    known = sorted(path.stem for folder in _PLACES for path in folder.glob("*.opts"))
-    raise InputError(f"method {name!r}: allowed: {', '.join(known)}")
+    raise InputError(f"method {name!r}: allowed: {', '.join(method_names())}")
+
+
+def method_names():
+    """Names of all method files, sorted. Not collective."""
+    files = {path.stem: path for folder in _PLACES for path in folder.glob("*.opts")}
+    return sorted(name for name, path in files.items() if path.read_text("utf-8").startswith("# Method:"))
 
 
 def read_method_file(name):
@@ -190,7 +195,7 @@ def settings(method=None, options=None, periodic=False):
         strategy, nested, reader["lcp_rtol"], reader["lcp_error_bound"], reader["lcp_max_it"],
         reader["lcp_coarse_rtol"], reader["lcp_predictor"], reader["lcp_prolongation"] == "lift",
         reader["lcp_window"], reader["lcp_beta"], reader["lcp_coarsest"], reader["lcp_cells_per_rank"],
-        reader["lcp_precision"] == "single", texts, tuple(warnings), tuple(stages), frozenset(of_files),
+        reader["lcp_precision"] == "single", texts, tuple(warnings), tuple(stages), tuple(sorted(of_files)),
     )  # fmt: skip
 
 

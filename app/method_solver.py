@@ -129,7 +129,7 @@ def refuse_unread(unread, chosen, periodic):
     """
     overridden = set()
     for _, texts in chosen.stages:
-        if left := (unread & chosen.of_files & texts.keys()) - overridden:
+        if left := (unread.intersection(chosen.of_files) & texts.keys()) - overridden:
             overridden |= left - _unread_alone(texts, periodic)
     if mistakes := sorted(unread - overridden):
         where = {

@@ -23,7 +23,7 @@ import time
 from pathlib import Path
 
 from app import __version__
-from app.commands.arguments import Parser, count, interruptible
+from app.commands.arguments import Parser, check_folder, count, interruptible
 from app.errors import InputError
 from app.output.files import whole_file
 from app.output.style import save_figure
@@ -68,7 +68,7 @@ def _main(argv):
     arguments = parser.parse_args(argv)
     items = select(arguments.items or ["all"])
     folder = arguments.output
-    _check_folder(folder)
+    check_folder(folder)
     folder.mkdir(exist_ok=True)
     tables, rest = _read(folder / "tables.json"), _read(folder / "report.json")
     scratch = folder / "work"
@@ -119,15 +119,6 @@ def select(names):
             raise InputError(f"item {name}: unknown; allowed: {', '.join([*ITEMS, *GROUPS])}")
         chosen |= {item.name for item in GROUPS.get(name, [ITEMS.get(name)])}
     return [item for item in ITEMS.values() if item.name in chosen]
-
-
-def _check_folder(folder):
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"-o {folder}: exists and is not a folder")
-    if not folder.parent.is_dir():
-        raise InputError(f"-o {folder}: folder {folder.parent} does not exist")
-    if not os.access(folder if folder.exists() else folder.parent, os.W_OK):
-        raise InputError(f"-o {folder}: cannot be written to")
 
 
 def _write(folder, tables, rest, items, plans, found, quick, seconds):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from app import ContactProblem, Grid, Material
-from app.halfspace.influence import dense_matrix
+from app.verification.dense import DenseProblem
 
 MATERIAL = Material(1.0, 0.0)
 
@@ -19,23 +19,6 @@ def rough(nx, ny, seed, holes=0.0, symbol="spectral", noise=0.004):
 
 
 def by_pivoting(problem, approach):
-    """Pressure by block principal pivoting on the dense matrix (Judice and Pires), and that matrix."""
-    matrix, h = dense_matrix(problem.grid, problem.material.compliance), (problem.gap - approach).ravel()
-    inside = np.flatnonzero(~np.isnan(h))
-    a, h = matrix[np.ix_(inside, inside)], h[inside]
-    contact, fewest, patience = h < 0, len(h) + 1, 3
-    while True:
-        p = np.zeros(len(h))
-        p[contact] = np.linalg.solve(a[np.ix_(contact, contact)], -h[contact])
-        e = h + a @ p
-        wrong = (contact & (p < -1e-13 * abs(p).max())) | (~contact & (e < -1e-13 * abs(h).max()))
-        if not wrong.any():
-            break
-        patience = 3 if wrong.sum() < fewest else patience - 1
-        fewest = min(fewest, wrong.sum())
-        flips = wrong if patience > 0 else np.arange(len(h)) == np.flatnonzero(wrong)[-1]
-        contact = contact ^ flips
-        contact[np.argmax(h)] &= not contact.all()  # A is singular on all cells
-    full = np.zeros(problem.grid.n)
-    full[inside] = np.maximum(p, 0)
-    return full.reshape(problem.grid.shape), matrix
+    """Pressure by pivoting on the dense matrix, and that matrix."""
+    dense = DenseProblem(problem)
+    return dense.at(approach).astype(float), dense.matrix

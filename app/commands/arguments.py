@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import shutil
 import signal
 import sys
@@ -41,6 +42,16 @@ def check_ranks(ranks):
     """Refuse several ranks where there is no mpiexec."""
     if ranks > 1 and not shutil.which("mpiexec"):
         raise InputError(f"--ranks {ranks}: there is no mpiexec on PATH")
+
+
+def check_folder(folder):
+    """Refuse a folder (-o) that cannot be written to; it may not exist yet."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"-o {folder}: exists and is not a folder")
+    if not folder.parent.is_dir():
+        raise InputError(f"-o {folder}: folder {folder.parent} does not exist")
+    if not os.access(folder if folder.exists() else folder.parent, os.W_OK):
+        raise InputError(f"-o {folder}: cannot be written to")
 
 
 def interruptible(main, argv=None):

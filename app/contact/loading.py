@@ -57,7 +57,7 @@ class PrescribedApproach:
 
     def begin(self, state):
         """Prepare the iteration on a grid. Not collective."""
-        if np.isfinite(state.highest):  # which was less, perhaps, on the grid before
+        if state.approach < self.approach:  # the grid before was in full contact, perhaps, or had no holes
             state.approach = self.approach
 
     def update(self, state):

@@ -57,9 +57,8 @@ def primal_active_set(primal, solver, stop, history):
         inner += its
         near = norm <= goal * (1 + 1e-6)
         slight = _SLIGHT * aim * allowed
-        update = primal.exchange(
-            solver, -slight / state.operator.diagonal, -slight
-        )  # 4. p < 0 leaves C, e < 0 enters
+        # 4. p < 0 leaves C, e < 0 enters; A of a single cell is zero
+        update = primal.exchange(solver, -slight / (state.operator.diagonal or 1.0), -slight)
         update = update.with_residual(norm)
         history.add(state, solver, update, its, primal.approach)
         residual = norm / state.distance.norm()

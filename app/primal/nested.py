@@ -8,6 +8,8 @@ import numpy as np
 
 from app.contact.full_multigrid import pairs, route, tell
 from app.contact.grid_errors import UNKNOWN, errors_from, numbers_on
+from app.contact.history import Outcome
+from app.contact.iteration import NO_CONTACT
 from app.contact.state import ContactState
 from app.fast.iteration import NeedsSafeguard
 from app.fast.nested import _difference, safeguarded
@@ -44,6 +46,14 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
         On the target grid.
     """
     last, comm = len(hierarchy.levels) - 1, hierarchy.comm
+    if not loading.prescribes_load:
+        state = ContactState(hierarchy.target, distances[last])
+        state.approach = loading.approach
+        if state.first_touch() >= state.depth:  # rounding would look for a pressure in cells that just touch
+            history.start(state, target_solver)
+            state.start_from_interpenetration()
+            return state, Outcome(True, NO_CONTACT)
+        state.destroy()
     coarse, outcome, difference, numbers = None, None, float("nan"), []
     stops = route(hierarchy, distances, loading, nested) if nested and start is None else [last]
     for number, following in pairs(stops):

@@ -125,7 +125,8 @@ def _weights(centre, grid):
     """Of the sweeps, see `stencil`: each other cell counts once, though it may be the neighbour on both sides."""
     in_y, in_x = (min(n - 1, 2) / 2 for n in (grid.ny, grid.nx))
     around = centre[1, 0] * in_x, centre[0, 1] * in_y, centre[0, 0] * in_x * in_y
-    return 1.0 / float(centre[1, 1]), *(np.float32(value / centre[1, 1]) for value in around)
+    middle = float(centre[1, 1]) or 1.0  # B of a single cell is zero
+    return 1.0 / middle, *(np.float32(value / middle) for value in around)
 
 
 class _LongWaves:

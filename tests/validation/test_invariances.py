@@ -48,62 +48,6 @@ def test_conditions_of_contact(reference):
     np.testing.assert_allclose(reference.displacement.reshape(-1), A @ p.reshape(-1), rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("method", "options"),
-    [("norm", {"lcp_nested": True}), ("fast", {"lcp_precision": "double"}), ("fast", {})]
-    + [(f"{nested}mg_v{cycle}", {}) for nested in ("", "f") for cycle in ("11", "10", "01")],
-)
-def test_all_methods_find_the_one_solution(reference, method, options):
-    solution = solve_bumps(method=method, lcp_rtol=1e-9, **options)
-    assert_solves_lcp(solution, 1e-9)
-    assert_same(solution.pressure, reference.pressure, 1e-6)
-    np.testing.assert_array_equal(solution.contact, reference.contact)
-
-
-@pytest.mark.parametrize("flip", [np.s_[::-1, :], np.s_[:, ::-1], np.s_[::-1, ::-1]])
-def test_reflection(reference, flip):
-    assert_same(solve_bumps(shape=on_grid()[flip]).pressure, reference.pressure[flip])
-
-
-def test_exchange_of_x_and_y(reference):
-    turned = Grid(GRID.ny, GRID.nx, GRID.dy, GRID.dx)
-    assert_same(solve_bumps(grid=turned, shape=on_grid().T).pressure, reference.pressure.T)
-
-
-def test_translation(reference):
-    # Nothing but the distance of the cells matters: a wider patch with the bodies elsewhere in it.
-    wide = Grid(50, 40, GRID.dx, GRID.dy, x0=100.0)
-    shape = np.full(wide.shape, 10.0)
-    shape[4:35, 7:47] = on_grid()
-    moved = solve_bumps(grid=wide, shape=shape, lcp_rtol=1e-14)
-    assert_same(moved.pressure[4:35, 7:47], reference.pressure)
-    assert moved.load == pytest.approx(reference.load, rel=1e-9)
-
-
-def test_pressure_is_proportional_to_the_stiffness(reference):
-    stiff = Material(7 * UNIT.shear_modulus, UNIT.poisson_ratio)
-    assert_same(solve_bumps(material=stiff).pressure, 7 * reference.pressure)
-    nearly_incompressible = Material(UNIT.shear_modulus, 0.5)
-    assert_same(solve_bumps(material=nearly_incompressible).pressure, 2 * reference.pressure)
-
-
-def test_pressure_is_proportional_to_the_heights(reference):
-    scaled = solve_bumps(approach=3 * 0.05, shape=3 * on_grid())
-    assert_same(scaled.pressure, 3 * reference.pressure)
-    np.testing.assert_array_equal(scaled.contact, reference.contact)
-
-
-def test_similar_bodies_have_the_same_pressure(reference):
-    larger = Grid(GRID.nx, GRID.ny, 5 * GRID.dx, 5 * GRID.dy)
-    scaled = solve_bumps(approach=5 * 0.05, grid=larger, shape=5 * on_grid())
-    assert_same(scaled.pressure, reference.pressure)
-    assert scaled.load == pytest.approx(25 * reference.load, rel=1e-9)
-
-
-def test_approach_and_shape_enter_by_their_difference(reference):
-    assert_same(solve_bumps(approach=1.05, shape=on_grid() + 1).pressure, reference.pressure)
-
-
 def test_load_contact_and_displacement_grow_with_the_approach():
     steps = [solve_bumps(approach=d) for d in np.linspace(-0.05, 0.3, 8)]
     loads = np.array([s.load for s in steps])

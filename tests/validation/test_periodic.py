@@ -146,3 +146,15 @@ def test_a_small_contact_in_a_large_period_is_one_on_a_free_patch(method):
         errors.append(abs(moved - expected) / abs(expected))
         assert abs(among.pressure - alone.pressure).max() <= 0.02 * alone.max_pressure * (48 / cells) ** 3
     assert errors[0] < 0.02 and errors[1] < errors[0] / 3
+
+
+@each_method
+def test_an_approach_beyond_full_contact_of_the_coarse_grids_is_kept(method):
+    """Fine holes are none on coarse grids, where contact is full at less."""
+    gap = np.random.default_rng(3).random((8, 64))
+    gap[np.random.default_rng(4).random(gap.shape) < 0.4] = np.nan
+    problem = ContactProblem(Grid(64, 8, 0.1, 0.1), Material(1.0, 0.0), gap, periodic=True)
+    expected, _ = periodic.by_pivoting(problem, 50.0)
+    found = solve(problem, 50.0, method, lcp_rtol=1e-8)
+    assert_solves_lcp(found, 1e-7)
+    np.testing.assert_allclose(found.pressure, expected, rtol=0, atol=1e-5 * expected.max())

@@ -245,6 +245,15 @@ def test_loads_one_after_another_on_several_solvers():
         solver.close()
 
 
+@pytest.mark.parametrize("below", [0.0, 1e-9, 1.0])
+def test_bodies_that_just_touch_or_do_not(below):
+    """Any pressure would be one of rounding alone."""
+    gap = 1.0 + np.random.default_rng(5).integers(0, 3, (2, 16))
+    found = solve(ContactProblem(Grid(16, 2, 0.1, 0.1), MATERIAL, gap, periodic="love"), 1.0 - below, None)
+    assert found.converged and found.load == found.error_bound == 0
+    assert (found.contact == ((gap == 1) & (below == 0))).all()
+
+
 def test_no_warning_comes_from_the_arithmetic():
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -1,0 +1,94 @@
+"""The certificate against the true error: it must bound it, always; how sharp it is, is told."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.contact.certificate import certify
+from app.contact.state import ContactState, UndeformedDistance
+from app.halfspace.operator import InfluenceOperator
+from app.verification.check import Check, Figure
+from app.verification.dense import DenseProblem
+from app.verification.solving import PATCHES, random_problem, solved
+
+_SHARES = 0.2, 0.7, 0.95  # of the way from first touch to the mean gap
+_TOLERANCES = 1e-2, 1e-4, 1e-6, 1e-9, 1e-12, 1e-15
+_METHODS = None, "norm", "fmg_v11"
+
+
+def errors_of_answers(quick):
+    """True relative errors of answers in the energy norm, and their bounds, by tolerance, for each kind of patch."""
+    rng = np.random.default_rng(5)
+    for periodic in PATCHES[: 2 if quick else 3]:
+        pairs = {rtol: [] for rtol in _TOLERANCES}
+        for k in range(1 if quick else 8):
+            problem = random_problem(rng, *rng.choice([10, 12, 16], 2), periodic)
+            dense, least = DenseProblem(problem), np.nanmin(problem.gap)
+            approach = least + _SHARES[k % 3] * (np.nanmean(problem.gap) - least)
+            exact = dense.at(approach)
+            load = problem.grid.cell_area * float(exact.sum())
+            for rtol in _TOLERANCES:
+                for method in _METHODS:
+                    for loading in ({"approach": approach}, {"load": load}):
+                        found = solved(
+                            problem, method, options={"lcp_rtol": rtol, "lcp_error_bound": 0.99}, **loading
+                        )
+                        size = dense.energy(found.pressure)
+                        if size:
+                            pairs[rtol].append(
+                                (dense.energy(found.pressure - exact) / size, found.error_bound)
+                            )
+        yield periodic or "free", {rtol: np.array(of).T for rtol, of in pairs.items()}
+
+
+def of_answers(quick):
+    """Compare with pivoting in extended precision."""
+    figures = []
+    for kind, pairs in errors_of_answers(quick):
+        true, bounds = np.hstack(list(pairs.values()))
+        what = f"largest error over its bound, {kind}, {true.size} answers"
+        figures.append(Figure(what, (true / bounds).max(), 0, 1, (true, bounds)))
+        for rtol, (error, bound) in pairs.items():
+            middle, high = np.quantile(error / bound, (0.5, 0.9))
+            figures += [
+                Figure(f"largest error, {kind}, rtol {rtol:g}", error.max()),
+                Figure(f"its bound, {kind}, rtol {rtol:g}", bound.max()),
+                Figure(f"error over bound, median, {kind}, rtol {rtol:g}", middle, most=1),
+                Figure(f"error over bound, 90% quantile, {kind}, rtol {rtol:g}", high, most=1),
+            ]
+    return figures
+
+
+def of_anything(quick):
+    """Pressures that no solver has made: solutions disturbed by noise, from nothing to ten times their size."""
+    figures, rng = [], np.random.default_rng(6)
+    for periodic in PATCHES[: 2 if quick else 3]:
+        true, bounds = [], []
+        for _ in range(3 if quick else 20):
+            problem = random_problem(rng, 12, 10, periodic)
+            dense, least = DenseProblem(problem), np.nanmin(problem.gap)
+            approach = least + 0.7 * (np.nanmean(problem.gap) - least)
+            exact = dense.at(approach).astype(float)
+            operator = InfluenceOperator(problem.grid, problem.material.compliance)
+            state = ContactState(operator, UndeformedDistance(operator, problem.gap))
+            state.approach = approach
+            for size in (0.0, 1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 0.1, 1.0, 10.0):
+                noise = size * exact.max() * rng.normal(size=exact.shape)
+                p = np.where(
+                    state.admissible & (rng.random(exact.shape) > 0.02 * (size > 0)), exact + noise, 0
+                )
+                p = np.maximum(p, 0)
+                state.pressure.setArray(p.ravel())
+                state.compute_displacement()
+                bounds.append(certify(state).error_bound)
+                true.append(dense.energy(p - dense.at(approach)) / dense.energy(p))
+        true, bounds = np.array(true), np.array(bounds)
+        what = f"largest error over its bound, {periodic or 'free'}, {true.size} pressures"
+        figures.append(Figure(what, (true / bounds).max(), 0, 1, (true, bounds)))
+    return figures
+
+
+CHECKS = (
+    Check("certificate", "Answers at every tolerance", "`error_bound` is never less than the true error.", of_answers),
+    Check("certificate-any", "Pressures that no solver has made", "The same for any pressure.", of_anything),
+)  # fmt: skip

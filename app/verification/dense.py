@@ -1,0 +1,188 @@
+"""Contact problems small enough for their matrix: solved by pivoting, which shares nothing with the solvers but A.
+
+`by_lemke` is exact, in rational numbers, for a handful of cells. `DenseProblem` finds the contact set by block
+principal pivoting and refines its pressures in extended precision: the truth to which answers and certificates are
+compared.
+
+References
+----------
+C.E. Lemke, Bimatrix equilibrium points and mathematical programming, Management Sci. 11 (1965) 681. J.J. Judice,
+F.M. Pires, A block principal pivoting algorithm for large-scale strictly monotone linear complementarity problems,
+Computers Ops Res. 21 (1994) 587.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+from scipy.linalg import lu_factor, lu_solve
+
+from app.halfspace.influence import dense_matrix
+
+_PATIENCE = 3
+
+
+def by_lemke(matrix, h):
+    """The p of ``h + A p >= 0, p >= 0, p (h + A p) = 0`` by Lemke's complementary pivoting, without any rounding.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (n, n)
+        Positive semidefinite.
+    h : ndarray, shape (n,)
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Rounded once, at the end.
+    """
+    n = len(h)
+    if (h >= 0).all():
+        return np.zeros(n)
+    # e - A p - z = h: columns e_0 .. e_{n-1}, p_0 .. p_{n-1}, z, right-hand side; a row for each basic variable
+    rows = [
+        [Fraction(int(i == j)) for j in range(n)]
+        + [Fraction(-float(a)) for a in matrix[i]]
+        + [Fraction(-1), Fraction(float(h[i]))]
+        for i in range(n)
+    ]
+    basis, entering = list(range(n)), 2 * n
+    row = n - 1 - int(np.argmin(h[::-1]))  # of equal ones the last: lexicographically the least
+    while True:
+        leaving, basis[row] = basis[row], entering
+        pivot = rows[row][entering]
+        rows[row] = [value / pivot for value in rows[row]]
+        for i in range(n):
+            if i != row and rows[i][entering]:
+                factor = rows[i][entering]
+                rows[i] = [a - factor * b for a, b in zip(rows[i], rows[row], strict=True)]
+        if leaving == 2 * n:
+            break
+        entering = (leaving + n) % (2 * n)  # the complement of what has left
+        # Lexicographic ratios: no cycles
+        ratios = [
+            ([rows[i][-1] / rows[i][entering], *(x / rows[i][entering] for x in rows[i][:n])], i)
+            for i in range(n)
+            if rows[i][entering] > 0
+        ]
+        ends = [i for (first, *_), i in ratios if basis[i] == 2 * n and first == min(r[0][0] for r in ratios)]
+        row = ends[0] if ends else min(ratios)[1]
+    p = np.zeros(n)
+    for i, name in enumerate(basis):
+        if name >= n:
+            p[name - n] = float(rows[i][-1])
+    return p
+
+
+class DenseProblem:
+    """A problem whose gap is an array, with its matrix.
+
+    Parameters
+    ----------
+    problem : ContactProblem
+        Its gap is an array.
+
+    Attributes
+    ----------
+    matrix : ndarray, shape (n, n)
+    inside : ndarray of bool, shape (n,)
+        Cells where contact is possible.
+    """
+
+    def __init__(self, problem):
+        self.grid = problem.grid
+        self.matrix = dense_matrix(self.grid, problem.material.compliance)
+        gap = np.asarray(problem.gap, float).ravel()
+        self.inside = ~np.isnan(gap)
+        self._least = np.longdouble(gap[self.inside].min())
+        self._gap = gap[self.inside].astype(np.longdouble) - self._least  # counted from first touch
+        self._a = self.matrix[np.ix_(self.inside, self.inside)]
+        self._long = self._a.astype(np.longdouble)
+        # On all cells of a periodic patch A is singular.
+        self._singular = bool(self.grid.periodic) and self.inside.all()
+        self._contact = None  # the last set, a good guess of the next
+
+    def at(self, approach):
+        """Pressure at an approach, shape (ny, nx) [N/mm2]."""
+        depth = np.longdouble(approach) - self._least
+        mean = self._gap.mean()
+        if self._singular and depth >= mean - 1e-15 * abs(self._least + mean):
+            return self._field(self._full())
+        return self._field(self._pivot(depth))
+
+    def under(self, load, approach):
+        """Pressure under a load [N], shape (ny, nx) [N/mm2], and its approach [mm]; given one to begin with."""
+        sum_p, full = np.longdouble(load) / self.grid.cell_area, self._full() if self._singular else None
+        if load == 0:
+            return self._field(np.zeros(self._gap.size)), float(self._least)
+        if full is not None and sum_p >= full.sum():
+            return self._field(full + (sum_p - full.sum()) / full.size), float(self._least + self._gap.mean())
+        # The load is convex and piecewise linear: Newton's method, within what is known to hold the answer
+        low, high = np.longdouble(0), self._gap.mean() if self._singular else np.longdouble(np.inf)
+        depth = np.longdouble(approach) - self._least
+        for _ in range(300):
+            if not low < depth < high:
+                beside = low + sum_p * self._a[0, 0] if low == 0 else 2 * low
+                depth = (low + high) / 2 if np.isfinite(high) else beside
+            p = self._pivot(depth)
+            off = sum_p - p.sum()
+            low, high = (depth, high) if off > 0 else (low, depth)
+            if abs(off) <= 1e-16 * sum_p or high - low <= 1e-18 * high:
+                break
+            slope = self._linear(self._contact, np.ones(self._gap.size)).sum()
+            depth = depth + off / slope if slope > 0 else low
+        return self._field(p), float(self._least + depth)
+
+    def energy(self, pressure):
+        """||p||_A, a seminorm on periodic patches. The pressure may be given in extended precision."""
+        p = np.asarray(pressure, np.longdouble).ravel()
+        return float(np.sqrt(max(p @ (self.matrix @ p.astype(float)), 0.0)))
+
+    def _field(self, p):
+        whole = np.zeros(self.grid.n, np.longdouble)
+        whole[self.inside] = p
+        return whole.reshape(self.grid.shape)
+
+    def _full(self):
+        """Least pressure in full contact of a periodic patch: A p = mean(h) - h."""
+        right = self._gap.mean() - self._gap
+        inverse = np.linalg.pinv(self._a, rcond=1e-13, hermitian=True)
+        p = np.zeros(right.size, np.longdouble)
+        for _ in range(4):
+            p += inverse @ (right - self._long @ p).astype(float)
+        return p - p.min()
+
+    def _linear(self, contact, right):
+        """A_CC p = right on C, p = 0 beside it, refined in extended precision."""
+        p = np.zeros(contact.size, np.longdouble)
+        members = np.flatnonzero(contact)
+        if not members.size:
+            return p
+        factors = lu_factor(self._a[np.ix_(members, members)])
+        exact, b = self._long[np.ix_(members, members)], np.asarray(right, np.longdouble)[members]
+        x = lu_solve(factors, b.astype(float)).astype(np.longdouble)
+        for _ in range(3):
+            x += lu_solve(factors, (b - exact @ x).astype(float))
+        p[members] = x
+        return p
+
+    def _pivot(self, depth):
+        h = self._gap - depth
+        contact = h < 0 if self._contact is None else self._contact
+        fewest, patience = h.size + 1, _PATIENCE
+        for _ in range(100 * h.size + 100):
+            if self._singular and contact.all():
+                contact = contact ^ (np.arange(h.size) == np.argmax(h))
+            p = self._linear(contact, -h)
+            u = self._long @ p
+            e = h + u
+            rounding = 1e-18 * abs(h).max() + 1e-16 * abs(u).max()
+            wrong = (contact & (p < -1e-15 * abs(p).max())) | (~contact & (e < -rounding))
+            if not wrong.any():
+                self._contact = contact
+                return np.maximum(p, 0)
+            patience = _PATIENCE if wrong.sum() < fewest else patience - 1
+            fewest = min(fewest, wrong.sum())
+            contact = contact ^ (wrong if patience > 0 else np.arange(h.size) == np.flatnonzero(wrong)[-1])
+        raise ArithmeticError("rounding keeps pivoting from its end")

@@ -1,0 +1,151 @@
+"""What no physics can depend on: where the bodies are, how they are turned, in which units their sizes are told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from app.halfspace.grid import Grid
+from app.halfspace.influence import Material
+from app.problems.given import ContactProblem
+from app.verification.check import Check, Figure
+from app.verification.solving import PATCHES, UNIT, difference, solved
+
+_GRID = Grid(40, 31, 0.3, 0.2, x0=-6.0, y0=-3.1)
+_APPROACH = 0.05
+_TIGHT = {"lcp_rtol": 1e-12}
+_METHODS = {"norm": _TIGHT, None: _TIGHT | {"lcp_precision": "double"}}
+_ROUNDING = 1e-9  # of the largest pressure
+
+
+def bumps(x, y):
+    """A gap without any symmetry, with several contacts [mm]."""
+    waves = 0.05 * (np.sin(2 * x + 1) + np.cos(3.1 * y + 0.4 * x))
+    return waves + 0.02 * (x - 0.3) ** 2 + 0.03 * (y + 0.2) ** 2
+
+
+def _problem(periodic, grid=_GRID, gap=None, material=UNIT):
+    gap = bumps(*np.meshgrid(_GRID.x(), _GRID.y())) if gap is None else gap
+    return ContactProblem(grid, material, gap, periodic=periodic)
+
+
+def _each(change):
+    """Make a check of ``change(problem, approach, pressure)``.
+
+    It gives other problems, their loadings, and what their pressures have to be.
+    """
+
+    def measure(quick):
+        figures = []
+        for periodic in PATCHES[: 2 if quick else 3]:
+            for method, options in _METHODS.items():
+                problem = _problem(periodic)
+                before = solved(problem, method, options=options, approach=_APPROACH)
+                worst, off = 0.0, 0
+                for other, loading, expected in change(problem, before):
+                    after = solved(other, method, options=options, **loading)
+                    off += not (before.converged and after.converged)
+                    worst = max(worst, difference(after.pressure, expected))
+                kind = f"{periodic or 'free'}, {method or 'default'}"
+                figures.append(
+                    Figure(f"difference of pressures, {kind}", worst if not off else np.nan, most=_ROUNDING)
+                )
+        return figures
+
+    return measure
+
+
+def _at(approach=_APPROACH):
+    return {"approach": approach}
+
+
+def mirror(problem, before):
+    """Mirrored bodies are pressed on as in a mirror."""
+    for flip in (np.s_[::-1, :], np.s_[:, ::-1], np.s_[::-1, ::-1]):
+        yield replace(problem, gap=problem.gap[flip].copy()), _at(), before.pressure[flip]
+
+
+def transposition(problem, before):
+    """x and y are names."""
+    grid = problem.grid
+    turned = Grid(grid.ny, grid.nx, grid.dy, grid.dx)
+    yield replace(problem, grid=turned, gap=problem.gap.T.copy()), _at(), before.pressure.T
+
+
+def translation(problem, before):
+    """Nothing but distances counts: origins, and on periodic patches shifts by cells."""
+    elsewhere = replace(problem.grid, x0=100.0, y0=-7.0)
+    yield replace(problem, grid=elsewhere), _at(), before.pressure
+    if problem.grid.periodic:
+        shift = (5, 7), (0, 1)
+        yield replace(problem, gap=np.roll(problem.gap, *shift)), _at(), np.roll(before.pressure, *shift)
+
+
+def stiffness(problem, before):
+    """Pressures are proportional to E*."""
+    for material, factor in (
+        (Material(7 * UNIT.shear_modulus, 0.0), 7),
+        (Material(UNIT.shear_modulus, 0.5), 2),
+    ):
+        yield replace(problem, material=material), _at(), factor * before.pressure
+
+
+def heights(problem, before):
+    """Pressures are proportional to heights."""
+    yield replace(problem, gap=3 * problem.gap), _at(3 * _APPROACH), 3 * before.pressure
+
+
+def lengths(problem, before):
+    """Similar bodies have the same pressure, and loads like the square of their lengths."""
+    grid = replace(
+        problem.grid, **{name: 5 * getattr(problem.grid, name) for name in ("dx", "dy", "x0", "y0")}
+    )
+    larger = replace(problem, grid=grid, gap=5 * problem.gap)
+    yield larger, _at(5 * _APPROACH), before.pressure
+    yield larger, {"load": 25 * before.load}, before.pressure
+
+
+def offset(problem, before):
+    """A constant more of distance and of approach changes nothing."""
+    yield replace(problem, gap=problem.gap + 1), _at(1 + _APPROACH), before.pressure
+
+
+def loadings(problem, before):
+    """Approach, load, mean pressure and mean gap are descriptions of one contact."""
+    yield problem, {"load": before.load}, before.pressure
+    yield problem, {"mean_pressure": before.mean_pressure}, before.pressure
+    if problem.grid.periodic:
+        yield problem, {"mean_gap": before.mean_gap}, before.pressure
+
+
+def larger_patch(quick):
+    """Cells that cannot come into contact change nothing."""
+    figures = []
+    for method, options in _METHODS.items():
+        before = solved(_problem(""), method, options=options, approach=_APPROACH)
+        wide = Grid(50, 40, _GRID.dx, _GRID.dy)
+        expected = np.zeros(wide.shape)
+        expected[4:35, 7:47] = before.pressure
+        for name, beside in (("far away", 10.0), ("impossible", np.nan)):
+            gap = np.full(wide.shape, beside)
+            gap[4:35, 7:47] = _problem("").gap
+            after = solved(
+                _problem("", wide, gap), method, options=options | {"lcp_rtol": 1e-13}, approach=_APPROACH
+            )
+            what = f"difference of pressures, cells beside it {name}, {method or 'default'}"
+            figures.append(Figure(what, difference(after.pressure, expected), most=_ROUNDING))
+    return figures
+
+
+CHECKS = (
+    Check("mirror", "Mirror", mirror.__doc__, _each(mirror)),
+    Check("transposition", "Transposition", transposition.__doc__, _each(transposition)),
+    Check("translation", "Translation", translation.__doc__, _each(translation)),
+    Check("stiffness", "Stiffness", stiffness.__doc__, _each(stiffness)),
+    Check("heights", "Heights", heights.__doc__, _each(heights)),
+    Check("lengths", "Lengths", lengths.__doc__, _each(lengths)),
+    Check("offset", "Offset", offset.__doc__, _each(offset)),
+    Check("loadings", "Loadings", loadings.__doc__, _each(loadings)),
+    Check("larger-patch", "A larger patch", larger_patch.__doc__, larger_patch),
+)

@@ -1,0 +1,116 @@
+"""Solvers that share nothing with ours but the influence coefficients, or only the product."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.verification.check import Check, Figure
+from app.verification.dense import DenseProblem, by_lemke
+from app.verification.solving import PATCHES, difference, methods, random_problem, solved
+
+_TIGHT = {"lcp_rtol": 1e-12}
+_SURE = "fast", "primal", "norm"  # the paper's multigrid does not converge always
+
+
+def _approach(problem, share):
+    """Between first touch and the mean gap, in which periodic patches are in full contact [mm]."""
+    least = np.nanmin(problem.gap)
+    return least + share * (np.nanmean(problem.gap) - least)
+
+
+def lemke(quick):
+    """Compare with Lemke's pivoting in rational numbers."""
+    figures, rng = [], np.random.default_rng(1)
+    for periodic in PATCHES:
+        worst = {"norm": 0.0, None: 0.0}
+        for _ in range(6 if quick else 40):
+            problem = random_problem(rng, *rng.integers(1 + bool(periodic), 4, 2), periodic)
+            approach = _approach(problem, rng.choice([0.2, 0.7, 0.95]))
+            dense = DenseProblem(problem)
+            inside = dense.inside
+            h = (problem.gap.ravel() - approach)[inside]
+            exact = np.zeros(inside.size)
+            exact[inside] = by_lemke(dense.matrix[np.ix_(inside, inside)], h)
+            for method in worst:
+                found = solved(problem, method, options=_TIGHT, approach=approach)
+                off = difference(found.pressure.ravel(), exact)
+                worst[method] = max(worst[method], off if found.converged else np.inf)
+        kind = periodic or "free"
+        figures += [
+            Figure(f"difference of pressures, {kind}, {m or 'default'}", w, most=1e-9)
+            for m, w in worst.items()
+        ]
+    return figures
+
+
+def _by_petsc(kind):
+    def measure(quick):
+        figures, rng = [], np.random.default_rng(2)
+        for periodic in PATCHES[: 2 if quick else 3]:
+            worst = 0.0
+            for _ in range(1 if quick else 5):
+                problem = random_problem(rng, *((12, 10) if quick else (24, 20)), periodic)
+                loading = {"approach": _approach(problem, rng.choice([0.2, 0.7, 0.95]))}
+                theirs = solved(problem, options={"lcp_type": kind, "lcp_rtol": 1e-10}, **loading)
+                ours = solved(problem, options={"lcp_rtol": 1e-10}, **loading)
+                off = difference(ours.pressure, theirs.pressure)
+                worst = max(worst, off if ours.converged and theirs.converged else np.inf)
+            figures.append(Figure(f"difference of pressures, {periodic or 'free'}", worst, most=1e-6))
+        return figures
+
+    return measure
+
+
+def every_method(quick):
+    """Every method file, by every loading, against pivoting on the dense matrix in extended precision."""
+    figures, rng = [], np.random.default_rng(3)
+    for periodic in PATCHES[: 2 if quick else 3]:
+        problems = [
+            random_problem(rng, 12, 9 - k % 2, periodic, holes=k % 2 == 1) for k in range(1 if quick else 6)
+        ]
+        truths = []
+        for problem in problems:
+            approach = _approach(problem, rng.choice([0.3, 0.8, 0.95]))
+            truths.append((approach, DenseProblem(problem).at(approach).astype(float)))
+        for method in methods(bool(periodic)):
+            worst, unsolved, solves = 0.0, 0, 0
+            for problem, (approach, exact) in zip(problems, truths, strict=True):
+                load = problem.grid.cell_area * exact.sum()
+                ways = {"approach": approach, "load": load, "mean_pressure": load / problem.grid.area}
+                if periodic and not np.isnan(problem.gap).any():
+                    ways["mean_gap"] = problem.gap.mean() - approach
+                for loading, number in ways.items():
+                    found = solved(problem, method, options={"lcp_rtol": 1e-9}, **{loading: number})
+                    solves += 1
+                    unsolved += not found.converged
+                    if found.converged:
+                        worst = max(worst, difference(found.pressure, exact))
+            kind = f"{periodic or 'free'}, {method}"
+            figures += [
+                Figure(f"difference of pressures, {kind}, {solves} solves", worst, most=1e-6),
+                Figure(f"not solved, and said so, {kind}", unsolved, most=0 if method in _SURE else np.inf),
+            ]
+    return figures
+
+
+def larger_grids(quick):
+    """On grids too large for a matrix: every method against NORM solved to 1e-10."""
+    figures, rng = [], np.random.default_rng(4)
+    for periodic in PATCHES[:2]:
+        problem = random_problem(rng, *((32, 24) if quick else (128, 96)), periodic, holes=False)
+        loading = {"approach": _approach(problem, 0.5)}
+        exact = solved(problem, "norm", options={"lcp_rtol": 1e-10}, **loading)
+        for method in methods(bool(periodic)):
+            found = solved(problem, method, options={"lcp_rtol": 1e-8}, **loading)
+            off = difference(found.pressure, exact.pressure) if found.converged else np.inf
+            figures.append(Figure(f"difference of pressures, {periodic or 'free'}, {method}", off, most=1e-5))
+    return figures
+
+
+CHECKS = (
+    Check("lemke", "Lemke's method", "Exact, in rational numbers, on up to nine cells.", lemke),
+    Check("tao", "PETSc's TAO", "Minimisation under bounds, on the same product.", _by_petsc("tao")),
+    Check("snesvi", "PETSc's SNESVI", "Variational inequalities, on the same product.", _by_petsc("snesvi")),
+    Check("methods", "Every method by every loading", every_method.__doc__, every_method),
+    Check("methods-larger", "Every method on larger grids", larger_grids.__doc__, larger_grids),
+)  # fmt: skip

@@ -1,0 +1,114 @@
+"""One answer on any number of ranks; ``mpiexec -n 2 python -m app.verification.ranks OUT.npz`` makes those of two."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from app.halfspace.grid import Grid
+from app.halfspace.influence import Material
+from app.problems.given import ContactProblem
+from app.problems.shapes import Paraboloid
+from app.problems.surfaces import SelfAffineSurface
+from app.runs.processes import Processes
+from app.verification.check import Check, Figure
+from app.verification.solving import difference, solved
+
+_STEEL = Material(82000.0, 0.28)
+_SINGLE = 2e-4  # of the largest pressure: what the tolerance of 1e-6 allows answers to differ by
+_WAYS = {
+    "fast": ("fast", {}, _SINGLE),
+    "fast, -lcp_precision double": ("fast", {"lcp_precision": "double"}, 1e-9),
+    "fast, -lcp_rtol 1e-10": ("fast", {"lcp_rtol": 1e-10}, 1e-7),
+    "fmg_v11": ("fmg_v11", {}, 1e-9),
+    "norm, -lcp_rtol 1e-10": ("norm", {"lcp_rtol": 1e-10}, 1e-7),
+    "primal": ("primal", {}, _SINGLE),
+    "primal, -lcp_precision double": ("primal", {"lcp_precision": "double"}, 1e-9),
+}
+
+
+def _problems(quick, periodic):
+    """Problems and their mean pressures [N/mm2], by name."""
+    n = 40 if quick else 96
+    grid = Grid.from_domain(n, n, (0.0, 1.0, 0.0, 1.0))
+    surface = SelfAffineSurface(0.8, 0.25, 1 / 16, (1.0, 1.0), 3, rms_slope=0.1)
+    height = surface.height(grid.x(), grid.y())
+    rough = ContactProblem(grid, _STEEL, height.max() - height, periodic=periodic)
+    problems = {f"rough {n}²": (rough, 0.03 * _STEEL.contact_modulus)}
+    if not periodic:
+        patch = Grid.from_domain(n, n, (-10.0, 10.0, -6.0, 6.0))
+        problems[f"Hertz {n}²"] = ContactProblem(patch, _STEEL, Paraboloid(300.0, 163.0)), 340.0
+    return problems
+
+
+def answers(quick, comm):
+    """Pressures and contact sets of all cases, on rank 0: a mapping of names to arrays. Collective over `comm`."""
+    found = {}
+    for way, (method, options, _) in _WAYS.items():
+        if quick and "rtol" in way:
+            continue
+        for name, (problem, mean_pressure) in _problems(quick, method == "primal").items():
+            # Small replicated grids, so that several are distributed
+            given = {"lcp_replicate": 16, **options}
+            by_load = solved(problem, method, comm, options=given, mean_pressure=mean_pressure)
+            by_approach = solved(problem, method, comm, options=given, approach=by_load.approach)
+            for loading, solution in (("load", by_load), ("approach", by_approach)):
+                whole = solution.gather()
+                if whole is not None:
+                    case = f"{way}|{name}, by {loading}"
+                    found[f"{case}|pressure"], found[f"{case}|contact"] = whole.pressure, whole.contact
+                    found[f"{case}|facts"] = np.array([solution.converged, solution.iterations])
+    return found
+
+
+def on_ranks(quick):
+    """Compare two and three ranks with one."""
+    processes, found = Processes(), {1: answers(quick, MPI.COMM_SELF)}
+    with tempfile.TemporaryDirectory() as folder:
+        for ranks in (2,) if quick else (2, 3):
+            target = Path(folder) / f"{ranks}.npz"
+            command = ["mpiexec", "-n", str(ranks), sys.executable, "-m", __spec__.name, str(target)]
+            status, errors = processes.call([*command, "quick"] if quick else command, timeout=600)
+            if status:
+                return [Figure(f"exit status of {ranks} ranks: {errors.strip()[-300:]}", status, 0, 0)]
+            with np.load(target) as data:
+                found[ranks] = dict(data)
+    return compared(found)
+
+
+def compared(found):
+    """Figures of the answers of several numbers of ranks, 1 among them. Not collective."""
+    one, several, figures = found[1], [of for ranks, of in found.items() if ranks > 1], []
+    for way, (*_, limit) in _WAYS.items():
+        cases = {name.rpartition("|")[0] for name in one if name.startswith(f"{way}|")}
+        if not cases:
+            continue
+        off = max(
+            difference(other[f"{c}|pressure"], one[f"{c}|pressure"]) for c in cases for other in several
+        )
+        cells = max(
+            int((other[f"{c}|contact"] != one[f"{c}|contact"]).sum()) for c in cases for other in several
+        )
+        solved_all = all(of[f"{c}|facts"][0] for c in cases for of in found.values())
+        its = max(abs(other[f"{c}|facts"][1] - one[f"{c}|facts"][1]) for c in cases for other in several)
+        figures += [
+            Figure(f"difference of pressures, {way}", off if solved_all else np.nan, most=limit),
+            Figure(f"cells whose contact differs, {way}", cells),
+            Figure(f"difference of iterations on the target grid, {way}", int(its)),
+        ]
+    return figures
+
+
+_LAW = """\
+Contact sets, counts and pressures are alike, in double precision to round-off. With single precision inside, as by
+default, pressures are alike to what the tolerance (`-lcp_rtol` 1e-6) allows: some 1e-5 of the largest."""
+CHECKS = (Check("ranks", "One, two and three ranks", _LAW, on_ranks),)
+
+if __name__ == "__main__":
+    made = answers("quick" in sys.argv[2:], MPI.COMM_WORLD)
+    if MPI.COMM_WORLD.rank == 0:
+        np.savez(sys.argv[1], **made)

@@ -1,0 +1,47 @@
+"""Solutions and random problems for the checks."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from app.halfspace.grid import Grid
+from app.halfspace.influence import Material
+from app.method import method_names
+from app.problems.given import ContactProblem
+from app.solver import ContactSolver
+
+UNIT = Material(1 / np.pi, 0.0)  # compliance 1
+PATCHES = "", "spectral", "love"  # free, and periodic with either symbol
+
+
+def solved(problem, method=None, comm=None, start=None, options=None, **loading):
+    """Solve; whether it converges is for the check to see. Collective over `comm`."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "not converged", RuntimeWarning)
+        with ContactSolver(problem, method, options, comm) as solver:
+            return solver.solve(start=start, **loading)
+
+
+def methods(periodic):
+    """Names of all method files that work on a kind of patch."""
+    return [name for name in method_names() if name != ("fast" if periodic else "primal")]
+
+
+def random_problem(rng, nx, ny, periodic="", holes=True):
+    """Waves, noise, or terraces; half of them with holes; cells up to four times longer than wide."""
+    x, y = 2 * np.pi * (np.arange(nx) + 0.5) / nx, 2 * np.pi * (np.arange(ny)[:, None] + 0.5) / ny
+    waves = np.cos(x + rng.uniform(0, 6)) + np.cos(2 * y + rng.uniform(0, 6)) + np.cos(3 * x - y)
+    noise = rng.normal(size=(ny, nx))
+    height = [waves + 0.1 * noise, waves + noise, np.round(2 * waves + noise)][rng.integers(3)]
+    gap = 0.01 * (height.max() - height)
+    if holes and rng.random() < 0.5:
+        gap[rng.random(gap.shape) < 0.1] = np.nan
+    grid = Grid(nx, ny, 0.1, 0.1 * rng.choice([1.0, 0.7, 4.0]))
+    return ContactProblem(grid, UNIT, gap, periodic=periodic)
+
+
+def difference(found, expected):
+    """Largest difference of two fields over the largest of the second."""
+    return float(abs(found - expected).max() / (abs(expected).max() or 1.0))

@@ -1,0 +1,77 @@
+"""Verification: figures and their limits, exact solutions of small problems, the document and the command."""
+
+import numpy as np
+import pytest
+
+from app import ContactProblem, Grid, Material, verify
+from app.verification import document
+from app.verification.check import Check, Figure, order
+from app.verification.dense import DenseProblem, by_lemke
+
+
+@pytest.mark.parametrize(
+    ("value", "least", "most", "passed", "limit"),
+    [
+        (1.0, -np.inf, np.inf, True, ""),
+        (np.nan, -np.inf, 1.0, False, "≤ 1"),
+        (1.0, 1.0, np.inf, True, "≥ 1"),
+        (0.9, 1.0, 2.0, False, "1 to 2"),
+        (0, 0, 0, True, "0"),
+    ],
+)
+def test_a_figure_keeps_its_limits_or_not(value, least, most, passed, limit):
+    figure = Figure("what", value, least, most)
+    assert (figure.passed, figure.limit) == (passed, limit)
+
+
+def test_order():
+    assert order([10, 20, 40], [3.0, 3.0 / 8, 3.0 / 64]) == pytest.approx(3)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_lemke_and_pivoting_meet_all_conditions(seed):
+    """Ties and zeros are likely, A is singular where the patch is periodic."""
+    rng = np.random.default_rng(seed)
+    periodic = ("", "spectral")[seed % 2]
+    gap = rng.integers(0, 4, (2, 3)).astype(float)
+    problem = ContactProblem(Grid(3, 2, 1.0, 0.5), Material(1.0, 0.0), gap, periodic=periodic)
+    dense, approach = DenseProblem(problem), 0.9 * gap.mean()
+    p = by_lemke(dense.matrix, gap.ravel() - approach)
+    e = gap.ravel() - approach + dense.matrix @ p
+    assert (p >= 0).all() and e.min() >= -1e-14 and abs(p * e).max() <= 1e-13
+    np.testing.assert_allclose(dense.at(approach).ravel().astype(float), p, rtol=0, atol=1e-14 * p.max())
+    by_load, found = dense.under(float(p.sum()) * problem.grid.cell_area, 0.0)
+    assert found == pytest.approx(approach, rel=1e-12)
+    np.testing.assert_allclose(by_load.ravel().astype(float), p, rtol=0, atol=1e-12 * (p.max() or 1))
+
+
+@pytest.fixture
+def checks(monkeypatch):
+    """Two checks in place of all, of which one fails."""
+    good = Check(
+        "good", "Good", "Law.", lambda quick: [Figure("order of it", 2.0, 1.5, points=((8, 16), (0.4, 0.1)))]
+    )
+    bad = Check("bad", "Bad", "Law.", lambda quick: [Figure("error", 1.0, most=0.5), Figure("told", 3.0)])
+    monkeypatch.setattr(document, "SECTIONS", {"Analytic solutions": (good, bad)})
+    monkeypatch.setattr(document, "CHECKS", {check.name: check for check in (good, bad)})
+
+
+def test_the_document_has_every_figure_and_the_command_fails_with_one(checks, tmp_path, capsys):
+    assert verify.main(["-o", str(tmp_path)]) == 1
+    text = (tmp_path / "verification.md").read_text()
+    assert "1 of 2 limits are not kept" in text and "**FAIL**" in text and "--only bad" in text
+    assert "error: 1, has to be ≤ 0.5" in capsys.readouterr().out
+    assert (tmp_path / document.ORDERS).is_file() and document.ORDERS in text
+    assert not (tmp_path / document.SHARPNESS).exists()
+
+
+def test_one_check_alone(checks, tmp_path):
+    assert verify.main(["-o", str(tmp_path), "--only", "good", "--quick"]) == 0
+    text = (tmp_path / "verification.md").read_text()
+    assert "All 1 limits are kept" in text and "--only good --quick" in text and "Bad" not in text
+
+
+def test_bad_input_is_one_line(checks, tmp_path, capsys):
+    assert verify.main(["-o", str(tmp_path), "--only", "better"]) == 2
+    assert capsys.readouterr().err == "error: --only better: unknown; allowed: good, bad\n"
+    assert verify.main(["-o", str(tmp_path / "a" / "b")]) == 2

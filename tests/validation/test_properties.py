@@ -1,0 +1,154 @@
+"""Any problem, any tolerance: a solve ends within bounded work, and is right or says that it is not.
+
+``CONTACT_EXAMPLES=2000 python -m pytest tests/validation/test_properties.py`` tries so many new random problems in each
+test; without it, the same few every time.
+"""
+
+import os
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis.extra.numpy import arrays
+
+from app import ContactProblem, Grid, Material
+from app.errors import InputError
+from app.verification.dense import DenseProblem
+from app.verification.solving import solved
+
+EXAMPLES = int(os.environ.get("CONTACT_EXAMPLES", 0))
+some = settings(
+    max_examples=EXAMPLES or 20,
+    derandomize=not EXAMPLES,
+    deadline=None,
+    database=None,
+    suppress_health_check=list(HealthCheck),
+)
+CELLS = 150  # at most: what is true is found on the matrix
+ITERATIONS = 100  # of active sets on a grid; the safeguard and the search of a load have as many again
+ROUNDING = 1e-13  # of the largest distance: what a gap may be off by
+
+
+@st.composite
+def gaps(draw, nx, ny):
+    """Heights of all kinds: waves, noise, plateaus with ties, flat, single peaks; holes."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    x, y = np.linspace(0, 1, nx), np.linspace(0, 1, ny)[:, None]
+    kind = draw(st.sampled_from(["waves", "noise", "plateaus", "flat", "ball", "peaks", "drawn"]))
+    gap = {
+        "waves": np.cos(7 * x + rng.uniform(0, 6)) + np.cos(5 * y + 2 * x),
+        "noise": rng.normal(size=(ny, nx)),
+        "plateaus": rng.integers(0, 3, (ny, nx)) * 1.0,
+        "flat": np.zeros((ny, nx)),
+        "ball": (x - rng.random()) ** 2 + (y - rng.random()) ** 2,
+        "peaks": np.where(rng.random((ny, nx)) < 0.05, 0.0, 1.0 + rng.random((ny, nx))),
+        "drawn": None,
+    }[kind]
+    if gap is None:
+        numbers = st.one_of(st.integers(-3, 3).map(float), st.floats(-3, 3, width=32, allow_subnormal=False))
+        gap = draw(arrays(float, (ny, nx), elements=numbers))
+    gap = gap * draw(st.sampled_from([1.0, 1e-2, 1e-6, 1e4])) + draw(st.sampled_from([0.0, 0.0, 1.0, 1e6]))
+    if draw(st.booleans()):
+        holes = rng.random(gap.shape) < draw(st.sampled_from([0.1, 0.5, 0.9]))
+        gap[holes & (holes.sum() < holes.size)] = np.nan
+    return gap
+
+
+@st.composite
+def problems(draw, periodic):
+    """A small problem with a loading and a tolerance."""
+    nx = draw(st.sampled_from([1, 2, 3, 4, 5, 7, 8, 12, 16, 31, 64]))
+    ny = draw(st.sampled_from([n for n in (1, 2, 3, 4, 5, 6, 8, 9, 16, 64) if n * nx <= CELLS]))
+    dx = draw(st.sampled_from([1.0, 0.1, 1e-3]))
+    aspect = draw(st.sampled_from([1.0, 1.0, 0.7, 4.0, 30.0, 1e3, 1e-3]))
+    symbol = draw(st.sampled_from(["spectral", "love"])) if periodic else ""
+    material = Material(draw(st.sampled_from([1.0, 8e4, 1e-3])), draw(st.sampled_from([0.0, 0.3, 0.5])))
+    gap = draw(gaps(nx, ny))
+    problem = ContactProblem(Grid(nx, ny, dx, dx * aspect), material, gap, periodic=symbol)
+    least, spread = np.nanmin(gap), np.nanmax(gap) - np.nanmin(gap)
+    share = draw(st.sampled_from([-1.0, 0.0, 1e-9, 1e-3, 0.1, 0.5, 0.9, 1.0, 3.0, 100.0]))
+    mean = np.nanmean(gap)
+    if draw(st.booleans()):
+        depth = share * (spread or 0.1 * dx)
+        if periodic and not np.isnan(gap).any():
+            depth = min(depth, mean - least)
+        loading = {"approach": least + depth}
+    else:
+        stress = material.contact_modulus * (spread or dx) / (dx * max(aspect, 1 / aspect) ** 0.5)
+        factor = draw(st.sampled_from([0.0, 1e-12, 1e-6, 1e-3, 0.1, 1.0, 100.0]))
+        loading = {"load": factor * stress * problem.grid.area}
+    rtol = draw(st.sampled_from([1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12]))
+    return problem, loading, rtol
+
+
+def assert_right_or_says_not(problem, loading, rtol, method=None, **options):
+    """Every answer ends and is certified; one that is called solved is right."""
+    gap = problem.gap
+    try:
+        found = solved(problem, method, options={"lcp_rtol": rtol, **options}, **loading)
+    except InputError as error:
+        assert "patch one cell wide" in str(error) or "single" in str(error) or "halved" in str(error), error
+        return None
+    p, inside = found.pressure, ~np.isnan(gap)
+    levels = found.history.get("level", [])
+    assert len(levels) <= 20 * ITERATIONS * max(len(set(levels)), 1)
+    assert np.isfinite(p).all() and (p >= 0).all() and (p[~inside] == 0).all()
+    assert found.message
+    dense = DenseProblem(problem)
+    if "load" in loading:
+        exact, _ = dense.under(loading["load"], found.approach)
+        met = found.load == pytest.approx(loading["load"], rel=1e-9, abs=0)
+        assert met or not found.converged
+    else:
+        exact, met = dense.at(loading["approach"]), True
+        assert found.approach == pytest.approx(loading["approach"], rel=1e-12, abs=0)
+    # The bound holds, but for what rounding leaves of distances that are large in all cells alike.
+    size, error = dense.energy(p), dense.energy(exact - p)
+    largest = np.nanmax(abs(gap - found.approach)) + 1e-3 * abs(found.approach)
+    smallest = 2 * problem.material.compliance / np.hypot(1 / problem.grid.dx, 1 / problem.grid.dy)
+    rounding = ROUNDING * largest * np.sqrt(inside.sum() / smallest)
+    if met and size > np.finfo(float).tiny:
+        assert error <= found.error_bound * size * (1 + 1e-6) + rounding
+    if not found.converged:
+        return found
+    assert found.error_bound <= 0.01 or size == 0
+    # The conditions, by a product with the matrix
+    e = (gap - found.approach) + (dense.matrix @ p.ravel()).reshape(p.shape)
+    allowed = (
+        100 * rtol * (np.nanmax(abs(gap - found.approach)) or 1.0) * np.sqrt(inside.sum())
+        + ROUNDING * largest
+    )
+    assert (e[found.contact] <= allowed).all() and (e[inside] >= -allowed).all()
+    assert (p[~found.contact] == 0).all()
+    return found
+
+
+@some
+@given(problems(periodic=False))
+def test_default_method_on_free_patches(case):
+    assert_right_or_says_not(*case)
+
+
+@some
+@given(problems(periodic=True))
+def test_default_method_on_periodic_patches(case):
+    assert_right_or_says_not(*case)
+
+
+@some
+@given(
+    st.booleans().flatmap(lambda periodic: problems(periodic=periodic)),
+    st.sampled_from(["norm", "fmg_v11", "fmg_lift"]),
+)
+def test_other_methods(case, method):
+    assert_right_or_says_not(*case, method)
+
+
+def test_contact_impossible_everywhere_is_refused():
+    for periodic in (False, True):
+        problem = ContactProblem(
+            Grid(3, 2, 1.0, 1.0), Material(1.0, 0.0), np.full((2, 3), np.nan), periodic=periodic
+        )
+        with pytest.raises(InputError, match="impossible in all cells"):
+            solved(problem, load=1.0)
