@@ -6,6 +6,8 @@ PETSc with its own options before.
 
 from importlib import import_module
 
+from app import petsc_path  # noqa: F401  petsc4py can be imported from here on
+
 __version__ = "0.3.0"
 
 _PLACES = {

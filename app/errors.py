@@ -7,6 +7,10 @@ class InputError(ValueError):
     """The user asked for something that cannot be done; the message says what, where and what is allowed."""
 
 
+class PackageMissing(ModuleNotFoundError, InputError):
+    """There is no petsc4py or no h5py; the message says how to get it."""
+
+
 def one_line(error):
     """Text of an exception on one line; its type if it says nothing. Not collective."""
     return " ".join(str(error).split()) or type(error).__name__

@@ -14,13 +14,13 @@ default, `DEFAULT`. The strategies (-lcp_type) are
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, field
 
 from petsc4py import PETSc
 
 from app.errors import InputError
 from app.options import (
+    FILES,
     Option,
     OptionReader,
     as_line,
@@ -37,7 +37,6 @@ from app.options import (
 from app.petsc import OptionDatabase, error_message
 
 DEFAULT, PERIODIC = "fast", "primal"
-_PLACES = Path(__file__).parent / "petsc_options", Path(__file__).parents[1] / "petsc_options"
 
 _tolerance = real("a number above 0 and below 1", above=0, highest=1 - 1e-9)
 _share = real("a number from 0 to 1", lowest=0, highest=1)
@@ -95,7 +94,9 @@ class Settings:
     texts: dict
     warnings: tuple = ()
     stages: tuple = ()  # name of a file, and all that files have said when it ends: without what overrides it later
-    of_files: tuple = ()  # names that nothing but files has set
+    of_files: frozenset = field(
+        default=frozenset(), repr=False
+    )  # names that nothing but files has set; in any order
 
     @property
     def summary(self):
@@ -111,16 +112,16 @@ def method_file(name):
     InputError
         If there is none.
     """
-    for folder in _PLACES:
-        if (folder / f"{name}.opts").is_file():
-            return folder / f"{name}.opts"
-    raise InputError(f"method {name!r}: allowed: {', '.join(method_names())}")
+    if not (FILES / f"{name}.opts").is_file():
+        raise InputError(f"method {name!r}: allowed: {', '.join(method_names())}")
+    return FILES / f"{name}.opts"
 
 
 def method_names():
     """Names of all method files, sorted. Not collective."""
-    files = {path.stem: path for folder in _PLACES for path in folder.glob("*.opts")}
-    return sorted(name for name, path in files.items() if path.read_text("utf-8").startswith("# Method:"))
+    return sorted(
+        path.stem for path in FILES.glob("*.opts") if path.read_text("utf-8").startswith("# Method:")
+    )
 
 
 def read_method_file(name):
@@ -195,7 +196,7 @@ def settings(method=None, options=None, periodic=False):
         strategy, nested, reader["lcp_rtol"], reader["lcp_error_bound"], reader["lcp_max_it"],
         reader["lcp_coarse_rtol"], reader["lcp_predictor"], reader["lcp_prolongation"] == "lift",
         reader["lcp_window"], reader["lcp_beta"], reader["lcp_coarsest"], reader["lcp_cells_per_rank"],
-        reader["lcp_precision"] == "single", texts, tuple(warnings), tuple(stages), tuple(sorted(of_files)),
+        reader["lcp_precision"] == "single", texts, tuple(warnings), tuple(stages), frozenset(of_files),
     )  # fmt: skip
 
 

@@ -17,7 +17,7 @@ from app.halfspace.grid import Grid
 from app.method import settings
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
-from app.petsc import OptionDatabase, Resources, error_message
+from app.petsc import OptionDatabase, Resources, as_raised, error_message
 from app.primal.solver import PrimalSolver
 
 # Options that PETSc looks up only while solving, or never marks as used, ...
@@ -78,14 +78,15 @@ def _solver(hierarchy, chosen):
     """As `make_solver`, with a ValueError on the ranks that meet it."""
     kind = {"fast": TrackingSolver, "primal": PrimalSolver}.get(chosen.strategy, LinearSolver)
     try:
-        if chosen.strategy in REFERENCE_SOLVERS:
-            return REFERENCE_SOLVERS[chosen.strategy](hierarchy, StoppingTest(chosen.rtol, chosen.max_it))
-        if not hierarchy.windowed(hierarchy.target):
-            return kind(hierarchy)
-        level = hierarchy.levels[hierarchy.finest_whole]
-        if level.active:
-            kind(hierarchy, hierarchy.finest_whole, level.petsc_comm).destroy()
-        return None
+        with as_raised():
+            if chosen.strategy in REFERENCE_SOLVERS:
+                return REFERENCE_SOLVERS[chosen.strategy](hierarchy, StoppingTest(chosen.rtol, chosen.max_it))
+            if not hierarchy.windowed(hierarchy.target):
+                return kind(hierarchy)
+            level = hierarchy.levels[hierarchy.finest_whole]
+            if level.active:
+                kind(hierarchy, hierarchy.finest_whole, level.petsc_comm).destroy()
+            return None
     except PETSc.Error as error:
         raise ValueError(error_message(error)) from None
     except (ImportError, AttributeError) as error:

@@ -10,6 +10,7 @@ import difflib
 import re
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -17,8 +18,17 @@ from app.errors import InputError
 
 LARGEST = 1e50  # and 1 / LARGEST the smallest number besides 0: neither squares nor quotients overflow
 REQUIRED = object()
+# The program's option files: inside of an installed package, beside app/ in a checkout.
+FILES = next(filter(Path.is_dir, (path / "petsc_options" for path in Path(__file__).parents)))
 # Old name -> name of today, of options that were renamed in this release.
 ALIASES = {"lcp_foresight": "lcp_predictor"}
+
+
+def option_file(path):
+    """Path of an option file: as it is, or one of the program's own where ``petsc_options/F`` or F is none here."""
+    own = FILES / Path(path).name
+    known = str(Path(path).parent) in (".", FILES.name) and own.is_file()
+    return str(own) if known and not Path(path).exists() else path
 
 
 @dataclass(frozen=True)

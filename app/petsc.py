@@ -4,6 +4,8 @@
   them, but not push them).
 - The options that nobody has asked for (petsc4py 3.24 has ``Options.used``).
 - Counters of messages and reductions for -log_view (none yet).
+
+And what newer releases do otherwise: `TAO_REASONS`, `restricts_by_transpose`, `as_raised`.
 """
 
 from __future__ import annotations
@@ -16,8 +18,11 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from app.errors import InputError
+
 _Handle = ctypes.c_void_p
 _Text = ctypes.c_char_p
+TAO_REASONS = getattr(PETSc.TAO, "ConvergedReason", None) or PETSc.TAO.Reason
 
 
 @cache
@@ -36,6 +41,7 @@ def _library():
         "PetscOptionsInsertString": [_Handle, _Text],
         "PetscOptionsInsertStringYAML": [_Handle, _Text],
         "PetscOptionsSetAlias": [_Handle, _Text, _Text],
+        "MatRestrict": [_Handle, _Handle, _Handle],
         "PetscOptionsLeftGet": lists,
         "PetscOptionsLeftRestore": lists,
     }.items():
@@ -110,7 +116,8 @@ class OptionDatabase:
         """Take the place of PETSc's default database inside the block."""
         _call("PetscOptionsPush", self._handle)
         try:
-            yield PETSc.Options()
+            with as_raised():
+                yield PETSc.Options()
         finally:
             _call("PetscOptionsPop")
 
@@ -178,6 +185,62 @@ def error_message(error):
     lines = (line.split("] ", 1)[-1] if line.startswith("[") else line for line in str(error).splitlines())
     told = [line.strip() for line in lines if "() " not in line and not line.startswith(noise)]
     return told[-1] if told else " ".join(str(error).split())
+
+
+@contextmanager
+def as_raised():
+    """Let what a Python callback raises leave the block as it was; newer petsc4py wraps it in an error of PETSc's."""
+    try:
+        yield
+    except PETSc.Error as error:
+        original = error
+        while isinstance(original, PETSc.Error):
+            original = original.__cause__
+        if original is None:
+            raise
+        raise original from None
+
+
+@cache
+def restricts_by_transpose():
+    """Whether PETSc takes a square restriction for an interpolation and multiplies by its transpose. Not collective.
+
+    Vectors of replicated grids are as long as those of the next finer grid on some numbers of ranks.
+    """
+
+    class Asked:
+        transposed = False
+
+        def mult(self, mat, x, y):
+            y.set(0)
+
+        def multTranspose(self, mat, x, y):
+            self.transposed = True
+            y.set(0)
+
+    asked = Asked()
+    mat = PETSc.Mat().createPython((1, 1), asked, comm=PETSc.COMM_SELF)
+    mat.setUp()
+    x, y = mat.createVecs()
+    _call("MatRestrict", mat.handle, x.handle, y.handle)
+    for part in (x, y, mat):
+        part.destroy()
+    return asked.transposed
+
+
+def check_cells(grid):
+    """Refuse a grid with more cells than PETSc's integers can number. Not collective.
+
+    Raises
+    ------
+    InputError
+    """
+    most = np.iinfo(PETSc.IntType).max
+    if grid.n > most:
+        raise InputError(
+            f"grid {grid.nx},{grid.ny}: this PETSc can number {most} cells; one with integers of 64 bits more "
+            "(docs/install.md)"
+        )
 
 
 class Resources:

@@ -20,6 +20,7 @@ def main(given):
     from mpi4py import MPI
     from petsc4py import PETSc
 
+    from app import compiled
     from app.commands import monitor
     from app.commands.load_path import run_path
     from app.commands.problem_options import Request, help_text, suggesting
@@ -27,6 +28,7 @@ def main(given):
     from app.refinement import refine
     from app.solver import ContactSolver
 
+    compiled.tell = lambda: session.note("compiling loops, once; this may take half a minute")
     if "help" in given.of_petsc:
         session.say(help_text())
         if "problem" not in given.texts:

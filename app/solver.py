@@ -40,7 +40,7 @@ from app.method_solver import database_of, make_hierarchy, make_solver, read_by,
 from app.multigrid.hierarchy import check_room
 from app.notes import notes_on
 from app.path import LoadPath
-from app.petsc import Resources
+from app.petsc import Resources, check_cells
 from app.problems.given import ContactProblem
 from app.problems.problem import checked_shape
 from app.solution import Solution
@@ -120,6 +120,7 @@ class ContactSolver:
         try:
             agree(self.comm, check_compiler)
             grid, texts = problem.grid, dict(options or {}) | methods.global_options(prefix)
+            agree(self.comm, check_cells, grid)
             self.settings = chosen = agree(self.comm, methods.settings, method, texts, bool(grid.periodic))
             check_alike(self.comm, (grid.shape, grid.periodic, chosen), "grid or options")
             check_room(self.comm, grid, chosen)

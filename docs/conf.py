@@ -52,7 +52,7 @@ NAV = {  # heading -> page -> its name there; None: that of the page
         "../CHANGELOG": None,
     },
 }
-COMING = ("install", "cluster")  # named already; to be taken out when the file is there
+COMING = ("cluster",)  # named already; to be taken out when the file is there
 
 project = "Elastic contact by full multigrid"
 author = "The elastic-contact-fmg developers"

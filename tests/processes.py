@@ -9,9 +9,9 @@ TESTS = Path(__file__).resolve().parent
 OPTIONS = TESTS.parent / "petsc_options"
 
 
-def run(*command, ranks=None, timeout=60, env=None, cwd=None):
+def run(*command, ranks=None, timeout=60, env=None, cwd=None, program=sys.executable):
     """Run ``python command``, under mpiexec if `ranks` is given; return status and output as text."""
-    line = [sys.executable, *map(str, command)]
+    line = [str(program), *map(str, command)]
     if ranks is not None:
         line = ["mpiexec", "-n", str(ranks), *line]
     process = subprocess.Popen(

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from app.errors import InputError, agree
-from app.options import ALIASES, renaming
+from app.options import ALIASES, option_file, renaming
 
 OPTION_FILES = ("-options_file", "-options_file_yaml")
 COMMAND_LINE = "on the command line"
@@ -174,7 +174,8 @@ def for_the_start(argv, environment):
             continue  # our own is help enough; beside a problem PETSc tells the options of what it uses
         if _OF_PETSC.fullmatch(_name(name)):
             chosen += [name] if text is None else [name, text]
-    return [*argv[:1], *chosen, "-skip_petscrc"]
+    # A debug build would tell of unused options in the end; those of the solvers are looked after by `app.solver`.
+    return [*argv[:1], "-options_left", "no", *chosen, "-skip_petscrc"]
 
 
 def read(argv, environment):
@@ -227,6 +228,7 @@ class _Reader:
             if name.lower() in OPTION_FILES:
                 if text is None:
                     raise InputError(f"{name}: a file name must follow")
+                text = option_file(text)
                 if not whole:
                     self._words(own, description)
                     own = []

@@ -50,7 +50,7 @@ def start(argv):
             petsc4py.init(words)
             from petsc4py import PETSc
         except Exception:
-            raise InputError(f"PETSc does not accept {' '.join(words[1:-1])}: {said()}") from None
+            raise InputError(f"PETSc does not accept {' '.join(words[3:-1])}: {said()}") from None
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc would abort; see `streams.say`
     given = places.read_on_all(comm, argv)
     for name, text in given.of_petsc.items():
@@ -122,6 +122,12 @@ def warn(message):
     """Print a warning. Not collective: only rank 0 prints."""
     if _rank() == 0:
         streams.complain(f"warning: {message}")
+
+
+def note(message):
+    """Print a note on standard error. Not collective: only rank 0 prints."""
+    if _rank() == 0:
+        streams.complain(f"note: {message}")
 
 
 def peak_memory():

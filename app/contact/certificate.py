@@ -40,9 +40,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from app.compiled import njit
 from app.contact.state import Displacement
 from app.halfspace.grid import Grid
 from app.halfspace.influence import influence_quadrant
@@ -161,7 +161,7 @@ def _gaps_row(b, u, p, admissible, diagonal):
     return gaps, excess, to_p, squares
 
 
-@numba.njit(cache=True)
+@njit()
 def _gaps(b, u, p, admissible, diagonal):
     """Sums of the gap g that is to be reached, of g - e, of p g and p p."""
     sums = np.zeros(4)
@@ -183,7 +183,7 @@ def _moves_row(b, u, p, admissible, diagonal, factor, constant, elsewhere, out):
     return squares
 
 
-@numba.njit(cache=True)
+@njit()
 def _moves(b, u, p, admissible, diagonal, factor, constant, elsewhere, out):
     """out = w, what e moves by to the gap that is to be reached; return w.w."""
     squares = 0.0
@@ -202,7 +202,7 @@ def _moves_times_row(b, u, p, admissible, diagonal, factor, constant, elsewhere,
     return total
 
 
-@numba.njit(cache=True)
+@njit()
 def _moves_times(b, u, p, admissible, diagonal, factor, constant, elsewhere, field):
     """w.field, for w as of `_moves`."""
     total = 0.0
@@ -237,7 +237,7 @@ def _survey_row(b, u, p, admissible, smallest):
     return lift, penetration, tension, product, highest, deepest, energy, defect, to_p, moved, of_p, of_u
 
 
-@numba.njit(cache=True)
+@njit()
 def _survey(b, u, p, admissible, smallest):
     """Largest of -e / u, -e, -p, |p e|, p, |h|; sums of p u, p e, p g, w w, p p, u u.
 
@@ -253,7 +253,7 @@ def _survey(b, u, p, admissible, smallest):
     return largest, sums
 
 
-@numba.njit(cache=True)
+@njit()
 def _lift(b, u, admissible, shares):
     """Sums of w u and w w for ``w = max(-(e + t u), 0)`` where e < 0, for each share t."""
     sums = np.zeros((2, shares.size))

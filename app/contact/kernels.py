@@ -6,9 +6,9 @@ are per row first, so that they lose nothing on large grids.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from app.compiled import njit
 from app.halfspace.reductions import any_order
 
 
@@ -38,7 +38,7 @@ def _release_row(p, contact, released):
     return count
 
 
-@numba.njit(cache=True)
+@njit()
 def release(p, contact, released):
     """Take cells with p < 0 out of C, set p = 0 there, mark them; return their number."""
     count = 0
@@ -60,13 +60,13 @@ def tension(p, contact, out):
         _tension_row(p[j], contact[j], out[j])
 
 
-@numba.njit(cache=True)
+@njit()
 def _overlap_row(b, u, overlap):
     for i in range(b.size):
         overlap[i] = u[i] - b[i] <= 0
 
 
-@numba.njit(cache=True)
+@njit()
 def _predicted_overlap_row(b, u, expected, overlap):
     for i in range(b.size):
         overlap[i] = u[i] + expected[i] - b[i] <= 0
@@ -93,7 +93,7 @@ def _squares_row(b, u, contact):
     return total
 
 
-@numba.njit(cache=True)
+@njit()
 def activate(b, u, admissible, contact, released, expected):
     """Put cells outside C into it where h + u <= 0, u changed as expected (None: as it is).
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from app.compiled import njit
 from app.contact import kernels
 from app.halfspace.halo import row_before
 from app.halfspace.periodic import frequencies
@@ -139,7 +139,7 @@ def _unlike(row, other):
     return count
 
 
-@numba.njit(cache=True)
+@njit()
 def _faces(contact, before, periodic):
     """Faces in x and in y between contact and no contact; without the last rows' upper ones."""
     in_x, in_y = 0, 0
@@ -162,7 +162,7 @@ def _squares_row(row, other):
     return total, count
 
 
-@numba.njit(cache=True)
+@njit()
 def _squared_differences(shape, before, periodic):
     """Sum of squares of the differences across faces in x and their number, the same in y; NaN left out."""
     sums = np.zeros(4)

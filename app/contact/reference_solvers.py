@@ -15,7 +15,7 @@ from app.contact.history import Outcome
 from app.contact.state import Displacement
 from app.multigrid.linear_solver import reason_names
 from app.multigrid.pcmg import options_set
-from app.petsc import error_message
+from app.petsc import TAO_REASONS, error_message
 
 _GIVES_UP = (
     72,
@@ -208,7 +208,7 @@ class Tao(_ReferenceSolver):
         self.tao.setVariableBounds((lower, upper))
         self.tao.setTolerances(**self._unless_given(gatol=allowed, grtol=0, gttol=0))
         self.tao.solve(p)
-        return f"TAO {self.tao.getType()}: {reason_names(PETSc.TAO.Reason)[self.tao.getConvergedReason()]}"
+        return f"TAO {self.tao.getType()}: {reason_names(TAO_REASONS)[self.tao.getConvergedReason()]}"
 
     def destroy(self):
         """Free the solver. Collective."""

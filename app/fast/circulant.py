@@ -16,11 +16,11 @@ from __future__ import annotations
 
 from functools import cache, partial
 
-import numba
 import numpy as np
 from petsc4py import PETSc
 from scipy.fft import next_fast_len
 
+from app.compiled import njit
 from app.fast.rim import RimExtension, load_extension
 from app.halfspace.fft.lengths import quick_length
 from app.halfspace.fft.multiplier import EvenMultiplier
@@ -104,14 +104,14 @@ def circulant_of(operator, margin=None):
     return operator.circulants[periods]
 
 
-@numba.njit(cache=True)
+@njit()
 def _copy_row(x, contact, out):
     for i in range(x.size):
         value = x[i]
         out[i] = value if contact[i] else 0
 
 
-@numba.njit(cache=True)
+@njit()
 def _copy_on(x, contact, out):
     """out = x on C, 0 elsewhere."""
     for j in range(x.shape[0]):

@@ -20,9 +20,9 @@ from __future__ import annotations
 from functools import cache
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from app.compiled import njit
 from app.halfspace.halo import Halo
 
 MAX_STEPS = 250  # kinds of cells are numbered in a byte
@@ -274,14 +274,14 @@ def load_extension(dtype):
 # In the lists ~j stands for cell j if a neighbour may lie in another row array or outside the patch.
 
 
-@numba.njit(cache=True)
+@njit()
 def _above_or_below(before, here, after, near):
     for i in range(np.uint64(near.size)):
         near[i] = before[i] | here[i] | after[i]
         before[i] = here[i]
 
 
-@numba.njit(cache=True)
+@njit()
 def _left_or_right(near, marked, counts):
     one, two = np.uint64(1), np.uint64(2)
     for i in range(np.uint64(counts.size)):
@@ -289,7 +289,7 @@ def _left_or_right(near, marked, counts):
         counts[i] += marked[i + one]
 
 
-@numba.njit(cache=True)
+@njit()
 def _left_or_right_of(near, marked, of, counts):
     one, two = np.uint64(1), np.uint64(2)
     for i in range(np.uint64(counts.size)):
@@ -297,7 +297,7 @@ def _left_or_right_of(near, marked, of, counts):
         counts[i] += marked[i + one] & of[i]
 
 
-@numba.njit(cache=True)
+@njit()
 def _dilate(marked, of, counts):
     """Mark what is beside a marked cell, too; count how often each of the cells `of` (None: of all) was marked."""
     before, near = marked[0].copy(), np.empty_like(marked[0])
@@ -309,13 +309,13 @@ def _dilate(marked, of, counts):
             _left_or_right_of(near, marked[row + 1], of[row], counts[row])
 
 
-@numba.njit(cache=True)
+@njit()
 def _special(kinds, deep, found):
     for i in range(kinds.size):
         found[i] = (kinds[i] != 0) & (kinds[i] != deep)
 
 
-@numba.njit(cache=True)
+@njit()
 def _list(kinds, deep, cells, counts):
     """List the cells of each kind but 0 and `deep`: ``cells[kind, : counts[kind]]``."""
     nx = kinds.shape[1]
@@ -342,7 +342,7 @@ def _list(kinds, deep, cells, counts):
             counts[kind] += 1
 
 
-@numba.njit(cache=True)
+@njit()
 def _take(x, cells):
     values = np.empty(cells.size, x.dtype)
     for m in range(cells.size):
@@ -350,13 +350,13 @@ def _take(x, cells):
     return values
 
 
-@numba.njit(cache=True)
+@njit()
 def _put(x, cells, values):
     for m in range(cells.size):
         x[max(cells[m], ~cells[m])] = values[m]
 
 
-@numba.njit(cache=True)
+@njit()
 def _sweep(x, above, below, periodic, cells, source, weights):
     """x <- source - N x on the listed cells, all from the old values."""
     wx, wy, wd = weights
@@ -383,7 +383,7 @@ def _sweep(x, above, below, periodic, cells, source, weights):
         x[max(cells[m], ~cells[m])] = new[m]
 
 
-@numba.njit(cache=True)
+@njit()
 def _value(x, above, below, row, i):
     """x in row `row` and column `i`, of which one may be just outside this rank's rows or the patch."""
     nx = above.size

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from functools import cache
 
-import numba
 import numpy as np
 from petsc4py import PETSc
 
+from app.compiled import njit
 from app.halfspace.reductions import any_order, sum_over
 
 _DIGITS = 1e-8  # so much may be left of r.r before it is summed anew
@@ -140,7 +140,7 @@ def _dots(d, q, r, contact, spans):
     return dq, dr, qr, qq
 
 
-@numba.njit(cache=True)
+@njit()
 def _find_spans(contact, spans):
     """First and last but one column of C in each row."""
     for j in range(contact.shape[0]):

@@ -21,9 +21,9 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache, partial
 
-import numba
 import numpy as np
 
+from app.compiled import njit
 from app.errors import InputError
 from app.halfspace.periodic import folded, periodic_quadrant
 
@@ -185,7 +185,7 @@ def _taylor_series(dx, dy):
     return tuple(map(float, sides)), tuple(float(side**2) for side in sides), mean
 
 
-@numba.njit(cache=True)
+@njit()
 def _edge(distance, i, length):
     """Integral of 1/rho along an edge, from i - 1/2 to i + 1/2 lengths on a line at a distance from the origin."""
     low, high = (i - 0.5) * length, (i + 0.5) * length
@@ -195,7 +195,7 @@ def _edge(distance, i, length):
     return math.log1p(length * (1 + 2 * i * length / (r_low + r_high)) / (low + r_low))
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+@njit(error_model="numpy", fastmath={"contract"})
 def _fill(quadrant, offsets, sides, squares, series, near, far):
     """Rows `offsets` of the quadrant, (2.4) for a cell under unit pressure: `near` times the integral of 1/rho, or
     `far` times the mean.

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from mpi4py import MPI
 
+from app.compiled import njit
+
 # A loop over one row, without branches and in a function of its own, becomes vector instructions if its sums may be
 # taken in any order. The order is the same on any number of ranks.
-any_order = numba.njit(cache=True, fastmath={"reassoc", "contract"})
+any_order = njit(fastmath={"reassoc", "contract"})
 
 
-@numba.njit(cache=True)
+@njit()
 def any_nonzero(block):
     """Whether anything is not zero; stops at the first row with something."""
     for j in range(block.shape[0]):

@@ -28,11 +28,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import atan2, log, pi, sqrt
 
-import numba
 import numpy as np
 import scipy.fft
 from scipy.optimize import minimize_scalar
 
+from app.compiled import njit
 from app.halfspace.periodic import frequencies
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -366,7 +366,7 @@ class _Mirror:
         return np.diff(whole, axis=axis)
 
 
-@numba.njit(cache=True)
+@njit()
 def _corner(x, y, z, nu):
     """Integral over a quarter plane: of 2 pi times the stress that a unit force makes at an offset."""
     xx, yy, zz = x * x, y * y, z * z
@@ -393,7 +393,7 @@ def _corner(x, y, z, nu):
     )
 
 
-@numba.njit(cache=True)
+@njit()
 def _corners(x, y, z, nu, out):
     for j in range(y.size):
         for i in range(x.size):
@@ -402,7 +402,7 @@ def _corners(x, y, z, nu, out):
                 out[k, j, i] = parts[k] / (2.0 * pi)
 
 
-@numba.njit(cache=True)
+@njit()
 def _at_point(pressure, x, y, half_x, half_y, z, nu):
     """Sum over the loaded cells, at offsets x, y from them."""
     total = np.zeros(6)

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from functools import cached_property
 
-import numba
 import numpy as np
 from petsc4py import PETSc
 
+from app.compiled import njit
 from app.halfspace.communication import Fetch
+from app.petsc import restricts_by_transpose
 
 
 class Transfer:
@@ -156,15 +157,16 @@ class Transfer:
     # -- as PETSc's matrices -----------------------------------------------------------------------------
 
     def restriction_mat(self, comm):
-        """Mat (coarse x fine) of the masked restriction. Collective."""
-        return _transfer_mat(_Restriction(self), self.coarse, self.fine, comm)
+        """Mat of the masked restriction: coarse x fine, or its transpose if PETSc multiplies by that. Collective."""
+        sides = (self.fine, self.coarse) if restricts_by_transpose() else (self.coarse, self.fine)
+        return _transfer_mat(_Restriction(self), *sides, comm)
 
     def interpolation_mat(self, comm):
         """Mat (fine x coarse) of the masked copy prolongation. Collective."""
         return _transfer_mat(_Prolongation(self), self.fine, self.coarse, comm)
 
 
-@numba.njit(cache=True)
+@njit()
 def _bilinear(coarse, fine, a, b, weight_y, c, d, weight_x):
     """fine[j, i] from the four coarse cells in rows a, b and columns c, d."""
     row = np.empty(coarse.shape[1])
@@ -219,6 +221,8 @@ class _Restriction:
         t = self.transfer
         defect = x.getArray(readonly=True).reshape(t.fine.local_shape) * t.fine.mask
         y.setArray((t.restrict_defect(defect) * t.coarse.mask).reshape(-1))
+
+    multTranspose = mult
 
 
 class _Prolongation:

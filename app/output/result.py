@@ -139,7 +139,7 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, units=Non
     path : str or Path
         Ends in ``.h5`` or ``.hdf5``; an existing file is replaced at the very end.
     comm : mpi4py.MPI.Comm
-        Written by the MPI-IO driver if it has more than one rank.
+        More than one rank write by the MPI-IO driver, or in turn if h5py is built without it.
     slabs : app.halfspace.grid.Slabs
         Distribution of the rows; ranks may own none.
     fields : mapping of str to array_like, shape (slabs.local, nx)
@@ -182,7 +182,7 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, units=Non
         # data go through MPI-IO.
         _together(comm, OSError, lambda: _lay_out(temporary, plan), only_root=True)
         _together(comm, OSError, lambda: temporary.open("r+b").close())
-        _together(comm, OSError, lambda: _write_rows(temporary, comm, slabs, rows))
+        _write_rows(temporary, comm, slabs, rows)
         _together(comm, OSError, lambda: publish(temporary, path), only_root=True)
     except OSError:
         if comm.rank == 0:
@@ -318,12 +318,21 @@ def _reserve(path, size, mode):
 
 
 def _write_rows(path, comm, slabs, rows):
-    """Write this rank's rows of the fields. Collective in opening and closing, not in between."""
-    driver = {"driver": "mpio", "comm": comm} if comm.size > 1 else {}
-    with h5py.File(path, "r+", **driver) as file:
-        if slabs.local:
-            for name, values in rows.items():
-                file[name][slabs.rows] = values
+    """Write the rows of the fields, all ranks at once by MPI-IO, or rank after rank if h5py cannot. Collective."""
+
+    def write(**driver):
+        with h5py.File(path, "r+", **driver) as file:
+            if slabs.local:
+                for name, values in rows.items():
+                    file[name][slabs.rows] = values
+
+    if comm.size == 1:
+        _together(comm, OSError, write)
+    elif h5py.get_config().mpi:
+        _together(comm, OSError, lambda: write(driver="mpio", comm=comm))
+    else:
+        for turn in range(comm.size):
+            _together(comm, OSError, lambda: write() if turn == comm.rank else None)  # noqa: B023
 
 
 def _read_hdf5(file):

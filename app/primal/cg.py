@@ -12,10 +12,10 @@ from __future__ import annotations
 
 from functools import cache
 
-import numba
 import numpy as np
 from petsc4py import PETSc
 
+from app.compiled import njit
 from app.fast.tracking_cg import KspContext
 from app.halfspace.reductions import any_order
 
@@ -30,7 +30,7 @@ def _dots_row(d, q, p):
     return first, second
 
 
-@numba.njit(cache=True)
+@njit()
 def _dots(d, q, p):
     """d.q and d.p for a d that vanishes outside O."""
     first, second = 0.0, 0.0
@@ -64,7 +64,7 @@ def _normed_row(z, q):
     return squares, product
 
 
-@numba.njit(cache=True)
+@njit()
 def _normed(z, q):
     """z.z and z.q."""
     squares, product = 0.0, 0.0

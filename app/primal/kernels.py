@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from functools import cache
 
-import numba
 import numpy as np
 
+from app.compiled import njit
 from app.halfspace.reductions import any_order
 
 
@@ -25,7 +25,7 @@ def _exchange_row(p, w, b, admissible, contact, tension, overlap, captured):
     return cells, caught, free
 
 
-@numba.njit(cache=True)
+@njit()
 def exchange(p, w, b, admissible, contact, tension, overlap, captured):
     """Release cells of C with p < tension, capture others with w - b < overlap; return cells, captured, released."""
     cells, caught, free = 0, 0, 0

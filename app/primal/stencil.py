@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from functools import cache
 
-import numba
 import numpy as np
 
+from app.compiled import njit
 from app.halfspace.reductions import any_order
 
 # Weights are over that of the cell itself, of the neighbours in x, in y, and on the diagonals.
@@ -72,7 +72,7 @@ def _copy_row(a, out):
         out[i] = a[i]
 
 
-@numba.njit(cache=True)
+@njit()
 def _wrap(row):
     row[0], row[row.size - 1] = row[row.size - 2], row[1]
 
@@ -100,7 +100,7 @@ def _add_ones(row, scale, out):
         out[i] += scale * row[i]
 
 
-@numba.njit(cache=True)
+@njit()
 def _add_means(row, factor, scale, out):
     if factor == 4:
         _add_fours(row, scale, out)
@@ -138,7 +138,7 @@ def _add_inside(row, free, x):
         x[i] += row[i] if free[i] else np.float32(0)
 
 
-@numba.njit(cache=True)
+@njit()
 def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, shares, x, coarse):
     """Sweeps ``x += share (s - B3 x) / B3_00`` on the free cells from x = 0; the mean of what is left in coarse cells.
 
@@ -203,7 +203,7 @@ def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, shar
                 _add_means(left, fx, 1.0 / (fx * fy), coarse[(j - halo) // fy])
 
 
-@numba.njit(cache=True)
+@njit()
 def sweep_on(s, s_before, s_after, free, f_before, f_after, weights, shares, x, x_before, x_after, z):
     """As `sweep_from_zero`, from x; the result is z, float64."""
     rows, nx = s.shape
@@ -243,7 +243,7 @@ def sweep_on(s, s_before, s_after, free, f_before, f_after, weights, shares, x, 
                     _copy_row(row[1:-1], z[j - halo])
 
 
-@numba.njit(cache=True)
+@njit()
 def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, steps, x):
     """Projected Jacobi sweeps ``x = max(f - N x, low)`` on all cells, from x = max(f, low); all of float32.
 
@@ -293,7 +293,7 @@ def _mix_row(a, weight, b, out):
         out[i] = weight * a[i] + (1 - weight) * b[i]
 
 
-@numba.njit(cache=True)
+@njit()
 def add_interpolated(coarse, fx, fy, free, x):
     """x += the bilinear interpolation of `coarse` on the free cells; coarse rows are one more at either end.
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from app.runs.run import OPTIONS, Run
+from app.options import FILES
+from app.runs.run import Run
 
 CASES = {1: "-0.11", 2: "0.01", 3: "0.25"}  # approach of the rough punch [mm], Sec. 5.2
 
@@ -61,7 +62,7 @@ class Item:
 
 def solver_run(problem, method, n, **options):
     """Run of a problem file with a method file on n x n cells; None among the options leaves one out."""
-    files = [str(OPTIONS / f"{name}.opts") for name in (problem, method) if name]
+    files = [str(FILES / f"{name}.opts") for name in (problem, method) if name]
     given = {name: str(value) for name, value in options.items() if value is not None}
     return Run(tuple(files), {"grid": str(n), **given})
 

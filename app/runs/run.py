@@ -17,11 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
+from app.options import FILES
 from app.output.result import read_result
 
 ROOT = Path(__file__).resolve().parents[2]
-# In an installed package the option files lie beside its modules.
-OPTIONS = next(filter(Path.is_dir, (ROOT / "app" / "petsc_options", ROOT / "petsc_options")))
 # No solve depends on these; all else in app/ belongs to the program that a key stands for.
 _NO_PART = ("runs", "reproduction", "analysis", "sweep.py", "reproduce.py", "plot.py")
 
@@ -114,5 +113,5 @@ def _digest(path):
 def _program_digest():
     app = ROOT / "app"
     sources = [path for path in app.rglob("*.py") if path.relative_to(app).parts[0] not in _NO_PART]
-    sources.append(OPTIONS / "fast.opts")  # the default method
+    sources.append(FILES / "fast.opts")  # the default method
     return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(sources))).hexdigest()

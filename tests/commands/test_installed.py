@@ -1,50 +1,64 @@
 """An installed package: everything travels with it."""
 
-import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
-from zipfile import ZipFile
 
 import pytest
 from processes import TESTS, run
 
 import app
+from app.output.result import read_result
 
 SOURCE = TESTS.parent
 pytest.importorskip("setuptools", reason="no setuptools to build a wheel with")
 pytest.importorskip("wheel", reason="no wheel to build one with")
 
+PIP = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
 SOLVE = """
 from pathlib import Path
 import app
+from app.output.result import read_result
 from app import ContactProblem, Grid, Material, Paraboloid, solve
 problem = ContactProblem(Grid.from_domain(32, 32, (-10, 10, -6, 6)), Material(82000, 0.28), Paraboloid(300, 163))
 solution = solve(problem, approach=0.1091)
 print(Path(app.__file__).parent, app.__version__, solution.converged, solution.load)
 """
+WITHOUT_PETSC = """
+import sys
+from app import petsc_path
+sys.path = [folder for folder in sys.path if "petsc" not in folder]  # where Debian has it
+sys.argv = ["contact-solve", "-problem", "hertz"]
+from app.scripts import main
+main()
+"""
 
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
-    """A folder with the package of this tree, unpacked from its wheel."""
+    """A clean environment with the wheel of this tree: its bin/ and where the package is. Debian gives the rest."""
     folder = tmp_path_factory.mktemp("wheel")
-    tree = folder / "tree"  # a build leaves files in the tree
-    tree.mkdir()
+    tree, venv = folder / "tree", folder / "a venv"
+    tree.mkdir()  # a build leaves files in the tree
     for name in ("app", "petsc_options"):
         shutil.copytree(SOURCE / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
         shutil.copy(SOURCE / name, tree)
-    options = "--no-deps --no-build-isolation --no-index --disable-pip-version-check --quiet".split()
-    subprocess.run(
-        [sys.executable, "-m", "pip", "wheel", *options, "-w", folder, "."], cwd=tree, check=True, timeout=120
-    )
+    call("wheel", "--no-deps", "--no-build-isolation", "--no-index", "-w", folder, tree)
     (wheel,) = folder.glob("*.whl")
-    with ZipFile(wheel) as packed:
-        packed.extractall(folder / "site")
-    take_compiled_loops_along(folder / "site")
-    return folder / "site"
+    base = Path(sys.base_prefix, "bin", "python3")
+    subprocess.run(
+        [base, "-m", "venv", "--system-site-packages", "--without-pip", venv], check=True, timeout=60
+    )
+    call("--python", venv / "bin" / "python", "install", "--no-index", wheel)
+    (site,) = venv.glob("lib/*/site-packages")
+    take_compiled_loops_along(site)
+    return venv / "bin", site
+
+
+def call(*arguments):
+    subprocess.run([*PIP, *map(str, arguments)], check=True, timeout=120)
 
 
 def take_compiled_loops_along(site):
@@ -60,6 +74,7 @@ def take_compiled_loops_along(site):
 
 
 def test_wheel_has_every_file_of_the_package(installed):
+    _, site = installed
     wanted = {
         path.relative_to(SOURCE)
         for path in (SOURCE / "app").rglob("*")
@@ -67,27 +82,56 @@ def test_wheel_has_every_file_of_the_package(installed):
     }
     options = (SOURCE / "petsc_options").rglob("*.*")
     wanted |= {Path("app") / path.relative_to(SOURCE) for path in options}
-    there = {path.relative_to(installed) for path in (installed / "app").rglob("*") if path.is_file()}
+    there = {path.relative_to(site) for path in (site / "app").rglob("*") if path.is_file()}
     assert not wanted - there
 
 
-@pytest.fixture
-def elsewhere(installed, tmp_path):
-    """How to run what is installed, from another folder."""
-    path = [str(installed), os.environ.get("PYTHONPATH", "")]
-    return {"cwd": tmp_path, "env": {"PYTHONPATH": os.pathsep.join(filter(None, path))}}
+def test_every_command_is_on_path(installed):
+    scripts, _ = installed
+    commands = {path.stem for path in (SOURCE / "app").glob("*.py") if "def main(" in path.read_text()} - {
+        "scripts"
+    }
+    assert {path.name for path in scripts.glob("contact-*")} == {f"contact-{name}" for name in commands}
 
 
-def test_installed_package_solves_by_its_default_method(installed, elsewhere):
-    done = run("-c", SOLVE, **elsewhere)
+def test_installed_package_solves_by_its_default_method(installed, tmp_path):
+    scripts, site = installed
+    done = run("-c", SOLVE, program=scripts / "python", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    *facts, load = done.stdout.split()
-    assert facts == [str(installed / "app"), app.__version__, "True"]
+    *facts, load = done.stdout.removeprefix(str(site / "app")).split()
+    assert facts == [app.__version__, "True"]
     assert float(load) == pytest.approx(82003.9, rel=2e-3)  # Hertz's
 
 
-def test_installed_command_solves(installed, elsewhere):
-    problem = installed / "app" / "petsc_options" / "hertz.opts"
-    done = run("-m", "app.solve", "-options_file", problem, "-grid", "32", "-output", "r.h5", **elsewhere)
+@pytest.mark.ranks(None, 2)
+def test_installed_command_solves(installed, tmp_path, ranks):
+    scripts, site = installed
+    problem = site / "app" / "petsc_options" / "hertz.opts"
+    line = "-options_file", problem, "-grid", "32", "-output", "r.h5"
+    done = run(*line, program=scripts / "contact-solve", cwd=tmp_path, ranks=ranks)
     assert done.returncode == 0, done.stderr
-    assert (elsewhere["cwd"] / "r.h5").is_file()
+    assert read_result(tmp_path / "r.h5").attributes["ranks"] == (ranks or 1)
+
+
+@pytest.mark.ranks(None, 2)
+def test_without_petsc4py_one_line_says_how_to_get_it(installed, tmp_path, ranks):
+    scripts, _ = installed
+    done = run("-c", WITHOUT_PETSC, program=scripts / "python", cwd=tmp_path, ranks=ranks)
+    complaints = [line for line in done.stderr.splitlines() if line.startswith("error")]
+    assert (done.returncode, len(complaints)) == (2, 1), done.stderr
+    assert "pip install petsc petsc4py" in complaints[0]
+
+
+@pytest.mark.slow  # asks PyPI
+def test_h5py_without_mpi_writes_the_same(installed, tmp_path):
+    scripts, site = installed
+    target = tmp_path / "h5py"
+    call("install", "--no-deps", "--only-binary", ":all:", "--target", target, "h5py")
+    problem = site / "app" / "petsc_options" / "hertz.opts"
+    found = []
+    for name, path in (("mpi", ""), ("wheel", str(target))):
+        line = "-options_file", problem, "-grid", "32", "-output", f"{name}.h5"
+        done = run(*line, program=scripts / "contact-solve", cwd=tmp_path, ranks=2, env={"PYTHONPATH": path})
+        assert done.returncode == 0, done.stderr
+        found.append(read_result(tmp_path / f"{name}.h5"))
+    assert (found[0].pressure == found[1].pressure).all()

@@ -2,6 +2,7 @@
 
 from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 from unittest import mock
 
 import numpy as np
@@ -49,8 +50,10 @@ def test_each_rank_writes_its_rows(comm, result, tmp_path, block):
 
 
 @pytest.mark.mpi(2, 3)
-def test_the_file_is_that_of_one_rank(comm, result, tmp_path):
-    write(tmp_path / "result.h5", comm, Slabs(48, comm.size, comm.rank), result)
+@pytest.mark.parametrize("together", [True, False])  # False: as with an h5py that knows no MPI
+def test_the_file_is_that_of_one_rank(comm, result, tmp_path, together):
+    with mock.patch("h5py.get_config", return_value=SimpleNamespace(mpi=together)):
+        write(tmp_path / "result.h5", comm, Slabs(48, comm.size, comm.rank), result)
     if comm.rank == 0:
         write(tmp_path / "serial.h5", MPI.COMM_SELF, Slabs(48), result)
         assert (tmp_path / "result.h5").read_bytes() == (tmp_path / "serial.h5").read_bytes()

@@ -33,6 +33,13 @@ def files(tmp_path):
     return write
 
 
+@pytest.mark.parametrize("path", ["hertz.opts", "petsc_options/hertz.opts"])
+def test_option_file_of_the_program_where_there_is_none_here(path, read, files):
+    assert read(f"-options_file {path}").texts["problem"] == "hertz"
+    files(hertz__opts="-problem mine")
+    assert read("-options_file hertz.opts").texts["problem"] == "mine"
+
+
 def test_later_places_override_earlier_ones(read, files, tmp_path):
     files(__petscrc="-a 1\n-b 1\n-c 1\n-d 1\n-e 1\n", petscrc="-b 2\n", file__opts="-d 4\n-e 4\n")
     assert (tmp_path / ".petscrc").exists()
@@ -88,7 +95,7 @@ def test_options_that_are_petscs_own_are_kept_apart(read, files):
         ["solve.py", "-grid", "8", "-log_view", "-options_file", "a.opts"],
         {"PETSC_OPTIONS": "-malloc_debug true"},
     )
-    assert words == ["solve.py", "-malloc_debug", "true", "-log_view", "-skip_petscrc"]
+    assert words == ["solve.py", "-options_left", "no", "-malloc_debug", "true", "-log_view", "-skip_petscrc"]
 
 
 @pytest.mark.parametrize(

@@ -18,11 +18,11 @@ from __future__ import annotations
 
 from functools import cache, cached_property, lru_cache
 
-import numba
 import numpy as np
 from mpi4py_fft import fftw
 from scipy.fft import dct, rfft
 
+from app.compiled import njit
 from app.halfspace.fft.strips import (
     STRIP,
     clear_rows,
@@ -43,7 +43,7 @@ _ROWS_AT_ONCE, _COLUMNS_AT_ONCE = 2 * STRIP, STRIP  # two real rows are a sequen
 _FLAGS = (fftw.FFTW_ESTIMATE,)  # deterministic, and as fast as measured plans here
 
 
-@numba.njit(cache=True)
+@njit()
 def _scale_first_half(parts, factor):
     two, one = np.uint64(2), np.uint64(1)
     for k in range(np.uint64(factor.size)):
@@ -51,7 +51,7 @@ def _scale_first_half(parts, factor):
         parts[two * k + one] *= factor[k]
 
 
-@numba.njit(cache=True)
+@njit()
 def _scale_second_half(parts, factor):
     two, one, length = np.uint64(2), np.uint64(1), np.uint64(parts.size // 2)
     for k in range(one, length - np.uint64(factor.size) + one):
@@ -60,7 +60,7 @@ def _scale_second_half(parts, factor):
         parts[i + one] *= factor[k]
 
 
-@numba.njit(cache=True)
+@njit()
 def _scale_by_even_spectrum(parts, spectrum, count):
     """columns[c, k] *= spectrum[c, min(k, N - k)] for the first `count` columns, given as real and imaginary parts."""
     for c in range(count):
@@ -68,7 +68,7 @@ def _scale_by_even_spectrum(parts, spectrum, count):
         _scale_second_half(parts[c], spectrum[c])
 
 
-@numba.njit(cache=True)
+@njit()
 def _divide_by_even_spectrum(columns, spectrum, count, scale):
     """columns[c, k] *= scale / spectrum[c, min(k, N - k)] for the first `count` columns."""
     length, half = np.uint64(columns.shape[1]), np.uint64(spectrum.shape[1])

@@ -16,14 +16,15 @@ loop over a row in a function of its own is not lost in others: only so do these
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from app.compiled import njit
 
 STRIP = 16  # columns
 _TILE = 8  # complex singles are a cache line
 
 
-@numba.njit(cache=True)
+@njit()
 def pair(p, mask, pairs):
     """pairs[m, :nx] = p[2 m] + i p[2 m + 1], on C if there is a mask; zero beyond."""
     last = p.shape[0] - 1
@@ -39,7 +40,7 @@ def pair(p, mask, pairs):
         row[p.shape[1] :] = 0
 
 
-@numba.njit(cache=True)
+@njit()
 def unpair(pairs, mask, out):
     """Undo `pair`."""
     last = out.shape[0] - 1
@@ -54,7 +55,7 @@ def unpair(pairs, mask, out):
             b *= mask[l]
 
 
-@numba.njit(cache=True)
+@njit()
 def _split(both, first, a, b):
     """Transforms a, b of two real rows from that of their pair, at frequency `first` and on."""
     length, start, half = np.uint64(both.size), np.uint64(first), both.real.dtype.type(0.5)
@@ -67,7 +68,7 @@ def _split(both, first, a, b):
         a[0], b[0] = x.real, x.imag
 
 
-@numba.njit(cache=True)
+@njit()
 def _unite(both, first, a, b):
     """Undo `_split`."""
     length, start = np.uint64(both.size), np.uint64(first)
@@ -79,13 +80,13 @@ def _unite(both, first, a, b):
         both[length - start - c] = complex(x.real + y.imag, y.real - x.imag)
 
 
-@numba.njit(cache=True)
+@njit()
 def _copy_strip(source, i, target, k):
     for c in range(np.uint64(STRIP)):
         target[k + c] = source[i + c]
 
 
-@numba.njit(cache=True)
+@njit()
 def put_rows(rows, strips, height, start):
     """Make `rows` the rows of the strips, which are `height` rows high, from row `start` on."""
     whole = rows.shape[1] // STRIP * STRIP
@@ -99,7 +100,7 @@ def put_rows(rows, strips, height, start):
             strips[height * whole + (start + j) * width + c] = rows[j, whole + c]
 
 
-@numba.njit(cache=True)
+@njit()
 def _take_rows(strips, height, start, rows):
     """Undo `put_rows`."""
     whole = rows.shape[1] // STRIP * STRIP
@@ -113,7 +114,7 @@ def _take_rows(strips, height, start, rows):
             rows[j, whole + c] = strips[height * whole + (start + j) * width + c]
 
 
-@numba.njit(cache=True)
+@njit()
 def store_pairs(pairs, first, count, scratch, strips, height, start):
     """Put the transforms of `count` real rows into the strips from row `start` on, from frequency `first` on."""
     if not height:
@@ -125,7 +126,7 @@ def store_pairs(pairs, first, count, scratch, strips, height, start):
     put_rows(rows, strips, height, start)
 
 
-@numba.njit(cache=True)
+@njit()
 def fetch_pairs(pairs, first, count, scratch, strips, height, start):
     """Undo `store_pairs`."""
     if not height:
@@ -137,7 +138,7 @@ def fetch_pairs(pairs, first, count, scratch, strips, height, start):
         _unite(pairs[m], first, rows[2 * m], rows[min(2 * m + 1, count - 1)])
 
 
-@numba.njit(cache=True)
+@njit()
 def clear_rows(strips, height, start, count):
     """Set rows `start`, ... of the strips to zero."""
     if not height:
@@ -153,7 +154,7 @@ def strip_view(strips, height, first, last):
     return strips[height * first : height * last].reshape(height, last - first)
 
 
-@numba.njit(cache=True)
+@njit()
 def gather_columns(strip, columns, start):
     """columns[c, start + r] = strip[r, c], a tile at a time."""
     height, width = np.uint64(strip.shape[0]), np.uint64(strip.shape[1])
@@ -170,7 +171,7 @@ def gather_columns(strip, columns, start):
                         columns[c, y + r] = strip[r, c]
 
 
-@numba.njit(cache=True)
+@njit()
 def scatter_columns(strip, columns, start):
     """Undo `gather_columns`."""
     height, width = np.uint64(strip.shape[0]), np.uint64(strip.shape[1])

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from llvmlite import ir
 from numba import types, uintp
 from numba.extending import intrinsic
+
+from app.compiled import njit
 
 LANES = 32  # frequencies in a chunk
 TILE = 4  # rows that act on as many others at once
@@ -57,7 +58,7 @@ def _execute(typing_context, function, plan):
     return types.void(types.int64, types.int64), generate
 
 
-@numba.njit(cache=True, fastmath={"contract", "reassoc", "nsz"})
+@njit(fastmath={"contract", "reassoc", "nsz"})
 def _four_dots(d, start, stop, kernel, k0, k1, k2, k3):
     """Sums over start <= i < stop of d[i] kernel[k + i], for four offsets k."""
     s0 = s1 = s2 = s3 = 0 * d[0]
@@ -71,7 +72,7 @@ def _four_dots(d, start, stop, kernel, k0, k1, k2, k3):
     return s0, s1, s2, s3
 
 
-@numba.njit(cache=True)
+@njit()
 def _solve_row(rows, count, weight):
     """Solve d + weight L_C d = weight x on the `count` contact cells of a row."""
     x, d, contact, kernel, reverse = rows.cells, rows.solved, rows.contact, rows.kernel, rows.reverse
@@ -122,7 +123,7 @@ def _solve_row(rows, count, weight):
             x[i] -= rows.work[size + i - stop]
 
 
-@numba.njit(cache=True, fastmath={"contract"})
+@njit(fastmath={"contract"})
 def _tile(y, w, b, kernel, k, width):
     """Effect of four rows on four others: y[t] += sum_s kernel[k + t - s + 3] w[b + s]."""
     for index in range(width):
@@ -144,13 +145,13 @@ def _tile(y, w, b, kernel, k, width):
         y[_3 + f] += k6 * w0 + k5 * w1 + k4 * w2 + k3 * w3
 
 
-@numba.njit(cache=True, fastmath={"contract"})
+@njit(fastmath={"contract"})
 def _multiply_add(y, kernel, x):
     for f in range(len(y)):
         y[f] += kernel[f] * x[f]
 
 
-@numba.njit(cache=True)
+@njit()
 def solve_leaf(w, slot, occupied, near, rows, r, mask, d, row, step, weight):
     """Solve the rows of a leaf: w[:, slot + j] is turned from what earlier leaves add to row j into row j."""
     chunks, slots, width = w.shape
@@ -200,7 +201,7 @@ def solve_leaf(w, slot, occupied, near, rows, r, mask, d, row, step, weight):
                 w[c, slot + t + q, : len(part)] = part
 
 
-@numba.njit(cache=True)
+@njit()
 def _fill(cells, rows):
     """cells[f, s] = rows[s, f], four rows at a time; zeros after them."""
     n, lanes = rows.shape
@@ -217,7 +218,7 @@ def _fill(cells, rows):
     cells[:, n:] = 0
 
 
-@numba.njit(cache=True)
+@njit()
 def _add(rows, cells, shift):
     """rows[t, f] += cells[f, shift + t], four rows at a time."""
     n, lanes = rows.shape
@@ -233,7 +234,7 @@ def _add(rows, cells, shift):
             rows[t, f] += cells[f, shift + t]
 
 
-@numba.njit(cache=True)
+@njit()
 def transfer(
     w, source, n_source, target, n_target, untouched, far, execute, forward, backward, cells, spectrum
 ):
@@ -258,7 +259,7 @@ def transfer(
             _add(rows, cells, n_source)
 
 
-@numba.njit(cache=True)
+@njit()
 def count_contact(mask):
     """Contact cells of each row."""
     counts = np.empty(len(mask), np.int64)

@@ -1,4 +1,4 @@
-"""Every method on Debian's PETSc built for debugging: locked right-hand sides, and nothing left in the end."""
+"""Every method on Debian's other builds of PETSc: for debugging, where nothing may be left, and with long integers."""
 
 import os
 from pathlib import Path
@@ -10,7 +10,7 @@ from processes import run
 PROGRAM = """
 import sys, warnings
 
-import petsc4py
+import app, petsc4py  # in this order: app finds petsc4py
 
 petsc4py.init([sys.argv[0], "-malloc_dump", "-objects_dump"])
 from app import ContactProblem, Grid, Material, solve
@@ -26,7 +26,10 @@ images = ContactProblem(grid, Material.combined(82000, 0.28), lambda x, y: x**2 
 for options in ({}, {"lcp_precision": "double", "lcp_cells_per_rank": 1}, {"lcp_nested": "false"}):
     for loading in ({"approach": 0.05}, {"load": 70000.0}, {"load": 1e9}):
         assert solve(images, method="primal", options=options, **loading).converged, options
-print("solved")
+
+from petsc4py import PETSc
+
+print("solved with integers of", 8 * PETSc.IntType().itemsize, "bits")
 """
 
 
@@ -53,3 +56,15 @@ def test_nothing_is_left_and_nothing_locked_is_written(ranks, tmp_path):
     assert "solved" in done.stdout
     assert "never freed" not in done.stdout + done.stderr
     assert " bytes " not in done.stdout + done.stderr, done.stdout[:2000]
+
+
+@pytest.mark.ranks(None, 2)
+def test_integers_of_64_bits(ranks, tmp_path):
+    folders = sorted(Path("/usr/lib/petscdir").glob("petsc64-3.*/*-real"))
+    if not folders:
+        pytest.skip("no PETSc with integers of 64 bits (run/setup --int64)")
+    program = tmp_path / "program.py"
+    program.write_text(PROGRAM)
+    done = run(program, ranks=ranks, timeout=180, env={"PETSC_DIR": str(folders[-1]), "PETSC_ARCH": ""})
+    assert done.returncode == 0, done.stderr
+    assert "solved with integers of 64 bits" in done.stdout

@@ -1,0 +1,42 @@
+"""`run/setup` on other people's checkouts."""
+
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+import pytest
+from processes import TESTS
+
+TREE = ("app", "petsc_options", "run", "pyproject.toml")
+SOLVE = '. run/env && cd "$HOME" && mpiexec -n 2 contact-solve -options_file hertz.opts -grid 32 -output r.h5'
+
+
+@pytest.fixture
+def folder():
+    """A folder that anybody may look into; those of pytest are of its user alone."""
+    with tempfile.TemporaryDirectory(prefix="a path ") as name:
+        Path(name).chmod(0o755)
+        yield Path(name)
+
+
+@pytest.mark.slow  # compiles the loops
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can run as somebody else")
+def test_a_checkout_that_may_only_be_read_in_a_path_with_spaces_by_sh(folder):
+    clone, home = folder / "a clone", folder / "home"
+    for name in TREE:
+        copy = shutil.copytree if (TESTS.parent / name).is_dir() else shutil.copy
+        clone.mkdir(exist_ok=True)
+        copy(TESTS.parent / name, clone / name)
+    home.mkdir()
+    os.chown(home, 65534, 65534)
+    nobody = {"user": 65534, "group": 65534, "extra_groups": [], "cwd": clone}
+    environment = {"PATH": "/usr/bin:/bin", "HOME": str(home)}
+    for line in ("sh run/setup", SOLVE):
+        done = subprocess.run(
+            ["sh", "-c", line], env=environment, capture_output=True, text=True, timeout=500, **nobody
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+    assert (home / "r.h5").is_file()
+    assert not (clone / ".venv").exists()

@@ -1,0 +1,51 @@
+"""PETSc as it is found, and what its releases do differently."""
+
+import sys
+
+import pytest
+from petsc4py import PETSc
+
+from app import ContactProblem, Grid, Material, petsc_path, solve
+from app.errors import InputError
+from app.petsc import as_raised
+
+
+@pytest.mark.parametrize("inside", ["lib", "lib/python3/dist-packages", "arch/lib"])
+def test_petsc_dir_chooses_the_petsc(inside, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", sys.path[:])
+    folder = tmp_path / inside
+    (folder / "petsc4py").mkdir(parents=True)
+    arch = "arch" if inside.startswith("arch") else ""
+    petsc_path.find({"PETSC_DIR": str(tmp_path), "PETSC_ARCH": arch})
+    assert sys.path[0] == str(folder)
+
+
+def test_petsc_dir_without_petsc4py_does_not_count(tmp_path, monkeypatch):
+    before = sys.path[:]
+    petsc_path.find({"PETSC_DIR": str(tmp_path)})
+    assert sys.path == before
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), InputError("as it was")])
+def test_what_a_callback_raises_is_not_petscs(error):
+    with pytest.raises(type(error)) as caught, as_raised():
+        try:
+            try:
+                raise error
+            except BaseException as cause:
+                raise PETSc.Error(101) from cause  # as newer releases do, once for each call that is left
+        except PETSc.Error as inner:
+            raise PETSc.Error(101) from inner
+    assert caught.value is error
+
+
+def test_errors_of_petsc_stay_what_they_are():
+    with pytest.raises(PETSc.Error), as_raised():
+        raise PETSc.Error(73)
+
+
+@pytest.mark.skipif(PETSc.IntType().itemsize > 4, reason="integers of 64 bits number every grid")
+def test_more_cells_than_petsc_can_number_are_refused():
+    grid = Grid.from_domain(46341, 46341, (0, 1, 0, 1))
+    with pytest.raises(InputError, match="64 bits"):
+        solve(ContactProblem(grid, Material.from_contact_modulus(1e5), lambda x, y: x * y), approach=1.0)
