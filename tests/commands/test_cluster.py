@@ -119,6 +119,8 @@ def test_host_that_is_gone(pair, tmp_path):
             assert process.returncode not in (0, 2, 3)
             assert time.monotonic() - started < limit
             if both.cable.cut:  # nobody can tell the other host
-                both.on("two", "timeout 40 sh -c 'while grep -qsx python /proc/[0-9]*/comm; do sleep 1; done'")
+                both.on(
+                    "two", "timeout 40 sh -c 'while grep -qsx python /proc/[0-9]*/comm; do sleep 1; done'"
+                )
         assert [file.name for file in tmp_path.iterdir()] == ["out.h5"]
         assert (tmp_path / "out.h5").read_bytes() == b"an earlier result"

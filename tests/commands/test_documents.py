@@ -18,7 +18,16 @@ NAV = next(
     if isinstance(node, ast.Assign) and node.targets[0].id == "NAV"
 )
 KNOWN = {option.name for option in (*METHOD_OPTIONS, *PART_OPTIONS, *PROBLEM_OPTIONS)}
-OTHERS = {"options_file", "skip_petscrc", "help", "cone_slope", "lcp_foresight", "lcp_merge", "lcp_cheap"}
+OTHERS = {
+    "options_file",
+    "skip_petscrc",
+    "help",
+    "cone_slope",
+    "lcp_foresight",
+    "lcp_merge",
+    "lcp_cheap",
+    "lcp_replicate",
+}
 PETSCS = re.compile(r"(ksp|pc|mg_levels|mg_coarse|log|malloc|objects)_\w*")
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 
