@@ -129,6 +129,7 @@ class ContactSolver:
             if unread := self.comm.bcast(read_by(self._database, self._set_up)):
                 self.settings = refuse_unread(unread, chosen, bool(grid.periodic))
             self._strategy = Strategy(self.settings, self.hierarchy, self._distances, self._solver)
+            self._resources.add(self._strategy)
             self._measure_shapes()
         except BaseException:
             self.close()

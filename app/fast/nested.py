@@ -14,7 +14,6 @@ from app.contact.stopping import StoppingTest
 from app.fast.iteration import NeedsSafeguard, inexact_active_set
 from app.fast.lift import lift
 from app.fast.safeguard import projected_newton
-from app.fast.solver import TrackingSolver
 from app.fast.windows import Stage
 from app.halfspace.reductions import sum_over
 from app.multigrid.direct import DirectSolver, solves_directly
@@ -24,7 +23,7 @@ _TELLING = 0.02  # residual of coarser grids, per difference of pressures, that 
 
 
 def nested_iteration(
-    hierarchy, distances, loading, stop, history, nested, beta, lifted, coarse_minimum, target_solver=None
+    hierarchy, distances, loading, stop, history, nested, beta, lifted, coarse_minimum, kept
 ):
     """Solve on the target grid of a hierarchy, from the coarsest grid on.
 
@@ -32,12 +31,14 @@ def nested_iteration(
 
     Parameters
     ----------
-    hierarchy, distances, loading, stop, history, nested, beta, target_solver
+    hierarchy, distances, loading, stop, history, nested, beta
         See `app.contact.full_multigrid.full_multigrid`; `stop` is an InexactStop.
     lifted : bool
         Pressures of finer grids by `lift`, else by copy.
     coarse_minimum : ndarray or None
         See `Hierarchy.coarse_minimum`.
+    kept : Kept
+        Solvers, and operators of windows.
 
     Returns
     -------
@@ -49,7 +50,7 @@ def nested_iteration(
     difference, numbers = float("nan"), []
     for number, following in pairs(route(hierarchy, distances, loading, nested)):
         target = number == last
-        stage = Stage(hierarchy, number, distances[number], coarse if nested else None, found)
+        stage = Stage(hierarchy, kept, number, distances[number], coarse if nested else None, found)
         state = stage.state
         if coarse is not None:
             state.depth = loading.predict(coarse.depth)
@@ -58,9 +59,8 @@ def nested_iteration(
             else:
                 state.start_from_interpenetration()
         if state.operator.active:
-            given = target_solver if target else None
             test = stop if target else stop.for_coarse_grid()
-            outcome = solve_on(hierarchy, number, state, loading, test, history, coarse is None, given)
+            outcome = solve_on(hierarchy, number, state, loading, test, history, coarse is None, kept)
             if not target:
                 found = stage.find(coarse_minimum, loading.predict(state.depth))
                 numbers.append(numbers_on(state, state.comm))
@@ -76,7 +76,7 @@ def nested_iteration(
         if target and stage.windowed:
             state, complete = stage.everything(outcome)
             if not complete:
-                rest = solve_on(hierarchy, number, state, loading, stop, history, False, None)
+                rest = solve_on(hierarchy, number, state, loading, stop, history, False, kept)
                 outcome = rest.after(outcome)
     telling = stop.coarse_rtol <= _TELLING * difference
     errors = UNKNOWN
@@ -89,13 +89,13 @@ def nested_iteration(
     )
 
 
-def solve_on(hierarchy, number, state, loading, stop, history, first, given):
-    """Solve on one grid, with a solver of its own if none is given. Collective over the ranks of `state`."""
+def solve_on(hierarchy, number, state, loading, stop, history, first, kept):
+    """Solve on one grid. Collective over the ranks of `state`."""
     operator = state.operator
     if first and number < len(hierarchy.levels) - 1 and solves_directly(operator):
         solver, iterate = DirectSolver(operator, number), active_set
     else:
-        solver = given or TrackingSolver(hierarchy, number, operator.petsc_comm, operator=operator)
+        solver = kept.solver(number, operator)
         iterate = inexact_active_set
 
     test = StoppingTest(max_it=stop.max_it).for_coarse_grid() if iterate is active_set else stop
@@ -108,8 +108,10 @@ def solve_on(hierarchy, number, state, loading, stop, history, first, given):
     except NeedsSafeguard as stagnation:
         outcome = stagnation.outcome
     finally:
-        if solver is not given:
+        if iterate is active_set:
             solver.destroy()
+        else:
+            kept.solved(operator)
     return safeguarded(hierarchy, number, state, loading, stop, history).after(outcome)
 
 

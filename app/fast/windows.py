@@ -105,6 +105,8 @@ class Stage:
     ----------
     hierarchy : Hierarchy
         Says which levels may have a window, and how large it is.
+    kept : Kept
+        Where operators of windows come from.
     number : int
         Level.
     distance : UndeformedDistance
@@ -123,8 +125,8 @@ class Stage:
         Between these.
     """
 
-    def __init__(self, hierarchy, number, distance, coarse, boxes=None):
-        self._hierarchy, self._distance = hierarchy, distance
+    def __init__(self, hierarchy, kept, number, distance, coarse, boxes=None):
+        self._hierarchy, self._kept, self._number, self._distance = hierarchy, kept, number, distance
         self._predicted = boxes and boxes.predicted
         self.coarse, self.transfer = coarse, hierarchy.transfers[number]
         level, window = hierarchy.levels[number], None
@@ -151,15 +153,13 @@ class Stage:
         grid = window.grid(level.grid)
         slabs, few = hierarchy.ranks.deal(grid)
 
-        def operator(grid, slabs, verification=None):
-            common = hierarchy.compliance, slabs, few, hierarchy.dtype
-            return InfluenceOperator(grid, *common, exact_product=verification, workspace=hierarchy.target)
-
         self._scatter = Scatter(window, level.slabs, slabs, comm)
         if level is hierarchy.target:
             self._verification = VerificationProduct(level, self._scatter, slabs)
-        fine = operator(grid, slabs, self._verification)
-        below = operator(coarse_window.grid(coarse_grid), slabs.coarsen(factors[0]))
+        fine = self._kept.window((self._number, "fine"), grid, slabs, few, self._verification)
+        below = self._kept.window(
+            (self._number, "below"), coarse_window.grid(coarse_grid), slabs.coarsen(factors[0]), few
+        )
         cut = Scatter(coarse_window.within(coarse.window), coarse.operator.slabs, below.slabs, comm).forward
         self.coarse = CoarseSolution(below, cut(coarse.u), cut(coarse.p), cut(coarse.contact), coarse.depth)
         fine.prepare("product")  # first, so that other transforms can use its storage
@@ -203,8 +203,7 @@ class Stage:
         """Free what is of no use to a finer grid. Not collective."""
         if self.windowed:
             for operator in (self.state.operator, self.coarse.operator):
-                self._hierarchy.spent(operator)
-                operator.free_solvers()
+                self._kept.close(operator)
 
     def everything(self, outcome):
         """Return the state on all cells of the target grid, that in the window being final. Collective.

@@ -6,6 +6,8 @@ dealt to as many as it is worth (`app.halfspace.communication.Ranks`), and one t
 
 from __future__ import annotations
 
+from weakref import WeakKeyDictionary
+
 from app.halfspace.communication import Ranks
 from app.halfspace.operator import InfluenceOperator, petsc_comm
 from app.memory import check_hosts, doubles_per_cell
@@ -86,7 +88,7 @@ class Hierarchy:
     ):
         self.ranks = Ranks(comm, cells_per_rank)
         self.comm, self.compliance, self.dtype, self.margin = self.ranks.comm, compliance, dtype, margin
-        self._spent = 0.0  # in windows that are gone
+        self._spent, self._told = 0.0, WeakKeyDictionary()  # in windows; so far of each
         grids, factors = plan(grid, coarsest, single)
         direct = len(grids) > 1 and grids[-1].n <= LARGEST_DIRECT
         sizes = [self.ranks.size, *map(self.ranks.number, grids[1 : len(grids) - direct]), *[1] * direct]
@@ -163,8 +165,10 @@ class Hierarchy:
         return self._spent + sum(self.share(level) * level.equivalent_products for level in self.levels)
 
     def spent(self, operator):
-        """Count what was computed in a window that will not be used any more. Not collective."""
-        self._spent += self.share(operator) * operator.equivalent_products
+        """Count what was computed in a window since it was last told. Not collective."""
+        products = operator.equivalent_products
+        self._spent += self.share(operator) * (products - self._told.get(operator, 0.0))
+        self._told[operator] = products
 
     def destroy(self):
         """Free the communicators made for it. Collective."""
