@@ -50,7 +50,7 @@ def check_hosts(comm, grid, cells, doubles):
     grid : Grid
         For the message.
     cells : int
-        That this rank will hold, of its slab and of replicated grids.
+        That this rank will hold, of the target grid and of grids that not all ranks share.
     doubles : float
         Per cell.
 

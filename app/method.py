@@ -39,6 +39,8 @@ from app.petsc import OptionDatabase, error_message
 DEFAULT, PERIODIC = "fast", "primal"
 
 _tolerance = real("a number above 0 and below 1", above=0, highest=1 - 1e-9)
+_share = real("a number from 0 to 1", lowest=0, highest=1)
+_cells = integer(0, "a whole number from 0")
 METHOD_OPTIONS = [
     Option("lcp_type", choice("active_set", "fast", "primal", "tao", "snesvi"), "active_set", "strategy"),
     Option("lcp_nested", flag, False, "nested iteration (FMG): solve on coarser grids first"),
@@ -51,12 +53,10 @@ METHOD_OPTIONS = [
     Option("lcp_window", from_zero, 0.0, "fast: work in a window around contact, wider by this share; 0: all cells"),
     Option("lcp_beta", from_zero, 0.003, "nested: start set after prolongation by copy, eq. (4.1)"),
     Option("lcp_coarsest", count, 4, "directions of up to this many cells are not coarsened"),
-    Option("lcp_replicate", count, 64, "grids of up to this many cells squared are held by all ranks"),
+    Option("lcp_cells_per_rank", _cells, 0, "at least, of coarser grids and windows; 0: by the latency"),
     Option("lcp_precision", choice("double", "single"), "double", "fast, primal: of products, verified in double"),
 ]  # fmt: skip
 # Read by the preconditioners themselves, as -pc_* are.
-_share = real("a number from 0 to 1", lowest=0, highest=1)
-_cells = integer(0, "a whole number from 0")
 PART_OPTIONS = [
     Option("pc_circulant_extend", _cells, 0, "Circulant: cells by which the residual is extended over the rim"),
     Option("pc_circulant_margin", _share, 0.0, "Circulant: share of the patch left free before it is continued"),
@@ -64,6 +64,7 @@ PART_OPTIONS = [
 ]  # fmt: skip
 _GONE = {
     "lcp_merge": "tighter contact sets (-ksp_rtol) do what it did",
+    "lcp_replicate": "-lcp_cells_per_rank says how many cells a rank gets at least",
     "lcp_cheap": "a larger -lcp_rtol does what it did, with a certificate",
 }
 _ONLY_FAST = ("lcp_coarse_rtol", "lcp_predictor", "lcp_window", "lcp_precision")
@@ -88,7 +89,7 @@ class Settings:
     window: float
     beta: float
     coarsest: int
-    replicate: int
+    cells_per_rank: int
     single: bool
     texts: dict
     warnings: tuple = ()
@@ -194,7 +195,7 @@ def settings(method=None, options=None, periodic=False):
     return Settings(
         strategy, nested, reader["lcp_rtol"], reader["lcp_error_bound"], reader["lcp_max_it"],
         reader["lcp_coarse_rtol"], reader["lcp_predictor"], reader["lcp_prolongation"] == "lift",
-        reader["lcp_window"], reader["lcp_beta"], reader["lcp_coarsest"], reader["lcp_replicate"],
+        reader["lcp_window"], reader["lcp_beta"], reader["lcp_coarsest"], reader["lcp_cells_per_rank"],
         reader["lcp_precision"] == "single", texts, tuple(warnings), tuple(stages), frozenset(of_files),
     )  # fmt: skip
 

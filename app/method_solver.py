@@ -11,7 +11,7 @@ from petsc4py import PETSc
 
 from app.contact.reference_solvers import REFERENCE_SOLVERS
 from app.contact.stopping import StoppingTest
-from app.errors import InputError
+from app.errors import InputError, agree
 from app.fast.solver import TrackingSolver
 from app.halfspace.grid import Grid
 from app.method import settings
@@ -41,7 +41,7 @@ def make_hierarchy(grid, compliance, comm, chosen):
     Hierarchy
     """
     return Hierarchy(
-        grid, compliance, comm, chosen.coarsest, chosen.replicate**2,
+        grid, compliance, comm, chosen.coarsest, chosen.cells_per_rank,
         single=chosen.strategy in REFERENCE_SOLVERS,
         dtype=np.float32 if chosen.single else np.float64,
         margin=chosen.window if chosen.strategy == "fast" and chosen.nested else 0.0,
@@ -68,6 +68,14 @@ def make_solver(hierarchy, chosen):
     InputError
         If the options ask for what cannot be had.
     """
+    try:
+        return agree(hierarchy.comm, _solver, hierarchy, chosen)
+    except InputError as error:
+        raise InputError(f"solver options: {error}") from None
+
+
+def _solver(hierarchy, chosen):
+    """As `make_solver`, with a ValueError on the ranks that meet it."""
     kind = {"fast": TrackingSolver, "primal": PrimalSolver}.get(chosen.strategy, LinearSolver)
     try:
         with as_raised():
@@ -75,13 +83,14 @@ def make_solver(hierarchy, chosen):
                 return REFERENCE_SOLVERS[chosen.strategy](hierarchy, StoppingTest(chosen.rtol, chosen.max_it))
             if not hierarchy.windowed(hierarchy.target):
                 return kind(hierarchy)
-            level = hierarchy.finest_whole
-            kind(hierarchy, level, hierarchy.levels[level].petsc_comm).destroy()
+            level = hierarchy.levels[hierarchy.finest_whole]
+            if level.active:
+                kind(hierarchy, hierarchy.finest_whole, level.petsc_comm).destroy()
             return None
     except PETSc.Error as error:
-        raise InputError(f"solver options: {error_message(error)}") from None
-    except (ValueError, ImportError, AttributeError) as error:
-        raise InputError(f"solver options: {error}") from None
+        raise ValueError(error_message(error)) from None
+    except (ImportError, AttributeError) as error:
+        raise ValueError(str(error)) from None
 
 
 def read_by(database, make):
@@ -121,7 +130,7 @@ def refuse_unread(unread, chosen, periodic):
     """
     overridden = set()
     for _, texts in chosen.stages:
-        if left := (unread & chosen.of_files & texts.keys()) - overridden:
+        if left := (unread.intersection(chosen.of_files) & texts.keys()) - overridden:
             overridden |= left - _unread_alone(texts, periodic)
     if mistakes := sorted(unread - overridden):
         where = {

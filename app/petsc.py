@@ -3,6 +3,7 @@
 - Option databases of one's own that take the place of the global one for a while (none yet: petsc4py can make
   them, but not push them).
 - The options that nobody has asked for (petsc4py 3.24 has ``Options.used``).
+- Counters of messages and reductions for -log_view (none yet).
 
 And what newer releases do otherwise: `TAO_REASONS`, `restricts_by_transpose`, `as_raised`.
 """
@@ -157,6 +158,25 @@ class OptionDatabase:
     def __del__(self):
         if self._handle and PETSc.Sys.isInitialized() and not PETSc.Sys.isFinalized():
             _call("PetscOptionsDestroy", ctypes.byref(self._handle))
+
+
+@cache
+def _counter(name):
+    try:
+        return ctypes.c_double.in_dll(_library(), name)
+    except ValueError:  # a PETSc that does not log
+        return ctypes.c_double()
+
+
+def log_messages(count, size):
+    """Count messages and their bytes for -log_view, as PETSc does its own. Not collective."""
+    _counter("petsc_isend_ct").value += count
+    _counter("petsc_isend_len").value += size
+
+
+def log_reduction():
+    """Count a reduction for -log_view. Not collective."""
+    _counter("petsc_allreduce_ct").value += 1
 
 
 def unused_options(handle=None):

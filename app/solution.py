@@ -9,6 +9,7 @@ import numpy as np
 from app.contact.certificate import Certificate
 from app.contact.extent import ContactExtent
 from app.errors import InputError
+from app.halfspace.communication import Traffic
 from app.halfspace.connected import connected_sets
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.reductions import minimum_over, sum_over
@@ -61,13 +62,15 @@ class Solution:
         Grids on which the safeguard took over.
     certificate : Certificate
     history : dict of str to list
-        A column per quantity, an entry per active set iteration; complete on rank 0.
+        A column per quantity, an entry per active set iteration.
     problem : dict
         What the problem says of itself.
     options : str
     notes : tuple of str
         What a user should look at twice.
     solve_seconds, setup_seconds : float
+    traffic : Traffic
+        What rank 0, which has a part in every grid, sent to others for it.
     grid : Grid
     slabs : Slabs
     comm : mpi4py communicator
@@ -117,6 +120,7 @@ class Solution:
     notes: tuple
     solve_seconds: float
     setup_seconds: float
+    traffic: Traffic
     grid: Grid
     slabs: Slabs
     comm: object
@@ -167,7 +171,7 @@ class Solution:
 
     @property
     def attributes(self):
-        """All numbers, as they go into the root of a result file. Not collective; complete on rank 0."""
+        """All numbers, as they go into the root of a result file. Not collective."""
         from app import __version__
 
         return {
@@ -207,6 +211,7 @@ class Solution:
             "solve_seconds": self.solve_seconds,
             "setup_seconds": self.setup_seconds,
             "ranks": self.comm.size,
+            **vars(self.traffic),
             "version": __version__,
         }
 

@@ -35,6 +35,7 @@ from app.contact.state import UndeformedDistance
 from app.contact.stiffness import contact_stiffness
 from app.errors import InputError, agree, check_alike
 from app.fast.circulant import circulant_of
+from app.halfspace.communication import Communicator
 from app.halfspace.influence import influence_quadrant
 from app.method_solver import database_of, make_hierarchy, make_solver, read_by, refuse_unread
 from app.multigrid.hierarchy import check_room
@@ -128,7 +129,7 @@ class ContactSolver:
         self._finalizer = weakref.finalize(self, one_at_a_time(self._resources.free))
         self.problem, self.listeners = problem, list(listeners)
         self._outer_comm = MPI.COMM_WORLD if comm is None else comm
-        self.comm = self._resources.comm = self._outer_comm.Dup()
+        self.comm = self._resources.comm = Communicator(self._outer_comm.Dup())
         try:
             agree(self.comm, check_compiler)
             grid, texts = problem.grid, dict(options or {}) | methods.global_options(prefix)
@@ -137,9 +138,11 @@ class ContactSolver:
             check_alike(self.comm, (grid.shape, grid.periodic, chosen), "grid or options")
             check_room(self.comm, grid, chosen)
             self._database = database_of(chosen)
-            if unread := read_by(self._database, self._set_up):
+            # Rank 0 has a part in every grid.
+            if unread := self.comm.bcast(read_by(self._database, self._set_up)):
                 self.settings = refuse_unread(unread, chosen, bool(grid.periodic))
             self._strategy = Strategy(self.settings, self.hierarchy, self._distances, self._solver)
+            self._resources.add(self._strategy)
             self._measure_shapes()
         except BaseException:
             self.close()
@@ -156,6 +159,7 @@ class ContactSolver:
             self._largest = float(influence_quadrant(alone, compliance, slice(0, 1), 1)[0, 0])
             _check_single("influence coefficients", self._largest, "mm3/N")
         self.hierarchy = hierarchy = make_hierarchy(grid, compliance, self.comm, chosen)
+        self._resources.add(hierarchy)
         self._solver = make_solver(hierarchy, chosen)
         self._resources.add(self._solver)
         warm_up(chosen)
@@ -182,7 +186,7 @@ class ContactSolver:
             self._resources.remove(distance)
         self._distances.clear()
         for level in hierarchy.levels:
-            self._distances.append(UndeformedDistance(level, shapes.pop(0), reference))
+            self._distances.append(UndeformedDistance(level, shapes.pop(0), reference, self.comm))
             self._resources.add(self._distances[-1])
         self._roughness = measures.measure_roughness(hierarchy.target, self._distances[-1], target)
 
@@ -232,7 +236,7 @@ class ContactSolver:
         """
         if self._finalizer.alive is False:
             raise InputError("the solver is closed")
-        started = time.perf_counter()
+        started, before = time.perf_counter(), self.comm.traffic.copy()
         products = self.hierarchy.operator_applications()
         if self._digits_lost():
             self._measure_shapes()
@@ -243,7 +247,7 @@ class ContactSolver:
         with self._database.active():
             state, outcome = self._strategy.run(loading, history, start)
             try:
-                solution = self._solution(state, loading, outcome, history, started, products)
+                solution = self._solution(state, loading, outcome, history, started, products, before)
             finally:
                 state.destroy()
         for listener in self.listeners:
@@ -338,7 +342,7 @@ class ContactSolver:
             return PrescribedApproach(self.touching)  # it is not unique: where the bodies just touch
         return loading
 
-    def _solution(self, state, loading, outcome, history, started, products):
+    def _solution(self, state, loading, outcome, history, started, products, before):
         applications = self.hierarchy.operator_applications() - products
         seconds = time.perf_counter() - started
         proof = certify(state)
@@ -358,7 +362,11 @@ class ContactSolver:
         p, distance, depth = state.p, state.distance, state.depth
         prescribed = loading.load if loading.prescribes_load else None
         approach = loading.approach if prescribed is None else state.approach
-        found = measures.measure_contact(state)
+        found, extent = measures.measure_contact(state), measure_extent(state)
+        notes = notes_on(state, self.problem, found, self._roughness)
+        # Rank 0 has a part in every grid and window.
+        told = applications, history.entries, self.comm.traffic.since(before)
+        applications, history.entries, traffic = self.comm.bcast(told)
         last = len(self.hierarchy.levels) - 1
         return Solution(
             pressure=p,
@@ -377,7 +385,7 @@ class ContactSolver:
             **outcome.grid_errors.with_rim(found)._asdict(),
             fallbacks=outcome.fallbacks,
             **found._asdict(),
-            **measure_extent(state)._asdict(),
+            **extent._asdict(),
             **self._roughness._asdict(),
             rtol=self.settings.rtol,
             certificate=proof,
@@ -386,9 +394,10 @@ class ContactSolver:
             | analytic_values(self.problem, approach, prescribed)
             | theories(self.problem, found.mean_pressure, self._roughness.rms_slope),
             options=self.settings.summary,
-            notes=(*self.settings.warnings, *notes_on(state, self.problem, found, self._roughness)),
+            notes=(*self.settings.warnings, *notes),
             solve_seconds=seconds,
             setup_seconds=self.setup_seconds,
+            traffic=traffic,
             grid=self.problem.grid,
             slabs=self.hierarchy.slabs,
             comm=self._outer_comm,

@@ -16,6 +16,7 @@ from app.contact.state import ContactState
 from app.contact.stopping import StoppingTest
 from app.errors import InputError
 from app.fast.iteration import InexactStop
+from app.fast.kept import Kept
 from app.fast.lift import lift
 from app.fast.nested import nested_iteration, solve_on
 from app.halfspace.sweeps import gauss_seidel
@@ -54,6 +55,7 @@ class Strategy:
     def __init__(self, settings, hierarchy: Hierarchy, distances, solver):
         self._settings, self._hierarchy, self._distances = settings, hierarchy, distances
         self.coarse_minimum, self._solver = None, solver
+        self._kept = Kept(hierarchy, solver) if settings.strategy == "fast" else None
 
     def run(self, loading, history, start=None):
         """Solve for a loading, from a Solution if one is given.
@@ -88,11 +90,11 @@ class Strategy:
         if start is not None:
             state = self._started_from(start, loading)
             if chosen.strategy == "fast":
-                return state, solve_on(hierarchy, last, state, loading, stop, history, False, self._solver)
+                return state, solve_on(hierarchy, last, state, loading, stop, history, False, self._kept)
             return state, active_set_by_load(state, self._solver, loading, stop, history)
         if chosen.strategy == "fast":
             how = chosen.nested, chosen.beta, chosen.lifted, self.coarse_minimum
-            return nested_iteration(*arguments, stop, history, *how, self._solver)
+            return nested_iteration(*arguments, stop, history, *how, self._kept)
         prolong = lift if chosen.lifted else None
         return full_multigrid(*arguments, stop, history, chosen.nested, chosen.beta, prolong, self._solver)
 
@@ -106,6 +108,11 @@ class Strategy:
             if error.ierr not in _WRONG_CHOICES:
                 raise
             raise InputError(f"-lcp_type {self._settings.strategy}: {error_message(error)}") from None
+
+    def destroy(self):
+        """Free what is kept between solves. Collective."""
+        if self._kept is not None:
+            self._kept.destroy()
 
     def check(self, start, name="start"):
         """Refuse what is no Solution on the same grid and ranks."""

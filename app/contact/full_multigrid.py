@@ -5,6 +5,8 @@ With one grid to visit, the target, it is the active set iteration alone (Sec. 3
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from app.contact.iteration import active_set_by_load
@@ -18,7 +20,7 @@ def full_multigrid(
 ):
     """Solve on the target grid of a hierarchy, from the coarsest grid on.
 
-    Collective. Replicated grids are solved by rank 0, which tells the others.
+    Collective. A grid is solved by the ranks that share it, and they tell those that join them on the next.
 
     Parameters
     ----------
@@ -44,7 +46,7 @@ def full_multigrid(
     """
     last = len(hierarchy.levels) - 1
     coarse = outcome = None
-    for number in route(hierarchy, distances, loading, nested):
+    for number, following in pairs(route(hierarchy, distances, loading, nested)):
         level, target = hierarchy.levels[number], number == last
         state = ContactState(level, distances[number])
         if coarse is not None:
@@ -58,7 +60,7 @@ def full_multigrid(
             else:
                 state.start_from_interpenetration()
             coarse.destroy()
-        if target or level.comm is not None or hierarchy.comm.rank == 0:
+        if level.active:
             solver = (
                 target_solver if target and target_solver else solver_on(hierarchy, number, coarse is None)
             )
@@ -72,8 +74,7 @@ def full_multigrid(
             outcome = loading.first_solve(state, solve) if coarse is None else solve(loading)
             if solver is not target_solver:
                 solver.destroy()
-        if not target:
-            tell(hierarchy, level, state, loading)
+        [outcome] = tell(hierarchy, following, state, loading, outcome)
         coarse = state
     return state, outcome
 
@@ -91,6 +92,11 @@ def route(hierarchy, distances, loading, nested):
         return range(max(set(range(last)).difference(sighted), default=-1) + 1, last + 1)
     small = [number for number in sighted if number < last and solves_directly(hierarchy.levels[number])]
     return [*small[-1:], last] if loading.prescribes_load else [last]
+
+
+def pairs(numbers):
+    """Each number and the next one, the last and itself. Not collective."""
+    return itertools.pairwise([*numbers, numbers[-1]])
 
 
 def copy_prolongation(transfer, coarse, state, beta):
@@ -112,13 +118,29 @@ def solver_on(hierarchy, number, coarsest=False):
     return LinearSolver(hierarchy, number, operator.petsc_comm)
 
 
-def tell(hierarchy, level, state, loading):
-    """Give all ranks what rank 0 has found on a replicated grid. Collective."""
-    comm = hierarchy.comm
-    if level.comm is not None or comm.size == 1:
-        return
-    with state.pressure as p:
-        comm.Bcast(p)
-    comm.Bcast(state.u)
-    comm.Bcast(state.contact)
-    state.depth, loading.slope = comm.bcast((state.depth, loading.slope))
+def tell(hierarchy, following, state, loading, *facts):
+    """Give what is known after a grid to the ranks that join on the next one. Collective.
+
+    Parameters
+    ----------
+    hierarchy : Hierarchy
+    following : int
+        Number of the level of that.
+    state : ContactState
+        On the grid solved, or a window of it: gets its depth.
+    loading : PrescribedApproach or PrescribedLoad
+        Gets what was found out about it.
+    *facts
+        More that the ranks of the grid know.
+
+    Returns
+    -------
+    tuple
+        These.
+    """
+    if hierarchy.joined(state.operator, following):
+        depth, known, facts = hierarchy.comm.bcast((state.depth, vars(loading), facts))
+        if not state.operator.active:
+            vars(loading).update(known)
+            state.depth = depth
+    return facts

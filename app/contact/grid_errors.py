@@ -57,14 +57,14 @@ _MOST_PAIRS = 3  # of grids that are looked at
 _FALLING = 0.7  # share of a difference that the next one is at most, of a number that converges
 
 
-def numbers_on(state, load=None, depth=None):
+def numbers_on(state, comm, load=None, depth=None):
     """Numbers of a ContactState, or CoarseSolution; with a better load and depth, if known.
 
-    Collective over the ranks of its operator.
+    Collective over `comm`, all ranks that want to know.
     """
-    operator, grid = state.operator, state.operator.grid
-    total, cells = sum_over(operator.comm, [state.p.sum(), np.count_nonzero(state.contact)])
-    highest = -minimum_over(operator.comm, [-state.p.max(initial=0.0)])[0]
+    grid = state.operator.grid
+    total, cells = sum_over(comm, [state.p.sum(), np.count_nonzero(state.contact)])
+    highest = -minimum_over(comm, [-state.p.max(initial=0.0)])[0]
     load = grid.cell_area * float(total) if load is None else load
     return GridNumbers(
         load, state.depth if depth is None else depth, float(highest), float(cells) * grid.cell_area

@@ -25,7 +25,7 @@ class Listener:
 class History:
     """One entry per active set iteration on any grid, and who wants to hear of it.
 
-    Complete on rank 0; the others miss the replicated grids that it solved alone.
+    Complete on rank 0; the others miss grids and windows that they have no part in.
     """
 
     listeners: list = field(default_factory=list)
@@ -51,7 +51,7 @@ class History:
             "residual": update.residual / state.distance.norm(),
             "inner_iterations": inner,
             "work_units": self._work - before,
-            "load": state.load,
+            "load": update.load if update.load == update.load else state.load,
             "approach": state.approach if approach is None else approach,
             "seconds": time.perf_counter() - self._started,
         }

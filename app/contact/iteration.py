@@ -101,11 +101,13 @@ def begin(state, solver, loading, history):
     """
     loading.begin(state)
     history.start(state, solver)
-    if not state.in_contact():
+    touches = state.in_contact()
+    if not touches:
         state.start_from_interpenetration()
+        touches = state.in_contact()
     if state.u_is is Displacement.STALE:
         state.compute_displacement()
-    return state.in_contact()
+    return touches
 
 
 def what_is_wrong(failure, residual):

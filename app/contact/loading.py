@@ -185,10 +185,10 @@ class PrescribedLoad:
 
         The mean gap left in contact tells what the load will be at this approach when the system is solved.
         """
-        rms, mean, cells = state.gap_on_contact()
+        rms, mean, cells, load = state.gap_on_contact()
         if not cells:
             state.first_contact()
-        here = state.depth, state.load - self.slope * mean
+        here = state.depth, load - self.slope * mean
         if self._before:
             moved = here[0] - self._before[0]
             if abs(moved) > TRUSTED * rms:

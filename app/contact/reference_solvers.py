@@ -45,7 +45,7 @@ class _ReferenceSolver:
         if wanted not in self.types:
             raise ValueError(f"-{self._prefix}_type {wanted}: allowed: {', '.join(self.types)}")
         self.level = len(hierarchy.levels) - 1
-        self.comm = PETSc.Comm(hierarchy.comm)
+        self.comm = hierarchy.petsc_comm
         self.mat = self.operator.mat(self.comm)
         self._h = self.mat.createVecRight()
 

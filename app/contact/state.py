@@ -26,7 +26,7 @@ from petsc4py import PETSc
 
 from app.contact import kernels
 from app.halfspace.reductions import any_nonzero, minimum_over, sum_over
-from app.halfspace.window import whole
+from app.halfspace.window import bounding_box, whole
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,8 @@ class Update:
     added: int
     released: int  # and not come straight back
     residual: float  # ||h + u||_2 over the new set [mm]
+    h_on_contact: float = float("nan")  # ||h||_2 over the new set [mm]; NaN: nobody knows
+    load: float = float("nan")  # of the pressure there is [N]; NaN: nobody knows
 
     @property
     def changed(self):
@@ -87,6 +89,8 @@ class UndeformedDistance:
         Undeformed distance at the reference; NaN in inadmissible cells. Left as it is.
     reference : float
         An approach, the same on all grids of a problem [mm].
+    comm : mpi4py communicator, optional
+        Ranks that want to know the norm; default: those of the operator.
 
     Attributes
     ----------
@@ -97,16 +101,19 @@ class UndeformedDistance:
     least_mean_pressure : float
         That full contact of a periodic patch needs, as soon as it is known [N/mm2].
     admissible : ndarray of bool, shape (local rows, nx)
+    possible : Window or None
+        Around all admissible cells.
     """
 
-    def __init__(self, operator, shape, reference=0.0):
+    def __init__(self, operator, shape, reference=0.0, comm=None):
         self.admissible = ~np.isnan(shape)
         b = np.negative(shape)
         np.copyto(b, 0.0, where=~self.admissible)
         self._hold(b, operator)
         self.depth, self.deepest, self.reference = 0.0, 0.0, reference
         self.least_mean_pressure = 0.0
-        self.statistics = self._measure(operator.comm)
+        self.statistics = self._measure(comm or operator.comm)
+        self.possible = bounding_box(self.admissible, operator.slabs, comm or operator.comm)
 
     @classmethod
     def part_of(cls, whole, operator, scatter):
@@ -256,7 +263,7 @@ class ContactState:
     @property
     def load(self):
         """Total force F = dx dy sum(p) [N], eq. of equilibrium. Collective."""
-        return self.grid.cell_area * self.pressure.sum()
+        return self.grid.cell_area * float(self.sum([self._p.sum()])[0])
 
     def sum(self, values):
         """Sum a few numbers over the ranks. Collective."""
@@ -293,8 +300,10 @@ class ContactState:
         return max(self.sum([np.count_nonzero(self.contact)])[0], 1.0)
 
     def h_on_contact(self):
-        """||h||_2 over C [mm]. Collective."""
-        return float(np.sqrt(self.sum([kernels.sum_squares(self.distance.b, 0.0, self.contact)])[0]))
+        """||h||_2 over C [mm], and the cells of C, 1 at least. Collective."""
+        squares = kernels.sum_squares(self.distance.b, 0.0, self.contact)
+        squares, cells = self.sum([squares, np.count_nonzero(self.contact)])
+        return float(np.sqrt(squares)), max(int(cells), 1)
 
     # -- Sec. 4.1, step by step -----------------------------------------------------------------------
 
@@ -364,17 +373,20 @@ class ContactState:
         Update
             Since before `release_tensile`.
         """
-        cells, added, lost, squares = self.sum(
-            kernels.activate(self.distance.b, self.u, self.admissible, self.contact, self._released, expected)
-        )
+        b = self.distance.b
+        counts = kernels.activate(b, self.u, self.admissible, self.contact, self._released, expected)
+        more = kernels.sum_squares(b, 0.0, self.contact), self._p.sum()
         self._released[...] = False
-        return Update(int(cells), int(added), int(lost), residual=float(np.sqrt(squares)))
+        cells, added, lost, squares, h, total = (float(number) for number in self.sum([*counts, *more]))
+        load = self.grid.cell_area * total
+        return Update(int(cells), int(added), int(lost), float(np.sqrt(squares)), float(np.sqrt(h)), load)
 
     def gap_on_contact(self):
-        """Root mean square and mean of h + u over C and where it is negative [mm], and the cells. Collective."""
-        b = self.distance.b
-        squares, total, cells = self.sum(kernels.gap_on(b, self.u, self.admissible, self.contact))
-        return float(np.sqrt(squares / max(cells, 1))), float(total / max(cells, 1)), int(cells)
+        """RMS and mean of h + u over C and where it is negative [mm], the cells there, and the load [N]. Collective."""
+        sums = kernels.gap_on(self.distance.b, self.u, self.admissible, self.contact)
+        squares, total, cells, pressure = (float(number) for number in self.sum([*sums, self._p.sum()]))
+        load = self.grid.cell_area * pressure
+        return float(np.sqrt(squares / max(cells, 1))), total / max(cells, 1), int(cells), load
 
     def scale(self, factor):
         """p and u times a factor. Not collective."""

@@ -51,7 +51,7 @@ class InexactStop(StoppingTest):
 
     def allowed(self, state, inside=None):
         """Norm of the residual that is small enough [mm]. Collective, unless ||h|| on C is given [mm]."""
-        whole, inside = state.distance.norm(), state.h_on_contact() if inside is None else inside
+        whole, inside = state.distance.norm(), state.h_on_contact()[0] if inside is None else inside
         if not inside:
             return self.rtol * whole
         if not self.final:
@@ -103,24 +103,25 @@ def inexact_active_set(state, solver, loading, stop, history):
     best, since = float("inf"), 0
     if not begin(state, solver, loading, history):
         return Outcome(not loading.prescribes_load, NO_CONTACT)
+    (inside, cells), norm = state.h_on_contact(), None  # what the last update knows of C^k
     for k in range(1, stop.max_it + 1):
-        inside = state.h_on_contact()
         allowed, done = stop.allowed(state, inside), False
         solver.set_contact()  # 2. (2.11) on C^k
-        its, failure, norm = solver.improve(state, allowed)  # 3. a little, u along with p
+        its, failure, norm = solver.improve(state, allowed, norm)  # 3. a little, u along with p
         inner += its
         ready = norm <= allowed and (not stop.final or solver.tension(state) <= stop.rtol)
         too_loose = ready and not stop.worth_verifying(state, inside)
         if ready and not stop.final:
-            update, done = _leave(state, solver, loading, allowed)
+            update, done = _leave(state, solver, loading, NEAR * allowed / np.sqrt(cells))
         elif ready and not too_loose:
-            update, done = _verify(state, loading, stop, allowed)
+            update, done = _verify(state, loading, stop)
         else:
             solver.release(state)  # (4.a), and u along with it
             loading.update(state)
             expected = solver.predict(state, stop.predictor) if norm > allowed else None
             update = state.activate_penetrating(expected)  # (4.b)
         history.add(state, solver, update, its)
+        inside, cells, norm = update.h_on_contact, max(update.cells, 1), update.residual
         residual = update.residual / state.distance.norm()
         if wrong := what_is_wrong(failure, residual):
             return Outcome(False, wrong, k, inner, residual)
@@ -138,7 +139,7 @@ def inexact_active_set(state, solver, loading, stop, history):
     )
 
 
-def _verify(state, loading, stop, allowed):
+def _verify(state, loading, stop):
     """Steps 4 to 6 on the target grid by a product in double precision, the load met exactly. Collective.
 
     Returns
@@ -151,17 +152,21 @@ def _verify(state, loading, stop, allowed):
         state.compute_displacement(exact=True)
     loading.update(state)
     update = state.activate_penetrating()  # (4.b)
-    if not update.changed and update.residual <= allowed:
+    if _solved(state, update, stop):
         update = loading.settle(state, update)
-    return update, not update.changed and update.residual <= stop.allowed(state)  # 5. and 6. (5.1)
+    return update, _solved(state, update, stop)
 
 
-def _leave(state, solver, loading, allowed):
+def _solved(state, update, stop):
+    """5. and 6. (5.1). Not collective."""
+    return not update.changed and update.residual <= stop.allowed(state, update.h_on_contact)
+
+
+def _leave(state, solver, loading, near):
     """Step 4 on a coarse grid whose system is solved well enough; as `_verify`.
 
-    What little the last release does to u is for the finer grid to find out, if the load is nearly met.
+    What little the last release does to u is for the finer grid to find out, if the load is met but for `near` [mm].
     """
-    near = NEAR * allowed / np.sqrt(state.cells_in_contact())
     enough = solver.tension(state) <= RELEASED and loading.update(state) <= near
     if enough:
         state.release_tensile()  # (4.a)

@@ -43,4 +43,7 @@ def lift(transfer, coarse, state):
         contact &= target > 0
         np.copyto(target, 0.0, where=~contact)
     state.contact[...] = contact
-    return coarse.load < _TRUSTED * state.load < _TRUSTED**2 * coarse.load
+    before, after = state.sum(
+        [coarse.operator.grid.cell_area * coarse.p.sum(), state.grid.cell_area * state.p.sum()]
+    )
+    return bool(before < _TRUSTED * after < _TRUSTED**2 * before)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.contact.full_multigrid import copy_prolongation, route, tell
+from app.contact.full_multigrid import copy_prolongation, pairs, route, tell
 from app.contact.grid_errors import UNKNOWN, errors_from, numbers_on
 from app.contact.iteration import active_set
 from app.contact.state import Displacement
@@ -14,7 +14,6 @@ from app.contact.stopping import StoppingTest
 from app.fast.iteration import NeedsSafeguard, inexact_active_set
 from app.fast.lift import lift
 from app.fast.safeguard import projected_newton
-from app.fast.solver import TrackingSolver
 from app.fast.windows import Stage
 from app.halfspace.reductions import sum_over
 from app.multigrid.direct import DirectSolver, solves_directly
@@ -24,32 +23,34 @@ _TELLING = 0.02  # residual of coarser grids, per difference of pressures, that 
 
 
 def nested_iteration(
-    hierarchy, distances, loading, stop, history, nested, beta, lifted, coarse_minimum, target_solver=None
+    hierarchy, distances, loading, stop, history, nested, beta, lifted, coarse_minimum, kept
 ):
     """Solve on the target grid of a hierarchy, from the coarsest grid on.
 
-    Collective. Replicated grids are solved by rank 0, which tells the others.
+    Collective. A grid is solved by the ranks that share it, or its window, and they tell those that join on the next.
 
     Parameters
     ----------
-    hierarchy, distances, loading, stop, history, nested, beta, target_solver
+    hierarchy, distances, loading, stop, history, nested, beta
         See `app.contact.full_multigrid.full_multigrid`; `stop` is an InexactStop.
     lifted : bool
         Pressures of finer grids by `lift`, else by copy.
     coarse_minimum : ndarray or None
         See `Hierarchy.coarse_minimum`.
+    kept : Kept
+        Solvers, and operators of windows.
 
     Returns
     -------
     ContactState, Outcome
         On the target grid.
     """
-    last = len(hierarchy.levels) - 1
-    coarse = outcome = predicted = None
+    last, comm = len(hierarchy.levels) - 1, hierarchy.comm
+    coarse = outcome = found = None
     difference, numbers = float("nan"), []
-    for number in route(hierarchy, distances, loading, nested):
-        level, target = hierarchy.levels[number], number == last
-        stage = Stage(hierarchy, number, distances[number], coarse if nested else None, predicted)
+    for number, following in pairs(route(hierarchy, distances, loading, nested)):
+        target = number == last
+        stage = Stage(hierarchy, kept, number, distances[number], coarse if nested else None, found)
         state = stage.state
         if coarse is not None:
             state.depth = loading.predict(coarse.depth)
@@ -57,41 +58,44 @@ def nested_iteration(
                 _prolong(stage, beta, lifted)
             else:
                 state.start_from_interpenetration()
-        if target or level.comm is not None or hierarchy.comm.rank == 0:
-            given = target_solver if target else None
+        if state.operator.active:
             test = stop if target else stop.for_coarse_grid()
-            outcome = solve_on(hierarchy, number, state, loading, test, history, coarse is None, given)
-        if not target:
-            tell(hierarchy, level, state, loading)
-        predicted = stage.predicted_box(coarse_minimum, loading.predict(state.depth))
+            outcome = solve_on(hierarchy, number, state, loading, test, history, coarse is None, kept)
+            if not target:
+                found = stage.find(coarse_minimum, loading.predict(state.depth))
+                numbers.append(numbers_on(state, state.comm))
+        stage.verify_no_more()
+        facts = outcome, found, numbers
+        outcome, found, numbers = tell(hierarchy, following, state, loading, *facts)
         if coarse is not None:
-            if nested:
-                difference = _difference(stage.transfer, stage.coarse.p, state)
-                numbers.append(numbers_on(stage.coarse))
+            if nested and target:
+                difference = _difference(comm, stage.transfer, stage.coarse.p, state)
             coarse.destroy()
         stage.close()
         coarse = state
         if target and stage.windowed:
             state, complete = stage.everything(outcome)
             if not complete:
-                rest = solve_on(hierarchy, number, state, loading, stop, history, False, None)
+                rest = solve_on(hierarchy, number, state, loading, stop, history, False, kept)
                 outcome = rest.after(outcome)
     telling = stop.coarse_rtol <= _TELLING * difference
     errors = UNKNOWN
-    if numbers:
-        errors = errors_from([*numbers, numbers_on(state)], state.first_touch(), loading.prescribes_load)
+    if nested and numbers:
+        errors = errors_from(
+            [*numbers, numbers_on(state, comm)], state.first_touch(), loading.prescribes_load
+        )
     return state, replace(
         outcome, discretisation_error=difference if telling else float("nan"), grid_errors=errors
     )
 
 
-def solve_on(hierarchy, number, state, loading, stop, history, first, given):
-    """Solve on one grid, with a solver of its own if none is given. Collective over the ranks of `state`."""
+def solve_on(hierarchy, number, state, loading, stop, history, first, kept):
+    """Solve on one grid. Collective over the ranks of `state`."""
     operator = state.operator
     if first and number < len(hierarchy.levels) - 1 and solves_directly(operator):
         solver, iterate = DirectSolver(operator, number), active_set
     else:
-        solver = given or TrackingSolver(hierarchy, number, operator.petsc_comm, operator=operator)
+        solver = kept.solver(number, operator)
         iterate = inexact_active_set
 
     test = StoppingTest(max_it=stop.max_it).for_coarse_grid() if iterate is active_set else stop
@@ -104,8 +108,10 @@ def solve_on(hierarchy, number, state, loading, stop, history, first, given):
     except NeedsSafeguard as stagnation:
         outcome = stagnation.outcome
     finally:
-        if solver is not given:
+        if iterate is active_set:
             solver.destroy()
+        else:
+            kept.solved(operator)
     return safeguarded(hierarchy, number, state, loading, stop, history).after(outcome)
 
 
@@ -138,8 +144,8 @@ def _prolong(stage, beta, lifted):
         copy_prolongation(transfer, coarse, state, beta)
 
 
-def _difference(transfer, coarse, state):
+def _difference(comm, transfer, coarse, state):
     """Return the rms difference of the pressures on two grids over that of the larger; NaN if none. Collective."""
     fine = transfer.restrict_defect(state.p)
-    squares = sum_over(transfer.coarse.comm, [np.vdot(p, p) for p in (fine - coarse, fine, coarse)])
+    squares = sum_over(comm, [np.vdot(p, p) for p in (fine - coarse, fine, coarse)])
     return float(np.sqrt(squares[0] / max(squares[1:]))) if squares[0] > 0 else float("nan")

@@ -10,17 +10,31 @@ weights of the eight neighbours over that of the cell itself, `c` the contact se
 Both are the same sweep over a list of cells, ``x <- source - N x``. Only the *band* takes part, the cells up to `k`
 away from contact (diagonal steps count one): in step i the layers 1 to i, since a value further out is zero still, or
 without influence any more.
+
+What the rows beside a slab are in each step is computed here, too, on a *strip* of k rows of the neighbour's and k of
+these: so fields are exchanged once, not in every step.
 """
 
 from __future__ import annotations
 
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
 from app.compiled import njit
+from app.halfspace.halo import Halo
 
 MAX_STEPS = 250  # kinds of cells are numbered in a byte
+
+
+class _Cells(NamedTuple):
+    """Cells of some rows that take part, as indices into these."""
+
+    band: np.ndarray  # from layer 1 outwards
+    sizes: np.ndarray  # of it up to each layer
+    inner: np.ndarray  # beside the band in contact, and one behind those
+    rim: int  # how many of them are beside it
 
 
 class RimExtension:
@@ -59,15 +73,14 @@ class RimExtension:
                 f"rim extension: {rows} x {nx} cells on a rank need indices of more than 32 bits"
             )
         self.shape, self.steps = (rows, nx), steps
-        self._comm = comm if rows and comm is not None and comm.size > 1 else None
-        if self._comm is not None:
-            self._before, self._after = slabs.neighbours(periodic)
-        self._periodic = periodic
-        self._kinds = np.zeros((rows, nx), np.uint8)
-        self._spread = np.zeros((rows + 2, nx + 2), np.uint8)  # with the cells beside these rows
-        self._band = self._inner = np.empty(0, np.int32)
+        alone = comm is None or comm.size == 1
+        self._around, self._wrapped = periodic, periodic and alone  # in x; in y without help of others
+        self._halo = None if alone else Halo(slabs, comm, steps, periodic)
+        self._halo_of_contact = None if alone else Halo(slabs, comm, steps + 2, periodic)
+        self._spread = self._parts = (
+            None  # the first with the cells beside it; top strip, these rows, bottom strip
+        )
         self.rows = np.zeros(rows, bool)
-        self._sizes, self._rim = [0] * steps, 0
         self._weights = 0.0, 0.0, 0.0
 
     def set_stencil(self, stencil):
@@ -105,25 +118,39 @@ class RimExtension:
         if not self.steps:
             np.any(mask, axis=1, out=self.rows)
             return
-        kinds, inside = self._kinds, self._spread[1:-1, 1:-1]
-        kinds[...] = inside[...] = mask
+        before, after = self._halo_of_contact(mask) if self._halo_of_contact else (mask[:0], mask[:0])
+        mask = np.vstack([before, mask, after]) if len(before) + len(after) else mask
+        if self._spread is None:
+            self._spread = np.zeros((len(mask) + 2, mask.shape[1] + 2), np.uint8)
+        kinds, inside = mask.astype(np.uint8), self._spread[1:-1, 1:-1]
+        inside[...] = mask
         for _ in range(self.steps):
-            self._dilate(None)
+            self._dilate(None, kinds)
         np.logical_not(mask, out=inside, casting="unsafe")
         for _ in range(2):
-            self._dilate(mask)
+            self._dilate(mask, kinds)
         # In `kinds` free cells are 0, layer i is steps + 1 - i, contact steps + 1; beside the band two more, and one
         # behind those: they get -N_co s_o, and are zero while it is formed.
+        first, k = len(before), self.steps
+        last = first + len(self.rows)
+        here = kinds[first:last]
+        top, bottom = kinds[max(first - k, 0) : first + k], kinds[max(last - k, 0) : last + k]
+        self._parts = [
+            self._cells(top) if first else None,
+            self._cells(here),
+            self._cells(bottom) if len(after) else None,
+        ]
+        np.any(here, axis=1, out=self.rows)
+
+    def _cells(self, kinds):
+        """List the cells of each kind. Not collective."""
         deep = self.steps + 1
         counts = np.zeros(deep + 3, np.int64)
         cells = np.empty((deep + 3, kinds.size + 1), np.int32)  # only the pages in use become memory
         _list(kinds, np.uint8(deep), cells, counts)
         band, rim = range(self.steps, 0, -1), range(deep + 2, deep, -1)
-        self._band, self._inner = (
-            np.concatenate([cells[kind, : counts[kind]] for kind in wanted]) for wanted in (band, rim)
-        )
-        self._sizes, self._rim = np.cumsum(counts[band]), counts[deep + 2]
-        np.any(kinds, axis=1, out=self.rows)
+        lists = (np.concatenate([cells[kind, : counts[kind]] for kind in wanted]) for wanted in (band, rim))
+        return _Cells(next(lists), np.cumsum(counts[band]), next(lists), counts[deep + 2])
 
     def extend(self, x):
         """Apply E in place. Collective.
@@ -139,9 +166,14 @@ class RimExtension:
             If its shape is another one, or it is not C-contiguous.
         """
         flat = self._flat(x)
-        for size in self._sizes:
-            band = self._band[:size]
-            _sweep(flat, *self._rows_beside(x), band, np.zeros(size, x.dtype), self._weights)
+        if not self.steps:
+            return
+        cells, strips = self._parts[1], self._strips(x)
+        for layer, size in enumerate(cells.sizes):
+            beside = self._beside(x, strips)
+            for strip in strips:
+                strip.sweep(layer, None, self._around, self._weights)
+            _sweep(flat, *beside, cells.band[:size], np.zeros(size, x.dtype), self._weights)
 
     def restrict(self, x):
         """Apply E^T in place. Collective.
@@ -158,45 +190,75 @@ class RimExtension:
         """
         if not self.steps:
             return
-        flat = self._flat(x)
-        inner = _take(flat, self._inner)
-        _put(flat, self._inner, np.zeros_like(inner))
-        sizes = self._sizes[:-1]
-        source = _take(flat, self._band[: sizes[-1]]) if len(sizes) else None
-        for size in sizes[::-1]:
-            _sweep(flat, *self._rows_beside(x), self._band[:size], source, self._weights)
-        rim = self._rim
-        _sweep(flat, *self._rows_beside(x), self._inner[:rim], inner, self._weights)
-        _put(flat, self._inner[rim:], inner[rim:])
+        flat, cells, strips = self._flat(x), self._parts[1], self._strips(x)
+        inner = _take(flat, cells.inner)
+        _put(flat, cells.inner, np.zeros_like(inner))
+        sources = [strip.begin() for strip in strips]
+        source = _take(flat, cells.band)
+        for layer in range(self.steps - 2, -1, -1):
+            beside = self._beside(x, strips)
+            for strip, of_strip in zip(strips, sources, strict=True):
+                strip.sweep(layer, of_strip, self._around, self._weights)
+            _sweep(flat, *beside, cells.band[: cells.sizes[layer]], source, self._weights)
+        rim = cells.rim
+        _sweep(flat, *self._beside(x, strips), cells.inner[:rim], inner, self._weights)
+        _put(flat, cells.inner[rim:], inner[rim:])
 
     def _flat(self, x):
         if x.shape != self.shape or not x.flags.c_contiguous:
             raise ValueError(f"rim extension: a C-contiguous field of shape {self.shape} is needed")
         return x.reshape(-1)
 
-    def _dilate(self, of):
-        """Let what is marked in ``_spread`` spread to the cells beside it; count these, of some only. Collective."""
+    def _dilate(self, of, kinds):
+        """Let what is marked in ``_spread`` spread to the cells beside it, and count these. Not collective."""
         spread = self._spread
-        if self._periodic:
+        if self._around:
             spread[:, 0], spread[:, -1] = spread[:, -2], spread[:, 1]
-        self._exchange(spread[1], spread[-2], spread[0], spread[-1])
-        _dilate(spread, of, self._kinds)
+        if self._wrapped:
+            spread[0], spread[-1] = spread[-2], spread[1]
+        _dilate(spread, of, kinds)
 
-    def _rows_beside(self, x):
-        """Rows above and below these, of the neighbour ranks; zero at the end of a free patch. Collective."""
-        above, below = np.zeros((2, self.shape[1]), x.dtype)
-        if len(x):
-            self._exchange(x[0], x[-1], above, below)
-        return above, below, self._periodic
+    def _strips(self, x):
+        """Rows around the first and the last border of these, as far as there is one. Collective."""
+        if self._halo is None:
+            return []
+        before, after = self._halo(x)
+        k, more = self.steps, max(self.steps - len(x), 0)
+        top = _Strip([before, x[:k], after[:more]], len(before) - 1, 0, self._parts[0])
+        bottom = _Strip(
+            [before[len(before) - min(more, len(before)) :], x[-k:], after], -len(after), 1, self._parts[2]
+        )
+        return [strip for strip, rows in ((top, before), (bottom, after)) if len(rows)]
 
-    def _exchange(self, first, last, above, below):
-        """Send the outer rows to the neighbour ranks and receive theirs; no neighbour: nothing changes."""
-        if self._comm is None:
-            if self._periodic:
-                above[...], below[...] = last, first
-            return
-        self._comm.Sendrecv(first, self._before, recvbuf=below, source=self._after)
-        self._comm.Sendrecv(last, self._after, recvbuf=above, source=self._before)
+    def _beside(self, x, strips):
+        """Rows above and below these; zero at the end of a free patch. Not collective."""
+        above_and_below = np.zeros((2, self.shape[1]), x.dtype)
+        if self._wrapped and len(x):
+            above_and_below[0], above_and_below[1] = x[-1], x[0]
+        for strip in strips:
+            above_and_below[strip.side] = strip.rows[strip.neighbour]
+        return *above_and_below, self._around
+
+
+class _Strip:
+    """Rows on both sides of a border between slabs, on which the sweeps are done again."""
+
+    def __init__(self, parts, neighbour, side, cells):
+        self.rows = np.vstack(parts)
+        self.neighbour, self.side, self._cells = neighbour, side, cells
+        self._flat = self.rows.reshape(-1)
+        self._nothing = np.zeros(self.rows.shape[1], self.rows.dtype)
+
+    def begin(self):
+        """Take the contact cells beside the band out; return what is on the band."""
+        _put(self._flat, self._cells.inner, np.zeros(len(self._cells.inner), self.rows.dtype))
+        return _take(self._flat, self._cells.band)
+
+    def sweep(self, layer, source, around, weights):
+        """Sweep over the band up to a layer, from a source or none."""
+        cells = self._cells.band[: self._cells.sizes[layer]]
+        source = np.zeros(len(cells), self.rows.dtype) if source is None else source
+        _sweep(self._flat, self._nothing, self._nothing, around, cells, source, weights)
 
 
 @cache

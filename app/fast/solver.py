@@ -30,7 +30,7 @@ class TrackingSolver(LinearSolver):
             )
         self._cg = context
 
-    def improve(self, state, allowed):
+    def improve(self, state, allowed, norm=None):
         """Step 3, inexactly: p towards (2.11) on C, u = A p along with it.
 
         Collective.
@@ -40,6 +40,8 @@ class TrackingSolver(LinearSolver):
         state : ContactState
         allowed : float
             Norm of the residual that is small enough [mm].
+        norm : float, optional
+            That of the residual now, if it is known [mm].
 
         Returns
         -------
@@ -50,7 +52,7 @@ class TrackingSolver(LinearSolver):
             Its norm [mm].
         """
         self.ksp.setInitialGuessNonzero(True)
-        self._cg.displacement = state.u
+        self._cg.displacement, self._cg.first_norm = state.u, norm
         iterations, failure = self._run(state.rhs, state.pressure, allowed)
         if iterations:
             state.u_is = Displacement.CARRIED

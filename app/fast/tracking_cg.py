@@ -17,6 +17,8 @@ from petsc4py import PETSc
 from app.compiled import njit
 from app.halfspace.reductions import any_order, sum_over
 
+_DIGITS = 1e-8  # so much may be left of r.r before it is summed anew
+
 # r and d vanish outside C; z and q need not. Rows are gone through from their first to their last cell of C.
 
 
@@ -65,13 +67,16 @@ def _dot_row(a, b, contact):
 
 
 @any_order
-def _dots_row(a, b, c):
-    first, second = 0.0, 0.0
-    for i in range(a.size):
-        value = np.float64(a[i])
-        first += value * b[i]
-        second += value * c[i]
-    return first, second
+def _dots_row(d, q, r, contact):
+    dq, dr, qr, qq = 0.0, 0.0, 0.0, 0.0
+    for i in range(d.size):
+        direction, product = np.float64(d[i]), np.float64(q[i])
+        dq += direction * product
+        dr += direction * r[i]
+        product = product if contact[i] else 0.0
+        qr += product * r[i]
+        qq += product * product
+    return dq, dr, qr, qq
 
 
 @any_order
@@ -122,15 +127,17 @@ def _dot(a, b, contact, spans):
 
 
 @any_order
-def _dots(a, b, c, spans):
-    """a.b and a.c for an `a` that vanishes outside C."""
-    first, second = 0.0, 0.0
-    for j in range(a.shape[0]):
+def _dots(d, q, r, contact, spans):
+    """d.q, d.r, q.r and q.q over C."""
+    dq, dr, qr, qq = 0.0, 0.0, 0.0, 0.0
+    for j in range(d.shape[0]):
         span = slice(spans[j, 0], spans[j, 1])
-        here = _dots_row(a[j, span], b[j, span], c[j, span])
-        first += here[0]
-        second += here[1]
-    return first, second
+        here = _dots_row(d[j, span], q[j, span], r[j, span], contact[j, span])
+        dq += here[0]
+        dr += here[1]
+        qr += here[2]
+        qq += here[3]
+    return dq, dr, qr, qq
 
 
 @njit()
@@ -155,7 +162,7 @@ def _warm_up(dtype):
     _first_residual(fixed, field, mask, spans, field)
     _dot(field, field, mask, spans)
     _direction(low, field, dtype.type(0), mask, spans)
-    _dots(low, low, field, spans)
+    _dots(low, low, field, mask, spans)
     _advance(field, field, low, low, mask, spans, 0.0)
     add(field, 0.0, low)
 
@@ -188,11 +195,13 @@ class TrackingCG(KspContext):
     ----------
     displacement : ndarray, shape (local rows, nx), or None
         u = A x on entry and on exit; set by the caller, who also says that x is the initial guess.
+    first_norm : float or None
+        Norm of the residual on entry, if it is known. Set by the caller, for one solve.
     residual : float
         Norm of the residual after the last solve.
     """
 
-    displacement = None
+    displacement = first_norm = None
     residual = 0.0
     _vecs = ()
 
@@ -219,6 +228,7 @@ class TrackingCG(KspContext):
         _find_spans(contact, spans)
         norm = self._first_residual(ksp, b, x)
         d[...] = 0  # outside the new spans too
+        squares = summed = norm**2
         iteration, max_it, previous = 0, ksp.getTolerances()[3], 0.0
         reason = self._report(ksp, 0, norm)
         while not reason and iteration < max_it:
@@ -231,12 +241,15 @@ class TrackingCG(KspContext):
             operator.displacement(d, q)
             with self._r as residual, x as solution:
                 r, p = residual.reshape(shape), solution.reshape(shape)
-                dq, rd = self._sum(_dots(d, q, r, spans))
+                dq, rd, qr, qq = self._sum(_dots(d, q, r, contact, spans))
                 if not dq > 0:
                     reason = PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT
                     break
                 alpha = rd / dq
-                squares = self._sum([_advance(p, r, d, q, contact, spans, alpha)])[0]
+                here = _advance(p, r, d, q, contact, spans, alpha)
+            squares += alpha * (alpha * qq - 2 * qr)  # exactly, but for cancellation
+            if not squares > _DIGITS * summed:
+                summed = squares = self._sum([here])[0]
             if u is not None:
                 add(u, alpha, q)
             previous = rz
@@ -258,7 +271,8 @@ class TrackingCG(KspContext):
         with self._r as residual:
             r = residual.reshape(shape)
             squares = _first_residual(self._read(b), u, self._operator.mask, self._spans, r)
-        return float(np.sqrt(self._sum([squares])[0]))
+        known, self.first_norm = self.first_norm, None
+        return float(np.sqrt(self._sum([squares])[0])) if known is None else known
 
     def destroy(self, ksp):
         """Free the work vectors."""

@@ -11,16 +11,16 @@ Switch: ``-lcp_window`` (share of the extent of contact that is added on every s
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from petsc4py import PETSc
 from scipy.fft import next_fast_len
 
 from app.contact.state import ContactState, UndeformedDistance
-from app.halfspace.grid import Slabs
 from app.halfspace.operator import InfluenceOperator
 from app.halfspace.reductions import sum_over
-from app.halfspace.window import Scatter, Window, bounding_box, whole
+from app.halfspace.window import Scatter, Window, bounding_boxes, whole
 from app.multigrid.transfer import Transfer
 
 _LEAST = 4  # cells of the coarser grid around contact
@@ -36,11 +36,19 @@ class CoarseSolution:
     p: np.ndarray
     contact: np.ndarray
     depth: float
-    load: float
+
+
+class Boxes(NamedTuple):
+    """What a coarser grid tells the next one to choose its window by: cells of the coarser grid, or None."""
+
+    contact: Window | None
+    predicted: Window | None  # where the target grid may have contact that this one cannot see
 
 
 class VerificationProduct:
-    """Double precision product for a window: on all cells of the target grid.
+    """Double precision product for a window: on all cells of the target grid, by all ranks.
+
+    Those that have no part in the window wait for it in `help`.
 
     Attributes
     ----------
@@ -50,12 +58,30 @@ class VerificationProduct:
 
     count = 0  # its products are those of the target grid's operator
 
-    def __init__(self, target, scatter):
-        self._target, self._scatter = target, scatter
+    def __init__(self, target, scatter, inner):
+        self._target, self._scatter, self._inner = target, scatter, inner
+        self._alone = inner.size < target.slabs.size
         self.u = None
 
     def apply(self, p, u):
-        """Compute u = A p in the window and everywhere else. Collective."""
+        """Compute u = A p in the window and everywhere else. Collective over the ranks of the window."""
+        if self._alone:
+            self._target.comm.bcast(True)
+        self.by_all(p, u)
+
+    def help(self, shape):
+        """Take part in all products to come, or say that there are none. Collective over all ranks."""
+        if not self._alone:
+            return
+        if self._inner.active:
+            self._target.comm.bcast(False)
+            return
+        nothing = np.empty(shape)
+        while self._target.comm.bcast(None):
+            self.by_all(nothing, nothing)
+
+    def by_all(self, p, u):
+        """As `apply`, for ranks that have no part in the window, too. Collective over all ranks."""
         if self.u is None:
             self.u = np.empty(self._target.local_shape)
         self.u[...] = 0
@@ -79,14 +105,16 @@ class Stage:
     ----------
     hierarchy : Hierarchy
         Says which levels may have a window, and how large it is.
+    kept : Kept
+        Where operators of windows come from.
     number : int
         Level.
     distance : UndeformedDistance
         On all of the level.
     coarse : ContactState or None
         State of the coarser grid.
-    predicted : Window, optional
-        Predicted contact box: cells of the coarser grid that should not be left out.
+    boxes : Boxes, optional
+        What was found on it.
 
     Attributes
     ----------
@@ -97,19 +125,18 @@ class Stage:
         Between these.
     """
 
-    def __init__(self, hierarchy, number, distance, coarse, predicted=None):
-        self._hierarchy, self._distance, self._predicted = hierarchy, distance, predicted
+    def __init__(self, hierarchy, kept, number, distance, coarse, boxes=None):
+        self._hierarchy, self._kept, self._number, self._distance = hierarchy, kept, number, distance
+        self._predicted = boxes and boxes.predicted
         self.coarse, self.transfer = coarse, hierarchy.transfers[number]
         level, window = hierarchy.levels[number], None
-        self._level = level
+        self._level, self._verification = level, None
         if coarse is not None:
             distance.move_to(coarse.depth)
         if coarse is not None and hierarchy.windowed(level):
-            possible = bounding_box(distance.admissible, level.slabs, level.comm).coarsen(
-                self.transfer.factors
-            )
+            possible = distance.possible.coarsen(self.transfer.factors)
             coarse_grid = hierarchy.levels[number - 1].grid
-            window = _choose(coarse, coarse_grid, hierarchy.margin, possible, predicted)
+            window = _choose(boxes, coarse.window, coarse_grid, hierarchy.margin, possible)
         self.windowed = window is not None
         if self.windowed:
             self._look_through(window, coarse_grid)
@@ -122,32 +149,29 @@ class Stage:
         hierarchy, level = self._hierarchy, self._level
         coarse, factors = self.coarse, self.transfer.factors
 
-        def operator(grid, slabs, verification=None):
-            common = hierarchy.compliance, slabs, level.comm, hierarchy.dtype
-            return InfluenceOperator(grid, *common, exact_product=verification, workspace=hierarchy.target)
+        window, comm = coarse_window.refine(factors, level.grid), hierarchy.comm
+        grid = window.grid(level.grid)
+        slabs, few = hierarchy.ranks.deal(grid)
 
-        window = coarse_window.refine(factors, level.grid)
-        slabs = Slabs.over(level.comm, window.y1 - window.y0, factors[0])
-        self._scatter = Scatter(window, level.slabs, slabs, level.comm)
-        self._verification = None
+        self._scatter = Scatter(window, level.slabs, slabs, comm)
         if level is hierarchy.target:
-            self._verification = VerificationProduct(level, self._scatter)
-        fine = operator(window.grid(level.grid), slabs, self._verification)
-        below = operator(coarse_window.grid(coarse_grid), slabs.coarsen(factors[0]))
-        inner = coarse_window.within(coarse.window)
-        cut = Scatter(inner, coarse.operator.slabs, below.slabs, coarse.comm).forward
-        self.coarse = CoarseSolution(
-            below, cut(coarse.u), cut(coarse.p), cut(coarse.contact), coarse.depth, coarse.load
+            self._verification = VerificationProduct(level, self._scatter, slabs)
+        fine = self._kept.window((self._number, "fine"), grid, slabs, few, self._verification)
+        below = self._kept.window(
+            (self._number, "below"), coarse_window.grid(coarse_grid), slabs.coarsen(factors[0]), few
         )
+        cut = Scatter(coarse_window.within(coarse.window), coarse.operator.slabs, below.slabs, comm).forward
+        self.coarse = CoarseSolution(below, cut(coarse.u), cut(coarse.p), cut(coarse.contact), coarse.depth)
         fine.prepare("product")  # first, so that other transforms can use its storage
-        self.transfer = Transfer(fine, below, factors)
+        self.transfer = Transfer(fine, below, factors, comm)
         part = UndeformedDistance.part_of(self._distance, fine, self._scatter)
         self.state = ContactState(fine, part, window, patch=level.grid)
 
-    def predicted_box(self, coarse_minimum, depth):
-        """Where the target grid may have contact that this one cannot see: asperities smaller than its cells.
+    def find(self, coarse_minimum, depth):
+        """Boxes that the window of the next finer grid should hold.
 
-        Collective. Told by the finest whole grid, when it is solved; known on the finer levels.
+        Collective over the ranks of the state. Asperities smaller than the cells of this grid are told of by the
+        finest whole one, when it is solved, and known on the finer levels.
 
         Parameters
         ----------
@@ -158,23 +182,28 @@ class Stage:
 
         Returns
         -------
-        Window or None
-            Of this level.
+        Boxes
         """
-        state, level = self.state, self._level
+        state, level, hierarchy = self.state, self._level, self._hierarchy
+        masks, predicted = [state.contact], None
         if self._predicted:
-            return self._predicted.refine(self.transfer.factors, level.grid)
-        if coarse_minimum is None or level is not self._hierarchy.levels[self._hierarchy.finest_whole]:
-            return None
-        with np.errstate(invalid="ignore"):
-            return bounding_box(coarse_minimum - depth + state.u <= 0, level.slabs, level.comm)
+            predicted = self._predicted.refine(self.transfer.factors, level.grid)
+        elif coarse_minimum is not None and level is hierarchy.levels[hierarchy.finest_whole]:
+            with np.errstate(invalid="ignore"):
+                masks.append(coarse_minimum - depth + state.u <= 0)
+        contact, *others = bounding_boxes(masks, state.operator.slabs, state.comm)
+        return Boxes(contact, others[0] if others else predicted)
+
+    def verify_no_more(self):
+        """Let the ranks outside of the window go on, or help them until they may. Collective."""
+        if self._verification:
+            self._verification.help(self.state.u.shape)
 
     def close(self):
         """Free what is of no use to a finer grid. Not collective."""
         if self.windowed:
             for operator in (self.state.operator, self.coarse.operator):
-                self._hierarchy.spent(operator)
-                operator.free_solvers()
+                self._kept.close(operator)
 
     def everything(self, outcome):
         """Return the state on all cells of the target grid, that in the window being final. Collective.
@@ -192,7 +221,7 @@ class Stage:
         """
         inside, level, scatter = self.state, self._hierarchy.target, self._scatter
         if self._verification.u is None or not outcome.converged:
-            self._verification.apply(inside.p, inside.u)
+            self._verification.by_all(inside.p, inside.u)
         self._verification.follow(inside.u)
         self._distance.move_to(inside.depth)
         state = ContactState(level, self._distance, u=self._verification.u)
@@ -207,30 +236,29 @@ class Stage:
         return state, not update.added
 
 
-def _choose(coarse, grid, margin, possible, predicted):
+def _choose(boxes, outer, grid, margin, possible):
     """Window of the coarser grid around its contact; None if leaving cells out does not pay.
 
-    Collective.
+    Not collective.
 
     Parameters
     ----------
-    coarse : ContactState
-        State of the coarser grid, or of a window of it.
+    boxes : Boxes
+        Of the coarser grid, or the window of it that was worked on.
+    outer : Window
+        This.
     grid : Grid
         All of it.
     margin : float
     possible : Window
         Around all cells where contact is possible.
-    predicted : Window or None
-        Around all cells where contact is to be expected for other reasons.
     """
-    contact, outer = bounding_box(coarse.contact, coarse.operator.slabs, coarse.comm), coarse.window
-    window = None
+    contact, window = boxes.contact, None
     if contact is not None:
         rows = _widen(contact.y0 + outer.y0, contact.y1 + outer.y0, margin, possible.y0, possible.y1)
         columns = _widen(contact.x0 + outer.x0, contact.x1 + outer.x0, margin, possible.x0, possible.x1)
         box = Window(*rows, *columns)
-        box = box.join(predicted) if predicted else box
+        box = box.join(boxes.predicted) if boxes.predicted else box
         window = Window(
             *_fill(box.y0, box.y1, outer.y0, outer.y1), *_fill(box.x0, box.x1, outer.x0, outer.x1)
         )

@@ -144,10 +144,9 @@ class Slabs:
     ny : int
         Rows of the grid.
     size, rank : int
-        Number of ranks, and this one's number.
+        Number of ranks that share them, and this one's number; one from `size` on has no rows.
     block : int
-        Slabs start at multiples of this many rows, so that `block` rows that become one coarse row
-        never lie on two ranks. The last slab takes what is left. Ranks may own no rows at all.
+        Slabs start at multiples of this many rows. The last slab takes what is left. Ranks may own no rows at all.
     """
 
     def __init__(self, ny, size=1, rank=0, block=1):
@@ -155,8 +154,13 @@ class Slabs:
         per_rank = np.full(size, blocks // size)
         per_rank[: blocks % size] += 1
         starts = np.minimum(np.concatenate([[0], np.cumsum(per_rank)]) * block, ny)
+        self._set(starts, rank)
+
+    def _set(self, starts, rank):
         self.starts = tuple(int(s) for s in starts)
-        self.size, self.rank, self.block, self.ny = size, rank, block, ny
+        self.size, self.rank, self.ny = len(starts) - 1, rank, self.starts[-1]
+        first, last = self.bounds(max(self.size, rank + 1))
+        self.rows = slice(int(first[rank]), int(last[rank]))  # this rank's
 
     @classmethod
     def over(cls, comm, ny, block=1):
@@ -169,14 +173,21 @@ class Slabs:
         return tuple(b - a for a, b in zip(self.starts, self.starts[1:], strict=False))
 
     @property
-    def rows(self):
-        """This rank's rows as a slice."""
-        return slice(self.starts[self.rank], self.starts[self.rank + 1])
-
-    @property
     def local(self):
         """Number of rows on this rank."""
-        return self.starts[self.rank + 1] - self.starts[self.rank]
+        return self.rows.stop - self.rows.start
+
+    @property
+    def active(self):
+        """Whether this rank is one of those that share the rows."""
+        return self.rank < self.size
+
+    def bounds(self, ranks):
+        """First and last but one row of each of so many ranks, two arrays; those beyond `size` have none."""
+        edges = np.full(ranks + 1, self.ny)
+        known = min(ranks, self.size) + 1
+        edges[:known] = self.starts[:known]
+        return edges[:-1], edges[1:]
 
     def neighbours(self, periodic):
         """Ranks that own the rows before and after those of this rank; MPI.PROC_NULL if nobody does. Not collective."""
@@ -186,11 +197,9 @@ class Slabs:
         return around[place - 1], around[(place + 1) % len(around)]
 
     def coarsen(self, factor):
-        """Slabs of the coarse grid whose rows are made of `factor` of these rows each."""
+        """Slabs of the coarse grid whose rows are made of `factor` of these rows each: with the first is the parent."""
         if factor == 1:
             return self
         coarse = Slabs.__new__(Slabs)
-        coarse.starts = tuple(-(-s // factor) for s in self.starts)
-        coarse.size, coarse.rank = self.size, self.rank
-        coarse.block, coarse.ny = max(1, self.block // factor), coarse.starts[-1]
+        coarse._set([-(-start // factor) for start in self.starts], self.rank)
         return coarse

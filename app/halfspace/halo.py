@@ -1,13 +1,15 @@
-"""Rows beside a slab of a periodic grid: the neighbours', or those from the other end of the patch."""
+"""Rows beside a slab: the neighbours', on a periodic grid also those from the other end of the patch."""
 
 from __future__ import annotations
 
 import numpy as np
-from mpi4py import MPI
+
+from app.halfspace.communication import Fetch
+from app.halfspace.grid import Slabs
 
 
 class Halo:
-    """Fetches some rows before and after this rank's, over the period, from whatever ranks have them.
+    """Fetches some rows before and after this rank's from whatever ranks have them.
 
     Parameters
     ----------
@@ -16,35 +18,20 @@ class Halo:
         Ranks that share the rows; None if all are here.
     width : int
         Rows on either side.
+    periodic : bool
+        Over the period; else fewer at the ends of the patch.
     """
 
-    def __init__(self, slabs, comm, width):
-        self.comm = comm if comm is not None and comm.size > 1 else None
-        self._here = self._wanted(slabs, width, slabs.rank)
-        if self.comm is None:
-            return
-        ranks = [rank for rank in range(comm.size) if rank != comm.rank]
-        first, last = slabs.rows.start, slabs.rows.stop
-        self._sent, self._got = {}, {}
-        for rank in ranks:
-            rows = self._wanted(slabs, width, rank)
-            mine = rows[(rows >= first) & (rows < last)] - first
-            if mine.size:
-                self._sent[rank] = mine
-            a, b = slabs.starts[rank], slabs.starts[rank + 1]
-            theirs = np.flatnonzero((self._here >= a) & (self._here < b))
-            if theirs.size:
-                self._got[rank] = theirs
-        self._own = np.flatnonzero((self._here >= first) & (self._here < last))
-        self._own_rows = self._here[self._own] - first
-
-    @staticmethod
-    def _wanted(slabs, width, rank):
-        """Rows of the grid that a rank asks for: those before its own, then those after them."""
-        first, last = slabs.starts[rank], slabs.starts[rank + 1]
-        if first == last:
-            return np.empty(0, int)
-        return np.concatenate([np.arange(first - width, first), np.arange(last, last + width)]) % slabs.ny
+    def __init__(self, slabs, comm, width, periodic=True):
+        first, last = slabs.bounds(1 if comm is None else comm.size)
+        low, high = first - width, last + width
+        if not periodic:
+            low, high = np.maximum(low, 0), np.minimum(high, slabs.ny)
+        some = last > first
+        before, after = (np.where(some, low, first), first), (last, np.where(some, high, last))
+        self._fetch = Fetch(slabs, [before, after], comm)
+        rank = 0 if comm is None else slabs.rank
+        self._before = int(before[1][rank] - before[0][rank])
 
     def __call__(self, field):
         """Fetch the rows of a field.
@@ -57,23 +44,11 @@ class Halo:
 
         Returns
         -------
-        before, after : ndarray, shape (width, columns)
+        before, after : ndarray, shape (at most width, columns)
             Of the field's type; without rows if there are none here.
         """
-        if self.comm is None:
-            rows = field[self._here]
-        else:
-            rows = np.empty((self._here.size, field.shape[1]), field.dtype)
-            parcels = [(rank, field[mine]) for rank, mine in self._sent.items()]
-            requests = [self.comm.Isend(parcel, rank) for rank, parcel in parcels]
-            rows[self._own] = field[self._own_rows]
-            for rank, places in self._got.items():
-                arrived = np.empty((places.size, field.shape[1]), field.dtype)
-                self.comm.Recv(arrived, rank)
-                rows[places] = arrived
-            MPI.Request.Waitall(requests)
-        half = len(rows) // 2
-        return rows[:half], rows[half:]
+        rows = self._fetch(field)
+        return rows[: self._before], rows[self._before :]
 
 
 def row_before(field, periodic, slabs, comm, beyond):
@@ -94,16 +69,8 @@ def row_before(field, periodic, slabs, comm, beyond):
     -------
     ndarray, shape (nx,)
     """
-    row = np.full(field.shape[1], beyond, field.dtype)
-    owners = [rank for rank, count in enumerate(slabs.counts) if count] if slabs else [0]
-    if not len(field):
-        return row
-    if len(owners) == 1:
-        return field[-1].copy() if periodic else row
-    place = owners.index(slabs.rank)
-    before, after = owners[place - 1], owners[(place + 1) % len(owners)]
-    if not periodic:
-        before = before if place else MPI.PROC_NULL
-        after = after if after > slabs.rank else MPI.PROC_NULL
-    comm.Sendrecv(field[-1].copy(), after, recvbuf=row, source=before)
-    return row
+    slabs = slabs or Slabs(len(field))
+    first, last = slabs.bounds(1 if comm is None else comm.size)
+    low = np.where(last > first, first - 1 if periodic else np.maximum(first - 1, 0), first)
+    found = Fetch(slabs, [(low, first)], comm)(field)
+    return found[0] if len(found) else np.full(field.shape[1], beyond, field.dtype)

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from functools import cached_property, partial
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.halfspace.fft import transpose
@@ -19,7 +20,7 @@ from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Slabs
 from app.halfspace.influence import dense_matrix, influence_quadrant, quadrant_rows
 from app.halfspace.periodic import influence_symbol
-from app.halfspace.product import Convolution, DenseProduct, PeriodicProduct
+from app.halfspace.product import Convolution, DenseProduct, NoRows, PeriodicProduct
 from app.halfspace.reductions import sum_over
 
 _FORWARD, _BACKWARD = 1 | 4, 2 | 8  # MatSORType: the "local" kinds mean the same here, see `SOR`
@@ -39,9 +40,9 @@ class InfluenceOperator:
     compliance : float
         (1 - nu) / (pi G) [mm2/N].
     slabs : Slabs, optional
-        Row distribution. Default: the whole grid on every rank (a *replicated* level).
+        Row distribution; default: all here. A rank that is none of theirs has no rows, and takes no part.
     comm : mpi4py communicator, optional
-        Ranks that share the rows; None on a replicated level.
+        Ranks that share the rows; None: this rank has all of them, or none.
     dtype : numpy real type
         Precision of the products (PETSc's vectors are always float64); small grids have a stored matrix in double.
     exact_product : optional
@@ -51,6 +52,8 @@ class InfluenceOperator:
 
     Attributes
     ----------
+    active : bool
+        Whether this rank is one of those that share the rows.
     mask : ndarray of bool, shape (local rows, nx)
         The contact set C. Change it in place and then call `mask_changed`.
     contact_number : int
@@ -66,7 +69,8 @@ class InfluenceOperator:
         self.grid, self.compliance = grid, compliance
         self.comm = comm if slabs is not None else None
         self.slabs = slabs or Slabs(grid.ny)
-        self._dense = grid.n <= DenseProduct.largest and self.comm is None
+        self.active = self.slabs.active
+        self._dense = grid.n <= DenseProduct.largest and self.slabs.size == 1
         self.dtype = np.dtype(np.float64 if self._dense else dtype)
         self._workspace = workspace
         if exact_product is not None:
@@ -92,6 +96,8 @@ class InfluenceOperator:
     @cached_property
     def product(self):
         """The product of this operator. Collective when first asked for."""
+        if not self.active:
+            return NoRows()
         if self._dense:
             return DenseProduct(dense_matrix(self.grid, self.compliance), self.grid.shape)
         if not self.needs_verification:
@@ -104,7 +110,7 @@ class InfluenceOperator:
     @cached_property
     def exact_product(self):
         """A product in double precision. Collective when first asked for."""
-        return self.product if self._dense else self._convolution(np.float64)
+        return self.product if self._dense or not self.active else self._convolution(np.float64)
 
     @property
     def storage(self):
@@ -118,12 +124,14 @@ class InfluenceOperator:
     def inverse_product(self):
         """B, the inverse of A on fields without mean, of a periodic grid. Collective when first asked for."""
         exact = self.exact_product
+        if not self.active:
+            return exact
         return (exact if isinstance(exact, PeriodicProduct) else self._convolution(np.float64)).inverse()
 
     @cached_property
     def diagonal(self):
         """Influence of a cell on itself [mm / (N/mm2)]. Collective when first asked for, on a periodic grid."""
-        if self.grid.periodic and not self._dense:
+        if self.grid.periodic and self.active and not self._dense:
             return float(self.exact_product.centre()[1, 1])
         return float(influence_quadrant(self.grid, self.compliance, slice(0, 1), 1)[0, 0])
 
@@ -139,7 +147,7 @@ class InfluenceOperator:
     @property
     def petsc_comm(self):
         """PETSc communicator of the ranks that share the rows."""
-        return PETSc.COMM_SELF if self.comm is None else PETSc.Comm(self.comm)
+        return petsc_comm(self.comm)
 
     def mat(self, comm):
         """Make a Mat with this context, the caller's to destroy. Collective over the PETSc communicator `comm`."""
@@ -226,6 +234,8 @@ class InfluenceOperator:
         """
         if shift:
             raise ValueError("Gauss-Seidel with a diagonal shift is not available")
+        if not self.active:
+            return
         relaxation = self.relaxation
         zero = bool(kind & _ZERO_GUESS)
         if zero:
@@ -251,6 +261,8 @@ class InfluenceOperator:
     @property
     def relaxation(self):
         """The sweeps on this grid; made when first needed."""
+        if not self.active:
+            return self.product
         if self._relaxation is None:
             from app.halfspace.sweeps.gauss_seidel import GaussSeidel
 
@@ -283,10 +295,15 @@ class InfluenceOperator:
         if viewer.getType() != PETSc.Viewer.Type.ASCII:
             return
         grid, kind = self.grid, type(self.product).__name__
-        spread = f"{self.slabs.size} slabs" if self.comm is not None else "replicated"
+        spread = f"{self.slabs.size} slab{'s'[: self.slabs.size > 1]}"
         viewer.printfASCII(
             f"  influence matrix of {grid.nx} x {grid.ny} cells of {grid.dx:g} x {grid.dy:g} mm, {kind}, {spread}\n"
         )
+
+
+def petsc_comm(comm):
+    """PETSc's communicator of an mpi4py communicator; None: this rank alone. Not collective."""
+    return PETSc.COMM_SELF if comm is None else PETSc.Comm(MPI.Intracomm(comm))
 
 
 def symmetric_mat(context, comm):

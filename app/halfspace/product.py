@@ -91,3 +91,28 @@ class DenseProduct:
             out[...] = (self.matrix @ p.reshape(-1)).reshape(self.shape)
         else:
             np.multiply((self.matrix @ (p * mask).reshape(-1)).reshape(self.shape), mask, out=out)
+
+
+class NoRows:
+    """Products, preconditioners and sweeps of a grid on a rank that has no part in it: they do nothing."""
+
+    dtype, shape, periods = np.dtype(float), (0, 0), (0, 0)
+    count = flops = memory = 0
+    products_per_sweep = 0.0
+
+    def apply(self, p, out, mask=None, rows=None):
+        """Do nothing. Not collective; nor are the others."""
+
+    apply_inverse = sweep = apply
+
+    def centre(self):
+        """Return the identity's."""
+        return np.outer([0.0, 1.0, 0.0], [0.0, 1.0, 0.0])
+
+    def inverse(self):
+        """Return the same."""
+        return self
+
+    def norm(self):
+        """Return 0."""
+        return 0.0

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 
+from app.halfspace.communication import Fetch
 from app.halfspace.grid import Grid
 from app.halfspace.reductions import minimum_over
 
@@ -66,31 +66,42 @@ def whole(grid):
     return Window(0, grid.ny, 0, grid.nx)
 
 
-def bounding_box(mask, slabs, comm):
-    """Window of all cells that are set in a mask, None if there are none.
+def bounding_boxes(masks, slabs, comm):
+    """Window of all cells that are set in each of some masks, None if there are none.
 
-    Collective.
+    Collective; one reduction.
 
     Parameters
     ----------
-    mask : ndarray of bool, shape (local rows, nx)
+    masks : sequence of ndarray of bool, shape (local rows, nx)
     slabs : Slabs
     comm : mpi4py communicator or None
         Ranks that share the rows.
+
+    Returns
+    -------
+    list of Window or None
     """
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    first = slabs.rows.start if comm is not None else 0
-    box = np.full(4, np.inf)
-    if rows.size:
-        box[:] = first + rows[0], columns[0], -(first + rows[-1]), -columns[-1]
-    box = minimum_over(comm, box)
-    if np.isinf(box[0]):
-        return None
-    return Window(int(box[0]), 1 - int(box[2]), int(box[1]), 1 - int(box[3]))
+    boxes = np.full((len(masks), 4), np.inf)
+    first = slabs.rows.start
+    for mask, box in zip(masks, boxes, strict=True):
+        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+        if rows.size:
+            box[:] = first + rows[0], columns[0], -(first + rows[-1]), -columns[-1]
+    boxes = minimum_over(comm, boxes)
+    return [
+        None if np.isinf(y0) else Window(int(y0), 1 - int(y1), int(x0), 1 - int(x1))
+        for y0, x0, y1, x1 in boxes
+    ]
+
+
+def bounding_box(mask, slabs, comm):
+    """Return that of one mask; see `bounding_boxes`. Collective."""
+    return bounding_boxes([mask], slabs, comm)[0]
 
 
 class Scatter:
-    """Moves fields from the rows of a grid to those of a window of it, each with slabs of their own.
+    """Moves fields from the rows of a grid to those of a window of it, each with slabs and ranks of their own.
 
     Parameters
     ----------
@@ -98,63 +109,25 @@ class Scatter:
     outer, inner : Slabs
         Rows of the grid and of the window.
     comm : mpi4py communicator or None
-        Ranks that share the rows of both; None if this rank holds all of the grid.
+        All ranks; None: this one alone.
     """
 
     def __init__(self, window, outer, inner, comm):
-        self.window, self.outer, self.inner = window, outer, inner
-        self.comm = comm
-        self.columns = slice(window.x0, window.x1)
-        rows = inner.rows  # where every rank has all of the grid, it may still have a part of the window only
-        self._here = slice(window.y0 + rows.start, window.y0 + rows.stop)
-
-    def _rows(self, outer_rank, inner_rank):
-        """Rows of the window that one rank holds as part of the grid and another one as part of the window."""
-        first = max(self.outer.starts[outer_rank] - self.window.y0, self.inner.starts[inner_rank])
-        last = min(self.outer.starts[outer_rank + 1] - self.window.y0, self.inner.starts[inner_rank + 1])
-        return first, max(first, last)
+        ranks = 1 if comm is None else comm.size
+        first, last = inner.bounds(ranks)
+        self._forward = Fetch(outer, [(first + window.y0, last + window.y0)], comm)
+        first, last = (np.clip(rows, window.y0, window.y1) for rows in outer.bounds(ranks))
+        self._reverse = Fetch(inner, [(first - window.y0, last - window.y0)], comm)
+        start = outer.rows.start
+        first = min(max(window.y0 - start, 0), outer.local)
+        self._columns = slice(window.x0, window.x1)
+        self._place = slice(first, first + self._reverse.rows), self._columns
 
     def forward(self, field):
         """Return a copy of the window's part of a field on the grid, shape (rows here, columns). Collective."""
-        if self.comm is None:
-            return field[self._here, self.columns].copy()
-        part = np.empty((self.inner.local, self.columns.stop - self.columns.start), field.dtype)
-        of_grid, of_window = self._shared(field, part)
-        self._exchange(of_grid, of_window)
-        return part
+        part = self._forward(field[:, self._columns])
+        return part.copy() if self._forward.unchanged else part
 
     def reverse(self, part, field):
         """Put a field on the window into one on the grid, in place. Collective."""
-        if self.comm is None:
-            field[self._here, self.columns] = part
-            return
-        of_grid, of_window = self._shared(field, part)
-        self._exchange(of_window, of_grid)
-
-    def _shared(self, field, part):
-        """For every rank: rows of `field` for its part of the window, and rows of `part` from its field."""
-        rank, ranks = self.comm.rank, range(self.comm.size)
-        first = self.window.y0 - self.outer.starts[rank]
-        of_grid = [
-            field[first + a : first + b, self.columns] for a, b in (self._rows(rank, q) for q in ranks)
-        ]
-        first = -self.inner.starts[rank]
-        of_window = [part[first + a : first + b] for a, b in (self._rows(q, rank) for q in ranks)]
-        return of_grid, of_window
-
-    def _exchange(self, sources, targets):
-        """Send every rank its rows and put theirs where they belong; what stays here moves only once. Collective."""
-        here = self.comm.rank
-        parcels = {
-            rank: np.ascontiguousarray(rows)
-            for rank, rows in enumerate(sources)
-            if rows.size and rank != here
-        }
-        on_their_way = [self.comm.Isend(parcel, rank) for rank, parcel in parcels.items()]
-        targets[here][...] = sources[here]
-        for rank, rows in enumerate(targets):
-            if rows.size and rank != here:
-                arrived = np.empty(rows.shape, rows.dtype)
-                self.comm.Recv(arrived, rank)
-                rows[...] = arrived
-        MPI.Request.Waitall(on_their_way)
+        field[self._place] = self._reverse(part)

@@ -11,18 +11,20 @@ from app.multigrid.hierarchy import LARGEST_DIRECT
 
 
 def solves_directly(operator):
-    """Whether a grid is small enough, and here as a whole, to be solved directly. Not collective."""
-    return operator.comm is None and operator.grid.n <= LARGEST_DIRECT
+    """Whether a grid is small enough, and on one rank, to be solved directly. Not collective."""
+    return operator.slabs.size == 1 and operator.grid.n <= LARGEST_DIRECT
 
 
-def replicated_matrix(operator):
-    """Dense A of a replicated level of at most `LARGEST_DIRECT` cells. Not collective."""
+def stored_matrix(operator):
+    """Dense A of a grid of at most `LARGEST_DIRECT` cells on one rank; without rows on the others. Not collective."""
     grid = operator.grid
     if not solves_directly(operator):
         raise ValueError(
             f"a coarsest grid of {grid.nx} x {grid.ny} cells is too large for a direct "
-            f"solve; allowed: {LARGEST_DIRECT} cells in all, on a replicated level"
+            f"solve; allowed: {LARGEST_DIRECT} cells in all, on one rank (-lcp_cells_per_rank)"
         )
+    if not operator.active:
+        return np.empty((0, 0))
     return dense_matrix(grid, operator.compliance)
 
 
@@ -41,7 +43,7 @@ class DirectSolver:
 
     def __init__(self, operator, level=0):
         self.level, self.operator = level, operator
-        self._matrix = replicated_matrix(operator)
+        self._matrix = stored_matrix(operator)
         self._work = PETSc.Vec().createSeq(operator.grid.n)
 
     def set_contact(self):

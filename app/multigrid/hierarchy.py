@@ -1,16 +1,15 @@
 """The grids of one problem, from the coarsest to the target, with their operators and transfers.
 
-Operators are rediscretised on every grid (no Galerkin products). On several ranks the target grid is cut into
-slabs; grids of at most `replicate` cells, and a coarsest one that can be solved directly, are *replicated*: every rank
-holds all of them, and every rank or rank 0 alone computes, which costs less than talking about it.
+Operators are rediscretised on every grid (no Galerkin products). All ranks share the target grid; each of the others is
+dealt to as many as it is worth (`app.halfspace.communication.Ranks`), and one that can be solved directly is on one.
 """
 
 from __future__ import annotations
 
-import math
+from weakref import WeakKeyDictionary
 
-from app.halfspace.grid import Slabs
-from app.halfspace.operator import InfluenceOperator
+from app.halfspace.communication import Ranks
+from app.halfspace.operator import InfluenceOperator, petsc_comm
 from app.memory import check_hosts, doubles_per_cell
 from app.multigrid.transfer import Transfer
 
@@ -20,7 +19,7 @@ LARGEST_DIRECT = 1024  # cells of a grid whose matrix may be stored and factoris
 _SMALLEST_WINDOWED = 64 * 64  # cells; on smaller grids it does not pay to leave any out
 
 
-def plan(grid, comm, coarsest=4, replicate=64 * 64, single=False):
+def plan(grid, coarsest=4, single=False):
     """Grids of a hierarchy, parameters as of `Hierarchy`; nothing is allocated. Not collective.
 
     Returns
@@ -29,10 +28,6 @@ def plan(grid, comm, coarsest=4, replicate=64 * 64, single=False):
         The target first.
     factors : list of (int, int)
         From each to the next.
-    cut : list of bool
-        Whether a grid is cut into slabs; else it is replicated.
-    slabs : Slabs
-        Of the target grid.
     """
     grids, factors = [grid], []
     most = 1 if single else grid.n  # grids; more there cannot be
@@ -41,16 +36,7 @@ def plan(grid, comm, coarsest=4, replicate=64 * 64, single=False):
     while len(grids) < most and (coarser := grids[-1].coarsen(coarsest)) is not None:
         factors.append(grids[-1].coarsening(coarsest))
         grids.append(coarser)
-    # The target grid is cut into slabs, small grids are not, nor is the coarsest if it can be solved directly.
-    direct = grids[-1].n <= LARGEST_DIRECT
-    cut = [
-        comm.size > 1 and (g is grid or (g.n > replicate and not (g is grids[-1] and direct))) for g in grids
-    ]
-    # Cells of the next coarser grid lie on one rank; on a periodic patch those of the one after it, too (TwoGrid).
-    together = (cut.index(False) if False in cut else len(cut)) + bool(grid.periodic)
-    block = math.prod(fy for fy, _ in factors[:together])
-    slabs = Slabs.over(comm, grid.ny, block)
-    return grids, factors, cut, slabs
+    return grids, factors
 
 
 def check_room(comm, grid, settings):
@@ -66,11 +52,12 @@ def check_room(comm, grid, settings):
     ------
     InputError
     """
-    grids, _, cut, slabs = plan(grid, comm, settings.coarsest, settings.replicate**2)
-    replicated = [coarse.n for coarse, is_cut in zip(grids, cut, strict=True) if comm.size > 1 and not is_cut]
-    check_hosts(
-        comm, grid, slabs.local * grid.nx + sum(replicated), doubles_per_cell(settings, grid.periodic)
-    )
+    ranks = Ranks(comm, settings.cells_per_rank)
+    grids, _ = plan(grid, settings.coarsest)
+    # What grids that all ranks share take is counted with the target's cells.
+    few = [ranks.slabs(g).local * g.nx for g in grids[1:] if ranks.number(g) < comm.size]
+    cells = ranks.slabs(grid, comm.size).local * grid.nx + sum(few)
+    check_hosts(comm, grid, cells, doubles_per_cell(settings, grid.periodic))
 
 
 class Hierarchy:
@@ -85,8 +72,8 @@ class Hierarchy:
     comm : mpi4py communicator
     coarsest : int
         Directions of at most this many cells are not halved.
-    replicate : int
-        Grids of at most this many cells are replicated on every rank.
+    cells_per_rank : int
+        That a rank gets at least of grids but the target; 0: see `Ranks`.
     single : bool
         Only the target grid is needed.
     dtype : numpy real type
@@ -97,25 +84,34 @@ class Hierarchy:
     """
 
     def __init__(
-        self, grid, compliance, comm, coarsest=4, replicate=64 * 64, single=False, dtype=float, margin=0.0
+        self, grid, compliance, comm, coarsest=4, cells_per_rank=0, single=False, dtype=float, margin=0.0
     ):
-        self.comm, self.compliance, self.dtype, self.margin = comm, compliance, dtype, margin
-        self._spent = 0.0  # in windows that are gone
-        grids, factors, cut, slabs = plan(grid, comm, coarsest, replicate, single)
+        self.ranks = Ranks(comm, cells_per_rank)
+        self.comm, self.compliance, self.dtype, self.margin = self.ranks.comm, compliance, dtype, margin
+        self._spent, self._told = 0.0, WeakKeyDictionary()  # in windows; so far of each
+        grids, factors = plan(grid, coarsest, single)
+        direct = len(grids) > 1 and grids[-1].n <= LARGEST_DIRECT
+        sizes = [self.ranks.size, *map(self.ranks.number, grids[1 : len(grids) - direct]), *[1] * direct]
         self.levels, self.transfers = [], [None]
-        for number, level in enumerate(grids):
-            if number:
-                slabs = slabs.coarsen(factors[number - 1][0])
-            spread = (slabs, comm) if cut[number] else (None, None)
-            self.levels.insert(0, InfluenceOperator(level, compliance, *spread, dtype))
+        for number, (level, size) in enumerate(zip(grids, sizes, strict=True)):
+            self.levels.insert(0, InfluenceOperator(level, compliance, *self.ranks.deal(level, size), dtype))
             if number:
                 fine, coarse = self.levels[1], self.levels[0]
-                self.transfers.insert(1, Transfer(fine, coarse, factors[number - 1]))
+                self.transfers.insert(1, Transfer(fine, coarse, factors[number - 1], self.comm))
         self.slabs = self.levels[-1].slabs
         self.target.prepare("exact_product")
         for level in self.levels:
             if not self.windowed(level):
                 level.prepare("product")
+
+    @property
+    def petsc_comm(self):
+        """PETSc communicator of all ranks."""
+        return petsc_comm(self.comm)
+
+    def joined(self, operator, number):
+        """Whether ranks that have no part in an operator have one in level `number`. Not collective."""
+        return operator.slabs.size < self.levels[number].slabs.size
 
     @property
     def target(self):
@@ -169,5 +165,11 @@ class Hierarchy:
         return self._spent + sum(self.share(level) * level.equivalent_products for level in self.levels)
 
     def spent(self, operator):
-        """Count what was computed in a window that will not be used any more. Not collective."""
-        self._spent += self.share(operator) * operator.equivalent_products
+        """Count what was computed in a window since it was last told. Not collective."""
+        products = operator.equivalent_products
+        self._spent += self.share(operator) * (products - self._told.get(operator, 0.0))
+        self._told[operator] = products
+
+    def destroy(self):
+        """Free the communicators made for it. Collective."""
+        self.ranks.destroy()

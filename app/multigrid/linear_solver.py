@@ -53,7 +53,7 @@ class LinearSolver:
             operators = [operator]
         self.operator = operators[-1]
         self._weights = [(op, hierarchy.share(op)) for op in operators]
-        comm = comm or PETSc.Comm(hierarchy.comm)
+        comm = comm or hierarchy.petsc_comm
         options = PETSc.Options(prefix)
         pc_type = options.getString("pc_type", "")
         if pc_type in _NEED_PARTS:

@@ -23,7 +23,7 @@ from contextlib import contextmanager
 import numpy as np
 from petsc4py import PETSc
 
-from app.multigrid.direct import replicated_matrix
+from app.multigrid.direct import stored_matrix
 
 _SMOOTHER = {
     "mg_levels_ksp_type": "richardson",
@@ -43,7 +43,7 @@ _DIRECT = {
 
 
 class MaskedMatrix:
-    """Sec. 4.2, 4: the coarsest system, assembled ``C A C + d (I - C)`` on a replicated level, one copy per rank.
+    """Sec. 4.2, 4: the coarsest system, assembled ``C A C + d (I - C)``, all of it on the rank that has the grid.
 
     Parameters
     ----------
@@ -54,11 +54,10 @@ class MaskedMatrix:
 
     def __init__(self, operator, comm):
         self.operator = operator
-        self._full = replicated_matrix(operator)
-        n = operator.grid.n
-        self.mat = PETSc.Mat().createAIJ(((n, PETSc.DETERMINE),) * 2, nnz=n, comm=comm)
-        first, last = self.mat.getOwnershipRange()
-        self._index = np.arange(first, last, dtype=PETSc.IntType)
+        self._full = stored_matrix(operator)
+        rows = len(self._full)
+        self.mat = PETSc.Mat().createAIJ(((rows, PETSc.DETERMINE),) * 2, nnz=operator.grid.n, comm=comm)
+        self._index = np.arange(rows, dtype=PETSc.IntType)
         self.update()
 
     def update(self, energy=0.0):
@@ -69,13 +68,17 @@ class MaskedMatrix:
         energy : float
             What ``p.Ap`` should at least be for p = 1 on C.
         """
+        if self.operator.active:
+            self._set_values(energy)
+        self.mat.assemble()
+
+    def _set_values(self, energy):
         inside = self.operator.mask.reshape(-1)
         values = np.where(inside[:, None] & inside, self._full, 0.0)
         lacks = (energy - values.sum()) / max(np.count_nonzero(inside), 1) ** 2
         values += np.where(inside[:, None] & inside, max(lacks, 0.0), 0.0)
         values[~inside, ~inside] = self.operator.diagonal
         self.mat.setValues(self._index, self._index, values)
-        self.mat.assemble()
 
     def destroy(self):
         """Free the matrix. Collective."""

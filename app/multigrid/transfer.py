@@ -1,19 +1,20 @@
 """Between a grid and the next coarser one (Sec. 4.2): defect, contact set, correction, displacement, shape.
 
-A coarse cell joins 2 x 2 fine ones (2 x 1 or 1 x 2 where the other direction is short already). Slabs are cut so
-that its children are on one rank: only a coarse level that is replicated on all ranks, and the rows beside a
-slab in `interpolate`, need communication.
+A coarse cell joins 2 x 2 fine ones (2 x 1 or 1 x 2 where the other direction is short already). Each grid has slabs and
+ranks of its own: a coarse row is made where its first child is, which may need the next row from the next rank, and
+moves to the rank that owns it; fine rows ask for their parents. Where the slabs fit nothing moves.
 """
 
 from __future__ import annotations
+
+from functools import cached_property
 
 import numpy as np
 from petsc4py import PETSc
 
 from app.compiled import njit
+from app.halfspace.communication import Fetch
 from app.petsc import restricts_by_transpose
-
-_FIRST, _LAST = 1, 2  # tags: which row of a slab
 
 
 class Transfer:
@@ -24,83 +25,112 @@ class Transfer:
     fine, coarse : InfluenceOperator
     factors : (int, int)
         ``(fy, fx)``: fine cells per coarse cell in y and x.
+    comm : mpi4py communicator or None
+        All ranks of the solver; None: this one alone.
     """
 
-    def __init__(self, fine, coarse, factors):
-        self.fine, self.coarse = fine, coarse
+    def __init__(self, fine, coarse, factors, comm=None):
+        self.fine, self.coarse, self._comm = fine, coarse, comm
         self.factors = self.fy, self.fx = factors
-        self.gathers = fine.comm is not None and coarse.comm is None
-        slabs = fine.slabs.coarsen(self.fy)
-        self.rows = slabs.rows if self.gathers else slice(0, coarse.local_shape[0])
-        if self.gathers:
-            counts = np.array(slabs.counts) * coarse.grid.nx
-            self._parts = counts, np.concatenate([[0], np.cumsum(counts)[:-1]])
-        self._local = (self.rows.stop - self.rows.start, coarse.grid.nx)
+        self._ranks = 1 if comm is None else comm.size
+        self._made = fine.slabs.coarsen(self.fy)  # where coarse rows are made
+        self._local = (self._made.local, coarse.grid.nx)
 
-    def _children(self, fine):
-        """Yield the fine cells with the same place in their coarse cell, as (view, rows, columns)."""
+    @cached_property
+    def _with_children(self):
+        """Fine rows, as far as they are children of the coarse rows made here."""
+        first, last = (
+            np.minimum(self.fy * rows, self.fine.grid.ny) for rows in self._made.bounds(self._ranks)
+        )
+        return Fetch(self.fine.slabs, [(first, last)], self._comm)
+
+    @cached_property
+    def _to_owner(self):
+        """Coarse rows made somewhere, where they belong."""
+        return Fetch(self._made, [self.coarse.slabs.bounds(self._ranks)], self._comm)
+
+    def _parents(self, beside):
+        """Coarse rows that fine rows here have as parents, and one more on either side where there is one."""
+        first, last = self.fine.slabs.bounds(self._ranks)
+        some, end = last > first, self.coarse.grid.ny
+        first, last = first // self.fy - beside, -(-last // self.fy) + beside
+        if not self.coarse.grid.periodic:
+            first, last = np.maximum(first, 0), np.minimum(last, end)
+        return Fetch(self.coarse.slabs, [(first, np.where(some, last, first))], self._comm)
+
+    @cached_property
+    def _of_parents(self):
+        return self._parents(0)
+
+    @cached_property
+    def _of_neighbours(self):
+        return self._parents(1)
+
+    def _children(self, fine, start):
+        """Yield the fine cells with the same place in their coarse cell, as (view, rows, columns).
+
+        `start` is the number of the first fine row; rows of parents count from that of this one.
+        """
         for j in range(self.fy):
+            skipped = (j - start) % self.fy
             for i in range(self.fx):
-                view = fine[j :: self.fy, i :: self.fx]
-                yield view, slice(view.shape[0]), slice(view.shape[1])
+                view = fine[skipped :: self.fy, i :: self.fx]
+                parent = (start + skipped) // self.fy - start // self.fy
+                yield view, slice(parent, parent + view.shape[0]), slice(view.shape[1])
 
-    def _complete(self, mine, dtype):
-        """Coarse field from the coarse rows made here: the others' rows too if the level is replicated."""
-        if not self.gathers:
-            return mine
-        everything = np.empty(self.coarse.local_shape, dtype)
-        self.fine.comm.Allgatherv(mine, [everything, self._parts])
-        return everything
+    def _pieces(self, fine):
+        """Children of the coarse rows made here, from their rank and the next. Collective."""
+        return self._children(self._with_children(fine), self.fy * self._made.rows.start)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def restrict_defect(self, fine):
         """Sec. 4.2, 3, formula 1: four-point average; children outside the patch count as zero. Collective."""
         mine = np.zeros(self._local)
-        for view, rows, columns in self._children(fine):
+        for view, rows, columns in self._pieces(fine):
             mine[rows, columns] += view
         mine *= 1.0 / (self.fy * self.fx)
-        return self._complete(mine, float)
+        return self._to_owner(mine)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def restrict_contact(self):
         """Sec. 4.2, 3, formula 2: a coarse cell is in C_H if any of its children is in C_h. Collective."""
         mine = np.zeros(self._local, bool)
-        for view, rows, columns in self._children(self.fine.mask):
+        for view, rows, columns in self._pieces(self.fine.mask):
             mine[rows, columns] |= view
-        self.coarse.mask[...] = self._complete(mine, bool)
+        self.coarse.mask[...] = self._to_owner(mine)
 
     def restrict_shape(self, shape):
         """Mean of the admissible children, NaN if there are none. Collective."""
         total, count = np.zeros(self._local), np.zeros(self._local)
-        for view, rows, columns in self._children(shape):
+        for view, rows, columns in self._pieces(shape):
             known = ~np.isnan(view)
             total[rows, columns] += np.where(known, view, 0.0)
             count[rows, columns] += known
         with np.errstate(invalid="ignore"):
-            return self._complete(total / count, float)
+            return self._to_owner(total / count)
 
     def restrict_minimum(self, fine):
         """Least of the children, NaN if all are. Collective."""
         mine = np.full(self._local, np.nan)
-        for view, rows, columns in self._children(fine):
+        for view, rows, columns in self._pieces(fine):
             here = mine[rows, columns]
             np.fmin(here, view, out=here)
-        return self._complete(mine, float)
+        return self._to_owner(mine)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def add_copies(self, coarse, fine):
-        """Sec. 4.2, 5, formula 3, and 6: v_H copied to the children, 0 in E_h; p_h + v_h. Not collective."""
-        mine = coarse[self.rows]
+        """Sec. 4.2, 5, formula 3, and 6: v_H copied to the children, 0 in E_h; p_h + v_h. Collective."""
+        mine, start = self._of_parents(coarse), self.fine.slabs.rows.start
         for (view, rows, columns), (mask, _, _) in zip(
-            self._children(fine), self._children(self.fine.mask), strict=True
+            self._children(fine, start), self._children(self.fine.mask, start), strict=True
         ):
             np.add(view, mine[rows, columns], out=view, where=mask)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def copy(self, coarse, fine):
-        """Sec. 4.3, 2: the "copy" strategy for p: children get the value of their coarse cell. Not collective."""
-        mine = coarse[self.rows]
-        for view, rows, columns in self._children(fine):
+        """Sec. 4.3, 2: the "copy" strategy for p: children get the value of their coarse cell. Collective."""
+        mine = self._of_parents(coarse)
+        for view, rows, columns in self._children(fine, self.fine.slabs.rows.start):
             view[...] = mine[rows, columns]
 
     @PETSc.Log.EventDecorator("ContactTransfer")
@@ -109,33 +139,10 @@ class Transfer:
 
         On a periodic grid there is no rim.
         """
-        wide, first = self._with_neighbours(coarse)
         rows = self.fine.slabs.rows
-        self._interpolate(wide, fine, rows, first)
-
-    def _with_neighbours(self, coarse):
-        """Return the coarse rows here, one more on either side where there is one, and the number of the first."""
-        slabs, periodic = self.fine.slabs.coarsen(self.fy), bool(self.coarse.grid.periodic)
-        rows = slabs.rows
-        first = rows.start - 1 if periodic else max(rows.start - 1, 0)
-        if self.coarse.comm is None:
-            if periodic:
-                return coarse[np.arange(first, rows.stop + 1) % len(coarse)], first
-            return coarse[first : rows.stop + 1], first
-        comm = self.coarse.comm
-        if not slabs.local:
-            return coarse, first
-        before, after = slabs.neighbours(periodic)
-        above, below = np.empty((2, 1, coarse.shape[1]))
-        # At the rim nobody is there. Around a period both neighbours may be the same rank, or this one.
-        requests = [comm.Irecv(above, before, _LAST), comm.Irecv(below, after, _FIRST)]
-        requests += [
-            comm.Isend(coarse[:1].copy(), before, _FIRST),
-            comm.Isend(coarse[-1:].copy(), after, _LAST),
-        ]
-        for request in requests:
-            request.Wait()
-        return np.vstack([above[before < 0 :], coarse, below[after < 0 :]]), first
+        first = rows.start // self.fy - 1
+        wide = self._of_neighbours(coarse)
+        self._interpolate(wide, fine, rows, first if self.coarse.grid.periodic else max(first, 0))
 
     def _interpolate(self, coarse, fine, rows, first):
         """Interpolate to global fine rows `rows` from coarse rows that start at global row `first`."""

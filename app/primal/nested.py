@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.contact.full_multigrid import route
+from app.contact.full_multigrid import pairs, route, tell
 from app.contact.grid_errors import UNKNOWN, errors_from, numbers_on
 from app.contact.history import Outcome
 from app.contact.iteration import NO_CONTACT
@@ -31,7 +31,7 @@ _SAFEGUARD = {
 def primal_iteration(hierarchy, distances, loading, stop, history, nested, target_solver=None, start=None):
     """Solve on the target grid of a periodic hierarchy, from the coarsest grid on.
 
-    Collective. Replicated grids are solved by rank 0, which tells the others.
+    Collective. A grid is solved by the ranks that share it, and they tell those that join on the next.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
     ContactState, Outcome
         On the target grid.
     """
-    last = len(hierarchy.levels) - 1
+    last, comm = len(hierarchy.levels) - 1, hierarchy.comm
     if not loading.prescribes_load:
         state = ContactState(hierarchy.target, distances[last])
         state.approach = loading.approach
@@ -55,10 +55,11 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
             return state, Outcome(True, NO_CONTACT)
         state.destroy()
     coarse, outcome, difference, numbers = None, None, float("nan"), []
-    for number in route(hierarchy, distances, loading, nested) if nested and start is None else [last]:
+    stops = route(hierarchy, distances, loading, nested) if nested and start is None else [last]
+    for number, following in pairs(stops):
         level, target = hierarchy.levels[number], number == last
         state = ContactState(level, distances[number])
-        if target or level.comm is not None or hierarchy.comm.rank == 0:
+        if level.active:
             solver = (
                 target_solver
                 if target and target_solver
@@ -75,26 +76,28 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
         else:
             primal.mean_pressure = coarse.mean_pressure
             hierarchy.transfers[number].interpolate(coarse.w, primal.w)
-        if target or level.comm is not None or hierarchy.comm.rank == 0:
+        if level.active:
             outcome = _solve_on(
                 hierarchy, number, primal, solver, stop if target else stop.for_coarse_grid(), history
             )
             if solver is not target_solver:
                 solver.destroy()
-        if not target:
-            _tell(hierarchy, level, primal)
+            if not target:
+                numbers.append(primal.numbers())
+        facts = outcome, primal.mean_pressure, numbers
+        outcome, primal.mean_pressure, numbers = tell(hierarchy, following, state, loading, *facts)
         if coarse is not None:
-            difference = (
-                _difference(hierarchy.transfers[number], coarse.state.p, state) if target else difference
-            )
-            numbers.append(coarse.numbers())
+            if target:
+                difference = _difference(comm, hierarchy.transfers[number], coarse.state.p, state)
             coarse.state.destroy()
             coarse.destroy()
         coarse = primal
     primal.destroy()
     errors = UNKNOWN
     if numbers:
-        errors = errors_from([*numbers, numbers_on(state)], state.first_touch(), loading.prescribes_load)
+        errors = errors_from(
+            [*numbers, numbers_on(state, comm)], state.first_touch(), loading.prescribes_load
+        )
     return state, replace(outcome, discretisation_error=difference, grid_errors=errors)
 
 
@@ -110,15 +113,3 @@ def _solve_on(hierarchy, number, primal, solver, stop, history):
         np.subtract(primal.state.u, primal.state.depth, out=primal.w)
         primal.mean_pressure = primal.mean(primal.state.p)
         return rest.after(stagnation.outcome)
-
-
-def _tell(hierarchy, level, primal):
-    """Give all ranks what rank 0 has found on a replicated grid. Collective."""
-    comm = hierarchy.comm
-    if level.comm is not None or comm.size == 1:
-        return
-    comm.Bcast(primal.w)
-    comm.Bcast(primal.state.contact)
-    with primal.state.pressure as p:
-        comm.Bcast(p)
-    primal.mean_pressure = comm.bcast(primal.mean_pressure)

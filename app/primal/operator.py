@@ -37,7 +37,7 @@ class InverseOperator:
         self.influence, self.coarser = influence, coarser
         self.grid, self.slabs, self.comm = influence.grid, influence.slabs, influence.comm
         self.dtype, self.local_shape = influence.dtype, influence.local_shape
-        self.petsc_comm = influence.petsc_comm
+        self.petsc_comm, self.active = influence.petsc_comm, influence.active
         self.mask = np.zeros(self.local_shape, bool)
         self.products = self.contact_number = 0
 

@@ -121,7 +121,7 @@ class PrimalState:
     def numbers(self):
         """Numbers of the solution, as w and the mean pressure have them. Collective over the ranks of the state."""
         load = self.mean_pressure * self.cells * self.state.grid.cell_area
-        return numbers_on(self.state, load, -self.mean(self.w))
+        return numbers_on(self.state, self.state.comm, load, -self.mean(self.w))
 
     def guess(self, solver):
         """The contact set of the obstacle problem in small, by projected sweeps with the centre of B; w and p follow.

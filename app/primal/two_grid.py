@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
-from app.halfspace.grid import Slabs
+from app.halfspace.communication import Fetch
 from app.halfspace.halo import Halo
 from app.halfspace.reductions import sum_over
 from app.primal import stencil
@@ -83,7 +83,10 @@ class TwoGrid:
         """Fetch the free cells beside the slab, once for a contact set. Collective."""
         if self._number != self.operator.contact_number:
             self._number, self._answer = self.operator.contact_number, None
-            self._free = self._rows(self.operator.mask)
+            mask, n = self.operator.mask, self.operator.grid.n
+            self._free = self._rows(mask)
+            cells = sum_over(self.operator.comm, [np.count_nonzero(mask)])[0]
+            self._contact = max(1.0 - cells / n, 1.0 / n)  # share of the cells
 
     def _raised(self):
         """What M makes of the pressure B_00 everywhere, and its sum, once for a contact set. Collective."""
@@ -101,7 +104,7 @@ class TwoGrid:
         beside = self._rows(s)
         stencil.sweep_from_zero(s, *beside, free, *self._free, self.weights, self._shares, x, left)
         if waves:
-            waves.add(1.0 / self.weights[0], free, x)
+            waves.add(1.0 / self.weights[0], self._contact, free, x)
         stencil.sweep_on(s, *beside, free, *self._free, self.weights, self._back, x, *self._rows(x), z)
 
     def view(self, pc, viewer):
@@ -133,30 +136,23 @@ class _LongWaves:
         self.fine, self.operator = fine, fine.coarser
         coarse = self.operator
         self.fy, self.fx = fine.grid.ny // coarse.grid.ny, fine.grid.nx // coarse.grid.nx
-        self._gathers = fine.comm is not None and coarse.comm is None
-        self.slabs = fine.slabs.coarsen(self.fy)
-        self.left = np.empty((self.slabs.local, coarse.grid.nx))
-        self._everything = np.empty(coarse.local_shape) if self._gathers else self.left
+        slabs, comm = fine.slabs.coarsen(self.fy), fine.comm
+        first, last = slabs.bounds(1 if comm is None else comm.size)
+        some = last > first
+        self._to_coarse = Fetch(slabs, [coarse.slabs.bounds(len(first))], comm)
+        self._with_neighbours = Fetch(coarse.slabs, [(first - some, last + some)], comm)
+        self.left = np.empty((slabs.local, coarse.grid.nx))
         self._u = np.empty(coarse.local_shape)
-        counts = np.array(self.slabs.counts) * coarse.grid.nx
-        self._parts = counts, np.concatenate([[0], np.cumsum(counts)[:-1]])
-        slabs = Slabs(coarse.grid.ny) if coarse.comm is None else coarse.slabs
-        self._halo = Halo(slabs, coarse.comm, 1)
         # The longest wave: 2 / (E* q) = 2 pi compliance / q
         longest = max(fine.grid.nx * fine.grid.dx, fine.grid.ny * fine.grid.dy)
         self._constant = _CONSTANT * coarse.compliance * longest
 
-    def add(self, scale, free, x):
-        """x += what A makes of `left` times a scale, on the free cells. Collective."""
-        coarse, fine = self.operator, self.fine
-        if self._gathers:
-            fine.comm.Allgatherv(self.left, [self._everything, self._parts])
-        total, cells = sum_over(fine.comm, [self.left.sum(), np.count_nonzero(free)])
-        coarse.displacement(self._everything, self._u)
-        contact = max(1.0 - cells / fine.grid.n, 1.0 / fine.grid.n)
+    def add(self, scale, contact, free, x):
+        """x += what A makes of `left` times a scale, on the free cells, beside a share in contact. Collective."""
+        coarse = self.operator
+        left = self._to_coarse(self.left)
+        coarse.displacement(left, self._u)
+        total = sum_over(coarse.comm, [left.sum()])[0]
         self._u += self._constant / contact * total / coarse.grid.n
         self._u *= scale
-        before, after = self._halo(self._u)
-        wide = np.vstack([before, self._u, after])
-        rows = self.slabs.rows if self._gathers else slice(0, coarse.local_shape[0])
-        stencil.add_interpolated(wide[rows.start : rows.stop + 2], self.fx, self.fy, free, x)
+        stencil.add_interpolated(self._with_neighbours(self._u), self.fx, self.fy, free, x)

@@ -52,8 +52,8 @@ def answers(quick, comm):
         if quick and "rtol" in way:
             continue
         for name, (problem, mean_pressure) in _problems(quick, method == "primal").items():
-            # Small replicated grids, so that several are distributed
-            given = {"lcp_replicate": 16, **options}
+            # Few cells on a rank, so that several grids are shared
+            given = {"lcp_cells_per_rank": 64, **options}
             by_load = solved(problem, method, comm, options=given, mean_pressure=mean_pressure)
             by_approach = solved(problem, method, comm, options=given, approach=by_load.approach)
             for loading, solution in (("load", by_load), ("approach", by_approach)):

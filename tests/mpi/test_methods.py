@@ -20,8 +20,8 @@ def one_rank(cli, tmp_path_factory):
 
 
 def run(cli, method, grid, ranks, where):
-    # Small replicated levels, so that several levels are distributed; double precision to compare digits.
-    arguments = ("-grid", grid, "-lcp_replicate", "8", "-lcp_precision", "double", "-output", where)
+    # Few cells on a rank, so that several levels are distributed; double precision to compare digits.
+    arguments = ("-grid", grid, "-lcp_cells_per_rank", "32", "-lcp_precision", "double", "-output", where)
     done = cli(*arguments, methods=("hertz", method), ranks=ranks)
     assert done.returncode == 0, done.stderr
     return read_result(where)

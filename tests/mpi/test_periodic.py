@@ -21,13 +21,13 @@ def test_any_number_of_ranks_finds_the_same(comm, method, options):
 
 @pytest.mark.mpi(5)  # a slab of as many rows as a coarse cell, or none
 def test_so_do_more_ranks_than_coarse_rows(comm):
-    assert_same_as_alone(comm, "fmg_v11", {"lcp_replicate": 1})
+    assert_same_as_alone(comm, "fmg_v11", {"lcp_cells_per_rank": 1})
 
 
 def assert_same_as_alone(comm, method, options):
     """By approach, and by loads below and at full contact."""
     problem = periodic.rough(24, 20, 1)
-    options = {"lcp_rtol": 1e-9, "lcp_replicate": 4} | options
+    options = {"lcp_rtol": 1e-9, "lcp_cells_per_rank": 8} | options
     least = solve(problem, problem.gap.mean(), method, comm=MPI.COMM_SELF, **options).load
     loadings = [(0.8 * problem.gap.mean(), None)]
     loadings += [(None, share * least) for share in (0.4, 1.5)] if method else []

@@ -35,14 +35,14 @@ def test_rows_beside_a_slab_come_from_whoever_has_them(comm, dtype):
 
 
 @pytest.mark.mpi(2, 3)
-@pytest.mark.parametrize("replicate", [1, 10**6])
+@pytest.mark.parametrize("cells", [1, 10**6])
 @pytest.mark.parametrize("shape", [(32, 24), (12, 40), (9, 16)])
-def test_the_preconditioner_is_the_same_on_any_number_of_ranks(comm, shape, replicate):
+def test_the_preconditioner_is_the_same_on_any_number_of_ranks(comm, shape, cells):
     grid = Grid(shape[1], shape[0], 0.3, 0.2, periodic="spectral")
     free, r, w = np.random.default_rng(1).random(shape) < 0.7, random_field(grid, 2), random_field(grid, 3)
     found = []
     for ranks in (comm, MPI.COMM_SELF):
-        hierarchy = Hierarchy(grid, STEEL, ranks, replicate=replicate, dtype=np.float32)
+        hierarchy = Hierarchy(grid, STEEL, ranks, cells_per_rank=cells, dtype=np.float32)
         with OptionDatabase(read_method_file("primal")).active():
             solver = PrimalSolver(hierarchy)
         rows = hierarchy.slabs.rows
@@ -72,7 +72,7 @@ def test_so_do_ranks_without_rows(comm):
 
 
 def assert_same_as_alone(comm, nx, ny):
-    problem, options = periodic.rough(nx, ny, 4, holes=0.05 if nx == 24 else 0.0), {"lcp_replicate": 4}
+    problem, options = periodic.rough(nx, ny, 4, holes=0.05 if nx == 24 else 0.0), {"lcp_cells_per_rank": 8}
     solvers = (ContactSolver(problem, None, options, ranks) for ranks in (MPI.COMM_SELF, comm))
     with next(solvers) as one, next(solvers) as many:
         for share in (0.3, 0.9):
@@ -97,7 +97,7 @@ def test_so_does_the_safeguard(comm, monkeypatch):
     approach = 0.8 * problem.gap.mean()
     alone = solve(problem, approach, None, comm=MPI.COMM_SELF, lcp_rtol=1e-9)
     monkeypatch.setattr(iteration, "PATIENCE", 0)
-    here = solve(problem, approach, None, comm=comm, lcp_rtol=1e-9, lcp_replicate=4)
+    here = solve(problem, approach, None, comm=comm, lcp_rtol=1e-9, lcp_cells_per_rank=8)
     assert here.converged and here.fallbacks == 1
     found = np.vstack(comm.allgather(here.pressure))
     np.testing.assert_allclose(found, alone.pressure, rtol=0, atol=1e-5 * alone.max_pressure)

@@ -11,7 +11,7 @@ from running import solve
 from app import ContactProblem, ContactSolver, Grid, Material, read_result
 from app.errors import InputError
 
-TIGHT = {"lcp_rtol": 1e-9, "lcp_replicate": 8}
+TIGHT = {"lcp_rtol": 1e-9, "lcp_cells_per_rank": 32}
 
 
 def whole(solution):

@@ -19,7 +19,7 @@ GRIDS = [
     Grid(36, 7, 1.0, 0.5, periodic="spectral"),
     Grid(3, 52, 1.0, 1.0, periodic="love"),
 ]
-REPLICATE = (1, 100, 10**6)  # no coarse grid is on every rank; the smaller ones; all
+CELLS = (1, 100, 10**6)  # a rank has at least: all grids are shared, but the smallest; only the larger; none
 
 
 def assert_same_as_alone(comm, here, alone, seed):
@@ -63,10 +63,11 @@ def assert_same_as_alone(comm, here, alone, seed):
 def test_each_rank_finds_its_rows(comm, grid):
     handed_over = 0
     alone = Hierarchy(grid, 1.0, MPI.COMM_SELF)
-    for replicate in REPLICATE:
-        here = Hierarchy(grid, 1.0, comm, replicate=replicate)
+    for cells in CELLS:
+        here = Hierarchy(grid, 1.0, comm, cells_per_rank=cells)
         assert len(here.levels) == len(alone.levels)
         for level in range(1, len(here.levels)):
             assert_same_as_alone(comm, here.transfers[level], alone.transfers[level], seed=level)
-            handed_over += here.transfers[level].gathers
+            handed_over += here.levels[level - 1].slabs.size < here.levels[level].slabs.size
+        here.destroy()
     assert handed_over >= 2

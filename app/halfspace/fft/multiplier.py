@@ -16,10 +16,9 @@ Fields are padded with zeros to the periods ``Ny x Nx``. The transform conventio
 
 from __future__ import annotations
 
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
 
 import numpy as np
-from mpi4py import MPI
 from mpi4py_fft import fftw
 from scipy.fft import dct, rfft
 
@@ -38,7 +37,7 @@ from app.halfspace.fft.strips import (
 )
 from app.halfspace.fft.transpose import ColumnGroup, deal_columns
 from app.halfspace.grid import Slabs
-from app.halfspace.reductions import any_nonzero
+from app.halfspace.reductions import any_nonzero, sum_over
 
 _ROWS_AT_ONCE, _COLUMNS_AT_ONCE = 2 * STRIP, STRIP  # two real rows are a sequence
 _FLAGS = (fftw.FFTW_ESTIMATE,)  # deterministic, and as fast as measured plans here
@@ -232,13 +231,17 @@ class EvenMultiplier:
             spectrum[start : start + _ROWS_AT_ONCE] = symbol(mine[start : start + _ROWS_AT_ONCE], rows)
         self._spectrum = spectrum
 
-    def smallest_eigenvalue(self):
-        """Smallest value of the spectrum. Collective."""
-        smallest = float(self._spectrum.min(initial=np.inf))
-        return smallest if self.comm is None else self.comm.allreduce(smallest, MPI.MIN)
-
     def centre(self):
-        """Entries of the operator between a cell and its eight neighbours, shape (3, 3). Collective."""
+        """Entries of the operator between a cell and its eight neighbours, shape (3, 3). Collective when first used."""
+        return self._surveyed[0]
+
+    def all_positive(self):
+        """Whether all values of the spectrum are positive and finite. Collective when first used."""
+        return self._surveyed[1]
+
+    @cached_property
+    def _surveyed(self):
+        """These two, by one reduction."""
         ny_fft, nx_fft = self.periods
         columns = np.concatenate([np.arange(g.mine.start, g.mine.stop) for g in self._groups])
         rows = np.arange(ny_fft // 2 + 1)
@@ -251,13 +254,15 @@ class EvenMultiplier:
         quarter = weights(columns, nx_fft) @ (
             self._spectrum @ weights(rows, ny_fft).T
         )  # [x offset, y offset]
-        if self.comm is not None:
-            quarter = self.comm.allreduce(quarter)
+        extremes = self._spectrum.min(initial=1.0), self._spectrum.max(initial=1.0)
+        wrong = not (extremes[0] > 0 and np.isfinite(extremes[1]))
+        *quarter, wrong = sum_over(self.comm, [*quarter.reshape(-1), wrong])
         offsets = np.abs(np.arange(-1, 2))
-        return quarter.T[np.ix_(offsets, offsets)]
+        return np.reshape(quarter, (2, 2)).T[np.ix_(offsets, offsets)], not wrong
 
     def scale_spectrum(self, function):
         """Replace the spectrum by ``function(spectrum)`` and fold in the scale of the inverse transform."""
+        vars(self).pop("_surveyed", None)
         self._spectrum[...] = function(self._spectrum)
         self._spectrum *= 1.0 / (self.periods[0] * self.periods[1])
 

@@ -1,0 +1,88 @@
+"""What is kept between solves: linear solvers of grids, and of small windows with their operators.
+
+What these depend on is the number and the size of their cells, not where a window lies. So another solve that looks
+through a window of the same shape, at another load or another gap, makes no spectra and no objects of PETSc's.
+"""
+
+from __future__ import annotations
+
+from app.fast.solver import TrackingSolver
+from app.halfspace.operator import InfluenceOperator
+
+LARGEST = 256 * 256  # cells of a window that is kept: larger ones are not ruled by what is made for them
+
+
+class Kept:
+    """Linear solvers and operators of windows, of one hierarchy.
+
+    Parameters
+    ----------
+    hierarchy : Hierarchy
+    target : TrackingSolver or None
+        Of the target grid, if there is one; its owner frees it.
+    """
+
+    def __init__(self, hierarchy, target=None):
+        self._hierarchy = hierarchy
+        self._windows, self._solvers = {}, {}
+        self._target = target
+
+    def window(self, place, grid, slabs, comm, verification=None):
+        """Operator of a window, ready for another contact set. Collective over `comm`.
+
+        Parameters
+        ----------
+        place : hashable
+            What the window is for; the last one of every place is kept, if it is small.
+        grid, slabs, comm
+            See `InfluenceOperator`.
+        verification : optional
+            Its exact product.
+        """
+        kept = self._windows.get(place)
+        if kept is None or (kept.grid.shape, kept.slabs.starts) != (grid.shape, slabs.starts):
+            if kept is not None:
+                self._free(self._windows.pop(place))
+            hierarchy = self._hierarchy
+            kept = InfluenceOperator(
+                grid, hierarchy.compliance, slabs, comm, hierarchy.dtype, verification, hierarchy.target
+            )
+            if grid.n <= LARGEST:
+                self._windows[place] = kept
+        elif verification is not None:
+            kept.exact_product = verification
+        kept.grid = grid
+        return kept
+
+    def solver(self, number, operator):
+        """Linear solver of a level or of a window of it, made when first asked for. Collective over its ranks."""
+        if self._target is not None and operator is self._target.operator:
+            return self._target
+        if operator not in self._solvers:
+            self._solvers[operator] = TrackingSolver(
+                self._hierarchy, number, operator.petsc_comm, operator=operator
+            )
+        return self._solvers[operator]
+
+    def solved(self, operator):
+        """Free the solver of a large grid or window, whose memory others need. Collective over its ranks."""
+        if operator.grid.n > LARGEST and operator in self._solvers:
+            self._solvers.pop(operator).destroy()
+
+    def close(self, operator):
+        """Count what was computed in a window, and free it unless it is kept. Collective over its ranks."""
+        self._hierarchy.spent(operator)
+        if operator not in self._windows.values():
+            self._free(operator)
+
+    def _free(self, operator):
+        if operator in self._solvers:
+            self._solvers.pop(operator).destroy()
+        operator.free_solvers()
+
+    def destroy(self):
+        """Free everything. Collective."""
+        for solver in self._solvers.values():
+            solver.destroy()
+        self._solvers.clear()
+        self._windows.clear()

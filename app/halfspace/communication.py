@@ -1,0 +1,290 @@
+"""The ranks of a solver and what they tell each other: communicators that count, and rows that change place.
+
+Every grid, and every window of one, is dealt to as many ranks as it is worth: all, or the first few. So a rank has the
+same number in every communicator here, and rows go point to point between any two layouts. A rank beyond has no rows
+and takes no part; it hears of what was decided when it has rows again.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, fields
+
+import numpy as np
+from mpi4py import MPI
+
+from app.halfspace.grid import Slabs
+from app.petsc import log_messages, log_reduction
+
+# A grid is worth another rank if that saves more than talking costs. Inside a machine that is so from this many cells
+# a rank on, where a step of CG takes about 0.3 ms; between machines it is found by measuring the latency.
+_CELLS_INSIDE = 8192
+_CELLS_PER_SECOND = (
+    4e8  # a step waits for some 12 messages, and does 1e-9 s of work for a cell and a logarithm
+)
+_TRIALS = 5
+
+
+@dataclass
+class Traffic:
+    """What a rank has sent so far; what all-to-alls leave where it is does not count."""
+
+    messages: int = 0  # point to point, and in all-to-alls
+    message_bytes: int = 0
+    all_to_alls: int = 0
+    small_collectives: int = 0  # reductions, broadcasts, gathers
+
+    def since(self, before):
+        """Return what has been added since a `copy`. Not collective."""
+        return Traffic(*(getattr(self, f.name) - getattr(before, f.name) for f in fields(self)))
+
+    def copy(self):
+        """Return the counts as they are now. Not collective."""
+        return self.since(Traffic())
+
+    def count(self, messages, size):
+        """Count messages and all of their bytes, for -log_view too. Not collective."""
+        self.messages += messages
+        self.message_bytes += size
+        log_messages(messages, size)
+
+
+class Communicator(MPI.Intracomm):
+    """An mpi4py communicator that counts what goes through it.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+        The same one, not another with its ranks.
+    traffic : Traffic, optional
+        Where to count.
+    """
+
+    def __new__(cls, comm=None, traffic=None):  # noqa: D102
+        self = super().__new__(cls, comm)
+        self.traffic = traffic or Traffic()
+        return self
+
+    def plain(self):
+        """Return it as others know it, who ask for the type. Not collective."""
+        return MPI.Intracomm(self)
+
+    def first(self, size):
+        """Return a communicator of the first `size` ranks. Collective over these."""
+        group = self.Get_group()
+        few = group.Incl(range(size))
+        made = Communicator(self.plain().Create_group(few, size), self.traffic)
+        group.Free()
+        few.Free()
+        return made
+
+    def Isend(self, rows, dest, tag=0):
+        """Count and send an array."""
+        self._count_message(rows, dest)
+        return super().Isend(rows, dest, tag)
+
+    def Sendrecv(self, rows, dest, **others):
+        """Count and send an array, and receive one."""
+        self._count_message(rows, dest)
+        return super().Sendrecv(rows, dest, **others)
+
+    def Alltoallv(self, sent, received):
+        """Count and exchange parts ``[array, counts]`` or ``[array, (counts, places)]``; own parts should be empty."""
+        array, counts = sent
+        counts = counts[0] if isinstance(counts, tuple) else counts
+        self.traffic.all_to_alls += 1
+        self.traffic.count(int(np.count_nonzero(counts)), int(np.sum(counts)) * array.itemsize)
+        super().Alltoallv(sent, received)
+
+    def _count_message(self, rows, dest):
+        if dest != MPI.PROC_NULL:
+            self.traffic.count(1, rows.nbytes)
+
+
+def _counted(name):
+    plain = getattr(MPI.Intracomm, name)
+
+    def method(self, *arguments, **named):
+        self.traffic.small_collectives += 1
+        log_reduction()
+        return plain(self, *arguments, **named)
+
+    method.__name__, method.__doc__ = name, f"Count and do ``{name}``."
+    return method
+
+
+for _name in ("Allreduce", "Allgatherv", "Gatherv", "Scatterv", "allreduce", "allgather", "bcast", "gather"):
+    setattr(Communicator, _name, _counted(_name))
+
+
+class Ranks:
+    """All ranks of a solver, and the first few of them for each grid that is not worth more.
+
+    Collective.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    cells : int
+        That a rank gets at least; 0: by the latency between machines.
+    """
+
+    def __init__(self, comm, cells=0):
+        self.comm = comm if isinstance(comm, Communicator) else Communicator(comm)
+        self.size, self.rank = comm.size, comm.rank
+        self.cells = cells or _worth_a_rank(self.comm)
+        self._made = {}
+
+    def number(self, grid):
+        """How many ranks a grid is worth, see `worth`. Not collective."""
+        return worth(grid, self.size, self.cells)
+
+    def deal(self, grid, size=None):
+        """Deal the rows of a grid to the first `size` ranks. Collective over these, when it is their first grid.
+
+        Returns
+        -------
+        slabs : Slabs
+        comm : Communicator or None
+            None if all rows are here, or none.
+        """
+        slabs = self.slabs(grid, size)
+        return slabs, self.first(slabs.size)
+
+    def slabs(self, grid, size=None):
+        """Those of `deal`. Not collective."""
+        size = size or self.number(grid)
+        least = 4 if grid.periodic else 1  # cells of the coarse grid of `app.primal.two_grid` are on one rank
+        return Slabs(grid.ny, size, self.rank, aligned(grid.ny, size, least))
+
+    def first(self, size):
+        """Communicator of the first ranks; None if this is the only one, or none of them. Collective over these."""
+        if size == 1 or self.rank >= size:
+            return None
+        if size == self.size:
+            return self.comm
+        if size not in self._made:
+            self._made[size] = self.comm.first(size)
+        return self._made[size]
+
+    def destroy(self):
+        """Free the communicators made here. Collective."""
+        for size in sorted(self._made):
+            self._made.pop(size).Free()
+
+
+def worth(grid, size, cells):
+    """How many of `size` ranks a grid is worth: all, or a power of two. Not collective.
+
+    Each has so many cells at least, and a row. Coarser grids, and windows, are never worth more.
+    """
+    most = min(grid.n // cells, grid.ny)
+    return size if most >= size else 1 << (max(most, 1).bit_length() - 1)
+
+
+def aligned(ny, size, least=1):
+    """Rows that slabs should start at multiples of: the largest power of two that costs next to no balance.
+
+    Not collective. Slabs of a grid and of the next coarser one then mostly fit.
+    """
+    block = least
+    while 32 * block * size <= ny:
+        block *= 2
+    return block
+
+
+def _worth_a_rank(comm):
+    """Cells from which on a rank pays. Collective; one machine is not measured, so that runs can be repeated."""
+    if comm.size == 1:
+        return _CELLS_INSIDE
+    inside = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    alone = inside.size == comm.size
+    inside.Free()
+    if alone:
+        return _CELLS_INSIDE
+    times, number = [], np.zeros(1)
+    for _ in range(_TRIALS):
+        started = time.perf_counter()
+        comm.Allreduce(number.copy(), number, MPI.MAX)
+        times.append(time.perf_counter() - started)
+    latency = comm.allreduce(min(times), MPI.MAX)
+    return max(_CELLS_INSIDE, 1 << round(np.log2(_CELLS_PER_SECOND * latency)))
+
+
+class Fetch:
+    """Brings every rank the rows it wants from the ranks that have them: point to point, one message for a pair.
+
+    Parameters
+    ----------
+    have : Slabs
+        Of the rows, which may have fewer ranks.
+    want : sequence of (first, last)
+        Arrays of integers, one for each rank of `comm`: rows ``first <= j < last``; beyond the grid those one period
+        on. A rank gets those of all pairs, one after the other.
+    comm : mpi4py communicator or None
+        All ranks; None: this one alone.
+    """
+
+    def __init__(self, have, want, comm=None):
+        self._comm = comm if comm is not None and comm.size > 1 else None
+        ranks = 1 if self._comm is None else comm.size
+        rank = have.rank if self._comm is not None else 0
+        starts, ends = have.bounds(ranks)
+        self._sent, self._got, self.rows = {}, {}, 0
+        for first, last in want:
+            first, last = np.broadcast_to(first, ranks), np.broadcast_to(last, ranks)
+            some = last > first
+            low, high = (first[some].min(), last[some].max()) if some.any() else (0, 0)
+            for shift in range(low // have.ny * have.ny, high, have.ny):
+                a, b = np.maximum(first, starts[rank] + shift), np.minimum(last, ends[rank] + shift)
+                for other in np.flatnonzero(a < b):
+                    mine = slice(a[other] - shift - starts[rank], b[other] - shift - starts[rank])
+                    self._sent.setdefault(int(other), []).append(mine)
+                a, b = np.maximum(starts + shift, first[rank]), np.minimum(ends + shift, last[rank])
+                for other in np.flatnonzero(a < b):
+                    place = slice(self.rows + a[other] - first[rank], self.rows + b[other] - first[rank])
+                    self._got.setdefault(int(other), []).append(place)
+            self.rows += max(int(last[rank] - first[rank]), 0)
+        self._own = self._sent.pop(rank, []), self._got.pop(rank, [])
+        everything = [slice(0, have.local)]
+        self.unchanged = self._own == (everything, everything) and self.rows == have.local
+        self.unchanged &= not (self._sent or self._got)
+        self.unchanged |= not (self.rows or have.local)
+
+    def __call__(self, field):
+        """Fetch rows of a field.
+
+        Collective; only ranks that share something talk.
+
+        Parameters
+        ----------
+        field : ndarray, shape (local rows, columns)
+
+        Returns
+        -------
+        ndarray, shape (rows wanted, columns)
+            The field itself if every row wanted is here already, in order.
+        """
+        if self.unchanged:
+            return field
+        found = np.empty((self.rows, field.shape[1]), field.dtype)
+        parcels = [(rank, _packed(field, parts)) for rank, parts in self._sent.items()]
+        requests = [self._comm.Isend(parcel, rank) for rank, parcel in parcels]
+        for mine, place in zip(*self._own, strict=True):
+            found[place] = field[mine]
+        for rank, places in self._got.items():
+            rows = found[places[0]] if len(places) == 1 else np.empty_like(_packed(found, places))
+            self._comm.Recv(rows, rank)
+            start = 0
+            for place in places if len(places) > 1 else ():
+                height = place.stop - place.start
+                found[place] = rows[start : start + height]
+                start += height
+        MPI.Request.Waitall(requests)
+        return found
+
+
+def _packed(field, parts):
+    if len(parts) == 1:
+        return np.ascontiguousarray(field[parts[0]])
+    return np.concatenate([field[part] for part in parts])

@@ -1,0 +1,56 @@
+"""Which rank has what: the balance of slabs, and how many ranks a grid is worth. Computed, not run."""
+
+import numpy as np
+import pytest
+
+from app.halfspace.communication import aligned, worth
+from app.halfspace.grid import Grid, Slabs
+
+
+def balance(slabs):
+    """Mean over most of the rows of a rank."""
+    return slabs.ny / slabs.size / max(slabs.counts)
+
+
+def grids(n, coarsest=4):
+    grid = Grid(n, n, 1.0, 1.0)
+    while grid is not None:
+        yield grid
+        grid = grid.coarsen(coarsest)
+
+
+def test_4096_rows_are_balanced_on_any_number_of_ranks():
+    """To nine tenths, unless whole rows cannot be: 4096 on 506 to 511 ranks are 9 on some and 8 on others."""
+    for size in range(2, 513):
+        possible = 4096 / size / -(-4096 // size)
+        assert balance(Slabs(4096, size, 0, aligned(4096, size))) >= min(0.9, possible)
+
+
+@pytest.mark.parametrize("size", [2, 3, 48, 64, 500, 512])
+@pytest.mark.parametrize("cells", [1, 100, 8192])
+def test_so_are_coarser_grids_on_the_ranks_that_they_are_worth(size, cells):
+    before = size
+    for grid in grids(4096):
+        ranks = worth(grid, size, cells)
+        assert 1 <= ranks <= min(before, grid.ny)
+        assert ranks == 1 or grid.n >= cells * ranks
+        slabs = Slabs(grid.ny, ranks, 0, aligned(grid.ny, ranks))
+        assert balance(slabs) >= min(0.9, grid.ny / ranks / -(-grid.ny // ranks))
+        before = ranks
+    assert before == 1 or cells == 1
+
+
+def test_slabs_of_a_grid_and_the_next_coarser_one_fit():
+    """What a restriction makes stays where it is, where all ranks have many rows."""
+    for size in (2, 3, 5, 48):
+        fine = Slabs(4096, size, 0, aligned(4096, size))
+        coarse = Slabs(2048, size, 0, aligned(2048, size))
+        assert fine.coarsen(2).starts == coarse.starts
+
+
+def test_ranks_beyond_have_no_rows():
+    slabs = Slabs(10, 3, 4)
+    assert (slabs.local, slabs.active) == (0, False)
+    first, last = slabs.bounds(6)
+    np.testing.assert_array_equal(last - first, [4, 3, 3, 0, 0, 0])
+    assert slabs.coarsen(2).local == 0

@@ -1,0 +1,62 @@
+"""What a solver keeps between solves: nothing is made twice, and nothing else comes out."""
+
+import numpy as np
+import pytest
+
+from app import ContactProblem, ContactSolver, Grid, Material
+from app.fast import kept
+from app.fast.solver import TrackingSolver
+from app.halfspace.fft.multiplier import EvenMultiplier
+
+
+def bowl(n, height=1.0):
+    grid = Grid.from_domain(n, n, (-1, 1, -1, 1))
+    x, y = np.meshgrid(grid.x(), grid.y())
+    return ContactProblem(grid, Material.combined(1.0, 0.0), height * (x**2 + y**2))
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """List of what has been made: spectra and linear solvers."""
+    things = []
+
+    def counting(of, name):
+        plain = getattr(of, name)
+        monkeypatch.setattr(
+            of, name, lambda self, *given, **named: (things.append(name), plain(self, *given, **named))[1]
+        )
+
+    counting(EvenMultiplier, "set_kernel")
+    counting(TrackingSolver, "__init__")
+    return things
+
+
+def test_a_second_solve_makes_nothing(made):
+    with ContactSolver(bowl(160)) as solver:
+        first = solver.solve(approach=0.3)
+        assert made
+        made.clear()
+        second = solver.solve(approach=0.3)
+        assert not made
+        assert second.operator_applications == pytest.approx(first.operator_applications, abs=0.2)
+        np.testing.assert_allclose(second.pressure, first.pressure, rtol=0, atol=1e-12 * first.max_pressure)
+
+
+def test_windows_elsewhere_and_of_other_sizes(made):
+    with ContactSolver(bowl(160)) as solver:
+        for approach in (0.05, 0.3, 0.05):
+            again = solver.solve(approach=approach)
+            with ContactSolver(bowl(160)) as fresh:
+                alone = fresh.solve(approach=approach)
+            np.testing.assert_allclose(
+                again.pressure, alone.pressure, rtol=0, atol=1e-10 * alone.max_pressure
+            )
+
+
+def test_large_windows_are_not_kept(made, monkeypatch):
+    monkeypatch.setattr(kept, "LARGEST", 0)
+    with ContactSolver(bowl(160)) as solver:
+        solver.solve(approach=0.3)
+        made.clear()
+        solver.solve(approach=0.3)
+        assert made
