@@ -220,7 +220,7 @@ def main():
         "folder", type=Path, help="with tree/, numba/, cov.* and *.log, as run/mutate makes it"
     )
     parser.add_argument("--python", default=sys.executable)
-    parser.add_argument("--mutants", type=int, default=106)
+    parser.add_argument("--mutants", type=int, default=110)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--budget", type=float, default=20, help="seconds that the tests of a mutant take")
     parser.add_argument("--limit", type=float, default=120, help="seconds until a mutant counts as endless")
