@@ -19,7 +19,16 @@ SITE = {
 }
 COMING = {f"{name}.md" for name in SITE["COMING"]}
 KNOWN = {option.name for option in (*METHOD_OPTIONS, *PART_OPTIONS, *PROBLEM_OPTIONS)}
-OTHERS = {"options_file", "skip_petscrc", "help", "cone_slope", "lcp_foresight", "lcp_merge", "lcp_cheap"}
+OTHERS = {
+    "options_file",
+    "skip_petscrc",
+    "help",
+    "cone_slope",
+    "lcp_foresight",
+    "lcp_merge",
+    "lcp_replicate",
+    "lcp_cheap",
+}
 PETSCS = re.compile(r"(ksp|pc|mg_levels|mg_coarse|log|malloc|objects)_\w*")
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 
