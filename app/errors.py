@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import socket
+
 
 class InputError(ValueError):
     """The user asked for something that cannot be done; the message says what, where and what is allowed."""
@@ -21,6 +23,7 @@ def agree(comm, function, *args, only_root=False):
 
     Collective over the mpi4py communicator `comm`; `function` itself must not be. ValueError, OSError and MemoryError
     are the user's to hear of, whichever rank meets them; anything else is a mistake of the program and raised as it is.
+    What only some ranks meet is told with the name of their host, if there are several.
 
     Parameters
     ----------
@@ -38,10 +41,12 @@ def agree(comm, function, *args, only_root=False):
         complaints = [complaint]
     else:
         complaints = comm.allgather(complaint)
-    for message in complaints:
-        if message is not None:
-            raise InputError(message)
-    return result
+    if complaints.count(None) == len(complaints):
+        return result
+    hosts = comm.allgather(socket.gethostname())
+    message, host = next(pair for pair in zip(complaints, hosts, strict=False) if pair[0] is not None)
+    alone = len(set(hosts)) > 1 and complaints.count(message) < len(hosts) and not only_root
+    raise InputError(f"host {host}: {message}" if alone else message)
 
 
 def check_alike(comm, value, what):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import resource
-import socket
 from pathlib import Path
 
 from app.errors import agree
@@ -74,14 +73,14 @@ def check_hosts(comm, grid, cells, doubles):
         grid,
         together,
         there,
-        f"on host {socket.gethostname()} ({ranks} rank{'s'[: ranks > 1]})",
+        f"on one host ({ranks} rank{'s'[: ranks > 1]})",
     )
     agree(comm, _check, grid, needed, _address_space(), "in one process, which may have (ulimit -v)")
 
 
 def check_share(grid, cells):
     """Refuse a grid of whose cells this rank cannot hold its share by any method. Not collective; see `check_hosts`."""
-    _check(grid, 8.0 * LEAST * cells, available(), f"on host {socket.gethostname()}")
+    _check(grid, 8.0 * LEAST * cells, available(), "on one host")
 
 
 def _check(grid, needed, there, where):

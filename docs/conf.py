@@ -52,7 +52,6 @@ NAV = {  # heading -> page -> its name there; None: that of the page
         "../CHANGELOG": None,
     },
 }
-COMING = ("cluster",)  # named already; to be taken out when the file is there
 
 project = "Elastic contact by full multigrid"
 author = "The elastic-contact-fmg developers"
@@ -79,11 +78,6 @@ napoleon_use_ivar = True
 _LINK = re.compile(r"(?<!!)\[([^]]*)\]\(([^)#\s]+)(?:#([^)\s]*))?\)")
 
 
-def missing(folder, name):
-    """Whether a page is one of those to come."""
-    return Path(name).stem in COMING and not (folder / name).is_file()
-
-
 class Sources:
     """Links of pages to files of the program, and the pages of these files."""
 
@@ -96,8 +90,6 @@ class Sources:
 
         def changed(link):
             text, name, anchor = link.groups()
-            if missing(folder, name):
-                return text
             path = (folder / name).resolve()
             if ":" in name or not path.is_file() or path.suffix in (".md", ".csv", ".png"):
                 return link[0]
@@ -107,13 +99,12 @@ class Sources:
 
         source[0] = _LINK.sub(changed, source[0])
         if docname == root_doc:
-            source[0] += "".join(self.tree(folder, heading, pages) for heading, pages in NAV.items())
+            source[0] += "".join(self.tree(heading, pages) for heading, pages in NAV.items())
 
     @staticmethod
-    def tree(folder, heading, pages):
+    def tree(heading, pages):
         """Part of the tree of pages."""
-        there = {page: name for page, name in pages.items() if not missing(folder, f"{page}.md")}
-        lines = [f"{name} <{page}>" if name else page for page, name in there.items()]
+        lines = [f"{name} <{page}>" if name else page for page, name in pages.items()]
         return "\n".join(["\n```{toctree}", ":hidden:", f":caption: {heading}", *lines, "```\n"])
 
     def write(self, app, error):

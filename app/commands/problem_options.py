@@ -80,13 +80,14 @@ class Request:
     """
 
     def __init__(self, given, comm):
-        from app.output.files import check_output_path, fingerprint
+        from app.output.files import check_output_path, check_shared, fingerprint
 
         settle(given)
         options = reader_of(given)
         self.output = agree(comm, options.__getitem__, "output")
         if self.output:
             agree(comm, check_output_path, self.output, [*given.files, *input_files(given.texts)])
+            check_shared(comm, self.output)
         self.problem, own = agree(comm, make_problem, options, given.texts, comm)
         self.inputs = input_files(given.texts)
         for file in self.inputs:

@@ -8,15 +8,19 @@ Whatever happens on whatever ranks, all of them end.
 from __future__ import annotations
 
 import os
+import platform
 import re
 import signal
+import socket
 import sys
 import tempfile
 import threading
 import time
 import traceback
 from contextlib import contextmanager, suppress
+from importlib.util import find_spec
 
+from app import __version__
 from app.commands import streams
 from app.errors import InputError, agree, one_line
 
@@ -42,6 +46,7 @@ def start(argv):
 
     comm = MPI.COMM_WORLD
     agree(comm, _refuse, folder_is_gone)
+    _check_programs(comm)
     words = agree(comm, places.for_the_start, argv, os.environ, only_root=True)
     import petsc4py
 
@@ -69,6 +74,13 @@ def _leave_removed_folder():
     except OSError:
         os.chdir("/")
         return "the current folder has been removed"
+
+
+def _check_programs(comm):
+    """Refuse hosts with different programs; they may not even do the same steps. Collective."""
+    own = f"{__version__} on Python {platform.python_version()}"
+    if len(found := set(comm.allgather(own))) > 1:
+        raise InputError(f"ranks run different programs: {'; '.join(sorted(found))}")
 
 
 def _refuse(complaint):
@@ -156,6 +168,12 @@ def run(main, argv=None):
         Default: ``sys.argv``.
     """
     streams.repair()
+    if find_spec("mpi4py") is None:  # no rank knows of the others; mpiexec ends them
+        where = f"host {socket.gethostname()}: {sys.executable} has no mpi4py"
+        streams.complain(
+            f"error: {where}; . run/env brings the right Python, and run/mpi brings it to all hosts"
+        )
+        sys.exit(2)
     status, complaint = 1, None
     argv = ["-help" if word in ("-h", "--help") else word for word in (sys.argv if argv is None else argv)]
     try:

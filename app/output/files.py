@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
-from app.errors import InputError
+from app.errors import InputError, agree
 
 SUFFIXES = (".h5", ".hdf5")  # of result files
 _PIECES, _PIECE = 64, 1 << 16  # of a file, and bytes of each, that tell it from another one
@@ -66,6 +66,33 @@ def check_output_path(path, inputs=()):
     except OSError as error:
         raise InputError(f"result file {path}: cannot write in {target.parent} ({error.strerror})") from None
     return target
+
+
+def check_shared(comm, path):
+    """Refuse a result file to be in a folder that ranks on other hosts do not have. Collective.
+
+    Raises
+    ------
+    InputError
+        On all ranks.
+    """
+    probe = agree(comm, _touch, path, only_root=True)
+    try:
+        agree(comm, _find, probe, path)
+    finally:
+        if comm.rank == 0:
+            remove(probe)
+
+
+def _touch(path):
+    probe = temporary_name(_target(Path(path)))
+    probe.touch(exist_ok=False)
+    return probe
+
+
+def _find(probe, path):
+    if not probe.exists():
+        raise ValueError(f"result file {path}: {probe.parent} is not the folder that rank 0 has; share it")
 
 
 def fingerprint(path):

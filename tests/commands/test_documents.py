@@ -12,12 +12,11 @@ from app.method import METHOD_OPTIONS, PART_OPTIONS, method_file
 
 DOCS = ROOT / "docs"
 TEXT = {page: page.read_text(encoding="utf-8") for page in PAGES}
-SITE = {
-    node.targets[0].id: ast.literal_eval(node.value)
+NAV = next(
+    ast.literal_eval(node.value)
     for node in ast.parse((DOCS / "conf.py").read_text(encoding="utf-8")).body
-    if isinstance(node, ast.Assign) and node.targets[0].id in ("NAV", "COMING")
-}
-COMING = {f"{name}.md" for name in SITE["COMING"]}
+    if isinstance(node, ast.Assign) and node.targets[0].id == "NAV"
+)
 KNOWN = {option.name for option in (*METHOD_OPTIONS, *PART_OPTIONS, *PROBLEM_OPTIONS)}
 OTHERS = {
     "options_file",
@@ -26,8 +25,8 @@ OTHERS = {
     "cone_slope",
     "lcp_foresight",
     "lcp_merge",
-    "lcp_replicate",
     "lcp_cheap",
+    "lcp_replicate",
 }
 PETSCS = re.compile(r"(ksp|pc|mg_levels|mg_coarse|log|malloc|objects)_\w*")
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -37,8 +36,6 @@ each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_lead_somewhere(page):
     for name, anchor in links(TEXT[page]):
         target = (page.parent / name).resolve() if name else page
-        if target.name in COMING and not target.exists():
-            continue
         assert target.exists(), name
         if anchor and target.suffix == ".md":
             assert anchor in anchors(target.read_text(encoding="utf-8")), f"{name}#{anchor}"
@@ -49,8 +46,7 @@ def test_links_lead_somewhere(page):
 @each_page
 def test_files_named_are_there(page):
     there = {name for name in files_named(TEXT[page]) if (ROOT / name).exists()}
-    examples = {"petsc_options/NAME.opts", *(f"docs/{name}" for name in COMING)}
-    assert files_named(TEXT[page]) - there <= examples
+    assert files_named(TEXT[page]) - there <= {"petsc_options/NAME.opts"}
 
 
 @each_page
@@ -65,8 +61,7 @@ def linked(page):
 
 
 def test_every_page_is_on_the_site_and_two_clicks_from_the_readme():
-    on_site = {(DOCS / f"{page}.md").resolve() for pages in SITE["NAV"].values() for page in pages}
-    on_site = {page for page in on_site if page.name not in COMING or page.exists()}
+    on_site = {(DOCS / f"{page}.md").resolve() for pages in NAV.values() for page in pages}
     assert on_site == {*DOCS.glob("*.md"), ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"} - {
         DOCS / "index.md"
     }

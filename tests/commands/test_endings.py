@@ -158,6 +158,12 @@ def test_result_is_written_through_a_link(solve, tmp_path):
     assert [path.name for path in (tmp_path / "there").iterdir()] == ["result"]
 
 
+def test_python_without_mpi(solve):
+    """As on a host that the environment of run/env has not come to."""
+    done = solve("-S", "-m", "app.solve", program=(), PYTHONPATH=str(TESTS.parent))
+    assert_ended(done, f"{sys.executable} has no mpi4py")
+
+
 # ------------------------------------------------------------------------------------------------ streams
 
 

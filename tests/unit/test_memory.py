@@ -34,7 +34,7 @@ def test_refused_before_anything_is_allocated(monkeypatch):
     monkeypatch.setattr(memory, "available", lambda: 2.0**30)
     solver = hertz(4096)
     with pytest.raises(
-        InputError, match=r"grid 4096,4096: needs about 2.25 GiB on host .* \(1 rank\); 1 GiB are free"
+        InputError, match=r"grid 4096,4096: needs about 2.25 GiB on one host \(1 rank\); 1 GiB are free"
     ):
         ContactSolver(solver)
     memory.check_hosts(MPI.COMM_SELF, GRID, 2**23, 16)  # just fits
