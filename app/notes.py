@@ -70,10 +70,14 @@ def notes_on(state, problem, contact, roughness):
             f"the bodies approach each other by {state.depth:.2g} mm beyond first touch, more than the patch is wide "
             f"({side:.2g} mm)"
         )
-    if 0 < contact.contact_cells < FEW_CELLS and grid.n >= LARGE_PATCH:
+    if 0 < contact.contact_cells < FEW_CELLS and contact.max_pressure > 0 and grid.n >= LARGE_PATCH:
         found.append(
             f"contact is {contact.contact_cells} cell{'s'[: contact.contact_cells != 1]} only: take a finer grid or a "
             "smaller patch"
+        )
+    if grid.periodic and roughness.rms_height == 0:
+        found.append(
+            "the distance is the same in all cells of this periodic patch: the cells show nothing of the bodies"
         )
     if not grid.periodic and min(grid.nx, grid.ny) == 1 < grid.n:
         found.append(

@@ -111,7 +111,7 @@ class OptionReader:
             return option.kind(text)
         except ValueError as error:
             wrong = f"-{name} {text}: not allowed" if text else f"-{name}: its value is missing"
-            unit = re.search(r"\[[^]]+\]", option.meaning)
+            unit = re.search(r"\[[^]:]+\]", option.meaning)
             unit = f" {unit[0]}" if unit and unit[0] not in str(error) else ""
             raise InputError(f"{wrong}; allowed: {error}{unit}") from None
 
@@ -356,10 +356,10 @@ def series(text):
 def domain(text):
     """Kind: ``x0,x1,y0,y1``."""
     allowed = "x0,x1,y0,y1 with x0 < x1 and y0 < y1 [mm]"
-    try:
-        x0, x1, y0, y1 = (_real(part) for part in text.split(","))
-    except ValueError:
-        raise ValueError(allowed) from None
+    parts = text.split(",")
+    if len(parts) != 4:
+        raise ValueError(allowed)
+    x0, x1, y0, y1 = (_real(part, allowed=allowed) for part in parts)
     if not (x0 < x1 and y0 < y1):
         raise ValueError(allowed)
     return x0, x1, y0, y1

@@ -11,8 +11,9 @@ And what newer releases do otherwise: `TAO_REASONS`, `restricts_by_transpose`, `
 from __future__ import annotations
 
 import ctypes
+import threading
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, wraps
 
 import numpy as np
 from mpi4py import MPI
@@ -55,6 +56,20 @@ def _call(name, *arguments):
     code = getattr(_library(), name)(*arguments)
     if code:
         raise PETSc.Error(code)
+
+
+_ONE_AT_A_TIME = threading.RLock()
+
+
+def one_at_a_time(function):
+    """Let threads wait for each other: PETSc's state, such as the database that is active, is the process's."""
+
+    @wraps(function)
+    def alone(*args, **kwargs):
+        with _ONE_AT_A_TIME:
+            return function(*args, **kwargs)
+
+    return alone
 
 
 class OptionDatabase:

@@ -57,7 +57,7 @@ def pictures_of(result):
     if spectrum := curves.spectrum_figure(result):
         yield "spectrum", spectrum
     if path := paths.path_of(result):
-        yield "path", paths.path_figure([path], figures.title(result))
+        yield "path", paths.path_figure([path], figures.title(result, path=True))
     yield "history", figures.history_figure(result)
     yield "summary", figures.summary_figure(result, reference)
 

@@ -45,6 +45,7 @@ _QUANTITIES = (
     ("bush_gibson_thomas_fraction", "Bush, Gibson and Thomas's", "", "the same for light loads"),
     ("contact_cells", "cells in contact", "", ""),
     ("contact_patches", "patches", "", "parts of the contact that hang together by faces of cells"),
+    ("largest_patch", "largest patch", _AREA, ""),
     ("perimeter", "perimeter", _LENGTH, "length of the faces between contact and no contact"),
     ("semi_axis_major", "larger semi-axis", _LENGTH, "of the ellipse with the second moments of the contact"),
     ("semi_axis_minor", "smaller semi-axis", _LENGTH, ""),
@@ -131,7 +132,7 @@ def numbers_section(result):
         ),
         (
             "mean_pressure",
-            modulus * slope,
+            modulus * slope if "persson_fraction" in values else 0.0,
             "mean pressure over E* times rms slope",
             "what the contact fraction follows",
         ),
@@ -289,7 +290,10 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
     sections.append(Section("made", "How it was made", facts=made))
     state = f"{'Solved' if values['converged'] else 'NOT SOLVED'}: {values['reason']}."
     return page.template("result.html").render(
-        title=figures.title(result), converged=values["converged"], state=state, sections=sections
+        title=figures.title(result, path=bool(result.path)),
+        converged=values["converged"],
+        state=state,
+        sections=sections,
     )
 
 

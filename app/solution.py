@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from app.halfspace.grid import Grid, Slabs
 from app.halfspace.reductions import minimum_over, sum_over
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Solution:
     """The solution of a contact problem, or the best there is.
 
@@ -123,8 +123,14 @@ class Solution:
     traffic: Traffic
     grid: Grid
     slabs: Slabs
-    comm: object = field(repr=False)
-    distance: object = field(repr=False)  # gives `undeformed_distance` when called
+    comm: object
+    distance: object  # gives `undeformed_distance` when called
+
+    def __repr__(self):
+        return (
+            f"<Solution: {self.grid.nx} x {self.grid.ny} cells, load {self.load:g} N, approach {self.approach:g} mm, "
+            f"{'converged' if self.converged else 'NOT converged'}, error bound {self.error_bound:.1g}>"
+        )
 
     def __getstate__(self):
         """What is pickled: everything, on one rank; the copy has a communicator of its own process."""

@@ -16,6 +16,7 @@ from __future__ import annotations
 import time
 import warnings
 import weakref
+from collections.abc import Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -40,9 +41,9 @@ from app.method_solver import database_of, make_hierarchy, make_solver, read_by,
 from app.multigrid.hierarchy import check_room
 from app.notes import notes_on
 from app.path import LoadPath
-from app.petsc import Resources, check_cells
+from app.petsc import Resources, check_cells, one_at_a_time
 from app.problems.given import ContactProblem
-from app.problems.problem import checked_shape
+from app.problems.problem import Problem, checked_shape
 from app.solution import Solution
 from app.strategy import Strategy, check_compiler, warm_up
 
@@ -76,7 +77,8 @@ class ContactSolver:
     """Solves one problem for any approach or load.
 
     Collective over `comm`, as are all its methods. May be used in a ``with`` block; if it is not closed, it is freed
-    when it is forgotten, or at the end of the process.
+    when it is forgotten, or at the end of the process. Threads wait for each other. It cannot be pickled; problems and
+    solutions can.
 
     Parameters
     ----------
@@ -110,10 +112,21 @@ class ContactSolver:
         If something asked for cannot be done; before any work, on all ranks.
     """
 
+    @one_at_a_time
     def __init__(self, problem, method=None, options=None, comm=None, prefix="", listeners=()):
         started = time.perf_counter()
+        for name, given, kind, what in (
+            ("problem", problem, Problem, "a ContactProblem"),
+            ("method", method, str | Mapping | None, "the name of a method file, or a mapping"),
+            ("options", options, Mapping | None, "a mapping of names to values"),
+            ("comm", comm, MPI.Intracomm | None, "an mpi4py communicator"),
+        ):
+            if not isinstance(given, kind):
+                raise InputError(f"{name}: is {type(given).__name__}; needed: {what}")
+        if not all(isinstance(name, str) for name in options or ()):
+            raise InputError(f"options: {', '.join(map(repr, options))}: needed: names of options")
         self._resources, self._distances = Resources(), []
-        self._finalizer = weakref.finalize(self, self._resources.free)
+        self._finalizer = weakref.finalize(self, one_at_a_time(self._resources.free))
         self.problem, self.listeners = problem, list(listeners)
         self._outer_comm = MPI.COMM_WORLD if comm is None else comm
         self.comm = self._resources.comm = Communicator(self._outer_comm.Dup())
@@ -161,7 +174,7 @@ class ContactSolver:
         target = agree(self.comm, checked_shape, problem, hierarchy.slabs.rows)
         shapes = hierarchy.shapes(problem, target)
         if not self.comm.allreduce(int(np.count_nonzero(~np.isnan(target)))):
-            raise InputError(f"-problem {problem.name}: contact is impossible in all cells (NaN)")
+            raise InputError(f"problem {problem.name}: contact is impossible in all cells (NaN)")
         if self.settings.single:
             highest = self.comm.allreduce(float(np.nanmax(np.abs(target), initial=0.0)), MPI.MAX)
             _check_single("pressures", highest / self._largest, "N/mm2")
@@ -194,6 +207,7 @@ class ContactSolver:
 
     # -- solve -------------------------------------------------------------------------------------------
 
+    @one_at_a_time
     def solve(self, approach=None, load=None, start=None, mean_pressure=None, mean_gap=None):
         """Solve for exactly one of approach, load, mean pressure and mean gap.
 
@@ -271,6 +285,7 @@ class ContactSolver:
         [(kind, numbers)] = loadings.items()
         return LoadPath(self, kind, numbers, stiffness, rows)
 
+    @one_at_a_time
     def check(self, **loading):
         """Refuse a loading that `solve` would refuse; solve nothing. Collective."""
         self._loading(**loading)
@@ -291,6 +306,7 @@ class ContactSolver:
 
         yield take_back
 
+    @one_at_a_time
     def stiffness(self, solution):
         """Contact stiffness dF/d(approach) of a solution, exactly, by one more linear solve on its contact set.
 
@@ -392,6 +408,9 @@ class ContactSolver:
     def close(self):
         """Free everything; solutions stay. Collective."""
         self._finalizer()
+
+    def __reduce__(self):
+        raise TypeError("a ContactSolver cannot be pickled; its problem can, and solutions")
 
     def __enter__(self):
         return self

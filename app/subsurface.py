@@ -239,8 +239,12 @@ def summary(hottest, result, poisson_ratio):
     unit = length_unit(hottest.depth or float(np.ptp(result.x)))
     highest = float(np.nanmax(result.pressure))
     share = f", {hottest.von_mises / highest:.3g} of the maximum pressure" if highest > 0 else ""
+    each = np.atleast_1d(result.attributes.get("poisson", ()))
+    of = (
+        [f" (body {k})" for k, nu in enumerate(each, 1) if nu == poisson_ratio] if len(set(each)) == 2 else []
+    )
     return (
-        f"largest von Mises stress {hottest.von_mises:.6g} N/mm2{share}, for nu = {poisson_ratio:g}\n"
+        f"largest von Mises stress {hottest.von_mises:.6g} N/mm2{share}, for nu = {poisson_ratio:g}{''.join(of)}\n"
         f"  at x = {hottest.x:.6g} mm, y = {hottest.y:.6g} mm, depth {hottest.depth * unit.per_mm:.4g} {unit.name}"
     )
 

@@ -13,6 +13,7 @@ direction with an odd number of cells is not halved there.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from operator import index
 
 import numpy as np
 from mpi4py import MPI
@@ -68,11 +69,22 @@ class Grid:
         """Divide the patch ``domain = (x0, x1, y0, y1)`` into nx by ny cells; `periodic`: see `symbol_name`.
 
         Not collective.
+
+        Raises
+        ------
+        InputError
         """
-        x0, x1, y0, y1 = domain
+        try:
+            nx, ny = index(nx), index(ny)
+        except TypeError:
+            raise InputError(f"grid {nx},{ny}: whole numbers of cells are needed") from None
+        try:
+            x0, x1, y0, y1 = map(float, domain)
+        except (TypeError, ValueError):
+            raise InputError(f"domain {domain!r}: needed: four numbers (x0, x1, y0, y1) [mm]") from None
         if nx < 1 or ny < 1:
             raise InputError(f"grid {nx},{ny}: at least one cell in each direction is needed")
-        if not (np.isfinite(domain).all() and x1 > x0 and y1 > y0):
+        if not (np.isfinite([x0, x1, y0, y1]).all() and x1 > x0 and y1 > y0):
             raise InputError(f"domain {x0:g},{x1:g},{y0:g},{y1:g}: need finite x0 < x1 and y0 < y1")
         return cls(nx, ny, (x1 - x0) / nx, (y1 - y0) / ny, x0, y0, symbol_name(periodic))
 

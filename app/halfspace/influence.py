@@ -33,6 +33,13 @@ _CLOSED_FORM_UP_TO = 8.0
 _ORDER = 12
 
 
+def _real(what, value):
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} {value!r}: needed: a number") from None
+
+
 @dataclass(frozen=True)
 class Material:
     """Combined elastic constants of the two bodies (Sec. 2.2).
@@ -60,6 +67,8 @@ class Material:
     known: Mapping | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self):
+        for name in ("shear_modulus", "poisson_ratio"):
+            object.__setattr__(self, name, _real(name.replace("_", " "), getattr(self, name)))
         if not (np.isfinite(self.shear_modulus) and self.shear_modulus > 0):
             raise InputError(f"shear modulus {self.shear_modulus:g}: must be positive and finite")
         if not 0 <= self.poisson_ratio <= 0.5:
@@ -96,7 +105,7 @@ class Material:
         """
         try:
             young, poisson = (tuple(map(float, pair)) for pair in (young, poisson))
-        except TypeError:
+        except (TypeError, ValueError):
             raise InputError(
                 "pair: needed: two Young's moduli and two Poisson's ratios, (E1, E2), (nu1, nu2)"
             ) from None
@@ -121,6 +130,7 @@ class Material:
         >>> Material.from_contact_modulus(25.0).describe()
         {'contact_modulus': 25.0}
         """
+        contact_modulus = _real("contact modulus", contact_modulus)
         if not (np.isfinite(contact_modulus) and contact_modulus > 0):
             raise InputError(f"contact modulus {contact_modulus:g}: must be positive and finite")
         return cls(contact_modulus, 0.0)._knowing()

@@ -27,12 +27,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import atan2, log, pi, sqrt
+from numbers import Real
 
 import numpy as np
 import scipy.fft
 from scipy.optimize import minimize_scalar
 
 from app.compiled import njit
+from app.errors import InputError
 from app.halfspace.periodic import frequencies
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -84,7 +86,7 @@ class SubsurfaceStress:
 
     Raises
     ------
-    ValueError
+    InputError
         If something is out of its range.
 
     Examples
@@ -98,11 +100,11 @@ class SubsurfaceStress:
     def __init__(self, pressure, grid, poisson_ratio):
         pressure = np.asarray(pressure, dtype=float)
         if pressure.shape != grid.shape:
-            raise ValueError(f"pressure: has shape {pressure.shape}; the grid needs (ny, nx) = {grid.shape}")
+            raise InputError(f"pressure: has shape {pressure.shape}; the grid needs (ny, nx) = {grid.shape}")
         if not np.isfinite(pressure).all():
-            raise ValueError("pressure: not finite everywhere; a run that diverged has no stresses")
+            raise InputError("pressure: not finite everywhere; a run that diverged has no stresses")
         if not 0 <= poisson_ratio <= 0.5:
-            raise ValueError(f"Poisson ratio {poisson_ratio:g}: must be from 0 to 0.5")
+            raise InputError(f"Poisson ratio {poisson_ratio:g}: must be from 0 to 0.5")
         self.grid, self.nu = grid, float(poisson_ratio)
         self._below = _Waves(pressure, grid, self.nu) if grid.periodic else _Cells(pressure, grid, self.nu)
 
@@ -125,7 +127,7 @@ class SubsurfaceStress:
             Below the cell centres.
         """
         if (x is None) == (y is None):
-            raise ValueError("section: give either x or y of the plane")
+            raise InputError("section: give either x or y of the plane")
         depths = [_checked(depth) for depth in np.atleast_1d(depths)]
         return np.stack([self._below.row(depth, x, y) for depth in depths], axis=1)
 
@@ -186,8 +188,8 @@ class SubsurfaceStress:
 
 
 def _checked(depth):
-    if not 0 <= depth < np.inf:
-        raise ValueError(f"depth {depth:g}: must be 0 or more, and finite")
+    if not (isinstance(depth, Real) and 0 <= depth < np.inf):
+        raise InputError(f"depth {depth!r}: must be 0 or more, and finite")
     return float(depth)
 
 

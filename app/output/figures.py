@@ -43,13 +43,17 @@ class Reference(NamedTuple):
     label: str
 
 
-def title(result):
-    """Problem, grid and load in a line."""
+def title(result, path=False):
+    """Problem, grid and load in a line, or all loads of its path."""
     ny, nx = result.pressure.shape
     values = result.attributes
     problem = values.get("problem", "contact problem")
     state = "" if values["converged"] else ", NOT CONVERGED"
-    return f"{PROBLEMS.get(problem, problem)}, {nx} × {ny} cells, load {number(values['load'])} N{state}"
+    load = f"load {number(values['load'])} N"
+    if path:
+        loads = result.path["load"]
+        load = f"{len(loads)} loads from {number(min(loads))} to {number(max(loads))} N"
+    return f"{PROBLEMS.get(problem, problem)}, {nx} × {ny} cells, {load}{state}"
 
 
 def number(value):

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
-from app.errors import agree
+from app.errors import InputError, agree
 
 SUFFIXES = (".h5", ".hdf5")  # of result files
 _PIECES, _PIECE = 64, 1 << 16  # of a file, and bytes of each, that tell it from another one
@@ -41,30 +41,30 @@ def check_output_path(path, inputs=()):
 
     Raises
     ------
-    ValueError
+    InputError
         If the suffix is unknown, the path is not a regular file or one of the inputs, or its folder is missing,
         read-only, or the name is too long for it.
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
-        raise ValueError(f"result file {path}: the name must end in {' or '.join(SUFFIXES)}")
+        raise InputError(f"result file {path}: the name must end in {' or '.join(SUFFIXES)}")
     try:
         target = _target(path)
         if target.exists() and not target.is_file():
-            raise ValueError(f"result file {path}: exists and is not a regular file")
+            raise InputError(f"result file {path}: exists and is not a regular file")
         if not target.parent.is_dir():
-            raise ValueError(f"result file {path}: folder {target.parent} does not exist")
+            raise InputError(f"result file {path}: folder {target.parent} does not exist")
     except OSError as error:
-        raise ValueError(f"result file {path}: {error.strerror}") from None
+        raise InputError(f"result file {path}: {error.strerror}") from None
     for other in inputs:
         if _same_file(target, other):
-            raise ValueError(f"result file {path}: is the input {other}; choose another name")
+            raise InputError(f"result file {path}: is the input {other}; choose another name")
     try:
         temporary = temporary_name(target)
         temporary.touch(exist_ok=False)
         temporary.unlink()
     except OSError as error:
-        raise ValueError(f"result file {path}: cannot write in {target.parent} ({error.strerror})") from None
+        raise InputError(f"result file {path}: cannot write in {target.parent} ({error.strerror})") from None
     return target
 
 
@@ -113,7 +113,7 @@ def _target(path):
     try:
         return path.resolve() if path.is_symlink() else path.absolute()
     except RuntimeError:
-        raise ValueError(f"{path}: the symbolic link leads to itself") from None
+        raise InputError(f"{path}: the symbolic link leads to itself") from None
 
 
 def _same_file(one, other):

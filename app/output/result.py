@@ -33,7 +33,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from app.errors import one_line
+from app.errors import InputError, one_line
 from app.memory import check_fits
 from app.output.files import check_output_path, publish, remove, temporary_name
 
@@ -157,7 +157,7 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, units=Non
 
     Raises
     ------
-    ValueError
+    InputError
         If something is missing or has the wrong shape or type, or `path` is of no use.
     OSError
         If writing fails.
@@ -206,30 +206,30 @@ def read_result(path):
 
     Raises
     ------
-    ValueError
+    InputError
         If there is no such file, or it is not a result file (the message names what is missing).
     """
     path = Path(path)
     if not path.is_file():
-        raise ValueError(f"result file {path}: {'not a file' if path.exists() else 'no such file'}")
+        raise InputError(f"result file {path}: {'not a file' if path.exists() else 'no such file'}")
     try:
         with h5py.File(path, "r") as file:
             return _read_hdf5(file)
     except ValueError as error:
-        raise ValueError(f"result file {path}: {error}") from error
+        raise InputError(f"result file {path}: {error}") from error
     except (
         OSError,
         RuntimeError,
         KeyError,
     ) as error:  # KeyError, RuntimeError: links that lead nowhere or in a circle
-        raise ValueError(f"result file {path}: not a readable HDF5 file ({one_line(error)})") from error
+        raise InputError(f"result file {path}: not a readable HDF5 file ({one_line(error)})") from error
 
 
 def _plan(slabs, fields, x, y, attributes, history, units, steps):
     """Check what rank 0 gives and return it as dict, ready to be written."""
     axes = {name: np.asarray(values, AXES[name]) for name, values in (("x", x), ("y", y))}
     if axes["x"].ndim != 1 or axes["y"].shape != (slabs.ny,):
-        raise ValueError(
+        raise InputError(
             f"cell centres have shapes {axes['x'].shape}, {axes['y'].shape}, rows are {slabs.ny}"
         )
     _require(fields, FIELDS, "field")
@@ -238,22 +238,22 @@ def _plan(slabs, fields, x, y, attributes, history, units, steps):
     _require(history, HISTORY, "history column")
     for name in fields:
         if name in axes or name in ("history", "path") or "/" in name:
-            raise ValueError(f"field {name!r}: name is reserved")
+            raise InputError(f"field {name!r}: name is reserved")
     for name, value in attributes.items():
         value = np.asarray(value)
         if value.dtype.kind not in ("biufU" if value.ndim == 0 else "biuf"):
-            raise ValueError(f"attribute {name}: {value.dtype} is not a number, string or numeric array")
+            raise InputError(f"attribute {name}: {value.dtype} is not a number, string or numeric array")
     columns = {name: np.asarray(values, HISTORY.get(name)) for name, values in history.items()}
     shape = columns["level"].shape
     for name, column in columns.items():
         if column.ndim != 1 or column.shape != shape or column.dtype.kind not in "biuf":
-            raise ValueError(
+            raise InputError(
                 f"history column {name}: shape {column.shape}, type {column.dtype}; level has {shape}"
             )
     types = {name: np.dtype(FIELDS.get(name) or np.asarray(values).dtype) for name, values in fields.items()}
     for name, dtype in types.items():
         if dtype.kind not in "biuf":
-            raise ValueError(f"field {name}: {dtype} is not numeric")
+            raise InputError(f"field {name}: {dtype} is not numeric")
     return {
         "types": types,
         "units": {**dict.fromkeys(types, "1"), **(units or {}), **UNITS},
@@ -267,14 +267,14 @@ def _plan(slabs, fields, x, y, attributes, history, units, steps):
 def _local_rows(comm, slabs, fields, plan):
     """Return this rank's rows of every field in the type they have in the file."""
     if (slabs.size, slabs.rank) != (comm.size, comm.rank):
-        raise ValueError(f"slabs of rank {slabs.rank} of {slabs.size} on rank {comm.rank} of {comm.size}")
+        raise InputError(f"slabs of rank {slabs.rank} of {slabs.size} on rank {comm.rank} of {comm.size}")
     if fields.keys() != plan["types"].keys():
-        raise ValueError(f"fields {sorted(fields)}, but rank 0 has {sorted(plan['types'])}")
+        raise InputError(f"fields {sorted(fields)}, but rank 0 has {sorted(plan['types'])}")
     rows = {name: np.asarray(fields[name]) for name in plan["types"]}
     shape = slabs.local, plan["axes"]["x"].size
     for name, values in rows.items():
         if values.shape != shape:
-            raise ValueError(f"field {name}: shape {values.shape}, rows and columns of this rank are {shape}")
+            raise InputError(f"field {name}: shape {values.shape}, rows and columns of this rank are {shape}")
         rows[name] = _cast(f"field {name}", values, plan["types"][name])
     return rows
 
@@ -292,6 +292,8 @@ def _lay_out(path, plan):
     size += shape[0] * shape[1] * sum(dtype.itemsize for dtype in plan["types"].values()) + METADATA_BYTES
     _reserve(path, size, "xb")
     with h5py.File(path, "w") as file:
+        for name in ("history", *(["path"] if plan["path"] else [])):
+            file.create_group(name, track_order=True)  # columns stay in their order
         for name, value in plan["attributes"].items():
             file.attrs[name] = value
         for name, column in plan["history"].items():
@@ -337,7 +339,7 @@ def _write_rows(path, comm, slabs, rows):
 
 def _read_hdf5(file):
     if not any(name in file for name in FIELDS):
-        raise ValueError("no result of app.solve: it has none of the datasets " + ", ".join(FIELDS))
+        raise InputError("no result of app.solve: it has none of the datasets " + ", ".join(FIELDS))
     _require(file.attrs, ATTRIBUTES, "attribute")
     sizes = []
     file.visititems(lambda name, item: sizes.append(float(getattr(item, "nbytes", None) or 0)))
@@ -346,7 +348,7 @@ def _read_hdf5(file):
     shape = data["y"].size, data["x"].size
     for name in FIELDS:
         if data[name].shape != shape:
-            raise ValueError(f"dataset {name}: shape {data[name].shape}, but y and x say {shape}")
+            raise InputError(f"dataset {name}: shape {data[name].shape}, but y and x say {shape}")
     history = {name: read_dataset(file, f"history/{name}", dtype) for name, dtype in HISTORY.items()}
     history |= _columns(file, "history", history)
     extra = {
@@ -368,7 +370,7 @@ def _columns(file, group, known=()):
     columns = {name: read_dataset(file, f"{group}/{name}") for name in names if name not in known}
     lengths = {column.shape for column in (*columns.values(), *dict(known).values())}
     if len(lengths) > 1 or any(len(shape) != 1 for shape in lengths):
-        raise ValueError(f"{group}: columns of shapes {sorted(lengths)}")
+        raise InputError(f"{group}: columns of shapes {sorted(lengths)}")
     return columns
 
 
@@ -376,11 +378,11 @@ def read_dataset(file, name, dtype=None):
     """A dataset of numbers from an open file, of its own type if no other is given; ValueError if it is none."""
     item = file.get(name)
     if not isinstance(item, h5py.Dataset):
-        raise ValueError(f"dataset {name} is missing")
+        raise InputError(f"dataset {name} is missing")
     if item.shape is None or item.dtype.kind not in "biuf":
-        raise ValueError(f"dataset {name}: type {item.dtype}, shape {item.shape} where numbers are needed")
+        raise InputError(f"dataset {name}: type {item.dtype}, shape {item.shape} where numbers are needed")
     if name in AXES and (item.ndim != 1 or not item.size):
-        raise ValueError(f"dataset {name}: shape {item.shape} where one of cell centres is needed")
+        raise InputError(f"dataset {name}: shape {item.shape} where one of cell centres is needed")
     check_fits(float(item.nbytes), f"dataset {name}")
     return _cast(f"dataset {name}", item[()], dtype or item.dtype)
 
@@ -392,24 +394,24 @@ def _attribute(name, value):
     if name in PAIRS and not (
         isinstance(plain, np.ndarray) and plain.shape == (2,) and plain.dtype.kind in "iuf"
     ):
-        raise ValueError(f"attribute {name}: {plain!r} where two numbers are needed")
+        raise InputError(f"attribute {name}: {plain!r} where two numbers are needed")
     if (text and not isinstance(plain, str)) or (
         number and not text and not isinstance(plain, bool | int | float)
     ):
-        raise ValueError(f"attribute {name}: {plain!r} where a {'text' if text else 'number'} is needed")
+        raise InputError(f"attribute {name}: {plain!r} where a {'text' if text else 'number'} is needed")
     return plain
 
 
 def _cast(name, values, dtype):
     if not np.can_cast(values.dtype, dtype, "same_kind"):
-        raise ValueError(f"{name}: type {values.dtype} where {np.dtype(dtype)} is needed")
+        raise InputError(f"{name}: type {values.dtype} where {np.dtype(dtype)} is needed")
     return values.astype(dtype, copy=False)
 
 
 def _require(found, names, kind):
     missing = [name for name in names if name not in found]
     if missing:
-        raise ValueError(f"{kind} {', '.join(missing)} is missing")
+        raise InputError(f"{kind} {', '.join(missing)} is missing")
 
 
 def _together(comm, kind, step, only_root=False):

@@ -7,10 +7,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.errors import InputError
-from app.halfspace.grid import symbol_name
+from app.halfspace.grid import Grid, symbol_name
+from app.halfspace.influence import Material
 from app.options import LARGEST
 from app.problems.problem import Problem
 from app.problems.shapes import Plane
+
+
+def real_numbers(what, values):
+    """Array of float64; masked entries become NaN. Not collective.
+
+    Raises
+    ------
+    InputError
+        Of texts or complex numbers, too, which numpy would turn into real ones.
+    """
+    try:
+        found = np.asanyarray(values)
+        if found.dtype.kind in "biufO":
+            return np.asarray(np.ma.filled(found.astype(float), np.nan))
+    except (TypeError, ValueError):
+        pass
+    raise InputError(f"{what}: needed: an array of real numbers, or a function of x and y") from None
 
 
 def is_measured(surface):
@@ -33,10 +51,7 @@ class _Values:
     def __init__(self, what, given):
         self._what, self.sampled = what, not callable(given)
         if self.sampled:
-            try:
-                given = np.asarray(given, dtype=float)
-            except (TypeError, ValueError):
-                raise InputError(f"{what}: needed: an array of numbers, or a function of x and y") from None
+            given = real_numbers(what, given)
         self.given = given
 
     def check_grid(self, grid):
@@ -56,7 +71,7 @@ class _Values:
             return np.array(self.given[rows], order="C")
         x, y = grid.x()[None, :], grid.y(rows)[:, None]
         shape = (y.shape[0], grid.nx)
-        values = np.array(np.broadcast_to(np.asarray(self.given(x, y), dtype=float), shape), order="C")
+        values = np.array(np.broadcast_to(real_numbers(self._what, self.given(x, y)), shape), order="C")
         if (np.abs(values) > LARGEST).any():
             raise InputError(f"{self._what}: {self.allowed}")
         return values
@@ -77,10 +92,10 @@ class ContactProblem(Problem):
     grid : Grid
     material : Material
     gap : array_like, shape (ny, nx), or callable, or shape, [mm]
-        Undeformed distance at zero approach in the cell centres; NaN where contact is impossible. An array is all of it
-        on every rank, first row at the smallest y. A function ``gap(x, y)`` is called with arrays that broadcast to the
-        cells wanted; it is asked again on every coarser grid, where an array is averaged. A shape is one of
-        `app.problems.shapes`, or another problem. None: a plane.
+        Undeformed distance at zero approach in the cell centres; NaN, or masked, where contact is impossible. An
+        array is all of it on every rank, first row at the smallest y. A function ``gap(x, y)`` is called with arrays
+        that broadcast to the cells wanted; it is asked again on every coarser grid, where an array is averaged. A
+        shape is one of `app.problems.shapes`, or another problem. None: a plane.
     periodic : bool or str
         Whether the patch repeats for ever in x and y; True is "spectral", see `app.halfspace.periodic`.
     surfaces : sequence of array_like, callable or surface
@@ -90,7 +105,7 @@ class ContactProblem(Problem):
     Raises
     ------
     InputError
-        If an array has another shape or is not made of numbers.
+        If an array has another shape or is not made of real numbers, or grid or material are something else.
 
     Examples
     --------
@@ -111,8 +126,16 @@ class ContactProblem(Problem):
     name = "given"
 
     def __post_init__(self):
+        for part, kind in (("grid", Grid), ("material", Material)):
+            if not isinstance(getattr(self, part), kind):
+                raise InputError(f"{part}: {getattr(self, part)!r}; needed: a {kind.__name__}")
         if self.periodic:
             object.__setattr__(self, "grid", replace(self.grid, periodic=symbol_name(self.periodic)))
+        object.__setattr__(self, "surfaces", () if self.surfaces is None else self.surfaces)
+        if isinstance(self.gap, type):
+            raise InputError(
+                f"gap: is the class {self.gap.__name__}; needed: one of it, {self.gap.__name__}(...)"
+            )
         if self.gap is None and not len(self.surfaces):
             raise InputError("gap: needed: an array of numbers, a function of x and y, or a shape")
         gap = Plane() if self.gap is None else self.gap

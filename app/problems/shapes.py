@@ -19,14 +19,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
+
+from app.errors import InputError
 
 
 def _require_positive(**lengths):
     for name, value in lengths.items():
-        if not (np.isfinite(value) and value > 0):
-            raise ValueError(f"{name} = {value:g}: must be positive and finite")
+        if not (isinstance(value, Real) and np.isfinite(value) and value > 0):
+            raise InputError(f"{name} = {value!r}: must be a number, positive and finite")
 
 
 class Shape:
@@ -99,12 +102,12 @@ class Paraboloid(Shape):
 
         Raises
         ------
-        ValueError
+        InputError
             If the bodies are not curved apart in all directions.
         """
         for body, radii in ((1, radii1), (2, radii2)):
             if len(radii) != 2 or not all(abs(radius) > 0 for radius in radii):
-                raise ValueError(
+                raise InputError(
                     f"radii of body {body}: needed: two numbers, not 0; inf: straight; negative: concave"
                 )
         k1, k2 = (tuple(1 / radius for radius in radii) for radii in (radii1, radii2))
@@ -117,7 +120,7 @@ class Paraboloid(Shape):
             turn, difference = turn - math.copysign(math.pi / 2, turn), -difference
         curvatures = (total + difference) / 2, (total - difference) / 2
         if min(curvatures) <= 1e-12 * max(map(abs, (*k1, *k2))):
-            raise ValueError(
+            raise InputError(
                 f"the bodies' relative curvatures are {curvatures[0]:.4g} and {curvatures[1]:.4g} per mm; needed: both "
                 "positive (0 is a line contact, see -problem cylinder; a negative one touches at the rim first)"
             )
@@ -177,7 +180,7 @@ class Cylinder(Shape):
     def __post_init__(self):
         _require_positive(radius=self.radius)
         if not self.length > 0:
-            raise ValueError(f"length of the cylinder {self.length:g}: must be positive")
+            raise InputError(f"length of the cylinder {self.length:g}: must be positive")
 
     def distance(self, x, y):
         """Undeformed distance in points [mm]."""
@@ -187,7 +190,7 @@ class Cylinder(Shape):
         """Refuse a strip that looks like plane strain but is not."""
         check_strip(grid)
         if not (np.abs(grid.y()) <= self.length / 2).any():
-            raise ValueError(
+            raise InputError(
                 f"length of the cylinder {self.length:g}: no cell centre of the patch lies under it"
             )
 
@@ -207,7 +210,7 @@ class Cone(Shape):
 
     def __post_init__(self):
         if not 0 < self.angle < 90:
-            raise ValueError(f"angle of the cone {self.angle:g}: must be between 0 and 90 degrees")
+            raise InputError(f"angle of the cone {self.angle:g}: must be between 0 and 90 degrees")
 
     @property
     def slope(self):
@@ -247,7 +250,7 @@ class FlatPunch(Shape):
 
     def __post_init__(self):
         if not (np.isfinite(self.diameter) and self.diameter > 0):
-            raise ValueError(f"punch diameter {self.diameter:g}: must be positive and finite")
+            raise InputError(f"punch diameter {self.diameter:g}: must be positive and finite")
 
     def distance(self, x, y):
         """Undeformed distance in points [mm]."""
@@ -256,7 +259,7 @@ class FlatPunch(Shape):
     def check_grid(self, grid):
         """Refuse a patch without a cell under the punch."""
         if not (self.distance(grid.x()[None, :], grid.y()[:, None]) == 0).any():
-            raise ValueError(
+            raise InputError(
                 f"punch diameter {self.diameter:g}: no cell centre of the patch lies under the punch"
             )
 
@@ -278,11 +281,11 @@ def check_strip(grid):
 
     Raises
     ------
-    ValueError
+    InputError
         Says what to do instead.
     """
     if min(grid.nx, grid.ny) == 1 and not grid.periodic:
-        raise ValueError(
+        raise InputError(
             f"grid {grid.nx},{grid.ny}: a patch one cell wide is a strip pressed on that width only, no line contact; "
             "for plane strain take the same grid with -periodic and a patch much longer than the contact, or else "
             "-problem cylinder with -cylinder_length on cells in both directions"

@@ -1,0 +1,108 @@
+"""What a program may hand over by mistake is refused in a line, or does what it says; nothing of it is overlooked."""
+
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+
+import h5py
+import numpy as np
+import pytest
+
+from app import ContactProblem, ContactSolver, Grid, Material, Sphere, read_result, solve
+from app.errors import InputError
+from app.options import Option, OptionReader, domain, series
+
+STEEL = Material.from_contact_modulus(1e5)
+GRID = Grid.from_domain(8, 6, (-1, 1, -1, 1))
+HEIGHTS = np.random.default_rng(3).random(GRID.shape) * 1e-3
+BALL = ContactProblem(GRID, STEEL, Sphere(10))
+
+
+@pytest.mark.parametrize(
+    ("message", "wrong"),
+    [
+        ("real numbers", lambda: ContactProblem(GRID, STEEL, HEIGHTS + 1j)),
+        ("real numbers", lambda: ContactProblem(GRID, STEEL, HEIGHTS.astype(str))),
+        ("real numbers", lambda: ContactProblem(GRID, STEEL, lambda x, y: x + 1j * y).shape_on(GRID)),
+        ("Sphere\\(...\\)", lambda: ContactProblem(GRID, STEEL, Sphere)),
+        ("a Grid", lambda: ContactProblem(STEEL, GRID, HEIGHTS)),
+        ("a Material", lambda: ContactProblem(GRID, 1e5, HEIGHTS)),
+        ("whole numbers", lambda: Grid.from_domain(16.5, 12, (0, 1, 0, 1))),
+        ("four numbers", lambda: Grid.from_domain(16, 12, "0,1,0,1")),
+        ("a number", lambda: Material.from_contact_modulus("steel")),
+        ("a number", lambda: Sphere("10")),
+        ("a ContactProblem", lambda: ContactSolver(HEIGHTS)),
+        ("a mapping", lambda: ContactSolver(BALL, options=["lcp_rtol"])),
+        ("names of options", lambda: ContactSolver(BALL, options={3: 8})),
+        ("method file", lambda: ContactSolver(BALL, method=3)),
+        ("communicator", lambda: ContactSolver(BALL, comm=3)),
+        ("no such file", lambda: read_result("nothing.h5")),
+    ],
+)
+def test_is_refused_in_a_line(message, wrong):
+    with pytest.raises(InputError, match=message) as refused:
+        wrong()
+    assert "\n" not in str(refused.value)
+
+
+def test_masked_points_are_missing_points():
+    masked = np.ma.masked_greater(HEIGHTS, 5e-4)
+    by_array = ContactProblem(GRID, STEEL, masked).shape_on(GRID)
+    by_function = ContactProblem(GRID, STEEL, lambda x, y: masked).shape_on(GRID)
+    np.testing.assert_array_equal(by_array, np.where(masked.mask, np.nan, HEIGHTS))
+    np.testing.assert_array_equal(by_function, by_array)
+
+
+def test_threads_get_what_one_gets_alone():
+    loads = [1.0, 2.0, 3.0, 4.0]
+    alone = [solve(BALL, load=load).max_pressure for load in loads]
+    with ThreadPoolExecutor(4) as pool, ContactSolver(BALL) as shared:
+        of_one = [pool.submit(shared.solve, load=load) for load in loads]
+        of_each = [pool.submit(solve, BALL, load=load) for load in loads]
+        for found in (of_one, of_each):
+            np.testing.assert_allclose([one.result().max_pressure for one in found], alone, rtol=1e-6)
+
+
+def test_a_solver_cannot_be_pickled_and_says_what_can():
+    with ContactSolver(BALL) as solver, pytest.raises(TypeError, match="its problem can"):
+        pickle.dumps(solver)
+    there = solve(pickle.loads(pickle.dumps(BALL)), load=5)
+    assert repr(pickle.loads(pickle.dumps(there))) == repr(there)
+    assert "load 5 N" in repr(there)
+
+
+def test_columns_of_a_path_keep_their_order_in_the_file(tmp_path):
+    solution = solve(BALL, load=5)
+    columns = {"step": [1, 2], "load": [2.0, 5.0], "approach": [1e-3, 2e-3], "contact_area": [0.1, 0.2]}
+    solution.save(tmp_path / "path.h5", steps=columns)
+    with h5py.File(tmp_path / "path.h5") as file:
+        assert list(file["path"]) == list(columns)
+    assert list(read_result(tmp_path / "path.h5").path) == list(columns)
+
+
+def test_without_load_a_touch_is_no_coarse_contact():
+    coarse = Grid.from_domain(32, 32, (-1, 1, -1, 1))
+    ball = ContactProblem(coarse, STEEL, Sphere(10))
+    assert not any("finer grid" in note for note in solve(ball, load=0).notes)
+    assert any("finer grid" in note for note in solve(ball, load=1e-6).notes)
+
+
+def test_a_periodic_patch_that_shows_nothing_of_the_bodies_is_worth_a_note():
+    def notes(nx):
+        grid = Grid.from_domain(nx, 1, (-1, 1, 0, 1))
+        return solve(ContactProblem(grid, STEEL, lambda x, y: x**2, periodic=True), load=1).notes
+
+    assert any("the same in all cells" in note for note in notes(1))
+    assert not any("the same in all cells" in note for note in notes(8))
+
+
+@pytest.mark.parametrize(
+    ("kind", "meaning", "text", "allowed"),
+    [
+        (domain, "patch [mm]", "0,1e-150,0,1", "y0 < y1 [mm], of size 1e-50 to 1e+50"),
+        (series, "first:last:n[:log] or a,b,c [N]", "1:2:1", "or numbers a,b,c [N]"),
+    ],
+)
+def test_what_is_allowed_is_the_reason(kind, meaning, text, allowed):
+    with pytest.raises(InputError) as refused:
+        OptionReader([Option("it", kind, None, meaning)], {"it": text})["it"]
+    assert str(refused.value).endswith(allowed)
