@@ -66,7 +66,7 @@ class FullContact:
         state.compute_displacement(exact=True)
         residual = np.sqrt(grid.n) * state.gap_on_contact()[0]
         history.add(state, self, Update(grid.n, grid.n - before, 0, residual), 0)
-        return Outcome(stop(state, residual), FULL_CONTACT, 1, 0, residual / distance.norm())
+        return Outcome(stop(state, residual), FULL_CONTACT, 1, residual / distance.norm())
 
     @staticmethod
     def _possible(state, loading, wanted):

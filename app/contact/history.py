@@ -79,7 +79,6 @@ class Outcome:
     converged: bool
     reason: str
     iterations: int = 0
-    inner_iterations: int = 0
     residual: float = 0.0  # ||r|| / ||h||, eq. (5.1)
     discretisation_error: float = float("nan")  # of the pressure (rms), relative, estimated from two grids
     grid_errors: GridErrors = UNKNOWN
@@ -90,6 +89,5 @@ class Outcome:
         return replace(
             self,
             iterations=first.iterations + self.iterations,
-            inner_iterations=first.inner_iterations + self.inner_iterations,
             fallbacks=first.fallbacks + self.fallbacks,
         )

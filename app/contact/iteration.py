@@ -40,7 +40,7 @@ def active_set(state, solver, loading, stop, history):
     -------
     Outcome
     """
-    inner, fewest, since = 0, float("inf"), 0  # least number of cells that changed, and iterations since then
+    fewest, since = float("inf"), 0  # least number of cells that changed, and iterations since then
     if not begin(state, solver, loading, history):
         return Outcome(not loading.prescribes_load, NO_CONTACT)
     for k in range(1, stop.max_it + 1):
@@ -55,18 +55,15 @@ def active_set(state, solver, loading, stop, history):
         update = state.activate_penetrating(np.full(state.u.shape, np.inf) if wait else None)  # (4.b)
         since = 0 if update.changed < fewest else since + 1
         fewest = min(fewest, update.changed)
-        inner += its
         history.add(state, solver, update, its)
         residual = update.residual / state.distance.norm()
         if wrong := what_is_wrong(failure, residual):
-            return Outcome(False, wrong, k, inner, residual)
+            return Outcome(False, wrong, k, residual)
         if not update.changed and stop(state, update.residual):  # 5. and 6. (5.1)
             update = loading.settle(state, update) if stop.final else update
             if not update.changed and stop(state, update.residual):
-                return Outcome(True, CONVERGED, k, inner, residual)
-    return Outcome(
-        False, f"{stop.max_it} active set iterations were not enough", stop.max_it, inner, residual
-    )
+                return Outcome(True, CONVERGED, k, residual)
+    return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
 
 
 def active_set_by_load(state, solver, loading, stop, history):

@@ -87,7 +87,7 @@ class _ReferenceSolver:
         if not converged:
             wrong = "the residual is too large" if norm > overlap else "the bodies penetrate outside contact"
             reason = f"{reason}; {wrong}"
-        return Outcome(converged, reason, self.iterations, self.inner, norm / state.distance.norm())
+        return Outcome(converged, reason, self.iterations, norm / state.distance.norm())
 
     def _residual(self, state):
         """Norms of the residual (5.1) and of the penetration outside contact [mm], by a double precision product.

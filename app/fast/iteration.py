@@ -99,7 +99,6 @@ def inexact_active_set(state, solver, loading, stop, history):
     NeedsSafeguard
         If the residual stagnates.
     """
-    inner = 0
     best, since = float("inf"), 0
     if not begin(state, solver, loading, history):
         return Outcome(not loading.prescribes_load, NO_CONTACT)
@@ -108,7 +107,6 @@ def inexact_active_set(state, solver, loading, stop, history):
         allowed, done = stop.allowed(state, inside), False
         solver.set_contact()  # 2. (2.11) on C^k
         its, failure, norm = solver.improve(state, allowed, norm)  # 3. a little, u along with p
-        inner += its
         ready = norm <= allowed and (not stop.final or solver.tension(state) <= stop.rtol)
         too_loose = ready and not stop.worth_verifying(state, inside)
         if ready and not stop.final:
@@ -124,19 +122,17 @@ def inexact_active_set(state, solver, loading, stop, history):
         inside, cells, norm = update.h_on_contact, max(update.cells, 1), update.residual
         residual = update.residual / state.distance.norm()
         if wrong := what_is_wrong(failure, residual):
-            return Outcome(False, wrong, k, inner, residual)
+            return Outcome(False, wrong, k, residual)
         if done and stop.promising(state):
-            return Outcome(True, CONVERGED, k, inner, residual)
+            return Outcome(True, CONVERGED, k, residual)
         if done or too_loose:
             stop = stop.tighter()
         since += 1
         if update.residual <= 0.5 * best:
             best, since = update.residual, 0
         if since >= PATIENCE:
-            raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, inner, residual))
-    return Outcome(
-        False, f"{stop.max_it} active set iterations were not enough", stop.max_it, inner, residual
-    )
+            raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
+    return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
 
 
 def _verify(state, loading, stop):

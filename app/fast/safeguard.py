@@ -46,7 +46,6 @@ def projected_newton(state, solver, stop, history):
     -------
     Outcome
     """
-    inner = 0
     history.start(state, solver)
     with state.pressure as values:
         np.maximum(values, 0.0, out=values)
@@ -61,7 +60,6 @@ def projected_newton(state, solver, stop, history):
         closed = (p > 0) & ~state.contact  # leaves at once
         solver.set_contact()
         direction, its, failure = solver.solve(state.defect(), stop.allowed(state))
-        inner += its
         d = direction.getArray(readonly=True).reshape(gap.shape) - closed * p
         descent, alpha = state.sum([np.vdot(gap, d)])[0], 1.0
         for _ in range(_HALVINGS):
@@ -73,7 +71,7 @@ def projected_newton(state, solver, stop, history):
                 break
             alpha *= 0.5
         else:
-            return Outcome(False, "rounding leaves no step that makes it better", k, inner)
+            return Outcome(False, "rounding leaves no step that makes it better", k)
         with state.pressure as values:
             values += change.reshape(-1)
         gap = trial_gap
@@ -87,14 +85,12 @@ def projected_newton(state, solver, stop, history):
         history.add(state, solver, update, its)
         residual = update.residual / state.distance.norm()
         if wrong := what_is_wrong(failure, residual):
-            return Outcome(False, wrong, k, inner, residual)
+            return Outcome(False, wrong, k, residual)
         if update.residual <= stop.allowed(state):
             if stop.promising(state):
-                return Outcome(True, CONVERGED, k, inner, residual)
+                return Outcome(True, CONVERGED, k, residual)
             stop = stop.tighter()
-    return Outcome(
-        False, f"{stop.max_it} iterations of the safeguard were not enough", stop.max_it, inner, residual
-    )
+    return Outcome(False, f"{stop.max_it} iterations of the safeguard were not enough", stop.max_it, residual)
 
 
 def _gap(state, p):

@@ -44,7 +44,7 @@ def primal_active_set(primal, solver, stop, history):
     NeedsSafeguard
         If it makes no progress.
     """
-    state, inner, aim = primal.state, 0, _SURE
+    state, aim = primal.state, _SURE
     allowed = allowed_gap(primal, stop)
     best, fewest, since = float("inf"), float("inf"), 0
     doubted = False
@@ -54,7 +54,6 @@ def primal_active_set(primal, solver, stop, history):
     for k in range(1, stop.max_it + 1):
         goal = aim * allowed * np.sqrt(primal.cells)
         its, failure, norm = solver.improve(primal, goal)  # 2. and 3. p = 0 on the free cells, a little
-        inner += its
         near = norm <= goal * (1 + 1e-6)
         slight = _SLIGHT * aim * allowed
         # 4. p < 0 leaves C, e < 0 enters; A of a single cell is zero
@@ -63,10 +62,10 @@ def primal_active_set(primal, solver, stop, history):
         history.add(state, solver, update, its, primal.approach)
         residual = norm / state.distance.norm()
         if wrong := what_is_wrong(failure, residual):
-            raise NeedsSafeguard(Outcome(False, wrong, k, inner, residual))
+            raise NeedsSafeguard(Outcome(False, wrong, k, residual))
         changed = update.changed
         if near and not stop.final and changed <= _LOOSE * primal.cells:
-            return Outcome(True, CONVERGED, k, inner, residual)
+            return Outcome(True, CONVERGED, k, residual)
         if near and not changed:
             kept = state.contact.copy()
             update = verify(primal, solver.scratch)
@@ -76,7 +75,7 @@ def primal_active_set(primal, solver, stop, history):
             if enough:
                 accept(primal, solver.scratch)
                 if stop.promising(state):
-                    return Outcome(True, CONVERGED, k, inner, residual)
+                    return Outcome(True, CONVERGED, k, residual)
             reached = min(1.0, norm / goal) * aim
             aim = max(reached * min(0.5, _DOUBT * allowed / last), ROUNDING / stop.rtol)
             state.contact[...] = kept  # the free cells are as before
@@ -91,10 +90,8 @@ def primal_active_set(primal, solver, stop, history):
         if norm < 0.5 * best or changed < fewest:
             best, fewest, since = min(norm, best), min(changed, fewest), 0
         if since >= PATIENCE:
-            raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, inner, residual))
-    return Outcome(
-        False, f"{stop.max_it} active set iterations were not enough", stop.max_it, inner, residual
-    )
+            raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
+    return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
 
 
 def allowed_gap(primal, stop):

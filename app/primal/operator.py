@@ -31,8 +31,6 @@ class InverseOperator:
     products : int
     """
 
-    sweeps = 0
-
     def __init__(self, influence, coarser=None):
         self.influence, self.coarser = influence, coarser
         self.grid, self.slabs, self.comm = influence.grid, influence.slabs, influence.comm

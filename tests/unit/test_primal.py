@@ -249,6 +249,12 @@ def test_constrained_it_keeps_the_mean_and_shift_moves_it(make, grid):
     pc.shift(w, 0.7)
     assert w.sum() - r.sum() == pytest.approx(0.7, rel=1e-12)
     assert (w[~free] == r[~free]).all() and (w[free] >= r[free]).all()
+    free[...] = False
+    solver.set_contact()
+    before = w.copy()
+    pc.shift(w, 0.7)  # nothing is there to be raised
+    np.testing.assert_array_equal(w, before)
+    np.testing.assert_array_equal(applied(solver, r), 0)
 
 
 def test_it_does_not_know_where_the_patch_begins(make):

@@ -1,0 +1,160 @@
+"""Laws that mutants broke unnoticed: see docs/mutation.md."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from cases import APPROACH, hertz
+from mpi4py import MPI
+from petsc4py import PETSc
+from running import solve
+
+from app import ContactProblem, ContactSolver, strategy
+from app.contact.certificate import certify
+from app.contact.grid_errors import GridNumbers, errors_from
+from app.contact.history import Listener
+from app.contact.state import ContactState, UndeformedDistance
+from app.fast.iteration import IN_CONTACT, ROUNDING, InexactStop
+from app.fast.lift import lift
+from app.fast.solver import TrackingSolver
+from app.halfspace.grid import Grid
+from app.halfspace.influence import Material, dense_matrix
+from app.halfspace.operator import InfluenceOperator
+from app.halfspace.product import DenseProduct
+from app.multigrid.hierarchy import Hierarchy
+from app.multigrid.pcmg import options_set
+from app.primal import kernels
+from app.primal.solver import _COARSER, coarser_operator
+
+
+def test_options_are_as_they_were_after_the_block_that_sets_them():
+    options = PETSc.Options("survivor_")
+    options["given"], options["in_the_way"] = "1", "2"
+    try:
+        with options_set("survivor_", {"given": "3", "wanted": "4"}, {"in_the_way": "5"}):
+            assert options.getAll() == {"given": "1", "wanted": "4", "in_the_way": "5"}
+        assert options.getAll() == {"given": "1", "in_the_way": "2"}
+    finally:
+        for name in ("given", "in_the_way"):
+            options.delValue(name)
+
+
+def test_grids_worked_on_in_windows_get_no_product_before_somebody_asks():
+    windowed = Hierarchy(Grid(128, 128, 0.1, 0.1), 1.0, MPI.COMM_SELF, margin=0.1)
+    assert [level.grid.nx for level in windowed.levels if "product" not in vars(level)] == [128]
+    assert "exact_product" in vars(windowed.target)
+    assert windowed.operator_applications() == 0
+    whole = Hierarchy(Grid(128, 128, 0.1, 0.1), 1.0, MPI.COMM_SELF)
+    assert all("product" in vars(level) for level in whole.levels)
+
+
+@pytest.mark.parametrize("kind", ["tao", "snesvi"])
+def test_history_of_a_reference_solver_has_every_iteration(kind):
+    found = solve(hertz(12), APPROACH, None, lcp_type=kind)
+    history = found.history
+    assert list(history["iteration"]) == list(range(1, found.iterations + 1))
+    assert sum(history["inner_iterations"]) == found.inner_iterations
+    assert history["residual"][-1] == pytest.approx(found.residual, rel=1e-12)
+    assert history["contact_cells"][-1] == np.count_nonzero(found.contact)
+
+
+class Norms:
+    """A state of which only the norms of h are asked for."""
+
+    def __init__(self, whole, inside):
+        self.distance, self._whole, self._inside = self, whole, inside
+
+    def norm(self):
+        return self._whole
+
+    def h_on_contact(self):
+        return self._inside, 1
+
+
+def test_a_contact_small_in_its_patch_is_solved_by_its_own_measure():
+    stop = InexactStop(1e-6, 100)
+    assert stop.allowed(Norms(10.0, 0.0)) == pytest.approx(1e-6 * 10)  # nothing there to measure
+    assert stop.allowed(Norms(10.0, 5.0)) == pytest.approx(1e-6 * 10)
+    assert stop.allowed(Norms(10.0, 1e-3)) == pytest.approx(IN_CONTACT * 1e-6 * 1e-3)
+    assert InexactStop(1e-15, 100).allowed(Norms(10.0, 1e-3)) == pytest.approx(min(1e-14, ROUNDING * 1e-3))
+
+
+def test_lift_is_trusted_and_does_not_ask_for_the_unit_of_pressure(monkeypatch):
+    grid, shape, trusted, found = hertz(32).grid, hertz(32).shape, [], []
+    monkeypatch.setattr(strategy, "lift", lambda *of: trusted.append(lift(*of)) or trusted[-1])
+    for modulus in (82000.0, 82e-8):
+        problem = ContactProblem(grid, Material(modulus, 0.28), shape)
+        found.append(solve(problem, APPROACH, "fmg_lift"))
+    assert trusted and all(trusted)
+    np.testing.assert_array_equal(found[0].contact, found[1].contact)
+    assert found[0].history["changed_cells"] == found[1].history["changed_cells"]
+
+
+def test_a_product_counts_once():
+    grid = Grid(3, 2, 1.0, 1.0)
+    product, p = DenseProduct(dense_matrix(grid, 1.0), grid.shape), np.ones(grid.shape)
+    product.apply(p, np.empty_like(p))
+    product.apply(p, np.empty_like(p), p > 0)
+    assert product.count == 2
+
+
+class Hears(Listener):
+    """Notes what it is told."""
+
+    def __init__(self):
+        self.told = []
+
+    def start(self, state, level):
+        self.told.append("start")
+
+    def iteration(self, entry, state):
+        self.told.append(entry["iteration"])
+
+    def end(self):
+        self.told.append("end")
+
+
+def test_listeners_hear_of_every_iteration():
+    hears = Hears()
+    with ContactSolver(hertz(12), "norm", listeners=[hears]) as solver:
+        found = solver.solve(APPROACH)
+    assert hears.told == ["start", *found.history["iteration"], "end"]
+
+
+def test_differences_of_grids_that_do_not_fall_are_an_error_of_all():
+    def error(*pressures):
+        grids = [GridNumbers(1.0, 1.0, pressure, 1.0) for pressure in pressures]
+        return errors_from(grids, 0.0, True)
+
+    slow = error(1.0, 2.0, 3.0, 4.0).max_pressure_error
+    assert slow == error(0.5, 1.0, 2.0, 3.0, 4.0).max_pressure_error == 1.0
+    assert error(1.0, 2.0, 2.5, 2.75).max_pressure_error < 1.0
+
+
+def test_certificate_names_the_smallest_pressure():
+    operator = InfluenceOperator(Grid(4, 1, 1.0, 1.0), 1.0)
+    state = ContactState(operator, UndeformedDistance(operator, np.array([[0.0, 1.0, 2.0, np.nan]])))
+    with state.pressure as p:
+        p[:] = 3.0, -0.25, 0.5, 0.0
+    assert certify(state).smallest_pressure == -0.25
+
+
+def test_positive_pressure_is_that_on_the_contact_set():
+    p, out = np.array([[-0.5, 2.0, 3.0]]), np.empty((1, 3))
+    assert kernels.positive(p, np.array([[True, True, False]]), out) == 2.0
+    np.testing.assert_array_equal(out, [[0.0, 2.0, 0.0]])
+
+
+@pytest.mark.parametrize("starts, found", [((0, 8, 32), 0), ((0, 6, 32), 1), ((0, 5, 32), None)])
+def test_grid_of_the_long_waves_has_whole_cells_on_every_rank(starts, found):
+    slabs = SimpleNamespace(ny=32, starts=starts)
+    levels = [SimpleNamespace(slabs=slabs, grid=Grid(ny, ny, 1.0, 1.0)) for ny in (2, 4, 8, 16, 32)]
+    hierarchy = SimpleNamespace(levels=levels[-_COARSER - 1 :])
+    coarse = coarser_operator(hierarchy, _COARSER)
+    assert coarse is (None if found is None else hierarchy.levels[found])
+
+
+def test_tension_is_a_share_of_the_pressure():
+    state = SimpleNamespace(p=np.array([[-1.0, 5.0]]), contact=np.ones((1, 2), bool), sum=lambda of: of)
+    solver = SimpleNamespace(_cg=SimpleNamespace(direction=np.empty((1, 2))))
+    assert TrackingSolver.tension(solver, state) == pytest.approx(0.25)
