@@ -57,7 +57,13 @@ _QUANTITIES = (
     ("rms_height", "rms height", _LENGTH, "of the undeformed distance about its mean"),
     ("rms_slope", "rms slope", "", "of the undeformed distance on this grid"),
 )
-_COLUMNS = {name: (label, unit) for name, label, unit, _ in _QUANTITIES}
+_COLUMNS = {name: (label, unit) for name, label, unit, _ in _QUANTITIES} | {
+    "contact_fraction_corrected": ("contact fraction, corrected", ""),
+    "moment_x": ("moment about x", "N mm"),
+    "moment_y": ("moment about y", "N mm"),
+    "major_axis_angle": ("larger semi-axis from x", "degree"),
+    "stiffness_by_differences": ("stiffness by differences", "N/mm"),
+}
 _ORIGIN = {
     "version": "version",
     "ranks": "MPI ranks",
@@ -68,7 +74,6 @@ _ORIGIN = {
     "operator_applications": "operator applications",
     "residual": "residual, (5.1)",
 }
-_ELSEWHERE = {"options", "command_line", "notes", "reason", "converged", "problem", *_ORIGIN, *_COLUMNS}
 _MOST_ROWS = 200
 
 

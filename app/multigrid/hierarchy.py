@@ -110,8 +110,9 @@ class Hierarchy:
         return petsc_comm(self.comm)
 
     def joined(self, operator, number):
-        """Whether ranks that have no part in an operator have one in level `number`. Not collective."""
-        return operator.slabs.size < self.levels[number].slabs.size
+        """Whether ranks that have no part in an operator have one in level `number`, or in laying its window."""
+        level = self.levels[number]
+        return operator.slabs.size < (self.comm.size if self.windowed(level) else level.slabs.size)
 
     @property
     def target(self):

@@ -14,6 +14,8 @@ import numpy as np
 import scipy.fft
 from scipy.special import ndtri
 
+from app.errors import InputError
+
 
 @dataclass(frozen=True)
 class Roughness:
@@ -76,16 +78,16 @@ class NormalPlot:
 
 
 def _finite(height):
-    height = np.asarray(height, dtype=float)
+    height = np.ma.filled(np.asanyarray(height, dtype=float), np.nan)
     if not np.isfinite(height).all():
-        raise ValueError("heights must be finite; cut out a part without NaN")
+        raise InputError("heights must be finite; cut out a part without NaN")
     return height
 
 
 def _field(height, cells):
     height = _finite(height)
     if height.ndim != 2 or min(height.shape) < cells:
-        raise ValueError(f"heights of shape {height.shape}: need (ny, nx), at least {cells} x {cells}")
+        raise InputError(f"heights of shape {height.shape}: need (ny, nx), at least {cells} x {cells}")
     return height
 
 
@@ -108,7 +110,7 @@ def roughness(height, dx, dy):
 
     Raises
     ------
-    ValueError
+    InputError
         If there are fewer cells, or heights that are not finite.
     """
     height = _field(height, cells=2)
@@ -150,7 +152,7 @@ def radial_spectrum(height, dx, dy, window=False):
 
     Raises
     ------
-    ValueError
+    InputError
         If there are fewer cells, or heights that are not finite.
     """
     height = _field(height, cells=4)
@@ -191,12 +193,12 @@ def normal_plot(height):
 
     Raises
     ------
-    ValueError
+    InputError
         If there are fewer heights, or heights that are not finite.
     """
     height = np.sort(_finite(height), axis=None)
     if height.size < 2:
-        raise ValueError("a normal plot needs at least 2 heights")
+        raise InputError("a normal plot needs at least 2 heights")
     quantile = ndtri((np.arange(height.size) + 0.5) / height.size)
     flat = height[0] == height[-1]
     correlation = np.nan if flat else float(np.corrcoef(quantile, height)[0, 1])

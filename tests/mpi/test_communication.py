@@ -148,3 +148,14 @@ def test_a_communicator_counts_what_is_sent(comm):
     found = counted.traffic
     assert (found.messages, found.all_to_alls, found.small_collectives) == (3, 1, 1)
     assert found.message_bytes == rows.nbytes + 2 * 8
+
+
+@pytest.mark.mpi(2, 3)
+@pytest.mark.parametrize("cells", [3000, 9000, 20000])
+def test_windows_of_grids_that_some_ranks_have_no_part_in(comm, cells):
+    here = solve(hertz(160), APPROACH, "fast", lcp_cells_per_rank=cells)
+    alone = solve(hertz(160), APPROACH, "fast", comm=MPI.COMM_SELF)
+    assert here.converged
+    assert here.iterations == alone.iterations
+    pressure = np.vstack(comm.allgather(here.pressure))
+    np.testing.assert_allclose(pressure, alone.pressure, rtol=0, atol=1e-4 * alone.max_pressure)

@@ -10,6 +10,7 @@ import pytest
 from app import ContactProblem, ContactSolver, Grid, Material, Sphere, read_result, solve
 from app.errors import InputError
 from app.options import Option, OptionReader, domain, series
+from app.problems.statistics import roughness
 
 STEEL = Material.from_contact_modulus(1e5)
 GRID = Grid.from_domain(8, 6, (-1, 1, -1, 1))
@@ -35,6 +36,7 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
         ("names of options", lambda: ContactSolver(BALL, options={3: 8})),
         ("method file", lambda: ContactSolver(BALL, method=3)),
         ("communicator", lambda: ContactSolver(BALL, comm=3)),
+        ("finite", lambda: roughness(np.ma.masked_greater(HEIGHTS, 5e-4), 0.1, 0.1)),
         ("no such file", lambda: read_result("nothing.h5")),
     ],
 )
