@@ -39,6 +39,8 @@ class InverseOperator:
         self.mask = np.zeros(self.local_shape, bool)
         self.products = self.contact_number = 0
 
+    sweeps = 0  # of Gauss-Seidel, that work units count
+
     @cached_property
     def product(self):
         """B in the precision of the iteration; made when first asked for. Collective then."""
