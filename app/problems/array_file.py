@@ -13,6 +13,7 @@ from app.options import LARGEST
 from app.problems.text_table import read_table
 
 _STRANGE = 0.01  # share of characters beyond ASCII that texts of numbers do not reach
+_NEVER = [bytes([code]) for code in range(32) if code not in b"\t\n\v\f\r\x1a"]  # in no text
 _BYTES_PER_BYTE = 40  # of memory, for a byte of text: a line is a list of texts, then of numbers
 
 
@@ -150,6 +151,7 @@ def _decoded(content):
         return content.decode(coding)
     except UnicodeDecodeError:
         strange = len(content) - len(content.translate(None, bytes(range(128, 256))))
-        if coding == "utf-16" or b"\0" in content or strange > _STRANGE * len(content) + 8:
+        control = any(byte in content for byte in _NEVER)
+        if coding == "utf-16" or control or strange > _STRANGE * len(content) + 8:
             raise ValueError("it is no text; formats: .npy, .h5, .hdf5, and text") from None
         return content.decode("latin-1")
