@@ -224,7 +224,8 @@ class InfluenceOperator:
 
     def getDiagonal(self, mat, diagonal):
         """Diagonal of A; the same outside C, where it only has to be nonzero."""
-        diagonal.set(self.diagonal)
+        with diagonal as values:
+            values[...] = self.diagonal
 
     def SOR(self, mat, b, omega, kind, shift, its, lits, x):
         """Sec. 4.2, 1: damped lexicographic Gauss-Seidel on C, the sequential sweep on any number of ranks.
@@ -235,11 +236,10 @@ class InfluenceOperator:
         if shift:
             raise ValueError("Gauss-Seidel with a diagonal shift is not available")
         if not self.active:
+            x.stateIncrease()  # as on the others, which alone may not call what is collective
             return
         relaxation = self.relaxation
         zero = bool(kind & _ZERO_GUESS)
-        if zero:
-            x.set(0)
         directions = [backward for flag, backward in ((_FORWARD, False), (_BACKWARD, True)) if kind & flag]
         right = b.getArray(readonly=True).reshape(self.local_shape)
         r, d = relaxation.work
@@ -247,6 +247,7 @@ class InfluenceOperator:
             p = solution.reshape(self.local_shape)
             for backward in directions * max(1, its * lits):
                 if zero:
+                    p[...] = 0
                     np.multiply(right, self.mask, out=r)
                     zero = False
                 else:

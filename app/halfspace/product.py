@@ -103,7 +103,10 @@ class NoRows:
     def apply(self, p, out, mask=None, rows=None):
         """Do nothing. Not collective; nor are the others."""
 
-    apply_inverse = sweep = apply
+    apply_inverse = apply
+
+    def sweep(self, r, mask, omega, d, backward=False):
+        """Do nothing."""
 
     def centre(self):
         """Return the identity's."""

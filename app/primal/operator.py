@@ -81,7 +81,8 @@ class InverseOperator:
 
     def getDiagonal(self, mat, diagonal):
         """Diagonal of B."""
-        diagonal.set(float(self.product.centre()[1, 1]))
+        with diagonal as values:
+            values[...] = self.product.centre()[1, 1]
 
     def view(self, mat, viewer):
         """Describe the operator for -ksp_view."""
