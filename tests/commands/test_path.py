@@ -89,7 +89,7 @@ def test_what_is_kept_needs_a_place(cli):
 def test_a_misspelt_loading_is_named(cli):
     refused = cli("-options_file", OPTIONS / "rough.opts", "-grid", 32, "-laod", 10)
     assert refused.returncode == 2 and refused.stderr.startswith(
-        "error: -laod is no option, did you mean -load?"
+        "error: unknown option: -laod (did you mean -load?)"
     )
 
 
