@@ -133,7 +133,7 @@ def test_class_reads_options_of_its_own(make):
             "my_module.short",
             r"ValueError: .*\(3,\).*\(4, ?6\)",
         ),
-        ("my_module.words", "ValueError: could not convert string to float"),
+        ("my_module.words", "gap: needed: an array of real numbers"),
         ("my_module.huge", "allowed: numbers up to"),
         ("broken.f", r"AttributeError: .*no_such_thing.* \(.*broken.py, line 2\)"),
         ("typo.f", r"SyntaxError: .*line 1"),
