@@ -105,10 +105,10 @@ def assert_same(one, other):
 
 
 @contextmanager
-def full_disk():
-    """Let no file of this process grow beyond 4 kB."""
+def full_disk(size=4096):
+    """Let no file of this process grow beyond some bytes."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:
         yield
     finally:

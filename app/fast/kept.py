@@ -50,7 +50,7 @@ class Kept:
             if grid.n <= LARGEST:
                 self._windows[place] = kept
         elif verification is not None:
-            kept.exact_product = verification
+            kept.exact_product = verification  # until it is closed: it holds a field of all cells
         kept.grid = grid
         return kept
 
@@ -72,7 +72,9 @@ class Kept:
     def close(self, operator):
         """Count what was computed in a window, and free it unless it is kept. Collective over its ranks."""
         self._hierarchy.spent(operator)
-        if operator not in self._windows.values():
+        if operator in self._windows.values():
+            vars(operator).pop("exact_product", None)
+        else:
             self._free(operator)
 
     def _free(self, operator):

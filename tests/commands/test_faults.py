@@ -2,18 +2,17 @@
 
 import os
 import random
-import resource
 import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
 
 import h5py
 import numpy as np
 import pytest
 from cases import hertz
 from processes import TESTS, run, solve_arguments
+from results import full_disk
 
 from app import ContactSolver, convert, plot, report, subsurface, xdmf
 from app.output.files import fingerprint
@@ -147,17 +146,6 @@ def test_ended_by_a_signal(ranks, word, tmp_path):
 # --------------------------------------------------------------------------------------- disks and folders
 
 
-@contextmanager
-def full_disk():
-    """Files end at 1000 bytes."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
 @pytest.fixture
 def given(path_of_two, tmp_path):
     """Result file and heights that the commands read, in a folder of their own."""
@@ -185,7 +173,7 @@ def test_full_disk_leaves_what_was_there(name, given, tmp_path, capsys):
     folder.mkdir(exist_ok=True)
     (folder / (target or "summary.png")).write_text("an earlier one")
     before = sorted(folder.iterdir())
-    with full_disk():
+    with full_disk(1000):
         status = command.main([str(given / source), *words, str(folder / target)])
     out, errors = capsys.readouterr()
     assert (status, len(errors.splitlines())) == (2, 1), out + errors

@@ -1,5 +1,8 @@
 """What a solver keeps between solves: nothing is made twice, and nothing else comes out."""
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 
@@ -60,3 +63,10 @@ def test_large_windows_are_not_kept(made, monkeypatch):
         made.clear()
         solver.solve(approach=0.3)
         assert made
+
+
+def test_fields_of_all_cells_are_not_kept():
+    with ContactSolver(bowl(160)) as solver:
+        field = weakref.ref(solver.solve(approach=0.1).displacement)
+        gc.collect()
+        assert field() is None
