@@ -158,8 +158,9 @@ class Circulant:
         self.multiplier = circulant_of(operator, margin)
         self.extension = None
         if steps:
+            workspace = getattr(operator.product, "working_storage", None)
             self.extension = RimExtension(
-                operator.local_shape, operator.slabs, operator.comm, steps, periodic
+                operator.local_shape, operator.slabs, operator.comm, steps, periodic, workspace
             )
             self.extension.set_stencil(self.multiplier.centre())
         self._contact = -1

@@ -59,9 +59,10 @@ class Kept:
         if self._target is not None and operator is self._target.operator:
             return self._target
         if operator not in self._solvers:
-            self._solvers[operator] = TrackingSolver(
+            self._solvers[operator] = solver = TrackingSolver(
                 self._hierarchy, number, operator.petsc_comm, operator=operator
             )
+            solver.frugal = operator.verified_elsewhere and operator.grid.n > LARGEST
         return self._solvers[operator]
 
     def solved(self, operator):

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.fast.circulant import circulant_of
+from app.halfspace.grid import runs
 
 _TRUSTED = (
     20.0  # factor in the load; a grid so coarse that it is missed by more says nothing, and copying is safer
@@ -19,7 +20,7 @@ _TRUSTED = (
 
 
 def lift(transfer, coarse, state):
-    """Set C and p of `state`, whose u is interpolated already.
+    """Set C and p of `state`, whose u is interpolated already; that of the coarser grid is written over.
 
     Collective.
 
@@ -28,21 +29,21 @@ def lift(transfer, coarse, state):
     bool
         False if the load came out so different that the coarse grid cannot be trusted; u is as it was.
     """
-    periodic = np.empty_like(coarse.u)
-    circulant_of(coarse.operator).apply_inverse(coarse.p, periodic)
-    contact = np.empty(state.contact.shape, bool)
-    transfer.copy(coarse.contact, contact)
+    circulant_of(coarse.operator).apply_inverse(coarse.p, coarse.u)
+    transfer.copy(coarse.contact, state.contact)
     with state.pressure as values:
         target = values.reshape(state.u.shape)
-        overlap = state.u - state.distance.b
-        contact |= overlap <= 0
-        contact &= state.admissible
-        transfer.interpolate(periodic, target)
-        np.subtract(target, overlap, out=target, where=contact)
+        transfer.interpolate(coarse.u, target)
+        for rows in runs(*target.shape):
+            contact, overlap = state.contact[rows], state.u[rows] - state.distance.b[rows]
+            contact |= overlap <= 0
+            contact &= state.admissible[rows]
+            np.subtract(target[rows], overlap, out=target[rows], where=contact)
         circulant_of(state.operator).apply(target, target)
-        contact &= target > 0
-        np.copyto(target, 0.0, where=~contact)
-    state.contact[...] = contact
+        for rows in runs(*target.shape):
+            contact = state.contact[rows]
+            contact &= target[rows] > 0
+            np.copyto(target[rows], 0.0, where=~contact)
     before, after = state.sum(
         [coarse.operator.grid.cell_area * coarse.p.sum(), state.grid.cell_area * state.p.sum()]
     )

@@ -13,11 +13,18 @@ from app.multigrid.linear_solver import LinearSolver
 class TrackingSolver(LinearSolver):
     """A `LinearSolver` whose KSP is TrackingCG; see there for the parameters.
 
+    Attributes
+    ----------
+    frugal : bool
+        Whether `rest` frees work arrays.
+
     Raises
     ------
     ValueError
         If the KSP is another one.
     """
+
+    frugal = False
 
     def __init__(self, hierarchy, level=-1, comm=None, prefix="", operator=None):
         super().__init__(hierarchy, level, comm, prefix, operator)
@@ -57,6 +64,11 @@ class TrackingSolver(LinearSolver):
         if iterations:
             state.u_is = Displacement.CARRIED
         return iterations, failure, self._cg.residual
+
+    def rest(self):
+        """Let an exact product have the memory that only the next contact set needs, if that is much. Collective."""
+        if self.frugal:
+            self._cg.rest()
 
     def tension(self, state):
         """Pressure that is negative, as a share of the sum of p; left in the direction, for `release`. Collective."""

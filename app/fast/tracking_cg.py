@@ -203,25 +203,39 @@ class TrackingCG(KspContext):
 
     displacement = first_norm = None
     residual = 0.0
-    _vecs = ()
+    _r = _z = None
 
     def setUp(self, ksp):
         """Make the work arrays: z and q, never needed at the same time, are one; d is in the operator's precision."""
         mat = ksp.getOperators()[0]
         self._operator = operator = mat.getPythonContext()
-        self._r = mat.createVecRight()
         shape = operator.local_shape
-        scratch = np.zeros(shape[0] * shape[1])
-        self.work = scratch.reshape(shape)  # at rest between solves
+        self.work = operator.scratch_beside_product()  # at rest between solves
+        scratch = self.work.reshape(-1)
         self._z = PETSc.Vec().createWithArray(scratch, comm=mat.getComm())
-        self._vecs = self._r, self._z
         self.product = scratch.view(operator.dtype)[: scratch.size].reshape(shape)  # q = A d
-        self.direction = np.zeros(shape, operator.dtype)  # d
         self._spans = np.zeros((shape[0], 2), np.int64)
+        self._wake()
         _warm_up(operator.dtype)
+
+    def _wake(self):
+        """Have r and d, which vanish outside C in a solve."""
+        if self._r is None:
+            shape = self._operator.local_shape
+            self._r = PETSc.Vec().createWithArray(
+                np.zeros(shape[0] * shape[1]), comm=self._operator.petsc_comm
+            )
+            self.direction = np.zeros(shape, self._operator.dtype)
+
+    def rest(self):
+        """Free r and d until the next solve. Collective."""
+        if self._r is not None:
+            self._r.destroy()
+        self._r = self.direction = None
 
     def solve(self, ksp, b, x):
         """Improve x."""
+        self._wake()
         operator = self._operator
         contact, shape, u = operator.mask, operator.local_shape, self.displacement
         pc, d, q, spans = ksp.getPC(), self.direction, self.product, self._spans
@@ -276,8 +290,9 @@ class TrackingCG(KspContext):
 
     def destroy(self, ksp):
         """Free the work vectors."""
-        for vec in self._vecs:
-            vec.destroy()
+        self.rest()
+        if self._z is not None:
+            self._z.destroy()
 
     def view(self, ksp, viewer):
         """Describe the solver for -ksp_view."""

@@ -87,11 +87,11 @@ class VerificationProduct:
         self.u[...] = 0
         self._scatter.reverse(p, self.u)
         self._target.exact_displacement(self.u, self.u)
-        u[...] = self._scatter.forward(self.u)
+        self._sum = self._scatter.forward(self.u, u).sum()
 
     def follow(self, u):
         """Scale the last product as the window's u has been scaled since, to meet a load. Collective."""
-        before, after = sum_over(self._target.comm, [self._scatter.forward(self.u).sum(), u.sum()])
+        before, after = sum_over(self._target.comm, [self._sum, u.sum()])
         if before and after != before:
             self.u *= after / before
 
@@ -120,7 +120,9 @@ class Stage:
     ----------
     state : ContactState
     coarse : ContactState or CoarseSolution
-        As far as it is below `state`.
+        As far as it is below `state`; until `started`.
+    coarse_pressure : ndarray
+        Its pressure, from then on.
     transfer : Transfer
         Between these.
     """
@@ -194,6 +196,10 @@ class Stage:
         contact, *others = bounding_boxes(masks, state.operator.slabs, state.comm)
         return Boxes(contact, others[0] if others else predicted)
 
+    def started(self):
+        """Keep of the coarser grid what is asked for in the end: its pressure. Not collective."""
+        self.coarse_pressure, self._below, self.coarse = self.coarse.p, self.coarse.operator, None
+
     def verify_no_more(self):
         """Let the ranks outside of the window go on, or help them until they may. Collective."""
         if self._verification:
@@ -202,7 +208,7 @@ class Stage:
     def close(self):
         """Free what is of no use to a finer grid. Not collective."""
         if self.windowed:
-            for operator in (self.state.operator, self.coarse.operator):
+            for operator in (self.state.operator, self._below):
                 self._kept.close(operator)
 
     def everything(self, outcome):
@@ -224,12 +230,13 @@ class Stage:
             self._verification.by_all(inside.p, inside.u)
         self._verification.follow(inside.u)
         self._distance.move_to(inside.depth)
-        state = ContactState(level, self._distance, u=self._verification.u)
+        inside.distance.destroy()
+        inside.distance = inside.u = None  # room for the state of all cells
+        self.state = state = ContactState(level, self._distance, u=self._verification.u)
         with state.pressure as values:
             scatter.reverse(inside.p, values.reshape(state.u.shape))
         scatter.reverse(inside.contact, state.contact)
         inside.destroy()
-        inside.distance.destroy()
         if not outcome.converged:
             return state, True
         update = state.activate_penetrating()

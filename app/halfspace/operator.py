@@ -75,6 +75,7 @@ class InfluenceOperator:
         self._workspace = workspace
         if exact_product is not None:
             self.exact_product = exact_product
+        self.verified_elsewhere = exact_product is not None  # on more cells than there are here
         # Whether what `product` says must be checked by the exact one.
         self.needs_verification = exact_product is not None or self.dtype != np.float64
         self.circulants = {}  # made by the preconditioner of that name when they are first used here
@@ -119,6 +120,18 @@ class InfluenceOperator:
         products = (made.get("product"), made.get("exact_product"))
         here = next((product for product in products if isinstance(product, EvenMultiplier)), None)
         return here or (self._workspace and self._workspace.storage)
+
+    def scratch_beside_product(self):
+        """A field of float64, shape `local_shape`, to be worked on while no exact product is computed.
+
+        In storage that the exact product alone uses, if there is enough. Collective when first asked for.
+        """
+        exact, size = vars(self._workspace or self).get("exact_product"), int(np.prod(self.local_shape))
+        if isinstance(exact, EvenMultiplier) and isinstance(self.product, EvenMultiplier):
+            spare = exact.working_storage[self.product.working_storage.size :]
+            if spare.size >= 8 * size:
+                return spare[spare.size - 8 * size :].view(np.float64).reshape(self.local_shape)
+        return np.zeros(self.local_shape)
 
     @cached_property
     def inverse_product(self):

@@ -123,9 +123,12 @@ class Scatter:
         self._columns = slice(window.x0, window.x1)
         self._place = slice(first, first + self._reverse.rows), self._columns
 
-    def forward(self, field):
+    def forward(self, field, out=None):
         """Return a copy of the window's part of a field on the grid, shape (rows here, columns). Collective."""
         part = self._forward(field[:, self._columns])
+        if out is not None:
+            out[...] = part
+            return out
         return part.copy() if self._forward.unchanged else part
 
     def reverse(self, part, field):

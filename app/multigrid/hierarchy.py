@@ -94,7 +94,11 @@ class Hierarchy:
         sizes = [self.ranks.size, *map(self.ranks.number, grids[1 : len(grids) - direct]), *[1] * direct]
         self.levels, self.transfers = [], [None]
         for number, (level, size) in enumerate(zip(grids, sizes, strict=True)):
-            self.levels.insert(0, InfluenceOperator(level, compliance, *self.ranks.deal(level, size), dtype))
+            workspace = self.levels[-1] if number else None
+            slabs, few = self.ranks.deal(level, size)
+            self.levels.insert(
+                0, InfluenceOperator(level, compliance, slabs, few, dtype, workspace=workspace)
+            )
             if number:
                 fine, coarse = self.levels[1], self.levels[0]
                 self.transfers.insert(1, Transfer(fine, coarse, factors[number - 1], self.comm))
