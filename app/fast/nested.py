@@ -148,5 +148,7 @@ def _prolong(stage, beta, lifted):
 def _difference(comm, transfer, coarse, state):
     """Return the rms difference of the pressures on two grids over that of the larger; NaN if none. Collective."""
     fine = transfer.restrict_defect(state.p)
-    squares = sum_over(comm, [np.vdot(p, p) for p in (fine - coarse, fine, coarse)])
-    return float(np.sqrt(squares[0] / max(squares[1:]))) if squares[0] > 0 else float("nan")
+    squares = [np.vdot(p, p) for p in (fine, coarse)]
+    fine -= coarse
+    *squares, difference = sum_over(comm, [*squares, np.vdot(fine, fine)])
+    return float(np.sqrt(difference / max(squares))) if difference > 0 else float("nan")

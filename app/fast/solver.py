@@ -61,12 +61,13 @@ class TrackingSolver(LinearSolver):
         self.ksp.setInitialGuessNonzero(True)
         self._cg.displacement, self._cg.first_norm = state.u, norm
         iterations, failure = self._run(state.rhs, state.pressure, allowed)
+        self._cg.displacement = None  # not for longer than the state
         if iterations:
             state.u_is = Displacement.CARRIED
         return iterations, failure, self._cg.residual
 
     def rest(self):
-        """Let an exact product have the memory that only the next contact set needs, if that is much. Collective."""
+        """Free what only the next contact set needs, if that is much: others need memory now. Collective."""
         if self.frugal:
             self._cg.rest()
 

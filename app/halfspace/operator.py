@@ -75,7 +75,6 @@ class InfluenceOperator:
         self._workspace = workspace
         if exact_product is not None:
             self.exact_product = exact_product
-        self.verified_elsewhere = exact_product is not None  # on more cells than there are here
         # Whether what `product` says must be checked by the exact one.
         self.needs_verification = exact_product is not None or self.dtype != np.float64
         self.circulants = {}  # made by the preconditioner of that name when they are first used here
