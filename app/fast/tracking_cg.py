@@ -293,6 +293,7 @@ class TrackingCG(KspContext):
         self.rest()
         if self._z is not None:
             self._z.destroy()
+        self._z = self.work = self.product = None  # storage of others
 
     def view(self, ksp, viewer):
         """Describe the solver for -ksp_view."""

@@ -116,21 +116,22 @@ class InfluenceOperator:
     def storage(self):
         """A convolution whose working storage other transforms on this grid may use, if there is one already."""
         made = vars(self)
-        products = (made.get("product"), made.get("exact_product"))
+        products = (made.get("exact_product"), made.get("product"))  # the largest first
         here = next((product for product in products if isinstance(product, EvenMultiplier)), None)
-        return here or (self._workspace and self._workspace.storage)
+        return (self._workspace and self._workspace.storage) or here
 
-    def scratch_beside_product(self):
-        """A field of float64, shape `local_shape`, to be worked on while no exact product is computed.
+    def scratch_beside_product(self, dtype=np.float64):
+        """A field to be worked on while no exact product is computed, ndarray of shape `local_shape`; it holds anything.
 
         In storage that the exact product alone uses, if there is enough. Collective when first asked for.
         """
         exact, size = vars(self._workspace or self).get("exact_product"), int(np.prod(self.local_shape))
+        size *= np.dtype(dtype).itemsize
         if isinstance(exact, EvenMultiplier) and isinstance(self.product, EvenMultiplier):
             spare = exact.working_storage[self.product.working_storage.size :]
-            if spare.size >= 8 * size:
-                return spare[spare.size - 8 * size :].view(np.float64).reshape(self.local_shape)
-        return np.zeros(self.local_shape)
+            if spare.size >= size:
+                return spare[spare.size - size :].view(dtype).reshape(self.local_shape)
+        return np.zeros(self.local_shape, dtype)
 
     @cached_property
     def inverse_product(self):
@@ -191,6 +192,14 @@ class InfluenceOperator:
         self._forget_products()
         self._relaxation = None
         self.needs_verification = False
+
+    def free(self):
+        """Free all products and sweeps; what they computed stays counted. Not collective."""
+        self._spent = self.equivalent_products
+        for name in _PRODUCTS:
+            vars(self).pop(name, None)
+        self.circulants.clear()
+        self._relaxation = None
 
     def _forget_products(self):
         """Free preconditioners and all products but the exact one; what they computed stays counted."""

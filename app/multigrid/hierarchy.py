@@ -176,5 +176,7 @@ class Hierarchy:
         self._told[operator] = products
 
     def destroy(self):
-        """Free the communicators made for it. Collective."""
+        """Free its products, and the communicators made for it. Collective."""
+        for level in self.levels:
+            level.free()
         self.ranks.destroy()

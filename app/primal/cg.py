@@ -128,7 +128,8 @@ class CarryingCG(KspContext):
         shape = operator.local_shape
         self.preconditioned = np.zeros(shape)
         self._z = PETSc.Vec().createWithArray(self.preconditioned.reshape(-1), comm=mat.getComm())
-        self.direction, self.product = np.zeros(shape, operator.dtype), np.zeros(shape, operator.dtype)
+        self.direction = np.zeros(shape, operator.dtype)
+        self.product = operator.influence.scratch_beside_product(operator.dtype)
         _warm_up(operator.dtype)
 
     def solve(self, ksp, b, x):
