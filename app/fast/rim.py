@@ -212,7 +212,10 @@ class RimExtension:
             return
         flat, cells, strips = self._flat(x), self._parts[1], self._strips(x)
         inner, source, new = self._room(
-            *((size, x.dtype) for size in (cells.inner.size, cells.band.size, max(cells.band.size, cells.rim)))
+            *(
+                (size, x.dtype)
+                for size in (cells.inner.size, cells.band.size, max(cells.band.size, cells.rim))
+            )
         )
         _take_out(flat, cells.inner, inner)
         sources = [strip.begin() for strip in strips]
@@ -272,7 +275,9 @@ class _Strip:
 
     def begin(self):
         """Take the contact cells beside the band out; return what is on the band."""
-        inner, band = (np.empty(len(cells), self.rows.dtype) for cells in (self._cells.inner, self._cells.band))
+        inner, band = (
+            np.empty(len(cells), self.rows.dtype) for cells in (self._cells.inner, self._cells.band)
+        )
         _take_out(self._flat, self._cells.inner, inner)
         _take(self._flat, self._cells.band, band)
         return band

@@ -203,7 +203,7 @@ class TrackingCG(KspContext):
 
     displacement = first_norm = None
     residual = 0.0
-    _r = _z = None
+    _r = _z = _d = None
 
     def setUp(self, ksp):
         """Make the work arrays: z and q, never needed at the same time, are one; d is in the operator's precision."""
@@ -215,28 +215,27 @@ class TrackingCG(KspContext):
         self._z = PETSc.Vec().createWithArray(scratch, comm=mat.getComm())
         self.product = scratch.view(operator.dtype)[: scratch.size].reshape(shape)  # q = A d
         self._spans = np.zeros((shape[0], 2), np.int64)
-        self._wake()
         _warm_up(operator.dtype)
 
-    def _wake(self):
-        """Have r and d, which vanish outside C in a solve."""
-        if self._r is None:
-            shape = self._operator.local_shape
-            self._r = PETSc.Vec().createWithArray(
-                np.zeros(shape[0] * shape[1]), comm=self._operator.petsc_comm
-            )
-            self.direction = np.zeros(shape, self._operator.dtype)
+    @property
+    def direction(self):
+        """d."""
+        if self._d is None:
+            self._d = np.zeros(self._operator.local_shape, self._operator.dtype)
+        return self._d
 
     def rest(self):
-        """Free r and d until the next solve. Collective."""
+        """Free r and d until they are needed. Collective."""
         if self._r is not None:
             self._r.destroy()
-        self._r = self.direction = None
+        self._r = self._d = None
 
     def solve(self, ksp, b, x):
         """Improve x."""
-        self._wake()
         operator = self._operator
+        if self._r is None:
+            r = np.zeros(int(np.prod(operator.local_shape)))
+            self._r = PETSc.Vec().createWithArray(r, comm=operator.petsc_comm)
         contact, shape, u = operator.mask, operator.local_shape, self.displacement
         pc, d, q, spans = ksp.getPC(), self.direction, self.product, self._spans
         _find_spans(contact, spans)

@@ -23,6 +23,9 @@ from app.halfspace.reductions import sum_over
 from app.halfspace.window import Scatter, Window, bounding_boxes, whole
 from app.multigrid.transfer import Transfer
 
+_PRODUCT, _DONE, _GONE = range(
+    3
+)  # what ranks that have no part in a window hear: what is wanted of them, or is left
 _LEAST = 4  # cells of the coarser grid around contact
 _MOST = 0.85  # of the cells; a larger window is not worth its own spectra
 
@@ -53,7 +56,7 @@ class VerificationProduct:
     Attributes
     ----------
     u : ndarray or None
-        The last product, on all cells.
+        The last product, on all cells, if it is not forgotten.
     """
 
     count = 0  # its products are those of the target grid's operator
@@ -66,7 +69,7 @@ class VerificationProduct:
     def apply(self, p, u):
         """Compute u = A p in the window and everywhere else. Collective over the ranks of the window."""
         if self._alone:
-            self._target.comm.bcast(True)
+            self._target.comm.bcast(_PRODUCT)
         self.by_all(p, u)
 
     def help(self, shape):
@@ -74,18 +77,24 @@ class VerificationProduct:
         if not self._alone:
             return
         if self._inner.active:
-            self._target.comm.bcast(False)
+            self._target.comm.bcast(_GONE if self.u is None else _DONE)
             return
         nothing = np.empty(shape)
-        while self._target.comm.bcast(None):
+        while (wanted := self._target.comm.bcast(None)) == _PRODUCT:
             self.by_all(nothing, nothing)
+        if wanted == _GONE:
+            self.forget()
+
+    def forget(self):
+        """Free the last product: there will be another one. Not collective."""
+        self.u = None
 
     def by_all(self, p, u):
         """As `apply`, for ranks that have no part in the window, too. Collective over all ranks."""
         if self.u is None:
             self.u = np.empty(self._target.local_shape)
         self.u[...] = 0
-        self._scatter.reverse(p, self.u)
+        self._scatter.reverse(p, self.u, self._target.exact_product.working_storage)
         self._target.exact_displacement(self.u, self.u)
         self._sum = self._scatter.forward(self.u, u).sum()
 

@@ -251,7 +251,7 @@ class Fetch:
         self.unchanged &= not (self._sent or self._got)
         self.unchanged |= not (self.rows or have.local)
 
-    def __call__(self, field):
+    def __call__(self, field, out=None):
         """Fetch rows of a field.
 
         Collective; only ranks that share something talk.
@@ -259,6 +259,8 @@ class Fetch:
         Parameters
         ----------
         field : ndarray, shape (local rows, columns)
+        out : ndarray, shape (rows wanted, columns), optional
+            Where they go, unless the field itself is returned.
 
         Returns
         -------
@@ -267,7 +269,7 @@ class Fetch:
         """
         if self.unchanged:
             return field
-        found = np.empty((self.rows, field.shape[1]), field.dtype)
+        found = np.empty((self.rows, field.shape[1]), field.dtype) if out is None else out
         parcels = [(rank, _packed(field, parts)) for rank, parts in self._sent.items()]
         requests = [self._comm.Isend(parcel, rank) for rank, parcel in parcels]
         for mine, place in zip(*self._own, strict=True):

@@ -133,6 +133,12 @@ class InfluenceOperator:
                 return spare[spare.size - size :].view(dtype).reshape(self.local_shape)
         return np.zeros(self.local_shape, dtype)
 
+    def forget_elsewhere(self):
+        """Let an exact product on other cells, too, free what it has found there. Not collective."""
+        forget = getattr(vars(self).get("exact_product"), "forget", None)
+        if forget is not None:
+            forget()
+
     @cached_property
     def inverse_product(self):
         """B, the inverse of A on fields without mean, of a periodic grid. Collective when first asked for."""
