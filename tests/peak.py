@@ -15,7 +15,7 @@ from pathlib import Path
 
 _MALLOC = {f"MALLOC_{name}_": "65536" for name in ("MMAP_THRESHOLD", "TRIM_THRESHOLD", "TOP_PAD")}
 if __name__ == "__main__" and not _MALLOC.items() <= os.environ.items():
-    os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | _MALLOC)  # noqa: S606
+    os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | _MALLOC)
 
 import numpy as np
 from mpi4py import MPI

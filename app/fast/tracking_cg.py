@@ -203,14 +203,15 @@ class TrackingCG(KspContext):
 
     displacement = first_norm = None
     residual = 0.0
-    _r = _z = _d = None
+    _r = _z = _d = _lent = None
 
     def setUp(self, ksp):
         """Make the work arrays: z and q, never needed at the same time, are one; d is in the operator's precision."""
         mat = ksp.getOperators()[0]
         self._operator = operator = mat.getPythonContext()
         shape = operator.local_shape
-        self.work = operator.scratch_beside_product()  # at rest between solves
+        work, self._lent = operator.scratch_beside_product(np.float64, operator.dtype)
+        self.work = np.zeros(shape) if work is None else work  # at rest between solves
         scratch = self.work.reshape(-1)
         self._z = PETSc.Vec().createWithArray(scratch, comm=mat.getComm())
         self.product = scratch.view(operator.dtype)[: scratch.size].reshape(shape)  # q = A d
@@ -220,6 +221,8 @@ class TrackingCG(KspContext):
     @property
     def direction(self):
         """d."""
+        if self._lent is not None:
+            return self._lent
         if self._d is None:
             self._d = np.zeros(self._operator.local_shape, self._operator.dtype)
         return self._d
@@ -292,7 +295,7 @@ class TrackingCG(KspContext):
         self.rest()
         if self._z is not None:
             self._z.destroy()
-        self._z = self.work = self.product = None  # storage of others
+        self._z = self._lent = self.work = self.product = None  # storage of others
 
     def view(self, ksp, viewer):
         """Describe the solver for -ksp_view."""

@@ -120,18 +120,28 @@ class InfluenceOperator:
         here = next((product for product in products if isinstance(product, EvenMultiplier)), None)
         return (self._workspace and self._workspace.storage) or here
 
-    def scratch_beside_product(self, dtype=np.float64):
-        """A field to be worked on while no exact product is computed, ndarray of shape `local_shape`; it holds anything.
+    def scratch_beside_product(self, *types):
+        """Fields to be worked on while no exact product is computed: in storage that this alone uses.
 
-        In storage that the exact product alone uses, if there is enough. Collective when first asked for.
+        Collective when first asked for.
+
+        Parameters
+        ----------
+        *types : numpy types
+
+        Returns
+        -------
+        list of ndarray, shape `local_shape`, or None
+            One for each type; they hold anything. None where there is not enough storage any more.
         """
-        exact, size = vars(self._workspace or self).get("exact_product"), int(np.prod(self.local_shape))
-        size *= np.dtype(dtype).itemsize
+        exact, fields, spare = vars(self._workspace or self).get("exact_product"), [], np.zeros(0, np.uint8)
         if isinstance(exact, EvenMultiplier) and isinstance(self.product, EvenMultiplier):
             spare = exact.working_storage[self.product.working_storage.size :]
-            if spare.size >= size:
-                return spare[spare.size - size :].view(dtype).reshape(self.local_shape)
-        return np.zeros(self.local_shape, dtype)
+        for dtype in types:
+            left = spare.size - int(np.prod(self.local_shape)) * np.dtype(dtype).itemsize
+            fields.append(spare[left:].view(dtype).reshape(self.local_shape) if left >= 0 else None)
+            spare = spare[:left] if left >= 0 else spare
+        return fields
 
     def forget_elsewhere(self):
         """Let an exact product on other cells, too, free what it has found there. Not collective."""

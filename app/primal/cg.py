@@ -129,7 +129,8 @@ class CarryingCG(KspContext):
         self.preconditioned = np.zeros(shape)
         self._z = PETSc.Vec().createWithArray(self.preconditioned.reshape(-1), comm=mat.getComm())
         self.direction = np.zeros(shape, operator.dtype)
-        self.product = operator.influence.scratch_beside_product(operator.dtype)
+        [lent] = operator.influence.scratch_beside_product(operator.dtype)
+        self.product = np.zeros(shape, operator.dtype) if lent is None else lent
         _warm_up(operator.dtype)
 
     def solve(self, ksp, b, x):
