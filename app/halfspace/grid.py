@@ -137,7 +137,7 @@ class Grid:
 
 
 def runs(rows, columns, cells=1 << 16):
-    """Yield slices of some rows together, of about so many cells: fields are gone through without copies of all of them.
+    """Yield slices of some rows together, of about so many cells: no copies of whole fields are needed so.
 
     Not collective.
     """
