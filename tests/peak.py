@@ -62,7 +62,7 @@ if __name__ == "__main__":
     n, word, *more = int(sys.argv[1]), *sys.argv[2:]
     pressure, kept.LARGEST = more[0] if more else "50", 0
     periodic, method = word.startswith("periodic:"), word.removeprefix("periodic:")
-    for small in (32, 96):  # loads all there is to be loaded
+    for small in (32, 352):  # loads all there is to be loaded
         solve(small, method, periodic, pressure)
     Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
     before = status("VmRSS")
