@@ -23,7 +23,7 @@ from petsc4py import PETSc
 from app.errors import InputError
 
 _M_MMAP_MAX = -4
-with suppress(AttributeError):  # another C library than glibc
+with suppress(AttributeError, ValueError):  # another C library than glibc
     # SuperLU_DIST, which many a PETSc loads, has malloc keep whatever is freed; large arrays are to go again.
     ctypes.CDLL(None).mallopt(_M_MMAP_MAX, int(os.environ.get("MALLOC_MMAP_MAX_", 65536)))
 _Handle = ctypes.c_void_p
