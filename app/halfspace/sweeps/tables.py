@@ -43,7 +43,9 @@ class Tables:
     chunks : list of int
         How many, from the first on, take part in transfers of up to 2^k leaves.
     edges : list of (int, int)
-        Which of these each rank has.
+        Which of these each rank has; this one from `first` on.
+    rows : Rows
+        For single rows.
     near : ndarray
         Kernel between the rows of a leaf and of the one before.
     ring : ndarray, shape (2, chunks, leaf rows, LANES)
