@@ -278,10 +278,8 @@ class InfluenceOperator:
         if self._relaxation is None:
             from app.halfspace.sweeps.gauss_seidel import GaussSeidel
 
-            rows = quadrant_rows(self.grid, self.compliance)
-            self._relaxation = GaussSeidel(
-                lambda first, last: rows(slice(first, last)), self.grid.shape, self.slabs, self.comm
-            )
+            rows, period = quadrant_rows(self.grid, self.compliance), bool(self.grid.periodic)
+            self._relaxation = GaussSeidel(rows, self.grid.shape, self.slabs, self.comm, periodic=period)
             self._relaxation.work = (np.zeros(self.local_shape), np.zeros(self.local_shape))
         return self._relaxation
 
