@@ -38,9 +38,9 @@ import numpy as np
 from mpi4py_fft import fftw
 from scipy.fft import dct, rfft
 
+from app.halfspace.fft.fftw import FFTW
 from app.halfspace.fft.lengths import transform_length
 from app.halfspace.grid import Slabs
-from app.halfspace.sweeps.fftw import FFTW
 from app.halfspace.sweeps.kernels import LANES, TILE, Rows, count_contact, solve_leaf, transfer
 
 LEAF_ROWS = 48  # at most; with more an FFT is faster than direct coupling

@@ -9,11 +9,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from llvmlite import ir
-from numba import types, uintp
-from numba.extending import intrinsic
+from numba import uintp
 
 from app.compiled import njit
+from app.halfspace.fft.fftw import execute
 
 LANES = 32  # frequencies in a chunk
 TILE = 4  # rows that act on as many others at once
@@ -41,21 +40,6 @@ class Rows(NamedTuple):
     plans: np.ndarray  # (levels, 2), forward and backward, both on `work`
     work: np.ndarray  # (longest + 2,)
     work_spectrum: np.ndarray  # (longest / 2 + 1,), the same memory
-
-
-# Not in `fftw`: numba renews the cached code of its callers when this file changes, but not when another does.
-@intrinsic
-def _execute(typing_context, function, plan):
-    """Call ``void function(void *plan)``; both are addresses."""
-
-    def generate(context, builder, signature, arguments):
-        pointer = ir.IntType(8).as_pointer()
-        function_pointer = ir.FunctionType(ir.VoidType(), [pointer]).as_pointer()
-        function, plan = arguments
-        builder.call(builder.inttoptr(function, function_pointer), [builder.inttoptr(plan, pointer)])
-        return context.get_dummy_value()
-
-    return types.void(types.int64, types.int64), generate
 
 
 @njit(fastmath={"contract", "reassoc", "nsz"})
@@ -115,10 +99,10 @@ def _solve_row(rows, count, weight):
         a, b = rows.starts[level], rows.starts[level + 1]
         rows.work[:size] = d[stop - size : stop]
         rows.work[size : 2 * (b - a - 1)] = 0
-        _execute(rows.execute, rows.plans[level, 0])
+        execute(rows.execute, rows.plans[level, 0])
         for k in range(b - a):
             rows.work_spectrum[k] *= rows.far[a + k]
-        _execute(rows.execute, rows.plans[level, 1])
+        execute(rows.execute, rows.plans[level, 1])
         for i in range(stop, min(stop + size, end)):
             x[i] -= rows.work[size + i - stop]
 
@@ -183,7 +167,7 @@ def solve_leaf(w, slot, occupied, near, rows, r, mask, d, row, step, weight):
             for p in range(q):
                 if tile[p]:
                     _multiply_add(rows.spectrum, rows.close[q - p], rows.recent[p])
-            _execute(rows.execute, rows.backward)
+            execute(rows.execute, rows.backward)
             i = row + step * (t + q)
             count = 0
             for k in range(nx):
@@ -194,7 +178,7 @@ def solve_leaf(w, slot, occupied, near, rows, r, mask, d, row, step, weight):
             _solve_row(rows, count, weight)
             for k in range(nx):
                 d[i, column + step * k] = rows.solved[k]
-            _execute(rows.execute, rows.forward)
+            execute(rows.execute, rows.forward)
             rows.recent[q] = rows.spectrum
             for c in range(chunks):
                 part = rows.spectrum[c * width : (c + 1) * width]
@@ -235,9 +219,7 @@ def _add(rows, cells, shift):
 
 
 @njit()
-def transfer(
-    w, source, n_source, target, n_target, untouched, far, execute, forward, backward, cells, spectrum
-):
+def transfer(w, source, n_source, target, n_target, untouched, far, fftw, forward, backward, cells, spectrum):
     """Add the effect of the rows w[:, source : source + n_source] on the next n_target rows, at w[:, target]."""
     chunks, _, lanes = w.shape
     batch, length = cells.shape
@@ -245,14 +227,14 @@ def transfer(
     for c in range(chunks):
         for lane in range(0, lanes, batch):
             _fill(cells, w[c, source : source + n_source, lane : lane + batch])
-            _execute(execute, forward)
+            execute(fftw, forward)
             for f in range(batch):
                 z, kernel = spectrum[f], far[c, lane + f]
                 for k in range(half):
                     z[k] *= kernel[k]
                 for k in range(half, length):
                     z[k] *= kernel[length - k].conjugate()
-            _execute(execute, backward)
+            execute(fftw, backward)
             rows = w[c, target : target + n_target, lane : lane + batch]
             if untouched:
                 rows[:] = 0
