@@ -7,7 +7,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.contact import certificate, kernels, measures
+from app.contact import certificate, extent, kernels, measures
 from app.contact.full_contact import FullContact
 from app.contact.full_multigrid import full_multigrid
 from app.contact.iteration import active_set_by_load
@@ -74,11 +74,12 @@ class Strategy:
         arguments, last = (hierarchy, self._distances, loading), len(hierarchy.levels) - 1
         if start is not None:
             self.check(start)
-        state = ContactState(hierarchy.target, self._distances[-1])
         stop = StoppingTest(chosen.rtol, chosen.max_it)
-        if outcome := FullContact(last).solve(state, loading, stop, history):
-            return state, outcome
-        state.destroy()
+        if hierarchy.target.grid.periodic:
+            state = ContactState(hierarchy.target, self._distances[-1])
+            if outcome := FullContact(last).solve(state, loading, stop, history):
+                return state, outcome
+            state.destroy()
         if chosen.strategy in REFERENCE_SOLVERS:
             return self._by_petsc(loading, history)
         if chosen.strategy in ("fast", "primal"):
@@ -144,7 +145,7 @@ def check_compiler():
 
 def warm_up(settings):
     """Load the compiled loops of a strategy now, not in the first iteration. Not collective."""
-    for module in (kernels, certificate, measures, transfer):
+    for module in (kernels, certificate, extent, measures, transfer):
         module.warm_up()
     if settings.strategy == "primal":
         stencil.warm_up()
