@@ -195,6 +195,30 @@ def gap_on(b, u, p, admissible, contact):
     return squares, total, cells, pressure
 
 
+@njit()
+def aim(b, u, admissible, contact, target):
+    """Put cells with h + u <= 0 into C, and take h + u off the target there."""
+    for j in range(b.shape[0]):
+        for i in range(b.shape[1]):
+            e = u[j, i] - b[j, i]
+            inside = admissible[j, i] & (contact[j, i] | (e <= 0))
+            contact[j, i] = inside
+            target[j, i] -= e if inside else 0.0
+
+
+@njit()
+def keep_positive(p, contact):
+    """Take cells without p > 0 out of C, and let p be zero outside; return the sum of p."""
+    total = 0.0
+    for j in range(p.shape[0]):
+        for i in range(p.shape[1]):
+            inside = contact[j, i] & (p[j, i] > 0)
+            contact[j, i] = inside
+            p[j, i] = p[j, i] if inside else 0.0
+        total += _sum_row(p[j])
+    return total
+
+
 def warm_up():
     """Load the compiled loops now, not in the first iteration. Not collective."""
     field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
@@ -206,6 +230,8 @@ def warm_up():
         tension(fixed, mask, change)
     for expected in (None, field):
         activate(fixed, field, fixed, mask, mask, mask, expected)
+    aim(fixed, field, mask, mask, field)
+    keep_positive(field, mask)
     numbers(fixed, mask)
     sum_squares(fixed, 0.0, mask)
     gap_on(fixed, field, fixed, mask, mask)
