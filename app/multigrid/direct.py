@@ -51,7 +51,9 @@ class DirectSolver:
         self.operator.mask_changed()
         self._inside = self.operator.mask.reshape(-1).copy()
         system = self._matrix[np.ix_(self._inside, self._inside)]
-        self._factors, failed = dpotrf(system.T, clean=False, overwrite_a=True) if len(system) else (system, 0)
+        self._factors, failed = (
+            dpotrf(system.T, clean=False, overwrite_a=True) if len(system) else (system, 0)
+        )
         if failed:
             raise ValueError("direct solve: the influence matrix of the contact set is not positive definite")
 

@@ -184,7 +184,7 @@ def warm_up():
 
 @lru_cache(maxsize=64)
 def _neighbours(start, stop, count, factor, periodic, first=None):
-    """Coarse cells around fine cells `start`, ..., and the weight of the first: 3/4 for the parent, 1/4 for the next one.
+    """Coarse cells around some fine ones, and the weight of the first: 3/4 for the parent, 1/4 for the next one.
 
     At the rim the two cells are the parent and the one inside, with weights 5/4 and -1/4. Over a period the next one
     may be number -1 or `count`. They are counted from cell `first`; if that is None, over the period.

@@ -41,20 +41,32 @@ _NO_MASK, _NO_ROWS = np.zeros((0, 0), bool), np.zeros(0, bool)
 
 
 class _Batch:
-    """Some complex sequences and their transforms in place."""
+    """Some complex sequences and their transforms in place: of all, and of the first `few` that a last batch may have.
 
-    def __init__(self, length, dtype):
-        self.data = fftw.aligned((STRIP, length), dtype=dtype)
-        self.data[...] = 0
+    Attributes
+    ----------
+    plans : tuple of int
+        Addresses: of all there and back, of few there and back.
+    """
+
+    def __init__(self, length, few, dtype):
+        self.data = _scratch((STRIP, length), dtype)
         self._fftw = FFTW(np.dtype(self.data.real.dtype))
         # As fast as measured plans here, and deterministic.
-        self.plans = self._fftw.plans(self.data, self.data, length)
+        parts = self.data, self.data[: few or STRIP]
+        self.plans = tuple(plan for part in parts for plan in self._fftw.plans(part, part, length))
         self.execute = self._fftw.execute
 
 
 # Scratch of one transform after the other: rows and columns of all grids share what has the same length.
-_batch = lru_cache(maxsize=64)(_Batch)
-_scratch = lru_cache(maxsize=64)(np.empty)
+_batch = lru_cache(maxsize=128)(_Batch)
+
+
+@lru_cache(maxsize=64)
+def _scratch(shape, dtype):
+    data = fftw.aligned(shape, dtype=dtype)
+    data[...] = 0
+    return data
 
 
 @cache
@@ -64,14 +76,14 @@ def _warm_up(dtype):
     batch = np.zeros((1, 1), np.result_type(dtype, np.complex64))
     fixed, strips = field.view(), np.zeros(0, batch.dtype)
     fixed.flags.writeable = False
-    inside = _NO_MASK, _NO_ROWS, batch, strips, strips, whole, 0, 0
+    inside = _NO_MASK, _NO_ROWS, batch, strips, strips, whole, 0, 0, 0
     for source in {field.dtype: (field, fixed), spectrum.dtype: (spectrum,)}.values():
         for real in source:
             rows_to_strips(real, *inside)
         strips_to_rows(source[0], *inside)
     put_rows(spectrum, spectrum.reshape(-1), 0, 0)
     convolve_columns(
-        strips, strips, whole, whole, 0, batch, batch.view(dtype), spectrum, dtype.type(0), 0, 0, 0
+        strips, strips, whole, whole, 0, batch, batch.view(dtype), spectrum, dtype.type(0), 0, 0, 0, 0, 0
     )
 
 
@@ -123,9 +135,14 @@ class EvenMultiplier:
             largest = max(group.to_receive for group in self._groups)
             self._received = _storage(largest, complex_type, workspace and workspace._received)
 
-        self._row_batch, self._column_batch = _batch(nx_fft, complex_type), _batch(ny_fft, complex_type)
-        self._column_parts = self._column_batch.data.view(self.dtype)
-        self._scratch = _scratch(_ROWS_AT_ONCE * columns, complex_type)
+        self._row_batch = _batch(nx_fft, -(-self.slabs.local // 2) % STRIP, complex_type)
+        self._column_batches = [
+            _batch(ny_fft, (group.mine.stop - group.mine.start) % STRIP, complex_type)
+            for group in self._groups
+        ]
+        self._column = self._column_batches[0].data
+        self._column_parts = self._column.view(self.dtype)
+        self._scratch = _scratch((_ROWS_AT_ONCE * columns,), complex_type)
         _warm_up(self.dtype)
 
     def set_kernel(self, kernel_rows, rows, columns):
@@ -236,7 +253,7 @@ class EvenMultiplier:
             self._transformed,
             self._received,
             self._row_batch.data,
-            self._column_batch.data,
+            self._column,
             self._scratch,
         )
         return sum(a.nbytes for a in arrays if a is not None)
@@ -274,18 +291,18 @@ class EvenMultiplier:
         mask, rows = _NO_MASK if mask is None else mask, _NO_ROWS if rows is None else rows
         batch, scale, done = self._row_batch, self.dtype.type(scale), 0
         strips = batch.data, self._scratch, self._transformed, self._edges, batch.execute
-        rows_to_strips(p, mask, rows, *strips, batch.plans[0])
-        batch = self._column_batch
-        for group, part in zip(self._groups, self._parts, strict=True):
+        rows_to_strips(p, mask, rows, *strips, *batch.plans[::2])
+        for group, part, batch in zip(self._groups, self._parts, self._column_batches, strict=True):
             count = group.mine.stop - group.mine.start
             own = group.deal(self.comm, part, self._received)[group.rank]
             convolve_columns(
                 own, own if self._received is None else self._received, group.places, group.heights, group.rank,
-                batch.data, self._column_parts, self._spectrum[done : done + count], scale, batch.execute, *batch.plans,
+                self._column, self._column_parts, self._spectrum[done : done + count], scale,
+                batch.execute, *batch.plans,
             )  # fmt: skip
             group.give_back(self.comm, part, self._received)
             done += count
-        strips_to_rows(out, mask, rows, *strips, self._row_batch.plans[1])
+        strips_to_rows(out, mask, rows, *strips, *self._row_batch.plans[1::2])
 
 
 def _storage(size, dtype, shared=None):

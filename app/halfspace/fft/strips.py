@@ -225,10 +225,11 @@ def _some(p, mask, rows, start, stop):
 
 
 @njit()
-def rows_to_strips(p, mask, rows, pairs, scratch, strips, edges, fftw, forward):
+def rows_to_strips(p, mask, rows, pairs, scratch, strips, edges, fftw, forward, few_forward):
     """Transform the rows of p, on C if there is a mask, into the strips of each part of the columns between `edges`.
 
-    `rows`: those that are not zero, if known. Parts, masks and rows that there are none of have size 0.
+    `rows`: those that are not zero, if known. A mask, or rows, that there are none of have size 0. The last batch may
+    be of `few` rows.
     """
     height = p.shape[0]
     for start in range(0, height, ROWS):
@@ -236,7 +237,7 @@ def rows_to_strips(p, mask, rows, pairs, scratch, strips, edges, fftw, forward):
         some = _some(p, mask, rows, start, stop)
         if some:
             _pair(p[start:stop], mask[start:stop], pairs)
-            execute(fftw, forward)
+            execute(fftw, forward if stop - start == ROWS else few_forward)
         for k in range(edges.size - 1):
             part = strips[height * edges[k] : height * edges[k + 1]]
             if some:
@@ -246,7 +247,7 @@ def rows_to_strips(p, mask, rows, pairs, scratch, strips, edges, fftw, forward):
 
 
 @njit()
-def strips_to_rows(out, mask, rows, pairs, scratch, strips, edges, fftw, backward):
+def strips_to_rows(out, mask, rows, pairs, scratch, strips, edges, fftw, backward, few_backward):
     """Transform back into the rows of `out`: on C, if there is a mask, 0 elsewhere; or only those of `rows`."""
     height = out.shape[0]
     for start in range(0, height, ROWS):
@@ -259,12 +260,27 @@ def strips_to_rows(out, mask, rows, pairs, scratch, strips, edges, fftw, backwar
         for k in range(edges.size - 1):
             part = strips[height * edges[k] : height * edges[k + 1]]
             _fetch_pairs(pairs, edges[k], stop - start, scratch, part, height, start)
-        execute(fftw, backward)
+        execute(fftw, backward if stop - start == ROWS else few_backward)
         _unpair(pairs, mask[start:stop], out[start:stop])
 
 
 @njit()
-def convolve_columns(own, received, places, heights, rank, column, parts, spectrum, scale, fftw, there, back):
+def convolve_columns(
+    own,
+    received,
+    places,
+    heights,
+    rank,
+    column,
+    parts,
+    spectrum,
+    scale,
+    fftw,
+    there,
+    back,
+    few_there,
+    few_back,
+):
     """Convolve columns in y, in place: a strip at a time, put together from the rows of all ranks.
 
     Parameters
@@ -283,8 +299,8 @@ def convolve_columns(own, received, places, heights, rank, column, parts, spectr
         To multiply by.
     scale : float
         If it is not 0, divide by the spectrum instead, and multiply by this.
-    fftw, there, back : int
-        Addresses of FFTW's ``execute``, and of the plans of `column`.
+    fftw, there, back, few_there, few_back : int
+        Addresses of FFTW's ``execute``, and of the plans of `column`: of a whole strip, and of the last one.
     """
     count = spectrum.shape[0]
     for first in range(0, count, STRIP):
@@ -297,15 +313,15 @@ def convolve_columns(own, received, places, heights, rank, column, parts, spectr
                 strips[height * first : height * last].reshape(height, last - first), column, start
             )
             start += height
-        column[:, start:] = 0
-        execute(fftw, there)
+        column[: last - first, start:] = 0
+        execute(fftw, there if last - first == STRIP else few_there)
         for c in range(last - first):
             if scale:
                 _divide(column[c], spectrum[first + c], scale)
             else:
                 _scale_first_half(parts[c], spectrum[first + c])
                 _scale_second_half(parts[c], spectrum[first + c])
-        execute(fftw, back)
+        execute(fftw, back if last - first == STRIP else few_back)
         start = 0
         for q in range(heights.size):
             height = heights[q]
