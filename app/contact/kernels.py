@@ -183,16 +183,15 @@ def _gap_row(b, u, admissible, contact):
 
 
 @any_order
-def gap_on(b, u, p, admissible, contact):
-    """Sum of squares and sum of h + u over C and where it is negative, the number of cells there, the sum of p."""
-    squares, total, cells, pressure = 0.0, 0.0, 0, 0.0
+def gap_on(b, u, admissible, contact):
+    """Sum of squares and sum of h + u over C and where it is negative, and the number of cells there."""
+    squares, total, cells = 0.0, 0.0, 0
     for j in range(b.shape[0]):
         here = _gap_row(b[j], u[j], admissible[j], contact[j])
         squares += here[0]
         total += here[1]
         cells += here[2]
-        pressure += _sum_row(p[j])
-    return squares, total, cells, pressure
+    return squares, total, cells
 
 
 @njit()
@@ -234,4 +233,4 @@ def warm_up():
     keep_positive(field, mask)
     numbers(fixed, mask)
     sum_squares(fixed, 0.0, mask)
-    gap_on(fixed, field, fixed, mask, mask)
+    gap_on(fixed, field, mask, mask)

@@ -55,7 +55,7 @@ def measure_contact(state):
     ContactMeasures
     """
     grid, distance, slabs = state.grid, state.distance, state.operator.slabs
-    _, total, _, _ = kernels.gap_on(distance.b, state.u, state.p, state.admissible, state.admissible)
+    _, total, _ = kernels.gap_on(distance.b, state.u, state.admissible, state.admissible)
     force, highest, cells = kernels.numbers(state.p, state.contact)
     in_x, in_y = _faces(
         state.contact,

@@ -385,9 +385,8 @@ class ContactState:
 
     def gap_on_contact(self):
         """RMS and mean of h + u over C and where it is negative [mm], the cells there, and the load [N]. Collective."""
-        squares, total, cells, pressure = self.sum(
-            kernels.gap_on(self.distance.b, self.u, self.p, self.admissible, self.contact)
-        )
+        sums = kernels.gap_on(self.distance.b, self.u, self.admissible, self.contact)
+        squares, total, cells, pressure = self.sum([*sums, self._p.sum()])
         most = max(cells, 1)
         return sqrt(squares / most), float(total / most), int(cells), self.grid.cell_area * float(pressure)
 
