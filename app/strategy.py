@@ -19,12 +19,9 @@ from app.fast.iteration import InexactStop
 from app.fast.kept import Kept
 from app.fast.lift import lift
 from app.fast.nested import nested_iteration, solve_on
-from app.halfspace.sweeps import gauss_seidel
 from app.multigrid import transfer
 from app.multigrid.hierarchy import Hierarchy
 from app.petsc import error_message
-from app.primal import stencil
-from app.primal.nested import primal_iteration
 from app.solution import Solution
 
 # PETSc's errors that say that types do not go together: unsupported, wrong argument or state, method missing, unknown
@@ -87,6 +84,8 @@ class Strategy:
                 chosen.rtol, chosen.max_it, True, chosen.coarse_rtol, chosen.predictor, chosen.error_bound
             )
         if chosen.strategy == "primal":
+            from app.primal.nested import primal_iteration
+
             return primal_iteration(*arguments, stop, history, chosen.nested, self._solver, start)
         if start is not None:
             state = self._started_from(start, loading)
@@ -148,7 +147,11 @@ def warm_up(settings):
     for module in (kernels, certificate, extent, measures, transfer):
         module.warm_up()
     if settings.strategy == "primal":
+        from app.primal import stencil
+
         stencil.warm_up()
     kind = settings.texts.get("pc_type", "")
     if kind == "sor" or (kind == "mg" and settings.texts.get("mg_levels_pc_type", "") in ("", "sor")):
+        from app.halfspace.sweeps import gauss_seidel
+
         gauss_seidel.warm_up()
