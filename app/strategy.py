@@ -142,10 +142,11 @@ def check_compiler():
         raise InputError("NUMBA_DISABLE_JIT is set: the loops of this program work compiled only; unset it")
 
 
-def warm_up(settings):
+def warm_up(settings, periodic):
     """Load the compiled loops of a strategy now, not in the first iteration. Not collective."""
-    for module in (kernels, certificate, extent, measures, transfer):
+    for module in (kernels, extent, measures, transfer):
         module.warm_up()
+    certificate.warm_up(periodic)
     if settings.strategy == "primal":
         from app.primal import stencil
 

@@ -269,14 +269,15 @@ def _lift(b, u, admissible, shares):
     return sums
 
 
-def warm_up():
+def warm_up(periodic=False):
     """Load the compiled loops now, not after the first solve. Not collective."""
     field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
     fixed = field.view()
     fixed.flags.writeable = False
     _survey(fixed, field, fixed, mask, 1.0)
     _lift(fixed, field, mask, np.zeros(1))
-    moved = fixed, field, fixed, mask, 1.0
-    _gaps(*moved)
-    for loop in (_moves, _moves_times):
-        loop(*moved, 1.0, 0.0, 0.0, field)
+    if periodic:
+        moved = fixed, field, fixed, mask, 1.0
+        _gaps(*moved)
+        for loop in (_moves, _moves_times):
+            loop(*moved, 1.0, 0.0, 0.0, field)

@@ -104,7 +104,7 @@ def _sum_row(x):
 
 @njit()
 def activate(b, u, p, admissible, contact, released, expected):
-    """Put cells outside C into it where h + u <= 0, u changed as expected (None: as it is); forget who was released.
+    """Put cells outside C into it where h + u <= 0, u changed as expected (no rows: as it is); forget who was released.
 
     Return how many cells are in C, came, left since before `release`, the sums of squares of h + u and of h over the
     new C, and the sum of p.
@@ -112,7 +112,7 @@ def activate(b, u, p, admissible, contact, released, expected):
     cells, added, lost, gaps, distances, total = 0, 0, 0, 0.0, 0.0, 0.0
     overlap = np.empty(b.shape[1], np.bool_)
     for j in range(b.shape[0]):
-        if expected is None:
+        if not expected.size:
             _overlap_row(b[j], u[j], overlap)
         else:
             _predicted_overlap_row(b[j], u[j], expected[j], overlap)
@@ -227,8 +227,7 @@ def warm_up():
     release(field, mask, mask)
     for change in (field, field.astype(np.float32)):
         tension(fixed, mask, change)
-    for expected in (None, field):
-        activate(fixed, field, fixed, mask, mask, mask, expected)
+    activate(fixed, field, fixed, mask, mask, mask, field)
     aim(fixed, field, mask, mask, field)
     keep_positive(field, mask)
     numbers(fixed, mask)

@@ -55,6 +55,7 @@ class Update:
         return replace(self, added=first.added + self.added, released=first.released + self.released)
 
 
+_NOT_EXPECTED = np.zeros((0, 0))
 _ROUND_OFF = (
     1e-10  # how near, relatively, the mean gap of a periodic patch comes to zero before contact is full
 )
@@ -379,6 +380,7 @@ class ContactState:
             Since before `release_tensile`.
         """
         fields = self.distance.b, self.u, self.p, self.admissible, self.contact, self._released
+        expected = _NOT_EXPECTED if expected is None else expected
         cells, added, lost, squares, h, total = self.sum(kernels.activate(*fields, expected))
         load = self.grid.cell_area * float(total)
         return Update(int(cells), int(added), int(lost), sqrt(squares), sqrt(h), load)
