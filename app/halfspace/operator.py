@@ -20,7 +20,7 @@ from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Slabs
 from app.halfspace.influence import dense_matrix, influence_quadrant, quadrant_rows
 from app.halfspace.periodic import influence_symbol
-from app.halfspace.product import Convolution, DenseProduct, NoRows, PeriodicProduct
+from app.halfspace.product import BoxProduct, Convolution, DenseProduct, NoRows, PeriodicProduct
 from app.halfspace.reductions import sum_over
 
 _FORWARD, _BACKWARD = 1 | 4, 2 | 8  # MatSORType: the "local" kinds mean the same here, see `SOR`
@@ -103,7 +103,7 @@ class InfluenceOperator:
         if not self.needs_verification:
             return self.exact_product
         exact = vars(self).get("exact_product")
-        if isinstance(exact, EvenMultiplier):
+        if type(exact) is self._kind(self.dtype):
             return exact.in_precision(self.dtype)
         return self._convolution(self.dtype)
 
@@ -135,10 +135,19 @@ class InfluenceOperator:
             return float(self.exact_product.centre()[1, 1])
         return float(influence_quadrant(self.grid, self.compliance, slice(0, 1), 1)[0, 0])
 
-    def _convolution(self, dtype):
+    def _kind(self, dtype):
+        dtype = np.dtype(dtype)
         if self.grid.periodic:
+            return PeriodicProduct
+        return BoxProduct if BoxProduct.suits(self.grid, dtype) else Convolution
+
+    def _convolution(self, dtype):
+        kind = self._kind(dtype)
+        if kind is PeriodicProduct:
             symbol = partial(influence_symbol, self.grid, self.compliance)
             return PeriodicProduct(symbol, self.grid.shape, self.slabs, self.comm, dtype, self.storage)
+        if kind is BoxProduct:
+            return BoxProduct(self.grid, self.compliance, self.slabs, self.comm, dtype, self.storage)
         quadrant = partial(influence_quadrant, self.grid, self.compliance)
         return Convolution(quadrant, self.grid.shape, self.slabs, self.comm, dtype, self.storage)
 

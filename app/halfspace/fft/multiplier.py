@@ -113,6 +113,8 @@ class EvenMultiplier:
         Products computed so far.
     """
 
+    _rest = None  # what is added to the multiplication, if anything: `app.halfspace.images.Rest`
+
     def __init__(self, shape, periods, slabs=None, comm=None, dtype=np.float64, workspace=None):
         self.shape, self.periods = shape, periods
         self.slabs = slabs or Slabs(shape[0])
@@ -288,10 +290,12 @@ class EvenMultiplier:
             If not 0, divide by the spectrum instead, and multiply by this.
         """
         self.count += 1
-        mask, rows = _NO_MASK if mask is None else mask, _NO_ROWS if rows is None else rows
+        if self._rest is not None:
+            self._rest.multiply(p, mask)
+        inside, rows = _NO_MASK if mask is None else mask, _NO_ROWS if rows is None else rows
         batch, scale, done = self._row_batch, self.dtype.type(scale), 0
         strips = batch.data, self._scratch, self._transformed, self._edges, batch.execute
-        rows_to_strips(p, mask, rows, *strips, *batch.plans[::2])
+        rows_to_strips(p, inside, rows, *strips, *batch.plans[::2])
         for group, part, batch in zip(self._groups, self._parts, self._column_batches, strict=True):
             count = group.mine.stop - group.mine.start
             own = group.deal(self.comm, part, self._received)[group.rank]
@@ -302,7 +306,9 @@ class EvenMultiplier:
             )  # fmt: skip
             group.give_back(self.comm, part, self._received)
             done += count
-        strips_to_rows(out, mask, rows, *strips, *self._row_batch.plans[1::2])
+        strips_to_rows(out, inside, rows, *strips, *self._row_batch.plans[1::2])
+        if self._rest is not None:
+            self._rest.add(out, mask)
 
 
 def _storage(size, dtype, shared=None):
