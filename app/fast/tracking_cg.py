@@ -178,7 +178,8 @@ class KspContext:
         return vec.getArray(readonly=True).reshape(self._operator.local_shape)
 
     def _sum(self, values):
-        return sum_over(self._operator.comm, values)
+        comm = self._operator.comm
+        return values if comm is None else sum_over(comm, values)
 
 
 class TrackingCG(KspContext):

@@ -26,17 +26,15 @@ def any_nonzero(block):
 
 def sum_over(comm, values):
     """Sum a few numbers over the ranks of `comm`; None: return them as they are. Collective."""
-    return _reduce(comm, values, MPI.SUM)
+    return values if comm is None else _reduce(comm, values, MPI.SUM)
 
 
 def minimum_over(comm, values):
     """Smallest of each of a few numbers over the ranks of `comm`; None: return them as they are. Collective."""
-    return _reduce(comm, values, MPI.MIN)
+    return values if comm is None else _reduce(comm, values, MPI.MIN)
 
 
 def _reduce(comm, values, operation):
-    if comm is None:
-        return values
     result = np.array(values, dtype=float)
     comm.Allreduce(result.copy(), result, operation)
     return result

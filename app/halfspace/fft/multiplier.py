@@ -298,13 +298,14 @@ class EvenMultiplier:
         rows_to_strips(p, inside, rows, *strips, *batch.plans[::2])
         for group, part, batch in zip(self._groups, self._parts, self._column_batches, strict=True):
             count = group.mine.stop - group.mine.start
-            own = group.deal(self.comm, part, self._received)[group.rank]
+            own = part if self.comm is None else group.deal(self.comm, part, self._received)[group.rank]
             convolve_columns(
                 own, own if self._received is None else self._received, group.places, group.heights, group.rank,
                 self._column, self._column_parts, self._spectrum[done : done + count], scale,
                 batch.execute, *batch.plans,
             )  # fmt: skip
-            group.give_back(self.comm, part, self._received)
+            if self.comm is not None:
+                group.give_back(self.comm, part, self._received)
             done += count
         strips_to_rows(out, inside, rows, *strips, *self._row_batch.plans[1::2])
         if self._rest is not None:
