@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.fast import kernels
+from app.compiled import njit
 from app.halfspace.halo import Halo
 
 MAX_STEPS = 250  # kinds of cells are numbered in a byte
@@ -122,17 +122,35 @@ class RimExtension:
         mask = np.vstack([before, mask, after]) if len(before) + len(after) else mask
         if self._spread is None:
             self._spread = np.zeros((len(mask) + 2, mask.shape[1] + 2), np.uint8)
-        kinds = kernels.kinds(mask, self._spread, self.steps, self._around, self._wrapped)
-        # Free cells are 0, layer i is steps + 1 - i, contact steps + 1; beside the band two more, and one behind those:
-        # they get -N_co s_o, and are zero while it is formed.
+        kinds, inside = mask.astype(np.uint8), self._spread[1:-1, 1:-1]
+        inside[...] = mask
+        for _ in range(self.steps):
+            self._dilate(None, kinds)
+        np.logical_not(mask, out=inside, casting="unsafe")
+        for _ in range(2):
+            self._dilate(mask, kinds)
+        # In `kinds` free cells are 0, layer i is steps + 1 - i, contact steps + 1; beside the band two more, and one
+        # behind those: they get -N_co s_o, and are zero while it is formed.
         first, k = len(before), self.steps
         last = first + len(self.rows)
+        here = kinds[first:last]
         top, bottom = kinds[max(first - k, 0) : first + k], kinds[max(last - k, 0) : last + k]
         self._parts = [
-            _Cells(*kernels.cells(part, k)) if part is not None else None
-            for part in (top if first else None, kinds[first:last], bottom if len(after) else None)
+            self._cells(top) if first else None,
+            self._cells(here),
+            self._cells(bottom) if len(after) else None,
         ]
-        kernels.some(kinds[first:last], self.rows)
+        np.any(here, axis=1, out=self.rows)
+
+    def _cells(self, kinds):
+        """List the cells of each kind. Not collective."""
+        deep = self.steps + 1
+        counts = np.zeros(deep + 3, np.int64)
+        cells = np.empty((deep + 3, kinds.size + 1), np.int32)  # only the pages in use become memory
+        _list(kinds, np.uint8(deep), cells, counts)
+        band, rim = range(self.steps, 0, -1), range(deep + 2, deep, -1)
+        lists = (np.concatenate([cells[kind, : counts[kind]] for kind in wanted]) for wanted in (band, rim))
+        return _Cells(next(lists), np.cumsum(counts[band]), next(lists), counts[deep + 2])
 
     def extend(self, x):
         """Apply E in place. Collective.
@@ -151,14 +169,11 @@ class RimExtension:
         if not self.steps:
             return
         cells, strips = self._parts[1], self._strips(x)
-        if not strips:
-            kernels.extend(x, self._wrapped, self._around, cells.band, cells.sizes, self._weights)
-            return
         for layer, size in enumerate(cells.sizes):
             beside = self._beside(x, strips)
             for strip in strips:
                 strip.sweep(layer, None, self._around, self._weights)
-            kernels.sweep(flat, *beside, cells.band[:size], np.zeros(size, x.dtype), self._weights)
+            _sweep(flat, *beside, cells.band[:size], np.zeros(size, x.dtype), self._weights)
 
     def restrict(self, x):
         """Apply E^T in place. Collective.
@@ -176,26 +191,32 @@ class RimExtension:
         if not self.steps:
             return
         flat, cells, strips = self._flat(x), self._parts[1], self._strips(x)
-        if not strips:
-            kernels.restrict(x, self._wrapped, self._around, *cells, self._weights)
-            return
-        inner = kernels.take(flat, cells.inner)
-        kernels.put(flat, cells.inner, np.zeros_like(inner))
+        inner = _take(flat, cells.inner)
+        _put(flat, cells.inner, np.zeros_like(inner))
         sources = [strip.begin() for strip in strips]
-        source = kernels.take(flat, cells.band)
+        source = _take(flat, cells.band)
         for layer in range(self.steps - 2, -1, -1):
             beside = self._beside(x, strips)
             for strip, of_strip in zip(strips, sources, strict=True):
                 strip.sweep(layer, of_strip, self._around, self._weights)
-            kernels.sweep(flat, *beside, cells.band[: cells.sizes[layer]], source, self._weights)
+            _sweep(flat, *beside, cells.band[: cells.sizes[layer]], source, self._weights)
         rim = cells.rim
-        kernels.sweep(flat, *self._beside(x, strips), cells.inner[:rim], inner, self._weights)
-        kernels.put(flat, cells.inner[rim:], inner[rim:])
+        _sweep(flat, *self._beside(x, strips), cells.inner[:rim], inner, self._weights)
+        _put(flat, cells.inner[rim:], inner[rim:])
 
     def _flat(self, x):
         if x.shape != self.shape or not x.flags.c_contiguous:
             raise ValueError(f"rim extension: a C-contiguous field of shape {self.shape} is needed")
         return x.reshape(-1)
+
+    def _dilate(self, of, kinds):
+        """Let what is marked in ``_spread`` spread to the cells beside it, and count these. Not collective."""
+        spread = self._spread
+        if self._around:
+            spread[:, 0], spread[:, -1] = spread[:, -2], spread[:, 1]
+        if self._wrapped:
+            spread[0], spread[-1] = spread[-2], spread[1]
+        _dilate(spread, of, kinds)
 
     def _strips(self, x):
         """Rows around the first and the last border of these, as far as there is one. Collective."""
@@ -230,14 +251,14 @@ class _Strip:
 
     def begin(self):
         """Take the contact cells beside the band out; return what is on the band."""
-        kernels.put(self._flat, self._cells.inner, np.zeros(len(self._cells.inner), self.rows.dtype))
-        return kernels.take(self._flat, self._cells.band)
+        _put(self._flat, self._cells.inner, np.zeros(len(self._cells.inner), self.rows.dtype))
+        return _take(self._flat, self._cells.band)
 
     def sweep(self, layer, source, around, weights):
         """Sweep over the band up to a layer, from a source or none."""
         cells = self._cells.band[: self._cells.sizes[layer]]
         source = np.zeros(len(cells), self.rows.dtype) if source is None else source
-        kernels.sweep(self._flat, self._nothing, self._nothing, around, cells, source, weights)
+        _sweep(self._flat, self._nothing, self._nothing, around, cells, source, weights)
 
 
 @cache
@@ -248,3 +269,128 @@ def load_extension(dtype):
     field = np.zeros((3, 3), dtype)
     extension.extend(field)
     extension.restrict(field)
+
+
+# In the lists ~j stands for cell j if a neighbour may lie in another row array or outside the patch.
+
+
+@njit()
+def _above_or_below(before, here, after, near):
+    for i in range(np.uint64(near.size)):
+        near[i] = before[i] | here[i] | after[i]
+        before[i] = here[i]
+
+
+@njit()
+def _left_or_right(near, marked, counts):
+    one, two = np.uint64(1), np.uint64(2)
+    for i in range(np.uint64(counts.size)):
+        marked[i + one] = near[i] | near[i + one] | near[i + two]
+        counts[i] += marked[i + one]
+
+
+@njit()
+def _left_or_right_of(near, marked, of, counts):
+    one, two = np.uint64(1), np.uint64(2)
+    for i in range(np.uint64(counts.size)):
+        marked[i + one] = near[i] | near[i + one] | near[i + two]
+        counts[i] += marked[i + one] & of[i]
+
+
+@njit()
+def _dilate(marked, of, counts):
+    """Mark what is beside a marked cell, too; count how often each of the cells `of` (None: of all) was marked."""
+    before, near = marked[0].copy(), np.empty_like(marked[0])
+    for row in range(counts.shape[0]):
+        _above_or_below(before, marked[row + 1], marked[row + 2], near)
+        if of is None:
+            _left_or_right(near, marked[row + 1], counts[row])
+        else:
+            _left_or_right_of(near, marked[row + 1], of[row], counts[row])
+
+
+@njit()
+def _special(kinds, deep, found):
+    for i in range(kinds.size):
+        found[i] = (kinds[i] != 0) & (kinds[i] != deep)
+
+
+@njit()
+def _list(kinds, deep, cells, counts):
+    """List the cells of each kind but 0 and `deep`: ``cells[kind, : counts[kind]]``."""
+    nx = kinds.shape[1]
+    found = np.zeros(-(-nx // 8) * 8, np.uint8)
+    words = found.view(np.uint64)
+    some, columns = np.empty(words.size + 1, np.int64), np.empty(found.size + 1, np.int64)
+    for row in range(kinds.shape[0]):
+        _special(kinds[row], deep, found)
+        # Without branches: none could be predicted.
+        hits = 0
+        for word in range(words.size):
+            some[hits] = word
+            hits += words[word] != 0
+        number = 0
+        for hit in range(hits):
+            for i in range(8 * some[hit], 8 * some[hit] + 8):
+                columns[number] = i
+                number += found[i]
+        first, outer = row * nx, row == 0 or row == kinds.shape[0] - 1
+        for m in range(number):
+            i = columns[m]
+            kind = kinds[row, i]
+            cells[kind, counts[kind]] = ~(first + i) if outer or i == 0 or i == nx - 1 else first + i
+            counts[kind] += 1
+
+
+@njit()
+def _take(x, cells):
+    values = np.empty(cells.size, x.dtype)
+    for m in range(cells.size):
+        values[m] = x[max(cells[m], ~cells[m])]
+    return values
+
+
+@njit()
+def _put(x, cells, values):
+    for m in range(cells.size):
+        x[max(cells[m], ~cells[m])] = values[m]
+
+
+@njit()
+def _sweep(x, above, below, periodic, cells, source, weights):
+    """x <- source - N x on the listed cells, all from the old values."""
+    wx, wy, wd = weights
+    new = np.empty(cells.size, x.dtype)
+    nx = np.int64(above.size)
+    for m in range(cells.size):
+        j = np.int64(cells[m])
+        if j >= 0:
+            a, b = j - nx, j + nx
+            in_x, in_y = x[j - 1] + x[j + 1], x[a] + x[b]
+            diagonal = (x[a - 1] + x[a + 1]) + (x[b - 1] + x[b + 1])
+        else:
+            row, i = ~j // nx, ~j % nx
+            left, right = i - 1, i + 1
+            if periodic:
+                left, right = left % nx, right % nx
+            in_x = _value(x, above, below, row, left) + _value(x, above, below, row, right)
+            in_y = _value(x, above, below, row - 1, i) + _value(x, above, below, row + 1, i)
+            diagonal = (_value(x, above, below, row - 1, left) + _value(x, above, below, row - 1, right)) + (
+                _value(x, above, below, row + 1, left) + _value(x, above, below, row + 1, right)
+            )
+        new[m] = source[m] - (wx * in_x + wy * in_y + wd * diagonal)
+    for m in range(cells.size):
+        x[max(cells[m], ~cells[m])] = new[m]
+
+
+@njit()
+def _value(x, above, below, row, i):
+    """x in row `row` and column `i`, of which one may be just outside this rank's rows or the patch."""
+    nx = above.size
+    if i < 0 or i >= nx:
+        return x.dtype.type(0)
+    if row < 0:
+        return above[i]
+    if row * nx >= x.size:
+        return below[i]
+    return x[row * nx + i]
