@@ -54,6 +54,8 @@ class InfluenceOperator:
     ----------
     active : bool
         Whether this rank is one of those that share the rows.
+    is_window : bool
+        Whether the grid is a part of a larger one, around contact.
     mask : ndarray of bool, shape (local rows, nx)
         The contact set C. Change it in place and then call `mask_changed`.
     contact_number : int
@@ -82,7 +84,7 @@ class InfluenceOperator:
         self.mask = np.zeros(self.local_shape, bool)
         self.products = self.sweeps = 0
         self._spent = 0.0  # products of objects that are gone
-        self.contact_number = 0
+        self.contact_number, self.is_window = 0, False
         self._energy = None, None  # of a contact set, by its number
         self._relaxation = None
 

@@ -50,7 +50,7 @@ class Convolution(EvenMultiplier):
 
 
 class BoxProduct(EvenMultiplier):
-    """As `Convolution`, in a periodic box a little larger than the patch, less what the images add.
+    """As `Convolution`, the sum (2.6), in a periodic box a little larger than the patch, less what the images add.
 
     Collective over `comm`.
 
