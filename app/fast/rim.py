@@ -169,6 +169,9 @@ class RimExtension:
         if not self.steps:
             return
         cells, strips = self._parts[1], self._strips(x)
+        if not strips:
+            _extend(x, self._wrapped, self._around, cells.band, cells.sizes, self._weights)
+            return
         for layer, size in enumerate(cells.sizes):
             beside = self._beside(x, strips)
             for strip in strips:
@@ -191,6 +194,9 @@ class RimExtension:
         if not self.steps:
             return
         flat, cells, strips = self._flat(x), self._parts[1], self._strips(x)
+        if not strips:
+            _restrict(x, self._wrapped, self._around, *cells, self._weights)
+            return
         inner = _take(flat, cells.inner)
         _put(flat, cells.inner, np.zeros_like(inner))
         sources = [strip.begin() for strip in strips]
@@ -394,3 +400,32 @@ def _value(x, above, below, row, i):
     if row * nx >= x.size:
         return below[i]
     return x[row * nx + i]
+
+
+# Where all rows are on one rank: all steps in one call.
+
+
+@njit()
+def _extend(x, wrapped, periodic, band, sizes, weights):
+    above, below = np.zeros(x.shape[1], x.dtype), np.zeros(x.shape[1], x.dtype)
+    nothing = np.zeros(band.size, x.dtype)
+    for size in sizes:
+        if wrapped:
+            above[:], below[:] = x[-1], x[0]
+        _sweep(x.reshape(-1), above, below, periodic, band[:size], nothing[:size], weights)
+
+
+@njit()
+def _restrict(x, wrapped, periodic, band, sizes, inner, rim, weights):
+    above, below = np.zeros(x.shape[1], x.dtype), np.zeros(x.shape[1], x.dtype)
+    flat = x.reshape(-1)
+    kept, source = _take(flat, inner), _take(flat, band)
+    _put(flat, inner, np.zeros(inner.size, x.dtype))
+    for layer in range(sizes.size - 2, -2, -1):
+        if wrapped:
+            above[:], below[:] = x[-1], x[0]
+        if layer >= 0:
+            _sweep(flat, above, below, periodic, band[: sizes[layer]], source, weights)
+        else:
+            _sweep(flat, above, below, periodic, inner[:rim], kept, weights)
+    _put(flat, inner[rim:], kept[rim:])
