@@ -193,18 +193,13 @@ class ContactState:
         Displacement, if it is known already. Taken over.
     patch : Grid, optional
         All of the level: what is proved, is proved for it; default: the operator's.
-
-    Attributes
-    ----------
-    p : ndarray, shape (local rows, nx), [N/mm2]
-        The local pressure, to read; it stays when the Vec is gone.
     """
 
     def __init__(self, operator, distance, window=None, u=None, patch=None):
         self.operator, self.grid, self.comm = operator, operator.grid, operator.comm
         self.distance, self.admissible = distance, distance.admissible
         self._p = np.zeros(operator.local_shape)
-        self.p = self._p.view()
+        self.p = self._p.view()  # the local pressure to read; it stays when the Vec is gone
         self.p.flags.writeable = False
         self.pressure = PETSc.Vec().createWithArray(self._p.reshape(-1), comm=operator.petsc_comm)
         self.u = np.zeros(operator.local_shape) if u is None else u
