@@ -124,14 +124,20 @@ def _add_row(a, scale, b):
 
 @any_order
 def _copy_row(a, out):
+    some = False
     for i in range(a.size):
         out[i] = a[i]
+        some |= a[i] != 0
+    return some
 
 
 @any_order
 def _copy_inside(a, inside, out):
+    some = False
     for i in range(a.size):
         out[i] = a[i] if inside[i] else 0
+        some |= inside[i]
+    return some
 
 
 @any_order
@@ -147,9 +153,11 @@ def _collect(p, mask, first, weights, nodes):
     row = np.empty(p.shape[1], nodes.dtype)
     for j in range(p.shape[0]):
         if mask is None:
-            _copy_row(p[j], row)
+            some = _copy_row(p[j], row)
         else:
-            _copy_inside(p[j], mask[j], row)
+            some = _copy_inside(p[j], mask[j], row)
+        if not some:
+            continue
         cell, place = divmod(first + j, step)
         for k in range(width):
             _add_row(nodes[cell + k, : row.size], weights[place, k], row)
@@ -233,10 +241,11 @@ class Rest:
         if self._comm is not None:
             self._comm.Allreduce(MPI.IN_PLACE, nodes)
         waves = scipy.fft.rfft2(nodes, self._lengths)
-        waves *= self._spectrum
+        with np.errstate(invalid="ignore", over="ignore"):  # who diverges is told by others
+            waves *= self._spectrum
         nodes = scipy.fft.irfft2(waves, self._lengths)[self._first : self._first + rows, : self._counts[1]]
         around = np.lib.stride_tricks.sliding_window_view(nodes, width, axis=1)
-        np.matmul(around, self._in_x.T, out=self._nodes.reshape(rows, self._cells, -1))
+        np.matmul(np.ascontiguousarray(around), self._in_x.T, out=self._nodes.reshape(rows, self._cells, -1))
 
     def add(self, out, mask=None):
         """Add it to a field, on C if there is a mask. Not collective."""
