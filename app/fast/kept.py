@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from app.fast.solver import TrackingSolver
 from app.halfspace.operator import InfluenceOperator
+from app.multigrid.direct import DirectSolver
 
 LARGEST = 256 * 256  # cells of a window that is kept: larger ones are not ruled by what is made for them
 
@@ -25,7 +26,7 @@ class Kept:
     def __init__(self, hierarchy, target=None):
         self._hierarchy = hierarchy
         self._windows, self._solvers = {}, {}
-        self._target = target
+        self._target, self._direct = target, None
 
     def window(self, place, grid, slabs, comm, verification=None):
         """Operator of a window, ready for another contact set. Collective over `comm`.
@@ -64,6 +65,12 @@ class Kept:
             )
         return self._solvers[operator]
 
+    def direct(self, number, operator):
+        """Direct solver of the coarsest grid, made when first asked for. Not collective."""
+        if self._direct is None:
+            self._direct = DirectSolver(operator, number)
+        return self._direct
+
     def solved(self, operator):
         """Free the solver of a large grid or window, whose memory others need. Collective over its ranks."""
         if operator.grid.n > LARGEST and operator in self._solvers:
@@ -84,7 +91,7 @@ class Kept:
 
     def destroy(self):
         """Free everything. Collective."""
-        for solver in self._solvers.values():
+        for solver in (*self._solvers.values(), *filter(None, [self._direct])):
             solver.destroy()
         self._solvers.clear()
         self._windows.clear()

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from app.contact import kernels
 from app.fast.circulant import circulant_of
 
 _TRUSTED = (
@@ -30,20 +31,12 @@ def lift(transfer, coarse, state):
     """
     periodic = np.empty_like(coarse.u)
     circulant_of(coarse.operator).apply_inverse(coarse.p, periodic)
-    contact = np.empty(state.contact.shape, bool)
-    transfer.copy(coarse.contact, contact)
-    with state.pressure as values:
-        target = values.reshape(state.u.shape)
-        overlap = state.u - state.distance.b
-        contact |= overlap <= 0
-        contact &= state.admissible
-        transfer.interpolate(periodic, target)
-        np.subtract(target, overlap, out=target, where=contact)
-        circulant_of(state.operator).apply(target, target)
-        contact &= target > 0
-        np.copyto(target, 0.0, where=~contact)
-    state.contact[...] = contact
-    before, after = state.sum(
-        [coarse.operator.grid.cell_area * coarse.p.sum(), state.grid.cell_area * state.p.sum()]
-    )
+    transfer.copy(coarse.contact, state.contact)
+    p = state.values
+    transfer.interpolate(periodic, p)
+    kernels.aim(state.distance.b, state.u, state.admissible, state.contact, p)
+    circulant_of(state.operator).apply(p, p)
+    after = kernels.keep_positive(p, state.contact)
+    areas = coarse.operator.grid.cell_area, state.grid.cell_area
+    before, after = state.sum([areas[0] * coarse.p.sum(), areas[1] * after])
     return bool(before < _TRUSTED * after < _TRUSTED**2 * before)

@@ -84,12 +84,9 @@ class RimExtension:
         self._weights = 0.0, 0.0, 0.0
 
     def set_stencil(self, stencil):
-        """Take the 3 x 3 centre of `B`, in any unit. Not collective.
+        """Take the 3 x 3 centre of `B`, in any unit; a ValueError if its middle is not positive, or it is not even.
 
-        Raises
-        ------
-        ValueError
-            If its centre is not positive, or it is not even in x and in y.
+        Not collective.
         """
         stencil = np.asarray(stencil, float)
         if stencil.shape != (3, 3) or not stencil[1, 1] > 0:
@@ -106,12 +103,7 @@ class RimExtension:
         Parameters
         ----------
         mask : ndarray of bool, shape (local rows, nx)
-            The contact set.
-
-        Raises
-        ------
-        ValueError
-            If its shape or type is another one.
+            The contact set; a ValueError if its shape or type is another one.
         """
         if mask.shape != self.shape or mask.dtype != bool:
             raise ValueError(f"rim extension: the contact set must be bool, of shape {self.shape}")
@@ -169,6 +161,9 @@ class RimExtension:
         if not self.steps:
             return
         cells, strips = self._parts[1], self._strips(x)
+        if not strips:
+            _extend(x, self._wrapped, self._around, cells.band, cells.sizes, self._weights)
+            return
         for layer, size in enumerate(cells.sizes):
             beside = self._beside(x, strips)
             for strip in strips:
@@ -176,21 +171,16 @@ class RimExtension:
             _sweep(flat, *beside, cells.band[:size], np.zeros(size, x.dtype), self._weights)
 
     def restrict(self, x):
-        """Apply E^T in place. Collective.
+        """Apply E^T in place: to any field; on exit it is anything outside the contact set.
 
-        Parameters
-        ----------
-        x : ndarray of float64 or float32, shape (local rows, nx), C-contiguous
-            On entry any field; on exit its restriction on the contact set, and anything elsewhere.
-
-        Raises
-        ------
-        ValueError
-            If its shape is another one, or it is not C-contiguous.
+        Collective. Arguments and errors as of `extend`.
         """
         if not self.steps:
             return
         flat, cells, strips = self._flat(x), self._parts[1], self._strips(x)
+        if not strips:
+            _restrict(x, self._wrapped, self._around, *cells, self._weights)
+            return
         inner = _take(flat, cells.inner)
         _put(flat, cells.inner, np.zeros_like(inner))
         sources = [strip.begin() for strip in strips]
@@ -394,3 +384,28 @@ def _value(x, above, below, row, i):
     if row * nx >= x.size:
         return below[i]
     return x[row * nx + i]
+
+
+@njit()
+def _extend(x, wrapped, periodic, band, sizes, weights):
+    """All steps in one call, where all rows are on one rank; likewise `_restrict`."""
+    above, below = np.zeros(x.shape[1], x.dtype), np.zeros(x.shape[1], x.dtype)
+    nothing = np.zeros(band.size, x.dtype)
+    for size in sizes:
+        if wrapped:
+            above[:], below[:] = x[-1], x[0]
+        _sweep(x.reshape(-1), above, below, periodic, band[:size], nothing[:size], weights)
+
+
+@njit()
+def _restrict(x, wrapped, periodic, band, sizes, inner, rim, weights):
+    above, below = np.zeros(x.shape[1], x.dtype), np.zeros(x.shape[1], x.dtype)
+    flat = x.reshape(-1)
+    kept, source = _take(flat, inner), _take(flat, band)
+    _put(flat, inner, np.zeros(inner.size, x.dtype))
+    for layer in range(sizes.size - 2, -2, -1):
+        if wrapped:
+            above[:], below[:] = x[-1], x[0]
+        cells, of = (band[: sizes[layer]], source) if layer >= 0 else (inner[:rim], kept)
+        _sweep(flat, above, below, periodic, cells, of, weights)
+    _put(flat, inner[rim:], kept[rim:])

@@ -183,9 +183,12 @@ class Stage:
 
         Returns
         -------
-        Boxes
+        Boxes or None
+            None if the next grid has no window.
         """
         state, level, hierarchy = self.state, self._level, self._hierarchy
+        if self._number < hierarchy.finest_whole:
+            return None
         masks, predicted = [state.contact], None
         if self._predicted:
             predicted = self._predicted.refine(self.transfer.factors, level.grid)

@@ -295,6 +295,8 @@ class InfluenceOperator:
 
     def _circulant_products(self):
         """Applications of circulants, in products, by their lengths."""
+        if not self.circulants:
+            return 0.0
         grid = self.grid
         padded = grid.n if grid.periodic else transform_length(grid.ny) * transform_length(grid.nx)
         sizes = ((circulant.count, *circulant.periods) for circulant in self.circulants.values())

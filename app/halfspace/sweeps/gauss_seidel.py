@@ -33,9 +33,9 @@ from functools import cache
 
 import numpy as np
 
+from app.halfspace.fft.fftw import FFTW
 from app.halfspace.fft.lengths import transform_length
 from app.halfspace.grid import Slabs
-from app.halfspace.sweeps.fftw import FFTW
 from app.halfspace.sweeps.kernels import LANES, TILE, solve_leaf, transfer
 from app.halfspace.sweeps.pipeline import Flow
 from app.halfspace.sweeps.tables import SEGMENT_COLUMNS, Tables
