@@ -14,6 +14,8 @@ from contextlib import suppress
 from pathlib import Path
 
 import numba
+from llvmlite.binding import parse_bitcode
+from numba.core.codegen import JITCodeLibrary
 
 tell = None  # a command's: called once, when something has to be compiled or waited for
 
@@ -50,6 +52,49 @@ def _tell():
         say()
 
 
+def _load_to_run(cache, signature, context):
+    """Load a function to be called, without what only compiling others needs: a third of the start of a solve.
+
+    That is numba's knowledge of all types and functions, and the intermediate code of this one.
+    """
+    with suppress(AttributeError):  # should numba change: then in full
+        codegen = context.codegen()
+        if codegen._library_class is JITCodeLibrary:
+            codegen._library_class = _Library
+        return cache._load_overload(signature, context)
+    return cache.load_overload(signature, context)
+
+
+class _Library(JITCodeLibrary):
+    """Machine code; the intermediate code beside it is looked at when another function wants it."""
+
+    _unread = None
+
+    @classmethod
+    def _unserialize(cls, codegen, state):
+        name, kind, data = state
+        if kind != "object":
+            return super()._unserialize(codegen, state)
+        self = codegen.create_library(name)
+        machine_code, self._unread = data
+        self.enable_object_caching()
+        self._set_compiled_object(machine_code)
+        self._finalize_final_module()
+        return self
+
+    def get_pointer_to_function(self, name):
+        """Return the address of a function in the machine code."""
+        if self._unread is None:
+            return super().get_pointer_to_function(name)
+        return self._codegen._engine.get_function_address(name)
+
+    def _get_module_for_linking(self):
+        if self._unread is not None:
+            self._shared_module, self._unread = parse_bitcode(self._unread), None
+            self._codegen._engine._load_defined_symbols(self._shared_module)
+        return super()._get_module_for_linking()
+
+
 class _OneAtATime:
     """The cache of a function: who finds nothing in it compiles while the others wait, and they load it then."""
 
@@ -61,7 +106,7 @@ class _OneAtATime:
 
     def load_overload(self, signature, context):
         """Load what has been compiled; None leaves it to the caller, who comes back with `save_overload`."""
-        found = self._cache.load_overload(signature, context)
+        found = _load_to_run(self._cache, signature, context)
         if found is not None:
             return found
         _tell()

@@ -15,6 +15,7 @@ default, `DEFAULT`. The strategies (-lcp_type) are
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from petsc4py import PETSc
 
@@ -98,7 +99,7 @@ class Settings:
         default=frozenset(), repr=False
     )  # names that nothing but files has set; in any order
 
-    @property
+    @cached_property
     def summary(self):
         """All options as one text, as they would be written on a command line."""
         return as_line(self.texts)

@@ -18,7 +18,6 @@ from app.method import settings
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.petsc import OptionDatabase, Resources, as_raised, error_message
-from app.primal.solver import PrimalSolver
 
 # Options that PETSc looks up only while solving, or never marks as used, ...
 _READ_LATE = re.compile(r"(\w+_)?((ksp|snes|tao)_converged_reason|ksp_view_pre|(pc|mat|snes|tao)_view\w*)")
@@ -76,7 +75,9 @@ def make_solver(hierarchy, chosen):
 
 def _solver(hierarchy, chosen):
     """As `make_solver`, with a ValueError on the ranks that meet it."""
-    kind = {"fast": TrackingSolver, "primal": PrimalSolver}.get(chosen.strategy, LinearSolver)
+    kind = TrackingSolver if chosen.strategy == "fast" else LinearSolver
+    if chosen.strategy == "primal":
+        from app.primal.solver import PrimalSolver as kind
     try:
         with as_raised():
             if chosen.strategy in REFERENCE_SOLVERS:

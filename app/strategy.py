@@ -7,7 +7,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.contact import certificate, kernels, measures
+from app.contact import certificate, extent, kernels, measures
 from app.contact.full_contact import FullContact
 from app.contact.full_multigrid import full_multigrid
 from app.contact.iteration import active_set_by_load
@@ -19,12 +19,9 @@ from app.fast.iteration import InexactStop
 from app.fast.kept import Kept
 from app.fast.lift import lift
 from app.fast.nested import nested_iteration, solve_on
-from app.halfspace.sweeps import gauss_seidel
 from app.multigrid import transfer
 from app.multigrid.hierarchy import Hierarchy
 from app.petsc import error_message
-from app.primal import stencil
-from app.primal.nested import primal_iteration
 from app.solution import Solution
 
 # PETSc's errors that say that types do not go together: unsupported, wrong argument or state, method missing, unknown
@@ -74,12 +71,13 @@ class Strategy:
         arguments, last = (hierarchy, self._distances, loading), len(hierarchy.levels) - 1
         if start is not None:
             self.check(start)
-        state = ContactState(hierarchy.target, self._distances[-1])
         stop = StoppingTest(chosen.rtol, chosen.max_it)
-        if outcome := FullContact(last).solve(state, loading, stop, history):
-            return state, outcome
-        state.destroy()
-        del state
+        if hierarchy.target.grid.periodic:
+            state = ContactState(hierarchy.target, self._distances[-1])
+            if outcome := FullContact(last).solve(state, loading, stop, history):
+                return state, outcome
+            state.destroy()
+            del state
         if chosen.strategy in REFERENCE_SOLVERS:
             return self._by_petsc(loading, history)
         if chosen.strategy in ("fast", "primal"):
@@ -87,6 +85,8 @@ class Strategy:
                 chosen.rtol, chosen.max_it, True, chosen.coarse_rtol, chosen.predictor, chosen.error_bound
             )
         if chosen.strategy == "primal":
+            from app.primal.nested import primal_iteration
+
             return primal_iteration(*arguments, stop, history, chosen.nested, self._solver, start)
         if start is not None:
             state = self._started_from(start, loading)
@@ -143,12 +143,17 @@ def check_compiler():
         raise InputError("NUMBA_DISABLE_JIT is set: the loops of this program work compiled only; unset it")
 
 
-def warm_up(settings):
+def warm_up(settings, periodic):
     """Load the compiled loops of a strategy now, not in the first iteration. Not collective."""
-    for module in (kernels, certificate, measures, transfer):
+    for module in (kernels, extent, measures, transfer):
         module.warm_up()
+    certificate.warm_up(periodic)
     if settings.strategy == "primal":
+        from app.primal import stencil
+
         stencil.warm_up()
     kind = settings.texts.get("pc_type", "")
     if kind == "sor" or (kind == "mg" and settings.texts.get("mg_levels_pc_type", "") in ("", "sor")):
+        from app.halfspace.sweeps import gauss_seidel
+
         gauss_seidel.warm_up()

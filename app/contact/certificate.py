@@ -39,6 +39,7 @@ about ``eps (sqrt(A_II) ||p|| + ||u|| / sqrt(smallest))`` in that norm, from the
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -119,10 +120,15 @@ def _lifting(state, most, energy):
     to_u, squares = state.sum(_lift(state.distance.b, state.u, state.admissible, shares))
     grid, diagonal = state.patch, state.operator.diagonal
     to_u, squares = to_u / diagonal, squares / diagonal**2
-    # Rows of A add up to less than the displacement in the middle of twice the patch under unit pressure.
-    twice = Grid(1, 1, 2 * grid.nx * grid.dx, 2 * grid.ny * grid.dy)
-    norm = float(influence_quadrant(twice, state.operator.compliance)[0, 0])
+    norm = _norm(grid, state.operator.compliance)
     return np.min((shares + shares**2 / 2) * energy + (1 + shares) * to_u + norm * squares / 2)
+
+
+@lru_cache(maxsize=16)
+def _norm(grid, compliance):
+    """Rows of A add up to less: the displacement in the middle of twice the patch under unit pressure."""
+    twice = Grid(1, 1, 2 * grid.nx * grid.dx, 2 * grid.ny * grid.dy)
+    return float(influence_quadrant(twice, compliance)[0, 0])
 
 
 def _closing(state, energy):
@@ -269,14 +275,15 @@ def _lift(b, u, admissible, shares):
     return sums
 
 
-def warm_up():
+def warm_up(periodic=False):
     """Load the compiled loops now, not after the first solve. Not collective."""
     field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
     fixed = field.view()
     fixed.flags.writeable = False
     _survey(fixed, field, fixed, mask, 1.0)
     _lift(fixed, field, mask, np.zeros(1))
-    moved = fixed, field, fixed, mask, 1.0
-    _gaps(*moved)
-    for loop in (_moves, _moves_times):
-        loop(*moved, 1.0, 0.0, 0.0, field)
+    if periodic:
+        moved = fixed, field, fixed, mask, 1.0
+        _gaps(*moved)
+        for loop in (_moves, _moves_times):
+            loop(*moved, 1.0, 0.0, 0.0, field)

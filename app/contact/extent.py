@@ -9,6 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from app.compiled import njit
+from app.halfspace.reductions import any_order
+
 
 class ContactExtent(NamedTuple):
     """Of a solution on a free patch, NaN on a periodic one; the same on all ranks."""
@@ -39,12 +42,7 @@ def measure_extent(state):
     if grid.periodic:
         return _NOWHERE
     x, y = grid.x(), grid.y(rows)
-    px, py = state.p.sum(axis=0), state.p.sum(axis=1)
-    cx, cy = np.count_nonzero(state.contact, axis=0), np.count_nonzero(state.contact, axis=1)
-    cross = np.array([x[row].sum() for row in state.contact])
-    load, at_x, at_y, cells, sx, sy, sxx, syy, sxy = state.sum(
-        [px.sum(), px @ x, py @ y, cx.sum(), cx @ x, cy @ y, cx @ x**2, cy @ y**2, cross @ y]
-    )
+    load, at_x, at_y, cells, sx, sy, sxx, syy, sxy = state.sum(_moments(state.p, state.contact, x, y))
     force = grid.cell_area * np.array([load, at_x, at_y])
     centre = force[1:] / load / grid.cell_area if load > 0 else (np.nan, np.nan)
     if not cells:
@@ -59,3 +57,35 @@ def measure_extent(state):
     return ContactExtent(
         *map(float, (*centre, force[2], -force[1], 2 * np.sqrt(high), 2 * np.sqrt(low), angle))
     )
+
+
+@any_order
+def _moments_row(p, contact, x):
+    load, at_x, cells, sx, sxx = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(x.size):
+        load += p[i]
+        at_x += p[i] * x[i]
+        inside = x[i] if contact[i] else 0.0
+        cells += 1.0 if contact[i] else 0.0
+        sx += inside
+        sxx += inside * inside
+    return load, at_x, cells, sx, sxx
+
+
+@njit()
+def _moments(p, contact, x, y):
+    """Sums of p, p x, p y, and over C of 1, x, y, x x, y y, x y."""
+    sums = np.zeros(9)
+    for j in range(y.size):
+        load, at_x, cells, sx, sxx = _moments_row(p[j], contact[j], x)
+        row = load, at_x, load * y[j], cells, sx, cells * y[j], sxx, cells * y[j] ** 2, sx * y[j]
+        for k in range(9):
+            sums[k] += row[k]
+    return sums
+
+
+def warm_up():
+    """Load the compiled loops now, not after the first solve. Not collective."""
+    fixed, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
+    fixed.flags.writeable = False
+    _moments(fixed, mask, np.zeros(0), np.zeros(0))

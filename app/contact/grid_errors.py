@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from app.contact import kernels
 from app.halfspace.reductions import minimum_over, sum_over
 
 
@@ -63,8 +64,9 @@ def numbers_on(state, comm, load=None, depth=None):
     Collective over `comm`, all ranks that want to know.
     """
     grid = state.operator.grid
-    total, cells = sum_over(comm, [state.p.sum(), np.count_nonzero(state.contact)])
-    highest = -minimum_over(comm, [-state.p.max(initial=0.0)])[0]
+    total, highest, cells = kernels.numbers(state.p, state.contact)
+    total, cells = sum_over(comm, [total, cells])
+    highest = -minimum_over(comm, [-highest])[0]
     load = grid.cell_area * float(total) if load is None else load
     return GridNumbers(
         load, state.depth if depth is None else depth, float(highest), float(cells) * grid.cell_area

@@ -86,23 +86,33 @@ def _activate_row(overlap, admissible, contact, released):
 
 @any_order
 def _squares_row(b, u, contact):
-    total = 0.0
+    gaps, distances = 0.0, 0.0
     for i in range(b.size):
         e = u[i] - b[i]
-        total += e * e if contact[i] else 0.0
+        gaps += e * e if contact[i] else 0.0
+        distances += b[i] * b[i] if contact[i] else 0.0
+    return gaps, distances
+
+
+@any_order
+def _sum_row(x):
+    total = 0.0
+    for i in range(x.size):
+        total += x[i]
     return total
 
 
 @njit()
-def activate(b, u, admissible, contact, released, expected):
-    """Put cells outside C into it where h + u <= 0, u changed as expected (None: as it is).
+def activate(b, u, p, admissible, contact, released, expected):
+    """Put cells outside C into it where h + u <= 0, u changed as expected (no rows: as it is); forget who was released.
 
-    Return how many cells are in C, came, left since before `release`, and the sum of squares of h + u over the new C.
+    Return how many cells are in C, came, left since before `release`, the sums of squares of h + u and of h over the
+    new C, and the sum of p.
     """
-    cells, added, lost, total = 0, 0, 0, 0.0
+    cells, added, lost, gaps, distances, total = 0, 0, 0, 0.0, 0.0, 0.0
     overlap = np.empty(b.shape[1], np.bool_)
     for j in range(b.shape[0]):
-        if expected is None:
+        if not expected.size:
             _overlap_row(b[j], u[j], overlap)
         else:
             _predicted_overlap_row(b[j], u[j], expected[j], overlap)
@@ -111,8 +121,34 @@ def activate(b, u, admissible, contact, released, expected):
         added += here[1]
         lost += here[2]
         if here[0]:
-            total += _squares_row(b[j], u[j], contact[j])
-    return cells, added, lost, total
+            squares = _squares_row(b[j], u[j], contact[j])
+            gaps += squares[0]
+            distances += squares[1]
+        total += _sum_row(p[j])
+        released[j] = False
+    return cells, added, lost, gaps, distances, total
+
+
+@any_order
+def _numbers_row(p, contact):
+    total, highest, cells = 0.0, 0.0, 0
+    for i in range(p.size):
+        total += p[i]
+        highest = max(highest, p[i])
+        cells += contact[i]
+    return total, highest, cells
+
+
+@njit()
+def numbers(p, contact):
+    """Sum of p, its largest value or 0, and the number of cells in C."""
+    total, highest, cells = 0.0, 0.0, 0
+    for j in range(p.shape[0]):
+        row = _numbers_row(p[j], contact[j])
+        total += row[0]
+        highest = max(highest, row[1])
+        cells += row[2]
+    return total, highest, cells
 
 
 @any_order
@@ -158,6 +194,30 @@ def gap_on(b, u, admissible, contact):
     return squares, total, cells
 
 
+@njit()
+def aim(b, u, admissible, contact, target):
+    """Put cells with h + u <= 0 into C, and take h + u off the target there."""
+    for j in range(b.shape[0]):
+        for i in range(b.shape[1]):
+            e = u[j, i] - b[j, i]
+            inside = admissible[j, i] & (contact[j, i] | (e <= 0))
+            contact[j, i] = inside
+            target[j, i] -= e if inside else 0.0
+
+
+@njit()
+def keep_positive(p, contact):
+    """Take cells without p > 0 out of C, and let p be zero outside; return the sum of p."""
+    total = 0.0
+    for j in range(p.shape[0]):
+        for i in range(p.shape[1]):
+            inside = contact[j, i] & (p[j, i] > 0)
+            contact[j, i] = inside
+            p[j, i] = p[j, i] if inside else 0.0
+        total += _sum_row(p[j])
+    return total
+
+
 def warm_up():
     """Load the compiled loops now, not in the first iteration. Not collective."""
     field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
@@ -167,7 +227,9 @@ def warm_up():
     release(field, mask, mask)
     for change in (field, field.astype(np.float32)):
         tension(fixed, mask, change)
-    for expected in (None, field):
-        activate(fixed, field, mask, mask, mask, expected)
+    activate(fixed, field, fixed, mask, mask, mask, field)
+    aim(fixed, field, mask, mask, field)
+    keep_positive(field, mask)
+    numbers(fixed, mask)
     sum_squares(fixed, 0.0, mask)
     gap_on(fixed, field, mask, mask)

@@ -13,7 +13,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import brentq
 
 from app.errors import InputError
 from app.options import LARGEST
@@ -112,6 +111,8 @@ class PrescribedLoad:
         Outcome
             Of all solves; not converged if one is not.
         """
+        from scipy.optimize import brentq  # a tenth of the start of a solve
+
         touching = state.first_touch()
         loads, solved, outcomes = {touching: 0.0}, [], []
 

@@ -54,8 +54,9 @@ def measure_contact(state):
     -------
     ContactMeasures
     """
-    grid, distance, slabs, load = state.grid, state.distance, state.operator.slabs, state.load
+    grid, distance, slabs = state.grid, state.distance, state.operator.slabs
     _, total, _ = kernels.gap_on(distance.b, state.u, state.admissible, state.admissible)
+    force, highest, cells = kernels.numbers(state.p, state.contact)
     in_x, in_y = _faces(
         state.contact,
         row_before(state.contact, bool(grid.periodic), slabs, state.comm, False),
@@ -63,11 +64,12 @@ def measure_contact(state):
     )
     if slabs.local and slabs.rows.stop == grid.ny and not grid.periodic:
         in_y += np.count_nonzero(state.contact[-1])
-    total, cells, in_x, in_y = state.sum([total, np.count_nonzero(state.contact), in_x, in_y])
+    total, force, cells, in_x, in_y = state.sum([total, force, cells, in_x, in_y])
+    load = grid.cell_area * float(force)
     admissible = distance.statistics.cells
     return ContactMeasures(
         load=load,
-        max_pressure=-float(state.minimum([-state.p.max(initial=0.0)])[0]),
+        max_pressure=-float(state.minimum([-highest])[0]),
         mean_pressure=load / grid.area,
         mean_gap=float(total / admissible),
         contact_cells=int(cells),

@@ -19,6 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -54,6 +55,7 @@ class Update:
         return replace(self, added=first.added + self.added, released=first.released + self.released)
 
 
+_NOT_EXPECTED = np.zeros((0, 0))
 _ROUND_OFF = (
     1e-10  # how near, relatively, the mean gap of a periodic patch comes to zero before contact is full
 )
@@ -168,7 +170,7 @@ class UndeformedDistance:
     def norm(self):
         """||h||_2 over the admissible cells [mm], (5.1); 1 where it is zero, to be divided by. Not collective."""
         cells, mean, deviation = self.statistics
-        return float(np.sqrt(deviation + cells * (mean - self.depth) ** 2)) or 1.0
+        return sqrt(deviation + cells * (mean - self.depth) ** 2) or 1.0
 
     def destroy(self):
         """Free the vector. Collective."""
@@ -197,6 +199,8 @@ class ContactState:
         self.operator, self.grid, self.comm = operator, operator.grid, operator.comm
         self.distance, self.admissible = distance, distance.admissible
         self._p = np.zeros(operator.local_shape)
+        self.p = self._p.view()  # the local pressure to read; it stays when the Vec is gone
+        self.p.flags.writeable = False
         self.pressure = PETSc.Vec().createWithArray(self._p.reshape(-1), comm=operator.petsc_comm)
         self.u = np.zeros(operator.local_shape) if u is None else u
         self.u_is = Displacement.EXACT
@@ -254,11 +258,10 @@ class ContactState:
         return self.distance.rhs
 
     @property
-    def p(self):
-        """The local pressure as array (rows, nx), to read; it stays when the Vec is gone. Not collective."""
-        p = self._p.view()
-        p.flags.writeable = False
-        return p
+    def values(self):
+        """The local pressure, to be changed. Not collective."""
+        self.pressure.stateIncrease()
+        return self._p
 
     @property
     def load(self):
@@ -267,7 +270,7 @@ class ContactState:
 
     def sum(self, values):
         """Sum a few numbers over the ranks. Collective."""
-        return sum_over(self.comm, values)
+        return values if self.comm is None else sum_over(self.comm, values)
 
     def minimum(self, values):
         """Smallest of each of some numbers over the ranks. Collective."""
@@ -303,7 +306,7 @@ class ContactState:
         """||h||_2 over C [mm], and the cells of C, 1 at least. Collective."""
         squares = kernels.sum_squares(self.distance.b, 0.0, self.contact)
         squares, cells = self.sum([squares, np.count_nonzero(self.contact)])
-        return float(np.sqrt(squares)), max(int(cells), 1)
+        return sqrt(squares), max(int(cells), 1)
 
     # -- Sec. 4.1, step by step -----------------------------------------------------------------------
 
@@ -345,9 +348,7 @@ class ContactState:
     @PETSc.Log.EventDecorator("ContactUpdate")
     def release_tensile(self):
         """(4.a): cells with p < 0 leave C, p = 0 there, for p >= 0 in (2.9). Return how many. Collective."""
-        with self.pressure as values:
-            cells = kernels.release(values.reshape(self.u.shape), self.contact, self._released)
-        cells = int(self.sum([cells])[0])
+        cells = int(self.sum([kernels.release(self.values, self.contact, self._released)])[0])
         if cells:
             self.u_is = Displacement.STALE
         return cells
@@ -373,20 +374,18 @@ class ContactState:
         Update
             Since before `release_tensile`.
         """
-        b = self.distance.b
-        counts = kernels.activate(b, self.u, self.admissible, self.contact, self._released, expected)
-        more = kernels.sum_squares(b, 0.0, self.contact), self._p.sum()
-        self._released[...] = False
-        cells, added, lost, squares, h, total = (float(number) for number in self.sum([*counts, *more]))
-        load = self.grid.cell_area * total
-        return Update(int(cells), int(added), int(lost), float(np.sqrt(squares)), float(np.sqrt(h)), load)
+        fields = self.distance.b, self.u, self.p, self.admissible, self.contact, self._released
+        expected = _NOT_EXPECTED if expected is None else expected
+        cells, added, lost, squares, h, total = self.sum(kernels.activate(*fields, expected))
+        load = self.grid.cell_area * float(total)
+        return Update(int(cells), int(added), int(lost), sqrt(squares), sqrt(h), load)
 
     def gap_on_contact(self):
         """RMS and mean of h + u over C and where it is negative [mm], the cells there, and the load [N]. Collective."""
         sums = kernels.gap_on(self.distance.b, self.u, self.admissible, self.contact)
-        squares, total, cells, pressure = (float(number) for number in self.sum([*sums, self._p.sum()]))
-        load = self.grid.cell_area * pressure
-        return float(np.sqrt(squares / max(cells, 1))), total / max(cells, 1), int(cells), load
+        squares, total, cells, pressure = self.sum([*sums, self._p.sum()])
+        most = max(cells, 1)
+        return sqrt(squares / most), float(total / most), int(cells), self.grid.cell_area * float(pressure)
 
     def scale(self, factor):
         """p and u times a factor. Not collective."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from app.fast.solver import TrackingSolver
 from app.halfspace.operator import InfluenceOperator
+from app.multigrid.direct import DirectSolver
 
 LARGEST = 256 * 256  # cells of a window that is kept: larger ones are not ruled by what is made for them
 
@@ -25,7 +26,7 @@ class Kept:
     def __init__(self, hierarchy, target=None):
         self._hierarchy = hierarchy
         self._windows, self._solvers = {}, {}
-        self._target = target
+        self._target, self._direct = target, None
         if target is not None:
             target.frugal = target.operator.grid.n > LARGEST
 
@@ -53,7 +54,7 @@ class Kept:
                 self._windows[place] = kept
         elif verification is not None:
             kept.exact_product = verification  # until it is closed: it holds a field of all cells
-        kept.grid, kept.is_window = grid, True
+        kept.grid = grid
         return kept
 
     def solver(self, number, operator):
@@ -66,6 +67,12 @@ class Kept:
             )
             solver.frugal = operator.grid.n > LARGEST
         return self._solvers[operator]
+
+    def direct(self, number, operator):
+        """Direct solver of the coarsest grid, made when first asked for. Not collective."""
+        if self._direct is None:
+            self._direct = DirectSolver(operator, number)
+        return self._direct
 
     def solved(self, operator):
         """Free the solver of a large grid or window, whose memory others need. Collective over its ranks."""
@@ -89,7 +96,7 @@ class Kept:
 
     def destroy(self):
         """Free everything. Collective."""
-        for solver in self._solvers.values():
+        for solver in (*self._solvers.values(), *filter(None, [self._direct])):
             solver.destroy()
         self._solvers.clear()
         self._windows.clear()

@@ -9,10 +9,8 @@ Switch: ``-lcp_prolongation lift|copy``. Gain: see `app.fast`.
 
 from __future__ import annotations
 
-import numpy as np
-
+from app.contact import kernels
 from app.fast.circulant import circulant_of
-from app.halfspace.grid import runs
 
 _TRUSTED = (
     20.0  # factor in the load; a grid so coarse that it is missed by more says nothing, and copying is safer
@@ -31,20 +29,11 @@ def lift(transfer, coarse, state):
     """
     circulant_of(coarse.operator).apply_inverse(coarse.p, coarse.u)
     transfer.copy(coarse.contact, state.contact)
-    with state.pressure as values:
-        target = values.reshape(state.u.shape)
-        transfer.interpolate(coarse.u, target)
-        for rows in runs(*target.shape):
-            contact, overlap = state.contact[rows], state.u[rows] - state.distance.b[rows]
-            contact |= overlap <= 0
-            contact &= state.admissible[rows]
-            np.subtract(target[rows], overlap, out=target[rows], where=contact)
-        circulant_of(state.operator).apply(target, target)
-        for rows in runs(*target.shape):
-            contact = state.contact[rows]
-            contact &= target[rows] > 0
-            np.copyto(target[rows], 0.0, where=~contact)
-    before, after = state.sum(
-        [coarse.operator.grid.cell_area * coarse.p.sum(), state.grid.cell_area * state.p.sum()]
-    )
+    p = state.values
+    transfer.interpolate(coarse.u, p)
+    kernels.aim(state.distance.b, state.u, state.admissible, state.contact, p)
+    circulant_of(state.operator).apply(p, p)
+    after = kernels.keep_positive(p, state.contact)
+    areas = coarse.operator.grid.cell_area, state.grid.cell_area
+    before, after = state.sum([areas[0] * coarse.p.sum(), areas[1] * after])
     return bool(before < _TRUSTED * after < _TRUSTED**2 * before)

@@ -16,7 +16,7 @@ from app.fast.lift import lift
 from app.fast.safeguard import projected_newton
 from app.fast.windows import Stage
 from app.halfspace.reductions import sum_over
-from app.multigrid.direct import DirectSolver, solves_directly
+from app.multigrid.direct import solves_directly
 from app.multigrid.linear_solver import LinearSolver
 
 _TELLING = 0.02  # residual of coarser grids, per difference of pressures, that does not spoil the estimate
@@ -94,7 +94,7 @@ def solve_on(hierarchy, number, state, loading, stop, history, first, kept):
     """Solve on one grid. Collective over the ranks of `state`."""
     operator = state.operator
     if first and number < len(hierarchy.levels) - 1 and solves_directly(operator):
-        solver, iterate = DirectSolver(operator, number), active_set
+        solver, iterate = kept.direct(number, operator), active_set
     else:
         solver = kept.solver(number, operator)
         iterate = inexact_active_set
@@ -109,10 +109,7 @@ def solve_on(hierarchy, number, state, loading, stop, history, first, kept):
     except NeedsSafeguard as stagnation:
         outcome = stagnation.outcome
     finally:
-        if iterate is active_set:
-            solver.destroy()
-        else:
-            kept.solved(operator)
+        kept.solved(operator)
     return safeguarded(hierarchy, number, state, loading, stop, history).after(outcome)
 
 

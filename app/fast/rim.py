@@ -18,6 +18,7 @@ these: so fields are exchanged once, not in every step.
 from __future__ import annotations
 
 from functools import cache
+from math import prod
 from typing import NamedTuple
 
 import numpy as np
@@ -86,12 +87,9 @@ class RimExtension:
         self._weights = 0.0, 0.0, 0.0
 
     def set_stencil(self, stencil):
-        """Take the 3 x 3 centre of `B`, in any unit. Not collective.
+        """Take the 3 x 3 centre of `B`, in any unit; a ValueError if its middle is not positive, or it is not even.
 
-        Raises
-        ------
-        ValueError
-            If its centre is not positive, or it is not even in x and in y.
+        Not collective.
         """
         stencil = np.asarray(stencil, float)
         if stencil.shape != (3, 3) or not stencil[1, 1] > 0:
@@ -108,12 +106,7 @@ class RimExtension:
         Parameters
         ----------
         mask : ndarray of bool, shape (local rows, nx)
-            The contact set.
-
-        Raises
-        ------
-        ValueError
-            If its shape or type is another one.
+            The contact set; a ValueError if its shape or type is another one.
         """
         if mask.shape != self.shape or mask.dtype != bool:
             raise ValueError(f"rim extension: the contact set must be bool, of shape {self.shape}")
@@ -165,7 +158,7 @@ class RimExtension:
         """Arrays of some shapes and types, in the workspace as far as it goes; they hold anything. Not collective."""
         found, start = [], 0
         for shape, dtype in wanted:
-            size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+            size = (prod(shape) if isinstance(shape, tuple) else shape) * np.dtype(dtype).itemsize
             part = self._workspace[start : start + size]
             found.append(part.view(dtype).reshape(shape) if part.size == size else np.empty(shape, dtype))
             start += -(-size // 64) * 64
@@ -189,6 +182,9 @@ class RimExtension:
             return
         cells, strips = self._parts[1], self._strips(x)
         [new] = self._room((cells.band.size, x.dtype))
+        if not strips:
+            _extend(x, self._wrapped, self._around, cells.band, cells.sizes, self._weights, new)
+            return
         for layer, size in enumerate(cells.sizes):
             beside = self._beside(x, strips)
             for strip in strips:
@@ -196,27 +192,18 @@ class RimExtension:
             _sweep(flat, *beside, cells.band[:size], new[:0], self._weights, new)
 
     def restrict(self, x):
-        """Apply E^T in place. Collective.
+        """Apply E^T in place: to any field; on exit it is anything outside the contact set.
 
-        Parameters
-        ----------
-        x : ndarray of float64 or float32, shape (local rows, nx), C-contiguous
-            On entry any field; on exit its restriction on the contact set, and anything elsewhere.
-
-        Raises
-        ------
-        ValueError
-            If its shape is another one, or it is not C-contiguous.
+        Collective. Arguments and errors as of `extend`.
         """
         if not self.steps:
             return
         flat, cells, strips = self._flat(x), self._parts[1], self._strips(x)
-        inner, source, new = self._room(
-            *(
-                (size, x.dtype)
-                for size in (cells.inner.size, cells.band.size, max(cells.band.size, cells.rim))
-            )
-        )
+        sizes = cells.inner.size, cells.band.size, max(cells.band.size, cells.rim)
+        inner, source, new = self._room(*((size, x.dtype) for size in sizes))
+        if not strips:
+            _restrict(x, self._wrapped, self._around, *cells, self._weights, inner, source, new)
+            return
         _take_out(flat, cells.inner, inner)
         sources = [strip.begin() for strip in strips]
         _take(flat, cells.band, source)
@@ -438,3 +425,26 @@ def _value(x, above, below, row, i):
     if row * nx >= x.size:
         return below[i]
     return x[row * nx + i]
+
+
+@njit()
+def _extend(x, wrapped, periodic, band, sizes, weights, new):
+    """All steps in one call, where all rows are on one rank; likewise `_restrict`."""
+    above, below = np.zeros(x.shape[1], x.dtype), np.zeros(x.shape[1], x.dtype)
+    for size in sizes:
+        if wrapped:
+            above[:], below[:] = x[-1], x[0]
+        _sweep(x.reshape(-1), above, below, periodic, band[:size], new[:0], weights, new)
+
+
+@njit()
+def _restrict(x, wrapped, periodic, band, sizes, inner, rim, weights, kept, source, new):
+    flat, above, below = x.reshape(-1), np.zeros(x.shape[1], x.dtype), np.zeros(x.shape[1], x.dtype)
+    _take_out(flat, inner, kept)
+    _take(flat, band, source)
+    for layer in range(sizes.size - 2, -2, -1):
+        if wrapped:
+            above[:], below[:] = x[-1], x[0]
+        cells, of = (band[: sizes[layer]], source) if layer >= 0 else (inner[:rim], kept)
+        _sweep(flat, above, below, periodic, cells, of, weights, new)
+    _put(flat, inner[rim:], kept[rim:])

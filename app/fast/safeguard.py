@@ -47,9 +47,8 @@ def projected_newton(state, solver, stop, history):
     Outcome
     """
     history.start(state, solver)
-    with state.pressure as values:
-        np.maximum(values, 0.0, out=values)
-        np.copyto(values.reshape(state.u.shape), 0.0, where=~state.admissible)
+    np.maximum(state.p, 0.0, out=state.values)
+    np.copyto(state.values, 0.0, where=~state.admissible)
     gap = _gap(state, state.p)
     state.u[...] = gap + state.distance.b
     for k in range(1, stop.max_it + 1):
@@ -72,8 +71,7 @@ def projected_newton(state, solver, stop, history):
             alpha *= 0.5
         else:
             return Outcome(False, "rounding leaves no step that makes it better", k)
-        with state.pressure as values:
-            values += change.reshape(-1)
+        np.add(p, change, out=state.values)
         gap = trial_gap
         state.u[...] = gap + state.distance.b
         state.u_is = Displacement.CARRIED if state.operator.needs_verification else Displacement.EXACT
@@ -107,8 +105,8 @@ def _nearly_none(state, gap):
     step = np.abs(
         p - np.maximum(p - gap / state.operator.diagonal, 0.0), where=state.admissible, out=np.zeros_like(p)
     )
-    highest, largest = -state.minimum([-p.max(initial=0.0), -step.max(initial=0.0)])
-    return min(_NEARLY_NONE * highest, largest)
+    highest, largest = state.minimum([-p.max(initial=0.0), -step.max(initial=0.0)])
+    return min(-_NEARLY_NONE * highest, -largest)
 
 
 def _contact_from(state, gap, before):

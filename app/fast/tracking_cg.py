@@ -10,11 +10,11 @@ neither the first residual nor the search for new contact costs one. Usable from
 from __future__ import annotations
 
 from functools import cache
+from math import sqrt
 
 import numpy as np
 from petsc4py import PETSc
 
-from app.compiled import njit
 from app.halfspace.reductions import any_order, sum_over
 
 _DIGITS = 1e-8  # so much may be left of r.r before it is summed anew
@@ -81,23 +81,31 @@ def _dots_row(d, q, r, contact):
 
 @any_order
 def _first_residual(b, u, contact, spans, r):
-    """r = b - u on C, 0 elsewhere; return r.r."""
+    """r = b - u on C, 0 elsewhere, and the first and last but one column of C in each row; return r.r."""
     squares = 0.0
     for j in range(r.shape[0]):
+        first, last = 0, contact.shape[1]
+        while last > 0 and not contact[j, last - 1]:
+            last -= 1
+        while first < last and not contact[j, first]:
+            first += 1
+        spans[j, 0], spans[j, 1] = first, last
         r[j] = 0
-        span = slice(spans[j, 0], spans[j, 1])
+        span = slice(first, last)
         squares += _residual_row(b[j, span], u[j, span], contact[j, span], r[j, span])
     return squares
 
 
 @any_order
-def _advance(p, r, d, q, contact, spans, alpha):
-    """p += alpha d, and r -= alpha q on C; return r.r."""
+def _advance(p, r, u, d, q, contact, spans, alpha):
+    """p += alpha d, u += alpha q if there is one, and r -= alpha q on C; return r.r."""
     squares = 0.0
     for j in range(p.shape[0]):
         span = slice(spans[j, 0], spans[j, 1])
         _add_row(p[j, span], alpha, d[j, span])
         squares += _reduce_row(r[j, span], alpha, q[j, span], contact[j, span])
+        if u.shape[0]:
+            _add_row(u[j], alpha, q[j])
     return squares
 
 
@@ -140,30 +148,17 @@ def _dots(d, q, r, contact, spans):
     return dq, dr, qr, qq
 
 
-@njit()
-def _find_spans(contact, spans):
-    """First and last but one column of C in each row."""
-    for j in range(contact.shape[0]):
-        a, b = 0, contact.shape[1]
-        while b > 0 and not contact[j, b - 1]:
-            b -= 1
-        while a < b and not contact[j, a]:
-            a += 1
-        spans[j, 0], spans[j, 1] = a, b
-
-
 @cache
 def _warm_up(dtype):
     """Load the compiled loops now, not in the first iteration."""
     field, mask, spans = np.zeros((0, 0)), np.zeros((0, 0), bool), np.zeros((0, 2), np.int64)
     low, fixed = field.astype(dtype), field.view()
     fixed.flags.writeable = False
-    _find_spans(mask, spans)
     _first_residual(fixed, field, mask, spans, field)
     _dot(field, field, mask, spans)
     _direction(low, field, dtype.type(0), mask, spans)
     _dots(low, low, field, mask, spans)
-    _advance(field, field, low, low, mask, spans, 0.0)
+    _advance(field, field, field, low, low, mask, spans, 0.0)
     add(field, 0.0, low)
 
 
@@ -183,7 +178,8 @@ class KspContext:
         return vec.getArray(readonly=True).reshape(self._operator.local_shape)
 
     def _sum(self, values):
-        return sum_over(self._operator.comm, values)
+        comm = self._operator.comm
+        return values if comm is None else sum_over(comm, values)
 
 
 class TrackingCG(KspContext):
@@ -203,7 +199,7 @@ class TrackingCG(KspContext):
 
     displacement = first_norm = None
     residual = 0.0
-    _r = _z = _d = _lent = None
+    _residual = _preconditioned = _r = _d = _lent = None
 
     def setUp(self, ksp):
         """Make the work arrays: z and q, never needed at the same time, are one; d is in the operator's precision."""
@@ -213,7 +209,7 @@ class TrackingCG(KspContext):
         work, self._lent = operator.scratch_beside_product(np.float64, operator.dtype)
         self.work = np.zeros(shape) if work is None else work  # at rest between solves
         scratch = self.work.reshape(-1)
-        self._z = PETSc.Vec().createWithArray(scratch, comm=mat.getComm())
+        self._preconditioned = PETSc.Vec().createWithArray(scratch, comm=mat.getComm())
         self.product = scratch.view(operator.dtype)[: scratch.size].reshape(shape)  # q = A d
         self._spans = np.zeros((shape[0], 2), np.int64)
         _warm_up(operator.dtype)
@@ -229,73 +225,69 @@ class TrackingCG(KspContext):
 
     def rest(self):
         """Free r and d until they are needed. Collective."""
-        if self._r is not None:
-            self._r.destroy()
-        self._r = self._d = None
+        if self._residual is not None:
+            self._residual.destroy()
+        self._residual = self._r = self._d = None
 
     def solve(self, ksp, b, x):
         """Improve x."""
         operator = self._operator
         if self._r is None:
-            r = np.zeros(int(np.prod(operator.local_shape)))
-            self._r = PETSc.Vec().createWithArray(r, comm=operator.petsc_comm)
-        contact, shape, u = operator.mask, operator.local_shape, self.displacement
-        pc, d, q, spans = ksp.getPC(), self.direction, self.product, self._spans
-        _find_spans(contact, spans)
+            self._r = np.zeros(operator.local_shape)
+            self._residual = PETSc.Vec().createWithArray(self._r.reshape(-1), comm=operator.petsc_comm)
+        residual, preconditioned = self._residual, self._preconditioned
+        contact, spans, u = operator.mask, self._spans, self.displacement
+        pc, r, z, d, q = ksp.getPC(), self._r, self.work, self.direction, self.product
+        u = np.empty((0, r.shape[1])) if u is None else u
         norm = self._first_residual(ksp, b, x)
         d[...] = 0  # outside the new spans too
         squares = summed = norm**2
         iteration, max_it, previous = 0, ksp.getTolerances()[3], 0.0
         reason = self._report(ksp, 0, norm)
         while not reason and iteration < max_it:
-            pc.apply(self._r, self._z)
-            with self._r as residual:
-                rz = self._sum([_dot(residual.reshape(shape), self._read(self._z), contact, spans)])[0]
-            beta = rz / previous if previous else 0.0
-            _direction(d, self._read(self._z), d.dtype.type(beta), contact, spans)
+            pc.apply(residual, preconditioned)
+            rz = self._sum([_dot(r, z, contact, spans)])[0]
+            _direction(d, z, d.dtype.type(rz / previous if previous else 0.0), contact, spans)
             operator.products += 1
             operator.displacement(d, q)
-            with self._r as residual, x as solution:
-                r, p = residual.reshape(shape), solution.reshape(shape)
-                dq, rd, qr, qq = self._sum(_dots(d, q, r, contact, spans))
-                if not dq > 0:
-                    reason = PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT
-                    break
-                alpha = rd / dq
-                here = _advance(p, r, d, q, contact, spans, alpha)
+            dq, rd, qr, qq = self._sum(_dots(d, q, r, contact, spans))
+            if not dq > 0:
+                reason = PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT
+                break
+            alpha = rd / dq
+            with x as solution:
+                here = _advance(solution.reshape(r.shape), r, u, d, q, contact, spans, alpha)
+            residual.stateIncrease()
             squares += alpha * (alpha * qq - 2 * qr)  # exactly, but for cancellation
             if not squares > _DIGITS * summed:
                 summed = squares = self._sum([here])[0]
-            if u is not None:
-                add(u, alpha, q)
             previous = rz
-            norm = float(np.sqrt(max(squares, 0.0)))
+            norm = sqrt(max(squares, 0.0))
             iteration += 1
             reason = self._report(ksp, iteration, norm)
         self.residual = norm
         ksp.setConvergedReason(reason or PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
 
     def _first_residual(self, ksp, b, x):
-        shape, u = self._operator.local_shape, self.displacement
+        u, residual, product = self.displacement, self._residual, self._preconditioned
         if u is None:
             if ksp.getInitialGuessNonzero():
-                ksp.getOperators()[0].mult(x, self._z)
+                ksp.getOperators()[0].mult(x, product)
             else:
                 x.set(0)
-                self._z.set(0)
-            u = self._read(self._z)
-        with self._r as residual:
-            r = residual.reshape(shape)
-            squares = _first_residual(self._read(b), u, self._operator.mask, self._spans, r)
+                product.set(0)
+            u = self.work
+        squares = _first_residual(self._read(b), u, self._operator.mask, self._spans, self._r)
+        residual.stateIncrease()
         known, self.first_norm = self.first_norm, None
-        return float(np.sqrt(self._sum([squares])[0])) if known is None else known
+        return sqrt(self._sum([squares])[0]) if known is None else known
 
     def destroy(self, ksp):
         """Free the work vectors."""
         self.rest()
-        if self._z is not None:
-            self._z.destroy()
-        self._z = self._lent = self.work = self.product = None  # storage of others
+        if self._preconditioned is not None:
+            self._preconditioned.destroy()
+        self._preconditioned = self._lent = self.work = self.product = None  # storage of others
 
     def view(self, ksp, viewer):
         """Describe the solver for -ksp_view."""

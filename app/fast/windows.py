@@ -168,6 +168,7 @@ class Stage:
         if level is hierarchy.target:
             self._verification = VerificationProduct(level, self._scatter, slabs)
         fine = self._kept.window((self._number, "fine"), grid, slabs, few, self._verification)
+        fine.inside = grid.ny < level.grid.ny, grid.nx < level.grid.nx
         below = self._kept.window(
             (self._number, "below"), coarse_window.grid(coarse_grid), slabs.coarsen(factors[0]), few
         )
@@ -193,9 +194,12 @@ class Stage:
 
         Returns
         -------
-        Boxes
+        Boxes or None
+            None if the next grid has no window.
         """
         state, level, hierarchy = self.state, self._level, self._hierarchy
+        if self._number < hierarchy.finest_whole:
+            return None
         masks, predicted = [state.contact], None
         if self._predicted:
             predicted = self._predicted.refine(self.transfer.factors, level.grid)

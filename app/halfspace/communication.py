@@ -231,7 +231,9 @@ class Fetch:
         rank = have.rank if self._comm is not None else 0
         starts, ends = have.bounds(ranks)
         self._sent, self._got, self.rows = {}, {}, 0
-        for first, last in want:
+        for first, last in want if self._comm is None else ():
+            self._find_here(have.ny, int(np.max(first)), int(np.max(last)))
+        for first, last in want if self._comm is not None else ():
             first, last = np.broadcast_to(first, ranks), np.broadcast_to(last, ranks)
             some = last > first
             low, high = (first[some].min(), last[some].max()) if some.any() else (0, 0)
@@ -250,6 +252,14 @@ class Fetch:
         self.unchanged = self._own == (everything, everything) and self.rows == have.local
         self.unchanged &= not (self._sent or self._got)
         self.unchanged |= not (self.rows or have.local)
+
+    def _find_here(self, ny, first, last):
+        """Find rows first <= j < last where all are on this rank."""
+        for shift in range(first // ny * ny, last, ny) if last > first else ():
+            a, b = max(first, shift), min(last, shift + ny)
+            self._sent.setdefault(0, []).append(slice(a - shift, b - shift))
+            self._got.setdefault(0, []).append(slice(self.rows + a - first, self.rows + b - first))
+        self.rows += max(last - first, 0)
 
     def __call__(self, field, out=None):
         """Fetch rows of a field.

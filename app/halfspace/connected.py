@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from scipy import ndimage
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from app.halfspace.grid import runs
 from app.halfspace.halo import row_before
@@ -50,6 +48,12 @@ def connected_sets(cells, periodic=False, slabs=None, comm=None):
     parts = sum(counts)
     if not parts:
         return labels, np.zeros(0, np.int64)
+    if not pairs.size:
+        sizes = np.bincount(labels.ravel(), minlength=parts + 1)[1:]
+        return labels, comm.allreduce(sizes) if comm else sizes
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     same = coo_array((np.ones(pairs.shape[1], bool), tuple(pairs)), shape=(parts, parts))
     sets, of = connected_components(same, directed=False)
     joined, sizes = np.concatenate([[0], of + 1]).astype(labels.dtype), np.zeros(sets + 1, np.int64)

@@ -13,6 +13,7 @@ direction with an odd number of cells is not halved there.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from operator import index
 
 import numpy as np
@@ -88,17 +89,17 @@ class Grid:
             raise InputError(f"domain {x0:g},{x1:g},{y0:g},{y1:g}: need finite x0 < x1 and y0 < y1")
         return cls(nx, ny, (x1 - x0) / nx, (y1 - y0) / ny, x0, y0, symbol_name(periodic))
 
-    @property
+    @cached_property
     def shape(self):
         """Shape ``(ny, nx)`` of a field on this grid."""
         return self.ny, self.nx
 
-    @property
+    @cached_property
     def n(self):
         """Number of cells."""
         return self.nx * self.ny
 
-    @property
+    @cached_property
     def cell_area(self):
         """Area of a cell [mm2]."""
         return self.dx * self.dy

@@ -69,8 +69,10 @@ def row_before(field, periodic, slabs, comm, beyond):
     -------
     ndarray, shape (nx,)
     """
+    if comm is None:
+        return field[-1] if periodic and len(field) else np.full(field.shape[1], beyond, field.dtype)
     slabs = slabs or Slabs(len(field))
-    first, last = slabs.bounds(1 if comm is None else comm.size)
+    first, last = slabs.bounds(comm.size)
     low = np.where(last > first, first - 1 if periodic else np.maximum(first - 1, 0), first)
     found = Fetch(slabs, [(low, first)], comm)(field)
     return found[0] if len(found) else np.full(field.shape[1], beyond, field.dtype)

@@ -25,17 +25,16 @@ def any_nonzero(block):
 
 
 def sum_over(comm, values):
-    """Sum a few numbers over the ranks of `comm`, which may be None. Collective."""
-    return _reduce(comm, values, MPI.SUM)
+    """Sum a few numbers over the ranks of `comm`; None: return them as they are. Collective."""
+    return values if comm is None else _reduce(comm, values, MPI.SUM)
 
 
 def minimum_over(comm, values):
-    """Smallest of each of a few numbers over the ranks of `comm`, which may be None. Collective."""
-    return _reduce(comm, values, MPI.MIN)
+    """Smallest of each of a few numbers over the ranks of `comm`; None: return them as they are. Collective."""
+    return values if comm is None else _reduce(comm, values, MPI.MIN)
 
 
 def _reduce(comm, values, operation):
     result = np.array(values, dtype=float)
-    if comm is not None:
-        comm.Allreduce(result.copy(), result, operation)
+    comm.Allreduce(result.copy(), result, operation)
     return result

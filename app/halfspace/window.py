@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from app.compiled import njit
 from app.halfspace.communication import Fetch
 from app.halfspace.grid import Grid
 from app.halfspace.reductions import minimum_over
@@ -85,9 +86,9 @@ def bounding_boxes(masks, slabs, comm):
     boxes = np.full((len(masks), 4), np.inf)
     first = slabs.rows.start
     for mask, box in zip(masks, boxes, strict=True):
-        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-        if rows.size:
-            box[:] = first + rows[0], columns[0], -(first + rows[-1]), -columns[-1]
+        y0, y1, x0, x1 = _extent(mask)
+        if y1:
+            box[:] = first + y0, x0, 1 - first - y1, 1 - x1
     boxes = minimum_over(comm, boxes)
     return [
         None if np.isinf(y0) else Window(int(y0), 1 - int(y1), int(x0), 1 - int(x1))
@@ -98,6 +99,22 @@ def bounding_boxes(masks, slabs, comm):
 def bounding_box(mask, slabs, comm):
     """Return that of one mask; see `bounding_boxes`. Collective."""
     return bounding_boxes([mask], slabs, comm)[0]
+
+
+@njit()
+def _extent(mask):
+    """First and last but one row, and column, of what is set; zeros if nothing is."""
+    y0, y1, x0, x1 = 0, 0, mask.shape[1], 0
+    for j in range(mask.shape[0]):
+        first, last = 0, mask.shape[1]
+        while last > 0 and not mask[j, last - 1]:
+            last -= 1
+        while first < last and not mask[j, first]:
+            first += 1
+        if last:
+            y0, y1 = y0 if y1 else j, j + 1
+            x0, x1 = min(x0, first), max(x1, last)
+    return y0, y1, x0, x1
 
 
 class Scatter:

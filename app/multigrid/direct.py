@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from petsc4py import PETSc
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from app.halfspace.influence import dense_matrix
 from app.multigrid.hierarchy import LARGEST_DIRECT
@@ -51,15 +51,19 @@ class DirectSolver:
         self.operator.mask_changed()
         self._inside = self.operator.mask.reshape(-1).copy()
         system = self._matrix[np.ix_(self._inside, self._inside)]
-        self._factors = cho_factor(system, overwrite_a=True) if self._inside.any() else None
+        self._factors, failed = (
+            dpotrf(system.T, clean=False, overwrite_a=True) if len(system) else (system, 0)
+        )
+        if failed:
+            raise ValueError("direct solve: the influence matrix of the contact set is not positive definite")
 
     def solve(self, b, allowed=0.0):
         """See `LinearSolver.solve`."""
         right = b.getArray(readonly=True)[self._inside]
         with self._work as x:
             x[...] = 0
-            if self._factors is not None:
-                x[self._inside] = cho_solve(self._factors, right)
+            if len(right):
+                x[self._inside] = dpotrs(self._factors, right)[0]
         return self._work, 1, ""
 
     def destroy(self):

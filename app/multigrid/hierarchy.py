@@ -6,6 +6,7 @@ dealt to as many as it is worth (`app.halfspace.communication.Ranks`), and one t
 
 from __future__ import annotations
 
+from functools import cached_property
 from weakref import WeakKeyDictionary
 
 from app.halfspace.communication import Ranks
@@ -144,7 +145,7 @@ class Hierarchy:
                 shapes.insert(0, problem.shape_on(level.grid, level.slabs.rows))
         return shapes
 
-    @property
+    @cached_property
     def finest_whole(self):
         """Number of the largest level that is always worked on as a whole."""
         whole = [number for number, level in enumerate(self.levels) if not self.windowed(level)]

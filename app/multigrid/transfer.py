@@ -7,7 +7,7 @@ moves to the rank that owns it; fine rows ask for their parents. Where the slabs
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from petsc4py import PETSc
@@ -149,10 +149,8 @@ class Transfer:
         if not fine.size:
             return
         grid = self.coarse.grid
-        a, b, weight = _neighbours(np.arange(rows.start, rows.stop), grid.ny, self.fy, grid.periodic)
-        c, d, weight_x = _neighbours(np.arange(self.fine.grid.nx), grid.nx, self.fx, grid.periodic)
-        d %= grid.nx
-        _bilinear(coarse, fine, a - first, b - first, weight, c, d, weight_x)
+        of_rows = _neighbours(rows.start, rows.stop, grid.ny, self.fy, grid.periodic, first)
+        _bilinear(coarse, fine, *of_rows, *_neighbours(0, self.fine.grid.nx, grid.nx, self.fx, grid.periodic))
 
     # -- as PETSc's matrices -----------------------------------------------------------------------------
 
@@ -184,22 +182,25 @@ def warm_up():
     _bilinear(field, field, cells, cells, weights, cells, cells, weights)
 
 
-def _neighbours(index, count, factor, periodic):
-    """Coarse cells around fine cells, and the weight of the first: 3/4 for the parent, 1/4 for the next one.
+@lru_cache(maxsize=64)
+def _neighbours(start, stop, count, factor, periodic, first=None):
+    """Coarse cells around some fine ones, and the weight of the first: 3/4 for the parent, 1/4 for the next one.
 
     At the rim the two cells are the parent and the one inside, with weights 5/4 and -1/4. Over a period the next one
-    may be number -1 or `count`.
+    may be number -1 or `count`. They are counted from cell `first`; if that is None, over the period.
     """
-    parent = index // factor
-    if factor == 1 or count == 1:
-        return parent, parent, np.ones(len(index))
-    towards = np.where(index % 2, 1, -1)
-    other = parent + towards
-    if periodic:
-        return parent, other, np.full(len(index), 0.75)
-    inside = (other >= 0) & (other < count)
-    other = np.where(inside, other, parent - towards)
-    return parent, other, np.where(inside, 0.75, 1.25)
+    index = np.arange(start, stop)
+    parent = other = index // factor
+    weight = np.ones(len(index))
+    if factor > 1 and count > 1:
+        towards = np.where(index % 2, 1, -1)
+        other = parent + towards
+        inside = bool(periodic) | ((other >= 0) & (other < count))
+        other = np.where(inside, other, parent - towards)
+        weight = np.where(inside, 0.75, 1.25)
+    return (
+        (parent % count, other % count, weight) if first is None else (parent - first, other - first, weight)
+    )
 
 
 def _transfer_mat(context, rows, columns, comm):

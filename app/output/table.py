@@ -13,7 +13,6 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from tabulate import tabulate
 
 from app.output.files import whole_file, whole_hdf5
 
@@ -95,6 +94,8 @@ def _keys(rows):
 
 
 def _rendered(kind, rows, columns, formats, escapes=None):
+    from tabulate import tabulate
+
     columns = columns or _keys(rows)
     escapes = str.maketrans(escapes or {})
     cells = [[_cell(row.get(key), escapes) for key in columns] for row in rows]

@@ -1,19 +1,26 @@
-"""Floor 1: analytic solutions of contact problems; depends on nothing else in the project."""
+"""Floor 1: analytic solutions of contact problems; depends on nothing else in the project.
 
-from app.reference.axisymmetric import AxisymmetricContact, Cone, FlatCircularPunch, Sphere
-from app.reference.base import NormalContact
-from app.reference.hertz import EllipticHertz
-from app.reference.periodic import Bisinusoidal, WavyContact, Westergaard, full_contact_pressure
+Each name brings its module when it is first asked for: their special functions take long to load.
+"""
 
-__all__ = [
-    "AxisymmetricContact",
-    "Bisinusoidal",
-    "Cone",
-    "EllipticHertz",
-    "FlatCircularPunch",
-    "NormalContact",
-    "Sphere",
-    "WavyContact",
-    "Westergaard",
-    "full_contact_pressure",
-]
+from importlib import import_module
+
+_PLACES = {
+    "AxisymmetricContact": "axisymmetric",
+    "Bisinusoidal": "periodic",
+    "Cone": "axisymmetric",
+    "EllipticHertz": "hertz",
+    "FlatCircularPunch": "axisymmetric",
+    "NormalContact": "base",
+    "Sphere": "axisymmetric",
+    "WavyContact": "periodic",
+    "Westergaard": "periodic",
+    "full_contact_pressure": "periodic",
+}
+__all__ = list(_PLACES)
+
+
+def __getattr__(name):
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_PLACES[name]}"), name)

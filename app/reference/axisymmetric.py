@@ -13,7 +13,6 @@ from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import spherical_jn
 
 from app.reference.base import NormalContact, require_positive
 
@@ -110,6 +109,8 @@ class Sphere(AxisymmetricContact):
         return r**2 / (2 * self.radius)
 
     def _outer_displacement(self, r):
+        from scipy.special import spherical_jn
+
         # Johnson, Sec. 3.4: ((2 a^2 - r^2) asin(a/r) + a sqrt(r^2 - a^2)) / (pi R). With t = 2 asin(a/r) the
         # bracket is r^2/2 (sin t - t cos t) = r^2/2 t^2 j1(t), which does not cancel far away.
         t = 2 * np.arcsin(self.a / r)

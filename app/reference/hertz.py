@@ -17,15 +17,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.special import elliprd, elliprf
 
 from app.reference.base import NormalContact
 
 
+@lru_cache(maxsize=64)
 def axis_ratio(rx, ry):
     """Return b/a of the contact ellipse of bodies with relative radii of curvature `rx`, `ry` > 0."""
     log_radii = math.log(rx) - math.log(ry)
@@ -36,9 +36,10 @@ def axis_ratio(rx, ry):
 
     # rx/ry falls from infinity to 0 as b/a grows, like (b/a)^-1.5 near 1 and faster elsewhere: b/a lies
     # between 1 and ry/rx.
-    if log_radii == 0:
-        return 1.0
-    return math.exp(brentq(excess, -log_radii, 0.0, xtol=1e-15, rtol=1e-15))
+    low, high = sorted((-log_radii, 0.0))
+    while low < (middle := (low + high) / 2) < high:
+        low, high = (middle, high) if excess(middle) > 0 else (low, middle)
+    return math.exp(middle)
 
 
 @dataclass(frozen=True)

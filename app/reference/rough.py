@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import erf
 
 
 def persson_fraction(relative):
     """Persson, J. Chem. Phys. 115 (2001) 3840: contact fraction at any p'. Not collective."""
+    from scipy.special import erf
+
     return erf(np.sqrt(2) * np.asarray(relative, float))
 
 

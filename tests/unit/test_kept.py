@@ -1,15 +1,20 @@
 """What a solver keeps between solves: nothing is made twice, and nothing else comes out."""
 
 import gc
+import re
+import sys
 import weakref
 
 import numpy as np
 import pytest
+from cases import hertz
 
 from app import ContactProblem, ContactSolver, Grid, Material
 from app.fast import kept
 from app.fast.solver import TrackingSolver
 from app.halfspace.fft.multiplier import EvenMultiplier
+
+MAKES = re.compile(r"^(Vec|Mat|KSP|PC|IS)\.(create|duplicate|setFromOptions)|\.set_kernel$|\.set_spectrum$")
 
 
 def bowl(n, height=1.0):
@@ -70,3 +75,34 @@ def test_fields_of_all_cells_are_not_kept():
         field = weakref.ref(solver.solve(approach=0.1).displacement)
         gc.collect()
         assert field() is None
+
+
+def calls_of(function):
+    """Names of all that is called from Python meanwhile."""
+    names = []
+
+    def hear(frame, event, arg):
+        if event in ("call", "c_call"):
+            names.append(frame.f_code.co_qualname if event == "call" else arg.__qualname__)
+
+    sys.setprofile(hear)
+    try:
+        function()
+    finally:
+        sys.setprofile(None)
+    return names
+
+
+def test_a_second_solve_makes_no_objects_of_petsc_but_a_vector_or_two_on_each_grid():
+    with ContactSolver(bowl(160)) as solver:
+        solver.solve(approach=0.3)
+        made = [name for name in calls_of(lambda: solver.solve(approach=0.301)) if MAKES.search(name)]
+        assert set(made) <= {"Vec.createWithArray", "Vec.duplicate"}
+        assert len(made) <= 2 * len(solver.hierarchy.levels)
+
+
+def test_a_small_grid_does_not_wait_for_python():
+    """It took 5,300 calls when every block of rows, and every strip of columns, was one."""
+    with ContactSolver(hertz(64)) as solver:
+        solver.solve(approach=0.1091)
+        assert len(calls_of(lambda: solver.solve(approach=0.1091))) < 3200

@@ -22,101 +22,69 @@ import numpy as np
 from mpi4py_fft import fftw
 from scipy.fft import dct, rfft
 
-from app.compiled import njit
+from app.halfspace.fft.fftw import FFTW
 from app.halfspace.fft.strips import (
+    ROWS,
     STRIP,
-    clear_rows,
-    fetch_pairs,
-    gather_columns,
-    pair,
+    convolve_columns,
     put_rows,
-    scatter_columns,
-    store_pairs,
+    rows_to_strips,
     strip_view,
-    unpair,
+    strips_to_rows,
 )
 from app.halfspace.fft.transpose import ColumnGroup, deal_columns
 from app.halfspace.grid import Slabs
-from app.halfspace.reductions import any_nonzero, sum_over
+from app.halfspace.reductions import sum_over
 
-_ROWS_AT_ONCE, _COLUMNS_AT_ONCE = 2 * STRIP, STRIP  # two real rows are a sequence
-_FLAGS = (fftw.FFTW_ESTIMATE,)  # deterministic, and as fast as measured plans here
-
-
-@njit()
-def _scale_first_half(parts, factor):
-    two, one = np.uint64(2), np.uint64(1)
-    for k in range(np.uint64(factor.size)):
-        parts[two * k] *= factor[k]
-        parts[two * k + one] *= factor[k]
-
-
-@njit()
-def _scale_second_half(parts, factor):
-    two, one, length = np.uint64(2), np.uint64(1), np.uint64(parts.size // 2)
-    for k in range(one, length - np.uint64(factor.size) + one):
-        i = two * (length - k)
-        parts[i] *= factor[k]
-        parts[i + one] *= factor[k]
-
-
-@njit()
-def _scale_by_even_spectrum(parts, spectrum, count):
-    """columns[c, k] *= spectrum[c, min(k, N - k)] for the first `count` columns, given as real and imaginary parts."""
-    for c in range(count):
-        _scale_first_half(parts[c], spectrum[c])
-        _scale_second_half(parts[c], spectrum[c])
-
-
-@njit()
-def _divide_by_even_spectrum(columns, spectrum, count, scale):
-    """columns[c, k] *= scale / spectrum[c, min(k, N - k)] for the first `count` columns."""
-    length, half = np.uint64(columns.shape[1]), np.uint64(spectrum.shape[1])
-    for c in range(count):
-        column = columns[c]
-        for k in range(length):
-            factor = scale / spectrum[c, k if k < half else length - k]
-            column[k] = complex(column[k].real * factor, column[k].imag * factor)
+_ROWS_AT_ONCE, _COLUMNS_AT_ONCE = ROWS, STRIP
+_NO_MASK, _NO_ROWS = np.zeros((0, 0), bool), np.zeros(0, bool)
 
 
 class _Batch:
-    """Some complex sequences and their transforms in place."""
+    """Some complex sequences and their transforms in place: of all, and of the first `few` that a last batch may have.
 
-    def __init__(self, length, dtype):
-        self.data = data = fftw.aligned((STRIP, length), dtype=dtype)
-        self.forward = fftw.fftn(data, None, (1,), 1, _FLAGS, data)
-        self.backward = fftw.ifftn(data, None, (1,), 1, _FLAGS, data)
-        data[...] = 0
+    Attributes
+    ----------
+    plans : tuple of int
+        Addresses: of all there and back, of few there and back.
+    """
+
+    def __init__(self, length, few, dtype):
+        self.data = _scratch((STRIP, length), dtype)
+        self._fftw = FFTW(np.dtype(self.data.real.dtype))
+        # As fast as measured plans here, and deterministic.
+        parts = self.data, self.data[: few or STRIP]
+        self.plans = tuple(plan for part in parts for plan in self._fftw.plans(part, part, length))
+        self.execute = self._fftw.execute
 
 
 # Scratch of one transform after the other: rows and columns of all grids share what has the same length.
-_batch = lru_cache(maxsize=64)(_Batch)
-_scratch = lru_cache(maxsize=64)(np.empty)
+_batch = lru_cache(maxsize=128)(_Batch)
+
+
+@lru_cache(maxsize=64)
+def _scratch(shape, dtype):
+    data = fftw.aligned(shape, dtype=dtype)
+    data[...] = 0
+    return data
 
 
 @cache
 def _warm_up(dtype):
     """Compile the loops, or read them from the cache, now and not in the first product."""
-    field, spectrum = np.zeros((0, 1)), np.zeros((0, 1), dtype)
+    field, spectrum, whole = np.zeros((0, 1)), np.zeros((0, 1), dtype), np.zeros(1, np.int64)
     batch = np.zeros((1, 1), np.result_type(dtype, np.complex64))
-    nothing, mask, fixed = batch[:0], field.astype(bool), field.view()
+    fixed, strips = field.view(), np.zeros(0, batch.dtype)
     fixed.flags.writeable = False
-    for inside in (None, mask):
-        for real in (field, spectrum, fixed):
-            pair(real, inside, batch)
-        for real in (field, spectrum):
-            unpair(batch, inside, real)
-    for data in (field, spectrum, fixed, mask):
-        any_nonzero(data)
-    strips = nothing.reshape(-1)
-    store_pairs(batch, 0, 0, strips, strips, 0, 0)
-    fetch_pairs(batch, 0, 0, strips, strips, 0, 0)
-    clear_rows(strips, 0, 0, 0)
+    inside = _NO_MASK, _NO_ROWS, batch, strips, strips, whole, 0, 0, 0
+    for source in {field.dtype: (field, fixed), spectrum.dtype: (spectrum,)}.values():
+        for real in source:
+            rows_to_strips(real, *inside)
+        strips_to_rows(source[0], *inside)
     put_rows(spectrum, spectrum.reshape(-1), 0, 0)
-    gather_columns(nothing, batch, 0)
-    scatter_columns(nothing, batch, 0)
-    _scale_by_even_spectrum(batch.view(dtype), spectrum, 0)
-    _divide_by_even_spectrum(batch, spectrum, 0, dtype.type(1))
+    convolve_columns(
+        strips, strips, whole, whole, 0, batch, batch.view(dtype), spectrum, dtype.type(0), 0, 0, 0, 0, 0
+    )
 
 
 class EvenMultiplier:
@@ -158,21 +126,25 @@ class EvenMultiplier:
         self._columns = columns = nx_fft // 2 + 1
         self._groups = deal_columns(columns, self.slabs.counts, self.comm)
         self._spectrum = None
-        self._inverse = False
         self._inverse_scale = 1.0 / (float(periods[0]) * periods[1]) ** 2
 
         size = columns * self.slabs.local
         self._transformed = _storage(size, complex_type, workspace and workspace._transformed)
-        self._pieces = [piece for group in self._groups for piece in group.pieces(self._transformed)]
+        self._edges = np.array([0, *(edge for group in self._groups for edge in group.edges[1:])])
+        self._parts = [group.part(self._transformed) for group in self._groups]
         self._received = None
         if self.comm is not None:
             largest = max(group.to_receive for group in self._groups)
             self._received = _storage(largest, complex_type, workspace and workspace._received)
 
-        self._rows_plan, self._columns_plan = _batch(nx_fft, complex_type), _batch(ny_fft, complex_type)
-        self._pairs, self._column = self._rows_plan.data, self._columns_plan.data
+        self._row_batch = _batch(nx_fft, -(-self.slabs.local // 2) % STRIP, complex_type)
+        self._column_batches = [
+            _batch(ny_fft, (group.mine.stop - group.mine.start) % STRIP, complex_type)
+            for group in self._groups
+        ]
+        self._column = self._column_batches[0].data
         self._column_parts = self._column.view(self.dtype)
-        self._scratch = _scratch(_ROWS_AT_ONCE * columns, complex_type)
+        self._scratch = _scratch((_ROWS_AT_ONCE * columns,), complex_type)
         _warm_up(self.dtype)
 
     def set_kernel(self, kernel_rows, rows, columns):
@@ -287,13 +259,13 @@ class EvenMultiplier:
             self._spectrum,
             self._transformed,
             self._received,
-            self._pairs,
+            self._row_batch.data,
             self._column,
             self._scratch,
         )
         return sum(a.nbytes for a in arrays if a is not None)
 
-    @property
+    @cached_property
     def flops(self):
         """Floating point operations of a product on this rank, by the usual count for its transforms."""
         ny_fft, nx_fft = self.periods
@@ -303,13 +275,9 @@ class EvenMultiplier:
 
     def apply_inverse(self, p, out):
         """Multiply p, continued by zeros, by the inverse of the periodic operator. Collective."""
-        self._inverse = True
-        try:
-            self.apply(p, out)
-        finally:
-            self._inverse = False
+        self.apply(p, out, scale=self._inverse_scale)
 
-    def apply(self, p, out, mask=None, rows=None):
+    def apply(self, p, out, mask=None, rows=None, scale=0.0):
         """Multiply p by the operator A of this object: out = A p, or out = C A C p.
 
         Collective.
@@ -323,74 +291,30 @@ class EvenMultiplier:
             The cells of C. Rows without any are not transformed.
         rows : ndarray of bool, shape (local rows,), optional
             The rows that are not zero in p and wanted in `out`; the others may hold anything afterwards.
+        scale : float, optional
+            If not 0, divide by the spectrum instead, and multiply by this.
         """
         self.count += 1
         if self._rest is not None:
             self._rest.multiply(p, mask)
-        self._rows_forward(p, mask, rows)
-        done = 0
-        for group in self._groups:
-            done = self._columns_of(group, done)
-        self._rows_backward(out, mask, rows)
+        inside, rows = _NO_MASK if mask is None else mask, _NO_ROWS if rows is None else rows
+        batch, scale, done = self._row_batch, self.dtype.type(scale), 0
+        strips = batch.data, self._scratch, self._transformed, self._edges, batch.execute
+        rows_to_strips(p, inside, rows, *strips, *batch.plans[::2])
+        for group, part, batch in zip(self._groups, self._parts, self._column_batches, strict=True):
+            count = group.mine.stop - group.mine.start
+            own = part if self.comm is None else group.deal(self.comm, part, self._received)[group.rank]
+            convolve_columns(
+                own, own if self._received is None else self._received, group.places, group.heights, group.rank,
+                self._column, self._column_parts, self._spectrum[done : done + count], scale,
+                batch.execute, *batch.plans,
+            )  # fmt: skip
+            if self.comm is not None:
+                group.give_back(self.comm, part, self._received)
+            done += count
+        strips_to_rows(out, inside, rows, *strips, *self._row_batch.plans[1::2])
         if self._rest is not None:
             self._rest.add(out, mask)
-
-    def _rows_forward(self, p, mask, rows):
-        for i in range(0, len(p), _ROWS_AT_ONCE):
-            block = p[i : i + _ROWS_AT_ONCE]
-            inside = None if mask is None else mask[i : i + _ROWS_AT_ONCE]
-            here = slice(i, i + len(block))
-            data = rows[None, here] if rows is not None else block if mask is None else inside
-            if not any_nonzero(data):
-                for _, _, strips in self._pieces:
-                    clear_rows(strips, len(p), i, len(block))
-                continue
-            pair(block, inside, self._pairs)
-            self._rows_plan.forward()
-            for first, _, strips in self._pieces:
-                store_pairs(self._pairs, first, len(block), self._scratch, strips, len(p), i)
-
-    def _columns_of(self, group, done):
-        """Convolve the columns of a group in y; `done` columns of the spectrum belong to earlier groups."""
-        part = group.part(self._transformed)
-        count = group.mine.stop - group.mine.start
-        dealt = group.deal(self.comm, part, self._received)
-        column, ny = self._column, self.shape[0]
-        for first in range(0, count, _COLUMNS_AT_ONCE):
-            last = min(first + _COLUMNS_AT_ONCE, count)
-            w = last - first
-            pieces = [
-                (strip_view(strips, stop - start, first, last), start)
-                for strips, (start, stop) in zip(dealt, group.row_ranges, strict=True)
-            ]
-            for strip, start in pieces:
-                gather_columns(strip, column, start)
-            column[:, ny:] = 0
-            self._columns_plan.forward()
-            spectrum = self._spectrum[done + first : done + last]
-            if self._inverse:
-                _divide_by_even_spectrum(column, spectrum, w, self._spectrum.dtype.type(self._inverse_scale))
-            else:
-                _scale_by_even_spectrum(self._column_parts, spectrum, w)
-            self._columns_plan.backward()
-            for strip, start in pieces:
-                scatter_columns(strip, column, start)
-        group.give_back(self.comm, part, self._received)
-        return done + count
-
-    def _rows_backward(self, out, mask, rows):
-        for i in range(0, len(out), _ROWS_AT_ONCE):
-            block = out[i : i + _ROWS_AT_ONCE]
-            inside = None if mask is None else mask[i : i + _ROWS_AT_ONCE]
-            if inside is not None and not any_nonzero(inside):
-                block[...] = 0
-                continue
-            if rows is not None and not any_nonzero(rows[None, i : i + len(block)]):
-                continue
-            for first, _, strips in self._pieces:
-                fetch_pairs(self._pairs, first, len(block), self._scratch, strips, len(out), i)
-            self._rows_plan.backward()
-            unpair(self._pairs, inside, block)
 
 
 def _storage(size, dtype, shared=None):

@@ -7,8 +7,8 @@
   may be narrower.
 - *Columns.* Those of one strip are gathered as rows of a small array, where they are transformed, and scattered back.
 
-A product goes through `pair`, `store_pairs`, `gather_columns`, and back through `scatter_columns`, `fetch_pairs`,
-`unpair`.
+A product is `rows_to_strips`, `convolve_columns`, `strips_to_rows`, with FFTW called from inside: on small grids every
+call from Python counts.
 
 Unsigned indices are not tested for being negative, complex numbers put together from real products not for NaN, and a
 loop over a row in a function of its own is not lost in others: only so do these loops become vector instructions.
@@ -19,19 +19,22 @@ from __future__ import annotations
 import numpy as np
 
 from app.compiled import njit
+from app.halfspace.fft.fftw import execute
+from app.halfspace.reductions import any_nonzero
 
 STRIP = 16  # columns
+ROWS = 2 * STRIP  # at once: two real rows are a sequence
 _TILE = 8  # complex singles are a cache line
 
 
 @njit()
-def pair(p, mask, pairs):
+def _pair(p, mask, pairs):
     """pairs[m, :nx] = p[2 m] + i p[2 m + 1], on C if there is a mask; zero beyond."""
     last = p.shape[0] - 1
     for m in range((last + 2) // 2):
         j, l = 2 * m, min(2 * m + 1, last)
         a, b, row = p[j], p[l], pairs[m]
-        if mask is None:
+        if not mask.size:
             for k in range(p.shape[1]):
                 row[k] = complex(a[k], b[k])
         else:
@@ -41,8 +44,8 @@ def pair(p, mask, pairs):
 
 
 @njit()
-def unpair(pairs, mask, out):
-    """Undo `pair`."""
+def _unpair(pairs, mask, out):
+    """Undo `_pair`."""
     last = out.shape[0] - 1
     for m in range((last + 2) // 2):
         j, l = 2 * m, min(2 * m + 1, last)
@@ -50,7 +53,7 @@ def unpair(pairs, mask, out):
         for k in range(out.shape[1]):
             a[k] = row[k].real
             b[k] = row[k].imag
-        if mask is not None:
+        if mask.size:
             a *= mask[j]
             b *= mask[l]
 
@@ -115,7 +118,7 @@ def _take_rows(strips, height, start, rows):
 
 
 @njit()
-def store_pairs(pairs, first, count, scratch, strips, height, start):
+def _store_pairs(pairs, first, count, scratch, strips, height, start):
     """Put the transforms of `count` real rows into the strips from row `start` on, from frequency `first` on."""
     if not height:
         return
@@ -127,8 +130,8 @@ def store_pairs(pairs, first, count, scratch, strips, height, start):
 
 
 @njit()
-def fetch_pairs(pairs, first, count, scratch, strips, height, start):
-    """Undo `store_pairs`."""
+def _fetch_pairs(pairs, first, count, scratch, strips, height, start):
+    """Undo `_store_pairs`."""
     if not height:
         return
     columns = strips.size // height
@@ -139,7 +142,7 @@ def fetch_pairs(pairs, first, count, scratch, strips, height, start):
 
 
 @njit()
-def clear_rows(strips, height, start, count):
+def _clear_rows(strips, height, start, count):
     """Set rows `start`, ... of the strips to zero."""
     if not height:
         return
@@ -155,7 +158,7 @@ def strip_view(strips, height, first, last):
 
 
 @njit()
-def gather_columns(strip, columns, start):
+def _gather_columns(strip, columns, start):
     """columns[c, start + r] = strip[r, c], a tile at a time."""
     height, width = np.uint64(strip.shape[0]), np.uint64(strip.shape[1])
     tile, y = np.uint64(_TILE), np.uint64(start)
@@ -172,8 +175,8 @@ def gather_columns(strip, columns, start):
 
 
 @njit()
-def scatter_columns(strip, columns, start):
-    """Undo `gather_columns`."""
+def _scatter_columns(strip, columns, start):
+    """Undo `_gather_columns`."""
     height, width = np.uint64(strip.shape[0]), np.uint64(strip.shape[1])
     tile, y = np.uint64(_TILE), np.uint64(start)
     for a in range(np.uint64(0), height, tile):
@@ -186,3 +189,144 @@ def scatter_columns(strip, columns, start):
                 for r in range(a, min(a + tile, height)):
                     for c in range(b, min(b + tile, width)):
                         strip[r, c] = columns[c, y + r]
+
+
+@njit()
+def _scale_first_half(parts, factor):
+    two, one = np.uint64(2), np.uint64(1)
+    for k in range(np.uint64(factor.size)):
+        parts[two * k] *= factor[k]
+        parts[two * k + one] *= factor[k]
+
+
+@njit()
+def _scale_second_half(parts, factor):
+    two, one, length = np.uint64(2), np.uint64(1), np.uint64(parts.size // 2)
+    for k in range(one, length - np.uint64(factor.size) + one):
+        i = two * (length - k)
+        parts[i] *= factor[k]
+        parts[i + one] *= factor[k]
+
+
+@njit()
+def _divide(column, factor, scale):
+    length, half = np.uint64(column.size), np.uint64(factor.size)
+    for k in range(length):
+        by = scale / factor[k if k < half else length - k]
+        column[k] = complex(column[k].real * by, column[k].imag * by)
+
+
+@njit()
+def _some(p, mask, rows, start, stop):
+    """Whether some rows are wanted: as `rows` says, or the mask, or what is not zero."""
+    if rows.size:
+        return rows[start:stop].any()
+    return any_nonzero(mask[start:stop]) if mask.size else any_nonzero(p[start:stop])
+
+
+@njit()
+def rows_to_strips(p, mask, rows, pairs, scratch, strips, edges, fftw, forward, few_forward):
+    """Transform the rows of p, on C if there is a mask, into the strips of each part of the columns between `edges`.
+
+    `rows`: those that are not zero, if known. A mask, or rows, that there are none of have size 0. The last batch may
+    be of `few` rows.
+    """
+    height = p.shape[0]
+    for start in range(0, height, ROWS):
+        stop = min(start + ROWS, height)
+        some = _some(p, mask, rows, start, stop)
+        if some:
+            _pair(p[start:stop], mask[start:stop], pairs)
+            execute(fftw, forward if stop - start == ROWS else few_forward)
+        for k in range(edges.size - 1):
+            part = strips[height * edges[k] : height * edges[k + 1]]
+            if some:
+                _store_pairs(pairs, edges[k], stop - start, scratch, part, height, start)
+            else:
+                _clear_rows(part, height, start, stop - start)
+
+
+@njit()
+def strips_to_rows(out, mask, rows, pairs, scratch, strips, edges, fftw, backward, few_backward):
+    """Transform back into the rows of `out`: on C, if there is a mask, 0 elsewhere; or only those of `rows`."""
+    height = out.shape[0]
+    for start in range(0, height, ROWS):
+        stop = min(start + ROWS, height)
+        if rows.size and not rows[start:stop].any():
+            continue
+        if mask.size and not any_nonzero(mask[start:stop]):
+            out[start:stop] = 0
+            continue
+        for k in range(edges.size - 1):
+            part = strips[height * edges[k] : height * edges[k + 1]]
+            _fetch_pairs(pairs, edges[k], stop - start, scratch, part, height, start)
+        execute(fftw, backward if stop - start == ROWS else few_backward)
+        _unpair(pairs, mask[start:stop], out[start:stop])
+
+
+@njit()
+def convolve_columns(
+    own,
+    received,
+    places,
+    heights,
+    rank,
+    column,
+    parts,
+    spectrum,
+    scale,
+    fftw,
+    there,
+    back,
+    few_there,
+    few_back,
+):
+    """Convolve columns in y, in place: a strip at a time, put together from the rows of all ranks.
+
+    Parameters
+    ----------
+    own : ndarray of complex
+        Strips of the rows here.
+    received : ndarray of complex
+        Those of the others, of rank q from ``places[q]`` on.
+    places, heights : ndarray of int, shape (ranks,)
+        How many rows each has.
+    rank : int
+        This one's number.
+    column, parts : ndarray
+        Room for a strip of columns; the same as reals.
+    spectrum : ndarray, shape (columns, half a period and one)
+        To multiply by.
+    scale : float
+        If it is not 0, divide by the spectrum instead, and multiply by this.
+    fftw, there, back, few_there, few_back : int
+        Addresses of FFTW's ``execute``, and of the plans of `column`: of a whole strip, and of the last one.
+    """
+    count = spectrum.shape[0]
+    for first in range(0, count, STRIP):
+        last = min(first + STRIP, count)
+        start = 0
+        for q in range(heights.size):
+            height = heights[q]
+            strips = own if q == rank else received[places[q] : places[q] + height * count]
+            _gather_columns(
+                strips[height * first : height * last].reshape(height, last - first), column, start
+            )
+            start += height
+        column[: last - first, start:] = 0
+        execute(fftw, there if last - first == STRIP else few_there)
+        for c in range(last - first):
+            if scale:
+                _divide(column[c], spectrum[first + c], scale)
+            else:
+                _scale_first_half(parts[c], spectrum[first + c])
+                _scale_second_half(parts[c], spectrum[first + c])
+        execute(fftw, back if last - first == STRIP else few_back)
+        start = 0
+        for q in range(heights.size):
+            height = heights[q]
+            strips = own if q == rank else received[places[q] : places[q] + height * count]
+            _scatter_columns(
+                strips[height * first : height * last].reshape(height, last - first), column, start
+            )
+            start += height

@@ -49,13 +49,14 @@ class ColumnGroup:
         self.mine = slice(self.edges[rank], self.edges[rank + 1])
         row_edges = np.concatenate([[0], np.cumsum(row_counts)])
         self.row_ranges = [(int(a), int(b)) for a, b in itertools.pairwise(row_edges)]
-        self._columns, self._rows, self._rank = per_rank[rank], row_counts[rank], rank
+        self._columns, self._rows, self.rank = per_rank[rank], row_counts[rank], rank
         starts = self._rows * (np.array(self.edges[:-1]) - start)
         sent = np.array(per_rank) * self._rows
         got = np.array(row_counts) * self._columns
         sent[rank] = got[rank] = 0
         self._by_column = sent, starts
         self._by_row = got, np.concatenate([[0], np.cumsum(got)[:-1]])
+        self.heights, self.places = np.array(row_counts), self._by_row[1]
         self.to_receive = int(got.sum())
 
     def part(self, transformed):
@@ -78,7 +79,7 @@ class ColumnGroup:
             comm.Alltoallv([part, self._by_column], [received, self._by_row])
         spans = zip(*self._by_row, strict=True)
         return [
-            own if rank == self._rank else received[start : start + count]
+            own if rank == self.rank else received[start : start + count]
             for rank, (count, start) in enumerate(spans)
         ]
 

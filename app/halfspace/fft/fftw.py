@@ -7,9 +7,29 @@ import weakref
 from functools import cache
 
 import numpy as np
+from llvmlite import ir
 from mpi4py_fft import fftw
+from numba import types
+from numba.extending import intrinsic
 
 _loaded = cache(ctypes.CDLL)  # each makes types of its own, which are freed only by collecting garbage
+
+
+@intrinsic
+def execute(typing_context, function, plan):
+    """Call ``void function(void *plan)``; both are addresses.
+
+    After a change here numba must be told to compile its callers anew: it looks at their own files only.
+    """
+
+    def generate(context, builder, signature, arguments):
+        pointer = ir.IntType(8).as_pointer()
+        function_pointer = ir.FunctionType(ir.VoidType(), [pointer]).as_pointer()
+        function, plan = arguments
+        builder.call(builder.inttoptr(function, function_pointer), [builder.inttoptr(plan, pointer)])
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64), generate
 
 
 class FFTW:

@@ -1,0 +1,44 @@
+"""Compiled loops that were kept: loaded to be called, and still parts of others."""
+
+import importlib
+import sys
+
+import numba
+
+from app import compiled
+
+LOOPS = """
+from app.compiled import njit
+
+@njit()
+def twice(x):
+    return 2 * x
+
+@njit()
+def four_times(x):
+    return twice(twice(x))
+"""
+
+
+def test_a_loaded_loop_is_machine_code_until_another_is_made_of_it(tmp_path, monkeypatch):
+    (tmp_path / "loops_of_a_test.py").write_text(LOOPS)
+    monkeypatch.syspath_prepend(tmp_path)
+    loops = importlib.import_module("loops_of_a_test")
+    assert loops.four_times(1.5) == 6
+    del sys.modules["loops_of_a_test"]
+    loops = importlib.import_module("loops_of_a_test")
+    assert loops.four_times(1.5) == 6
+    assert loops.twice(1.5) == 3
+    assert sum(loops.twice.stats.cache_hits.values()) == 1
+    [code] = [overload.library for overload in loops.twice.overloads.values()]
+    assert isinstance(code, compiled._Library)
+    assert code._shared_module is None
+
+    twice = loops.twice
+
+    @numba.njit
+    def one_more(x):
+        return twice(x) + 1
+
+    assert one_more(1.5) == 4
+    assert code._shared_module is not None
