@@ -11,8 +11,9 @@ And what newer releases do otherwise: `TAO_REASONS`, `restricts_by_transpose`, `
 from __future__ import annotations
 
 import ctypes
+import os
 import threading
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache, wraps
 
 import numpy as np
@@ -21,6 +22,10 @@ from petsc4py import PETSc
 
 from app.errors import InputError
 
+_M_MMAP_MAX = -4
+with suppress(AttributeError, ValueError):  # another C library than glibc
+    # SuperLU_DIST, which many a PETSc loads, has malloc keep whatever is freed; large arrays are to go again.
+    ctypes.CDLL(None).mallopt(_M_MMAP_MAX, int(os.environ.get("MALLOC_MMAP_MAX_", 65536)))
 _Handle = ctypes.c_void_p
 _Text = ctypes.c_char_p
 TAO_REASONS = getattr(PETSc.TAO, "ConvergedReason", None) or PETSc.TAO.Reason

@@ -297,15 +297,16 @@ class Solution:
         InputError
             If it cannot be written.
         """
-        from app.output.result import write_result
+        from app.output.result import ByRows, write_result
         from app.path import UNITS
 
+        h, u = self.undeformed_distance, self.displacement
         fields = {
             "pressure": self.pressure,
-            "gap": self.gap,
-            "displacement": self.displacement,
-            "undeformed_distance": self.undeformed_distance,
-            "contact": self.contact.astype(np.uint8),
+            "gap": ByRows(u.shape, u.dtype, lambda rows: h[rows] + u[rows]),
+            "displacement": u,
+            "undeformed_distance": h,
+            "contact": self.contact.view(np.uint8),
         }
         facts = self.attributes | attributes
         try:

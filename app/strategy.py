@@ -77,6 +77,7 @@ class Strategy:
             if outcome := FullContact(last).solve(state, loading, stop, history):
                 return state, outcome
             state.destroy()
+            del state
         if chosen.strategy in REFERENCE_SOLVERS:
             return self._by_petsc(loading, history)
         if chosen.strategy in ("fast", "primal"):

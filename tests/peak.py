@@ -1,9 +1,13 @@
-"""Peak memory of set-up and solve over what is estimated: ``python tests/peak.py CELLS METHOD``, on any ranks.
+"""Peak memory of set-up and solve over what is estimated: ``python tests/peak.py CELLS METHOD [PRESSURE]``.
 
-A method is a name, or options ``a=1,b=2``; with ``periodic:`` before it, on a periodic patch. Prints a line of JSON:
-doubles per cell measured on all ranks, and estimated. One method in a process: Open MPI has malloc keep what is freed.
+On any ranks. A method is a name, or options ``a=1,b=2``; with ``periodic:`` before it, on a periodic patch. PRESSURE is
+the mean one: 50, the default, is 8% contact, 600 is 55%; ``ball:20000``: of a ball, in a window. Prints a line of JSON:
+doubles per cell measured on all ranks, and estimated.
+
+Measured as on large grids, where malloc gives back what is freed, and nothing is small enough to be kept.
 """
 
+import ctypes
 import json
 import sys
 import warnings
@@ -13,15 +17,18 @@ import numpy as np
 from mpi4py import MPI
 
 from app import ContactProblem, ContactSolver, Grid, Material
+from app.fast import kept
 from app.memory import doubles_per_cell
 
 
-def problem(n, periodic):
-    """Waves, as many as asperities on a rough surface."""
+def problem(n, periodic, ball=False):
+    """Waves, as many as asperities on a rough surface; or a ball."""
     rng = np.random.default_rng(1)
     waves = list(zip(*rng.integers(1, 20, (2, 40)), rng.uniform(0, 2 * np.pi, 40), strict=True))
 
     def gap(x, y):
+        if ball:
+            return (x**2 + y**2) / 2
         return sum(1e-3 * np.cos(np.pi * (k * x + m * y) + phase) / np.hypot(k, m) for k, m, phase in waves)
 
     return ContactProblem(
@@ -29,15 +36,16 @@ def problem(n, periodic):
     )
 
 
-def solve(n, method, periodic):
+def solve(n, method, periodic, pressure):
     """Set up and solve once; return what is estimated."""
+    ball, pressure = pressure.startswith("ball:"), float(pressure.removeprefix("ball:"))
     options = dict(pair.split("=") for pair in method.split(",")) if "=" in method else {}
     name = None if options or method == "default" else method
-    with ContactSolver(problem(n, periodic), name, options) as solver:
+    with ContactSolver(problem(n, periodic, ball), name, options) as solver:
         if "lcp_type" in options:  # TAO, SNESVI
             solver.solve(approach=solver.touching + 0.002)
         else:
-            solver.solve(mean_pressure=50)
+            solver.solve(mean_pressure=pressure)
         return doubles_per_cell(solver.settings, periodic)
 
 
@@ -49,13 +57,16 @@ def status(name):
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
-    n, word = int(sys.argv[1]), sys.argv[2]
+    for option in (-1, -2, -3):  # M_TRIM_THRESHOLD, M_TOP_PAD, M_MMAP_THRESHOLD
+        ctypes.CDLL(None).mallopt(option, 65536)
+    n, word, *more = int(sys.argv[1]), *sys.argv[2:]
+    pressure, kept.LARGEST = more[0] if more else "50", 0
     periodic, method = word.startswith("periodic:"), word.removeprefix("periodic:")
-    for small in (32, 96):  # loads all there is to be loaded
-        solve(small, method, periodic)
+    for small in (32, 352):  # loads all there is to be loaded
+        solve(small, method, periodic, pressure)
     Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
     before = status("VmRSS")
-    estimated = solve(n, method, periodic)
+    estimated = solve(n, method, periodic, pressure)
     taken = MPI.COMM_WORLD.allreduce(status("VmHWM") - before)
     if MPI.COMM_WORLD.rank == 0:
         print(json.dumps({"method": word, "measured": taken / 8 / n**2, "estimated": estimated}))

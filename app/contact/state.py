@@ -282,7 +282,7 @@ class ContactState:
 
     def first_touch(self):
         """Depth at which the first cells of the undeformed bodies touch [mm]. Collective."""
-        return self.depth + float(self.minimum(-self.distance.b[self.admissible].max(initial=-np.inf)))
+        return self.depth + float(self.minimum(-self.distance.b.max(initial=-np.inf, where=self.admissible)))
 
     def leave_one_open(self):
         """Where A is singular, on all cells of a periodic patch, the one most inclined to open leaves C. Collective.

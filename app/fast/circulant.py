@@ -155,11 +155,13 @@ class Circulant:
         if not 0 <= margin <= 1:
             raise ValueError(f"-pc_circulant_margin {margin:g}: allowed: 0 to 1")
         periodic = bool(operator.grid.periodic)
-        self.multiplier = circulant_of(operator, [0.0 if inside else margin for inside in operator.inside])
+        margins = tuple(0.0 if inside else margin for inside in operator.inside)
+        self.multiplier = circulant_of(operator, margins)
         self.extension = None
         if steps:
+            workspace = getattr(operator.product, "working_storage", None)
             self.extension = RimExtension(
-                operator.local_shape, operator.slabs, operator.comm, steps, periodic
+                operator.local_shape, operator.slabs, operator.comm, steps, periodic, workspace
             )
             self.extension.set_stencil(self.multiplier.centre())
         self._contact = -1

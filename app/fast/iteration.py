@@ -112,7 +112,7 @@ def inexact_active_set(state, solver, loading, stop, history):
         if ready and not stop.final:
             update, done = _leave(state, solver, loading, NEAR * allowed / np.sqrt(cells))
         elif ready and not too_loose:
-            update, done = _verify(state, loading, stop)
+            update, done = _verify(state, solver, loading, stop)
         else:
             solver.release(state)  # (4.a), and u along with it
             loading.update(state)
@@ -135,7 +135,7 @@ def inexact_active_set(state, solver, loading, stop, history):
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
 
 
-def _verify(state, loading, stop):
+def _verify(state, solver, loading, stop):
     """Steps 4 to 6 on the target grid by a product in double precision, the load met exactly. Collective.
 
     Returns
@@ -144,6 +144,7 @@ def _verify(state, loading, stop):
         Of the contact set; whether the problem is solved.
     """
     state.release_tensile()  # (4.a)
+    solver.rest()
     if state.u_is is not Displacement.EXACT:
         state.compute_displacement(exact=True)
     loading.update(state)

@@ -27,6 +27,8 @@ class Kept:
         self._hierarchy = hierarchy
         self._windows, self._solvers = {}, {}
         self._target, self._direct = target, None
+        if target is not None:
+            target.frugal = target.operator.grid.n > LARGEST
 
     def window(self, place, grid, slabs, comm, verification=None):
         """Operator of a window, ready for another contact set. Collective over `comm`.
@@ -60,9 +62,10 @@ class Kept:
         if self._target is not None and operator is self._target.operator:
             return self._target
         if operator not in self._solvers:
-            self._solvers[operator] = TrackingSolver(
+            self._solvers[operator] = solver = TrackingSolver(
                 self._hierarchy, number, operator.petsc_comm, operator=operator
             )
+            solver.frugal = operator.grid.n > LARGEST
         return self._solvers[operator]
 
     def direct(self, number, operator):
@@ -75,6 +78,8 @@ class Kept:
         """Free the solver of a large grid or window, whose memory others need. Collective over its ranks."""
         if operator.grid.n > LARGEST and operator in self._solvers:
             self._solvers.pop(operator).destroy()
+        elif self._target is not None and operator is self._target.operator:
+            self._target.rest()
 
     def close(self, operator):
         """Count what was computed in a window, and free it unless it is kept. Collective over its ranks."""

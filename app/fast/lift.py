@@ -9,8 +9,6 @@ Switch: ``-lcp_prolongation lift|copy``. Gain: see `app.fast`.
 
 from __future__ import annotations
 
-import numpy as np
-
 from app.contact import kernels
 from app.fast.circulant import circulant_of
 
@@ -20,7 +18,7 @@ _TRUSTED = (
 
 
 def lift(transfer, coarse, state):
-    """Set C and p of `state`, whose u is interpolated already.
+    """Set C and p of `state`, whose u is interpolated already; that of the coarser grid is written over.
 
     Collective.
 
@@ -29,11 +27,10 @@ def lift(transfer, coarse, state):
     bool
         False if the load came out so different that the coarse grid cannot be trusted; u is as it was.
     """
-    periodic = np.empty_like(coarse.u)
-    circulant_of(coarse.operator).apply_inverse(coarse.p, periodic)
+    circulant_of(coarse.operator).apply_inverse(coarse.p, coarse.u)
     transfer.copy(coarse.contact, state.contact)
     p = state.values
-    transfer.interpolate(periodic, p)
+    transfer.interpolate(coarse.u, p)
     kernels.aim(state.distance.b, state.u, state.admissible, state.contact, p)
     circulant_of(state.operator).apply(p, p)
     after = kernels.keep_positive(p, state.contact)

@@ -51,29 +51,30 @@ def nested_iteration(
     for number, following in pairs(route(hierarchy, distances, loading, nested)):
         target = number == last
         stage = Stage(hierarchy, kept, number, distances[number], coarse if nested else None, found)
-        state = stage.state
-        if coarse is not None:
+        state, first = stage.state, coarse is None
+        if not first:
             state.depth = loading.predict(coarse.depth)
             if nested:
                 _prolong(stage, beta, lifted)
+                stage.started()
             else:
                 state.start_from_interpenetration()
+            coarse.destroy()
+        coarse = state
         if state.operator.active:
             test = stop if target else stop.for_coarse_grid()
-            outcome = solve_on(hierarchy, number, state, loading, test, history, coarse is None, kept)
+            outcome = solve_on(hierarchy, number, state, loading, test, history, first, kept)
             if not target:
                 found = stage.find(coarse_minimum, loading.predict(state.depth))
                 numbers.append(numbers_on(state, state.comm))
         stage.verify_no_more()
         facts = outcome, found, numbers
         outcome, found, numbers = tell(hierarchy, following, state, loading, *facts)
-        if coarse is not None:
-            if nested and target:
-                difference = _difference(comm, stage.transfer, stage.coarse.p, state)
-            coarse.destroy()
+        if nested and target and not first:
+            difference = _difference(comm, stage.transfer, stage.coarse_pressure, state)
         stage.close()
-        coarse = state
         if target and stage.windowed:
+            coarse = None
             state, complete = stage.everything(outcome)
             if not complete:
                 rest = solve_on(hierarchy, number, state, loading, stop, history, False, kept)
@@ -144,5 +145,7 @@ def _prolong(stage, beta, lifted):
 def _difference(comm, transfer, coarse, state):
     """Return the rms difference of the pressures on two grids over that of the larger; NaN if none. Collective."""
     fine = transfer.restrict_defect(state.p)
-    squares = sum_over(comm, [np.vdot(p, p) for p in (fine - coarse, fine, coarse)])
-    return float(np.sqrt(squares[0] / max(squares[1:]))) if squares[0] > 0 else float("nan")
+    squares = [np.vdot(p, p) for p in (fine, coarse)]
+    fine -= coarse
+    *squares, difference = sum_over(comm, [*squares, np.vdot(fine, fine)])
+    return float(np.sqrt(difference / max(squares))) if difference > 0 else float("nan")

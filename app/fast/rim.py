@@ -18,6 +18,7 @@ these: so fields are exchanged once, not in every step.
 from __future__ import annotations
 
 from functools import cache
+from math import prod
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,7 @@ from app.compiled import njit
 from app.halfspace.halo import Halo
 
 MAX_STEPS = 250  # kinds of cells are numbered in a byte
+_NOTHING = np.zeros(0, np.uint8)
 
 
 class _Cells(NamedTuple):
@@ -52,6 +54,8 @@ class RimExtension:
         Jacobi steps `k`; with none, `E` is the identity.
     periodic : bool
         Whether what leaves the patch on one side comes in on the other.
+    workspace : ndarray of uint8, optional
+        Storage that is at rest whenever this works.
 
     Attributes
     ----------
@@ -64,7 +68,7 @@ class RimExtension:
         If `steps` is negative or above 250, or there are too many cells for 32-bit indices.
     """
 
-    def __init__(self, shape, slabs, comm, steps=3, periodic=False):
+    def __init__(self, shape, slabs, comm, steps=3, periodic=False, workspace=None):
         rows, nx = shape
         if not 0 <= steps <= MAX_STEPS:
             raise ValueError(f"rim extension: {steps} steps; 0 to {MAX_STEPS} are possible")
@@ -77,9 +81,8 @@ class RimExtension:
         self._around, self._wrapped = periodic, periodic and alone  # in x; in y without help of others
         self._halo = None if alone else Halo(slabs, comm, steps, periodic)
         self._halo_of_contact = None if alone else Halo(slabs, comm, steps + 2, periodic)
-        self._spread = self._parts = (
-            None  # the first with the cells beside it; top strip, these rows, bottom strip
-        )
+        self._workspace = _NOTHING if workspace is None else workspace
+        self._parts = None  # top strip, these rows, bottom strip
         self.rows = np.zeros(rows, bool)
         self._weights = 0.0, 0.0, 0.0
 
@@ -112,15 +115,19 @@ class RimExtension:
             return
         before, after = self._halo_of_contact(mask) if self._halo_of_contact else (mask[:0], mask[:0])
         mask = np.vstack([before, mask, after]) if len(before) + len(after) else mask
-        if self._spread is None:
-            self._spread = np.zeros((len(mask) + 2, mask.shape[1] + 2), np.uint8)
-        kinds, inside = mask.astype(np.uint8), self._spread[1:-1, 1:-1]
-        inside[...] = mask
+        self._parts = None  # they are made anew
+        around = len(mask) + 2, mask.shape[1] + 2
+        spread, kinds, found = self._room(
+            (around, np.uint8), (mask.shape, np.uint8), (mask.size + 1, np.int32)
+        )
+        spread[...] = 0
+        inside = spread[1:-1, 1:-1]
+        kinds[...] = inside[...] = mask
         for _ in range(self.steps):
-            self._dilate(None, kinds)
+            self._dilate(spread, None, kinds)
         np.logical_not(mask, out=inside, casting="unsafe")
         for _ in range(2):
-            self._dilate(mask, kinds)
+            self._dilate(spread, mask, kinds)
         # In `kinds` free cells are 0, layer i is steps + 1 - i, contact steps + 1; beside the band two more, and one
         # behind those: they get -N_co s_o, and are zero while it is formed.
         first, k = len(before), self.steps
@@ -128,21 +135,35 @@ class RimExtension:
         here = kinds[first:last]
         top, bottom = kinds[max(first - k, 0) : first + k], kinds[max(last - k, 0) : last + k]
         self._parts = [
-            self._cells(top) if first else None,
-            self._cells(here),
-            self._cells(bottom) if len(after) else None,
+            self._cells(top, found) if first else None,
+            self._cells(here, found),
+            self._cells(bottom, found) if len(after) else None,
         ]
         np.any(here, axis=1, out=self.rows)
 
-    def _cells(self, kinds):
-        """List the cells of each kind. Not collective."""
+    def _cells(self, kinds, found):
+        """List the cells of each kind; `found` has room for all of them. Not collective."""
         deep = self.steps + 1
-        counts = np.zeros(deep + 3, np.int64)
-        cells = np.empty((deep + 3, kinds.size + 1), np.int32)  # only the pages in use become memory
-        _list(kinds, np.uint8(deep), cells, counts)
-        band, rim = range(self.steps, 0, -1), range(deep + 2, deep, -1)
-        lists = (np.concatenate([cells[kind, : counts[kind]] for kind in wanted]) for wanted in (band, rim))
-        return _Cells(next(lists), np.cumsum(counts[band]), next(lists), counts[deep + 2])
+        counts, places = np.zeros((2, deep + 3), np.int64)
+        number = _list(kinds, np.uint8(deep), found, counts)
+        order = [*range(self.steps, 0, -1), deep + 2, deep + 1]
+        ends = np.cumsum(counts[order])
+        places[order] = ends - counts[order]
+        cells = np.empty(number, np.int32)
+        _sort(kinds.reshape(-1), found[:number], cells, places)
+        sizes = ends[: self.steps]
+        return _Cells(cells[: sizes[-1]], sizes, cells[sizes[-1] :], counts[deep + 2])
+
+    def _room(self, *wanted):
+        """Arrays of some shapes and types, in the workspace as far as it goes; they hold anything. Not collective."""
+        found, start = [], 0
+        for shape, dtype in wanted:
+            cells = prod(shape) if isinstance(shape, tuple) else int(shape)
+            size = cells * np.dtype(dtype).itemsize
+            part = self._workspace[start : start + size]
+            found.append(part.view(dtype).reshape(shape) if part.size == size else np.empty(shape, dtype))
+            start += -(-size // 64) * 64
+        return found
 
     def extend(self, x):
         """Apply E in place. Collective.
@@ -161,14 +182,15 @@ class RimExtension:
         if not self.steps:
             return
         cells, strips = self._parts[1], self._strips(x)
+        [new] = self._room((cells.band.size, x.dtype))
         if not strips:
-            _extend(x, self._wrapped, self._around, cells.band, cells.sizes, self._weights)
+            _extend(x, self._wrapped, self._around, cells.band, cells.sizes, self._weights, new)
             return
         for layer, size in enumerate(cells.sizes):
             beside = self._beside(x, strips)
             for strip in strips:
-                strip.sweep(layer, None, self._around, self._weights)
-            _sweep(flat, *beside, cells.band[:size], np.zeros(size, x.dtype), self._weights)
+                strip.sweep(layer, new[:0], self._around, self._weights)
+            _sweep(flat, *beside, cells.band[:size], new[:0], self._weights, new)
 
     def restrict(self, x):
         """Apply E^T in place: to any field; on exit it is anything outside the contact set.
@@ -178,20 +200,21 @@ class RimExtension:
         if not self.steps:
             return
         flat, cells, strips = self._flat(x), self._parts[1], self._strips(x)
+        sizes = cells.inner.size, cells.band.size, max(cells.band.size, cells.rim)
+        inner, source, new = self._room(*((size, x.dtype) for size in sizes))
         if not strips:
-            _restrict(x, self._wrapped, self._around, *cells, self._weights)
+            _restrict(x, self._wrapped, self._around, *cells, self._weights, inner, source, new)
             return
-        inner = _take(flat, cells.inner)
-        _put(flat, cells.inner, np.zeros_like(inner))
+        _take_out(flat, cells.inner, inner)
         sources = [strip.begin() for strip in strips]
-        source = _take(flat, cells.band)
+        _take(flat, cells.band, source)
         for layer in range(self.steps - 2, -1, -1):
             beside = self._beside(x, strips)
             for strip, of_strip in zip(strips, sources, strict=True):
                 strip.sweep(layer, of_strip, self._around, self._weights)
-            _sweep(flat, *beside, cells.band[: cells.sizes[layer]], source, self._weights)
+            _sweep(flat, *beside, cells.band[: cells.sizes[layer]], source, self._weights, new)
         rim = cells.rim
-        _sweep(flat, *self._beside(x, strips), cells.inner[:rim], inner, self._weights)
+        _sweep(flat, *self._beside(x, strips), cells.inner[:rim], inner, self._weights, new)
         _put(flat, cells.inner[rim:], inner[rim:])
 
     def _flat(self, x):
@@ -199,9 +222,8 @@ class RimExtension:
             raise ValueError(f"rim extension: a C-contiguous field of shape {self.shape} is needed")
         return x.reshape(-1)
 
-    def _dilate(self, of, kinds):
-        """Let what is marked in ``_spread`` spread to the cells beside it, and count these. Not collective."""
-        spread = self._spread
+    def _dilate(self, spread, of, kinds):
+        """Let what is marked spread to the cells beside it, and count these. Not collective."""
         if self._around:
             spread[:, 0], spread[:, -1] = spread[:, -2], spread[:, 1]
         if self._wrapped:
@@ -241,14 +263,18 @@ class _Strip:
 
     def begin(self):
         """Take the contact cells beside the band out; return what is on the band."""
-        _put(self._flat, self._cells.inner, np.zeros(len(self._cells.inner), self.rows.dtype))
-        return _take(self._flat, self._cells.band)
+        inner, band = (
+            np.empty(len(cells), self.rows.dtype) for cells in (self._cells.inner, self._cells.band)
+        )
+        _take_out(self._flat, self._cells.inner, inner)
+        _take(self._flat, self._cells.band, band)
+        return band
 
     def sweep(self, layer, source, around, weights):
-        """Sweep over the band up to a layer, from a source or none."""
+        """Sweep over the band up to a layer, from a source or, if it is empty, none."""
         cells = self._cells.band[: self._cells.sizes[layer]]
-        source = np.zeros(len(cells), self.rows.dtype) if source is None else source
-        _sweep(self._flat, self._nothing, self._nothing, around, cells, source, weights)
+        new = np.empty(len(cells), self.rows.dtype)
+        _sweep(self._flat, self._nothing, self._nothing, around, cells, source, weights, new)
 
 
 @cache
@@ -307,7 +333,8 @@ def _special(kinds, deep, found):
 
 @njit()
 def _list(kinds, deep, cells, counts):
-    """List the cells of each kind but 0 and `deep`: ``cells[kind, : counts[kind]]``."""
+    """List the cells of all kinds but 0 and `deep` in order, count those of each kind; return how many there are."""
+    total = 0
     nx = kinds.shape[1]
     found = np.zeros(-(-nx // 8) * 8, np.uint8)
     words = found.view(np.uint64)
@@ -327,17 +354,33 @@ def _list(kinds, deep, cells, counts):
         first, outer = row * nx, row == 0 or row == kinds.shape[0] - 1
         for m in range(number):
             i = columns[m]
-            kind = kinds[row, i]
-            cells[kind, counts[kind]] = ~(first + i) if outer or i == 0 or i == nx - 1 else first + i
-            counts[kind] += 1
+            counts[kinds[row, i]] += 1
+            cells[total] = ~(first + i) if outer or i == 0 or i == nx - 1 else first + i
+            total += 1
+    return total
 
 
 @njit()
-def _take(x, cells):
-    values = np.empty(cells.size, x.dtype)
+def _sort(kinds, cells, out, places):
+    """Sort listed cells by their kinds; places[kind] says where the first of a kind goes, and is changed."""
+    for m in range(cells.size):
+        kind = kinds[max(cells[m], ~cells[m])]
+        out[places[kind]] = cells[m]
+        places[kind] += 1
+
+
+@njit()
+def _take(x, cells, values):
     for m in range(cells.size):
         values[m] = x[max(cells[m], ~cells[m])]
-    return values
+
+
+@njit()
+def _take_out(x, cells, values):
+    for m in range(cells.size):
+        j = max(cells[m], ~cells[m])
+        values[m] = x[j]
+        x[j] = 0
 
 
 @njit()
@@ -347,11 +390,10 @@ def _put(x, cells, values):
 
 
 @njit()
-def _sweep(x, above, below, periodic, cells, source, weights):
-    """x <- source - N x on the listed cells, all from the old values."""
+def _sweep(x, above, below, periodic, cells, source, weights, new):
+    """x <- source - N x on the listed cells, all from the old values, by way of `new`; an empty source is zero."""
     wx, wy, wd = weights
-    new = np.empty(cells.size, x.dtype)
-    nx = np.int64(above.size)
+    nx, some = np.int64(above.size), source.size > 0
     for m in range(cells.size):
         j = np.int64(cells[m])
         if j >= 0:
@@ -368,7 +410,7 @@ def _sweep(x, above, below, periodic, cells, source, weights):
             diagonal = (_value(x, above, below, row - 1, left) + _value(x, above, below, row - 1, right)) + (
                 _value(x, above, below, row + 1, left) + _value(x, above, below, row + 1, right)
             )
-        new[m] = source[m] - (wx * in_x + wy * in_y + wd * diagonal)
+        new[m] = (source[m] if some else x.dtype.type(0)) - (wx * in_x + wy * in_y + wd * diagonal)
     for m in range(cells.size):
         x[max(cells[m], ~cells[m])] = new[m]
 
@@ -387,25 +429,24 @@ def _value(x, above, below, row, i):
 
 
 @njit()
-def _extend(x, wrapped, periodic, band, sizes, weights):
+def _extend(x, wrapped, periodic, band, sizes, weights, new):
     """All steps in one call, where all rows are on one rank; likewise `_restrict`."""
     above, below = np.zeros(x.shape[1], x.dtype), np.zeros(x.shape[1], x.dtype)
-    nothing = np.zeros(band.size, x.dtype)
     for size in sizes:
         if wrapped:
             above[:], below[:] = x[-1], x[0]
-        _sweep(x.reshape(-1), above, below, periodic, band[:size], nothing[:size], weights)
+        _sweep(x.reshape(-1), above, below, periodic, band[:size], new[:0], weights, new)
 
 
 @njit()
-def _restrict(x, wrapped, periodic, band, sizes, inner, rim, weights):
+def _restrict(x, wrapped, periodic, band, sizes, inner, rim, weights, kept, source, new):
     above, below = np.zeros(x.shape[1], x.dtype), np.zeros(x.shape[1], x.dtype)
     flat = x.reshape(-1)
-    kept, source = _take(flat, inner), _take(flat, band)
-    _put(flat, inner, np.zeros(inner.size, x.dtype))
+    _take_out(flat, inner, kept)
+    _take(flat, band, source)
     for layer in range(sizes.size - 2, -2, -1):
         if wrapped:
             above[:], below[:] = x[-1], x[0]
         cells, of = (band[: sizes[layer]], source) if layer >= 0 else (inner[:rim], kept)
-        _sweep(flat, above, below, periodic, cells, of, weights)
+        _sweep(flat, above, below, periodic, cells, of, weights, new)
     _put(flat, inner[rim:], kept[rim:])

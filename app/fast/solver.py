@@ -13,11 +13,18 @@ from app.multigrid.linear_solver import LinearSolver
 class TrackingSolver(LinearSolver):
     """A `LinearSolver` whose KSP is TrackingCG; see there for the parameters.
 
+    Attributes
+    ----------
+    frugal : bool
+        Whether `rest` frees work arrays.
+
     Raises
     ------
     ValueError
         If the KSP is another one.
     """
+
+    frugal = False
 
     def __init__(self, hierarchy, level=-1, comm=None, prefix="", operator=None):
         super().__init__(hierarchy, level, comm, prefix, operator)
@@ -51,12 +58,23 @@ class TrackingSolver(LinearSolver):
         residual : float
             Its norm [mm].
         """
+        enough = self._enough(allowed)
+        if None not in (norm, enough) and norm <= enough:
+            return 0, "", norm
+        if self.frugal:
+            self.operator.forget_elsewhere()
         self.ksp.setInitialGuessNonzero(True)
         self._cg.displacement, self._cg.first_norm = state.u, norm
         iterations, failure = self._run(state.rhs, state.pressure, allowed)
+        self._cg.displacement = None  # not for longer than the state
         if iterations:
             state.u_is = Displacement.CARRIED
         return iterations, failure, self._cg.residual
+
+    def rest(self):
+        """Free what only the next contact set needs, if that is much: others need memory now. Collective."""
+        if self.frugal:
+            self._cg.rest()
 
     def tension(self, state):
         """Pressure that is negative, as a share of the sum of p; left in the direction, for `release`. Collective."""

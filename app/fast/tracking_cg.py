@@ -199,26 +199,43 @@ class TrackingCG(KspContext):
 
     displacement = first_norm = None
     residual = 0.0
-    _vecs = ()
+    _residual = _preconditioned = _r = _d = _lent = None
 
     def setUp(self, ksp):
         """Make the work arrays: z and q, never needed at the same time, are one; d is in the operator's precision."""
         mat = ksp.getOperators()[0]
         self._operator = operator = mat.getPythonContext()
         shape = operator.local_shape
-        self._r, self.work = np.zeros(shape), np.zeros(shape)  # at rest between solves
-        self._vecs = tuple(
-            PETSc.Vec().createWithArray(array.reshape(-1), comm=mat.getComm())
-            for array in (self._r, self.work)
-        )
-        self.product = self.work.reshape(-1).view(operator.dtype)[: self.work.size].reshape(shape)  # q = A d
-        self.direction = np.zeros(shape, operator.dtype)  # d
+        work, self._lent = operator.scratch_beside_product(np.float64, operator.dtype)
+        self.work = np.zeros(shape) if work is None else work  # at rest between solves
+        scratch = self.work.reshape(-1)
+        self._preconditioned = PETSc.Vec().createWithArray(scratch, comm=mat.getComm())
+        self.product = scratch.view(operator.dtype)[: scratch.size].reshape(shape)  # q = A d
         self._spans = np.zeros((shape[0], 2), np.int64)
         _warm_up(operator.dtype)
 
+    @property
+    def direction(self):
+        """d."""
+        if self._lent is not None:
+            return self._lent
+        if self._d is None:
+            self._d = np.zeros(self._operator.local_shape, self._operator.dtype)
+        return self._d
+
+    def rest(self):
+        """Free r and d until they are needed. Collective."""
+        if self._residual is not None:
+            self._residual.destroy()
+        self._residual = self._r = self._d = None
+
     def solve(self, ksp, b, x):
         """Improve x."""
-        operator, (residual, preconditioned) = self._operator, self._vecs
+        operator = self._operator
+        if self._r is None:
+            self._r = np.zeros(operator.local_shape)
+            self._residual = PETSc.Vec().createWithArray(self._r.reshape(-1), comm=operator.petsc_comm)
+        residual, preconditioned = self._residual, self._preconditioned
         contact, spans, u = operator.mask, self._spans, self.displacement
         pc, r, z, d, q = ksp.getPC(), self._r, self.work, self.direction, self.product
         u = np.empty((0, r.shape[1])) if u is None else u
@@ -252,7 +269,7 @@ class TrackingCG(KspContext):
         ksp.setConvergedReason(reason or PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
 
     def _first_residual(self, ksp, b, x):
-        u, (residual, product) = self.displacement, self._vecs
+        u, residual, product = self.displacement, self._residual, self._preconditioned
         if u is None:
             if ksp.getInitialGuessNonzero():
                 ksp.getOperators()[0].mult(x, product)
@@ -267,8 +284,10 @@ class TrackingCG(KspContext):
 
     def destroy(self, ksp):
         """Free the work vectors."""
-        for vec in self._vecs:
-            vec.destroy()
+        self.rest()
+        if self._preconditioned is not None:
+            self._preconditioned.destroy()
+        self._preconditioned = self._lent = self.work = self.product = None  # storage of others
 
     def view(self, ksp, viewer):
         """Describe the solver for -ksp_view."""

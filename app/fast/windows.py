@@ -23,6 +23,9 @@ from app.halfspace.reductions import sum_over
 from app.halfspace.window import Scatter, Window, bounding_boxes, whole
 from app.multigrid.transfer import Transfer
 
+_PRODUCT, _DONE, _GONE = range(
+    3
+)  # what ranks that have no part in a window hear: what is wanted of them, or is left
 _LEAST = 4  # cells of the coarser grid around contact
 _MOST = 0.85  # of the cells; a larger window is not worth its own spectra
 
@@ -53,7 +56,7 @@ class VerificationProduct:
     Attributes
     ----------
     u : ndarray or None
-        The last product, on all cells.
+        The last product, on all cells, if it is not forgotten.
     """
 
     count = 0  # its products are those of the target grid's operator
@@ -66,7 +69,7 @@ class VerificationProduct:
     def apply(self, p, u):
         """Compute u = A p in the window and everywhere else. Collective over the ranks of the window."""
         if self._alone:
-            self._target.comm.bcast(True)
+            self._target.comm.bcast(_PRODUCT)
         self.by_all(p, u)
 
     def help(self, shape):
@@ -74,24 +77,30 @@ class VerificationProduct:
         if not self._alone:
             return
         if self._inner.active:
-            self._target.comm.bcast(False)
+            self._target.comm.bcast(_GONE if self.u is None else _DONE)
             return
         nothing = np.empty(shape)
-        while self._target.comm.bcast(None):
+        while (wanted := self._target.comm.bcast(None)) == _PRODUCT:
             self.by_all(nothing, nothing)
+        if wanted == _GONE:
+            self.forget()
+
+    def forget(self):
+        """Free the last product: there will be another one. Not collective."""
+        self.u = None
 
     def by_all(self, p, u):
         """As `apply`, for ranks that have no part in the window, too. Collective over all ranks."""
         if self.u is None:
             self.u = np.empty(self._target.local_shape)
         self.u[...] = 0
-        self._scatter.reverse(p, self.u)
+        self._scatter.reverse(p, self.u, self._target.exact_product.working_storage)
         self._target.exact_displacement(self.u, self.u)
-        u[...] = self._scatter.forward(self.u)
+        self._sum = self._scatter.forward(self.u, u).sum()
 
     def follow(self, u):
         """Scale the last product as the window's u has been scaled since, to meet a load. Collective."""
-        before, after = sum_over(self._target.comm, [self._scatter.forward(self.u).sum(), u.sum()])
+        before, after = sum_over(self._target.comm, [self._sum, u.sum()])
         if before and after != before:
             self.u *= after / before
 
@@ -120,7 +129,9 @@ class Stage:
     ----------
     state : ContactState
     coarse : ContactState or CoarseSolution
-        As far as it is below `state`.
+        As far as it is below `state`; until `started`.
+    coarse_pressure : ndarray
+        Its pressure, from then on.
     transfer : Transfer
         Between these.
     """
@@ -198,6 +209,10 @@ class Stage:
         contact, *others = bounding_boxes(masks, state.operator.slabs, state.comm)
         return Boxes(contact, others[0] if others else predicted)
 
+    def started(self):
+        """Keep of the coarser grid what is asked for in the end: its pressure. Not collective."""
+        self.coarse_pressure, self._below, self.coarse = self.coarse.p, self.coarse.operator, None
+
     def verify_no_more(self):
         """Let the ranks outside of the window go on, or help them until they may. Collective."""
         if self._verification:
@@ -206,7 +221,7 @@ class Stage:
     def close(self):
         """Free what is of no use to a finer grid. Not collective."""
         if self.windowed:
-            for operator in (self.state.operator, self.coarse.operator):
+            for operator in (self.state.operator, self._below):
                 self._kept.close(operator)
 
     def everything(self, outcome):
@@ -228,12 +243,13 @@ class Stage:
             self._verification.by_all(inside.p, inside.u)
         self._verification.follow(inside.u)
         self._distance.move_to(inside.depth)
-        state = ContactState(level, self._distance, u=self._verification.u)
+        inside.distance.destroy()
+        inside.distance = inside.u = None  # room for the state of all cells
+        self.state = state = ContactState(level, self._distance, u=self._verification.u)
         with state.pressure as values:
             scatter.reverse(inside.p, values.reshape(state.u.shape))
         scatter.reverse(inside.contact, state.contact)
         inside.destroy()
-        inside.distance.destroy()
         if not outcome.converged:
             return state, True
         update = state.activate_penetrating()

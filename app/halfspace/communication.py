@@ -261,7 +261,7 @@ class Fetch:
             self._got.setdefault(0, []).append(slice(self.rows + a - first, self.rows + b - first))
         self.rows += max(last - first, 0)
 
-    def __call__(self, field):
+    def __call__(self, field, out=None):
         """Fetch rows of a field.
 
         Collective; only ranks that share something talk.
@@ -269,6 +269,8 @@ class Fetch:
         Parameters
         ----------
         field : ndarray, shape (local rows, columns)
+        out : ndarray, shape (rows wanted, columns), optional
+            Where they go, unless the field itself is returned.
 
         Returns
         -------
@@ -277,7 +279,7 @@ class Fetch:
         """
         if self.unchanged:
             return field
-        found = np.empty((self.rows, field.shape[1]), field.dtype)
+        found = np.empty((self.rows, field.shape[1]), field.dtype) if out is None else out
         parcels = [(rank, _packed(field, parts)) for rank, parts in self._sent.items()]
         requests = [self._comm.Isend(parcel, rank) for rank, parcel in parcels]
         for mine, place in zip(*self._own, strict=True):

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
+from app.halfspace.grid import runs
 from app.halfspace.halo import row_before
+
+_CELLS_AT_ONCE = 1 << 22  # counted together; each time there is a count for each set
 
 
 def connected_sets(cells, periodic=False, slabs=None, comm=None):
@@ -32,7 +35,9 @@ def connected_sets(cells, periodic=False, slabs=None, comm=None):
     """
     labels, count = ndimage.label(cells) if cells.size else (np.zeros(cells.shape, int), 0)
     counts = comm.allgather(count) if comm else [count]
-    labels = np.where(labels, labels.astype(np.int64) + sum(counts[: comm.rank if comm else 0]), 0)
+    if sum(counts) > np.iinfo(labels.dtype).max:
+        labels = labels.astype(np.int64)
+    np.add(labels, sum(counts[: comm.rank if comm else 0]), out=labels, where=labels > 0, casting="same_kind")
     before = row_before(labels, periodic, slabs, comm, 0)
     pairs = [np.stack([labels[0], before])] if len(labels) else []
     if periodic and len(labels):
@@ -51,6 +56,9 @@ def connected_sets(cells, periodic=False, slabs=None, comm=None):
 
     same = coo_array((np.ones(pairs.shape[1], bool), tuple(pairs)), shape=(parts, parts))
     sets, of = connected_components(same, directed=False)
-    labels = np.concatenate([[0], of + 1])[labels]
-    sizes = np.bincount(labels.ravel(), minlength=sets + 1)[1:]
+    joined, sizes = np.concatenate([[0], of + 1]).astype(labels.dtype), np.zeros(sets + 1, np.int64)
+    for rows in runs(*labels.shape, _CELLS_AT_ONCE):
+        labels[rows] = joined[labels[rows]]
+        sizes += np.bincount(labels[rows].ravel(), minlength=sets + 1)
+    sizes = sizes[1:]
     return labels, comm.allreduce(sizes) if comm else sizes

@@ -137,6 +137,15 @@ class Grid:
         return replace(self, nx=-(-self.nx // fx), ny=-(-self.ny // fy), dx=fx * self.dx, dy=fy * self.dy)
 
 
+def runs(rows, columns, cells=1 << 16):
+    """Yield slices of some rows together, of about so many cells: no copies of whole fields are needed so.
+
+    Not collective.
+    """
+    step = max(1, cells // max(columns, 1))
+    return (slice(start, min(start + step, rows)) for start in range(0, rows, step))
+
+
 class Slabs:
     """Which rows of a grid each rank owns. Every rank holds the same table; not collective.
 

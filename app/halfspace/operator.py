@@ -118,9 +118,38 @@ class InfluenceOperator:
     def storage(self):
         """A convolution whose working storage other transforms on this grid may use, if there is one already."""
         made = vars(self)
-        products = (made.get("product"), made.get("exact_product"))
+        products = (made.get("exact_product"), made.get("product"))  # the largest first
         here = next((product for product in products if isinstance(product, EvenMultiplier)), None)
-        return here or (self._workspace and self._workspace.storage)
+        return (self._workspace and self._workspace.storage) or here
+
+    def scratch_beside_product(self, *types):
+        """Fields to be worked on while no exact product is computed: in storage that this alone uses.
+
+        Collective when first asked for.
+
+        Parameters
+        ----------
+        *types : numpy types
+
+        Returns
+        -------
+        list of ndarray, shape `local_shape`, or None
+            One for each type; they hold anything. None where there is not enough storage any more.
+        """
+        exact, fields, spare = vars(self._workspace or self).get("exact_product"), [], np.zeros(0, np.uint8)
+        if isinstance(exact, EvenMultiplier) and isinstance(self.product, EvenMultiplier):
+            spare = exact.working_storage[self.product.working_storage.size :]
+        for dtype in types:
+            left = spare.size - int(np.prod(self.local_shape)) * np.dtype(dtype).itemsize
+            fields.append(spare[left:].view(dtype).reshape(self.local_shape) if left >= 0 else None)
+            spare = spare[:left] if left >= 0 else spare
+        return fields
+
+    def forget_elsewhere(self):
+        """Let an exact product on other cells, too, free what it has found there. Not collective."""
+        forget = getattr(vars(self).get("exact_product"), "forget", None)
+        if forget is not None:
+            forget()
 
     @cached_property
     def inverse_product(self):
@@ -190,6 +219,14 @@ class InfluenceOperator:
         self._forget_products()
         self._relaxation = None
         self.needs_verification = False
+
+    def free(self):
+        """Free all products and sweeps; what they computed stays counted. Not collective."""
+        self._spent = self.equivalent_products
+        for name in _PRODUCTS:
+            vars(self).pop(name, None)
+        self.circulants.clear()
+        self._relaxation = None
 
     def _forget_products(self):
         """Free preconditioners and all products but the exact one; what they computed stays counted."""

@@ -140,11 +140,17 @@ class Scatter:
         self._columns = slice(window.x0, window.x1)
         self._place = slice(first, first + self._reverse.rows), self._columns
 
-    def forward(self, field):
+    def forward(self, field, out=None):
         """Return a copy of the window's part of a field on the grid, shape (rows here, columns). Collective."""
-        part = self._forward(field[:, self._columns])
-        return part.copy() if self._forward.unchanged else part
+        part = self._forward(field[:, self._columns], out)
+        if out is None:
+            return part.copy() if self._forward.unchanged else part
+        if part is not out:
+            out[...] = part
+        return out
 
-    def reverse(self, part, field):
-        """Put a field on the window into one on the grid, in place. Collective."""
-        field[self._place] = self._reverse(part)
+    def reverse(self, part, field, storage=None):
+        """Put a field on the window into one on the grid, in place; `storage` is bytes for its way. Collective."""
+        rows, columns = self._reverse.rows, part.shape[1]
+        out = None if storage is None else storage[: rows * columns * part.itemsize].view(part.dtype)
+        field[self._place] = self._reverse(part, None if out is None else out.reshape(rows, columns))

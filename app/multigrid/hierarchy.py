@@ -95,7 +95,11 @@ class Hierarchy:
         sizes = [self.ranks.size, *map(self.ranks.number, grids[1 : len(grids) - direct]), *[1] * direct]
         self.levels, self.transfers = [], [None]
         for number, (level, size) in enumerate(zip(grids, sizes, strict=True)):
-            self.levels.insert(0, InfluenceOperator(level, compliance, *self.ranks.deal(level, size), dtype))
+            workspace = self.levels[-1] if number else None
+            slabs, few = self.ranks.deal(level, size)
+            self.levels.insert(
+                0, InfluenceOperator(level, compliance, slabs, few, dtype, workspace=workspace)
+            )
             if number:
                 fine, coarse = self.levels[1], self.levels[0]
                 self.transfers.insert(1, Transfer(fine, coarse, factors[number - 1], self.comm))
@@ -173,5 +177,7 @@ class Hierarchy:
         self._told[operator] = products
 
     def destroy(self):
-        """Free the communicators made for it. Collective."""
+        """Free its products, and the communicators made for it. Collective."""
+        for level in self.levels:
+            level.free()
         self.ranks.destroy()

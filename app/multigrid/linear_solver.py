@@ -134,14 +134,20 @@ class LinearSolver:
         iterations, failure = self._run(b, self._work, allowed)
         return self._work, iterations, failure
 
-    def _run(self, b, x, allowed):
+    def _enough(self, allowed):
+        """Norm of the residual that ends the KSP, by `allowed`; None if it may not be told."""
         if (
-            not self._own_atol
-            and self.ksp.getNormType() in _KRYLOV_RESIDUAL_IS_TRUE
-            and math.isfinite(allowed)
+            self._own_atol
+            or self.ksp.getNormType() not in _KRYLOV_RESIDUAL_IS_TRUE
+            or not math.isfinite(allowed)
         ):
-            # A hair below: what passes here must pass the same test on the recomputed residual.
-            self.ksp.setTolerances(atol=allowed * (1 - 1e-9))
+            return None
+        # A hair below: what passes here must pass the same test on the recomputed residual.
+        return allowed * (1 - 1e-9)
+
+    def _run(self, b, x, allowed):
+        if (enough := self._enough(allowed)) is not None:
+            self.ksp.setTolerances(atol=enough)
         self.ksp.solve(b, x)
         if self._view:
             self.ksp.viewFromOptions(self._view)

@@ -27,6 +27,7 @@ Datasets and attributes beyond the required ones are kept.
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -34,9 +35,11 @@ import h5py
 import numpy as np
 
 from app.errors import InputError, one_line
+from app.halfspace.grid import runs
 from app.memory import check_fits
 from app.output.files import check_output_path, publish, remove, temporary_name
 
+_CELLS_AT_ONCE = 1 << 20  # written together
 METADATA_BYTES = 1 << 16  # more than HDF5 needs for the names and layout of a few dozen datasets
 
 FIELDS = {
@@ -128,6 +131,18 @@ class Result:
     path: dict = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class ByRows:
+    """A field that is made some rows at a time, when they are written: ``values(slice) -> ndarray``."""
+
+    shape: tuple
+    dtype: np.dtype
+    values: Callable
+
+    def __getitem__(self, rows):
+        return self.values(rows)
+
+
 def write_result(path, comm, slabs, fields, x, y, attributes, history, units=None, steps=None):
     """Write a result file; it appears whole or not at all.
 
@@ -142,7 +157,7 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, units=Non
         More than one rank write by the MPI-IO driver, or in turn if h5py is built without it.
     slabs : app.halfspace.grid.Slabs
         Distribution of the rows; ranks may own none.
-    fields : mapping of str to array_like, shape (slabs.local, nx)
+    fields : mapping of str to array_like or ByRows, shape (slabs.local, nx)
         This rank's rows of all of `FIELDS`, and of any others to be stored.
     x, y : array_like, shapes (nx,) and (ny,), [mm]
         Cell centres of the whole grid.
@@ -250,7 +265,7 @@ def _plan(slabs, fields, x, y, attributes, history, units, steps):
             raise InputError(
                 f"history column {name}: shape {column.shape}, type {column.dtype}; level has {shape}"
             )
-    types = {name: np.dtype(FIELDS.get(name) or np.asarray(values).dtype) for name, values in fields.items()}
+    types = {name: np.dtype(FIELDS.get(name) or _rows_of(values).dtype) for name, values in fields.items()}
     for name, dtype in types.items():
         if dtype.kind not in "biuf":
             raise InputError(f"field {name}: {dtype} is not numeric")
@@ -265,18 +280,22 @@ def _plan(slabs, fields, x, y, attributes, history, units, steps):
 
 
 def _local_rows(comm, slabs, fields, plan):
-    """Return this rank's rows of every field in the type they have in the file."""
+    """Return this rank's rows of every field, of which the type in the file can be made."""
     if (slabs.size, slabs.rank) != (comm.size, comm.rank):
         raise InputError(f"slabs of rank {slabs.rank} of {slabs.size} on rank {comm.rank} of {comm.size}")
     if fields.keys() != plan["types"].keys():
         raise InputError(f"fields {sorted(fields)}, but rank 0 has {sorted(plan['types'])}")
-    rows = {name: np.asarray(fields[name]) for name in plan["types"]}
+    rows = {name: _rows_of(fields[name]) for name in plan["types"]}
     shape = slabs.local, plan["axes"]["x"].size
     for name, values in rows.items():
         if values.shape != shape:
             raise InputError(f"field {name}: shape {values.shape}, rows and columns of this rank are {shape}")
-        rows[name] = _cast(f"field {name}", values, plan["types"][name])
+        _cast(f"field {name}", values[:0], plan["types"][name])  # HDF5 does it, run by run
     return rows
+
+
+def _rows_of(field):
+    return field if isinstance(field, ByRows) else np.asarray(field)
 
 
 def _lay_out(path, plan):
@@ -324,9 +343,10 @@ def _write_rows(path, comm, slabs, rows):
 
     def write(**driver):
         with h5py.File(path, "r+", **driver) as file:
-            if slabs.local:
-                for name, values in rows.items():
-                    file[name][slabs.rows] = values
+            for name, values in rows.items():
+                for part in runs(*values.shape, _CELLS_AT_ONCE):
+                    start = slabs.rows.start
+                    file[name][start + part.start : start + part.stop] = values[part]
 
     if comm.size == 1:
         _together(comm, OSError, write)

@@ -128,7 +128,9 @@ class CarryingCG(KspContext):
         shape = operator.local_shape
         self.preconditioned = np.zeros(shape)
         self._z = PETSc.Vec().createWithArray(self.preconditioned.reshape(-1), comm=mat.getComm())
-        self.direction, self.product = np.zeros(shape, operator.dtype), np.zeros(shape, operator.dtype)
+        self.direction = np.zeros(shape, operator.dtype)
+        [lent] = operator.influence.scratch_beside_product(operator.dtype)
+        self.product = np.zeros(shape, operator.dtype) if lent is None else lent
         _warm_up(operator.dtype)
 
     def solve(self, ksp, b, x):

@@ -54,7 +54,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
             state.start_from_interpenetration()
             return state, Outcome(True, NO_CONTACT)
         state.destroy()
-    coarse, outcome, difference, numbers = None, None, float("nan"), []
+    coarse, coarse_pressure, outcome, difference, numbers = None, None, None, float("nan"), []
     stops = route(hierarchy, distances, loading, nested) if nested and start is None else [last]
     for number, following in pairs(stops):
         level, target = hierarchy.levels[number], number == last
@@ -76,6 +76,10 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
         else:
             primal.mean_pressure = coarse.mean_pressure
             hierarchy.transfers[number].interpolate(coarse.w, primal.w)
+            coarse_pressure = coarse.state.p
+            coarse.state.destroy()
+            coarse.destroy()
+            coarse = None
         if level.active:
             outcome = _solve_on(
                 hierarchy, number, primal, solver, stop if target else stop.for_coarse_grid(), history
@@ -86,11 +90,8 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
                 numbers.append(primal.numbers())
         facts = outcome, primal.mean_pressure, numbers
         outcome, primal.mean_pressure, numbers = tell(hierarchy, following, state, loading, *facts)
-        if coarse is not None:
-            if target:
-                difference = _difference(comm, hierarchy.transfers[number], coarse.state.p, state)
-            coarse.state.destroy()
-            coarse.destroy()
+        if target and coarse_pressure is not None:
+            difference = _difference(comm, hierarchy.transfers[number], coarse_pressure, state)
         coarse = primal
     primal.destroy()
     errors = UNKNOWN

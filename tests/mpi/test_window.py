@@ -10,6 +10,7 @@ from mpi4py import MPI
 from running import assert_solves_lcp, solve
 
 from app import ContactProblem
+from app.fast import kept
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.influence import Material
 from app.halfspace.window import Scatter, Window, bounding_box
@@ -29,14 +30,20 @@ def test_fields_and_masks_get_in_and_out_again_whatever_the_slabs(comm):
             inner = Slabs(y1 - y0, comm.size, comm.rank, block)
             scatter = Scatter(Window(y0, y1, x0, x1), outer, inner, comm)
             for field in (numbers, numbers % 3 == 0):
-                part = scatter.forward(field[outer.rows])
+                part, again = (
+                    scatter.forward(field[outer.rows]),
+                    np.empty((inner.local, x1 - x0), field.dtype),
+                )
                 np.testing.assert_array_equal(part, field[y0:y1, x0:x1][inner.rows])
                 assert part.dtype == field.dtype
-                back = np.zeros_like(field)[outer.rows]
-                scatter.reverse(part, back)
+                assert scatter.forward(field[outer.rows], again) is again
+                np.testing.assert_array_equal(again, part)
                 expected = np.zeros_like(field)
                 expected[y0:y1, x0:x1] = field[y0:y1, x0:x1]
-                np.testing.assert_array_equal(back, expected[outer.rows])
+                for storage in (None, np.empty(8 * field.size, np.uint8)):
+                    back = np.zeros_like(field)[outer.rows]
+                    scatter.reverse(part, back, storage)
+                    np.testing.assert_array_equal(back, expected[outer.rows])
 
 
 @each_number_of_ranks
@@ -46,6 +53,23 @@ def test_bounding_box_is_the_same_on_all_ranks_and_holds_every_cell(comm):
     assert bounding_box(mask[slabs.rows], slabs, comm) is None
     mask[4, 2] = mask[17, 5] = True
     assert bounding_box(mask[slabs.rows], slabs, comm) == Window(4, 18, 2, 6)
+
+
+@pytest.mark.mpi(1, 2, 3)
+@pytest.mark.parametrize("load", [80.0, 40000.0])  # windows on one rank, and on all two
+def test_memory_that_is_let_go_changes_nothing(comm, load):
+    """As on large grids: work arrays go before the exact product, what it has found when it was not the last."""
+    grid, solutions = Grid.from_domain(200, 200, (-1.0, 1.0, -1.0, 1.0)), []
+    wavy = ContactProblem(
+        grid, Material(80000.0, 0.3), lambda x, y: (x**2 + y**2) / 2 + 1e-3 * np.cos(40 * x) * np.cos(31 * y)
+    )
+    for largest in (kept.LARGEST, 0):
+        with mock.patch.object(kept, "LARGEST", largest):
+            solutions.append(solve(wavy, None, "fast", load, comm))
+    for field in ("pressure", "displacement", "contact"):
+        one, other = (getattr(solution, field) for solution in solutions)
+        np.testing.assert_array_equal(one, other)
+    assert len({solution.operator_applications for solution in solutions}) == 1
 
 
 def spiked(n):

@@ -248,6 +248,11 @@ class EvenMultiplier:
         return other
 
     @property
+    def working_storage(self):
+        """What a product works on, as bytes: for others while it is at rest."""
+        return self._transformed.view(np.uint8)
+
+    @property
     def memory(self):
         """Bytes held on this rank."""
         arrays = (
