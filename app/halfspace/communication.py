@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
 
+from app.errors import InputError
 from app.halfspace.grid import Slabs
 from app.petsc import log_messages, log_reduction
 
@@ -22,7 +24,7 @@ _CELLS_INSIDE = 8192
 _CELLS_PER_SECOND = (
     4e8  # a step waits for some 12 messages, and does 1e-9 s of work for a cell and a logarithm
 )
-_TRIALS = 5
+_TRIALS, _TRIAL_SECONDS = 6, 0.005  # at most; so long together, but for the first, which opens connections
 
 
 @dataclass
@@ -68,6 +70,44 @@ class Communicator(MPI.Intracomm):
     def plain(self):
         """Return it as others know it, who ask for the type. Not collective."""
         return MPI.Intracomm(self)
+
+    @cached_property
+    def machine(self):
+        """Communicator of the ranks on this machine. Collective when first asked for."""
+        return self.plain().Split_type(MPI.COMM_TYPE_SHARED)
+
+    @cached_property
+    def near(self):
+        """How many ranks are on the machine of rank 0, up to the first that is not. Collective when first asked for."""
+        if self.machine.size == self.size:
+            return self.size
+        ours, here = self.Get_group(), self.machine.Get_group()
+        [place] = MPI.Group.Translate_ranks(ours, [0], here)
+        ours.Free()
+        here.Free()
+        return self.allgather(place != MPI.UNDEFINED).index(False)
+
+    @cached_property
+    def latency(self):
+        """Seconds that a reduction takes between machines, about. Collective when first asked for, and the same there.
+
+        0 on one machine, which is not measured, so that runs can be repeated.
+        """
+        if self.near == self.size:
+            return 0.0
+        last, slowest, found = np.zeros(1), np.zeros(1), []
+        while len(found) < _TRIALS and sum(found[1:]) < _TRIAL_SECONDS:
+            started = time.perf_counter()
+            self.Allreduce(last, slowest, MPI.MAX)
+            last[0] = time.perf_counter() - started
+            found += [float(slowest[0])][: bool(slowest[0])]  # of the trial before
+        return min(found)
+
+    def Free(self):
+        """Free it, and what was made of it. Collective."""
+        if "machine" in vars(self):
+            self.machine.Free()
+        super().Free()
 
     def first(self, size):
         """Return a communicator of the first `size` ranks. Collective over these."""
@@ -132,12 +172,13 @@ class Ranks:
     def __init__(self, comm, cells=0):
         self.comm = comm if isinstance(comm, Communicator) else Communicator(comm)
         self.size, self.rank = comm.size, comm.rank
+        self.near = 1 if cells else self.comm.near
         self.cells = cells or _worth_a_rank(self.comm)
         self._made = {}
 
     def number(self, grid):
         """How many ranks a grid is worth, see `worth`. Not collective."""
-        return worth(grid, self.size, self.cells)
+        return worth(grid, self.size, self.cells, self.near)
 
     def deal(self, grid, size=None):
         """Deal the rows of a grid to the first `size` ranks. Collective over these, when it is their first grid.
@@ -173,13 +214,32 @@ class Ranks:
             self._made.pop(size).Free()
 
 
-def worth(grid, size, cells):
-    """How many of `size` ranks a grid is worth: all, or a power of two. Not collective.
+def worth(grid, size, cells, near=1):
+    """How many of `size` ranks a grid is worth: all, those of the first machine, or a power of two. Not collective.
 
-    Each has so many cells at least, and a row. Coarser grids, and windows, are never worth more.
+    Each has so many cells at least, and a row; of the first `near` ranks, which are on one machine, `_CELLS_INSIDE`.
+    Coarser grids, and windows, are never worth more.
     """
     most = min(grid.n // cells, grid.ny)
-    return size if most >= size else 1 << (max(most, 1).bit_length() - 1)
+    if most >= size:
+        return size
+    inside = min(grid.n // _CELLS_INSIDE, grid.ny)
+    return max(_power_of_two(most), near if inside >= near else _power_of_two(inside))
+
+
+def _power_of_two(most):
+    return 1 << (max(most, 1).bit_length() - 1)
+
+
+def worth_solving(grid, comm, cells=0):
+    """How many ranks should solve on a target grid: all, or the first machine's, if it is not worth another.
+
+    Collective over `comm`, a `Communicator`. All if `cells` per rank are asked for.
+    """
+    near = comm.size if cells else comm.near
+    return (
+        comm.size if near == comm.size or worth(grid, comm.size, _worth_a_rank(comm), near) > near else near
+    )
 
 
 def aligned(ny, size, least=1):
@@ -194,21 +254,59 @@ def aligned(ny, size, least=1):
 
 
 def _worth_a_rank(comm):
-    """Cells from which on a rank pays. Collective; one machine is not measured, so that runs can be repeated."""
-    if comm.size == 1:
-        return _CELLS_INSIDE
-    inside = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    alone = inside.size == comm.size
-    inside.Free()
-    if alone:
-        return _CELLS_INSIDE
-    times, number = [], np.zeros(1)
-    for _ in range(_TRIALS):
-        started = time.perf_counter()
-        comm.Allreduce(number.copy(), number, MPI.MAX)
-        times.append(time.perf_counter() - started)
-    latency = comm.allreduce(min(times), MPI.MAX)
-    return max(_CELLS_INSIDE, 1 << round(np.log2(_CELLS_PER_SECOND * latency)))
+    """Cells from which on a rank pays that is on any machine. Collective when first asked for."""
+    return max(_CELLS_INSIDE, 1 << round(np.log2(max(_CELLS_PER_SECOND * comm.latency, 1.0))))
+
+
+class Team:
+    """The first ranks, that share the grids of a problem, and the others, who wait to be told what is found.
+
+    Collective.
+
+    Parameters
+    ----------
+    everybody : Communicator
+    size : int
+
+    Attributes
+    ----------
+    comm : Communicator or None
+        Of the first ranks; None on the others.
+    """
+
+    def __init__(self, everybody, size):
+        self.everybody, self.comm = everybody, everybody
+        if size < everybody.size:
+            self.comm = everybody.first(size) if everybody.rank < size else None
+
+    def told(self, function, *arguments, summary=lambda result: result):
+        """Let the first ranks call a function; the others get a summary of what rank 0 got.
+
+        Collective; `function` over the first ranks.
+
+        Raises
+        ------
+        InputError
+            On all ranks, if it does.
+        """
+        if self.comm is self.everybody:
+            return function(*arguments)
+        result = told = refused = None
+        if self.comm is not None:
+            try:
+                result = function(*arguments)
+                told = summary(result)
+            except InputError as error:
+                refused = error
+        told, why = self.everybody.bcast((told, refused and str(refused)))
+        if why is not None:
+            raise refused or InputError(why)
+        return told if self.comm is None else result
+
+    def destroy(self):
+        """Free what was made here. Collective."""
+        if self.comm is not None and self.comm is not self.everybody:
+            self.comm.Free()
 
 
 class Fetch:

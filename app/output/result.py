@@ -328,8 +328,8 @@ def _write_rows(path, comm, slabs, rows):
                 for name, values in rows.items():
                     file[name][slabs.rows] = values
 
-    if comm.size == 1:
-        _together(comm, OSError, write)
+    if np.count_nonzero(slabs.counts) == 1:
+        _together(comm, OSError, lambda: write() if slabs.local else None)
     elif h5py.get_config().mpi:
         _together(comm, OSError, lambda: write(driver="mpio", comm=comm))
     else:

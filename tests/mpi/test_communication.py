@@ -7,12 +7,14 @@ from mpi4py import MPI
 from running import solve
 
 from app import ContactSolver
+from app.errors import InputError
 from app.halfspace.communication import Communicator, Fetch, Ranks
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Grid, Slabs
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.multigrid.pcmg import options_set
+from app.output.result import read_result
 from app.petsc import _counter
 
 
@@ -159,3 +161,39 @@ def test_windows_of_grids_that_some_ranks_have_no_part_in(comm, cells):
     assert here.iterations == alone.iterations
     pressure = np.vstack(comm.allgather(here.pressure))
     np.testing.assert_allclose(pressure, alone.pressure, rtol=0, atol=1e-4 * alone.max_pressure)
+
+
+@pytest.fixture
+def machines_apart(monkeypatch):
+    """Rank 0 is alone on its machine, a second away from all others."""
+    monkeypatch.setattr(Communicator, "near", 1)
+    monkeypatch.setattr(Communicator, "latency", 1.0)
+
+
+@pytest.mark.mpi(2, 3)
+def test_a_grid_not_worth_a_second_machine_is_solved_on_the_first(comm, machines_apart, tmp_path):
+    """With the answer of one rank, told to all; what is refused is refused on all."""
+    alone = solve(hertz(32), APPROACH, "fast", comm=MPI.COMM_SELF)
+    with ContactSolver(hertz(32), "fast") as solver:
+        assert (solver.hierarchy is None) == (comm.rank > 0)
+        here = solver.solve(approach=APPROACH)
+        solver.solve(approach=APPROACH, start=here)
+        [step] = solver.path(load=[here.load], stiffness=True)
+        stiffness = solver.stiffness(step)
+        for refused in ({"load": -1}, {"approach": 1, "load": 1}):
+            with pytest.raises(InputError):
+                solver.solve(**refused)
+    with pytest.raises(InputError, match="ksp_typo"):
+        ContactSolver(hertz(32), "fast", {"ksp_typo": 1})
+    counts = {"messages", "message_bytes", "all_to_alls", "small_collectives", "ranks"}
+    same = set(alone.attributes) - counts - {"solve_seconds", "setup_seconds"}
+    assert {name: str(here.attributes[name]) for name in same} == {
+        name: str(alone.attributes[name]) for name in same
+    }
+    assert here.slabs.counts == (32, *[0] * (comm.size - 1))
+    assert here.gap.shape == (here.slabs.local, 32)
+    assert comm.allgather(stiffness) == [stiffness] * comm.size
+    assert stiffness > 0
+    here.save(tmp_path / "result.h5")
+    if comm.rank == 0:
+        np.testing.assert_array_equal(read_result(tmp_path / "result.h5").pressure, alone.pressure)
