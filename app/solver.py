@@ -195,9 +195,9 @@ class ContactSolver:
         for distance in self._distances:
             self._resources.remove(distance)
         self._distances.clear()
-        for level in hierarchy.levels:
-            self._distances.append(UndeformedDistance(level, shapes.pop(0), reference, comm))
-            self._resources.add(self._distances[-1])
+        self._distances += UndeformedDistance.on_levels(hierarchy.levels, shapes, reference, comm)
+        for distance in self._distances:
+            self._resources.add(distance)
         self._roughness = measures.measure_roughness(hierarchy.target, self._distances[-1], target)
 
     def _digits_lost(self):

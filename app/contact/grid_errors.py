@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.halfspace.reductions import minimum_over, sum_over
+from app.halfspace.reductions import sums_and_minima
 
 
 class GridNumbers(NamedTuple):
@@ -63,11 +63,11 @@ def numbers_on(state, comm, load=None, depth=None):
     Collective over `comm`, all ranks that want to know.
     """
     grid = state.operator.grid
-    total, cells = sum_over(comm, [state.p.sum(), np.count_nonzero(state.contact)])
-    highest = -minimum_over(comm, [-state.p.max(initial=0.0)])[0]
+    sums = state.p.sum(), np.count_nonzero(state.contact)
+    (total, cells), (lowest,) = sums_and_minima(comm, sums, [-state.p.max(initial=0.0)])
     load = grid.cell_area * float(total) if load is None else load
     return GridNumbers(
-        load, state.depth if depth is None else depth, float(highest), float(cells) * grid.cell_area
+        load, state.depth if depth is None else depth, -float(lowest), float(cells) * grid.cell_area
     )
 
 

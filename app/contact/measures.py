@@ -15,7 +15,7 @@ from app.contact import kernels
 from app.halfspace.halo import row_before
 from app.halfspace.periodic import frequencies
 from app.halfspace.product import PeriodicProduct
-from app.halfspace.reductions import any_order, sum_over
+from app.halfspace.reductions import any_order, sum_over, sums_and_minima
 
 # Cells that a boundary crosses count as contact too often: by so much of a cell for each face on it, on average over
 # directions (Yastrebov, Anciaux, Molinari, Tribol. Int. 114 (2017) 161).
@@ -54,7 +54,7 @@ def measure_contact(state):
     -------
     ContactMeasures
     """
-    grid, distance, slabs, load = state.grid, state.distance, state.operator.slabs, state.load
+    grid, distance, slabs = state.grid, state.distance, state.operator.slabs
     _, total, _ = kernels.gap_on(distance.b, state.u, state.admissible, state.admissible)
     in_x, in_y = _faces(
         state.contact,
@@ -63,11 +63,15 @@ def measure_contact(state):
     )
     if slabs.local and slabs.rows.stop == grid.ny and not grid.periodic:
         in_y += np.count_nonzero(state.contact[-1])
-    total, cells, in_x, in_y = state.sum([total, np.count_nonzero(state.contact), in_x, in_y])
+    sums = total, np.count_nonzero(state.contact), in_x, in_y, state.p.sum()
+    (total, cells, in_x, in_y, load), (lowest,) = sums_and_minima(
+        state.comm, sums, [-state.p.max(initial=0.0)]
+    )
+    load = grid.cell_area * float(load)
     admissible = distance.statistics.cells
     return ContactMeasures(
         load=load,
-        max_pressure=-float(state.minimum([-state.p.max(initial=0.0)])[0]),
+        max_pressure=-float(lowest),
         mean_pressure=load / grid.area,
         mean_gap=float(total / admissible),
         contact_cells=int(cells),

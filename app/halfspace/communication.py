@@ -324,7 +324,7 @@ class Fetch:
     """
 
     def __init__(self, have, want, comm=None):
-        self._comm = comm if comm is not None and comm.size > 1 else None
+        self._comm, self.have = comm if comm is not None and comm.size > 1 else None, have
         ranks = 1 if self._comm is None else comm.size
         rank = have.rank if self._comm is not None else 0
         starts, ends = have.bounds(ranks)

@@ -11,6 +11,7 @@ from app.errors import InputError
 from app.halfspace.communication import Communicator, Fetch, Ranks
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Grid, Slabs
+from app.halfspace.reductions import sums_and_minima
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.multigrid.pcmg import options_set
@@ -197,3 +198,16 @@ def test_a_grid_not_worth_a_second_machine_is_solved_on_the_first(comm, machines
     here.save(tmp_path / "result.h5")
     if comm.rank == 0:
         np.testing.assert_array_equal(read_result(tmp_path / "result.h5").pressure, alone.pressure)
+
+
+@pytest.mark.mpi(1, 2, 3)
+def test_sums_and_minima_by_one_reduction(comm):
+    counted = Communicator(comm)
+    for size in (0, 1, 5):  # of either
+        ours = np.arange(size) + 10.0 * comm.rank
+        sums, lowest = sums_and_minima(counted, ours, -ours)
+        np.testing.assert_array_equal(
+            sums, np.sum([np.arange(size) + 10 * r for r in range(comm.size)], axis=0)
+        )
+        np.testing.assert_array_equal(lowest, -(np.arange(size) + 10 * (comm.size - 1)))
+    assert counted.traffic.small_collectives == 3

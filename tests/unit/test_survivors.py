@@ -67,7 +67,7 @@ class Norms:
     def norm(self):
         return self._whole
 
-    def h_on_contact(self):
+    def on_contact(self):
         return self._inside, 1
 
 
