@@ -195,8 +195,7 @@ class Ranks:
     def slabs(self, grid, size=None):
         """Those of `deal`. Not collective."""
         size = size or self.number(grid)
-        least = 4 if grid.periodic else 1  # cells of the coarse grid of `app.primal.two_grid` are on one rank
-        return Slabs(grid.ny, size, self.rank, aligned(grid.ny, size, least))
+        return Slabs(grid.ny, size, self.rank, aligned(grid.ny, size))
 
     def first(self, size):
         """Communicator of the first ranks; None if this is the only one, or none of them. Collective over these."""
@@ -242,12 +241,12 @@ def worth_solving(grid, comm, cells=0):
     )
 
 
-def aligned(ny, size, least=1):
+def aligned(ny, size):
     """Rows that slabs should start at multiples of: the largest power of two that costs next to no balance.
 
     Not collective. Slabs of a grid and of the next coarser one then mostly fit.
     """
-    block = least
+    block = 1
     while 32 * block * size <= ny:
         block *= 2
     return block
