@@ -221,6 +221,7 @@ class Solution:
             "solve_seconds": self.solve_seconds,
             "setup_seconds": self.setup_seconds,
             "ranks": self.comm.size,
+            "solving_ranks": int(np.count_nonzero(self.slabs.counts)),
             **vars(self.traffic),
             "version": __version__,
         }

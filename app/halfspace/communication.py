@@ -24,6 +24,8 @@ _CELLS_INSIDE = 8192
 _CELLS_PER_SECOND = (
     4e8  # a step waits for some 12 messages, and does 1e-9 s of work for a cell and a logarithm
 )
+_PER_BYTE = 16 / 4e-8  # bytes sent for a cell in a product with all around it, over the seconds to compute it
+_TRIAL_BYTES = 1 << 18  # that a rank sends, but a page to each other one at least
 _TRIALS, _TRIAL_SECONDS = 6, 0.005  # at most; so long together, but for the first, which opens connections
 
 
@@ -103,6 +105,20 @@ class Communicator(MPI.Intracomm):
             found += [float(slowest[0])][: bool(slowest[0])]  # of the trial before
         return min(found)
 
+    @cached_property
+    def byte_seconds(self):
+        """Seconds for a byte that a rank sends, while all send to all. Collective when first asked for."""
+        part = max(_TRIAL_BYTES // self.size, 4096)
+        counts, times = np.full(self.size, part), []
+        sent, got = np.zeros((2, part * self.size), np.uint8)
+        for _ in range(_TRIALS):
+            started = time.perf_counter()
+            self.Alltoallv([sent, counts], [got, counts])
+            times.append(time.perf_counter() - started)
+        slowest = np.empty(_TRIALS)
+        self.Allreduce(np.array(times), slowest, MPI.MAX)
+        return max(slowest.min() - self.latency, 0.0) / sent.size
+
     def Free(self):
         """Free it, and what was made of it. Collective."""
         if "machine" in vars(self):
@@ -172,13 +188,13 @@ class Ranks:
     def __init__(self, comm, cells=0):
         self.comm = comm if isinstance(comm, Communicator) else Communicator(comm)
         self.size, self.rank = comm.size, comm.rank
-        self.near = 1 if cells else self.comm.near
+        self.near, self.least = (1, 0) if cells else (self.comm.near, _worth_a_machine(self.comm))
         self.cells = cells or _worth_a_rank(self.comm)
         self._made = {}
 
     def number(self, grid):
         """How many ranks a grid is worth, see `worth`. Not collective."""
-        return worth(grid, self.size, self.cells, self.near)
+        return worth(grid, self.size, self.cells, self.near, self.least)
 
     def deal(self, grid, size=None):
         """Deal the rows of a grid to the first `size` ranks. Collective over these, when it is their first grid.
@@ -213,17 +229,17 @@ class Ranks:
             self._made.pop(size).Free()
 
 
-def worth(grid, size, cells, near=1):
+def worth(grid, size, cells, near=1, least=0):
     """How many of `size` ranks a grid is worth: all, those of the first machine, or a power of two. Not collective.
 
     Each has so many cells at least, and a row; of the first `near` ranks, which are on one machine, `_CELLS_INSIDE`.
-    Coarser grids, and windows, are never worth more.
+    More of them, on several machines, are more than `least`. Coarser grids, and windows, are never worth more.
     """
-    most = min(grid.n // cells, grid.ny)
-    if most >= size:
-        return size
-    inside = min(grid.n // _CELLS_INSIDE, grid.ny)
-    return max(_power_of_two(most), near if inside >= near else _power_of_two(inside))
+    most, inside = (min(grid.n // each, grid.ny) for each in (cells, _CELLS_INSIDE))
+    number = size if most >= size else _power_of_two(most)
+    if number > max(near, least):
+        return number
+    return near if inside >= near else _power_of_two(inside)
 
 
 def _power_of_two(most):
@@ -236,9 +252,13 @@ def worth_solving(grid, comm, cells=0):
     Collective over `comm`, a `Communicator`. All if `cells` per rank are asked for.
     """
     near = comm.size if cells else comm.near
-    return (
-        comm.size if near == comm.size or worth(grid, comm.size, _worth_a_rank(comm), near) > near else near
-    )
+    if near < comm.size:
+        known = grid, comm.size, _worth_a_rank(comm), near
+        if (
+            worth(*known) <= near or worth(*known, _worth_a_machine(comm)) <= near
+        ):  # asked last, as it takes longest
+            return near
+    return comm.size
 
 
 def aligned(ny, size):
@@ -255,6 +275,14 @@ def aligned(ny, size):
 def _worth_a_rank(comm):
     """Cells from which on a rank pays that is on any machine. Collective when first asked for."""
     return max(_CELLS_INSIDE, 1 << round(np.log2(max(_CELLS_PER_SECOND * comm.latency, 1.0))))
+
+
+def _worth_a_machine(comm):
+    """Ranks from which on more machines pay: it takes less to send what they share than it saves to compute it.
+
+    Collective when first asked for. With b seconds for a byte and c to compute a cell, 16 b / P < c (1 / near - 1 / P).
+    """
+    return 0 if comm.near == comm.size else comm.near * (1 + _PER_BYTE * comm.byte_seconds)
 
 
 class Team:

@@ -186,11 +186,12 @@ def test_a_grid_not_worth_a_second_machine_is_solved_on_the_first(comm, machines
                 solver.solve(**refused)
     with pytest.raises(InputError, match="ksp_typo"):
         ContactSolver(hertz(32), "fast", {"ksp_typo": 1})
-    counts = {"messages", "message_bytes", "all_to_alls", "small_collectives", "ranks"}
+    counts = {"messages", "message_bytes", "all_to_alls", "small_collectives", "ranks", "solving_ranks"}
     same = set(alone.attributes) - counts - {"solve_seconds", "setup_seconds"}
     assert {name: str(here.attributes[name]) for name in same} == {
         name: str(alone.attributes[name]) for name in same
     }
+    assert (here.attributes["solving_ranks"], here.attributes["ranks"]) == (1, comm.size)
     assert here.slabs.counts == (32, *[0] * (comm.size - 1))
     assert here.gap.shape == (here.slabs.local, 32)
     assert comm.allgather(stiffness) == [stiffness] * comm.size
