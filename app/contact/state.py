@@ -25,6 +25,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.contact import kernels
+from app.halfspace.operator import vec_of
 from app.halfspace.reductions import any_nonzero, minimum_over, sum_over, sums_and_minima
 from app.halfspace.window import box_here, box_of, whole
 
@@ -54,9 +55,7 @@ class Update:
         return replace(self, added=first.added + self.added, released=first.released + self.released)
 
 
-_ROUND_OFF = (
-    1e-10  # how near, relatively, the mean gap of a periodic patch comes to zero before contact is full
-)
+_ROUND_OFF = 1e-10  # how near, relatively, the mean gap of a periodic patch comes to zero before full contact
 
 
 class Displacement(IntEnum):
@@ -143,7 +142,7 @@ class UndeformedDistance:
         """Keep -h in memory that stays when the Vec is gone: solutions refer to it."""
         self.b = b.view()
         self.b.flags.writeable = False
-        self.rhs = PETSc.Vec().createWithArray(b.reshape(-1), comm=operator.petsc_comm)
+        self.rhs = vec_of(b, operator)
 
     def h_at(self, depth):
         """Return h at a depth, shape (rows, nx) [mm]; NaN in inadmissible cells. Not collective."""
@@ -219,7 +218,7 @@ class ContactState:
         self.operator, self.grid, self.comm = operator, operator.grid, operator.comm
         self.distance, self.admissible = distance, distance.admissible
         self._p = np.zeros(operator.local_shape)
-        self.pressure = PETSc.Vec().createWithArray(self._p.reshape(-1), comm=operator.petsc_comm)
+        self.pressure = vec_of(self._p, operator)
         self.u = np.zeros(operator.local_shape) if u is None else u
         self.u_is = Displacement.EXACT
         self._released = np.zeros(operator.local_shape, bool)

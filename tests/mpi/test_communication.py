@@ -17,6 +17,8 @@ from app.multigrid.linear_solver import LinearSolver
 from app.multigrid.pcmg import options_set
 from app.output.result import read_result
 from app.petsc import _counter
+from benchmarks.replay import Replay, record
+from benchmarks.replay import hertz as recorded_problem
 
 
 @pytest.mark.mpi(1, 2, 3, 5)
@@ -212,3 +214,20 @@ def test_sums_and_minima_by_one_reduction(comm):
         )
         np.testing.assert_array_equal(lowest, -(np.arange(size) + 10 * (comm.size - 1)))
     assert counted.traffic.small_collectives == 3
+
+
+@pytest.mark.mpi(2, 3)
+def test_a_replay_sends_what_ranks_send(comm):
+    """From a record of two ranks that share all grids, for any number of ranks and cells on a rank."""
+    first_two = comm.Split(comm.rank < 2, comm.rank)
+    recorded = comm.bcast(record(160, first_two) if comm.rank < 2 else None)
+    first_two.Free()
+    problem, approach = recorded_problem(160)
+    for cells in (512, 4000):
+        with ContactSolver(problem, "fast", {"lcp_cells_per_rank": cells}, comm) as solver:
+            real = solver.solve(approach=approach).traffic
+        replayed = Replay(recorded, comm.size, cells=cells).traffic
+        assert (replayed.messages, replayed.all_to_alls) == (real.messages, real.all_to_alls)
+        assert replayed.message_bytes == pytest.approx(real.message_bytes, rel=0.02)
+        # The loading is compared before, and the rest told after, a solve counts.
+        assert replayed.small_collectives == real.small_collectives + 2
