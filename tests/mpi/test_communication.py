@@ -114,7 +114,7 @@ def test_a_solve_talks_as_often_as_the_model_says(comm, problem, monkeypatch):
     if comm.rank == 0:
         assert logged == traffic.messages  # as -log_view tells
         assert traffic.all_to_alls == 2 * shared[0] + shared[1]
-    assert traffic.small_collectives <= 2 * steps + 5 * sets + 10 * levels + 20
+    assert traffic.small_collectives <= 2 * steps + 3 * sets + 6 * levels + 10
     assert first.attributes["all_to_alls"] == traffic.all_to_alls > 0
 
 
