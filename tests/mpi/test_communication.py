@@ -231,3 +231,14 @@ def test_a_replay_sends_what_ranks_send(comm):
         assert replayed.message_bytes == pytest.approx(real.message_bytes, rel=0.02)
         # The loading is compared before, and the rest told after, a solve counts.
         assert replayed.small_collectives == real.small_collectives + 2
+
+
+@pytest.mark.mpi(3)
+def test_all_ranks_of_the_first_machine_share_it(comm, machines_apart, monkeypatch):
+    monkeypatch.setattr(Communicator, "near", 2)
+    here = solve(punch(32), None, "fast", load=1e4)
+    assert here.slabs.counts == (16, 16, 0)
+    alone = solve(punch(32), None, "fast", load=1e4, comm=MPI.COMM_SELF)
+    assert here.iterations == alone.iterations
+    pressure = np.vstack(comm.allgather(here.pressure))
+    np.testing.assert_allclose(pressure, alone.pressure, rtol=0, atol=1e-5 * alone.max_pressure)
