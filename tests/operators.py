@@ -7,7 +7,7 @@ import numpy as np
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.influence import Material, dense_matrix, influence_quadrant
 from app.halfspace.periodic import influence_symbol
-from app.halfspace.product import Convolution, PeriodicProduct
+from app.halfspace.product import BoxProduct, Convolution, PeriodicProduct
 
 STEEL = Material(82000.0, 0.28).compliance
 GRIDS = {
@@ -49,10 +49,15 @@ def matrix_of(grid):
     return dense_matrix(grid, STEEL)
 
 
+BOXED = Grid(230, 190, 0.2, 0.25)  # large enough for a product in a box
+
+
 def make_convolution(comm, grid, block=1, dtype=np.float64):
     if grid.periodic:
         symbol = partial(influence_symbol, grid, STEEL)
         return PeriodicProduct(symbol, grid.shape, slabs_of(comm, grid, block), comm, dtype)
+    if grid == BOXED:
+        return BoxProduct(grid, STEEL, slabs_of(comm, grid, block), comm, dtype)
     quadrant = partial(influence_quadrant, grid, STEEL)
     return Convolution(quadrant, grid.shape, slabs_of(comm, grid, block), comm, dtype)
 

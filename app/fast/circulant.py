@@ -134,8 +134,9 @@ class Circulant:
     with the 3 x 3 centre of B (see `extension`).
 
     Options: ``-pc_circulant_extend k`` (default 0: E = 1), ``-pc_circulant_margin m``: period of B over the extent of
-    the patch, less 1, at least (default 0). Without a margin contact at one edge of the patch feels that at the other,
-    as it should on a periodic patch, which takes no margin.
+    the patch, less 1, at least (default 0). Without a margin contact at one edge of the patch is the neighbour of that
+    at the other, as it should be on a periodic patch, which has none. Some cells between them are enough, and a
+    window around contact has none to be kept apart.
     """
 
     operator = None
@@ -151,11 +152,7 @@ class Circulant:
         if not 0 <= margin <= 1:
             raise ValueError(f"-pc_circulant_margin {margin:g}: allowed: 0 to 1")
         periodic = bool(operator.grid.periodic)
-        if margin and periodic:
-            raise ValueError(
-                f"-pc_circulant_margin {margin:g}: allowed on a periodic patch, which has no rim: 0"
-            )
-        self.multiplier = circulant_of(operator, margin)
+        self.multiplier = circulant_of(operator, 0.0 if operator.is_window else margin)
         self.extension = None
         if steps:
             self.extension = RimExtension(

@@ -266,11 +266,23 @@ def influence_quadrant(grid, compliance, rows=slice(None), columns=None):
     """
     if grid.periodic:
         return quadrant_rows(grid, compliance)(rows, columns)
-    offsets = np.arange(grid.ny)[rows]
-    quadrant = np.empty((len(offsets), grid.nx if columns is None else columns))
+    return _coefficients(grid, compliance, np.arange(grid.ny)[rows], grid.nx if columns is None else columns)
+
+
+def influence_at(grid, rows, columns):
+    """Influence coefficients for unit compliance at any offsets, shape (rows, columns) [mm2]. Not collective.
+
+    `rows`, `columns`: arrays of numbers of cells, 0 or more.
+    """
+    return _coefficients(grid, 1.0, rows, int(columns.max()) + 1)[:, columns]
+
+
+def _coefficients(grid, compliance, rows, columns):
+    """At offsets `rows`, and 0 .. columns-1."""
+    quadrant = np.empty((len(rows), columns))
     sides, squares, series = _taylor_series(grid.dx, grid.dy)
     scales = float(compliance * max(grid.dx, grid.dy)), float(compliance * min(grid.dx, grid.dy))
-    _fill(quadrant, offsets, sides, squares, series, *scales)
+    _fill(quadrant, rows, sides, squares, series, *scales)
     return quadrant
 
 

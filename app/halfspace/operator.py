@@ -20,7 +20,7 @@ from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Slabs
 from app.halfspace.influence import dense_matrix, influence_quadrant, quadrant_rows
 from app.halfspace.periodic import influence_symbol
-from app.halfspace.product import Convolution, DenseProduct, NoRows, PeriodicProduct
+from app.halfspace.product import BoxProduct, Convolution, DenseProduct, NoRows, PeriodicProduct
 from app.halfspace.reductions import sum_over
 
 _FORWARD, _BACKWARD = 1 | 4, 2 | 8  # MatSORType: the "local" kinds mean the same here, see `SOR`
@@ -54,6 +54,8 @@ class InfluenceOperator:
     ----------
     active : bool
         Whether this rank is one of those that share the rows.
+    is_window : bool
+        Whether the grid is a part of a larger one, around contact.
     mask : ndarray of bool, shape (local rows, nx)
         The contact set C. Change it in place and then call `mask_changed`.
     contact_number : int
@@ -82,7 +84,7 @@ class InfluenceOperator:
         self.mask = np.zeros(self.local_shape, bool)
         self.products = self.sweeps = 0
         self._spent = 0.0  # products of objects that are gone
-        self.contact_number = 0
+        self.contact_number, self.is_window = 0, False
         self._energy = None, None  # of a contact set, by its number
         self._relaxation = None
 
@@ -103,7 +105,7 @@ class InfluenceOperator:
         if not self.needs_verification:
             return self.exact_product
         exact = vars(self).get("exact_product")
-        if isinstance(exact, EvenMultiplier):
+        if type(exact) is self._kind(self.dtype):
             return exact.in_precision(self.dtype)
         return self._convolution(self.dtype)
 
@@ -135,10 +137,19 @@ class InfluenceOperator:
             return float(self.exact_product.centre()[1, 1])
         return float(influence_quadrant(self.grid, self.compliance, slice(0, 1), 1)[0, 0])
 
-    def _convolution(self, dtype):
+    def _kind(self, dtype):
+        dtype = np.dtype(dtype)
         if self.grid.periodic:
+            return PeriodicProduct
+        return BoxProduct if BoxProduct.suits(self.grid, dtype) else Convolution
+
+    def _convolution(self, dtype):
+        kind = self._kind(dtype)
+        if kind is PeriodicProduct:
             symbol = partial(influence_symbol, self.grid, self.compliance)
             return PeriodicProduct(symbol, self.grid.shape, self.slabs, self.comm, dtype, self.storage)
+        if kind is BoxProduct:
+            return BoxProduct(self.grid, self.compliance, self.slabs, self.comm, dtype, self.storage)
         quadrant = partial(influence_quadrant, self.grid, self.compliance)
         return Convolution(quadrant, self.grid.shape, self.slabs, self.comm, dtype, self.storage)
 

@@ -2,16 +2,31 @@
 
 ``u[j, i] = sum_{j', i'} K[|j - j'|, |i - i'|] p[j', i']`` on an ny x nx grid is a periodic convolution on an
 ``Ny x Nx`` grid, ``N >= 2 n - 1``, of p padded with zeros: see `app.halfspace.fft.multiplier`. On a periodic patch it
-is one on the grid itself.
+is one on the grid itself. On grids that are not small it is one on a box only a quarter larger than the patch; what the
+images of the patch add there is smooth, and taken off by `app.halfspace.images`.
 """
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from mpi4py import MPI
 
-from app.halfspace.fft.lengths import transform_length
+from app.halfspace.fft.lengths import quick_length, transform_length
 from app.halfspace.fft.multiplier import EvenMultiplier
+from app.halfspace.images import Box, Rest
+from app.halfspace.influence import influence_at
+
+_SINGLE, _DOUBLE = np.dtype(np.float32), np.dtype(np.float64)
+# Of boxes:
+_LEAST = {_SINGLE: 320, _DOUBLE: 640}  # cells of the patch in both directions; smaller ones are padded
+_MARGIN = 0.2  # of the patch is added to it, at least
+_NODES = {
+    _SINGLE: (6, 10),
+    _DOUBLE: (14, 32),
+}  # around a cell, and steps to the nearest image: leave rounding only
+_STRETCHED = 3.0  # ratio of their sides, at most
 
 
 class Convolution(EvenMultiplier):
@@ -32,6 +47,64 @@ class Convolution(EvenMultiplier):
         super().__init__(shape, (transform_length(ny), transform_length(nx)), slabs, comm, dtype, workspace)
         self.set_kernel(quadrant_rows, ny, nx)
         self.scale_spectrum(lambda spectrum: spectrum)
+
+
+class BoxProduct(EvenMultiplier):
+    """As `Convolution`, the sum (2.6), in a periodic box a little larger than the patch, less what the images add.
+
+    Collective over `comm`.
+
+    Parameters
+    ----------
+    grid : Grid
+    compliance : float
+        [mm2/N].
+    slabs, comm, dtype, workspace
+        See `EvenMultiplier`.
+    """
+
+    def __init__(self, grid, compliance, slabs=None, comm=None, dtype=np.float64, workspace=None):
+        super().__init__(grid.shape, self.periods_of(grid), slabs, comm, dtype, workspace)
+        self._box, self._compliance = Box(grid, self.periods, partial(influence_at, grid)), compliance
+        rows, columns = (period // 2 + 1 for period in self.periods)
+        self.set_kernel(self._kernel, rows, columns)
+        self.scale_spectrum(lambda spectrum: spectrum)
+        self._make_rest()
+
+    @classmethod
+    def periods_of(cls, grid):
+        """Cells of the box in y and x. Not collective."""
+        return tuple(quick_length(int(np.ceil((1 + _MARGIN) * n))) for n in grid.shape)
+
+    @classmethod
+    def suits(cls, grid, dtype):
+        """Whether it is quicker than a `Convolution`. Not collective."""
+        sides = [n * d for n, d in zip(cls.periods_of(grid), (grid.dy, grid.dx), strict=True)]
+        return min(grid.shape) >= _LEAST[dtype] and max(sides) <= _STRETCHED * min(sides)
+
+    def _kernel(self, rows):
+        ny, nx = self.periods
+        offsets = np.arange(ny // 2 + 1)[rows]
+        return self._compliance * self._box.kernel(offsets, np.arange(nx // 2 + 1))
+
+    def _make_rest(self):
+        grid, (width, fine) = self._box.grid, _NODES[self.dtype]
+        free = [period - n for period, n in zip(self.periods, grid.shape, strict=True)]
+        nearest = min(free[0] * grid.dy, free[1] * grid.dx) / fine
+        steps = [max(1, int(nearest / d)) for d in (grid.dy, grid.dx)]
+        self._rest = Rest(self._box, self._compliance, steps, width, self.slabs, self.comm, self.dtype)
+
+    def in_precision(self, dtype):
+        """See `EvenMultiplier.in_precision`."""
+        other = super().in_precision(dtype)
+        other._box, other._compliance = self._box, self._compliance
+        other._make_rest()
+        return other
+
+    @property
+    def memory(self):
+        """Bytes held on this rank."""
+        return super().memory + self._rest.memory
 
 
 class PeriodicProduct(EvenMultiplier):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from operators import (
+    BOXED,
     DOUBLE,
     GRIDS,
     PERIODIC,
@@ -89,6 +90,21 @@ def test_product_is_that_of_the_dense_matrix(comm, grid, block):
 @each_grid
 def test_single_precision(comm, grid):
     assert_product(comm, grid, dtype=np.float32, tolerance=SINGLE)
+
+
+@pytest.mark.mpi(1, 2, 3)
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_product_in_a_box(comm, dtype):
+    """That of one rank, and on any rank count to rounding."""
+    slabs, tolerance = slabs_of(comm, BOXED), {np.float64: 2 * DOUBLE, np.float32: 2 * SINGLE}[dtype]
+    p, mask = random_field(BOXED, 5), random_mask(BOXED, 5)
+    padded = InfluenceOperator(BOXED, STEEL)
+    product = make_convolution(comm, BOXED, dtype=dtype)
+    for contact in (None, mask):
+        u, expected = np.empty((slabs.local, BOXED.nx), dtype), np.empty(BOXED.shape)
+        padded.product.apply(p, expected, contact)
+        product.apply(p[slabs.rows].astype(dtype), u, None if contact is None else contact[slabs.rows])
+        assert_close(comm, u, (expected[slabs.rows], expected), tolerance)
 
 
 @pytest.mark.mpi(2, 3)

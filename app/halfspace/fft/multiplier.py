@@ -145,6 +145,8 @@ class EvenMultiplier:
         Products computed so far.
     """
 
+    _rest = None  # what is added to the multiplication, if anything: `app.halfspace.images.Rest`
+
     def __init__(self, shape, periods, slabs=None, comm=None, dtype=np.float64, workspace=None):
         self.shape, self.periods = shape, periods
         self.slabs = slabs or Slabs(shape[0])
@@ -318,11 +320,15 @@ class EvenMultiplier:
             The rows that are not zero in p and wanted in `out`; the others may hold anything afterwards.
         """
         self.count += 1
+        if self._rest is not None:
+            self._rest.multiply(p, mask)
         self._rows_forward(p, mask, rows)
         done = 0
         for group in self._groups:
             done = self._columns_of(group, done)
         self._rows_backward(out, mask, rows)
+        if self._rest is not None:
+            self._rest.add(out, mask)
 
     def _rows_forward(self, p, mask, rows):
         for i in range(0, len(p), _ROWS_AT_ONCE):

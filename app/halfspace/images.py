@@ -1,0 +1,253 @@
+"""What the images of a patch add to its product, if it is continued periodically: smooth, so known from few cells.
+
+A patch in a periodic box that is a little larger feels its images, too. With G the influence coefficients of the box,
+those of a cell and all its images less their mean, the matrix of the free patch is ``A = G + S``, and G is a product by
+FFT on the box, which has a third of the points of a zero-padded one. S is minus the influence of the images, which are
+no nearer than the box is larger: a polynomial between two cells says it. So ``S = P S' P^T``: pressures are collected
+in nodes many cells apart (P^T), so that interpolation (P) from the nodes finds for each cell what they displace it by.
+
+``F``, the influence of all images but the cell itself, less the mean, is a sum over a lattice (Ewald) in few points,
+and a polynomial between them. Then ``G = K + F`` and ``S = -F`` up to half the box, and beyond ``S = K - G`` by
+what G repeats.
+"""
+
+from __future__ import annotations
+
+from functools import cache, lru_cache
+
+import numpy as np
+import scipy.fft
+from mpi4py import MPI
+from numpy.polynomial import chebyshev, legendre
+from scipy.special import erf, erfc
+
+from app.compiled import njit
+from app.halfspace.reductions import any_order
+
+_RANGE = 6.2  # erfc(6.2) is nothing
+_TERMS = 16  # even Chebyshev polynomials for a square
+_REACH = 0.52  # of a period, to either side: half a cell more than half of it
+
+
+class Box:
+    """The periodic box of a patch.
+
+    Parameters
+    ----------
+    grid : Grid
+        The patch.
+    periods : (int, int)
+        Of the box in y and x, in cells.
+    influence : callable
+        ``influence(rows, columns)``: coefficients K at offsets that are arrays of numbers of cells, for unit
+        compliance.
+    """
+
+    def __init__(self, grid, periods, influence):
+        self.grid, self.periods, self.influence = grid, periods, influence
+
+    def kernel(self, rows, columns):
+        """G at offsets of up to half a period, shape (rows, columns), for unit compliance. Not collective."""
+        return self.influence(rows, columns) + self._images(rows, columns)
+
+    def _images(self, rows, columns):
+        """F, likewise."""
+        (ny, nx), grid = self.periods, self.grid
+        aspect = ny * grid.dy / (nx * grid.dx)
+        terms = _lattice_sum(aspect)
+        of_y, of_x = (
+            _cell_means(offsets, n, count)
+            for offsets, n, count in zip((rows, columns), self.periods, terms.shape, strict=True)
+        )
+        return of_y @ terms @ of_x.T * (grid.dy / nx)
+
+    def rest(self, steps, counts):
+        """S at `counts` multiples of `steps` cells in y and x, for unit compliance. Not collective."""
+        offsets = [step * np.arange(count) for step, count in zip(steps, counts, strict=True)]
+        back = [np.minimum(d, n - d) for d, n in zip(offsets, self.periods, strict=True)]
+        rest = self.influence(*offsets) - self.influence(*back) - self._images(*back)
+        near = (offsets[0] == back[0])[:, None] & (offsets[1] == back[1])
+        return np.where(near, -self._images(*back), rest)
+
+
+@lru_cache(maxsize=64)
+def _lattice_sum(aspect):
+    """Coefficients [y, x] of even Chebyshev polynomials for the sum of 1/rho over a lattice, less origin and mean.
+
+    The lattice has steps 1 in x and `aspect` in y; the polynomials are for `_REACH` of these.
+    """
+    counts = [int(np.ceil(_TERMS * max(1.0, ratio))) for ratio in (aspect, 1 / aspect)]
+    nodes = [np.cos(np.pi * (np.arange(n) + 0.5) / (2 * n)) for n in counts]
+    y, x = np.meshgrid(aspect * _REACH * nodes[0], _REACH * nodes[1], indexing="ij")
+    alpha = np.sqrt(np.pi / aspect)
+    total = np.full(x.shape, -2 * np.sqrt(np.pi) / (alpha * aspect))
+    reach = _RANGE / alpha + 0.5
+    in_y, in_x = int(reach / aspect + 1), int(reach + 1)
+    for j in range(-in_y, in_y + 1):
+        for i in range(-in_x, in_x + 1):
+            rho = np.hypot(x + i, y + aspect * j)
+            total += erfc(alpha * rho) / rho if i or j else -erf(alpha * rho) / rho
+    waves = alpha * _RANGE / np.pi
+    in_y, in_x = int(waves * aspect) + 1, int(waves) + 1
+    for j in range(-in_y, in_y + 1):
+        for i in range(-in_x, in_x + 1):
+            if i or j:
+                q = 2 * np.pi * np.hypot(i, j / aspect)
+                cosines = np.cos(2 * np.pi * i * x) * np.cos(2 * np.pi * j * y / aspect)
+                total += 2 * np.pi / aspect * erfc(q / (2 * alpha)) / q * cosines
+    in_y, in_x = (
+        chebyshev.chebvander(t, 2 * n - 2)[:, ::2].T * np.where(np.arange(n) > 0, 2.0, 1.0)[:, None] / n
+        for t, n in zip(nodes, counts, strict=True)
+    )
+    return in_y @ total @ in_x.T
+
+
+def _cell_means(offsets, period, count):
+    """Means of the even Chebyshev polynomials over cells at some offsets, in `_REACH` of a period."""
+    nodes, weights = legendre.leggauss(4)
+    at = (offsets[:, None] + nodes / 2) / (_REACH * period)
+    return np.einsum("jgt,g->jt", chebyshev.chebvander(at, 2 * count - 2)[..., ::2], weights / 2)
+
+
+# ------------------------------------------------------------------------------------------- S on few cells
+
+
+@any_order
+def _add_row(a, scale, b):
+    for i in range(a.size):
+        a[i] += scale * b[i]
+
+
+@any_order
+def _copy_row(a, out):
+    for i in range(a.size):
+        out[i] = a[i]
+
+
+@any_order
+def _copy_inside(a, inside, out):
+    for i in range(a.size):
+        out[i] = a[i] if inside[i] else 0
+
+
+@any_order
+def _add_inside(a, inside, out):
+    for i in range(a.size):
+        out[i] += a[i] if inside[i] else 0
+
+
+@njit()
+def _collect(p, mask, first, weights, nodes):
+    """nodes += P^T p in y, for rows from `first` on; on C if there is a mask."""
+    step, width = weights.shape
+    row = np.empty(p.shape[1], nodes.dtype)
+    for j in range(p.shape[0]):
+        if mask is None:
+            _copy_row(p[j], row)
+        else:
+            _copy_inside(p[j], mask[j], row)
+        cell, place = divmod(first + j, step)
+        for k in range(width):
+            _add_row(nodes[cell + k, : row.size], weights[place, k], row)
+
+
+@njit()
+def _spread(nodes, first, weights, mask, out):
+    """out += P nodes in y, for rows from `first` on; on C if there is a mask."""
+    step, width = weights.shape
+    row = np.empty(out.shape[1], nodes.dtype)
+    for j in range(out.shape[0]):
+        row[:] = 0
+        cell, place = divmod(first + j, step)
+        for k in range(width):
+            _add_row(row, weights[place, k], nodes[cell + k, : row.size])
+        if mask is None:
+            _add_row(out[j], row.dtype.type(1), row)
+        else:
+            _add_inside(row, mask[j], out[j])
+
+
+def _weights(step, width, dtype):
+    """Of the `width` nodes around a cell, for the cells between two of them, shape (step, width)."""
+    nodes = np.arange(width) - (width // 2 - 1.0)
+    at = np.arange(step)[:, None] / step
+    others = [np.delete(nodes, k) for k in range(width)]
+    return np.stack(
+        [np.prod((at - rest) / (node - rest), axis=1) for node, rest in zip(nodes, others, strict=True)], axis=1
+    ).astype(dtype)  # fmt: skip
+
+
+class Rest:
+    """S on the rows of a rank. Collective over `comm`.
+
+    Parameters
+    ----------
+    box : Box
+    compliance : float
+        [mm2/N].
+    steps : (int, int)
+        Cells from node to node, in y and x.
+    width : int
+        Nodes, in each direction, between which a cell is interpolated.
+    slabs, comm, dtype
+        See `EvenMultiplier`.
+    """
+
+    def __init__(self, box, compliance, steps, width, slabs, comm, dtype):
+        self._comm = comm
+        ny, nx = box.grid.shape
+        self._counts = tuple((n - 1) // step + width for n, step in zip((ny, nx), steps, strict=True))
+        self._cells = self._counts[1] - width + 1
+        self._in_y, self._in_x = (_weights(step, width, dtype) for step in steps)
+        kernel = compliance * box.rest(steps, self._counts)
+        self._lengths = [scipy.fft.next_fast_len(2 * count - 1, real=True) for count in self._counts]
+        offsets = [np.minimum(np.arange(n), n - np.arange(n)) for n in self._lengths]
+        inside = np.ix_(*(np.minimum(d, count - 1) for d, count in zip(offsets, self._counts, strict=True)))
+        self._spectrum = scipy.fft.rfft2(kernel[inside]).real.astype(dtype)
+        first, last = (slabs.rows.start, slabs.rows.stop) if slabs.local else (0, 0)
+        self._first = first // steps[0]
+        rows = (last - 1) // steps[0] + width - self._first if slabs.local else 0
+        self._origin = first - self._first * steps[0]  # of the rows, from the first of the nodes' cells on
+        self._nodes = np.zeros((rows, self._cells * steps[1]), dtype)  # whole cells of nodes in x
+        _warm_up(np.dtype(dtype))
+
+    @property
+    def memory(self):
+        """Bytes held on this rank."""
+        return self._nodes.nbytes + self._spectrum.nbytes
+
+    def multiply(self, p, mask=None):
+        """Compute S p, on C if there is a mask, for `add`. Collective."""
+        rows, (_, width) = len(self._nodes), self._in_x.shape
+        self._nodes[...] = 0
+        _collect(p, mask, self._origin, self._in_y, self._nodes)
+        of_cells = self._nodes.reshape(rows, self._cells, -1) @ self._in_x
+        nodes = np.zeros(self._counts, self._nodes.dtype)
+        mine = nodes[self._first : self._first + rows]
+        for k in range(width):
+            mine[:, k : k + self._cells] += of_cells[:, :, k]
+        if self._comm is not None:
+            self._comm.Allreduce(MPI.IN_PLACE, nodes)
+        waves = scipy.fft.rfft2(nodes, self._lengths)
+        waves *= self._spectrum
+        nodes = scipy.fft.irfft2(waves, self._lengths)[self._first : self._first + rows, : self._counts[1]]
+        around = np.lib.stride_tricks.sliding_window_view(nodes, width, axis=1)
+        np.matmul(around, self._in_x.T, out=self._nodes.reshape(rows, self._cells, -1))
+
+    def add(self, out, mask=None):
+        """Add it to a field, on C if there is a mask. Not collective."""
+        _spread(self._nodes, self._origin, self._in_y, mask, out)
+
+
+@cache
+def _warm_up(dtype):
+    """Compile the loops, or read them from the cache, now and not in the first product."""
+    field, weights = np.zeros((0, 0)), np.zeros((1, 1), dtype)
+    mask, fixed = field.astype(bool), field.view()
+    fixed.flags.writeable = False
+    nodes = np.zeros((0, 0), dtype)
+    for inside in (None, mask):
+        for real in {field.dtype: field, dtype: field.astype(dtype)}.values():
+            _collect(real, inside, 0, weights, nodes)
+            _spread(nodes, 0, weights, inside, real)
+        _collect(fixed, inside, 0, weights, nodes)
