@@ -45,9 +45,7 @@ from app.petsc import _counter
 from app.problems.shapes import Paraboloid
 from benchmarks.measure import ROOT, publish
 
-SECONDS = (
-    1.6e-9  # per cell, application and logarithm of Hertz's problem at 1024 x 1024 on one core, all counted
-)
+SECONDS = 2.5e-9  # per point of a quarter of a transform and logarithm, all of a solve: Hertz 1024 x 1024 on one core
 SAMPLE = 64  # ranks whose messages to neighbours are looked at, spread evenly
 COLLECTIVES = "Allreduce", "allreduce", "allgather", "bcast"
 ALL = "all"
@@ -169,7 +167,9 @@ def recording():
             wrap(
                 Communicator,
                 name,
-                before=lambda comm, *_, **__: events.append(("sum", getattr(comm, "key", ALL))),
+                before=lambda comm, *sent, **_: events.append(
+                    ("sum", getattr(comm, "key", ALL), size_of(sent))
+                ),
             )
         wrap(EvenMultiplier, "apply", before=multiplied)
         wrap(EvenMultiplier, "set_kernel", before=set_kernel)
@@ -177,6 +177,11 @@ def recording():
         for name in ("apply", "help"):  # ranks outside of the window are called, and let go
             wrap(VerificationProduct, name, before=lambda v, *_: events.append(("told", v._inner.key, ALL)))
         yield events
+
+
+def size_of(sent):
+    """Bytes of the arrays of a collective; what is small counts as nothing."""
+    return max((part.nbytes for part in sent if isinstance(part, np.ndarray)), default=0)
 
 
 def recipe_of(holder, arguments, named):
@@ -303,17 +308,18 @@ class Replay:
         """How many ranks share a grid."""
         return self.sharing if key == ALL else self._slabs(key).size
 
-    def _tree(self, size):
+    def _tree(self, size, nbytes=0):
         """Seconds of a reduction or broadcast."""
         here = min(size, self._network.ranks)
         steps = np.ceil(np.log2([here, -(-size // here)]))
-        return float(steps @ (INSIDE.latency, self._network.latency))
+        costs = [near.latency + nbytes * here / near.rate for near in (INSIDE, self._network)]
+        return float(steps @ costs)
 
-    def _sum(self, key):
+    def _sum(self, key, nbytes=0):
         size = self.size(key)
         if size > 1:
             self.traffic.small_collectives += 1
-            self.talking += self._tree(size)
+            self.talking += self._tree(size, nbytes)
 
     def _petsc(self, key, number):
         """Reductions by which PETSc makes vectors and matrices."""

@@ -24,7 +24,7 @@ _CELLS_INSIDE = 8192
 _CELLS_PER_SECOND = (
     4e8  # a step waits for some 12 messages, and does 1e-9 s of work for a cell and a logarithm
 )
-_PER_BYTE = 16 / 4e-8  # bytes sent for a cell in a product with all around it, over the seconds to compute it
+_BYTES_PER_SECOND = 5e8  # sent in a solve for a second that a core computes, as replayed (docs/scaling.md)
 _TRIAL_BYTES = 1 << 18  # that a rank sends, but a page to each other one at least
 _TRIALS, _TRIAL_SECONDS = 6, 0.005  # at most; so long together, but for the first, which opens connections
 
@@ -280,9 +280,9 @@ def _worth_a_rank(comm):
 def _worth_a_machine(comm):
     """Ranks from which on more machines pay: it takes less to send what they share than it saves to compute it.
 
-    Collective when first asked for. With b seconds for a byte and c to compute a cell, 16 b / P < c (1 / near - 1 / P).
+    Collective when first asked for. With b s for a byte, r bytes for a s of computing: b r / P < 1 / near - 1 / P.
     """
-    return 0 if comm.near == comm.size else comm.near * (1 + _PER_BYTE * comm.byte_seconds)
+    return 0 if comm.near == comm.size else comm.near * (1 + _BYTES_PER_SECOND * comm.byte_seconds)
 
 
 class Team:
