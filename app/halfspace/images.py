@@ -26,6 +26,7 @@ from app.halfspace.reductions import any_order
 
 _RANGE = 6.2  # erfc(6.2) is nothing
 _TERMS = 16  # even Chebyshev polynomials for a square
+_GAUSS = legendre.leggauss(4)
 _REACH = 0.52  # of a period, to either side: half a cell more than half of it
 
 
@@ -45,6 +46,10 @@ class Box:
 
     def __init__(self, grid, periods, influence):
         self.grid, self.periods, self.influence = grid, periods, influence
+        ny, nx = periods
+        terms = _lattice_sum(ny * grid.dy / (nx * grid.dx))
+        in_y, in_x = (_cell_means(n, count) for n, count in zip(periods, terms.shape, strict=True))
+        self._in_y, self._in_x = in_y @ terms * (grid.dy / nx), in_x
 
     def kernel(self, rows, columns):
         """G at offsets of up to half a period, shape (rows, columns), for unit compliance. Not collective."""
@@ -52,14 +57,7 @@ class Box:
 
     def _images(self, rows, columns):
         """F, likewise."""
-        (ny, nx), grid = self.periods, self.grid
-        aspect = ny * grid.dy / (nx * grid.dx)
-        terms = _lattice_sum(aspect)
-        of_y, of_x = (
-            _cell_means(offsets, n, count)
-            for offsets, n, count in zip((rows, columns), self.periods, terms.shape, strict=True)
-        )
-        return of_y @ terms @ of_x.T * (grid.dy / nx)
+        return self._in_y[rows] @ self._in_x[columns].T
 
     def rest(self, steps, counts):
         """S at `counts` multiples of `steps` cells in y and x, for unit compliance. Not collective."""
@@ -81,20 +79,19 @@ def _lattice_sum(aspect):
     y, x = np.meshgrid(aspect * _REACH * nodes[0], _REACH * nodes[1], indexing="ij")
     alpha = np.sqrt(np.pi / aspect)
     total = np.full(x.shape, -2 * np.sqrt(np.pi) / (alpha * aspect))
-    reach = _RANGE / alpha + 0.5
-    in_y, in_x = int(reach / aspect + 1), int(reach + 1)
-    for j in range(-in_y, in_y + 1):
-        for i in range(-in_x, in_x + 1):
-            rho = np.hypot(x + i, y + aspect * j)
-            total += erfc(alpha * rho) / rho if i or j else -erf(alpha * rho) / rho
-    waves = alpha * _RANGE / np.pi
-    in_y, in_x = int(waves * aspect) + 1, int(waves) + 1
-    for j in range(-in_y, in_y + 1):
-        for i in range(-in_x, in_x + 1):
-            if i or j:
-                q = 2 * np.pi * np.hypot(i, j / aspect)
-                cosines = np.cos(2 * np.pi * i * x) * np.cos(2 * np.pi * j * y / aspect)
-                total += 2 * np.pi / aspect * erfc(q / (2 * alpha)) / q * cosines
+    for j, i in _within(_RANGE / alpha, aspect, 1.0, _REACH):
+        for sign_y in (-1, 1) if j else (1,):
+            for sign_x in (-1, 1) if i else (1,):
+                rho = np.hypot(x + sign_x * i, y + sign_y * aspect * j)
+                total += erfc(alpha * rho) / rho if i or j else -erf(alpha * rho) / rho
+    for j, i in _within(2 * alpha * _RANGE, 2 * np.pi / aspect, 2 * np.pi):
+        if i or j:
+            q = 2 * np.pi * np.hypot(i, j / aspect)
+            cosines = (
+                np.cos(2 * np.pi * i * nodes[1] * _REACH) * np.cos(2 * np.pi * j * nodes[0] * _REACH)[:, None]
+            )
+            alike = (2 if i else 1) * (2 if j else 1)
+            total += alike * 2 * np.pi / aspect * erfc(q / (2 * alpha)) / q * cosines
     in_y, in_x = (
         chebyshev.chebvander(t, 2 * n - 2)[:, ::2].T * np.where(np.arange(n) > 0, 2.0, 1.0)[:, None] / n
         for t, n in zip(nodes, counts, strict=True)
@@ -102,11 +99,18 @@ def _lattice_sum(aspect):
     return in_y @ total @ in_x.T
 
 
-def _cell_means(offsets, period, count):
-    """Means of the even Chebyshev polynomials over cells at some offsets, in `_REACH` of a period."""
-    nodes, weights = legendre.leggauss(4)
-    at = (offsets[:, None] + nodes / 2) / (_REACH * period)
-    return np.einsum("jgt,g->jt", chebyshev.chebvander(at, 2 * count - 2)[..., ::2], weights / 2)
+def _within(radius, step_y, step_x, reach=0.0):
+    """Numbers (j, i), 0 and more, of lattice points that come within a radius, as others go `reach` steps their way."""
+    for j in range(int(radius / step_y + reach) + 1):
+        for i in range(int(radius / step_x + reach) + 1):
+            if np.hypot(step_y * max(0.0, j - reach), step_x * max(0.0, i - reach)) <= radius:
+                yield j, i
+
+
+def _cell_means(period, count):
+    """Means of the even Chebyshev polynomials over cells at offsets up to half a period."""
+    at = (np.arange(period // 2 + 1)[:, None] + _GAUSS[0] / 2) / (_REACH * period)
+    return np.einsum("jgt,g->jt", chebyshev.chebvander(at, 2 * count - 2)[..., ::2], _GAUSS[1] / 2)
 
 
 # ------------------------------------------------------------------------------------------- S on few cells
@@ -120,14 +124,20 @@ def _add_row(a, scale, b):
 
 @any_order
 def _copy_row(a, out):
+    some = False
     for i in range(a.size):
         out[i] = a[i]
+        some |= a[i] != 0
+    return some
 
 
 @any_order
 def _copy_inside(a, inside, out):
+    some = False
     for i in range(a.size):
         out[i] = a[i] if inside[i] else 0
+        some |= inside[i]
+    return some
 
 
 @any_order
@@ -143,9 +153,11 @@ def _collect(p, mask, first, weights, nodes):
     row = np.empty(p.shape[1], nodes.dtype)
     for j in range(p.shape[0]):
         if mask is None:
-            _copy_row(p[j], row)
+            some = _copy_row(p[j], row)
         else:
-            _copy_inside(p[j], mask[j], row)
+            some = _copy_inside(p[j], mask[j], row)
+        if not some:
+            continue
         cell, place = divmod(first + j, step)
         for k in range(width):
             _add_row(nodes[cell + k, : row.size], weights[place, k], row)
@@ -229,10 +241,11 @@ class Rest:
         if self._comm is not None:
             self._comm.Allreduce(MPI.IN_PLACE, nodes)
         waves = scipy.fft.rfft2(nodes, self._lengths)
-        waves *= self._spectrum
+        with np.errstate(invalid="ignore", over="ignore"):  # who diverges is told by others
+            waves *= self._spectrum
         nodes = scipy.fft.irfft2(waves, self._lengths)[self._first : self._first + rows, : self._counts[1]]
         around = np.lib.stride_tricks.sliding_window_view(nodes, width, axis=1)
-        np.matmul(around, self._in_x.T, out=self._nodes.reshape(rows, self._cells, -1))
+        np.matmul(np.ascontiguousarray(around), self._in_x.T, out=self._nodes.reshape(rows, self._cells, -1))
 
     def add(self, out, mask=None):
         """Add it to a field, on C if there is a mask. Not collective."""
