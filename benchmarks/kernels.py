@@ -53,7 +53,7 @@ def main():
     measure("product32", partial(product.apply, p, u))
     circulant = circulant_inverse(grid, compliance, slabs, comm)
     measure("circulant", partial(circulant.apply, p, u))
-    sweeps = GaussSeidel(lambda a, b: quadrant(slice(a, b)), grid.shape, slabs, comm)
+    sweeps = GaussSeidel(quadrant, grid.shape, slabs, comm)
     rough = WavySurface((48, 40), 0.95, 1.0, 7, (20.0, 12.0), (-10.0, -6.0)).height(grid.x(), grid.y())
     sets = {"sweep_hertz": p > 0, "sweep_rough": rough > np.quantile(rough, 0.7)}
     for name, contact in sets.items():

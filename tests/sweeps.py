@@ -6,8 +6,8 @@ from unittest import mock
 import numpy as np
 
 from app.halfspace.grid import Grid
-from app.halfspace.influence import influence_quadrant
-from app.halfspace.sweeps import gauss_seidel
+from app.halfspace.influence import quadrant_rows
+from app.halfspace.sweeps import tables
 from app.halfspace.sweeps.gauss_seidel import GaussSeidel
 
 GRIDS = {
@@ -26,13 +26,12 @@ GRIDS = {
 @contextmanager
 def block_sizes(leaf_rows, segment_columns):
     """Small blocks, so that small grids exercise every level of the scheme."""
-    with mock.patch.multiple(gauss_seidel, LEAF_ROWS=leaf_rows, SEGMENT_COLUMNS=segment_columns):
+    with mock.patch.multiple(tables, LEAF_ROWS=(leaf_rows, leaf_rows), SEGMENT_COLUMNS=segment_columns):
         yield
 
 
 def make(grid, slabs=None, comm=None, dtype=float):
-    kernel = influence_quadrant(grid, 1.0)
-    return GaussSeidel(lambda first, last: kernel[first:last], grid.shape, slabs, comm, dtype)
+    return GaussSeidel(quadrant_rows(grid, 1.0), grid.shape, slabs, comm, dtype, bool(grid.periodic))
 
 
 def random_problem(grid, share=0.4, seed=0):

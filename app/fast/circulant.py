@@ -35,10 +35,12 @@ def circulant_periods(shape, margin):
     """Periods for a patch of some cells and a margin; see `circulant_inverse`. Not collective."""
     if margin is None:
         return tuple(next_fast_len(n, real=True) for n in shape)
-    return tuple(quick_length(int(np.ceil((1 + margin) * n))) for n in shape)
+    return tuple(quick_length(n + int(np.ceil(share * n))) for n, share in zip(shape, margin, strict=True))
 
 
-def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64, margin=0.0, workspace=None):
+def circulant_inverse(
+    grid, compliance, slabs=None, comm=None, dtype=np.float64, margin=(0.0, 0.0), workspace=None
+):
     """Inverse of the Strang circulant of the influence matrix.
 
     Collective over `comm`.
@@ -47,9 +49,9 @@ def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64,
     ----------
     grid, compliance, slabs, comm, dtype
         See `InfluenceOperator`.
-    margin : float or None
-        Share of the extent of the patch to be added to it at least, before it is continued periodically; more if that
-        makes quicker transforms. None: as little as a length with small prime factors allows.
+    margin : (float, float) or None
+        Shares of the extent of the patch in y and x to be added to it at least, before it is continued periodically;
+        more if that makes quicker transforms. None: as little as a length with small prime factors allows.
     workspace : EvenMultiplier, optional
         Whose working storage may be used.
 
@@ -87,7 +89,7 @@ def _periodic_inverse(grid, compliance, slabs, comm, dtype, workspace):
 
 
 def circulant_of(operator, margin=None):
-    """Inverse circulant of an `InfluenceOperator`, made when first asked for. Collective over its ranks."""
+    """Inverse circulant of an `InfluenceOperator`, made when first asked for; `margin` as there. Collective."""
     if not operator.active:
         return operator.product
     grid = operator.grid
@@ -137,7 +139,7 @@ class Circulant:
     Options: ``-pc_circulant_extend k`` (default 0: E = 1), ``-pc_circulant_margin m``: period of B over the extent of
     the patch, less 1, at least (default 0). Without a margin contact at one edge of the patch is the neighbour of that
     at the other, as it should be on a periodic patch, which has none. Some cells between them are enough, and a
-    window around contact has none to be kept apart.
+    window that is narrower than its patch has none to be kept apart.
     """
 
     operator = None
@@ -153,7 +155,7 @@ class Circulant:
         if not 0 <= margin <= 1:
             raise ValueError(f"-pc_circulant_margin {margin:g}: allowed: 0 to 1")
         periodic = bool(operator.grid.periodic)
-        self.multiplier = circulant_of(operator, 0.0 if operator.is_window else margin)
+        self.multiplier = circulant_of(operator, [0.0 if inside else margin for inside in operator.inside])
         self.extension = None
         if steps:
             self.extension = RimExtension(

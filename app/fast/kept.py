@@ -52,7 +52,7 @@ class Kept:
                 self._windows[place] = kept
         elif verification is not None:
             kept.exact_product = verification  # until it is closed: it holds a field of all cells
-        kept.grid, kept.is_window = grid, True
+        kept.grid = grid
         return kept
 
     def solver(self, number, operator):

@@ -54,8 +54,8 @@ class InfluenceOperator:
     ----------
     active : bool
         Whether this rank is one of those that share the rows.
-    is_window : bool
-        Whether the grid is a part of a larger one, around contact.
+    inside : (bool, bool)
+        Whether the grid is narrower in y, and in x, than one that it is a window of, around contact.
     mask : ndarray of bool, shape (local rows, nx)
         The contact set C. Change it in place and then call `mask_changed`.
     contact_number : int
@@ -84,7 +84,7 @@ class InfluenceOperator:
         self.mask = np.zeros(self.local_shape, bool)
         self.products = self.sweeps = 0
         self._spent = 0.0  # products of objects that are gone
-        self.contact_number, self.is_window = 0, False
+        self.contact_number, self.inside = 0, (False, False)
         self._energy = None, None  # of a contact set, by its number
         self._relaxation = None
 
@@ -278,10 +278,8 @@ class InfluenceOperator:
         if self._relaxation is None:
             from app.halfspace.sweeps.gauss_seidel import GaussSeidel
 
-            rows = quadrant_rows(self.grid, self.compliance)
-            self._relaxation = GaussSeidel(
-                lambda first, last: rows(slice(first, last)), self.grid.shape, self.slabs, self.comm
-            )
+            rows, period = quadrant_rows(self.grid, self.compliance), bool(self.grid.periodic)
+            self._relaxation = GaussSeidel(rows, self.grid.shape, self.slabs, self.comm, periodic=period)
             self._relaxation.work = (np.zeros(self.local_shape), np.zeros(self.local_shape))
         return self._relaxation
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from sweeps import GRIDS, block_sizes, empty_in_the_middle, make, random_problem, sweep
 
-from app.halfspace.grid import Slabs
+from app.halfspace.communication import Communicator
+from app.halfspace.grid import Grid, Slabs
 
 each_grid = pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
 
@@ -41,3 +42,23 @@ def test_nor_with_blocks_of_another_size(comm, grid):
 def test_nor_on_slabs_of_a_coarse_grid(comm, grid):
     coarsened = Slabs(2 * grid.ny - 1, comm.size, comm.rank, 8).coarsen(2)
     assert_same_as_alone(comm, grid, coarsened, [random_problem(grid)])
+
+
+@pytest.mark.mpi(2, 3)
+def test_messages_of_a_sweep(comm):
+    """For every leaf its defect and correction, what is added to it and the leaf, solved; two gathers in all."""
+    grid, leaf_rows = Grid(40, 240, 1.0, 1.0), 8
+    slabs = Slabs(grid.ny, comm.size, comm.rank)
+    counted = Communicator(comm)
+    mask, r = random_problem(grid)
+    with block_sizes(leaf_rows, 16):
+        relaxation = make(grid, slabs, counted)
+        sweep(relaxation, r[slabs.rows], mask[slabs.rows], 0.8)  # which prepares
+        before = counted.traffic.copy()
+        sweep(relaxation, r[slabs.rows], mask[slabs.rows], 0.8)
+    sent, leaves = counted.traffic.since(before), grid.ny // leaf_rows
+    assert sent.small_collectives == 2
+    assert sent.all_to_alls == 0
+    own = leaves // comm.size  # leaves whose rows are here
+    others = comm.size - 1
+    assert sent.messages == (leaves * others + own * others if comm.rank == 0 else own + leaves - 2)

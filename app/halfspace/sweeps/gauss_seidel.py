@@ -1,94 +1,59 @@
-"""Exact lexicographic Gauss-Seidel sweeps for C A C p = b, at the cost of a few products with A.
+"""Exact lexicographic Gauss-Seidel sweeps for C A C p = b, at the cost of a product with A or two.
 
 A damped sweep solves ``(D / omega + L_C) d = r`` on the contact set C: D the diagonal of A, L_C the strictly
 lower part of C A C in row-major order, r the masked defect; then ``p += d``. Cell after cell this is O(n^2)
 work. But L is Toeplitz: forward substitution is a convolution in which cell after cell becomes known
 (a *causal* or on-line convolution), and it can be blocked:
 
-- *Rows in x-Fourier space.* A solved row is transformed in x, padded with zeros to ``Nx >= 2 nx - 1``. Its
-  effect on the rows after it is then, for each of the ``F = Nx/2 + 1`` frequencies, a convolution in y with
-  a real number per lag. The transform back gives the right-hand side of the next row.
-- *Leaves.* The rows are cut into leaves of some 32 rows. Inside a leaf rows act on rows directly.
-- *Transfers.* After leaf m (counted from 1), let 2^k be the largest power of two that divides m: the last
-  2^k leaves act on the next 2^k leaves by an FFT in y. Every pair of leaves is served exactly once, and in
-  time: the recursion "first half, effect on the second half, second half" without recursion.
+- *Rows in x-Fourier space.* A solved row is transformed in x, padded to ``Nx >= 2 nx - 1``. Its effect on the
+  rows after it is then, for each of the ``F = Nx/2 + 1`` frequencies, a convolution in y with a real number
+  per lag. The transform back gives the right-hand side of the next row.
+- *Leaves* are blocks of some 32 rows. Rows act directly on those of their own leaf and of the next one.
+- *Transfers.* When m leaves are done, let 2^k be the largest power of two that divides m: the last 2^k leaves act,
+  but for the next leaf, on the 2^k leaves after that by an FFT in y. Every pair of leaves is served exactly once,
+  and a leaf earlier than needed: transfers can run while the next leaf is solved.
+- *Reach.* A wave of length l in x is felt as ``exp(-2 pi |y| / l)``: most frequencies matter to the next few
+  rows only. That is so if the kernel is smooth over its period: beyond the lags that occur, nx - 1, it is
+  free, and blended into its mirror image. Frequencies, in chunks, take part in transfers as large as they reach.
 - *In a row* the coupling is a Toeplitz triangle with holes: four contact cells at a time take the scalar
-  products with what is solved already; long rows are cut into segments with transfers as above.
+  products with what is solved already; long rows are cut into segments with transfers as above. A row in
+  contact without holes is multiplied by the inverse of the triangle, a convolution, too.
+- *Columns* without contact, left and right of it, are left out.
 
 The result is that of the scalar double loop up to round-off, for any mask. Work is O(n log^2 n); empty rows
 and leaves cost nothing. A backward sweep is a forward sweep on arrays flipped in both directions, because
 the kernel is even.
 
-Memory: the rows of one half of the leaves (the second half re-uses the storage of the first, whose effect
-has been transferred by then), n; the spectra of the kernel for all lengths of transfers, 2 n; the kernel
-inside leaves, some 70 nx.
-
-Distribution: frequencies are dealt to the ranks in chunks, so transfers run on all ranks at once; the rows
-of a leaf are solved by the rank that owns them, which collects the leaf from all ranks and deals it back.
-The iterates are those of one rank.
+Several ranks: see `app.halfspace.sweeps.pipeline`.
 """
 
 from __future__ import annotations
 
-import itertools
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
-from mpi4py_fft import fftw
-from scipy.fft import dct, rfft
 
 from app.halfspace.fft.fftw import FFTW
 from app.halfspace.fft.lengths import transform_length
 from app.halfspace.grid import Slabs
-from app.halfspace.sweeps.kernels import LANES, TILE, Rows, count_contact, solve_leaf, transfer
+from app.halfspace.sweeps.kernels import LANES, TILE, solve_leaf, transfer
+from app.halfspace.sweeps.pipeline import Flow
+from app.halfspace.sweeps.tables import SEGMENT_COLUMNS, Tables
 
-LEAF_ROWS = 48  # at most; with more an FFT is faster than direct coupling
-SEGMENT_COLUMNS = 512  # at most
-_ROWS_AT_ONCE = 32  # rows of the kernel
-_BATCH = 1 << 12  # complex numbers per batch of transforms in y: stay in the cache
-
-
-class _Leaf(NamedTuple):
-    """Rows start <= j < stop, in the order of a sweep, and the rank that has them."""
-
-    start: int
-    stop: int
-    owner: int
-
-
-def _cut(starts):
-    """Cut slabs into leaves of about equal size: at most a power of two of them, none across slabs."""
-    counts = np.diff(starts)
-    number = 1
-    while number * LEAF_ROWS < starts[-1] or number < np.count_nonzero(counts):
-        number *= 2
-    rows = -(-starts[-1] // number)
-    while np.sum(-(-counts // rows)) > number:
-        rows += 1
-    leaves = []
-    for owner, (start, count) in enumerate(zip(starts, counts, strict=False)):
-        parts = -(-count // rows)
-        edges = [start + count * p // max(1, parts) for p in range(parts + 1)]
-        leaves += [_Leaf(int(a), int(b), owner) for a, b in itertools.pairwise(edges)]
-    return leaves, int(rows)
-
-
-def _largest_power(n):
-    """The largest power of two below n; 1 for n = 1."""
-    return 1 << max(0, (n - 1).bit_length() - 1)
+_MARGIN = 0.1  # of the columns in contact, added to them: contact may grow
+_MOST = 0.85  # share of the columns; if there were more all are swept over
 
 
 class GaussSeidel:
     """Exact lexicographic Gauss-Seidel sweeps for the influence matrix of a grid.
 
-    Collective over `comm`.
+    What they need is prepared in the first sweep, and again when contact has become wider.
 
     Parameters
     ----------
     quadrant_rows : callable
-        ``quadrant_rows(first, last) -> ndarray (last - first, nx)``: rows of the kernel ``K[|dy|, |dx|]``,
-        asked for a few at a time.
+        ``quadrant_rows(slice, columns) -> ndarray (rows, columns)``: rows of the kernel ``K[|dy|, |dx|]``, asked for
+        a few at a time, at offsets up to 1.5 nx or so.
     grid_shape : (int, int)
         ``(ny, nx)``.
     slabs : Slabs, optional
@@ -97,6 +62,8 @@ class GaussSeidel:
         Ranks that share the grid; default: this one alone.
     dtype : numpy real type
         float64, or float32 for half the memory at single precision.
+    periodic : bool
+        The kernel has the periods nx and ny.
 
     Raises
     ------
@@ -104,136 +71,21 @@ class GaussSeidel:
         For any other `dtype`.
     """
 
-    def __init__(self, quadrant_rows, grid_shape, slabs=None, comm=None, dtype=float):
+    def __init__(self, quadrant_rows, grid_shape, slabs=None, comm=None, dtype=float, periodic=False):
         self.shape = ny, nx = grid_shape
         self.slabs = slabs or Slabs(ny)
         self.comm = comm if comm is not None and comm.size > 1 else None
         self.dtype = np.dtype(dtype)
-        self._complex = np.result_type(self.dtype, np.complex64)
-        self._length = transform_length(nx)
-        self._frequencies = self._length // 2 + 1
+        FFTW(self.dtype)  # which knows what there is
+        self._quadrant_rows, self._periodic, self._tables = quadrant_rows, periodic, None
+        self._diagonal = float(quadrant_rows(slice(0, 1), 1)[0, 0])
+        self._solves = self.comm is None or comm.rank == 0
         self._flops = self._sweeps = 0
-
-        leaves, leaf_rows = _cut(self.slabs.starts)
-        self._leaves = leaves, [_Leaf(ny - b, ny - a, owner) for a, b, owner in reversed(leaves)]
-        chunks = -(-self._frequencies // LANES)
-        size, rank = (1, 0) if self.comm is None else (comm.size, comm.rank)
-        edges = [chunks * q // size for q in range(size + 1)]
-        self._chunks = [b - a for a, b in itertools.pairwise(edges)]  # of each rank
-
-        self._fftw = FFTW(self.dtype)
-        first_rows = quadrant_rows(0, min(ny, leaf_rows + TILE))
-        self._diagonal = float(first_rows[0, 0])
-        self._rows = self._prepare_rows(first_rows)
-        near = np.zeros((leaf_rows + TILE, chunks * LANES))
-        near[: len(first_rows), : self._frequencies] = self._transform_in_x(first_rows)
-        near = near.reshape(-1, chunks, LANES).transpose(1, 0, 2)
-        self._near = np.repeat(near, 2, axis=2).astype(self.dtype, order="C")  # for Re and Im
-
-        half = _largest_power(len(leaves))
-        self._stored = np.zeros((self._chunks[rank], half * leaf_rows, LANES), self._complex)
-        self._leaf = None if self.comm is None else np.empty(chunks * leaf_rows * LANES, self._complex)
-        self._transfers = []
-        if len(leaves) > 1:
-            lengths = [transform_length(leaf_rows << level) for level in range(half.bit_length())]
-            self._prepare_transfers(self._kernel_in_x(quadrant_rows, edges, rank), lengths)
-
-    def _transform_in_x(self, rows):
-        """Fourier transform in x of rows of K, even and padded, as needed here: ``-K^ / Nx``, real."""
-        padded = np.zeros((len(rows), self._frequencies))
-        padded[:, : rows.shape[1]] = rows
-        return dct(padded, type=1, axis=1, overwrite_x=True) / -self._length
-
-    def _with_spectrum(self, length):
-        """Real array of this length and, in the same memory, its spectrum."""
-        spectrum = fftw.aligned(length // 2 + 1, dtype=self._complex)
-        spectrum[...] = 0
-        return spectrum.view(self.dtype), spectrum
-
-    def _prepare_rows(self, kernel):
-        """Plans, kernel and work space for single rows."""
-        nx = self.shape[1]
-        cells, _ = self._with_spectrum(self._length)
-        solved, _ = self._with_spectrum(self._length)
-        real, spectrum = self._with_spectrum(self._length)
-        forward, _ = self._fftw.plans(solved[None], spectrum[None], self._length)
-        _, backward = self._fftw.plans(cells[None], spectrum[None], self._length)
-        close = np.repeat(self._transform_in_x(kernel[:TILE]), 2, axis=1).astype(self.dtype)
-
-        levels = 0
-        while nx > SEGMENT_COLUMNS << levels:
-            levels += 1
-        segment = -(-nx // (1 << levels))
-        lengths = [transform_length(segment << level) for level in range(levels)]
-        work, work_spectrum = self._with_spectrum(max(lengths, default=2))
-        plans = [self._fftw.plans(work[None], work_spectrum[None], length) for length in lengths]
-        far = [rfft(kernel[0, :length], length) / length for length in lengths]
-        within = kernel[0].astype(self.dtype)
-        return Rows(
-            execute=self._fftw.execute,
-            forward=forward,
-            backward=backward,
-            cells=cells,
-            solved=solved,
-            spectrum=real,
-            recent=np.zeros((TILE, len(real)), self.dtype),
-            close=close,
-            contact=np.zeros(nx, np.int64),
-            kernel=within,
-            reverse=within[::-1].copy(),
-            segment=segment,
-            far=np.concatenate([[], *far]).astype(self._complex),
-            starts=np.cumsum([0] + [len(f) for f in far]),
-            plans=np.array(plans, np.int64).reshape(-1, 2),
-            work=work,
-            work_spectrum=work_spectrum,
-        )
-
-    def _prepare_transfers(self, kernel, lengths):
-        """Spectra of the kernel on this rank's frequencies and plans, for transfers of 1, 2, 4 .. leaves."""
-        self._work = fftw.aligned(
-            (2, max(min(_BATCH, LANES * lengths[-1]), lengths[-1])), dtype=self._complex
-        )
-        self._work[...] = 0
-        for length in lengths:
-            far = np.empty((len(kernel), LANES, length // 2 + 1), self._complex)
-            for chunk, part in zip(far, kernel, strict=True):
-                chunk[...] = rfft(part[:, :length], length) / length
-            batch = LANES
-            while batch * length > self._work.shape[1]:
-                batch //= 2
-            cells, spectrum = (work[: batch * length].reshape(batch, length) for work in self._work)
-            plans = self._fftw.plans(cells, spectrum, length)
-            self._transfers.append((far, self._fftw.execute, *plans, cells, spectrum))
-
-    def _kernel_in_x(self, quadrant_rows, edges, rank):
-        """x-transforms of all rows of K at this rank's frequencies, shape (chunks, LANES, ny)."""
-        ny, size = self.shape[0], len(self._chunks)
-        lags = [ny * q // size for q in range(size + 1)]
-        here = np.zeros((edges[-1] * LANES, lags[rank + 1] - lags[rank]))
-        for start in range(lags[rank], lags[rank + 1], _ROWS_AT_ONCE):
-            stop = min(start + _ROWS_AT_ONCE, lags[rank + 1])
-            rows = self._transform_in_x(quadrant_rows(start, stop))
-            here[: self._frequencies, start - lags[rank] : stop - lags[rank]] = rows.T
-        if self.comm is None:
-            return here.reshape(self._chunks[rank], LANES, ny)
-        lanes = self._chunks[rank] * LANES
-        counts = np.diff(lags)
-        received = np.empty(lanes * ny)
-        sent = [chunks * LANES * counts[rank] for chunks in self._chunks]
-        self.comm.Alltoallv([here, sent], [received, list(lanes * counts)])
-        kernel = np.empty((lanes, ny))
-        for first, last in itertools.pairwise(lags):
-            kernel[:, first:last] = received[lanes * first : lanes * last].reshape(lanes, last - first)
-        return kernel.reshape(self._chunks[rank], LANES, ny)
 
     @property
     def memory(self):
         """Bytes held on this rank."""
-        arrays = [self._near, self._stored, self._leaf, *self._rows]
-        if self._transfers:
-            arrays += [self._work, *(far for far, *_ in self._transfers)]
-        return sum({a.ctypes.data: a.nbytes for a in arrays if isinstance(a, np.ndarray)}.values())
+        return self._tables.memory if self._tables else 0
 
     @property
     def products_per_sweep(self):
@@ -243,9 +95,9 @@ class GaussSeidel:
         transform, twice that for a complex one, 2 for a multiplication and an addition. In a row a contact
         cell is charged half a segment.
         """
-        ny, frequencies = self.shape[0], self._frequencies
-        length = transform_length(ny)
-        product = 2 * ny * _flops(self._length) + frequencies * (4 * _flops(length) + 2 * length)
+        ny, nx = self.shape
+        in_x, in_y = transform_length(nx), transform_length(ny)
+        product = 2 * ny * _flops(in_x) + (in_x // 2 + 1) * (4 * _flops(in_y) + 2 * in_y)
         return self._flops / max(1, self._sweeps) / product
 
     def sweep(self, r, mask, omega, d, backward=False):
@@ -274,97 +126,158 @@ class GaussSeidel:
         shape = self.slabs.local, self.shape[1]
         if not r.shape == mask.shape == d.shape == shape:
             raise ValueError(f"fields of shapes {r.shape}, {mask.shape}, {d.shape}: all must be {shape}")
-        mask = mask.astype(bool, copy=False).view(np.uint8)
-        d[...] = 0
-        counts = count_contact(mask)
-        if self.comm is not None:
-            counts, local = np.empty(self.shape[0], np.int64), counts
-            self.comm.Allgatherv(local, [counts, list(self.slabs.counts)])
         self._sweeps += 1
-        self._flops += self._rows_flops(counts)
-        occupied = counts[::-1] > 0 if backward else counts > 0
-        leaves = self._leaves[backward]
-        filled = [m for m, leaf in enumerate(leaves) if occupied[leaf.start : leaf.stop].any()]
-        if not filled:
+        mask = mask.astype(bool, copy=False)
+        occupied, cells, columns = self._survey(mask)
+        d[:, : columns.start] = d[:, columns.stop :] = 0
+        if not cells:
             return
-        leaves = leaves[filled[0] : filled[-1] + 1]
-        half = _largest_power(len(leaves))
-        first, second = leaves[0].start, leaves[half].start if half < len(leaves) else self.shape[0]
+        tables, tiles = self._tables, self._tables.leaf_rows // TILE
+        correction, column = d, columns.start
+        if backward or self.comm is not None:
+            r, mask, correction, column = r[:, columns], mask[:, columns], d[:, columns], 0
+        if self.comm is not None:
+            r, correction = np.ascontiguousarray(r, float), np.zeros(r.shape)
+            mask = self._gather(mask)
+        leaves, filled = self._cut(occupied, cells, backward)
+        correction[~occupied[self.slabs.rows]] = 0
+        flow = self.comm and Flow(self.comm, self.slabs, tables.edges, leaves, r, correction)
+        added = np.zeros(tables.leaves + 1, bool)  # whether others have added something to a leaf
+        for m, leaf in enumerate(leaves):
+            if not leaf:
+                tables.stored[m] = 0
+            elif self._solves:
+                defect, found = flow.fields(m) if flow else (r[leaf], correction[leaf])
+                if added[m]:
+                    self._collect(m, flow)
+                near = filled[m * tiles : (m + 2) * tiles]
+                self._solve(m, added[m], near, defect, mask[leaf], found, column, omega, backward)
+                self._deal(m, found, flow)
+            if not self._solves and tables.stored.size:
+                if added[m + 1] and leaves[m + 1]:
+                    flow.add(m + 1, tables.stored[m + 1])
+                if leaf:
+                    flow.take(m, tables.stored[m])
+            self._add_far(m + 1, leaves, added)
+        if flow:
+            flow.finish()
+            d[:, columns] = correction
 
-        def place(rows):
-            """Where rows are stored."""
-            shift = first if rows.start < second else second
-            return slice(rows.start - shift, rows.stop - shift)
+    def _survey(self, mask):
+        """Rows with contact, number of contact cells, columns to sweep over, for which all is prepared. Collective."""
+        ny, nx = self.shape
+        found = np.flatnonzero(mask.any(axis=0))
+        ends = (found[0], found[-1] + 1) if len(found) else (nx, 0)
+        here = np.array([*mask.any(axis=1), *ends, np.count_nonzero(mask)], np.int64)
+        if self.comm is None:
+            parts = [here]
+        else:
+            sizes = [count + 3 for count in self.slabs.counts]
+            everywhere = np.empty(sum(sizes), np.int64)
+            self.comm.Allgatherv(here, [everywhere, sizes])
+            parts = np.split(everywhere, np.cumsum(sizes)[:-1])
+        first, last, cells = (f(part[k] for part in parts) for f, k in ((min, -3), (max, -2), (sum, -1)))
+        width = int(last - first)
+        if width > 0 and (self._tables is None or width > self._tables.shape[1]):
+            wanted = width + int(_MARGIN * width) + 1
+            wanted = nx if wanted > _MOST * nx else wanted
+            period = self._periodic and wanted == nx
+            self._tables = None
+            self._tables = Tables(self._quadrant_rows, (ny, wanted), self.comm, self.dtype, period)
+        prepared = self._tables.shape[1] if cells else 0
+        start = int(np.clip(first - (prepared - width) // 2, 0, nx - prepared))
+        occupied = np.concatenate([part[:-3] for part in parts]).astype(bool)
+        return occupied, int(cells), slice(start, start + prepared)
 
-        self._stored[:, place(slice(first, leaves[0].stop))] = 0
-        for m, leaf in enumerate(leaves, 1):
-            rows = slice(leaf.start, leaf.stop)
-            if occupied[rows].any():
-                block, slot = self._collect(place(rows), leaf.owner)
-                if block is not None:
-                    self._solve(block, slot, leaf, occupied[rows], r, mask, omega, d, backward)
-                self._deal(block, place(rows), leaf.owner)
-            else:
-                self._stored[:, place(rows)] = 0
-            if m < len(leaves):
-                level = (m & -m).bit_length() - 1
-                source = slice(leaves[m - (1 << level)].start, leaf.stop)
-                target = slice(leaf.stop, leaves[min(m + (1 << level), len(leaves)) - 1].stop)
-                if occupied[source].any() and occupied[target].any():
-                    untouched = m == 1 << level  # the source begins with the first leaf
-                    self._transfer(place(source), place(target), untouched, level)
+    def _gather(self, mask):
+        """Bring the contact set to the rank that solves. Collective."""
+        whole = np.empty((self.shape[0], mask.shape[1]) if self._solves else 0, bool)
+        sizes = [count * mask.shape[1] for count in self.slabs.counts]
+        self.comm.Gatherv(np.ascontiguousarray(mask), [whole, sizes] if self._solves else None)
+        return whole
 
-    def _solve(self, block, slot, leaf, occupied, r, mask, omega, d, backward):
-        """Solve the rows of a leaf of this rank."""
-        row, step = (self.shape[0] - 1 - leaf.start, -1) if backward else (leaf.start, 1)
-        row -= self.slabs.rows.start
+    def _cut(self, occupied, cells, backward):
+        """Cut the grid into leaves, in the order of a sweep.
+
+        Returns
+        -------
+        list of slice
+            Rows of the grid; None for leaves without contact.
+        ndarray of bool
+            Tiles that have contact, after those of a leaf that is none.
+        """
+        ny, rows, number = self.shape[0], self._tables.leaf_rows, self._tables.leaves
+        ordered = np.zeros((number + 1) * rows, bool)
+        ordered[rows : rows + ny] = occupied[::-1] if backward else occupied
+        self._flops += self._rows_flops(cells, ordered)
+        leaves = []
+        for m in range(number):
+            first, last = m * rows, min((m + 1) * rows, ny)
+            leaf = slice(ny - last, ny - first) if backward else slice(first, last)
+            leaves.append(leaf if ordered[first + rows : last + rows].any() else None)
+        return leaves, ordered.reshape(-1, TILE).any(axis=1)
+
+    def _collect(self, m, flow):
+        """Put together what is added to leaf m, where it is solved."""
+        tables = self._tables
+        block = tables.ring[m % 2]
+        block[slice(*tables.edges[0])] = tables.stored[m]
+        if flow:
+            flow.collect(block)
+
+    def _solve(self, m, added, filled, r, mask, d, column, omega, backward):
+        """Solve leaf m."""
+        tables, step = self._tables, -1 if backward else 1
+        fields = [np.ascontiguousarray(field[::step, ::step]) for field in (r, mask, d)]
         weight = self.dtype.type(omega / self._diagonal)
-        block = block.view(self.dtype)
-        solve_leaf(block, slot, occupied, self._near, self._rows, r, mask, d, row, step, weight)
+        tables.invert_triangle(weight)
+        ring = tables.ring.view(self.dtype)
+        given = tables.chunks[0] if added else 0
+        solve_leaf(
+            ring, m % 2, given, tables.near, tables.reach, filled, tables.rows, *fields, column, weight
+        )
+        if not np.may_share_memory(d, fields[2]):
+            d[...] = fields[2][::step, ::step]
 
-    def _transfer(self, source, target, untouched, level):
-        """Add the effect of the rows stored at `source` to those at `target`, which come right after them."""
-        sizes = source.start, source.stop - source.start, target.start, target.stop - target.start
-        transfer(self._stored, *sizes, untouched, *self._transfers[level])
-        length = self._transfers[level][-1].shape[1]
-        self._flops += self._frequencies * (4 * _flops(length) + 6 * length)
+    def _deal(self, m, d, flow):
+        """Give leaf m, solved, to those who need it."""
+        tables = self._tables
+        block = tables.ring[m % 2]
+        tables.stored[m] = block[slice(*tables.edges[0])]
+        if flow:
+            flow.deal(block)
+            flow.send_back(m, d)
 
-    def _collect(self, slots, owner):
-        """Bring a leaf stored at `slots`, all frequencies, to its owner: array and first slot. Collective."""
-        if self.comm is None:
-            return self._stored, slots.start
-        part = self._stored[:, slots].copy()
-        if owner != self.comm.rank:
-            self.comm.Gatherv(part, None, owner)
-            return None, 0
-        shape = sum(self._chunks), part.shape[1], LANES
-        leaf = self._leaf[: np.prod(shape)]
-        self.comm.Gatherv(part, [leaf, self._leaf_counts(shape)], owner)
-        return leaf.reshape(shape), 0
-
-    def _deal(self, leaf, slots, owner):
-        """Store a solved leaf that its owner has at `slots` of all ranks. Collective."""
-        if self.comm is None:
+    def _add_far(self, m, leaves, added):
+        """Add what is due of the leaves before m to those after it."""
+        tables = self._tables
+        if not tables.chunks[0]:
             return
-        part = np.empty_like(self._stored[:, slots])
-        send = None if leaf is None else [leaf, self._leaf_counts(leaf.shape)]
-        self.comm.Scatterv(send, part, owner)
-        self._stored[:, slots] = part
+        largest = min((m & -m).bit_length(), len(tables.transfers)) - 1
+        for level in range(largest, -1, -1):
+            sources, targets = 1 << level, min(1 << level, tables.leaves - m - 1)
+            if not (any(leaves[m - sources : m]) and any(leaves[m + 1 : m + 1 + targets])):
+                return
+            if level == largest:
+                for leaf in range(m + 1, m + 1 + targets):
+                    if not added[leaf]:
+                        tables.stored[leaf] = 0
+                added[m + 1 : m + 1 + targets] = True
+            chunks = (tables.chunks[level + 1] if level < largest else 0), tables.chunks[level]
+            length = tables.transfers[level][-1].shape[1]
+            self._flops += (chunks[1] - chunks[0]) * LANES * (4 * _flops(length) + 6 * length)
+            first, last = (min(max(c - tables.first, 0), tables.stored.shape[1]) for c in chunks)
+            if first < last:
+                transfer(tables.stored, first, last, m, sources, targets, *tables.transfers[level])
 
-    def _leaf_counts(self, shape):
-        return [chunks * shape[1] * shape[2] for chunks in self._chunks]
-
-    def _rows_flops(self, counts):
-        """Operations for single rows and inside leaves."""
-        rows = self._rows
-        lengths = 2 * (np.diff(rows.starts) - 1)
-        row = 2 * _flops(self._length)
-        row += sum((2 * _flops(n) + 3 * n) * (1 << k) for k, n in enumerate(reversed(lengths)))
-        coupling = 0
-        for leaf in self._leaves[0]:
-            filled = np.count_nonzero(counts[leaf.start : leaf.stop])
-            coupling += 2 * self._frequencies * filled * (filled - 1)
-        return np.count_nonzero(counts) * row + counts.sum() * rows.segment + coupling
+    def _rows_flops(self, cells, occupied):
+        """Operations for single rows and between rows close to each other."""
+        tables, rows = self._tables, self._tables.leaf_rows
+        filled = occupied.reshape(-1, rows).sum(axis=1)
+        pairs = np.sum(filled[1:] * (filled[1:] - 1) / 2) + np.sum(filled[1:] * filled[:-1])
+        lanes = 2 * LANES * np.minimum(tables.reach / (1.5 * rows), 1).sum()
+        within = cells * min(SEGMENT_COLUMNS, tables.shape[1])
+        return filled.sum() * 2 * _flops(tables.length) + 2 * pairs * lanes + within
 
 
 def _flops(length):
@@ -376,8 +289,8 @@ def _flops(length):
 def warm_up():
     """Compile the loops, or read them from the cache, now and not in the first sweep. Not collective."""
     rows, columns = 64, 4
-    kernel = 1.0 / (1.0 + np.arange(rows)[:, None] + np.arange(columns))
-    smoother = GaussSeidel(lambda first, last: kernel[first:last], (rows, columns))
+    kernel = 1.0 / (1.0 + np.arange(rows)[:, None] + np.arange(2 * columns))
+    smoother = GaussSeidel(lambda which, count: kernel[which, :count], (rows, columns))
     ones = np.ones((rows, columns))
     for backward in (False, True):
         smoother.sweep(ones, ones > 0, 1.0, np.empty_like(ones), backward)

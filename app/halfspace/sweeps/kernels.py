@@ -12,10 +12,11 @@ import numpy as np
 from numba import uintp
 
 from app.compiled import njit
-from app.halfspace.fft.fftw import execute
+from app.halfspace.fft.fftw import execute as _execute
 
 LANES = 32  # frequencies in a chunk
 TILE = 4  # rows that act on as many others at once
+SHORTEST_RUN = 160  # cells of a row from which on transforms are quicker than scalar products
 _WIDTH = 2 * LANES  # of a chunk, as reals
 _1, _2, _3, _4, _5, _6 = (np.uintp(i * _WIDTH) for i in range(1, 7))  # offsets of the rows of a tile
 
@@ -24,20 +25,22 @@ class Rows(NamedTuple):
     """What the solution of single rows needs, for compiled code."""
 
     execute: int  # address of FFTW's execute
-    forward: int  # plan solved -> spectrum
-    backward: int  # plan spectrum -> cells
+    plans: np.ndarray  # (TILE, 2), solved -> row of tile, row of tile -> cells
     cells: np.ndarray  # (Nx,), right-hand side of a row
     solved: np.ndarray  # (Nx,), d of the row: zero outside C
-    spectrum: np.ndarray  # (2 F,), transform of either, as reals
-    recent: np.ndarray  # (TILE, 2 F), transforms of the last solved rows
-    close: np.ndarray  # (TILE, 2 F), kernel at the smallest lags
+    tile: np.ndarray  # (TILE, chunks * 2 LANES), transforms of either, as reals
+    close: np.ndarray  # (TILE, chunks * 2 LANES), kernel at the smallest lags
     contact: np.ndarray  # (nx,), columns of the contact cells of a row
     kernel: np.ndarray  # (nx,), coupling within a row
     reverse: np.ndarray  # (nx,), the same backwards
     segment: int  # columns of a segment
-    far: np.ndarray  # spectra of the kernel, level after level
-    starts: np.ndarray  # (levels + 1,), where they start
-    plans: np.ndarray  # (levels, 2), forward and backward, both on `work`
+    levels: int  # of transfers between segments
+    lengths: (
+        np.ndarray
+    )  # of transforms of parts of a row: those of the levels, then those for whole runs, growing
+    starts: np.ndarray  # where their spectra start
+    spectra: np.ndarray  # of the kernel, then of the inverse of the triangle
+    part_plans: np.ndarray  # (lengths, 2), forward and backward, both on `work`
     work: np.ndarray  # (longest + 2,)
     work_spectrum: np.ndarray  # (longest / 2 + 1,), the same memory
 
@@ -56,13 +59,40 @@ def _four_dots(d, start, stop, kernel, k0, k1, k2, k3):
     return s0, s1, s2, s3
 
 
+@njit(fastmath={"contract"})
+def _convolve(rows, number):
+    """Replace `work` by its convolution with what has the spectrum of this number."""
+    start = uintp(rows.starts[number])
+    _execute(rows.execute, rows.part_plans[number, 0])
+    for k in range(uintp(rows.lengths[number] // 2 + 1)):
+        rows.work_spectrum[k] *= rows.spectra[start + k]
+    _execute(rows.execute, rows.part_plans[number, 1])
+
+
 @njit()
-def _solve_row(rows, count, weight):
+def _solve_run(rows, first, count):
+    """Solve a row whose contact cells are these; return whether it was tried."""
+    number = rows.levels
+    while number < len(rows.lengths) and rows.lengths[number] < 2 * count:
+        number += 1
+    if count < SHORTEST_RUN or number == len(rows.lengths):
+        return False
+    rows.work[:count] = rows.cells[first : first + count]
+    rows.work[count : rows.lengths[number]] = 0
+    _convolve(rows, number)
+    rows.solved[first : first + count] = rows.work[:count]
+    return True
+
+
+@njit()
+def solve_row(rows, count, weight):
     """Solve d + weight L_C d = weight x on the `count` contact cells of a row."""
     x, d, contact, kernel, reverse = rows.cells, rows.solved, rows.contact, rows.kernel, rows.reverse
     last = len(kernel) - 1
     first, end = contact[0], contact[count - 1] + 1
     d[:] = 0
+    if end - first == count and _solve_run(rows, first, count):
+        return
     done = 0
     m = 0
     while True:
@@ -96,13 +126,9 @@ def _solve_row(rows, count, weight):
         size = rows.segment << level
         if contact[done] >= stop + size:
             continue
-        a, b = rows.starts[level], rows.starts[level + 1]
         rows.work[:size] = d[stop - size : stop]
-        rows.work[size : 2 * (b - a - 1)] = 0
-        execute(rows.execute, rows.plans[level, 0])
-        for k in range(b - a):
-            rows.work_spectrum[k] *= rows.far[a + k]
-        execute(rows.execute, rows.plans[level, 1])
+        rows.work[size : rows.lengths[level]] = 0
+        _convolve(rows, level)
         for i in range(stop, min(stop + size, end)):
             x[i] -= rows.work[size + i - stop]
 
@@ -136,118 +162,175 @@ def _multiply_add(y, kernel, x):
 
 
 @njit()
-def solve_leaf(w, slot, occupied, near, rows, r, mask, d, row, step, weight):
-    """Solve the rows of a leaf: w[:, slot + j] is turned from what earlier leaves add to row j into row j."""
-    chunks, slots, width = w.shape
-    nx, lags = r.shape[1], near.shape[1]
-    flat, flat_near = w.reshape(-1), near.reshape(-1)
+def _add_tiles(y, flat, source, near, start, reach, filled, place, least, most):
+    """Add what rows do to a tile y, by lags from `least` to `most`.
+
+    `source` and `start` are the offsets of lag 0 in `flat` and in the kernel, `place` the number of y in `filled`.
+    """
+    for lag in range(least, most + 1, TILE):
+        if lag - TILE >= reach:
+            return
+        if filled[place - lag // TILE]:
+            _tile(y, flat, uintp(source - lag * _WIDTH), near, uintp(start + (lag - 3) * _WIDTH), _WIDTH)
+
+
+@njit()
+def _put(target, source):
+    for k in range(len(target)):
+        target[k] = source[k]
+
+
+@njit()
+def _add_to(target, source):
+    for k in range(len(source)):
+        target[k] += source[k]
+
+
+@njit()
+def _list_contact(contact, mask):
+    count = 0
+    for k in range(uintp(len(mask))):
+        contact[count] = k
+        count += mask[k]
+    return count
+
+
+@njit()
+def solve_leaf(w, now, given, near, reach, filled, rows, r, mask, d, column, weight):
+    """Solve the rows of a leaf: w[now] is turned from what leaves up to the last but one add to them into them.
+
+    Parameters
+    ----------
+    w : ndarray, shape (2, chunks, rows, 2 LANES)
+        This leaf and the one before.
+    now : int
+        Which of them is this leaf.
+    given : int
+        Chunks that something is added to; for others it is nothing, whatever `w` says.
+    near : ndarray, shape (chunks * 2 rows * 2 LANES,)
+        Kernel at all lags that occur between the two.
+    reach : ndarray, shape (chunks,)
+        Lag beyond which the kernel is nothing.
+    filled : ndarray of bool, shape (2 rows / TILE,)
+        Tiles of the leaf before, and of this one, that have contact.
+    r, mask, d : ndarray, shape (<= rows, >= column + nx)
+        Rows of the fields, in the order of the sweep; d has zeros in rows without contact.
+    column : int
+        Where the columns begin that are swept over.
+    """
+    _, chunks, size, width = w.shape
+    flat, tiles = w.reshape(-1), size // TILE
     y = np.empty(TILE * width, w.dtype)
-    column = 0 if step > 0 else nx - 1
-    for t in range(0, len(occupied), TILE):
-        tile = occupied[t : t + TILE]
-        if not tile.any():
-            w[:, slot + t : slot + t + len(tile)] = 0
+    for c in range(chunks):  # what the leaf before adds to all rows
+        ours, theirs, lags = (
+            (now * chunks + c) * size,
+            ((1 - now) * chunks + c + 1) * size,
+            2 * c * size * width,
+        )
+        for t in range(0, size, TILE):
+            if filled[tiles + t // TILE]:
+                target = flat[(ours + t) * width : (ours + t + TILE) * width]
+                if c < given:
+                    _put(y, target)
+                else:
+                    y[:] = 0
+                source = (theirs + t) * width
+                _add_tiles(
+                    y, flat, source, near, lags, reach[c], filled, tiles + t // TILE, t + TILE, t + size
+                )
+                _put(target, y)
+    for t in range(0, size, TILE):
+        if not filled[tiles + t // TILE]:
+            w[now, :, t : t + TILE] = 0
             continue
         for c in range(chunks):
-            here = (c * slots + slot) * width
-            target = flat[here + t * width : here + (t + len(tile)) * width]
-            y[: len(target)] = target
-            for s in range(0, t, TILE):
-                if occupied[s : s + TILE].any():
-                    lag = c * lags + t - s - 3
-                    _tile(y, flat, uintp(here + s * width), flat_near, uintp(lag * width), width)
-            target[:] = y[: len(target)]
-        for q in range(len(tile)):
-            if not tile[q]:
-                w[:, slot + t + q] = 0
-                continue
-            for c in range(chunks):
-                part = rows.spectrum[c * width : (c + 1) * width]
-                part[:] = w[c, slot + t + q, : len(part)]
-            for p in range(q):
-                if tile[p]:
-                    _multiply_add(rows.spectrum, rows.close[q - p], rows.recent[p])
-            execute(rows.execute, rows.backward)
-            i = row + step * (t + q)
-            count = 0
-            for k in range(nx):
-                rows.contact[count] = k
-                count += mask[i, column + step * k]
-            for k in range(nx):
-                rows.cells[k] += r[i, column + step * k]
-            _solve_row(rows, count, weight)
-            for k in range(nx):
-                d[i, column + step * k] = rows.solved[k]
-            execute(rows.execute, rows.forward)
-            rows.recent[q] = rows.spectrum
-            for c in range(chunks):
-                part = rows.spectrum[c * width : (c + 1) * width]
-                w[c, slot + t + q, : len(part)] = part
+            source = ((now * chunks + c) * size + t) * width
+            _put(y, flat[source : source + TILE * width])
+            lags = 2 * c * size * width
+            _add_tiles(y, flat, source, near, lags, reach[c], filled, tiles + t // TILE, TILE, t)
+            for q in range(TILE):
+                _put(rows.tile[q, c * width : (c + 1) * width], y[q * width : (q + 1) * width])
+        part = slice(t, t + TILE), slice(column, column + len(rows.kernel))
+        _solve_tile(rows, r[part], mask[part], d[part], weight)
+        for c in range(chunks):
+            for q in range(TILE):
+                start = ((now * chunks + c) * size + t + q) * width
+                _put(flat[start : start + width], rows.tile[q, c * width : (c + 1) * width])
 
 
 @njit()
-def _fill(cells, rows):
-    """cells[f, s] = rows[s, f], four rows at a time; zeros after them."""
+def _solve_tile(rows, r, mask, d, weight):
+    """Solve up to four rows."""
+    solved = 0  # bits
+    for q in range(TILE):
+        count = _list_contact(rows.contact, mask[q]) if q < len(r) else 0
+        if not count:
+            rows.tile[q] = 0
+            continue
+        for p in range(q):
+            if (solved >> p) & 1:
+                _multiply_add(rows.tile[q], rows.close[q - p], rows.tile[p])
+        _execute(rows.execute, rows.plans[q, 1])
+        _add_to(rows.cells, r[q])
+        solve_row(rows, count, weight)
+        _put(d[q], rows.solved)
+        _execute(rows.execute, rows.plans[q, 0])
+        solved |= 1 << q
+
+
+@njit()
+def _fill(cells, start, rows):
+    """cells[f, start + s] = rows[s, f], four rows at a time."""
     n, lanes = rows.shape
-    whole = n - n % 4
-    for s in range(0, whole, 4):
+    for s in range(0, n, TILE):
         for f in range(lanes):
-            cells[f, s] = rows[s, f]
-            cells[f, s + 1] = rows[s + 1, f]
-            cells[f, s + 2] = rows[s + 2, f]
-            cells[f, s + 3] = rows[s + 3, f]
-    for s in range(whole, n):
-        for f in range(lanes):
-            cells[f, s] = rows[s, f]
-    cells[:, n:] = 0
+            cells[f, start + s] = rows[s, f]
+            cells[f, start + s + 1] = rows[s + 1, f]
+            cells[f, start + s + 2] = rows[s + 2, f]
+            cells[f, start + s + 3] = rows[s + 3, f]
 
 
 @njit()
-def _add(rows, cells, shift):
-    """rows[t, f] += cells[f, shift + t], four rows at a time."""
+def _add(rows, cells, start):
+    """rows[t, f] += cells[f, start + t], four rows at a time."""
     n, lanes = rows.shape
-    whole = n - n % 4
-    for t in range(0, whole, 4):
+    for t in range(0, n, TILE):
         for f in range(lanes):
-            rows[t, f] += cells[f, shift + t]
-            rows[t + 1, f] += cells[f, shift + t + 1]
-            rows[t + 2, f] += cells[f, shift + t + 2]
-            rows[t + 3, f] += cells[f, shift + t + 3]
-    for t in range(whole, n):
-        for f in range(lanes):
-            rows[t, f] += cells[f, shift + t]
+            rows[t, f] += cells[f, start + t]
+            rows[t + 1, f] += cells[f, start + t + 1]
+            rows[t + 2, f] += cells[f, start + t + 2]
+            rows[t + 3, f] += cells[f, start + t + 3]
 
 
 @njit()
-def transfer(w, source, n_source, target, n_target, untouched, far, fftw, forward, backward, cells, spectrum):
-    """Add the effect of the rows w[:, source : source + n_source] on the next n_target rows, at w[:, target]."""
-    chunks, _, lanes = w.shape
+def transfer(w, first, last, end, sources, targets, far, execute, forward, backward, cells, spectrum):
+    """Add the effect of the last `sources` leaves before `end` on `targets` leaves, from the next but one on.
+
+    Parameters
+    ----------
+    w : ndarray, shape (leaves, chunks, rows, LANES)
+    first, last : int
+        Chunks to do.
+    end : int
+        The leaf that is left out.
+    far : ndarray, shape (>= last, LANES, length / 2 + 1)
+        Transforms of the kernel at lags from one leaf on.
+    """
+    rows, lanes = w.shape[2:]
     batch, length = cells.shape
     half = far.shape[2]
-    for c in range(chunks):
+    for c in range(first, last):
         for lane in range(0, lanes, batch):
-            _fill(cells, w[c, source : source + n_source, lane : lane + batch])
-            execute(fftw, forward)
+            for leaf in range(sources):
+                _fill(cells, leaf * rows, w[end - sources + leaf, c, :, lane : lane + batch])
+            cells[:, sources * rows :] = 0
+            _execute(execute, forward)
             for f in range(batch):
                 z, kernel = spectrum[f], far[c, lane + f]
                 for k in range(half):
                     z[k] *= kernel[k]
                 for k in range(half, length):
                     z[k] *= kernel[length - k].conjugate()
-            execute(fftw, backward)
-            rows = w[c, target : target + n_target, lane : lane + batch]
-            if untouched:
-                rows[:] = 0
-            _add(rows, cells, n_source)
-
-
-@njit()
-def count_contact(mask):
-    """Contact cells of each row."""
-    counts = np.empty(len(mask), np.int64)
-    for j, row in enumerate(mask):
-        count = 0
-        for cell in row:
-            count += cell
-        counts[j] = count
-    return counts
+            _execute(execute, backward)
+            for leaf in range(targets):
+                _add(w[end + 1 + leaf, c, :, lane : lane + batch], cells, (sources + leaf) * rows)
