@@ -12,7 +12,7 @@ import numpy as np
 from numba import uintp
 
 from app.compiled import njit
-from app.halfspace.fft.fftw import execute as _execute
+from app.halfspace.fft.fftw import execute
 
 LANES = 32  # frequencies in a chunk
 TILE = 4  # rows that act on as many others at once
@@ -63,10 +63,10 @@ def _four_dots(d, start, stop, kernel, k0, k1, k2, k3):
 def _convolve(rows, number):
     """Replace `work` by its convolution with what has the spectrum of this number."""
     start = uintp(rows.starts[number])
-    _execute(rows.execute, rows.part_plans[number, 0])
+    execute(rows.execute, rows.part_plans[number, 0])
     for k in range(uintp(rows.lengths[number] // 2 + 1)):
         rows.work_spectrum[k] *= rows.spectra[start + k]
-    _execute(rows.execute, rows.part_plans[number, 1])
+    execute(rows.execute, rows.part_plans[number, 1])
 
 
 @njit()
@@ -270,11 +270,11 @@ def _solve_tile(rows, r, mask, d, weight):
         for p in range(q):
             if (solved >> p) & 1:
                 _multiply_add(rows.tile[q], rows.close[q - p], rows.tile[p])
-        _execute(rows.execute, rows.plans[q, 1])
+        execute(rows.execute, rows.plans[q, 1])
         _add_to(rows.cells, r[q])
         solve_row(rows, count, weight)
         _put(d[q], rows.solved)
-        _execute(rows.execute, rows.plans[q, 0])
+        execute(rows.execute, rows.plans[q, 0])
         solved |= 1 << q
 
 
@@ -303,7 +303,7 @@ def _add(rows, cells, start):
 
 
 @njit()
-def transfer(w, first, last, end, sources, targets, far, execute, forward, backward, cells, spectrum):
+def transfer(w, first, last, end, sources, targets, far, fftw, forward, backward, cells, spectrum):
     """Add the effect of the last `sources` leaves before `end` on `targets` leaves, from the next but one on.
 
     Parameters
@@ -324,13 +324,13 @@ def transfer(w, first, last, end, sources, targets, far, execute, forward, backw
             for leaf in range(sources):
                 _fill(cells, leaf * rows, w[end - sources + leaf, c, :, lane : lane + batch])
             cells[:, sources * rows :] = 0
-            _execute(execute, forward)
+            execute(fftw, forward)
             for f in range(batch):
                 z, kernel = spectrum[f], far[c, lane + f]
                 for k in range(half):
                     z[k] *= kernel[k]
                 for k in range(half, length):
                     z[k] *= kernel[length - k].conjugate()
-            _execute(execute, backward)
+            execute(fftw, backward)
             for leaf in range(targets):
                 _add(w[end + 1 + leaf, c, :, lane : lane + batch], cells, (sources + leaf) * rows)
