@@ -45,7 +45,7 @@ def check_hosts(comm, grid, cells, doubles):
 
     Parameters
     ----------
-    comm : mpi4py communicator
+    comm : app.halfspace.communication.Communicator
     grid : Grid
         For the message.
     cells : int
@@ -61,21 +61,15 @@ def check_hosts(comm, grid, cells, doubles):
     from mpi4py import MPI
 
     needed = 8.0 * doubles * cells * (1 + EXCHANGE * (comm.size > 1))
-    host = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    try:
-        together, ranks = host.allreduce(needed), host.size
-        there = host.allreduce(available(), MPI.MIN)
-    finally:
-        host.Free()
-    agree(
-        comm,
-        _check,
-        grid,
-        together,
-        there,
-        f"on one host ({ranks} rank{'s'[: ranks > 1]})",
-    )
-    agree(comm, _check, grid, needed, _address_space(), "in one process, which may have (ulimit -v)")
+    host = comm.machine
+    together, ranks = host.allreduce(needed), host.size
+    there = host.allreduce(available(), MPI.MIN)
+
+    def check():
+        _check(grid, together, there, f"on one host ({ranks} rank{'s'[: ranks > 1]})")
+        _check(grid, needed, _address_space(), "in one process, which may have (ulimit -v)")
+
+    agree(comm, check)
 
 
 def check_share(grid, cells):

@@ -17,11 +17,24 @@ from app.halfspace.grid import Grid
 from app.method import settings
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
-from app.petsc import OptionDatabase, Resources, as_raised, error_message
+from app.petsc import OptionDatabase, Resources, as_raised, check_cells, error_message
+from app.strategy import check_compiler
 
 # Options that PETSc looks up only while solving, or never marks as used, ...
 _READ_LATE = re.compile(r"(\w+_)?((ksp|snes|tao)_converged_reason|ksp_view_pre|(pc|mat|snes|tao)_view\w*)")
 _PROBE = "pc_use_amat"  # ... and one with the same default that every object with that prefix looks up
+
+
+def choose(grid, method, texts):
+    """Settings of a method for a grid, if it can be had on this machine; see `app.method.settings`. Not collective.
+
+    Raises
+    ------
+    InputError
+    """
+    check_compiler()
+    check_cells(grid)
+    return settings(method, texts, bool(grid.periodic))
 
 
 def make_hierarchy(grid, compliance, comm, chosen):

@@ -83,8 +83,8 @@ def notes_on(state, problem, contact, roughness):
         found.append(
             "the patch is one cell wide: a strip pressed on that width, no plane strain (see -periodic)"
         )
-    if not grid.periodic and _touches_rim(state):
-        what = "contact reaches" if state.in_contact() else "the smallest distance is found at"
+    if not grid.periodic and _touches_rim(state, contact.contact_cells):
+        what = "contact reaches" if contact.contact_cells else "the smallest distance is found at"
         found.append(f"{what} the rim of the patch: enlarge the domain if the bodies go on beyond it")
     return found
 
@@ -117,9 +117,9 @@ def _step_at_the_sides(state):
     return float(np.sqrt(total / count)) if count else 0.0
 
 
-def _touches_rim(state):
+def _touches_rim(state, contact_cells):
     """Whether a cell on the rim of the patch is in contact, or is nearest to it if there is none. Collective."""
-    if state.in_contact():
+    if contact_cells:
         cells = state.contact
     else:
         b = np.where(state.admissible, state.distance.b, -np.inf)

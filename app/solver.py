@@ -37,15 +37,16 @@ from app.errors import InputError, agree, check_alike
 from app.fast.circulant import circulant_of
 from app.halfspace.communication import Communicator
 from app.halfspace.influence import influence_quadrant
-from app.method_solver import database_of, make_hierarchy, make_solver, read_by, refuse_unread
-from app.multigrid.hierarchy import check_room
+from app.halfspace.reductions import minimum_over
+from app.method_solver import choose, database_of, make_hierarchy, make_solver, read_by, refuse_unread
+from app.multigrid.hierarchy import team_for
 from app.notes import notes_on
 from app.path import LoadPath
-from app.petsc import Resources, check_cells, one_at_a_time
+from app.petsc import Resources, one_at_a_time
 from app.problems.given import ContactProblem
 from app.problems.problem import Problem, checked_shape
 from app.solution import Solution
-from app.strategy import Strategy, check_compiler, warm_up
+from app.strategy import Strategy, warm_up
 
 __all__ = ["ContactProblem", "ContactSolver", "Solution", "solve"]
 
@@ -102,7 +103,8 @@ class ContactSolver:
     setup_seconds : float
     touching : float
         Approach at which the bodies just touch [mm].
-    hierarchy : Hierarchy
+    hierarchy : Hierarchy or None
+        None on ranks that have no part in it: where a grid is not worth a second machine, those beyond the first one.
     ksp : PETSc.KSP or None
         Of the target grid; None where it is only made in a window, or there is none.
 
@@ -130,26 +132,33 @@ class ContactSolver:
         self.problem, self.listeners = problem, list(listeners)
         self._outer_comm = MPI.COMM_WORLD if comm is None else comm
         self.comm = self._resources.comm = Communicator(self._outer_comm.Dup())
+        self.hierarchy = self._solver = None
+        grid, texts = problem.grid, dict(options or {}) | methods.global_options(prefix)
+
         try:
-            agree(self.comm, check_compiler)
-            grid, texts = problem.grid, dict(options or {}) | methods.global_options(prefix)
-            agree(self.comm, check_cells, grid)
-            self.settings = chosen = agree(self.comm, methods.settings, method, texts, bool(grid.periodic))
+            self.settings = chosen = agree(self.comm, choose, grid, method, texts)
             check_alike(self.comm, (grid.shape, grid.periodic, chosen), "grid or options")
-            check_room(self.comm, grid, chosen)
-            self._database = database_of(chosen)
-            # Rank 0 has a part in every grid.
-            if unread := self.comm.bcast(read_by(self._database, self._set_up)):
-                self.settings = refuse_unread(unread, chosen, bool(grid.periodic))
-            self._strategy = Strategy(self.settings, self.hierarchy, self._distances, self._solver)
-            self._resources.add(self._strategy)
-            self._measure_shapes()
+            self._team = team_for(self.comm, grid, chosen)
+            self._resources.add(self._team)
+            self.settings, self.touching = self._team.told(self._prepare)
         except BaseException:
             self.close()
             raise
         self.setup_seconds = time.perf_counter() - started
 
     # -- set-up ------------------------------------------------------------------------------------------
+
+    def _prepare(self):
+        """Make all that solves; on the ranks of the team."""
+        comm, chosen = self._team.comm, self.settings
+        self._database = database_of(chosen)
+        # Rank 0 has a part in every grid.
+        if unread := comm.bcast(read_by(self._database, self._set_up)):
+            self.settings = refuse_unread(unread, chosen, bool(self.problem.grid.periodic))
+        self._strategy = Strategy(self.settings, self.hierarchy, self._distances, self._solver)
+        self._resources.add(self._strategy)
+        self._measure_shapes()
+        return self.settings, self.touching
 
     def _set_up(self):
         chosen, problem = self.settings, self.problem
@@ -158,7 +167,7 @@ class ContactSolver:
             alone = replace(grid, periodic="")  # images change little of a cell's influence on itself
             self._largest = float(influence_quadrant(alone, compliance, slice(0, 1), 1)[0, 0])
             _check_single("influence coefficients", self._largest, "mm3/N")
-        self.hierarchy = hierarchy = make_hierarchy(grid, compliance, self.comm, chosen)
+        self.hierarchy = hierarchy = make_hierarchy(grid, compliance, self._team.comm, chosen)
         self._resources.add(hierarchy)
         self._solver = make_solver(hierarchy, chosen)
         self._resources.add(self._solver)
@@ -170,24 +179,25 @@ class ContactSolver:
 
     def _measure_shapes(self):
         """Undeformed distance on all grids."""
-        hierarchy, problem = self.hierarchy, self.problem
-        target = agree(self.comm, checked_shape, problem, hierarchy.slabs.rows)
+        hierarchy, problem, comm = self.hierarchy, self.problem, self._team.comm
+        target = agree(comm, checked_shape, problem, hierarchy.slabs.rows)
         shapes = hierarchy.shapes(problem, target)
-        if not self.comm.allreduce(int(np.count_nonzero(~np.isnan(target)))):
+        lowest, highest = np.nanmin(target, initial=np.inf), np.nanmax(target, initial=-np.inf)
+        lowest, highest = minimum_over(comm, [lowest, -highest]) * (1, -1)
+        if lowest > highest:
             raise InputError(f"problem {problem.name}: contact is impossible in all cells (NaN)")
         if self.settings.single:
-            highest = self.comm.allreduce(float(np.nanmax(np.abs(target), initial=0.0)), MPI.MAX)
-            _check_single("pressures", highest / self._largest, "N/mm2")
-        self.touching = reference = self.comm.allreduce(float(np.nanmin(target, initial=np.inf)), MPI.MIN)
+            _check_single("pressures", max(-lowest, highest) / self._largest, "N/mm2")
+        self.touching = reference = float(lowest)
         for shape in shapes:
             shape -= reference
         self._strategy.coarse_minimum = hierarchy.coarse_minimum(shapes)
         for distance in self._distances:
             self._resources.remove(distance)
         self._distances.clear()
-        for level in hierarchy.levels:
-            self._distances.append(UndeformedDistance(level, shapes.pop(0), reference, self.comm))
-            self._resources.add(self._distances[-1])
+        self._distances += UndeformedDistance.on_levels(hierarchy.levels, shapes, reference, comm)
+        for distance in self._distances:
+            self._resources.add(distance)
         self._roughness = measures.measure_roughness(hierarchy.target, self._distances[-1], target)
 
     def _digits_lost(self):
@@ -236,25 +246,33 @@ class ContactSolver:
         """
         if self._finalizer.alive is False:
             raise InputError("the solver is closed")
+        given = {"approach": approach, "load": load, "mean_pressure": mean_pressure, "mean_gap": mean_gap}
+        check_alike(self.comm, given, "loading")
+        solution = self._team.told(self._solve, given, start, summary=Solution.without_rows)
+        if solution.comm is not self._outer_comm:  # the summary
+            solution = solution.without_rows(self._outer_comm)
+        for listener in self.listeners:
+            listener.end()
+        if not solution.converged:
+            warnings.warn(f"not converged: {solution.message}", RuntimeWarning, stacklevel=2)
+        return solution
+
+    def _solve(self, given, start):
+        """Solve, on the ranks of the team."""
         started, before = time.perf_counter(), self.comm.traffic.copy()
         products = self.hierarchy.operator_applications()
         if self._digits_lost():
             self._measure_shapes()
-        loading = self._loading(approach=approach, load=load, mean_pressure=mean_pressure, mean_gap=mean_gap)
+        loading = self._loading(given)
         if not loading.prescribes_load and loading.approach <= self.touching:
             start = None  # there is no pressure
         history = History(self.listeners)
         with self._database.active():
             state, outcome = self._strategy.run(loading, history, start)
             try:
-                solution = self._solution(state, loading, outcome, history, started, products, before)
+                return self._solution(state, loading, outcome, history, started, products, before)
             finally:
                 state.destroy()
-        for listener in self.listeners:
-            listener.end()
-        if not solution.converged:
-            warnings.warn(f"not converged: {solution.message}", RuntimeWarning, stacklevel=2)
-        return solution
 
     def path(self, stiffness=False, rows=(), **loadings):
         """Solve for many loads, one after the other.
@@ -288,7 +306,8 @@ class ContactSolver:
     @one_at_a_time
     def check(self, **loading):
         """Refuse a loading that `solve` would refuse; solve nothing. Collective."""
-        self._loading(**loading)
+        check_alike(self.comm, loading, "loading")
+        self._team.told(self._loading, loading, summary=lambda _: None)
 
     @contextmanager
     def unmoved(self):
@@ -323,12 +342,15 @@ class ContactSolver:
         """
         if self._finalizer.alive is False:
             raise InputError("the solver is closed")
-        self._strategy.check(solution, "solution")
-        with self._database.active():
-            return contact_stiffness(self.hierarchy, self._distances[-1], solution.contact)
 
-    def _loading(self, **given):
-        check_alike(self.comm, given, "loading")
+        def solve():
+            self._strategy.check(solution, "solution")
+            with self._database.active():
+                return contact_stiffness(self.hierarchy, self._distances[-1], solution.contact)
+
+        return self._team.told(solve)
+
+    def _loading(self, given):
         loading = prescribe(self.problem.grid, self._distances[-1], **given)
         if loading.prescribes_load and self.settings.strategy in REFERENCE_SOLVERS:
             raise InputError(f"-lcp_type {self.settings.strategy}: works by approach only, not by load")
@@ -366,7 +388,7 @@ class ContactSolver:
         notes = notes_on(state, self.problem, found, self._roughness)
         # Rank 0 has a part in every grid and window.
         told = applications, history.entries, self.comm.traffic.since(before)
-        applications, history.entries, traffic = self.comm.bcast(told)
+        applications, history.entries, traffic = self._team.comm.bcast(told)
         last = len(self.hierarchy.levels) - 1
         return Solution(
             pressure=p,
@@ -399,7 +421,7 @@ class ContactSolver:
             setup_seconds=self.setup_seconds,
             traffic=traffic,
             grid=self.problem.grid,
-            slabs=self.hierarchy.slabs,
+            slabs=self.hierarchy.slabs.among(self.comm.size),
             comm=self._outer_comm,
         )
 

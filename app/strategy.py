@@ -121,7 +121,7 @@ class Strategy:
         alike = (
             isinstance(start, Solution)
             and start.grid == self._hierarchy.target.grid
-            and start.slabs.starts == slabs.starts
+            and start.slabs.rows == slabs.rows
         )
         if not self._hierarchy.comm.allreduce(alike, MPI.LAND):
             raise InputError(f"{name}: needed: a Solution on the same grid and as many ranks")

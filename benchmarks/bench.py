@@ -21,7 +21,7 @@ from tqdm import tqdm
 from app.halfspace.grid import Grid
 from app.output.table import markdown, write_table
 from app.problems.surfaces import SelfAffineSurface
-from benchmarks import loads, periodic
+from benchmarks import loads, periodic, replay
 from benchmarks.measure import ROOT, Memory, head, publish, quickest, solve_command
 from benchmarks.plain import PlainProduct, check, seconds
 
@@ -38,7 +38,7 @@ def main():
     """Measure and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sizes", help="cells per side; default: 256,512,1024,2048, periodic: 512,1024,2048")
-    parser.add_argument("--ranks", default="1,2")
+    parser.add_argument("--ranks", help="default: 1,2; to replay: 64,512,4096")
     parser.add_argument("--problems", default=",".join(PROBLEMS))
     parser.add_argument(
         "--method", action="append", default=[], help="option file(s); default: the default method"
@@ -52,15 +52,22 @@ def main():
         "--periodic", action="store_true", help="periodic patches only; they have a page of their own"
     )
     parser.add_argument(
+        "--replay",
+        action="store_true",
+        help="what a solve sends on many ranks, on all --sizes (default 4096)",
+    )
+    parser.add_argument(
         "-o",
         "--output",
         type=Path,
         help="default: docs/benchmark.md, benchmark-loads.md, benchmark-periodic.md",
     )
     options = parser.parse_args()
-    usual = "512,1024,2048" if options.periodic else "256,512,1024,2048"
+    usual = "4096" if options.replay else "512,1024,2048" if options.periodic else "256,512,1024,2048"
     sizes = [int(size) for size in (options.sizes or usual).split(",")]
-    ranks = [int(count) for count in options.ranks.split(",")]
+    ranks = [
+        int(count) for count in (options.ranks or ("64,512,4096" if options.replay else "1,2")).split(",")
+    ]
     names = options.problems.split(",")
     unknown = set(names) - set(PROBLEMS)
     if unknown:
@@ -70,6 +77,9 @@ def main():
     if options.loads and options.periodic:
         parser.error("--loads and --periodic: choose one")
     docs = ROOT / "docs"
+    if options.replay:
+        replay.write_page(sizes, ranks, options.output)
+        return
     if options.periodic:
         periodic.write_page(sizes, ranks, options, options.output or docs / "benchmark-periodic.md")
         return

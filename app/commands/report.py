@@ -45,12 +45,15 @@ def report(facts, grid, output=None):
             2, f"mean pressure {facts['mean_pressure']:.8g} N/mm2, mean gap {facts['mean_gap']:.8g} mm"
         )
     lines += _more(facts, grid)
+    ranks = _count(facts["ranks"], "rank")
+    if facts["solving_ranks"] < facts["ranks"]:
+        ranks = f"{facts['solving_ranks']} of {ranks}"
     lines += [
         f"certificate: pressure within {facts['error_bound']:.2g} of this grid's exact one (relative, energy norm), "
         f"largest penetration {facts['largest_penetration']:.2g} mm, residual {facts['residual']:.3g}",
         f"{_count(facts['active_set_iterations'], 'active set iteration')}, {facts['inner_iterations']} inner, "
         f"{facts['work_units']:.4g} work units, {facts['operator_applications']:.4g} operator applications",
-        f"{facts['solve_seconds']:.3g} s on {_count(facts['ranks'], 'rank')}, set-up {facts['setup_seconds']:.3g} s",
+        f"{facts['solve_seconds']:.3g} s on {ranks}, set-up {facts['setup_seconds']:.3g} s",
     ]
     if output:
         lines.append(f"result in {output}")

@@ -47,7 +47,7 @@ from app.compiled import njit
 from app.contact.state import Displacement
 from app.halfspace.grid import Grid
 from app.halfspace.influence import influence_quadrant
-from app.halfspace.reductions import any_order
+from app.halfspace.reductions import any_order, sums_and_minima
 
 _TRIALS = 12
 _NEGLIGIBLE = 1e-7  # error bound that is not worth a product to make smaller
@@ -95,9 +95,10 @@ def _prove(state):
     grid = state.patch
     smallest = 2 * state.operator.compliance / np.hypot(1 / grid.dx, 1 / grid.dy)  # eigenvalue
     largest, sums = _survey(b, u, p, admissible, smallest)
-    largest = np.maximum(-state.minimum(-largest), [0, 0, -np.inf, 0, 0, 0])
+    sums, lowest = sums_and_minima(state.comm, sums, -largest)
+    largest = np.maximum(-lowest, [0, 0, -np.inf, 0, 0, 0])
     most, penetration, minus_smallest, product, highest, deepest = (float(value) for value in largest)
-    energy, defect, to_p, moved, of_p, of_u = state.sum(sums)
+    energy, defect, to_p, moved, of_p, of_u = sums
     if state.grid.periodic:
         gap, energy = _closing(state, energy)
     else:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from app.contact import kernels
-from app.halfspace.reductions import minimum_over, sum_over
+from app.halfspace.reductions import sums_and_minima
 
 
 class GridNumbers(NamedTuple):
@@ -65,11 +65,10 @@ def numbers_on(state, comm, load=None, depth=None):
     """
     grid = state.operator.grid
     total, highest, cells = kernels.numbers(state.p, state.contact)
-    total, cells = sum_over(comm, [total, cells])
-    highest = -minimum_over(comm, [-highest])[0]
+    (total, cells), (lowest,) = sums_and_minima(comm, [total, cells], [-highest])
     load = grid.cell_area * float(total) if load is None else load
     return GridNumbers(
-        load, state.depth if depth is None else depth, float(highest), float(cells) * grid.cell_area
+        load, state.depth if depth is None else depth, -float(lowest), float(cells) * grid.cell_area
     )
 
 

@@ -15,7 +15,7 @@ from app.contact import kernels
 from app.halfspace.halo import row_before
 from app.halfspace.periodic import frequencies
 from app.halfspace.product import PeriodicProduct
-from app.halfspace.reductions import any_order, sum_over
+from app.halfspace.reductions import any_order, sum_over, sums_and_minima
 
 # Cells that a boundary crosses count as contact too often: by so much of a cell for each face on it, on average over
 # directions (Yastrebov, Anciaux, Molinari, Tribol. Int. 114 (2017) 161).
@@ -64,12 +64,13 @@ def measure_contact(state):
     )
     if slabs.local and slabs.rows.stop == grid.ny and not grid.periodic:
         in_y += np.count_nonzero(state.contact[-1])
-    total, force, cells, in_x, in_y = state.sum([total, force, cells, in_x, in_y])
+    sums = total, cells, in_x, in_y, force
+    (total, cells, in_x, in_y, force), (lowest,) = sums_and_minima(state.comm, sums, [-highest])
     load = grid.cell_area * float(force)
     admissible = distance.statistics.cells
     return ContactMeasures(
         load=load,
-        max_pressure=-float(state.minimum([-highest])[0]),
+        max_pressure=-float(lowest),
         mean_pressure=load / grid.area,
         mean_gap=float(total / admissible),
         contact_cells=int(cells),

@@ -26,8 +26,9 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.contact import kernels
-from app.halfspace.reductions import any_nonzero, minimum_over, sum_over
-from app.halfspace.window import bounding_box, whole
+from app.halfspace.operator import vec_of
+from app.halfspace.reductions import any_nonzero, minimum_over, sum_over, sums_and_minima
+from app.halfspace.window import box_here, box_of, whole
 
 
 @dataclass(frozen=True)
@@ -56,9 +57,7 @@ class Update:
 
 
 _NOT_EXPECTED = np.zeros((0, 0))
-_ROUND_OFF = (
-    1e-10  # how near, relatively, the mean gap of a periodic patch comes to zero before contact is full
-)
+_ROUND_OFF = 1e-10  # how near, relatively, the mean gap of a periodic patch comes to zero before full contact
 
 
 class Displacement(IntEnum):
@@ -100,6 +99,8 @@ class UndeformedDistance:
         -h; anything in inadmissible cells.
     b : ndarray, shape (local rows, nx), [mm]
         The same, to read.
+    touching : float or None
+        Depth at which the first cells touch [mm]; None of a window: nobody knows.
     least_mean_pressure : float
         That full contact of a periodic patch needs, as soon as it is known [N/mm2].
     admissible : ndarray of bool, shape (local rows, nx)
@@ -108,14 +109,26 @@ class UndeformedDistance:
     """
 
     def __init__(self, operator, shape, reference=0.0, comm=None):
+        self._take(operator, shape, reference)
+        _measure([self], comm or operator.comm)
+
+    @classmethod
+    def on_levels(cls, operators, shapes, reference, comm):
+        """Return those of all levels of a hierarchy, in two reductions. Collective over `comm`; see the class."""
+        levels = [cls.__new__(cls) for _ in operators]
+        for level, operator, shape in zip(levels, operators, shapes, strict=True):
+            level._take(operator, shape, reference)
+        _measure(levels, comm)
+        return levels
+
+    def _take(self, operator, shape, reference):
         self.admissible = ~np.isnan(shape)
         b = np.negative(shape)
         np.copyto(b, 0.0, where=~self.admissible)
         self._hold(b, operator)
         self.depth, self.deepest, self.reference = 0.0, 0.0, reference
         self.least_mean_pressure = 0.0
-        self.statistics = self._measure(comm or operator.comm)
-        self.possible = bounding_box(self.admissible, operator.slabs, comm or operator.comm)
+        self._slabs = operator.slabs
 
     @classmethod
     def part_of(cls, whole, operator, scatter):
@@ -123,7 +136,7 @@ class UndeformedDistance:
         part = cls.__new__(cls)
         part.admissible, b = scatter.forward(whole.admissible), scatter.forward(whole.b)
         part._hold(b, operator)
-        part.statistics = whole.statistics
+        part.statistics, part.touching = whole.statistics, None
         part.depth, part.deepest, part.reference = whole.depth, 0.0, whole.reference
         return part
 
@@ -131,14 +144,7 @@ class UndeformedDistance:
         """Keep -h in memory that stays when the Vec is gone: solutions refer to it."""
         self.b = b.view()
         self.b.flags.writeable = False
-        self.rhs = PETSc.Vec().createWithArray(b.reshape(-1), comm=operator.petsc_comm)
-
-    def _measure(self, comm):
-        b = self.b
-        cells, total = sum_over(comm, [np.count_nonzero(self.admissible), -np.sum(b, where=self.admissible)])
-        mean = float(total / cells) if cells else 0.0
-        deviation = sum_over(comm, [kernels.sum_squares(b, -mean, self.admissible)])[0]
-        return Statistics(int(cells), mean, float(deviation))
+        self.rhs = vec_of(b, operator)
 
     def h_at(self, depth):
         """Return h at a depth, shape (rows, nx) [mm]; NaN in inadmissible cells. Not collective."""
@@ -177,6 +183,21 @@ class UndeformedDistance:
         self.rhs.destroy()
 
 
+def _measure(levels, comm):
+    """Find what is to be known of some distances at no depth. Collective over `comm`."""
+    sums = [[np.count_nonzero(d.admissible), -np.sum(d.b, where=d.admissible)] for d in levels]
+    lowest = [
+        [*box_here(d.admissible, d._slabs), -d.b.max(initial=-np.inf, where=d.admissible)] for d in levels
+    ]
+    sums, lowest = sums_and_minima(comm, np.ravel(sums), np.ravel(lowest))
+    means = [float(total / cells) if cells else 0.0 for cells, total in sums.reshape(-1, 2)]
+    squares = [kernels.sum_squares(d.b, -mean, d.admissible) for d, mean in zip(levels, means, strict=True)]
+    found = zip(levels, sums[::2], means, sum_over(comm, squares), lowest.reshape(-1, 5), strict=True)
+    for distance, cells, mean, deviation, (*box, touching) in found:
+        distance.statistics = Statistics(int(cells), mean, float(deviation))
+        distance.possible, distance.touching = box_of(box), float(touching)
+
+
 class ContactState:
     """Contact set, pressure, displacement and approach on one grid: C, p, u and e = h + A p of (2.8).
 
@@ -201,7 +222,7 @@ class ContactState:
         self._p = np.zeros(operator.local_shape)
         self.p = self._p.view()  # the local pressure to read; it stays when the Vec is gone
         self.p.flags.writeable = False
-        self.pressure = PETSc.Vec().createWithArray(self._p.reshape(-1), comm=operator.petsc_comm)
+        self.pressure = vec_of(self._p, operator)
         self.u = np.zeros(operator.local_shape) if u is None else u
         self.u_is = Displacement.EXACT
         self._released = np.zeros(operator.local_shape, bool)
@@ -281,7 +302,9 @@ class ContactState:
         return self.sum([any_nonzero(self.contact)])[0] > 0
 
     def first_touch(self):
-        """Depth at which the first cells of the undeformed bodies touch [mm]. Collective."""
+        """Depth at which the first cells of the undeformed bodies touch [mm]. Collective in a window."""
+        if self.distance.touching is not None:
+            return self.distance.touching
         return self.depth + float(self.minimum(-self.distance.b.max(initial=-np.inf, where=self.admissible)))
 
     def leave_one_open(self):
@@ -302,11 +325,12 @@ class ContactState:
         """Number of cells in the contact set, 1 at least. Collective."""
         return max(self.sum([np.count_nonzero(self.contact)])[0], 1.0)
 
-    def h_on_contact(self):
-        """||h||_2 over C [mm], and the cells of C, 1 at least. Collective."""
-        squares = kernels.sum_squares(self.distance.b, 0.0, self.contact)
-        squares, cells = self.sum([squares, np.count_nonzero(self.contact)])
-        return sqrt(squares), max(int(cells), 1)
+    def on_contact(self):
+        """||h||_2 and ||h + u||_2 over C [mm], and the cells of C, 1 at least. Collective."""
+        b, contact = self.distance.b, self.contact
+        squares = kernels.sum_squares(b, 0.0, contact), kernels.gap_on(b, self.u, contact, contact)[0]
+        h, residual, cells = self.sum([*squares, np.count_nonzero(contact)])
+        return sqrt(h), sqrt(residual), max(int(cells), 1)
 
     # -- Sec. 4.1, step by step -----------------------------------------------------------------------
 
@@ -346,9 +370,13 @@ class ContactState:
         self.u_is = Displacement.STALE
 
     @PETSc.Log.EventDecorator("ContactUpdate")
-    def release_tensile(self):
-        """(4.a): cells with p < 0 leave C, p = 0 there, for p >= 0 in (2.9). Return how many. Collective."""
-        cells = int(self.sum([kernels.release(self.values, self.contact, self._released)])[0])
+    def release_tensile(self, some=None):
+        """(4.a): cells with p < 0 leave C, p = 0 there, for p >= 0 in (2.9). Return how many.
+
+        Collective, unless it is known whether there are some.
+        """
+        cells = kernels.release(self.values, self.contact, self._released)
+        cells = int(self.sum([cells])[0]) if some is None else some
         if cells:
             self.u_is = Displacement.STALE
         return cells

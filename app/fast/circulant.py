@@ -14,7 +14,7 @@ on the target grid and as a multigrid smoother, where it must be damped (``-mg_l
 
 from __future__ import annotations
 
-from functools import cache, lru_cache, partial
+from functools import cache, partial
 
 import numpy as np
 from petsc4py import PETSc
@@ -30,7 +30,6 @@ from app.halfspace.periodic import influence_symbol
 _event = PETSc.Log.Event("CirculantPC")
 
 
-@lru_cache(maxsize=256)
 def circulant_periods(shape, margin):
     """Periods for a patch of some cells and a margin; see `circulant_inverse`. Not collective."""
     if margin is None:
@@ -155,9 +154,8 @@ class Circulant:
         if not 0 <= margin <= 1:
             raise ValueError(f"-pc_circulant_margin {margin:g}: allowed: 0 to 1")
         periodic = bool(operator.grid.periodic)
-        self.multiplier = circulant_of(
-            operator, tuple(0.0 if inside else margin for inside in operator.inside)
-        )
+        margins = tuple(0.0 if inside else margin for inside in operator.inside)
+        self.multiplier = circulant_of(operator, margins)
         self.extension = None
         if steps:
             workspace = getattr(operator.product, "working_storage", None)

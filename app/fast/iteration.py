@@ -51,7 +51,7 @@ class InexactStop(StoppingTest):
 
     def allowed(self, state, inside=None):
         """Norm of the residual that is small enough [mm]. Collective, unless ||h|| on C is given [mm]."""
-        whole, inside = state.distance.norm(), state.h_on_contact()[0] if inside is None else inside
+        whole, inside = state.distance.norm(), state.on_contact()[0] if inside is None else inside
         if not inside:
             return self.rtol * whole
         if not self.final:
@@ -102,7 +102,7 @@ def inexact_active_set(state, solver, loading, stop, history):
     best, since = float("inf"), 0
     if not begin(state, solver, loading, history):
         return Outcome(not loading.prescribes_load, NO_CONTACT)
-    (inside, cells), norm = state.h_on_contact(), None  # what the last update knows of C^k
+    inside, norm, cells = state.on_contact()  # of C^k; later the last update knows
     for k in range(1, stop.max_it + 1):
         allowed, done = stop.allowed(state, inside), False
         solver.set_contact()  # 2. (2.11) on C^k
@@ -143,7 +143,7 @@ def _verify(state, solver, loading, stop):
     Update, bool
         Of the contact set; whether the problem is solved.
     """
-    state.release_tensile()  # (4.a)
+    state.release_tensile(solver.tensile)  # (4.a)
     solver.rest()
     if state.u_is is not Displacement.EXACT:
         state.compute_displacement(exact=True)
@@ -166,7 +166,7 @@ def _leave(state, solver, loading, near):
     """
     enough = solver.tension(state) <= RELEASED and loading.update(state) <= near
     if enough:
-        state.release_tensile()  # (4.a)
+        state.release_tensile(solver.tensile)  # (4.a)
     else:
         solver.release(state, found=True)  # (4.a), and u along with it
         loading.update(state)

@@ -75,7 +75,7 @@ def nested_iteration(
         stage.close()
         if target and stage.windowed:
             coarse = None
-            state, complete = stage.everything(outcome)
+            state, complete = stage.everything(outcome, loading.prescribes_load)
             if not complete:
                 rest = solve_on(hierarchy, number, state, loading, stop, history, False, kept)
                 outcome = rest.after(outcome)

@@ -35,7 +35,7 @@ class TrackingSolver(LinearSolver):
                 f"-{prefix}ksp_type: -lcp_type fast needs one that keeps the displacement: "
                 "python with -ksp_python_type app.fast.tracking_cg.TrackingCG"
             )
-        self._cg = context
+        self._cg, self.tensile = context, None
 
     def improve(self, state, allowed, norm=None):
         """Step 3, inexactly: p towards (2.11) on C, u = A p along with it.
@@ -77,10 +77,14 @@ class TrackingSolver(LinearSolver):
             self._cg.rest()
 
     def tension(self, state):
-        """Pressure that is negative, as a share of the sum of p; left in the direction, for `release`. Collective."""
+        """Pressure that is negative, as a share of the sum of p; left in the direction, for `release`. Collective.
+
+        ``tensile`` is whether there is some, until the pressure changes.
+        """
         change = self._cg.direction
         kernels.tension(state.p, state.contact, change)
         total, negative = state.sum([state.p.sum(), change.sum(dtype=np.float64)])
+        self.tensile = bool(negative)
         return negative / total if total > 0 else float(negative)
 
     def release(self, state, found=False):
@@ -91,7 +95,7 @@ class TrackingSolver(LinearSolver):
         change = self._cg.direction
         if not found:
             kernels.tension(state.p, state.contact, change)
-        released = state.release_tensile()
+        released = state.release_tensile(self.tensile if found else None)
         if released:
             state.operator.displacement(change, self._cg.product)
             add(state.u, 1.0, self._cg.product)

@@ -224,13 +224,15 @@ class Stage:
             for operator in (self.state.operator, self._below):
                 self._kept.close(operator)
 
-    def everything(self, outcome):
+    def everything(self, outcome, scaled):
         """Return the state on all cells of the target grid, that in the window being final. Collective.
 
         Parameters
         ----------
         outcome : Outcome
             In the window.
+        scaled : bool
+            Pressures may have been scaled since the last verification, to meet a load.
 
         Returns
         -------
@@ -241,7 +243,8 @@ class Stage:
         inside, level, scatter = self.state, self._hierarchy.target, self._scatter
         if self._verification.u is None or not outcome.converged:
             self._verification.by_all(inside.p, inside.u)
-        self._verification.follow(inside.u)
+        if scaled:
+            self._verification.follow(inside.u)
         self._distance.move_to(inside.depth)
         inside.distance.destroy()
         inside.distance = inside.u = None  # room for the state of all cells

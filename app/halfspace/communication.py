@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
 
+from app.errors import InputError
 from app.halfspace.grid import Slabs
 from app.petsc import log_messages, log_reduction
 
@@ -22,7 +24,9 @@ _CELLS_INSIDE = 8192
 _CELLS_PER_SECOND = (
     4e8  # a step waits for some 12 messages, and does 1e-9 s of work for a cell and a logarithm
 )
-_TRIALS = 5
+_BYTES_PER_SECOND = 5e8  # sent in a solve for a second that a core computes, as replayed (docs/scaling.md)
+_TRIAL_BYTES = 1 << 18  # that a rank sends, but a page to each other one at least
+_TRIALS, _TRIAL_SECONDS = 6, 0.005  # at most; so long together, but for the first, which opens connections
 
 
 @dataclass
@@ -68,6 +72,58 @@ class Communicator(MPI.Intracomm):
     def plain(self):
         """Return it as others know it, who ask for the type. Not collective."""
         return MPI.Intracomm(self)
+
+    @cached_property
+    def machine(self):
+        """Communicator of the ranks on this machine. Collective when first asked for."""
+        return self.plain().Split_type(MPI.COMM_TYPE_SHARED)
+
+    @cached_property
+    def near(self):
+        """How many ranks are on the machine of rank 0, up to the first that is not. Collective when first asked for."""
+        if self.machine.size == self.size:
+            return self.size
+        ours, here = self.Get_group(), self.machine.Get_group()
+        [place] = MPI.Group.Translate_ranks(ours, [0], here)
+        ours.Free()
+        here.Free()
+        return self.allgather(place != MPI.UNDEFINED).index(False)
+
+    @cached_property
+    def latency(self):
+        """Seconds that a reduction takes between machines, about. Collective when first asked for, and the same there.
+
+        0 on one machine, which is not measured, so that runs can be repeated.
+        """
+        if self.near == self.size:
+            return 0.0
+        last, slowest, found = np.zeros(1), np.zeros(1), []
+        while len(found) < _TRIALS and sum(found[1:]) < _TRIAL_SECONDS:
+            started = time.perf_counter()
+            self.Allreduce(last, slowest, MPI.MAX)
+            last[0] = time.perf_counter() - started
+            found += [float(slowest[0])][: bool(slowest[0])]  # of the trial before
+        return min(found)
+
+    @cached_property
+    def byte_seconds(self):
+        """Seconds for a byte that a rank sends, while all send to all. Collective when first asked for."""
+        part = max(_TRIAL_BYTES // self.size, 4096)
+        counts, times = np.full(self.size, part), []
+        sent, got = np.zeros((2, part * self.size), np.uint8)
+        for _ in range(_TRIALS):
+            started = time.perf_counter()
+            self.Alltoallv([sent, counts], [got, counts])
+            times.append(time.perf_counter() - started)
+        slowest = np.empty(_TRIALS)
+        self.Allreduce(np.array(times), slowest, MPI.MAX)
+        return max(slowest.min() - self.latency, 0.0) / sent.size
+
+    def Free(self):
+        """Free it, and what was made of it. Collective."""
+        if "machine" in vars(self):
+            self.machine.Free()
+        super().Free()
 
     def first(self, size):
         """Return a communicator of the first `size` ranks. Collective over these."""
@@ -132,12 +188,13 @@ class Ranks:
     def __init__(self, comm, cells=0):
         self.comm = comm if isinstance(comm, Communicator) else Communicator(comm)
         self.size, self.rank = comm.size, comm.rank
+        self.near, self.least = (1, 0) if cells else (self.comm.near, _worth_a_machine(self.comm))
         self.cells = cells or _worth_a_rank(self.comm)
         self._made = {}
 
     def number(self, grid):
         """How many ranks a grid is worth, see `worth`. Not collective."""
-        return worth(grid, self.size, self.cells)
+        return worth(grid, self.size, self.cells, self.near, self.least)
 
     def deal(self, grid, size=None):
         """Deal the rows of a grid to the first `size` ranks. Collective over these, when it is their first grid.
@@ -154,8 +211,7 @@ class Ranks:
     def slabs(self, grid, size=None):
         """Those of `deal`. Not collective."""
         size = size or self.number(grid)
-        least = 4 if grid.periodic else 1  # cells of the coarse grid of `app.primal.two_grid` are on one rank
-        return Slabs(grid.ny, size, self.rank, aligned(grid.ny, size, least))
+        return Slabs(grid.ny, size, self.rank, aligned(grid.ny, size))
 
     def first(self, size):
         """Communicator of the first ranks; None if this is the only one, or none of them. Collective over these."""
@@ -173,42 +229,111 @@ class Ranks:
             self._made.pop(size).Free()
 
 
-def worth(grid, size, cells):
-    """How many of `size` ranks a grid is worth: all, or a power of two. Not collective.
+def worth(grid, size, cells, near=1, least=0):
+    """How many of `size` ranks a grid is worth: all, those of the first machine, or a power of two. Not collective.
 
-    Each has so many cells at least, and a row. Coarser grids, and windows, are never worth more.
+    Each has so many cells at least, and a row; of the first `near` ranks, which are on one machine, `_CELLS_INSIDE`.
+    More of them, on several machines, are more than `least`. Coarser grids, and windows, are never worth more.
     """
-    most = min(grid.n // cells, grid.ny)
-    return size if most >= size else 1 << (max(most, 1).bit_length() - 1)
+    most, inside = (min(grid.n // each, grid.ny) for each in (cells, _CELLS_INSIDE))
+    number = size if most >= size else _power_of_two(most)
+    if number > max(near, least):
+        return number
+    return near if inside >= near else _power_of_two(inside)
 
 
-def aligned(ny, size, least=1):
+def _power_of_two(most):
+    return 1 << (max(most, 1).bit_length() - 1)
+
+
+def worth_solving(grid, comm, cells=0):
+    """How many ranks should solve on a target grid: all, or the first machine's, if it is not worth another.
+
+    Collective over `comm`, a `Communicator`. All if `cells` per rank are asked for.
+    """
+    near = comm.size if cells else comm.near
+    if near < comm.size:
+        known = grid, comm.size, _worth_a_rank(comm), near
+        if (
+            worth(*known) <= near or worth(*known, _worth_a_machine(comm)) <= near
+        ):  # asked last, as it takes longest
+            return near
+    return comm.size
+
+
+def aligned(ny, size):
     """Rows that slabs should start at multiples of: the largest power of two that costs next to no balance.
 
     Not collective. Slabs of a grid and of the next coarser one then mostly fit.
     """
-    block = least
+    block = 1
     while 32 * block * size <= ny:
         block *= 2
     return block
 
 
 def _worth_a_rank(comm):
-    """Cells from which on a rank pays. Collective; one machine is not measured, so that runs can be repeated."""
-    if comm.size == 1:
-        return _CELLS_INSIDE
-    inside = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    alone = inside.size == comm.size
-    inside.Free()
-    if alone:
-        return _CELLS_INSIDE
-    times, number = [], np.zeros(1)
-    for _ in range(_TRIALS):
-        started = time.perf_counter()
-        comm.Allreduce(number.copy(), number, MPI.MAX)
-        times.append(time.perf_counter() - started)
-    latency = comm.allreduce(min(times), MPI.MAX)
-    return max(_CELLS_INSIDE, 1 << round(np.log2(_CELLS_PER_SECOND * latency)))
+    """Cells from which on a rank pays that is on any machine. Collective when first asked for."""
+    return max(_CELLS_INSIDE, 1 << round(np.log2(max(_CELLS_PER_SECOND * comm.latency, 1.0))))
+
+
+def _worth_a_machine(comm):
+    """Ranks from which on more machines pay: it takes less to send what they share than it saves to compute it.
+
+    Collective when first asked for. With b s for a byte, r bytes for a s of computing: b r / P < 1 / near - 1 / P.
+    """
+    return 0 if comm.near == comm.size else comm.near * (1 + _BYTES_PER_SECOND * comm.byte_seconds)
+
+
+class Team:
+    """The first ranks, that share the grids of a problem, and the others, who wait to be told what is found.
+
+    Collective.
+
+    Parameters
+    ----------
+    everybody : Communicator
+    size : int
+
+    Attributes
+    ----------
+    comm : Communicator or None
+        Of the first ranks; None on the others.
+    """
+
+    def __init__(self, everybody, size):
+        self.everybody, self.comm = everybody, everybody
+        if size < everybody.size:
+            self.comm = everybody.first(size) if everybody.rank < size else None
+
+    def told(self, function, *arguments, summary=lambda result: result):
+        """Let the first ranks call a function; the others get a summary of what rank 0 got.
+
+        Collective; `function` over the first ranks.
+
+        Raises
+        ------
+        InputError
+            On all ranks, if it does.
+        """
+        if self.comm is self.everybody:
+            return function(*arguments)
+        result = told = refused = None
+        if self.comm is not None:
+            try:
+                result = function(*arguments)
+                told = summary(result)
+            except InputError as error:
+                refused = error
+        told, why = self.everybody.bcast((told, refused and str(refused)))
+        if why is not None:
+            raise refused or InputError(why)
+        return told if self.comm is None else result
+
+    def destroy(self):
+        """Free what was made here. Collective."""
+        if self.comm is not None and self.comm is not self.everybody:
+            self.comm.Free()
 
 
 class Fetch:
@@ -226,7 +351,7 @@ class Fetch:
     """
 
     def __init__(self, have, want, comm=None):
-        self._comm = comm if comm is not None and comm.size > 1 else None
+        self._comm, self.have = comm if comm is not None and comm.size > 1 else None, have
         ranks = 1 if self._comm is None else comm.size
         rank = have.rank if self._comm is not None else 0
         starts, ends = have.bounds(ranks)

@@ -206,6 +206,13 @@ class Slabs:
         around = owners if periodic else [*owners, MPI.PROC_NULL]
         return around[place - 1], around[(place + 1) % len(around)]
 
+    def among(self, size, rank=None):
+        """Return the same rows with so many ranks, of which those beyond have none, seen by one of them."""
+        more = Slabs.__new__(Slabs)
+        rank = self.rank if rank is None else rank
+        more._set([*self.starts, *[self.ny] * (size - self.size)], rank)
+        return more
+
     def coarsen(self, factor):
         """Slabs of the coarse grid whose rows are made of `factor` of these rows each: with the first is the parent."""
         if factor == 1:

@@ -355,9 +355,16 @@ def petsc_comm(comm):
     return PETSc.COMM_SELF if comm is None else PETSc.Comm(MPI.Intracomm(comm))
 
 
+def vec_of(field, operator):
+    """Make a Vec of a field on an operator's grid, in its memory, for the caller to free. Collective over its ranks."""
+    # All cells, that PETSc need not sum; none where there are none, by a communicator of this rank's own.
+    size = field.size, operator.grid.n if operator.active else 0
+    return PETSc.Vec().createWithArray(field.reshape(-1), size, comm=operator.petsc_comm)
+
+
 def symmetric_mat(context, comm):
     """Make a Mat of an operator with a `local_shape`, symmetric positive definite. Collective over `comm`."""
-    size = (context.local_shape[0] * context.local_shape[1], PETSc.DETERMINE)
+    size = context.local_shape[0] * context.local_shape[1], context.grid.n
     mat = PETSc.Mat().createPython((size, size), context, comm=comm)
     mat.setOption(PETSc.Mat.Option.SPD, True)
     mat.setUp()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from mpi4py import MPI
 
@@ -32,6 +34,36 @@ def sum_over(comm, values):
 def minimum_over(comm, values):
     """Smallest of each of a few numbers over the ranks of `comm`; None: return them as they are. Collective."""
     return values if comm is None else _reduce(comm, values, MPI.MIN)
+
+
+def sums_and_minima(comm, sums, lowest):
+    """Sum some numbers and find the smallest of each of others, by one reduction. Collective; `comm` may be None."""
+    sums, lowest = np.array(sums, float), np.array(lowest, float)
+    if comm is None:
+        return sums, lowest
+    # The first number tells the operation how many are to be summed; one element, as no library may cut it.
+    found, (kind, operation) = (
+        np.concatenate([[sums.size], sums, lowest]),
+        _mixed(1 + sums.size + lowest.size),
+    )
+    comm.Allreduce([found.copy(), 1, kind], [found, 1, kind], operation)
+    return found[1 : 1 + sums.size], found[1 + sums.size :]
+
+
+@cache
+def _mixed(size):
+    return MPI.DOUBLE.Create_contiguous(size).Commit(), _operation()
+
+
+@cache
+def _operation():
+    def merge(one, other, kind):
+        a, b = np.frombuffer(one), np.frombuffer(other)
+        summed = 1 + int(b[0])
+        b[1:summed] += a[1:summed]
+        np.minimum(a[summed:], b[summed:], out=b[summed:])
+
+    return MPI.Op.Create(merge, commute=True)
 
 
 def _reduce(comm, values, operation):

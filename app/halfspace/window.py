@@ -83,22 +83,23 @@ def bounding_boxes(masks, slabs, comm):
     -------
     list of Window or None
     """
-    boxes = np.full((len(masks), 4), np.inf)
+    return [box_of(box) for box in minimum_over(comm, [box_here(mask, slabs) for mask in masks])]
+
+
+def box_here(mask, slabs):
+    """Return first row and column with a cell that is set here, last ones negative; infinite if none. Not collective.
+
+    Whose minima over the ranks tell `box_of`.
+    """
     first = slabs.rows.start
-    for mask, box in zip(masks, boxes, strict=True):
-        y0, y1, x0, x1 = _extent(mask)
-        if y1:
-            box[:] = first + y0, x0, 1 - first - y1, 1 - x1
-    boxes = minimum_over(comm, boxes)
-    return [
-        None if np.isinf(y0) else Window(int(y0), 1 - int(y1), int(x0), 1 - int(x1))
-        for y0, x0, y1, x1 in boxes
-    ]
+    y0, y1, x0, x1 = _extent(mask)
+    return [first + y0, x0, 1 - first - y1, 1 - x1] if y1 else [np.inf] * 4
 
 
-def bounding_box(mask, slabs, comm):
-    """Return that of one mask; see `bounding_boxes`. Collective."""
-    return bounding_boxes([mask], slabs, comm)[0]
+def box_of(minima):
+    """Return the window that four minima tell of, or None. Not collective."""
+    y0, x0, y1, x1 = minima
+    return None if np.isinf(y0) else Window(int(y0), 1 - int(y1), int(x0), 1 - int(x1))
 
 
 @njit()

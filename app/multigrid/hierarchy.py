@@ -9,7 +9,8 @@ from __future__ import annotations
 from functools import cached_property
 from weakref import WeakKeyDictionary
 
-from app.halfspace.communication import Ranks
+from app.errors import InputError
+from app.halfspace.communication import Ranks, Team, worth_solving
 from app.halfspace.operator import InfluenceOperator, petsc_comm
 from app.memory import check_hosts, doubles_per_cell
 from app.multigrid.transfer import Transfer
@@ -58,7 +59,38 @@ def check_room(comm, grid, settings):
     # What grids that all ranks share take is counted with the target's cells.
     few = [ranks.slabs(g).local * g.nx for g in grids[1:] if ranks.number(g) < comm.size]
     cells = ranks.slabs(grid, comm.size).local * grid.nx + sum(few)
-    check_hosts(comm, grid, cells, doubles_per_cell(settings, grid.periodic))
+    check_hosts(ranks.comm, grid, cells, doubles_per_cell(settings, grid.periodic))
+
+
+def team_for(comm, grid, settings):
+    """Ranks that solve on a target grid: as many as it is worth, or all if those have not the memory. Collective.
+
+    Parameters
+    ----------
+    comm : Communicator
+        All ranks.
+    grid : Grid
+    settings : app.method.Settings
+
+    Returns
+    -------
+    Team
+
+    Raises
+    ------
+    InputError
+        If there is too little memory on some machine.
+    """
+    team = Team(comm, worth_solving(grid, comm, settings.cells_per_rank))
+    try:
+        team.told(check_room, team.comm, grid, settings)
+    except InputError:
+        if team.comm is comm:
+            raise
+        team.destroy()
+        team = Team(comm, comm.size)
+        check_room(comm, grid, settings)
+    return team
 
 
 class Hierarchy:

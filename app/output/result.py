@@ -311,8 +311,11 @@ def _lay_out(path, plan):
     size += shape[0] * shape[1] * sum(dtype.itemsize for dtype in plan["types"].values()) + METADATA_BYTES
     _reserve(path, size, "xb")
     with h5py.File(path, "w") as file:
+        in_order = h5py.h5p.create(h5py.h5p.GROUP_CREATE)
+        in_order.set_link_creation_order(h5py.h5p.CRT_ORDER_TRACKED | h5py.h5p.CRT_ORDER_INDEXED)
+        in_order.set_obj_track_times(False)  # the same result is the same file
         for name in ("history", *(["path"] if plan["path"] else [])):
-            file.create_group(name, track_order=True)  # columns stay in their order
+            h5py.h5g.create(file.id, name.encode(), gcpl=in_order)
         for name, value in plan["attributes"].items():
             file.attrs[name] = value
         for name, column in plan["history"].items():
@@ -348,8 +351,8 @@ def _write_rows(path, comm, slabs, rows):
                     start = slabs.rows.start
                     file[name][start + part.start : start + part.stop] = values[part]
 
-    if comm.size == 1:
-        _together(comm, OSError, write)
+    if np.count_nonzero(slabs.counts) == 1:
+        _together(comm, OSError, lambda: write() if slabs.local else None)
     elif h5py.get_config().mpi:
         _together(comm, OSError, lambda: write(driver="mpio", comm=comm))
     else:

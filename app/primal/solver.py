@@ -94,13 +94,5 @@ def _check_kinds(options, prefix):
 
 
 def coarser_operator(hierarchy, number):
-    """A on the grid of the long waves; None if there is none with whole cells of this one on every rank."""
-    slabs = hierarchy.levels[number].slabs
-    for below in (number - _COARSER, *range(number - _COARSER + 1, number)):
-        if below < 0:
-            continue
-        coarse = hierarchy.levels[below]
-        factor = slabs.ny // coarse.grid.ny
-        if all(start % factor == 0 for start in slabs.starts):
-            return coarse
-    return None
+    """A on the grid of the long waves; None if there is none."""
+    return hierarchy.levels[max(number - _COARSER, 0)] if number else None

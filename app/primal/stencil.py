@@ -139,7 +139,7 @@ def _add_inside(row, free, x):
 
 
 @njit()
-def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, shares, x, coarse):
+def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, shares, x, coarse, skipped, fy):
     """Sweeps ``x += share (s - B3 x) / B3_00`` on the free cells from x = 0; the mean of what is left in coarse cells.
 
     Parameters
@@ -153,8 +153,13 @@ def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, shar
     shares : ndarray of float32
         Of the sweeps.
     x : ndarray of float32, shape (rows, nx)
-    coarse : ndarray of float64, shape (rows / fy, nx / fx)
-        Becomes the mean of s - B3 x over B3_00; nothing is computed if it is empty.
+    coarse : ndarray of float64, shape (rows, nx / fx)
+        Becomes the mean of s - B3 x over B3_00, of its first and last row what is here; nothing is computed if it is
+        empty.
+    skipped : int
+        How many rows of its first row lie before these.
+    fy : int
+        Rows of a coarse row.
     """
     rows, nx = s.shape
     if not rows:
@@ -166,7 +171,7 @@ def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, shar
     swept = np.zeros((steps + 1, 3, nx + 2), np.float32)
     left = np.empty(nx, np.float32)
     if coarse.size:
-        fy, fx = rows // coarse.shape[0], nx // coarse.shape[1]
+        fx = nx // coarse.shape[1]
         coarse[...] = 0
     high = rows + 2 * halo
     for t in range(high + steps + 1):
@@ -200,7 +205,7 @@ def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, shar
                     sources[j % (steps + 1)], inside[j % (steps + 1)],
                     swept[steps, (j - 1) % 3], last, swept[steps, (j + 1) % 3], wx, wy, wd, left,
                 )  # fmt: skip
-                _add_means(left, fx, 1.0 / (fx * fy), coarse[(j - halo) // fy])
+                _add_means(left, fx, 1.0 / (fx * fy), coarse[(skipped + j - halo) // fy])
 
 
 @njit()
@@ -294,19 +299,21 @@ def _mix_row(a, weight, b, out):
 
 
 @njit()
-def add_interpolated(coarse, fx, fy, free, x):
+def add_interpolated(coarse, skipped, fx, fy, free, x):
     """x += the bilinear interpolation of `coarse` on the free cells; coarse rows are one more at either end.
 
     Parameters
     ----------
-    coarse : ndarray of float64, shape (rows / fy + 2, nx / fx)
+    coarse : ndarray of float64, shape (rows + 2, nx / fx)
+    skipped : int
+        How many rows of the second lie before these.
     x : ndarray of float32, shape (rows, nx)
     """
     columns = coarse.shape[1]
     wide, row = np.empty(columns + 2, np.float32), np.empty(x.shape[1], np.float32)
     for j in range(x.shape[0]):
-        parent = j // fy
-        shift = (j - parent * fy + 0.5) / fy - 0.5  # from the parent's centre, in its size
+        parent = (skipped + j) // fy
+        shift = (skipped + j - parent * fy + 0.5) / fy - 0.5  # from the parent's centre, in its size
         other = parent + (1 if shift > 0 else -1)
         _mix_row(coarse[parent + 1], 1 - abs(shift), coarse[other + 1], wide[1:-1])
         _wrap(wide)
@@ -327,7 +334,9 @@ def warm_up():
     fixed.flags.writeable = False
     weights = (0.0, *(np.float32(0),) * 3)
     for s in (fixed, field):
-        sweep_from_zero(s, field, field, cells, cells, cells, weights, np.ones(1, np.float32), low, field)
+        sweep_from_zero(
+            s, field, field, cells, cells, cells, weights, np.ones(1, np.float32), low, field, 0, 1
+        )
         sweep_on(s, field, field, cells, cells, cells, weights, np.ones(1, np.float32), low, low, low, field)
     sweep_projected(low, low, low, low, low, low, weights, 1, low)
-    add_interpolated(field, 1, 1, cells, low)
+    add_interpolated(field, 0, 1, 1, cells, low)

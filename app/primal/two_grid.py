@@ -6,6 +6,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.halfspace.communication import Fetch
+from app.halfspace.grid import Slabs
 from app.halfspace.halo import Halo
 from app.halfspace.reductions import sum_over
 from app.primal import stencil
@@ -100,9 +101,11 @@ class TwoGrid:
 
     def _apply(self, s, z):
         free, x, waves = self.operator.mask, self._x, self._long_waves
-        left = waves.left if waves else _NONE
+        left, skipped, fy = (waves.left, waves.skipped, waves.fy) if waves else (_NONE, 0, 1)
         beside = self._rows(s)
-        stencil.sweep_from_zero(s, *beside, free, *self._free, self.weights, self._shares, x, left)
+        stencil.sweep_from_zero(
+            s, *beside, free, *self._free, self.weights, self._shares, x, left, skipped, fy
+        )
         if waves:
             waves.add(1.0 / self.weights[0], self._contact, free, x)
         stencil.sweep_on(s, *beside, free, *self._free, self.weights, self._back, x, *self._rows(x), z)
@@ -130,18 +133,29 @@ def _weights(centre, grid):
 
 
 class _LongWaves:
-    """A on a coarser grid, for what the sweeps leave."""
+    """A on a coarser grid, for what the sweeps leave.
+
+    Slabs may begin inside of a coarse row: it is made where its first row is, with what the next ranks have of it.
+    """
 
     def __init__(self, fine):
         self.fine, self.operator = fine, fine.coarser
         coarse = self.operator
         self.fy, self.fx = fine.grid.ny // coarse.grid.ny, fine.grid.nx // coarse.grid.nx
-        slabs, comm = fine.slabs.coarsen(self.fy), fine.comm
-        first, last = slabs.bounds(1 if comm is None else comm.size)
-        some = last > first
-        self._to_coarse = Fetch(slabs, [coarse.slabs.bounds(len(first))], comm)
-        self._with_neighbours = Fetch(coarse.slabs, [(first - some, last + some)], comm)
-        self.left = np.empty((slabs.local, coarse.grid.nx))
+        made, comm = fine.slabs.coarsen(self.fy), fine.comm
+        ranks, rank = (1, 0) if comm is None else (comm.size, comm.rank)
+        first, last = fine.slabs.bounds(ranks)
+        some, self.skipped = last > first, int(first[rank] % self.fy)
+        low, high = first // self.fy, np.where(some, -(-last // self.fy), first // self.fy)
+        self.left = np.empty((high[rank] - low[rank], coarse.grid.nx))
+        self._to_coarse = Fetch(made, [coarse.slabs.bounds(ranks)], comm)
+        self._with_neighbours = Fetch(coarse.slabs, [(low - some, high + some)], comm)
+        # Of each coarse row, how many ranks begin inside; they follow the one that makes it.
+        inside = np.bincount(low[some & (first % self.fy > 0)], minlength=coarse.grid.ny)
+        begin, end = made.bounds(ranks)
+        number = np.where(end > begin, inside[end - 1], 0)
+        following = np.arange(1, ranks + 1)
+        self._rest = Fetch(Slabs(ranks, ranks, rank), [(following, following + number)], comm)
         self._u = np.empty(coarse.local_shape)
         # The longest wave: 2 / (E* q) = 2 pi compliance / q
         longest = max(fine.grid.nx * fine.grid.dx, fine.grid.ny * fine.grid.dy)
@@ -150,9 +164,12 @@ class _LongWaves:
     def add(self, scale, contact, free, x):
         """x += what A makes of `left` times a scale, on the free cells, beside a share in contact. Collective."""
         coarse = self.operator
-        left = self._to_coarse(self.left)
+        left, rest = self.left[bool(self.skipped) :], self._rest(self.left[:1])
+        if len(rest):
+            left[-1] += rest.sum(axis=0)
+        left = self._to_coarse(left)
         coarse.displacement(left, self._u)
         total = sum_over(coarse.comm, [left.sum()])[0]
         self._u += self._constant / contact * total / coarse.grid.n
         self._u *= scale
-        stencil.add_interpolated(self._with_neighbours(self._u), self.fx, self.fy, free, x)
+        stencil.add_interpolated(self._with_neighbours(self._u), self.skipped, self.fx, self.fy, free, x)

@@ -65,9 +65,12 @@ def errors(done):
     return [line for line in done.stderr.splitlines() if line.startswith("error: ")]
 
 
-def test_answer_is_that_of_one_host(solve, tmp_path):
+@pytest.mark.parametrize(
+    "cells, solving", [(0, 1), (64, 2)]
+)  # it is not worth a second host, but may be shared
+def test_answer_is_that_of_one_host(solve, tmp_path, cells, solving):
     """Option files, what PETSC_OPTIONS and the working folder mean, are those of the first host."""
-    (tmp_path / "more.opts").write_text("-lcp_error_bound 1e-4\n")
+    (tmp_path / "more.opts").write_text(f"-lcp_error_bound 1e-4\n-lcp_cells_per_rank {cells}\n")
     done = solve(
         "-options_file",
         tmp_path / "more.opts",
@@ -76,9 +79,10 @@ def test_answer_is_that_of_one_host(solve, tmp_path):
         env={"PETSC_OPTIONS": "-lcp_rtol 1e-7"},
     )
     assert (done.returncode, done.stderr) == (0, "")
-    more = ["-lcp_error_bound", 1e-4, "-lcp_rtol", 1e-7, "-output", tmp_path / "one.h5"]
+    more = ["-options_file", tmp_path / "more.opts", "-lcp_rtol", 1e-7, "-output", tmp_path / "one.h5"]
     assert run(*HERTZ[1:], *more, ranks=2).returncode == 0
     one, two = (read_result(tmp_path / f"{name}.h5") for name in ("one", "two"))
+    assert (two.attributes["solving_ranks"], two.attributes["ranks"]) == (solving, 2)
     np.testing.assert_allclose(two.pressure, one.pressure, rtol=0, atol=1e-10 * one.pressure.max())
 
 

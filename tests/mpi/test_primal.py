@@ -34,15 +34,16 @@ def test_rows_beside_a_slab_come_from_whoever_has_them(comm, dtype):
         np.testing.assert_array_equal(after, field[np.arange(last, last + width) % ny])
 
 
-@pytest.mark.mpi(2, 3)
+@pytest.mark.mpi(2, 3, 5)
 @pytest.mark.parametrize("cells", [1, 10**6])
-@pytest.mark.parametrize("shape", [(32, 24), (12, 40), (9, 16)])
+@pytest.mark.parametrize("shape", [(32, 24), (12, 40), (9, 16), (8, 16)])
 def test_the_preconditioner_is_the_same_on_any_number_of_ranks(comm, shape, cells):
+    """Wherever slabs begin, several of them inside of a row of the long waves' grid, too."""
     grid = Grid(shape[1], shape[0], 0.3, 0.2, periodic="spectral")
     free, r, w = np.random.default_rng(1).random(shape) < 0.7, random_field(grid, 2), random_field(grid, 3)
     found = []
     for ranks in (comm, MPI.COMM_SELF):
-        hierarchy = Hierarchy(grid, STEEL, ranks, cells_per_rank=cells, dtype=np.float32)
+        hierarchy = Hierarchy(grid, STEEL, ranks, 2, cells_per_rank=cells, dtype=np.float32)
         with OptionDatabase(read_method_file("primal")).active():
             solver = PrimalSolver(hierarchy)
         rows = hierarchy.slabs.rows

@@ -13,7 +13,7 @@ from app import ContactProblem
 from app.fast import kept
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.influence import Material
-from app.halfspace.window import Scatter, Window, bounding_box
+from app.halfspace.window import Scatter, Window, bounding_boxes
 from app.multigrid.hierarchy import Hierarchy
 
 each_number_of_ranks = pytest.mark.mpi(1, 2, 3, 5)
@@ -50,9 +50,9 @@ def test_fields_and_masks_get_in_and_out_again_whatever_the_slabs(comm):
 def test_bounding_box_is_the_same_on_all_ranks_and_holds_every_cell(comm):
     slabs = Slabs(20, comm.size, comm.rank)
     mask = np.zeros((20, 9), bool)
-    assert bounding_box(mask[slabs.rows], slabs, comm) is None
+    assert bounding_boxes([mask[slabs.rows]], slabs, comm) == [None]
     mask[4, 2] = mask[17, 5] = True
-    assert bounding_box(mask[slabs.rows], slabs, comm) == Window(4, 18, 2, 6)
+    assert bounding_boxes([mask[slabs.rows]], slabs, comm) == [Window(4, 18, 2, 6)]
 
 
 @pytest.mark.mpi(1, 2, 3)

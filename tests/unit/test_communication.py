@@ -40,6 +40,13 @@ def test_so_are_coarser_grids_on_the_ranks_that_they_are_worth(size, cells):
     assert before == 1 or cells == 1
 
 
+def test_machines_share_what_is_worth_the_way_between_them():
+    """Else it is for as many ranks of the first one as inside of a machine."""
+    far = 1 << 21  # cells, at 5 ms
+    ranks = {n: worth(Grid(n, n, 1.0, 1.0), 64, far, near=24) for n in (128, 512, 1024, 4096, 8192, 16384)}
+    assert ranks == {128: 2, 512: 24, 1024: 24, 4096: 24, 8192: 32, 16384: 64}
+
+
 def test_slabs_of_a_grid_and_the_next_coarser_one_fit():
     """What a restriction makes stays where it is, where all ranks have many rows."""
     for size in (2, 3, 5, 48):

@@ -12,6 +12,7 @@ from processes import TESTS, run
 
 from app import ContactSolver, memory
 from app.errors import InputError
+from app.halfspace.communication import Communicator
 from app.halfspace.grid import Grid
 from app.problems.array_file import ArrayFile
 
@@ -59,17 +60,17 @@ def test_refused_before_anything_is_allocated(monkeypatch):
         InputError, match=r"grid 4096,4096: needs about 1.25 GiB on one host \(1 rank\); 1 GiB are free"
     ):
         ContactSolver(solver)
-    memory.check_hosts(MPI.COMM_SELF, GRID, 2**23, 16)  # just fits
+    memory.check_hosts(Communicator(MPI.COMM_SELF), GRID, 2**23, 16)  # just fits
     with pytest.raises(InputError, match="about 1.2e\\+07 cells would fit"):
-        memory.check_hosts(MPI.COMM_SELF, GRID, 2**23, 16.001)
+        memory.check_hosts(Communicator(MPI.COMM_SELF), GRID, 2**23, 16.001)
 
 
 def test_limit_of_the_process_counts(monkeypatch):
     monkeypatch.setattr(resource, "getrlimit", lambda kind: (2**40, 2**40))
-    memory.check_hosts(MPI.COMM_SELF, GRID, 1000, 16)
+    memory.check_hosts(Communicator(MPI.COMM_SELF), GRID, 1000, 16)
     monkeypatch.setattr(resource, "getrlimit", lambda kind: (1000, 1000))
     with pytest.raises(InputError, match="ulimit -v"):
-        memory.check_hosts(MPI.COMM_SELF, GRID, 1000, 16)
+        memory.check_hosts(Communicator(MPI.COMM_SELF), GRID, 1000, 16)
 
 
 @pytest.mark.parametrize(

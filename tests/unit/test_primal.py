@@ -73,7 +73,7 @@ def test_sweeps_from_zero_are_richardsons_and_leave_the_means_of_the_residual(sh
     x = np.full(shape, np.nan, np.float32)
     for rows, before, after in slabs_of(shape, steps):
         beside = s[before], s[after], free[rows], free[before], free[after]
-        stencil.sweep_from_zero(s[rows], *beside, WEIGHTS, shares, x[rows], np.empty((0, 0)))
+        stencil.sweep_from_zero(s[rows], *beside, WEIGHTS, shares, x[rows], np.empty((0, 0)), 0, 1)
     np.testing.assert_allclose(x, expected, rtol=0, atol=SINGLE * abs(expected).max())
     beside = [field[np.arange(-steps, 0) % len(s)] for field in (s, free)]
     beyond = [field[np.arange(steps) % len(s)] for field in (s, free)]
@@ -81,11 +81,21 @@ def test_sweeps_from_zero_are_richardsons_and_leave_the_means_of_the_residual(sh
         if shape[0] % fy or shape[1] % fx:
             continue
         coarse = np.full((shape[0] // fy, shape[1] // fx), np.nan)
-        stencil.sweep_from_zero(
-            s, beside[0], beyond[0], free, beside[1], beyond[1], WEIGHTS, shares, x, coarse
-        )
+        outside = beside[0], beyond[0], free, beside[1], beyond[1]
+        stencil.sweep_from_zero(s, *outside, WEIGHTS, shares, x, coarse, 0, fy)
         means = left.reshape(shape[0] // fy, fy, shape[1] // fx, fx).mean(axis=(1, 3))
         np.testing.assert_allclose(coarse, means, rtol=0, atol=SINGLE * abs(source).max())
+        total = np.zeros_like(means)
+        for rows, before, after in slabs_of(
+            shape, steps
+        ):  # one of which begins inside of a coarse row, perhaps
+            low, high = rows.start // fy, -(-rows.stop // fy)
+            part = np.full((high - low, shape[1] // fx), np.nan)
+            outside = s[before], s[after], free[rows], free[before], free[after]
+            stencil.sweep_from_zero(s[rows], *outside, WEIGHTS, shares, x[rows], part, rows.start % fy, fy)
+            if rows.start < rows.stop:
+                total[low:high] += part
+        np.testing.assert_allclose(total, means, rtol=0, atol=SINGLE * abs(source).max())
 
 
 @each_shape
@@ -135,7 +145,10 @@ def test_interpolation_is_bilinear(shape, factors):
     (fy, fx), (start, free) = factors, fields(shape, 1)
     coarse = fields((shape[0] // fy, shape[1] // fx), 2)[0]
     x = start.astype(np.float32)
-    stencil.add_interpolated(np.vstack([coarse[-1:], coarse, coarse[:1]]), fx, fy, free, x)
+    for rows, _, _ in slabs_of(shape, 0):
+        low, high = rows.start // fy - 1, -(-rows.stop // fy) + 1
+        around = coarse[np.arange(low, high) % len(coarse)]
+        stencil.add_interpolated(around, rows.start % fy, fx, fy, free[rows], x[rows])
     expected = start + free * (bilinear(shape[0], fy) @ coarse @ bilinear(shape[1], fx).T)
     np.testing.assert_allclose(x, expected, rtol=0, atol=SINGLE * abs(expected).max())
 

@@ -24,7 +24,6 @@ from app.halfspace.product import DenseProduct
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.pcmg import options_set
 from app.primal import kernels
-from app.primal.solver import _COARSER, coarser_operator
 
 
 def test_options_are_as_they_were_after_the_block_that_sets_them():
@@ -67,7 +66,7 @@ class Norms:
     def norm(self):
         return self._whole
 
-    def h_on_contact(self):
+    def on_contact(self):
         return self._inside, 1
 
 
@@ -143,15 +142,6 @@ def test_positive_pressure_is_that_on_the_contact_set():
     p, out = np.array([[-0.5, 2.0, 3.0]]), np.empty((1, 3))
     assert kernels.positive(p, np.array([[True, True, False]]), out) == 2.0
     np.testing.assert_array_equal(out, [[0.0, 2.0, 0.0]])
-
-
-@pytest.mark.parametrize("starts, found", [((0, 8, 32), 0), ((0, 6, 32), 1), ((0, 5, 32), None)])
-def test_grid_of_the_long_waves_has_whole_cells_on_every_rank(starts, found):
-    slabs = SimpleNamespace(ny=32, starts=starts)
-    levels = [SimpleNamespace(slabs=slabs, grid=Grid(ny, ny, 1.0, 1.0)) for ny in (2, 4, 8, 16, 32)]
-    hierarchy = SimpleNamespace(levels=levels[-_COARSER - 1 :])
-    coarse = coarser_operator(hierarchy, _COARSER)
-    assert coarse is (None if found is None else hierarchy.levels[found])
 
 
 def test_tension_is_a_share_of_the_pressure():

@@ -1,0 +1,488 @@
+"""What a solve sends on many ranks: recorded on two, laid out for any number, costed for some networks.
+
+Two ranks that share every grid and window write down what they say to each other, in order: on which grid, what for.
+For P ranks the program's own code lays out the same grids (`Ranks`, `Slabs`, `Halo`, `Transfer`, `Scatter`, columns
+dealt to ranks), with a communicator that only counts. No job of P ranks is needed, and nothing is computed.
+
+Time is a model. Collectives go along a tree, inside of machines first; a rank sends one message after the other; ranks
+of a machine share its way to others. Computing is divided by the ranks of a grid.
+
+Started by ``run/bench --replay``.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from contextlib import ExitStack, contextmanager
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+from typing import NamedTuple
+from unittest import mock
+
+import numpy as np
+from mpi4py import MPI
+
+from app import ContactProblem, ContactSolver, Grid
+from app.fast import nested
+from app.fast.windows import VerificationProduct
+from app.halfspace import communication
+from app.halfspace.communication import Communicator, Fetch, Ranks, Traffic, worth_solving
+from app.halfspace.fft.multiplier import EvenMultiplier
+from app.halfspace.fft.transpose import ColumnGroup, deal_columns
+from app.halfspace.grid import Slabs
+from app.halfspace.halo import Halo
+from app.halfspace.influence import Material
+from app.halfspace.window import Scatter
+from app.multigrid.transfer import Transfer
+from app.output.table import markdown
+from app.petsc import _counter
+from app.problems.shapes import Paraboloid
+from benchmarks.measure import ROOT, publish
+
+SECONDS = 2.5e-9  # per point of a quarter of a transform and logarithm, all of a solve: Hertz 1024 x 1024 on one core
+SAMPLE = 64  # ranks whose messages to neighbours are looked at, spread evenly
+COLLECTIVES = "Allreduce", "allreduce", "allgather", "bcast"
+ALL = "all"
+
+
+class Network(NamedTuple):
+    """Ranks of a machine; latency of a message, time to the next one [s], bytes per second of a machine."""
+
+    name: str
+    ranks: int
+    latency: float
+    gap: float
+    rate: float
+
+
+INSIDE = Network("one machine", 1 << 30, 5e-7, 2e-7, 1e11)  # the rate is that of its memory
+NETWORKS = [
+    Network("InfiniBand", 64, 1.5e-6, 3e-7, 2.5e10),
+    Network("Ethernet", 64, 3e-5, 3e-6, 3e9),
+    Network("5 ms", 64, 5e-3, 3e-6, 1.2e9),
+]
+
+
+# -- recording -----------------------------------------------------------------------------------------------
+
+
+def _of_petsc():
+    return sum(_counter(f"petsc_{kind}_ct").value for kind in ("allreduce", "gather"))
+
+
+class _Events(list):
+    """What was said, with what PETSc has said besides, on the grid that was last spoken of."""
+
+    def append(self, event):
+        """Add an event; sums will be counted by PETSc, too."""
+        petsc = _of_petsc() - self._ours
+        if petsc > self._before:
+            super().append(("petsc", self._key, int(petsc - self._before)))
+        self._before = petsc
+        self._ours += event[0] == "sum"
+        if event[0] in ("sum", "product", "kernel"):
+            self._key = event[1]
+        super().append(event)
+
+    def clear(self):
+        """Begin."""
+        super().clear()
+        self._ours, self._key, self._before = 0, ALL, _of_petsc()
+
+    def __init__(self):
+        self.clear()
+
+
+@contextmanager
+def recording():
+    """Write down what is said inside the block; gives the list of it. Collective."""
+    events, holders, made = _Events(), [], set()
+
+    def wrap(owner, name, before=lambda *a, **k: None, after=lambda result, *a, **k: result):
+        plain = getattr(owner, name)
+
+        def method(*arguments, **named):
+            before(*arguments, **named)
+            return after(plain(*arguments, **named), *arguments, **named)
+
+        stack.enter_context(mock.patch.object(owner, name, method))
+
+    def dealt(found, ranks, grid, size=None):
+        slabs, comm = found
+        slabs.key = grid, ALL if size and ranks not in made else 1 if size == 1 else None, 1
+        made.add(ranks)
+        if comm is not None:
+            comm = Communicator(comm.plain(), comm.traffic)
+            comm.key = slabs.key
+        return slabs, comm
+
+    def coarsened(slabs, fine, factor):
+        grid, size, before = fine.key
+        slabs.key = grid, size, before * factor
+        return slabs
+
+    def fetched(fetch, field):
+        for holder, recipe in holders:
+            for name, part in vars(holder).items():
+                if part is fetch:
+                    events.append(("rows", recipe, name, field.shape[1] * field.itemsize))
+                    return
+        events.append(("row", field.shape[1] * field.itemsize))
+
+    def told(found, hierarchy, following, state, *_):
+        level = hierarchy.levels[following]
+        if hierarchy.joined(state.operator, following):
+            events.pop()
+        wide = ALL if hierarchy.windowed(level) else level.slabs.key
+        events.append(("told", state.operator.slabs.key, wide))
+        return found
+
+    def multiplied(multiplier, *_, **__):
+        if multiplier.comm is not None:
+            kind = multiplier.slabs.key, multiplier.periods, multiplier.dtype.itemsize
+            events.append(("product", *kind))
+
+    def set_kernel(multiplier, _, rows, columns):
+        if multiplier.comm is not None:
+            kind = multiplier.slabs.key, multiplier.periods, multiplier.dtype.itemsize
+            events.append(("kernel", *kind, rows))
+
+    with ExitStack() as stack:
+        wrap(Ranks, "deal", after=dealt)
+        wrap(Slabs, "coarsen", after=coarsened)
+        for kind in (Halo, Transfer, Scatter):
+            wrap(
+                kind,
+                "__init__",
+                after=lambda _, holder, *a, **k: holders.append((holder, recipe_of(holder, a, k))),
+            )
+        wrap(Fetch, "__call__", before=fetched)
+        for name in COLLECTIVES:
+            wrap(
+                Communicator,
+                name,
+                before=lambda comm, *sent, **_: events.append(
+                    ("sum", getattr(comm, "key", ALL), size_of(sent))
+                ),
+            )
+        wrap(EvenMultiplier, "apply", before=multiplied)
+        wrap(EvenMultiplier, "set_kernel", before=set_kernel)
+        wrap(nested, "tell", after=told)
+        for name in ("apply", "help"):  # ranks outside of the window are called, and let go
+            wrap(VerificationProduct, name, before=lambda v, *_: events.append(("told", v._inner.key, ALL)))
+        yield events
+
+
+def size_of(sent):
+    """Bytes of the arrays of a collective; what is small counts as nothing."""
+    return max((part.nbytes for part in sent if isinstance(part, np.ndarray)), default=0)
+
+
+def recipe_of(holder, arguments, named):
+    """What a holder is made of, layouts by their keys; communicators are left out."""
+
+    def known(value):
+        if isinstance(value, Slabs):
+            return "slabs", value.key
+        if hasattr(value, "slabs"):
+            return "operator", (value.slabs.key, value.grid)
+        return ("comm", None) if isinstance(value, MPI.Comm) or value is None else ("value", value)
+
+    return (
+        type(holder),
+        tuple(map(known, arguments)),
+        tuple((name, known(value)) for name, value in named.items()),
+    )
+
+
+def hertz(n):
+    """The paper's problem, its approach, and nothing else."""
+    grid = Grid.from_domain(n, n, (-10.0, 10.0, -6.0, 6.0))
+    return ContactProblem(grid, Material(82000.0, 0.28), Paraboloid(300.0, 163.0)), 0.1091
+
+
+def record(n, comm=None):
+    """Solve Hertz's problem on n x n cells; return what was said in the first solve. Collective over two ranks."""
+    problem, approach = hertz(n)
+    with recording() as events, ContactSolver(problem, "fast", {"lcp_cells_per_rank": 1}, comm) as solver:
+        events.clear()
+        solution = solver.solve(approach=approach)
+    return SimpleNamespace(
+        grid=problem.grid,
+        events=list(events),
+        applications=solution.operator_applications,
+        steps=sum(solution.history["inner_iterations"]),
+    )
+
+
+# -- replaying -----------------------------------------------------------------------------------------------
+
+
+class Counting:
+    """In place of a communicator of `size` ranks, seen by one of them: counts what it sends, to whom."""
+
+    def __init__(self, size, rank=0):
+        self.size, self.rank, self.traffic, self.sent = size, rank, Traffic(), Counter()
+
+    def Isend(self, rows, dest, tag=0):
+        """Count an array."""
+        self.sent[dest] += rows.nbytes
+        return MPI.REQUEST_NULL
+
+    def Recv(self, rows, source):
+        """Get nothing."""
+
+    def Alltoallv(self, sent, received):
+        """Count parts."""
+        array, (counts, _) = sent
+        self.traffic.all_to_alls += 1
+        self.traffic.messages += int(np.count_nonzero(counts))
+        self.traffic.message_bytes += int(np.sum(counts)) * array.itemsize
+
+
+class Replay:
+    """What the recorded solve sends on some ranks.
+
+    Parameters
+    ----------
+    recorded : SimpleNamespace
+        See `record`.
+    ranks : int
+    network : Network
+    cells : int
+        That a rank gets at least of coarser grids and windows; 0: by the network, as the program does.
+    everywhere : bool
+        All ranks share the target grid, and others if they have cells enough, though it may not be worth it.
+
+    Attributes
+    ----------
+    traffic : Traffic
+        Of rank 0.
+    petsc : int
+        Reductions of PETSc's own, which traffic does not count.
+    computing, talking : float
+        Seconds, of all in turn.
+    sharing : int
+        Ranks that solve.
+    """
+
+    def __init__(self, recorded, ranks, network=INSIDE, cells=0, everywhere=False):
+        self._network = network
+        comm = Counting(ranks)
+        comm.near = min(ranks, network.ranks)
+        comm.latency = self._tree(ranks) if ranks > network.ranks else 0.0
+        comm.byte_seconds = 0.0 if everywhere else min(ranks, network.ranks) / network.rate
+        self.sharing = comm.size = ranks if everywhere else worth_solving(recorded.grid, comm, cells)
+        if self.sharing == comm.near:
+            comm.latency = 0.0
+        self._ranks = Ranks.__new__(Ranks)
+        vars(self._ranks).update(
+            comm=comm, size=comm.size, rank=0, near=1 if cells else comm.near,
+            least=0 if cells else communication._worth_a_machine(comm),
+            cells=cells or communication._worth_a_rank(comm), _made={},
+        )  # fmt: skip
+        self.traffic, self.petsc, self.computing, self.talking = Traffic(), 0, 0.0, 0.0
+        self._rows = cache(self._rows)
+        self._exchange = cache(self._exchange)
+        self._slabs = cache(self._slabs)
+        for kind, *event in recorded.events:
+            getattr(self, f"_{kind}")(*event) if kind != "rows" else self._neighbours(*event)
+
+    def _slabs(self, key):
+        grid, size, factor = key
+        slabs = self._ranks.slabs(grid, self.sharing if size == ALL else size)
+        return slabs.coarsen(factor)
+
+    @property
+    def seconds(self):
+        """Computing and talking."""
+        return self.computing + self.talking
+
+    def size(self, key):
+        """How many ranks share a grid."""
+        return self.sharing if key == ALL else self._slabs(key).size
+
+    def _tree(self, size, nbytes=0):
+        """Seconds of a reduction or broadcast."""
+        here = min(size, self._network.ranks)
+        steps = np.ceil(np.log2([here, -(-size // here)]))
+        costs = [near.latency + nbytes * here / near.rate for near in (INSIDE, self._network)]
+        return float(steps @ costs)
+
+    def _sum(self, key, nbytes=0):
+        size = self.size(key)
+        if size > 1:
+            self.traffic.small_collectives += 1
+            self.talking += self._tree(size, nbytes)
+
+    def _petsc(self, key, number):
+        """Reductions by which PETSc makes vectors and matrices."""
+        if self.size(key) > 1:
+            self.petsc += number
+            self.talking += number * self._tree(self.size(key))
+
+    def _told(self, key, wide):
+        """Those that have no part in a grid, but in a wider one, are told something."""
+        if self.size(key) < self.size(wide):
+            self._sum(ALL)
+
+    def _product(self, key, periods, itemsize):
+        cells = periods[0] * periods[1] / 4
+        seconds = SECONDS * (itemsize / 4) ** 0.8 * cells * np.log2(4 * cells)
+        self.computing += seconds / self.size(key)
+        for _ in range(2):
+            self._all_to_all(key, periods, 2 * itemsize, None)
+
+    def _kernel(self, key, periods, itemsize, rows):
+        self._all_to_all(key, periods, itemsize, rows)
+
+    def _all_to_all(self, *what):
+        traffic = self._exchange(*what)
+        if traffic is None:
+            return
+        for name, value in vars(traffic).items():
+            setattr(self.traffic, name, getattr(self.traffic, name) + value)
+        size, network = self.size(what[0]), self._network
+        here = min(size, network.ranks)
+        outside = (size - here) / (size - 1)  # of what is sent
+        latency = network.latency if outside else INSIDE.latency
+        gaps = traffic.messages * (outside * network.gap + (1 - outside) * INSIDE.gap)
+        size = traffic.message_bytes * here
+        rates = outside * size / network.rate + (1 - outside) * size / INSIDE.rate
+        self.talking += traffic.all_to_alls * latency + gaps + rates
+
+    def _exchange(self, key, periods, itemsize, kernel_rows):
+        """All-to-alls one way, of rank 0; None if there is nobody else."""
+        slabs = self._slabs(key)
+        if slabs.size == 1:
+            return None
+        comm = Counting(slabs.size)
+        groups = deal_columns(periods[1] // 2 + 1, slabs.counts, comm)
+        if kernel_rows is not None:
+            counts = Slabs.over(comm, kernel_rows).counts
+            groups = [ColumnGroup(g.edges[0], g.edges[-1], comm.size, 0, counts) for g in groups]
+        nothing = np.empty(0, f"V{itemsize}")
+        for group in groups:
+            group.deal(comm, nothing, nothing)
+        return comm.traffic
+
+    def _neighbours(self, recipe, name, width):
+        messages, size, seconds = self._rows(recipe, name, width)
+        self.traffic.messages += messages
+        self.traffic.message_bytes += size
+        self.talking += seconds
+
+    def _row(self, width):
+        """A row to the next rank of the target grid."""
+        if self.sharing > 1:
+            self.traffic.messages += 1
+            self.traffic.message_bytes += width
+            self.talking += (self._network if self.sharing > self._network.ranks else INSIDE).latency
+
+    def _rows(self, recipe, name, width):
+        """Messages and bytes of rank 0, seconds of the slowest of a sample."""
+        kind, arguments, _ = recipe
+        size = (
+            self.size(arguments[0][1]) if kind is Halo else self.sharing
+        )  # those between the ranks of a grid alone
+        found, machine = [], self._network.ranks
+        for rank in {*np.linspace(0, size - 1, SAMPLE, dtype=int).tolist()}:
+            comm = Counting(size, rank)
+            fetch = getattr(self._made(recipe, comm), name)
+            fetch(np.empty((fetch.have.local, 1), f"V{width}"))
+            outside = [sent for to, sent in comm.sent.items() if to // machine != rank // machine]
+            inside = sum(comm.sent.values()) - sum(outside)
+            here, there = len(comm.sent) - len(outside), len(outside)
+            seconds = there * self._network.gap + sum(outside) / self._network.rate
+            seconds += here * INSIDE.gap + inside * min(size, machine) / INSIDE.rate
+            seconds += self._network.latency if there else INSIDE.latency if here else 0.0
+            found.append((rank, len(comm.sent), sum(comm.sent.values()), seconds))
+        _, messages, sent, _ = min(found)
+        return messages, sent, max(seconds for *_, seconds in found)
+
+    def _made(self, recipe, comm):
+        """Make a holder, seen by one rank."""
+
+        def slabs_of(key):
+            slabs = self._slabs(key)
+            return slabs.among(slabs.size, comm.rank)
+
+        def make(kind, value):
+            if kind == "slabs":
+                return slabs_of(value)
+            if kind == "operator":
+                return SimpleNamespace(slabs=slabs_of(value[0]), grid=value[1])
+            return comm if kind == "comm" else value
+
+        kind, arguments, named = recipe
+        return kind(*(make(*part) for part in arguments), **{name: make(*part) for name, part in named})
+
+
+# -- the table -----------------------------------------------------------------------------------------------
+
+
+def recorded_on_two(n):
+    """Return what `record` finds, in a job of two ranks."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "recorded"
+        command = [
+            "mpiexec",
+            "-n",
+            "2",
+            "--oversubscribe",
+            sys.executable,
+            "-m",
+            "benchmarks.replay",
+            str(n),
+            str(file),
+        ]
+        subprocess.run(command, cwd=ROOT, check=True, env=dict(os.environ))  # without what MPI has put there
+        return pickle.loads(file.read_bytes())
+
+
+def table(recorded, counts):
+    """Rows of all networks and numbers of ranks; what is on one machine is the same on all."""
+    alone = Replay(recorded, 1).seconds
+    for network in NETWORKS:
+        for count in counts:
+            if count <= network.ranks and network is not NETWORKS[0]:
+                continue
+            found, forced = (
+                Replay(recorded, count, network),
+                Replay(recorded, count, network, everywhere=True),
+            )
+            yield {
+                "network": network.name if count > network.ranks else INSIDE.name,
+                "ranks": count,
+                "that solve": found.sharing,
+                "messages": found.traffic.messages,
+                "MB": f"{found.traffic.message_bytes / 1e6:.3g}",
+                "all-to-alls": found.traffic.all_to_alls,
+                "small collectives": f"{found.traffic.small_collectives} + {found.petsc}",
+                "computing": f"{1e3 * found.computing:.0f} ms",
+                "talking": f"{1e3 * found.talking:.0f} ms",
+                "speed-up": f"{alone / found.seconds:.3g}",
+                "if all solve": f"{alone / forced.seconds:.3g}",
+            }
+
+
+def write_page(sizes, counts, output):
+    """Replay Hertz's problem on grids of some sizes; write or show the tables."""
+    parts = []
+    for n in sizes:
+        recorded = recorded_on_two(n)
+        title = f"Hertz, {n} x {n}: {recorded.applications:.1f} applications, {recorded.steps} steps of CG\n"
+        parts += [title, markdown(list(table(recorded, counts))), ""]
+    publish(output, parts) if output else print("\n".join(parts))
+
+
+if __name__ == "__main__":
+    found = record(int(sys.argv[1]))
+    if MPI.COMM_WORLD.rank == 0:
+        Path(sys.argv[2]).write_bytes(pickle.dumps(found))
