@@ -158,8 +158,7 @@ class RimExtension:
         """Arrays of some shapes and types, in the workspace as far as it goes; they hold anything. Not collective."""
         found, start = [], 0
         for shape, dtype in wanted:
-            cells = prod(shape) if isinstance(shape, tuple) else int(shape)
-            size = cells * np.dtype(dtype).itemsize
+            size = (prod(shape) if isinstance(shape, tuple) else int(shape)) * np.dtype(dtype).itemsize
             part = self._workspace[start : start + size]
             found.append(part.view(dtype).reshape(shape) if part.size == size else np.empty(shape, dtype))
             start += -(-size // 64) * 64
@@ -440,8 +439,7 @@ def _extend(x, wrapped, periodic, band, sizes, weights, new):
 
 @njit()
 def _restrict(x, wrapped, periodic, band, sizes, inner, rim, weights, kept, source, new):
-    above, below = np.zeros(x.shape[1], x.dtype), np.zeros(x.shape[1], x.dtype)
-    flat = x.reshape(-1)
+    flat, above, below = x.reshape(-1), np.zeros(x.shape[1], x.dtype), np.zeros(x.shape[1], x.dtype)
     _take_out(flat, inner, kept)
     _take(flat, band, source)
     for layer in range(sizes.size - 2, -2, -1):
