@@ -71,6 +71,8 @@ class Strategy:
         arguments, last = (hierarchy, self._distances, loading), len(hierarchy.levels) - 1
         if start is not None:
             self.check(start)
+        for level in hierarchy.levels:
+            level.begin()
         stop = StoppingTest(chosen.rtol, chosen.max_it)
         if hierarchy.target.grid.periodic:
             state = ContactState(hierarchy.target, self._distances[-1])

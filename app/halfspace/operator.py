@@ -320,6 +320,11 @@ class InfluenceOperator:
             self._relaxation.work = (np.zeros(self.local_shape), np.zeros(self.local_shape))
         return self._relaxation
 
+    def begin(self):
+        """Let nothing that an earlier solve has done be seen in the next one. Not collective."""
+        if self._relaxation is not None:
+            self._relaxation.begin()
+
     @property
     def equivalent_products(self):
         """Everything computed here so far, in products on this grid (a sweep by its flops)."""

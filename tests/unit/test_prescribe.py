@@ -87,10 +87,10 @@ def test_refused(solvers, name):
 
 @pytest.mark.parametrize("given", [{"mean_gap": 0}, {"approach": MEAN}, {"approach": np.nextafter(MEAN, 9)}])
 def test_up_to_full_contact_is_allowed(solvers, given):
-    loading = solvers["periodic"]._loading(**dict.fromkeys(LOADINGS) | given)
+    loading = solvers["periodic"]._loading(dict.fromkeys(LOADINGS) | given)
     assert loading.approach == pytest.approx(MEAN, abs=1e-14)
 
 
 @pytest.mark.parametrize("name", ["free", "holed"])
 def test_other_patches_take_any_approach(solvers, name):
-    assert solvers[name]._loading(approach=9.0).approach == 9.0
+    assert solvers[name]._loading({"approach": 9.0}).approach == 9.0

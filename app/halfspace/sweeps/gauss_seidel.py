@@ -80,12 +80,17 @@ class GaussSeidel:
         self._quadrant_rows, self._periodic, self._tables = quadrant_rows, periodic, None
         self._diagonal = float(quadrant_rows(slice(0, 1), 1)[0, 0])
         self._solves = self.comm is None or comm.rank == 0
+        self._width = 0  # columns to sweep over
         self._flops = self._sweeps = 0
 
     @property
     def memory(self):
         """Bytes held on this rank."""
         return self._tables.memory if self._tables else 0
+
+    def begin(self):
+        """Forget how wide contact has been: it rounds differently. Not collective."""
+        self._width = 0
 
     @property
     def products_per_sweep(self):
@@ -178,12 +183,13 @@ class GaussSeidel:
             parts = np.split(everywhere, np.cumsum(sizes)[:-1])
         first, last, cells = (f(part[k] for part in parts) for f, k in ((min, -3), (max, -2), (sum, -1)))
         width = int(last - first)
-        if width > 0 and (self._tables is None or width > self._tables.shape[1]):
-            wanted = width + int(_MARGIN * width) + 1
-            wanted = nx if wanted > _MOST * nx else wanted
-            period = self._periodic and wanted == nx
+        if width > self._width:
+            self._width = width + int(_MARGIN * width) + 1
+            self._width = nx if self._width > _MOST * nx else self._width
+        if width > 0 and (self._tables is None or self._width != self._tables.shape[1]):
+            period = self._periodic and self._width == nx
             self._tables = None
-            self._tables = Tables(self._quadrant_rows, (ny, wanted), self.comm, self.dtype, period)
+            self._tables = Tables(self._quadrant_rows, (ny, self._width), self.comm, self.dtype, period)
         prepared = self._tables.shape[1] if cells else 0
         start = int(np.clip(first - (prepared - width) // 2, 0, nx - prepared))
         occupied = np.concatenate([part[:-3] for part in parts]).astype(bool)
