@@ -165,24 +165,38 @@ class Circulant:
             self.extension.set_stencil(self.multiplier.centre())
         self._contact = -1
         # Load the compiled loops now.
-        load_extension(np.dtype(np.float64))
+        for dtype in {np.dtype(np.float64), operator.dtype}:
+            load_extension(dtype)
         _load_loops()
 
     def apply(self, pc, x, y):
         """Compute y = C E^T B E C x."""
         operator = self.operator
         shape = operator.local_shape
-        with _event, y as out:
+        with y as out:
             r, z = x.getArray(readonly=True).reshape(shape), out.reshape(shape)
+            _copy_on(r, operator.mask, z)
+            self.precondition(z, z)
+            _copy_on(z, operator.mask, z)
+
+    def precondition(self, r, z):
+        """Compute z = E^T B E r on C, whatever elsewhere. Collective.
+
+        Parameters
+        ----------
+        r, z : ndarray of float64 or float32, shape `local_shape`
+            May be one; r vanishes outside C.
+        """
+        with _event:
             PETSc.Log.logFlops(self.multiplier.flops)
             if self.extension is None:
-                self.multiplier.apply(r, z, operator.mask)
+                self.multiplier.apply(r, z, self.operator.mask)
                 return
-            _copy_on(r, operator.mask, z)
+            if z is not r:
+                z[...] = r
             self.extend(z)
             self.multiplier.apply(z, z, rows=self.extension.rows)
             self.extension.restrict(z)
-            _copy_on(z, operator.mask, z)
 
     def extend(self, r):
         """Continue a residual that is zero outside C over the rim, in place. Collective."""

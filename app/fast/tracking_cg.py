@@ -9,7 +9,7 @@ neither the first residual nor the search for new contact costs one. Usable from
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from math import sqrt
 
 import numpy as np
@@ -155,8 +155,9 @@ def _warm_up(dtype):
     low, fixed = field.astype(dtype), field.view()
     fixed.flags.writeable = False
     _first_residual(fixed, field, mask, spans, field)
-    _dot(field, field, mask, spans)
-    _direction(low, field, dtype.type(0), mask, spans)
+    for z in {dtype: low, field.dtype: field}.values():
+        _dot(field, z, mask, spans)
+        _direction(low, z, dtype.type(0), mask, spans)
     _dots(low, low, field, mask, spans)
     _advance(field, field, field, low, low, mask, spans, 0.0)
     add(field, 0.0, low)
@@ -235,9 +236,10 @@ class TrackingCG(KspContext):
         if self._r is None:
             self._r = np.zeros(operator.local_shape)
             self._residual = PETSc.Vec().createWithArray(self._r.reshape(-1), comm=operator.petsc_comm)
-        residual, preconditioned = self._residual, self._preconditioned
+        residual = self._residual
         contact, spans, u = operator.mask, self._spans, self.displacement
-        pc, r, z, d, q = ksp.getPC(), self._r, self.work, self.direction, self.product
+        r, d, q = self._r, self.direction, self.product
+        precondition, z = self._preconditioner(ksp.getPC())
         u = np.empty((0, r.shape[1])) if u is None else u
         norm = self._first_residual(ksp, b, x)
         d[...] = 0  # outside the new spans too
@@ -245,7 +247,7 @@ class TrackingCG(KspContext):
         iteration, max_it, previous = 0, ksp.getTolerances()[3], 0.0
         reason = self._report(ksp, 0, norm)
         while not reason and iteration < max_it:
-            pc.apply(residual, preconditioned)
+            precondition()
             rz = self._sum([_dot(r, z, contact, spans)])[0]
             _direction(d, z, d.dtype.type(rz / previous if previous else 0.0), contact, spans)
             operator.products += 1
@@ -267,6 +269,13 @@ class TrackingCG(KspContext):
             reason = self._report(ksp, iteration, norm)
         self.residual = norm
         ksp.setConvergedReason(reason or PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
+
+    def _preconditioner(self, pc):
+        """What computes z from r, and z: in the operator's precision, if the PC has `precondition` for it."""
+        context = pc.getPythonContext() if pc.getType() == "python" else None
+        if hasattr(context, "precondition"):
+            return partial(context.precondition, self._r, self.product), self.product
+        return partial(pc.apply, self._residual, self._preconditioned), self.work
 
     def _first_residual(self, ksp, b, x):
         u, residual, product = self.displacement, self._residual, self._preconditioned
