@@ -127,7 +127,7 @@ def recording():
         slabs.key = grid, size, before * factor
         return slabs
 
-    def fetched(fetch, field):
+    def fetched(fetch, field, out=None):
         for holder, recipe in holders:
             for name, part in vars(holder).items():
                 if part is fetch:

@@ -70,7 +70,9 @@ def errors(done):
 )  # it is not worth a second host, but may be shared
 def test_answer_is_that_of_one_host(solve, tmp_path, cells, solving):
     """Option files, what PETSC_OPTIONS and the working folder mean, are those of the first host."""
-    (tmp_path / "more.opts").write_text(f"-lcp_error_bound 1e-4\n-lcp_cells_per_rank {cells}\n")
+    (tmp_path / "more.opts").write_text(
+        f"-lcp_error_bound 1e-4\n-lcp_precision double\n-lcp_cells_per_rank {cells}\n"
+    )
     done = solve(
         "-options_file",
         tmp_path / "more.opts",
