@@ -221,7 +221,7 @@ class Rest:
         rows = (last - 1) // steps[0] + width - self._first if slabs.local else 0
         self._origin = first - self._first * steps[0]  # of the rows, from the first of the nodes' cells on
         self._nodes = np.zeros((rows, self._cells * steps[1]), dtype)  # whole cells of nodes in x
-        _warm_up(np.dtype(dtype))
+        warm_up(np.dtype(dtype))
 
     @property
     def memory(self):
@@ -253,7 +253,7 @@ class Rest:
 
 
 @cache
-def _warm_up(dtype):
+def warm_up(dtype):
     """Compile the loops, or read them from the cache, now and not in the first product."""
     field, weights = np.zeros((0, 0)), np.zeros((1, 1), dtype)
     mask, fixed = field.astype(bool), field.view()
