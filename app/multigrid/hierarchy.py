@@ -123,7 +123,7 @@ class Hierarchy:
         self.comm, self.compliance, self.dtype, self.margin = self.ranks.comm, compliance, dtype, margin
         self._spent, self._told = 0.0, WeakKeyDictionary()  # in windows; so far of each
         grids, factors = plan(grid, coarsest, single)
-        direct = len(grids) > 1 and grids[-1].n <= LARGEST_DIRECT
+        direct = int(len(grids) > 1 and grids[-1].n <= LARGEST_DIRECT)
         sizes = [self.ranks.size, *map(self.ranks.number, grids[1 : len(grids) - direct]), *[1] * direct]
         self.levels, self.transfers = [], [None]
         for number, (level, size) in enumerate(zip(grids, sizes, strict=True)):

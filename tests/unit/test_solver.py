@@ -212,9 +212,11 @@ def test_memory_and_communicators_come_back(method, closed):
     tracemalloc.start()
     try:
         use(1)
-        python = tracemalloc.get_traced_memory()[0]
-        use(10)
-        assert tracemalloc.get_traced_memory()[0] - python < 9 * vector
+        held = [tracemalloc.get_traced_memory()[0]]
+        for _ in range(2):
+            use(10)
+            held.append(tracemalloc.get_traced_memory()[0])
+        assert min(np.diff(held)) < 9 * vector  # Python's own tables, as of finalizers, may double once
     finally:
         tracemalloc.stop()
 
