@@ -14,7 +14,7 @@ from mpi4py import MPI
 from app.fast.circulant import circulant_inverse
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.influence import Material, influence_quadrant
-from app.halfspace.product import Convolution
+from app.halfspace.operator import InfluenceOperator
 from app.halfspace.sweeps.gauss_seidel import GaussSeidel
 from app.problems.surfaces import WavySurface
 from benchmarks.plain import seconds
@@ -42,14 +42,15 @@ def main():
         if comm.rank == 0:
             print(name, shortest, flush=True)
 
-    product = Convolution(quadrant, grid.shape, slabs, comm)
+    shared = compliance, slabs, comm if comm.size > 1 else None
+    product = InfluenceOperator(grid, *shared).product
     if comm.rank == 0:
         print("memory", product.memory * comm.size / 8 / grid.n)
     measure("product", partial(product.apply, p, u))
     del product
     if comm.size > 1:
         return
-    product = Convolution(quadrant, grid.shape, slabs, comm, np.float32)
+    product = InfluenceOperator(grid, *shared, np.float32).product
     measure("product32", partial(product.apply, p, u))
     circulant = circulant_inverse(grid, compliance, slabs, comm)
     measure("circulant", partial(circulant.apply, p, u))
