@@ -308,7 +308,7 @@ class Solution:
         InputError
             If it cannot be written.
         """
-        from app.output.result import ByRows, write_result
+        from app.output.write import ByRows, write_result
         from app.path import UNITS
 
         h, u = self.undeformed_distance, self.displacement
