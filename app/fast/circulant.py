@@ -22,7 +22,7 @@ from scipy.fft import next_fast_len
 
 from app.compiled import njit
 from app.fast.rim import RimExtension, load_extension
-from app.halfspace.fft.lengths import quick_length
+from app.halfspace.fft.lengths import lengths_with_margin
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.influence import influence_quadrant
 from app.halfspace.periodic import influence_symbol
@@ -34,7 +34,7 @@ def circulant_periods(shape, margin):
     """Periods for a patch of some cells and a margin; see `circulant_inverse`. Not collective."""
     if margin is None:
         return tuple(next_fast_len(n, real=True) for n in shape)
-    return tuple(quick_length(n + int(np.ceil(share * n))) for n, share in zip(shape, margin, strict=True))
+    return lengths_with_margin(shape, margin)
 
 
 def circulant_inverse(

@@ -15,17 +15,11 @@ from math import sqrt
 import numpy as np
 from petsc4py import PETSc
 
-from app.halfspace.reductions import any_order, sum_over
+from app.halfspace.reductions import add_row, any_order, span_of, sum_over
 
 _DIGITS = 1e-8  # so much may be left of r.r before it is summed anew
 
 # r and d vanish outside C; z and q need not. Rows are gone through from their first to their last cell of C.
-
-
-@any_order
-def _add_row(a, scale, b):
-    for i in range(a.size):
-        a[i] += scale * b[i]
 
 
 @any_order
@@ -84,11 +78,7 @@ def _first_residual(b, u, contact, spans, r):
     """r = b - u on C, 0 elsewhere, and the first and last but one column of C in each row; return r.r."""
     squares = 0.0
     for j in range(r.shape[0]):
-        first, last = 0, contact.shape[1]
-        while last > 0 and not contact[j, last - 1]:
-            last -= 1
-        while first < last and not contact[j, first]:
-            first += 1
+        first, last = span_of(contact[j])
         spans[j, 0], spans[j, 1] = first, last
         r[j] = 0
         span = slice(first, last)
@@ -102,10 +92,10 @@ def _advance(p, r, u, d, q, contact, spans, alpha):
     squares = 0.0
     for j in range(p.shape[0]):
         span = slice(spans[j, 0], spans[j, 1])
-        _add_row(p[j, span], alpha, d[j, span])
+        add_row(p[j, span], alpha, d[j, span])
         squares += _reduce_row(r[j, span], alpha, q[j, span], contact[j, span])
         if u.shape[0]:
-            _add_row(u[j], alpha, q[j])
+            add_row(u[j], alpha, q[j])
     return squares
 
 
@@ -113,7 +103,7 @@ def _advance(p, r, u, d, q, contact, spans, alpha):
 def add(a, scale, b):
     """a += scale b."""
     for j in range(a.shape[0]):
-        _add_row(a[j], scale, b[j])
+        add_row(a[j], scale, b[j])
 
 
 @any_order

@@ -22,7 +22,7 @@ from numpy.polynomial import chebyshev, legendre
 from scipy.special import erf, erfc
 
 from app.compiled import njit
-from app.halfspace.reductions import any_order
+from app.halfspace.reductions import add_row, any_order
 
 _RANGE = 6.2  # erfc(6.2) is nothing
 _TERMS = 16  # even Chebyshev polynomials for a square
@@ -63,9 +63,7 @@ class Box:
         """S at `counts` multiples of `steps` cells in y and x, for unit compliance. Not collective."""
         offsets = [step * np.arange(count) for step, count in zip(steps, counts, strict=True)]
         back = [np.minimum(d, n - d) for d, n in zip(offsets, self.periods, strict=True)]
-        rest = self.influence(*offsets) - self.influence(*back) - self._images(*back)
-        near = (offsets[0] == back[0])[:, None] & (offsets[1] == back[1])
-        return np.where(near, -self._images(*back), rest)
+        return self.influence(*offsets) - self.influence(*back) - self._images(*back)
 
 
 @lru_cache(maxsize=64)
@@ -117,12 +115,6 @@ def _cell_means(period, count):
 
 
 @any_order
-def _add_row(a, scale, b):
-    for i in range(a.size):
-        a[i] += scale * b[i]
-
-
-@any_order
 def _copy_row(a, out):
     some = False
     for i in range(a.size):
@@ -160,7 +152,7 @@ def _collect(p, mask, first, weights, nodes):
             continue
         cell, place = divmod(first + j, step)
         for k in range(width):
-            _add_row(nodes[cell + k, : row.size], weights[place, k], row)
+            add_row(nodes[cell + k, : row.size], weights[place, k], row)
 
 
 @njit()
@@ -172,9 +164,9 @@ def _spread(nodes, first, weights, mask, out):
         row[:] = 0
         cell, place = divmod(first + j, step)
         for k in range(width):
-            _add_row(row, weights[place, k], nodes[cell + k, : row.size])
+            add_row(row, weights[place, k], nodes[cell + k, : row.size])
         if mask is None:
-            _add_row(out[j], row.dtype.type(1), row)
+            add_row(out[j], row.dtype.type(1), row)
         else:
             _add_inside(row, mask[j], out[j])
 

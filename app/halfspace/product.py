@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 from mpi4py import MPI
 
-from app.halfspace.fft.lengths import quick_length, transform_length
+from app.halfspace.fft.lengths import lengths_with_margin, transform_length
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.images import Box, Rest
 from app.halfspace.influence import influence_at
@@ -22,10 +22,8 @@ _SINGLE, _DOUBLE = np.dtype(np.float32), np.dtype(np.float64)
 # Of boxes:
 _LEAST = {_SINGLE: 320, _DOUBLE: 640}  # cells of the patch in both directions; smaller ones are padded
 _MARGIN = 0.2  # of the patch is added to it, at least
-_NODES = {
-    _SINGLE: (6, 10),
-    _DOUBLE: (14, 32),
-}  # around a cell, and steps to the nearest image: leave rounding only
+# Nodes around a cell, and steps between them to the nearest image: they leave rounding only.
+_NODES = {_SINGLE: (6, 10), _DOUBLE: (14, 32)}
 _STRETCHED = 3.0  # ratio of their sides, at most
 
 
@@ -74,7 +72,7 @@ class BoxProduct(EvenMultiplier):
     @classmethod
     def periods_of(cls, grid):
         """Cells of the box in y and x. Not collective."""
-        return tuple(quick_length(int(np.ceil((1 + _MARGIN) * n))) for n in grid.shape)
+        return lengths_with_margin(grid.shape, (_MARGIN, _MARGIN))
 
     @classmethod
     def suits(cls, grid, dtype):

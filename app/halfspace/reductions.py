@@ -1,4 +1,4 @@
-"""Numbers from arrays and ranks: sums that may be compiled to vector instructions, a test, reductions over ranks."""
+"""Loops over rows that become vector instructions, numbers from arrays, reductions over ranks."""
 
 from __future__ import annotations
 
@@ -12,6 +12,24 @@ from app.compiled import njit
 # A loop over one row, without branches and in a function of its own, becomes vector instructions if its sums may be
 # taken in any order. The order is the same on any number of ranks.
 any_order = njit(fastmath={"reassoc", "contract"})
+
+
+@any_order
+def add_row(a, scale, b):
+    """a += scale b."""
+    for i in range(a.size):
+        a[i] += scale * b[i]
+
+
+@njit()
+def span_of(row):
+    """First and last but one place where a row of a mask is set; 0, 0 if it is nowhere."""
+    first, last = 0, row.size
+    while last > 0 and not row[last - 1]:
+        last -= 1
+    while first < last and not row[first]:
+        first += 1
+    return first, last
 
 
 @njit()

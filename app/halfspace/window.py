@@ -13,7 +13,7 @@ import numpy as np
 from app.compiled import njit
 from app.halfspace.communication import Fetch
 from app.halfspace.grid import Grid
-from app.halfspace.reductions import minimum_over
+from app.halfspace.reductions import minimum_over, span_of
 
 
 @dataclass(frozen=True)
@@ -107,11 +107,7 @@ def _extent(mask):
     """First and last but one row, and column, of what is set; zeros if nothing is."""
     y0, y1, x0, x1 = 0, 0, mask.shape[1], 0
     for j in range(mask.shape[0]):
-        first, last = 0, mask.shape[1]
-        while last > 0 and not mask[j, last - 1]:
-            last -= 1
-        while first < last and not mask[j, first]:
-            first += 1
+        first, last = span_of(mask[j])
         if last:
             y0, y1 = y0 if y1 else j, j + 1
             x0, x1 = min(x0, first), max(x1, last)

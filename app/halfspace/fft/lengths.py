@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from math import ceil
 
 from scipy.fft import next_fast_len
 
@@ -31,3 +32,8 @@ def quick_length(n, even=False):
 def transform_length(n):
     """Even length >= 2 n - 1 for a product on n cells. Not collective."""
     return quick_length(max(2 * n - 1, 2), even=True)
+
+
+def lengths_with_margin(shape, margin):
+    """Quick lengths of at least a shape and shares of it more, in y and x. Not collective."""
+    return tuple(quick_length(n + ceil(share * n)) for n, share in zip(shape, margin, strict=True))
