@@ -27,11 +27,11 @@ from app import method as methods
 from app.analytic import analytic_values, theories
 from app.contact import measures
 from app.contact.certificate import certify
+from app.contact.distance import UndeformedDistance
 from app.contact.extent import measure_extent
 from app.contact.history import History
 from app.contact.loading import LOADINGS, PrescribedApproach, prescribe
 from app.contact.reference_solvers import REFERENCE_SOLVERS
-from app.contact.state import UndeformedDistance
 from app.contact.stiffness import contact_stiffness
 from app.errors import InputError, agree, check_alike
 from app.fast.circulant import circulant_of
