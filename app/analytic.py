@@ -7,6 +7,16 @@ from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction
 
 THEORIES = {"persson_fraction": persson_fraction, "bush_gibson_thomas_fraction": bush_gibson_thomas_fraction}
 
+ANALYTIC = {  # units of what `analytic_values` knows
+    "analytic_load": "N",
+    "analytic_approach": "mm",
+    "analytic_max_pressure": "N/mm2",
+    "analytic_contact_area": "mm2",
+    "analytic_semi_axis_major": "mm",
+    "analytic_semi_axis_minor": "mm",
+    "analytic_stiffness": "N/mm",
+}
+
 
 def analytic_values(problem, approach, load=None):
     """Numbers of the analytic solution: ``analytic_NAME`` for NAMEs of a Solution.
@@ -31,15 +41,16 @@ def analytic_values(problem, approach, load=None):
         return {}
     if load:
         reference = reference.at_load(load)
-    return {
-        "analytic_load": reference.load,
-        "analytic_approach": reference.approach,
-        "analytic_max_pressure": reference.max_pressure,
-        "analytic_contact_area": reference.contact_area,
-        "analytic_semi_axis_major": max(reference.a, reference.b),
-        "analytic_semi_axis_minor": min(reference.a, reference.b),
-        "analytic_stiffness": reference.stiffness,
-    }
+    values = (
+        reference.load,
+        reference.approach,
+        reference.max_pressure,
+        reference.contact_area,
+        max(reference.a, reference.b),
+        min(reference.a, reference.b),
+        reference.stiffness,
+    )
+    return dict(zip(ANALYTIC, values, strict=True))
 
 
 def theories(problem, mean_pressure, rms_slope):

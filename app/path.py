@@ -10,9 +10,12 @@ to 508 (free; 512 x 512: nothing less). So a row depends on nothing but its own 
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 
-from app.analytic import THEORIES
+from app.analytic import ANALYTIC, THEORIES
 from app.contact.extent import ContactExtent
 from app.contact.grid_errors import GridErrors
 from app.contact.loading import LOADINGS
@@ -41,6 +44,7 @@ UNITS = {
     "step": "1",
     **COLUMNS,
     **dict.fromkeys(THEORIES, "1"),
+    **ANALYTIC,
     "contact_patches": "1",
     "largest_patch": "mm2",
     "stiffness": "N/mm",
@@ -52,7 +56,8 @@ UNITS = {
 class LoadPath:
     """The solutions along a path, one after the other: iterate over it, then look at its table.
 
-    Collective, as is every step. It can be iterated over once. A pickled one keeps its table, and has no steps to come.
+    Collective, as is every step. Nothing is solved before it is iterated over, which can be done once: it keeps no
+    solutions. A pickled one keeps its table, and has no steps to come.
 
     Parameters
     ----------
@@ -107,12 +112,17 @@ class LoadPath:
         return self.__dict__ | {"_solver": None, "_steps": None}
 
     def __setstate__(self, state):
-        self.__dict__.update(state, _steps=iter(()))
+        self.__dict__.update(state)
 
     def __len__(self):
         return len(self.numbers)
 
     def __iter__(self):
+        if self._steps is None or self._steps.gi_frame is None:
+            raise InputError(
+                "path: it has been iterated over, and its solutions are not kept; keep them by solutions = list(path); "
+                "path.table has the numbers of all steps"
+            )
         return self._steps
 
     def _solve(self):
@@ -121,6 +131,8 @@ class LoadPath:
             for step in range(done, len(self.numbers)):
                 start()
                 solution = self._solver.solve(**{self._kind: self.numbers[step]})
+                if self._exact:
+                    solution = replace(solution, stiffness=self._solver.stiffness(solution))
                 self.operator_applications += solution.operator_applications
                 self.solve_seconds += solution.solve_seconds
                 self.rows[step:] = [self._row(step, solution)]
@@ -131,12 +143,12 @@ class LoadPath:
         row = {
             "step": step + 1,
             **{name: getattr(solution, name) for name in COLUMNS},
-            **{name: solution.problem[name] for name in THEORIES if name in solution.problem},
+            **{name: solution.problem[name] for name in (*THEORIES, *ANALYTIC) if name in solution.problem},
             "contact_patches": len(patches),
             "largest_patch": float(patches[0]) if len(patches) else 0.0,
         }
         if self._exact:
-            row["stiffness"] = self._solver.stiffness(solution)
+            row["stiffness"] = solution.stiffness
         return row | {"converged": solution.converged}
 
     @property
@@ -146,20 +158,28 @@ class LoadPath:
 
     @property
     def table(self):
-        """The rows as columns: name -> ndarray, shape (steps,). Not collective.
+        """The rows as columns: name -> ndarray, shape (steps,); NaN where a step has none. Not collective.
 
         With two steps and more a column more: the stiffness by differences of neighbouring steps.
+
+        Raises
+        ------
+        InputError
+            If no step is solved yet.
         """
-        columns = (
-            {name: np.array([row[name] for row in self.rows]) for name in self.rows[0]} if self.rows else {}
-        )
+        if not self.rows:
+            raise InputError(
+                "path: no step is solved yet: iterate over it first, for solution in path, or solutions = list(path)"
+            )
+        names = [name for name in UNITS if any(name in row for row in self.rows)]
+        columns = {name: np.array([row.get(name, np.nan) for row in self.rows]) for name in names}
         if len(self.rows) > 1:
             columns["stiffness_by_differences"] = _slope(columns["approach"], columns["load"])
             columns["converged"] = columns.pop("converged")
         return columns
 
     def save(self, path):
-        """Write the table as CSV, whole or not at all. Rank 0 only writes; not collective.
+        """Write the table of the steps solved so far as CSV, whole or not at all. Rank 0 only writes; not collective.
 
         Parameters
         ----------
@@ -169,13 +189,18 @@ class LoadPath:
         Raises
         ------
         InputError
-            If it cannot be written.
+            If no step is solved yet, or it cannot be written.
         """
         from app.output.table import write_table
 
+        if Path(path).suffix != ".csv":
+            raise InputError(
+                f"path table {path}: the name must end in .csv; a result file with the table and the fields of a step: "
+                "solution.save(file, steps=path.table)"
+            )
+        columns = {name: column.tolist() for name, column in self.table.items()}
         if self._rank:
             return
-        columns = {name: column.tolist() for name, column in self.table.items()}
         try:
             write_table(
                 path, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]

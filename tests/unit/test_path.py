@@ -1,5 +1,6 @@
 """Load paths: rows that depend on their own load alone, laws along the path, refusals before any work."""
 
+import csv
 import warnings
 
 import numpy as np
@@ -28,6 +29,36 @@ def test_load_of_hertz_grows_with_the_approach_to_the_power_of_three_halves():
     known = 1.5 * table["load"] / table["approach"]
     assert table["stiffness_by_differences"][inside] == pytest.approx(known[inside], rel=0.03)
     assert path.converged
+
+
+def test_every_step_has_its_stiffness_and_the_analytic_values(tmp_path):
+    with ContactSolver(hertz(32)) as solver:
+        path = solver.path(approach=[-1.0, 0.05, 0.1], stiffness=True)
+        steps = [solution.attributes for solution in path]
+    path.save(tmp_path / "path.csv")
+    with (tmp_path / "path.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert rows[0].keys() == path.table.keys()
+    assert [float(row["stiffness"]) for row in rows] == [step["stiffness"] for step in steps]
+    assert np.isnan(path.table["analytic_load"][0])
+    assert [float(row["analytic_load"]) for row in rows[1:]] == [step["analytic_load"] for step in steps[1:]]
+    assert path.table["stiffness"][2] == pytest.approx(path.table["analytic_stiffness"][2], rel=0.05)
+
+
+def test_what_a_path_cannot_do_it_says(tmp_path):
+    with ContactSolver(hertz(16)) as solver:
+        path = solver.path(approach=[0.05, 0.1])
+        for use in (lambda: path.table, lambda: path.save(tmp_path / "path.csv")):
+            with pytest.raises(InputError, match="no step is solved yet: iterate over it first"):
+                use()
+        next(iter(path))
+        assert len(path.table["load"]) == 1
+        assert len(list(path)) == 1
+        with pytest.raises(InputError, match="has been iterated over, and its solutions are not kept"):
+            list(path)
+    with pytest.raises(InputError, match=r"must end in .csv; .*steps=path.table"):
+        path.save(tmp_path / "path.h5")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
