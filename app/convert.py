@@ -26,7 +26,7 @@ from app.commands.arguments import Parser, interruptible
 from app.errors import InputError, one_line
 
 ENVIRONMENT = "ELASTIC_CONTACT_SURFACES"  # path of a Python that has SurfaceTopography, if not the one below
-_PLAIN = (".npy", ".h5", ".hdf5")  # read here
+_PLAIN = (".npy", ".npz", ".h5", ".hdf5")  # read here
 _TEXT = (".txt", ".csv", ".dat", ".xyz", ".asc")  # read here, if they are nothing but numbers
 _OTHER_UNITS = {"pm": 1e-3, "Å": 0.1, "A": 0.1}  # of instruments [nm]
 
@@ -45,7 +45,9 @@ def main(argv=None):
 
 def _main(argv):
     parser = Parser(prog="python -m app.convert", description="Turn a measured surface into HDF5.")
-    parser.add_argument("file", type=Path, metavar="FILE", help="what an instrument wrote, .npy, .h5 or text")
+    parser.add_argument(
+        "file", type=Path, metavar="FILE", help="what an instrument wrote, .npy, .npz, .h5 or text"
+    )
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="SURFACE.h5", help="file to write"
     )
@@ -118,6 +120,10 @@ def _read(path, channel, skip):
     from app.problems.height_file import HeightFile
 
     suffix, refusal = Path(str(path).partition(":/")[0]).suffix.lower(), None
+    if channel and suffix in (".npy", ".npz"):
+        raise InputError(
+            f"--channel {channel}: an array of a .npz is named as {path}:/{channel}, a .npy has one only"
+        )
     if suffix in (*_PLAIN, *_TEXT) and not channel:
         try:
             source = HeightFile(path, skip)

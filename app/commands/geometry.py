@@ -86,7 +86,7 @@ GEOMETRY_OPTIONS = [
     Option("surface_cutoff", positive, REQUIRED, "its shortest wavelength [mm]"),
     Option("surface_rms_slope", from_zero, None, "rms slope of its spectrum (either this or the next)"),
     Option("surface_rms_height", from_zero, None, "its rms height [mm]"),
-    Option("surface_file", word, None, "measured heights, peaks positive: .npy, .h5[:/dataset], text or points xyz"),
+    Option("surface_file", word, None, "measured heights, peaks positive: .npy, .npz, .h5[:/dataset], text or points"),
     Option("surface_file2", word, None, "those of the other body, in the same x and y"),
     Option("surface_unit", choice(*UNITS), None, "of measured heights and points, where the file does not say"),
     Option("surface_height_unit", choice(*UNITS), None, "of the heights alone, where points x, y have another one"),
@@ -95,7 +95,7 @@ GEOMETRY_OPTIONS = [
     Option("surface_level", choice(*LEVELS), "none", "what is taken off measured heights"),
     Option("surface_crop", cells, None, "i0,i1,j0,j1: columns i0 to i1 - 1 and rows j0 to j1 - 1 of them only"),
     Option("surface_missing", choice(*MISSING), "hole", "missing points (NaN): no contact there, or filled"),
-    Option("gap_file", word, REQUIRED, "undeformed distance (ny, nx): .npy, .h5[:/dataset] or text; NaN: no contact"),
+    Option("gap_file", word, REQUIRED, "distance (ny, nx): .npy, .npz, .h5[:/dataset] or text; NaN: no contact"),
     Option("problem_type", word, REQUIRED, "python: module.Name or file.py:Name, a Problem or a function of x and y"),
 ]  # fmt: skip
 MATERIAL = ("contact_modulus", ("young", "poisson"), ("shear_modulus", "poisson_ratio"))

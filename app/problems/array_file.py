@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import codecs
+import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -20,15 +22,15 @@ _BYTES_PER_BYTE = 40  # of memory, for a byte of text: a line is a list of texts
 class ArrayFile:
     """A two-dimensional array in a file, read a few rows at a time where the format allows it.
 
-    ``.npy``; ``.h5``, ``.hdf5`` or ``.h5:/dataset``; anything else is read as text, a row of cells a line (see
-    `app.problems.text_table`). The first row is the one of smallest y.
+    ``.npy``; ``.npz``, ``.h5``, ``.hdf5`` or ``.h5:/dataset``; anything else is read as text, a row of cells a line
+    (see `app.problems.text_table`). The first row is the one of smallest y.
 
     Not collective: every rank opens the file for itself.
 
     Parameters
     ----------
     name : str
-        File name, with ``:/dataset`` behind it if an HDF5 file holds more than one 2-D dataset.
+        File name, with ``:/dataset`` behind it if an HDF5 or .npz file holds more than one 2-D dataset.
     skip : int
         Lines at the head of a text that are none of the array.
 
@@ -55,12 +57,14 @@ class ArrayFile:
         if not self.path.is_file():
             raise ValueError(f"{self.what} {path}: {self._why_not()}")
         suffix = self.path.suffix.lower()
-        self.is_text = suffix not in (".npy", ".h5", ".hdf5")
+        self.is_text = suffix not in (".npy", ".npz", ".h5", ".hdf5")
         if skip and not self.is_text:
             raise ValueError(f"{self.what} {path}: {skip} lines to skip: allowed of text, which it is not")
         try:
             if suffix == ".npy":
                 self._rows = self._map_npy()
+            elif suffix == ".npz":
+                self._rows = self._load_npz()
             elif self.is_text:
                 self._rows = self._read_text()
             else:
@@ -86,10 +90,32 @@ class ArrayFile:
         with self.path.open("rb") as file:
             start = file.read(6)
         if start.startswith(b"PK"):
-            raise ValueError("it is an archive of arrays, not one array")
+            raise ValueError("it is an archive of arrays, not one array: its name should end in .npz")
         if not start.startswith(np.lib.format.MAGIC_PREFIX):
             raise ValueError("it is no .npy file")  # numpy takes whatever it does not know for a pickle
         return np.load(self.path, mmap_mode="r", allow_pickle=False)
+
+    def _load_npz(self):
+        try:
+            with zipfile.ZipFile(self.path) as archive:
+                check_fits(sum(item.file_size for item in archive.infolist()), "what it holds")
+            with np.load(self.path, allow_pickle=False) as arrays:
+                if self._dataset and self._dataset not in arrays.files:
+                    raise ValueError(f"no array {self._dataset}")
+                found = {name: arrays[name] for name in [self._dataset] if name} or dict(arrays)
+        except (zipfile.BadZipFile, zlib.error):
+            raise ValueError("it is no .npz file, or broken") from None
+        return found[self._dataset or self._only([name for name in found if np.ndim(found[name]) == 2])]
+
+    def _only(self, found):
+        """The dataset that is meant, where none is named, of those with two dimensions."""
+        if self.preferred in found:
+            return self.preferred
+        if len(found) != 1:
+            raise ValueError(
+                f"name one of its 2-D datasets as FILE:/DATASET; there are: {', '.join(found) or 'none'}"
+            )
+        return found[0]
 
     def _open_hdf5(self):
         import h5py
@@ -101,13 +127,7 @@ class ArrayFile:
             return self._dataset_of(file, self._dataset)
         found = []
         file.visititems(lambda key, item: found.append(key) if getattr(item, "ndim", 0) == 2 else None)
-        if self.preferred in found:
-            found = [self.preferred]
-        if len(found) != 1:
-            raise ValueError(
-                f"name one of its 2-D datasets as FILE:/DATASET; there are: {', '.join(found) or 'none'}"
-            )
-        return self._dataset_of(file, found[0])
+        return self._dataset_of(file, self._only(found))
 
     def _dataset_of(self, file, name):
         self.attributes = {key: value for key, value in file[name].attrs.items() if np.size(value)}
@@ -153,5 +173,5 @@ def _decoded(content):
         strange = len(content) - len(content.translate(None, bytes(range(128, 256))))
         control = any(byte in content for byte in _NEVER)
         if coding == "utf-16" or control or strange > _STRANGE * len(content) + 8:
-            raise ValueError("it is no text; formats: .npy, .h5, .hdf5, and text") from None
+            raise ValueError("it is no text; formats: .npy, .npz, .h5, .hdf5, and text") from None
         return content.decode("latin-1")

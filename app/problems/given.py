@@ -14,7 +14,7 @@ from app.problems.problem import Problem
 from app.problems.shapes import Plane
 
 
-def real_numbers(what, values):
+def real_numbers(what, values, needed="an array of real numbers, or a function of x and y"):
     """Array of float64; masked entries become NaN. Not collective.
 
     Raises
@@ -28,7 +28,7 @@ def real_numbers(what, values):
             return np.asarray(np.ma.filled(found.astype(float), np.nan))
     except (TypeError, ValueError):
         pass
-    raise InputError(f"{what}: needed: an array of real numbers, or a function of x and y") from None
+    raise InputError(f"{what}: needed: {needed}") from None
 
 
 def is_measured(surface):
@@ -139,6 +139,8 @@ class ContactProblem(Problem):
         if self.gap is None and not len(self.surfaces):
             raise InputError("gap: needed: an array of numbers, a function of x and y, or a shape")
         gap = Plane() if self.gap is None else self.gap
+        if hasattr(gap, "heights_on") and not hasattr(gap, "shape_on"):
+            raise InputError(f"gap: is a surface, {type(gap).__name__}; put it in surfaces=[...]")
         shape = gap if hasattr(gap, "shape_on") else _Values("gap", gap)
         surfaces = tuple(s if hasattr(s, "heights_on") else _Values("surface", s) for s in self.surfaces)
         for part in (shape, *surfaces):

@@ -22,6 +22,24 @@ def turned(rows, spacing, orient):
     return rows, spacing[::-1] if spacing and orient.count("transpose") % 2 else spacing
 
 
+class HeightArray:
+    """Heights in memory, (ny, nx), as if they were a `HeightFile` that says neither unit nor spacing."""
+
+    file, unit, lateral, spacing = "(array)", None, None, None
+
+    def __init__(self, heights, orient=()):
+        self._rows, _ = turned(np.array(heights), None, orient)
+        if self._rows.ndim != 2 or not self._rows.size:
+            raise ValueError(
+                f"surface {self.file}: has shape {self._rows.shape}; needed: (ny, nx), or a file name"
+            )
+        self.shape = self._rows.shape
+
+    def rows(self, rows=slice(None)):
+        """Return some rows as float64. Not collective."""
+        return np.array(self._rows[rows], dtype=np.float64, order="C")
+
+
 class HeightFile(ArrayFile):
     """Heights in a file, which may know their unit and spacing.
 

@@ -6,13 +6,15 @@ points) every rank finds for itself, in the same order, so that it is the same o
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from app.errors import InputError
 from app.halfspace.grid import Grid
-from app.problems.height_file import TURNS, HeightFile
+from app.problems.given import real_numbers
+from app.problems.height_file import TURNS, HeightArray, HeightFile, turned
 from app.problems.moments import LEVELS, Moments, centred
 from app.units import UNITS, in_words
 
@@ -28,6 +30,7 @@ class Surface:
     Attributes
     ----------
     file : str
+        ``(array)`` if it is none.
     unit : str
         Of the file's heights.
     shape : tuple of int
@@ -86,7 +89,8 @@ class Surface:
         if domain is None:
             if self.spacing is None:
                 raise InputError(
-                    f"-domain is missing: surface file {self.file} does not say its spacing; needed: x0,x1,y0,y1 [mm]"
+                    f"-domain (in Python domain=, or spacing= of read_surface) is missing: surface file "
+                    f"{self.file} does not say its spacing; needed: x0,x1,y0,y1 [mm]"
                 )
             lx, ly = nx * self.spacing[0], ny * self.spacing[1]
             domain = -lx / 2, lx / 2, -ly / 2, ly / 2
@@ -199,7 +203,15 @@ class Surface:
 
 
 def read_surface(
-    path, unit=None, level="none", crop=None, missing="hole", height_unit=None, orient=(), skip=0
+    path,
+    unit=None,
+    level="none",
+    crop=None,
+    missing="hole",
+    height_unit=None,
+    orient=(),
+    skip=0,
+    spacing=None,
 ):
     """Read measured heights.
 
@@ -207,10 +219,11 @@ def read_surface(
 
     Parameters
     ----------
-    path : str or Path
-        ``.npy``, ``.h5`` (``:/dataset``), text with a row of cells a line, or text with points x, y, z of a regular
-        grid in any order. Peaks towards the other body are positive; the first row is the one of smallest
-        y. What instruments write ``python -m app.convert`` turns into ``.h5``.
+    path : str or Path, or array_like, shape (ny, nx)
+        The heights, NaN or masked where a point is missing; or a file of them: ``.npy``, ``.npz`` or ``.h5``
+        (``:/dataset``), text with a row of cells a line, or text with points x, y, z of a regular grid in any order.
+        Peaks towards the other body are positive; the first row is the one of smallest y. What instruments
+        write ``python -m app.convert`` turns into ``.h5``.
     unit : str, optional
         m, mm, um or nm: of the file; needed where it does not say.
     level : str
@@ -225,6 +238,8 @@ def read_surface(
         How rows and columns are turned before all else, one after the other: transpose, flip_x, flip_y.
     skip : int
         Lines at the head of a text to leave out.
+    spacing : pair of float, optional
+        Size dx, dy of a cell before it is turned [mm], where the file does not say; else `Surface.grid` needs a domain.
 
     Returns
     -------
@@ -258,7 +273,12 @@ def read_surface(
                 f"surface {name} {value}: not allowed; allowed: {', '.join(filter(None, allowed))}"
             )
     try:
-        source = HeightFile(path, skip, orient)
+        if isinstance(path, str | os.PathLike):
+            source = HeightFile(path, skip, orient)
+        else:
+            source = HeightArray(
+                real_numbers("surface", path, "a file name, or an array of real numbers"), orient
+            )
     except (ValueError, OSError) as error:
         raise InputError(str(error)) from None
     if source.shape[0] * source.shape[1] > MOST_CELLS:
@@ -266,6 +286,7 @@ def read_surface(
             f"surface file {path}: has {source.shape[1]} x {source.shape[0]} cells; allowed: {MOST_CELLS}"
         )
     unit, lateral = _agreed_units(source, unit, height_unit)
+    sides = _agreed_spacing(source, lateral, spacing, orient)
     crop = _checked_crop(source, crop)
     scale = UNITS[unit]
     ny, nx = crop[3] - crop[2], crop[1] - crop[0]
@@ -281,19 +302,19 @@ def read_surface(
     elif holes:
         notes.append(
             f"surface file {source.file}: {holes} of {nx * ny} points are missing: cells without any cannot touch; "
-            "fill them by -surface_missing fill"
+            "fill them by -surface_missing fill (in Python missing=)"
         )
     rise, rms = moments.tilt()
     if level in ("none", "mean") and rise > _TILTED * rms > 0:
         notes.append(
             f"surface file {source.file}: is tilted by {rise:.3g} mm over the patch, its rms height about the best "
-            f"plane is {rms:.3g} mm; level it by -surface_level plane if that is the instrument's"
+            f"plane is {rms:.3g} mm; level it by -surface_level plane (in Python level=) if that is the instrument's"
         )
     return Surface(
         file=source.file,
         unit=unit,
         shape=(ny, nx),
-        spacing=source.spacing and tuple(UNITS[lateral] * side for side in source.spacing),
+        spacing=sides,
         level=level,
         missing=missing,
         crop=crop,
@@ -314,19 +335,41 @@ def _agreed_units(source, unit, height_unit):
     given = height_unit or unit
     if source.unit is None and given is None:
         raise InputError(
-            f"-surface_unit is missing: surface file {source.file} does not say the unit of its heights; "
+            f"-surface_unit (in Python unit=) is missing: surface file {source.file} does not say the unit of its "
+            f"heights; "
             f"allowed: {', '.join(UNITS)}"
         )
     if source.unit and given and given != source.unit:
-        option = "-surface_height_unit" if height_unit else "-surface_unit"
+        option = (
+            "-surface_height_unit (in Python height_unit=)"
+            if height_unit
+            else "-surface_unit (in Python unit=)"
+        )
         raise InputError(f"{option} {given}: surface file {source.file} says {source.unit}")
     lateral = source.lateral or source.unit or unit
     if source.spacing and lateral is None:
         raise InputError(
-            f"-surface_unit is missing: surface file {source.file} does not say the unit of its x and y, and "
-            f"-surface_height_unit is of z alone; allowed: {', '.join(UNITS)}"
+            f"-surface_unit (in Python unit=) is missing: surface file {source.file} does not say the unit of its x "
+            f"and y, and -surface_height_unit (height_unit=) is of z alone; allowed: {', '.join(UNITS)}"
         )
     return source.unit or given, lateral
+
+
+def _agreed_spacing(source, lateral, given, orient):
+    """Size of a cell, from the file or given [mm], or None."""
+    if source.spacing:
+        if given is not None:
+            raise InputError(f"spacing: surface file {source.file} says it itself")
+        return tuple(UNITS[lateral] * side for side in source.spacing)
+    if given is None:
+        return None
+    try:
+        dx, dy = map(float, given)
+    except (TypeError, ValueError):
+        dx = dy = 0.0
+    if not (0 < dx < np.inf and 0 < dy < np.inf):
+        raise InputError(f"spacing {given!r}: needed: two positive numbers dx, dy [mm]")
+    return turned(np.empty((0, 0)), (dx, dy), orient)[1]
 
 
 def _checked_crop(source, crop):

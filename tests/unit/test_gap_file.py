@@ -17,6 +17,8 @@ from app.problems.gap_file import GapFile
 def write_gap(path, shape):
     if path.suffix == ".npy":
         np.save(path, shape)
+    elif path.suffix == ".npz":
+        np.savez_compressed(path, shape=shape, x=shape[0])
     elif path.suffix == ".h5":
         with h5py.File(path, "w") as file:
             file["measured/gap"] = shape
@@ -29,7 +31,7 @@ def gap_file(path, n):
     return ContactProblem(problem.grid, problem.material, GapFile(path))
 
 
-@pytest.mark.parametrize("name", ["gap.npy", "gap.h5", "gap.txt", "gap.csv"])
+@pytest.mark.parametrize("name", ["gap.npy", "gap.npz", "gap.h5", "gap.txt", "gap.csv"])
 def test_gap_from_a_file_is_the_same_problem(name, tmp_path):
     problem = hertz(32)
     write_gap(tmp_path / name, problem.shape_on(problem.grid))
@@ -44,7 +46,8 @@ def test_dataset_by_name_integers_and_byte_order(tmp_path):
     np.save(tmp_path / "big_endian.npy", values.astype(">i2"))
     np.save(tmp_path / "fortran.npy", np.asfortranarray(values, float))
     (tmp_path / "odd.txt").write_text("# a comment\n0 1\t2  3\n\n4\t5 6 7\n8 9 10 11e0\n")
-    for name in ("many.h5:/a/b", "big_endian.npy", "fortran.npy", "odd.txt"):
+    np.savez(tmp_path / "many.npz", a=values, b=np.zeros((3, 4)))
+    for name in ("many.h5:/a/b", "many.npz:/a", "big_endian.npy", "fortran.npy", "odd.txt"):
         gap = GapFile(str(tmp_path / name))
         assert gap.shape == (3, 4)
         rows = gap.rows(slice(1, 3))
@@ -55,6 +58,10 @@ def test_dataset_by_name_integers_and_byte_order(tmp_path):
 def save_archive(path):
     np.savez(path.with_suffix(".npz"), a=np.ones((8, 8)))
     path.with_suffix(".npz").rename(path)
+
+
+def save_archives(**arrays):
+    return lambda path: np.savez(path, **arrays)
 
 
 def save_hdf5(**datasets):
@@ -100,6 +107,12 @@ SQUARE = np.ones((8, 8))
         ("gap.npy", save_part(save_array(SQUARE), 0.05), "cannot be read"),
         ("gap.npy", save_bytes(b""), "cannot be read"),
         ("gap.npy", save_archive, "archive"),
+        ("gap.npz", save_archives(a=SQUARE, b=SQUARE), "FILE:/DATASET; there are: a, b"),
+        ("gap.npz", save_archives(a=np.ones(8)), "there are: none"),
+        ("gap.npz:/c", save_archives(a=SQUARE), "no array c"),
+        ("gap.npz:/b", save_archives(a=SQUARE, b=np.ones(8)), "shape (8,)"),
+        ("gap.npz", save_part(save_archives(a=SQUARE), 0.5), "no .npz file"),
+        ("gap.npz", save_bytes(b"0.1 0.2"), "no .npz file"),
         ("gap.h5", save_part(save_hdf5(gap=SQUARE), 0.5), "cannot be read"),
         ("gap.h5", save_bytes(b"not HDF5"), "cannot be read"),
         ("gap.h5", save_hdf5(a=SQUARE, b=SQUARE), "FILE:/DATASET; there are: a, b"),

@@ -37,7 +37,17 @@ def save_converted(path, heights):
         file["heights"].attrs.update(unit="um", spacing=(1e3 * DX, 1e3 * DY), spacing_unit="nm")
 
 
-FORMATS = {"s.npy": np.save, "s.csv": save_text, "s.xyz": save_points, "s.h5": save_converted}
+def save_archive(path, heights):
+    np.savez(path, z=heights, x=X)
+
+
+FORMATS = {
+    "s.npy": np.save,
+    "s.npz": save_archive,
+    "s.csv": save_text,
+    "s.xyz": save_points,
+    "s.h5": save_converted,
+}
 
 
 @pytest.fixture
@@ -53,6 +63,44 @@ def made(path, **texts):
     given = {"problem": "rough", "contact_modulus": "1", "surface_file": path, **texts}
     reader = OptionReader(PROBLEM_OPTIONS, given)
     return make_problem(reader, given, MPI.COMM_SELF)[0]
+
+
+def test_an_array_is_read_as_its_file(saved):
+    heights = np.where(HEIGHTS > 1, np.nan, HEIGHTS)
+    masked = np.ma.masked_greater(HEIGHTS, 1)
+    how = {"unit": "um", "level": "plane", "crop": (1, 8, 2, 9), "orient": ("transpose",)}
+    file = read_surface(saved(heights), **how)
+    for given in (heights, masked, heights.tolist()):
+        surface = read_surface(given, **how, spacing=(DX, DY))
+        np.testing.assert_array_equal(surface.heights(), file.heights())
+        assert surface.missing_points == file.missing_points > 0
+        assert surface.notes[0] == file.notes[0].replace(file.file, "(array)")
+        assert surface.grid().dx == pytest.approx(DY)  # turned, too
+    assert not np.isnan(read_surface(heights, "um", missing="fill").heights()).any()
+    grid, steel = surface.grid(), Material.from_contact_modulus(1e5)
+    assert ContactProblem(grid, steel, surfaces=[surface]).describe()["surface_file"] == "(array)"
+
+
+@pytest.mark.parametrize(
+    ("given", "how", "message"),
+    [
+        (HEIGHTS[0], {}, r"shape \(15,\); needed: \(ny, nx\)"),
+        (HEIGHTS + 1j, {}, "a file name, or an array of real numbers"),
+        (None, {}, "or a file name"),
+        (HEIGHTS, {"unit": None}, r"in Python unit=\) is missing"),
+        (HEIGHTS, {"spacing": 0.1}, "two positive numbers dx, dy"),
+        (HEIGHTS, {"spacing": (0.1, 0)}, "two positive numbers dx, dy"),
+    ],
+)
+def test_arrays_of_no_use(given, how, message):
+    with pytest.raises(InputError, match=message):
+        read_surface(given, **{"unit": "um", **how})
+
+
+def test_spacing_is_said_once(saved):
+    assert read_surface(saved(HEIGHTS), "um", spacing=(0.1, 0.2)).grid().dy == pytest.approx(0.2)
+    with pytest.raises(InputError, match="spacing: surface file .*s.h5 says it itself"):
+        read_surface(saved(HEIGHTS, "s.h5"), spacing=(0.1, 0.2))
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -172,11 +220,11 @@ def test_units(saved):
         (
             "s.npy",
             {},
-            "-surface_unit is missing: surface file .*s.npy does not say the unit .* m, mm, um, nm",
+            "-surface_unit .* is missing: surface file .*s.npy does not say the unit .* m, mm, um, nm",
         ),
         ("s.npy", {"surface_unit": "inch"}, "-surface_unit inch: not allowed; allowed: one of m, mm, um, nm"),
-        ("s.npy", {"surface_unit": "um"}, "-domain is missing: surface file .* does not say its spacing"),
-        ("s.h5", {"surface_unit": "nm"}, "-surface_unit nm: surface file .* says um"),
+        ("s.npy", {"surface_unit": "um"}, "-domain .* is missing: surface file .* does not say its spacing"),
+        ("s.h5", {"surface_unit": "nm"}, "-surface_unit .* nm: surface file .* says um"),
         ("s.h5", {"domain": "0,1,0,1"}, r"its patch is 0.006 x 0.006 mm; the domain is 1 x 1 mm"),
         ("s.h5", {"surface_level": "cubic"}, "-surface_level cubic: not allowed"),
         ("s.h5", {"surface_crop": "0,16,0,2"}, "surface crop 0,16,0,2: .* columns 0,15 and rows 0,12"),
@@ -237,9 +285,11 @@ def test_heights_in_another_unit_than_points(saved):
     np.testing.assert_allclose(surface.heights(), 1e-3 * HEIGHTS, rtol=1e-15)
     assert surface.spacing == pytest.approx((DX, DY))
     np.testing.assert_array_equal(read_surface(saved(HEIGHTS), height_unit="um").heights(), surface.heights())
-    with pytest.raises(InputError, match="-surface_unit is missing: .* does not say the unit of its x and y"):
+    with pytest.raises(
+        InputError, match="-surface_unit .* is missing: .* does not say the unit of its x and y"
+    ):
         read_surface(points, height_unit="um")
-    with pytest.raises(InputError, match="-surface_height_unit nm: surface file .* says um"):
+    with pytest.raises(InputError, match="-surface_height_unit .* nm: surface file .* says um"):
         read_surface(saved(HEIGHTS, "s.h5"), height_unit="nm")
 
 
