@@ -113,7 +113,7 @@ def _is_number(value):
 def numbers_section(result):
     """What came out."""
     _, cells = connected_sets(result.contact == 1, result.attributes.get("periodic"))
-    grid = subsurface.grid_of(result)
+    grid = result.grid
     values = result.attributes | {"contact_patches": len(cells)}
     for name, cell in (("pressure_centre_x", grid.dx), ("pressure_centre_y", grid.dy)):
         if name in values:
@@ -196,7 +196,7 @@ def request_section(result):
     """What was asked."""
     values = result.attributes
     ny, nx = result.pressure.shape
-    grid = subsurface.grid_of(result)
+    grid = result.grid
     unit = length_unit(max(nx * grid.dx, ny * grid.dy))
     size = " × ".join(f"{n * d * unit.per_mm:.6g}" for n, d in ((nx, grid.dx), (ny, grid.dy)))
     cell = length_unit(max(grid.dx, grid.dy))

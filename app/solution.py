@@ -10,13 +10,12 @@ from app.contact.certificate import Certificate
 from app.contact.extent import ContactExtent
 from app.errors import InputError
 from app.halfspace.communication import Traffic
-from app.halfspace.connected import connected_sets
 from app.halfspace.grid import Grid, Slabs
-from app.halfspace.reductions import minimum_over, sum_over
+from app.output.contact_fields import ContactFields
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Solution:
+class Solution(ContactFields):
     """The solution of a contact problem, or the best there is.
 
     Arrays hold the rows of this rank, (rows, nx); `gather` brings all of them to one. Can be pickled there.
@@ -74,6 +73,8 @@ class Solution:
     grid : Grid
     slabs : Slabs
     comm : mpi4py communicator
+    stiffness : float or None
+        dF/d(approach) [N/mm]; None where nobody has asked for it, see `ContactSolver.path`.
     """
 
     pressure: np.ndarray
@@ -125,12 +126,7 @@ class Solution:
     slabs: Slabs
     comm: object
     distance: object  # gives `undeformed_distance` when called
-
-    def __repr__(self):
-        return (
-            f"<Solution: {self.grid.nx} x {self.grid.ny} cells, load {self.load:g} N, approach {self.approach:g} mm, "
-            f"{'converged' if self.converged else 'NOT converged'}, error bound {self.error_bound:.1g}>"
-        )
+    stiffness: float | None = None
 
     def __getstate__(self):
         """What is pickled: everything, on one rank; the copy has a communicator of its own process."""
@@ -214,6 +210,7 @@ class Solution:
             "rms_slope": self.rms_slope,
             "lcp_rtol": self.rtol,
             **self.problem,
+            **({} if self.stiffness is None else {"stiffness": self.stiffness}),
             **self.certificate.describe(),
             "options": self.options,
             "command_line": "",
@@ -225,51 +222,6 @@ class Solution:
             **vars(self.traffic),
             "version": __version__,
         }
-
-    def contact_patches(self):
-        """Areas of the patches of contact, from large to small [mm2]; the same on all ranks. Collective.
-
-        Cells hang together by faces; on a periodic patch across its sides, too.
-        """
-        _, cells = connected_sets(self.contact, bool(self.grid.periodic), self.slabs, self.comm)
-        return np.sort(cells)[::-1] * self.grid.cell_area
-
-    def distribution(self, name, bins=100, logarithmic=False):
-        """Distribution of the pressure over the cells in contact, or of the gap over those that are open.
-
-        Collective.
-
-        Parameters
-        ----------
-        name : str
-            "pressure" or "gap".
-        bins : int
-        logarithmic : bool
-            Bins of equal ratio; else of equal width.
-
-        Returns
-        -------
-        edges : ndarray, shape (bins + 1,), [N/mm2] or [mm]
-            From the smallest to the largest value; empty if there are none.
-        density : ndarray, shape (bins,)
-            Share of the cells counted per unit; its integral is 1.
-
-        Raises
-        ------
-        InputError
-            If it is the distribution of something else.
-        """
-        if name not in ("pressure", "gap"):
-            raise InputError(f"distribution {name!r}: allowed: pressure, gap")
-        values = getattr(self, name)
-        values = values[(self.contact if name == "pressure" else ~self.contact) & (values > 0)]
-        low, high = minimum_over(self.comm, [values.min(initial=np.inf), -values.max(initial=0.0)]) * (1, -1)
-        if not high:
-            return np.zeros(0), np.zeros(0)
-        edges = np.geomspace(low, high, bins + 1) if logarithmic else np.linspace(low, high, bins + 1)
-        edges[0], edges[-1] = low, high
-        counts = sum_over(self.comm, np.histogram(values, edges)[0])
-        return edges, counts / counts.sum() / np.diff(edges)
 
     def gather(self, root=0):
         """Bring all rows to one rank. Collective.

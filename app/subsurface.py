@@ -18,7 +18,6 @@ import numpy as np
 from app.commands import streams
 from app.commands.arguments import Parser, count
 from app.errors import InputError, one_line
-from app.halfspace.grid import Grid
 from app.halfspace.stress import COMPONENTS, Hottest, SubsurfaceStress, von_mises
 from app.output import curves, figures, style
 from app.output.files import whole_hdf5
@@ -61,10 +60,7 @@ def stress(solution, poisson_ratio=None, body=None):
     >>> round(hottest.depth, 1)  # 0.48 radii of the contact
     0.3
     """
-    if hasattr(solution, "grid"):
-        grid, facts = solution.grid, solution.attributes
-    else:
-        grid, facts = grid_of(solution), solution.attributes
+    grid, facts = solution.grid, solution.attributes
     if poisson_ratio is None:
         poisson_ratio = known_poisson_ratio(facts, body)
     elif body is not None:
@@ -93,14 +89,6 @@ def known_poisson_ratio(facts, body=None):
     if body is not None:
         raise InputError(f"body {body}: the material of the pair was given, not those of the bodies")
     return facts.get("poisson_ratio")
-
-
-def grid_of(result):
-    """Grid of a result file."""
-    half_x, half_y = (np.ptp(c) / (c.size - 1) / 2 if c.size > 1 else 0.5 for c in (result.x, result.y))
-    domain = (result.x[0] - half_x, result.x[-1] + half_x, result.y[0] - half_y, result.y[-1] + half_y)
-    symbol = result.attributes.get("periodic_symbol", "")
-    return Grid.from_domain(result.x.size, result.y.size, domain, symbol)
 
 
 def survey(below, depths=64, at=None, deepest=None, along="xy"):

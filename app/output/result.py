@@ -33,7 +33,9 @@ import h5py
 import numpy as np
 
 from app.errors import InputError, one_line
+from app.halfspace.grid import Grid
 from app.memory import check_fits
+from app.output.contact_fields import ContactFields
 
 FIELDS = {
     "pressure": np.float64,
@@ -88,11 +90,19 @@ NUMBERS = (  # beside the other `ATTRIBUTES`, where there are any
     "error_bound", "discretisation_error", "poisson_ratio", "periodic", "largest_penetration", "smallest_pressure",
 )  # fmt: skip
 PAIRS = ("young", "poisson")
+OF_SOLUTION = {
+    "message": "reason",
+    "iterations": "active_set_iterations",
+    "rtol": "lcp_rtol",
+}  # what it calls them
 
 
-@dataclass(frozen=True, eq=False)
-class Result:
+@dataclass(frozen=True, eq=False, repr=False)
+class Result(ContactFields):
     """A result file in memory; names, shapes and units as in the module's table.
+
+    An attribute of the file is one of the object, too: ``result.load`` is ``result.attributes["load"]``; so are the
+    other names that a `Solution` has for them (``message``, ``iterations``, ``rtol``).
 
     Attributes
     ----------
@@ -122,6 +132,34 @@ class Result:
     extra: dict = field(default_factory=dict)
     units: dict = field(default_factory=dict)
     path: dict = field(default_factory=dict)
+
+    slabs = comm = None  # all rows are here
+
+    def __getattr__(self, name):
+        attributes = self.__dict__.get("attributes", {})  # there are none yet while it is unpickled
+        if (there := OF_SOLUTION.get(name, name)) in attributes:
+            return attributes[there]
+        raise AttributeError(f"this result has no {name}; what it has: .attributes")
+
+    def __dir__(self):
+        return [*super().__dir__(), *self.attributes, *OF_SOLUTION]
+
+    @property
+    def error_bound(self):
+        """Proved bound of the relative error of the pressure in the energy norm; NaN if the file has none."""
+        return self.attributes.get("error_bound", np.nan)
+
+    @property
+    def notes(self):
+        """What a user should look at twice, a text each."""
+        return tuple(self.attributes.get("notes", "").splitlines())
+
+    @property
+    def grid(self):
+        """Its `Grid`, from the cell centres."""
+        x, y = ((c[0], np.ptp(c) / (c.size - 1) if c.size > 1 else 1.0, c[-1]) for c in (self.x, self.y))
+        domain = [end for low, cell, high in (x, y) for end in (low - cell / 2, high + cell / 2)]
+        return Grid.from_domain(self.x.size, self.y.size, domain, self.attributes.get("periodic_symbol", ""))
 
 
 def read_result(path):

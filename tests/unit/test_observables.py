@@ -137,3 +137,17 @@ def test_analytic_values_stand_beside(of_hertz):
     by_load = solve(hertz(64), None, None, load=known.load)
     assert by_load.attributes["analytic_approach"] == pytest.approx(APPROACH)
     assert not any(name.startswith("analytic") for name in solve(hertz(16), -1.0, None).attributes)
+
+
+@pytest.mark.parametrize("logarithmic", [False, True])
+def test_a_distribution_of_one_value_is_one_bin(logarithmic):
+    alone = np.full((4, 5), 0.3)
+    alone[1, 2] = 0.0
+    material = Material.from_contact_modulus(1e5)
+    one = solve(ContactProblem(Grid.from_domain(5, 4, (0, 1, 0, 1)), material, alone), 1e-6, None)
+    assert one.contact_cells == 1
+    edges, density = one.distribution("pressure", 7, logarithmic)
+    assert np.isfinite(density).all()
+    assert density @ np.diff(edges) == pytest.approx(1)
+    assert edges[0] < one.max_pressure < edges[-1]
+    assert (np.diff(edges) > 0).all()

@@ -1,0 +1,75 @@
+"""What a solution and a result file that is read have in common."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.errors import InputError
+from app.halfspace.connected import connected_sets
+from app.halfspace.reductions import minimum_over, sum_over
+
+
+class ContactFields:
+    """Patches and distributions, and a line that says what it is.
+
+    Who derives from it has `pressure`, `gap` and `contact`, shape (rows, nx); `grid`; `slabs` and `comm`, None where
+    all rows are here; and the numbers that `describe` tells.
+    """
+
+    def __repr__(self):
+        notes = len(self.notes)
+        said = f", {notes} note{'s'[: notes > 1]}: see .notes" if notes else ""
+        return (
+            f"<{type(self).__name__}: {self.grid.nx} x {self.grid.ny} cells, load {self.load:g} N, approach "
+            f"{self.approach:g} mm, {'converged' if self.converged else 'NOT converged'}, error bound "
+            f"{self.error_bound:.1g}{said}>"
+        )
+
+    def contact_patches(self):
+        """Areas of the patches of contact, from large to small [mm2]; the same on all ranks. Collective.
+
+        Cells hang together by faces; on a periodic patch across its sides, too.
+        """
+        _, cells = connected_sets(self.contact == 1, bool(self.grid.periodic), self.slabs, self.comm)
+        return np.sort(cells)[::-1] * self.grid.cell_area
+
+    def distribution(self, name, bins=100, logarithmic=False):
+        """Distribution of the pressure over the cells in contact, or of the gap over those that are open.
+
+        Collective.
+
+        Parameters
+        ----------
+        name : str
+            "pressure" or "gap".
+        bins : int
+        logarithmic : bool
+            Bins of equal ratio; else of equal width.
+
+        Returns
+        -------
+        edges : ndarray, shape (bins + 1,), [N/mm2] or [mm]
+            From the smallest to the largest value; from half to twice the value, if it is only one; empty if there
+            are none.
+        density : ndarray, shape (bins,)
+            Share of the cells counted per unit; its integral is 1.
+
+        Raises
+        ------
+        InputError
+            If it is the distribution of something else.
+        """
+        if name not in ("pressure", "gap"):
+            raise InputError(f"distribution {name!r}: allowed: pressure, gap")
+        values = getattr(self, name)
+        values = values[(self.contact == (name == "pressure")) & (values > 0)]
+        low, high = minimum_over(self.comm, [values.min(initial=np.inf), -values.max(initial=0.0)])
+        high = -high
+        if not high:
+            return np.zeros(0), np.zeros(0)
+        if high <= low * (1 + 1e-12 * bins):  # bins could not be told apart
+            low, high = low / 2, 2 * high
+        edges = np.geomspace(low, high, bins + 1) if logarithmic else np.linspace(low, high, bins + 1)
+        edges[0], edges[-1] = low, high
+        counts = sum_over(self.comm, np.histogram(values, edges)[0])
+        return edges, counts / counts.sum() / np.diff(edges)
