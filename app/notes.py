@@ -9,6 +9,7 @@ from app.problems.given import is_measured
 from app.units import in_words
 
 HIGH_PRESSURE = 0.2  # of E*, beyond which hardly any solid is elastic
+SOFTEST, HARDEST = 1e-3, 1.5e6  # of moduli [N/mm2]: soft gels, and diamond, which has 1.1e6
 STEEP = 0.5  # rms slope, beyond which a body is no half-space
 FLAT = 2e-4  # rms slope of measured heights, below which heights or spacing may be in another unit ...
 COARSE, COARSE_FLAT = 0.05, 5e-3  # ... and the same where cells are as wide as this [mm]
@@ -38,6 +39,7 @@ def notes_on(state, problem, contact, roughness):
     grid, found = state.grid, list(problem.notes)
     side = min(n * width for n, width in ((grid.nx, grid.dx), (grid.ny, grid.dy)) if n > 1 or grid.n == 1)
     modulus = problem.material.contact_modulus
+    found += doubtful_moduli(problem.material)
     if contact.max_pressure > HIGH_PRESSURE * modulus:
         found.append(
             f"the maximum pressure is {contact.max_pressure / modulus:.2g} E*: beyond what solids bear elastically, or "
@@ -81,12 +83,27 @@ def notes_on(state, problem, contact, roughness):
         )
     if not grid.periodic and min(grid.nx, grid.ny) == 1 < grid.n:
         found.append(
-            "the patch is one cell wide: a strip pressed on that width, no plane strain (see -periodic)"
+            "the patch is one cell wide: a strip pressed on that width, no plane strain "
+            "(see -periodic, in Python periodic=)"
         )
     if not grid.periodic and _touches_rim(state, contact.contact_cells):
         what = "contact reaches" if contact.contact_cells else "the smallest distance is found at"
         found.append(f"{what} the rim of the patch: enlarge the domain if the bodies go on beyond it")
     return found
+
+
+def doubtful_moduli(material):
+    """Notes on moduli that no solid has, as with Pa taken for N/mm2. Not collective."""
+    young = [value for value in (material.known or {}).get("young", ()) if np.isfinite(value)]
+    what, values = (
+        ("Young's modulus", young) if young else ("the contact modulus E*", [material.contact_modulus])
+    )
+    return [
+        f"{what} is {value:.3g} N/mm2, {'more' if value > HARDEST else 'less'} than solids have; N/mm2 are MPa: is it "
+        "in another unit, such as Pa or GPa?"
+        for value in dict.fromkeys(values)
+        if not SOFTEST <= value <= HARDEST
+    ]
 
 
 def doubt(surface, grid):

@@ -39,6 +39,26 @@ def test_each_is_told(arguments, message):
 
 
 @pytest.mark.parametrize(
+    ("material", "message"),
+    [
+        (Material.pair((210e9, 210e9), (0.3, 0.3)), "Young's modulus is 2.1e+11 N/mm2, more than"),
+        (Material.pair((1.1e6, np.inf), (0.1, 0.3)), None),
+        (Material.pair((5e-4, np.inf), (0.5, 0.3)), "Young's modulus is 0.0005 N/mm2, less than"),
+        (Material.combined(82e9, 0.28), r"E\* is 1.14e+11 N/mm2, more than"),
+        (SOFT, None),
+    ],
+)
+def test_moduli_in_another_unit(material, message):
+    found = [
+        note for note in solve(ContactProblem(GRID, material, Sphere(10.0)), 0.01).notes if "MPa" in note
+    ]
+    assert len(found) == (message is not None)
+    assert all(
+        re.match(message.replace("+", r"\+"), note.removeprefix("the contact modulus ")) for note in found
+    )
+
+
+@pytest.mark.parametrize(
     ("domain", "message"),
     [
         ((0, 0.24, 0, 0.32), "square if the sides of the patch are exchanged"),
