@@ -35,3 +35,7 @@ def __getattr__(name):
     if name not in _PLACES:
         raise AttributeError(f"module 'app' has no attribute {name!r}")
     return getattr(import_module(_PLACES[name]), name)
+
+
+def __dir__():
+    return sorted({*globals(), *__all__})

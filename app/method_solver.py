@@ -34,6 +34,8 @@ def choose(grid, method, texts):
     """
     check_compiler()
     check_cells(grid)
+    if dashed := [name for name in texts if name.startswith("-")]:
+        raise InputError(f"options: {', '.join(dashed)}: needed: names without the dash")
     return settings(method, texts, bool(grid.periodic))
 
 

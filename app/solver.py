@@ -46,29 +46,37 @@ from app.problems.given import ContactProblem
 from app.problems.problem import Problem, checked_shape
 from app.solution import Solution
 from app.stiffness import contact_stiffness
-from app.strategy import Strategy, warm_up
+from app.strategy import Strategy, check_single, warm_up
 
 __all__ = ["ContactProblem", "ContactSolver", "Solution", "solve"]
 
 
 def solve(
-    problem,
-    approach=None,
-    load=None,
-    method=None,
-    options=None,
-    comm=None,
-    start=None,
-    mean_pressure=None,
-    mean_gap=None,
-):
-    """Solve a contact problem once.
+    problem, approach=None, load=None, method=None, options=None, comm=None, start=None,
+    mean_pressure=None, mean_gap=None,
+):  # fmt: skip
+    """Solve a contact problem once, for exactly one of approach, load, mean pressure and mean gap.
 
-    Collective over `comm`. Parameters as of `ContactSolver` and `ContactSolver.solve`.
+    Collective over `comm`. More about each, and what is refused: `ContactSolver`, `ContactSolver.solve`.
+
+    Parameters
+    ----------
+    problem : ContactProblem
+    approach, load, mean_pressure, mean_gap : float, optional
+        [mm]; total force [N]; load over the area of the patch [N/mm2]; of a periodic patch [mm].
+    method : str or mapping, optional
+        Name of a method file, such as "fmg_v11".
+    options : mapping, optional
+        Names, without dash, to values: {"lcp_rtol": 1e-8}.
+    comm : mpi4py communicator, optional
+        Ranks that share the grid; default: all.
+    start : Solution, optional
+        To start from: of a similar loading.
 
     Returns
     -------
     Solution
+        If it is not ``converged``, there is a warning, too.
     """
     with ContactSolver(problem, method, options, comm) as solver:
         return solver.solve(approach, load, start, mean_pressure, mean_gap)
@@ -166,7 +174,7 @@ class ContactSolver:
         if chosen.single:
             alone = replace(grid, periodic="")  # images change little of a cell's influence on itself
             self._largest = float(influence_quadrant(alone, compliance, slice(0, 1), 1)[0, 0])
-            _check_single("influence coefficients", self._largest, "mm3/N")
+            check_single("influence coefficients", self._largest, "mm3/N")
         self.hierarchy = hierarchy = make_hierarchy(grid, compliance, self._team.comm, chosen)
         self._resources.add(hierarchy)
         self._solver = make_solver(hierarchy, chosen)
@@ -187,7 +195,7 @@ class ContactSolver:
         if lowest > highest:
             raise InputError(f"problem {problem.name}: contact is impossible in all cells (NaN)")
         if self.settings.single:
-            _check_single("pressures", max(-lowest, highest) / self._largest, "N/mm2")
+            check_single("pressures", max(-lowest, highest) / self._largest, "N/mm2")
         self.touching = reference = float(lowest)
         for shape in shapes:
             shape -= reference
@@ -359,7 +367,7 @@ class ContactSolver:
                 pressure = loading.load / self.problem.grid.cell_area
             else:
                 pressure = max(loading.approach - self.touching, 0.0) / self._largest
-            _check_single("pressures", pressure, "N/mm2")
+            check_single("pressures", pressure, "N/mm2")
         if loading.prescribes_load and loading.load == 0:
             return PrescribedApproach(self.touching)  # it is not unique: where the bodies just touch
         return loading
@@ -439,12 +447,3 @@ class ContactSolver:
 
     def __exit__(self, *error):
         self.close()
-
-
-def _check_single(what, value, unit):
-    """Refuse what single precision has no numbers for."""
-    if value and not 1e-25 < value < 1e25:
-        raise InputError(
-            f"-lcp_precision single: {what} of {value:.0e} {unit} are beyond it; choose -lcp_precision double, "
-            "or units nearer to the bodies'"
-        )

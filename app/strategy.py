@@ -164,3 +164,12 @@ def warm_up(settings, periodic):
         from app.halfspace.sweeps import gauss_seidel
 
         gauss_seidel.warm_up()
+
+
+def check_single(what, value, unit):
+    """Refuse what single precision has no numbers for. Not collective."""
+    if value and not 1e-25 < value < 1e25:
+        raise InputError(
+            f"-lcp_precision single: {what} of {value:.0e} {unit} are beyond it; choose -lcp_precision double, "
+            "or units nearer to the bodies'"
+        )

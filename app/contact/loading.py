@@ -293,6 +293,10 @@ def _number(kind, given):
     try:
         value = float(given)
     except (TypeError, ValueError):
+        if hasattr(given, "__len__") and not isinstance(given, str):
+            raise InputError(
+                f"{kind}: {len(given)} numbers; allowed: a number; many, one after the other: ContactSolver.path"
+            ) from None
         value = float("nan")
     if not (value == 0 or 1 / LARGEST <= abs(value) <= LARGEST):
         raise InputError(f"{kind} {given}: allowed: a number of size {1 / LARGEST:g} to {LARGEST:g}, or 0")

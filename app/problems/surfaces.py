@@ -24,23 +24,25 @@ from numbers import Integral
 import numpy as np
 import scipy.fft
 
+from app.errors import InputError
+
 _BLOCK = 32768  # values that stay in cache while the terms of a sum are added
 _STRIP = 64  # columns or rows of a Fourier sum at a time
 
 
 def _check_seed(seed):
     if not (isinstance(seed, Integral) and seed >= 0):
-        raise ValueError(f"surface seed {seed!r}: must be an integer, 0 or more")
+        raise InputError(f"surface seed {seed!r}: must be an integer, 0 or more")
 
 
 def _check_lengths(name, lengths):
     if not (len(lengths) == 2 and np.isfinite(lengths).all() and min(lengths) > 0):
-        raise ValueError(f"surface {name} {tuple(lengths)}: need two positive, finite lengths")
+        raise InputError(f"surface {name} {tuple(lengths)}: need two positive, finite lengths")
 
 
 def _check_origin(origin):
     if not (len(origin) == 2 and np.isfinite(origin).all()):
-        raise ValueError(f"surface origin {tuple(origin)}: need two finite coordinates")
+        raise InputError(f"surface origin {tuple(origin)}: need two finite coordinates")
 
 
 def _product(left, right):
@@ -90,7 +92,7 @@ class WavySurface(_Function):
 
     Raises
     ------
-    ValueError
+    InputError
         If a parameter is outside its range.
 
     References
@@ -116,11 +118,11 @@ class WavySurface(_Function):
 
     def __post_init__(self):
         if not (len(self.modes) == 2 and all(isinstance(k, Integral) and k >= 1 for k in self.modes)):
-            raise ValueError(f"surface modes {tuple(self.modes)}: need two integers M, N, each 1 or more")
+            raise InputError(f"surface modes {tuple(self.modes)}: need two integers M, N, each 1 or more")
         if not 0 < self.decay <= 1:
-            raise ValueError(f"surface decay {self.decay:g}: must be above 0 and at most 1")
+            raise InputError(f"surface decay {self.decay:g}: must be above 0 and at most 1")
         if not (np.isfinite(self.sigma) and self.sigma >= 0):
-            raise ValueError(f"surface sigma {self.sigma:g}: must be 0 or more, and finite")
+            raise InputError(f"surface sigma {self.sigma:g}: must be 0 or more, and finite")
         _check_seed(self.seed)
         _check_lengths("extent", self.extent)
         _check_origin(self.origin)
@@ -254,7 +256,7 @@ class SelfAffineSurface(_Function):
 
     Raises
     ------
-    ValueError
+    InputError
         If a parameter is outside its range, or no wave of the period lies between the wavelengths.
 
     Attributes
@@ -288,10 +290,10 @@ class SelfAffineSurface(_Function):
         origin=(0.0, 0.0),
     ):
         if not 0 < hurst <= 1:
-            raise ValueError(f"Hurst exponent {hurst:g}: must be above 0 and at most 1")
+            raise InputError(f"Hurst exponent {hurst:g}: must be above 0 and at most 1")
         longest = np.inf if longest_wavelength is None else longest_wavelength
         if not (0 < shortest_wavelength <= rolloff_wavelength <= longest and np.isfinite(rolloff_wavelength)):
-            raise ValueError(
+            raise InputError(
                 f"surface wavelengths: shortest {shortest_wavelength:g}, roll-off {rolloff_wavelength:g},"
                 f" longest {longest:g}: must be positive and in this order"
             )
@@ -299,10 +301,10 @@ class SelfAffineSurface(_Function):
         _check_origin(origin)
         _check_seed(seed)
         if (rms_height is None) == (rms_slope is None):
-            raise ValueError("self-affine surface: give either its rms height or its rms slope")
+            raise InputError("self-affine surface: give either its rms height or its rms slope")
         target = rms_slope if rms_height is None else rms_height
         if not (np.isfinite(target) and target >= 0):
-            raise ValueError(f"surface rms value {target:g}: must be 0 or more, and finite")
+            raise InputError(f"surface rms value {target:g}: must be 0 or more, and finite")
         self.period, self.origin, self.seed = tuple(period), tuple(origin), seed
 
         # A half-plane of integer wave vectors: k_x = 0 .. K_x and k_y = -K_y .. K_y.
@@ -312,7 +314,7 @@ class SelfAffineSurface(_Function):
         self.shortest_wavelength, self.longest_wavelength = shortest_wavelength, longest_wavelength
         sums = sum(np.array([power.sum(), np.sum(power * q**2)]) for _, power, q in self._strips())
         if not sums[0]:
-            raise ValueError(
+            raise InputError(
                 f"no wave of period {period[0]:g},{period[1]:g} is between {shortest_wavelength:g}"
                 f" and {longest:g} long"
             )
@@ -397,13 +399,13 @@ class SelfAffineSurface(_Function):
 
         Raises
         ------
-        ValueError
+        InputError
             If the points span a period or more: the surface would repeat itself.
         """
         x, y = np.asarray(x) - self.origin[0], np.asarray(y) - self.origin[1]
         for name, points, period in (("x", x, self.period[0]), ("y", y, self.period[1])):
             if len(points) and np.ptp(points) >= period * (1 - 1e-12):
-                raise ValueError(
+                raise InputError(
                     f"surface: points span {np.ptp(points):g} in {name}, its period is {period:g}"
                 )
         kx, ky = self.wave_numbers
@@ -424,13 +426,13 @@ def check_cut_off(grid, shortest):
 
     Raises
     ------
-    ValueError
+    InputError
         Names the grid that carries them.
     """
     if shortest < 2 * max(grid.dx, grid.dy) * (1 - 1e-12):
         sides = (grid.nx * grid.dx, grid.ny * grid.dy)
         nx, ny = (int(np.ceil(2 * side / shortest * (1 - 1e-12))) for side in sides)
-        raise ValueError(
+        raise InputError(
             f"surface cut-off {shortest:g}: cells of {grid.dx:g} x {grid.dy:g} mm cannot carry waves that short; "
-            f"needed: at least -grid {nx},{ny}, two cells to a wave"
+            f"needed: at least {nx},{ny} cells (-grid), two to a wave"
         )

@@ -1,13 +1,15 @@
 """What a program may hand over by mistake is refused in a line, or does what it says; nothing of it is overlooked."""
 
 import pickle
+import re
 from concurrent.futures import ThreadPoolExecutor
 
 import h5py
 import numpy as np
 import pytest
 
-from app import ContactProblem, ContactSolver, Grid, Material, Sphere, read_result, solve
+import app
+from app import ContactProblem, ContactSolver, Grid, Material, SelfAffineSurface, Sphere, read_result, solve
 from app.errors import InputError
 from app.options import Option, OptionReader, domain, series
 from app.problems.statistics import roughness
@@ -15,6 +17,7 @@ from app.problems.statistics import roughness
 STEEL = Material.from_contact_modulus(1e5)
 GRID = Grid.from_domain(8, 6, (-1, 1, -1, 1))
 HEIGHTS = np.random.default_rng(3).random(GRID.shape) * 1e-3
+ROUGH = SelfAffineSurface(0.8, 1, 1, (3, 3), 1, rms_height=1e-4)
 BALL = ContactProblem(GRID, STEEL, Sphere(10))
 
 
@@ -34,6 +37,14 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
         ("a ContactProblem", lambda: ContactSolver(HEIGHTS)),
         ("a mapping", lambda: ContactSolver(BALL, options=["lcp_rtol"])),
         ("names of options", lambda: ContactSolver(BALL, options={3: 8})),
+        ("-lcp_rtol: needed: names without", lambda: ContactSolver(BALL, options={"-lcp_rtol": 1e-8})),
+        ("3 numbers; allowed: .*ContactSolver.path", lambda: solve(BALL, load=[1, 2, 3])),
+        (r"in surfaces=\[...\]", lambda: ContactProblem(GRID, STEEL, ROUGH)),
+        ("at most 1", lambda: SelfAffineSurface(1.8, 1, 0.5, (3, 3), 1)),
+        (
+            "at least 2,2 cells",
+            lambda: ContactProblem(Grid.from_domain(1, 1, (0, 1, 0, 1)), STEEL, surfaces=[ROUGH]),
+        ),
         ("method file", lambda: ContactSolver(BALL, method=3)),
         ("communicator", lambda: ContactSolver(BALL, comm=3)),
         ("finite", lambda: roughness(np.ma.masked_greater(HEIGHTS, 5e-4), 0.1, 0.1)),
@@ -70,6 +81,31 @@ def test_a_solver_cannot_be_pickled_and_says_what_can():
     there = solve(pickle.loads(pickle.dumps(BALL)), load=5)
     assert repr(pickle.loads(pickle.dumps(there))) == repr(there)
     assert "load 5 N" in repr(there)
+
+
+def test_a_result_read_is_as_good_as_the_solution(tmp_path):
+    pair = Material.pair((210e9, 3e9), (0.3, 0.3))
+    found = solve(ContactProblem(GRID, pair, Sphere(10)), load=5e7)
+    found.save(tmp_path / "found.h5")
+    saved = read_result(tmp_path / "found.h5")
+    assert repr(saved) == repr(found).replace("Solution", "Result")
+    assert repr(found).endswith(", 2 notes: see .notes>")
+    for name in ("load", "iterations", "message", "rtol", "error_bound", "notes", "converged"):
+        assert getattr(saved, name) == getattr(found, name)
+    assert (*saved.grid.shape, saved.grid.dx, saved.grid.y0) == pytest.approx((*GRID.shape, GRID.dx, GRID.y0))
+    assert saved.contact_patches() == pytest.approx(found.contact_patches())
+    for name in ("pressure", "gap"):
+        for one, other in zip(saved.distribution(name), found.distribution(name), strict=True):
+            np.testing.assert_array_equal(one, other)
+    assert repr(pickle.loads(pickle.dumps(saved))) == repr(saved)
+    assert not hasattr(saved, "nothing")
+    assert {"load", "pressure", "message"} <= set(dir(saved))
+
+
+def test_what_there_is_can_be_looked_up():
+    assert set(app.__all__) <= set(dir(app))
+    for name in ("approach", "load", "method", "options", "comm", "start", "mean_pressure", "mean_gap"):
+        assert re.search(rf"^    (\w+, )*{name}(, \w+)* : ", solve.__doc__, re.MULTILINE)
 
 
 def test_columns_of_a_path_keep_their_order_in_the_file(tmp_path):

@@ -97,9 +97,9 @@ def test_slabs_make_the_same():
 @pytest.mark.parametrize(
     ("grid", "without", "texts", "message"),
     [
-        ("24,15", (), {}, r"cut-off 0.25: .* needed: at least -grid 24,16"),
-        ("16", (), {"domain": "0,1,0,1", "surface_cutoff": "0.1"}, "at least -grid 20,20"),
-        ("32", (), {"surface_cutoff": "1e-9"}, "at least -grid 6000000000,4000000000"),
+        ("24,15", (), {}, r"cut-off 0.25: .* needed: at least 24,16 cells"),
+        ("16", (), {"domain": "0,1,0,1", "surface_cutoff": "0.1"}, "at least 20,20 cells"),
+        ("32", (), {"surface_cutoff": "1e-9"}, "at least 6000000000,4000000000 cells"),
         ("32", ["surface_cutoff"], {}, "-surface_cutoff is missing"),
         ("32", ["surface_rms_slope"], {}, "neither -surface_rms_slope nor -surface_rms_height"),
         ("32", (), {"surface_rms_height": "1"}, "either its rms height or its rms slope"),
