@@ -90,11 +90,8 @@ NUMBERS = (  # beside the other `ATTRIBUTES`, where there are any
     "error_bound", "discretisation_error", "poisson_ratio", "periodic", "largest_penetration", "smallest_pressure",
 )  # fmt: skip
 PAIRS = ("young", "poisson")
-OF_SOLUTION = {
-    "message": "reason",
-    "iterations": "active_set_iterations",
-    "rtol": "lcp_rtol",
-}  # what it calls them
+# What a Solution calls some attributes.
+OF_SOLUTION = {"message": "reason", "iterations": "active_set_iterations", "rtol": "lcp_rtol"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)

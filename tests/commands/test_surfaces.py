@@ -75,6 +75,16 @@ def test_points_are_converted_with_all_that_is_known_of_them(tmp_path):
         assert file.attrs["source"] == "s.xyz"
 
 
+def test_arrays_of_an_archive_are_converted_as_they_lie(tmp_path):
+    np.savez(tmp_path / "s.npz", heights=HEIGHTS, other=HEIGHTS.T, x=HEIGHTS[0])
+    for name, heights in (("s.npz", HEIGHTS), ("s.npz:/other", HEIGHTS.T)):
+        done = convert(tmp_path / name, "-o", tmp_path / "s.h5", "--unit", "um", "--spacing", "0.002,0.003")
+        assert done.returncode == 0, done.stderr
+        surface = read_surface(tmp_path / "s.h5")
+        np.testing.assert_allclose(surface.heights(), 1e-3 * heights, rtol=1e-12)
+        assert surface.spacing == (0.002, 0.003)
+
+
 def test_converted_with_a_head_turned_and_doubted(tmp_path):
     """Text of an instrument in German, upside down; a spacing in um given as mm is doubted."""
     lines = [";".join(f"{value:.3f}".replace(".", ",") for value in row) for row in HEIGHTS[::-1]]
