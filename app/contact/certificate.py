@@ -285,7 +285,7 @@ def _survey(b, u, p, admissible, smallest, penetrates):
 
 @njit()
 def _lift(b, u, admissible, shares, penetrates):
-    """Sums of w u and w w for ``w = max(-(e + t u), 0)`` where e < 0, for each share t; in rows that have such cells."""
+    """Sums of w u and w w for ``w = max(-(e + t u), 0)`` where e < 0, for each share t; other rows are left out."""
     sums = np.zeros((2, shares.size))
     for j in range(b.shape[0]):
         if not penetrates[j]:

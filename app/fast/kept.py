@@ -51,7 +51,14 @@ class Kept:
             hierarchy = self._hierarchy
             self._spectra[place] = spectra = Spectra(self._spectra.get(place))
             kept = InfluenceOperator(
-                grid, hierarchy.compliance, slabs, comm, hierarchy.dtype, verification, hierarchy.target, spectra
+                grid,
+                hierarchy.compliance,
+                slabs,
+                comm,
+                hierarchy.dtype,
+                verification,
+                hierarchy.target,
+                spectra,
             )
             if grid.n <= LARGEST:
                 self._windows[place] = kept
