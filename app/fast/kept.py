@@ -96,7 +96,7 @@ class Kept:
         self._hierarchy.spent(operator)
         operator.spectra.forget()
         if operator in self._windows.values():
-            vars(operator).pop("exact_product", None)
+            operator.free_exact_product()
         else:
             self._free(operator)
 
