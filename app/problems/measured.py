@@ -340,11 +340,7 @@ def _agreed_units(source, unit, height_unit):
             f"allowed: {', '.join(UNITS)}"
         )
     if source.unit and given and given != source.unit:
-        option = (
-            "-surface_height_unit (in Python height_unit=)"
-            if height_unit
-            else "-surface_unit (in Python unit=)"
-        )
+        option = "-surface_height_unit" if height_unit else "-surface_unit"
         raise InputError(f"{option} {given}: surface file {source.file} says {source.unit}")
     lateral = source.lateral or source.unit or unit
     if source.spacing and lateral is None:

@@ -37,17 +37,7 @@ def save_converted(path, heights):
         file["heights"].attrs.update(unit="um", spacing=(1e3 * DX, 1e3 * DY), spacing_unit="nm")
 
 
-def save_archive(path, heights):
-    np.savez(path, z=heights, x=X)
-
-
-FORMATS = {
-    "s.npy": np.save,
-    "s.npz": save_archive,
-    "s.csv": save_text,
-    "s.xyz": save_points,
-    "s.h5": save_converted,
-}
+FORMATS = {"s.npy": np.save, "s.csv": save_text, "s.xyz": save_points, "s.h5": save_converted}
 
 
 @pytest.fixture
@@ -224,7 +214,7 @@ def test_units(saved):
         ),
         ("s.npy", {"surface_unit": "inch"}, "-surface_unit inch: not allowed; allowed: one of m, mm, um, nm"),
         ("s.npy", {"surface_unit": "um"}, "-domain .* is missing: surface file .* does not say its spacing"),
-        ("s.h5", {"surface_unit": "nm"}, "-surface_unit .* nm: surface file .* says um"),
+        ("s.h5", {"surface_unit": "nm"}, "-surface_unit nm: surface file .* says um"),
         ("s.h5", {"domain": "0,1,0,1"}, r"its patch is 0.006 x 0.006 mm; the domain is 1 x 1 mm"),
         ("s.h5", {"surface_level": "cubic"}, "-surface_level cubic: not allowed"),
         ("s.h5", {"surface_crop": "0,16,0,2"}, "surface crop 0,16,0,2: .* columns 0,15 and rows 0,12"),
@@ -289,7 +279,7 @@ def test_heights_in_another_unit_than_points(saved):
         InputError, match="-surface_unit .* is missing: .* does not say the unit of its x and y"
     ):
         read_surface(points, height_unit="um")
-    with pytest.raises(InputError, match="-surface_height_unit .* nm: surface file .* says um"):
+    with pytest.raises(InputError, match="-surface_height_unit nm: surface file .* says um"):
         read_surface(saved(HEIGHTS, "s.h5"), height_unit="nm")
 
 
