@@ -55,6 +55,7 @@ class GridErrors(NamedTuple):
 
 UNKNOWN = GridErrors()
 _MOST_PAIRS = 3  # of grids that are looked at
+_FEWER_PAIRS = 1.5  # times the differences, where there are not so many grids as should tell
 _FALLING = 0.7  # share of a difference that the next one is at most, of a number that converges
 
 
@@ -109,4 +110,5 @@ def _error(values, pairs):
     alike = len(steps) == _MOST_PAIRS and len(set(np.sign(steps))) == 1
     if alike and (sizes[:-1] > _FALLING * sizes[1:]).all():
         return 1.0
-    return float((sizes * 0.5 ** np.arange(len(sizes)))[:pairs].max() / abs(values[0]))
+    doubt = 1.0 if len(sizes) >= pairs else _FEWER_PAIRS
+    return doubt * float((sizes * 0.5 ** np.arange(len(sizes)))[:pairs].max() / abs(values[0]))
