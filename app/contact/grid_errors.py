@@ -11,6 +11,7 @@ often all this holds. Coarser grids are solved to -lcp_coarse_rtol only: what is
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -92,10 +93,10 @@ def errors_from(grids, touching, prescribes_load):
     """
     if len(grids) < 2:
         return UNKNOWN
-    load, depth, pressure, area = np.array(grids[: -_MOST_PAIRS - 2 : -1]).T  # from fine to coarse
+    load, depth, pressure, area = zip(*grids[: -_MOST_PAIRS - 2 : -1], strict=True)  # from fine to coarse
     return GridErrors(
         load_error=0.0 if prescribes_load else _error(load, 2),
-        approach_error=_error(depth - touching, 2) if prescribes_load else 0.0,
+        approach_error=_error([d - touching for d in depth], 2) if prescribes_load else 0.0,
         max_pressure_error=_error(pressure, 2),
         contact_area_error=_error(area, _MOST_PAIRS),
     )
@@ -105,10 +106,10 @@ def _error(values, pairs):
     """Relative error of the first of some values, on grids from fine to coarse."""
     if not values[0]:
         return float("nan")
-    steps = np.diff(values)
-    sizes = np.abs(steps)
-    alike = len(steps) == _MOST_PAIRS and len(set(np.sign(steps))) == 1
-    if alike and (sizes[:-1] > _FALLING * sizes[1:]).all():
+    steps = [coarse - fine for fine, coarse in pairwise(values)]
+    sizes = [abs(step) for step in steps]
+    alike = len(steps) == _MOST_PAIRS and (min(steps) > 0 or max(steps) < 0)
+    if alike and all(finer > _FALLING * coarser for finer, coarser in pairwise(sizes)):
         return 1.0
     doubt = 1.0 if len(sizes) >= pairs else _FEWER_PAIRS
-    return doubt * float((sizes * 0.5 ** np.arange(len(sizes)))[:pairs].max() / abs(values[0]))
+    return doubt * max(size * 0.5**k for k, size in enumerate(sizes[:pairs])) / abs(values[0])

@@ -86,8 +86,7 @@ class Transfer:
     def restrict_defect(self, fine):
         """Sec. 4.2, 3, formula 1: four-point average; children outside the patch count as zero. Collective."""
         mine = np.zeros(self._local)
-        for view, rows, columns in self._pieces(fine):
-            mine[rows, columns] += view
+        _add_children(self._with_children(fine), mine, self.fy, self.fx)
         mine *= 1.0 / (self.fy * self.fx)
         return self._to_owner(mine)
 
@@ -129,9 +128,7 @@ class Transfer:
     @PETSc.Log.EventDecorator("ContactTransfer")
     def copy(self, coarse, fine):
         """Sec. 4.3, 2: the "copy" strategy for p: children get the value of their coarse cell. Collective."""
-        mine = self._of_parents(coarse)
-        for view, rows, columns in self._children(fine, self.fine.slabs.rows.start):
-            view[...] = mine[rows, columns]
+        _copy(self._of_parents(coarse), fine, self.fine.slabs.rows.start % self.fy, self.fy, self.fx)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def interpolate(self, coarse, fine):
@@ -176,10 +173,38 @@ def _bilinear(coarse, fine, a, b, weight_y, c, d, weight_x):
             fine[j, i] = weight_x[i] * row[c[i]] + (1 - weight_x[i]) * row[d[i]]
 
 
+@njit()
+def _add_children(fine, coarse, fy, fx):
+    """Add fine cells, the first row of which is a first child, to their coarse ones."""
+    pairs = fine.shape[1] // fx
+    for j in range(fine.shape[0]):
+        of, to = fine[j], coarse[j // fy]
+        for i in range(pairs):
+            for child in range(fx * i, fx * (i + 1)):
+                to[i] += of[child]
+        if fx * pairs < of.size:
+            to[pairs] += of[fx * pairs]
+
+
+@njit()
+def _copy(coarse, fine, skipped, fy, fx):
+    """Copy coarse cells to their children; the first fine row is child number `skipped`."""
+    for j in range(fine.shape[0]):
+        of = coarse[(skipped + j) // fy]
+        for i in range(fine.shape[1]):
+            fine[j, i] = of[i // fx]
+
+
 def warm_up():
-    """Load the compiled loop now, not in the first iteration. Not collective."""
+    """Load the compiled loops now, not in the first iteration. Not collective."""
     field, cells, weights = np.zeros((0, 0)), np.zeros(0, int), np.zeros(0)
+    fixed, mask = field.view(), np.zeros((0, 0), bool)
+    fixed.flags.writeable = False
     _bilinear(field, field, cells, cells, weights, cells, cells, weights)
+    for source in (field, fixed):
+        _add_children(source, field, 1, 1)
+        _copy(source, field, 0, 1, 1)
+    _copy(mask, mask, 0, 1, 1)
 
 
 @lru_cache(maxsize=64)
