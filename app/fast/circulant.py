@@ -209,8 +209,11 @@ class Circulant:
     def _list(self):
         """Tell the extension of another contact set, unless it has the same cells. Collective."""
         mask = self.operator.mask
-        before, self._listed = self._listed, np.packbits(mask) if self.operator.comm is None else None
-        if self._listed is None or not np.array_equal(self._listed, before):
+        before, self._listed = (
+            self._listed,
+            np.packbits(mask).tobytes() if self.operator.comm is None else None,
+        )
+        if self._listed is None or self._listed != before:
             self.extension.set_contact(mask)
         self._contact = self.operator.contact_number
 

@@ -105,7 +105,8 @@ class TrackingSolver(LinearSolver):
     def predict(self, state, share):
         """Predict what the reduction of the residual will add to u beside C.
 
-        Collective. The preconditioner knows, if it has a method ``extend(r)`` that continues a residual over the rim.
+        Collective. The preconditioner knows, if it has a method ``extend(r)`` that continues a residual over the rim:
+        that of the set just solved for, so that cells which it has released are not expected back.
 
         Parameters
         ----------
@@ -123,7 +124,6 @@ class TrackingSolver(LinearSolver):
         extend = getattr(pc.getPythonContext(), "extend", None) if pc.getType() == "python" else None
         if extend is None:
             return None
-        self.set_contact()
         expected = self._cg.work
         kernels.defect(state.distance.b, state.u, state.contact, expected)
         extend(expected)

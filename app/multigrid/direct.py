@@ -61,7 +61,7 @@ class DirectSolver:
         """Take over the contact set that is in the operator's mask now."""
         self.operator.mask_changed()
         cells = np.flatnonzero(self.operator.mask)
-        if self._cells is not None and np.array_equal(cells, self._cells):
+        if self._cells is not None and cells.tobytes() == self._cells.tobytes():
             return
         system = np.empty((len(cells), len(cells)))
         _cut(self._matrix, cells, system)
