@@ -11,6 +11,8 @@ Where that does not converge, the root search over solved problems does on any g
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
+from math import sqrt
 
 import numpy as np
 
@@ -162,14 +164,16 @@ class PrescribedLoad:
         """
         stiffness = stiffness_of_patch(state)
         beyond = self.load / stiffness
-        for _ in range(4):
+        state.depth = touching
+        state.start_from_interpenetration()
+        for _ in range(3):
             state.depth = touching + beyond
-            state.start_from_interpenetration()
             _, mean, cells, _ = state.gap_on_contact()
-            borne = -mean * stiffness * np.sqrt(cells / state.grid.n)
+            borne = -mean * stiffness * sqrt(cells / state.grid.n)
             if not borne > 0:  # too little for the digits of the depth
                 break
             beyond *= (self.load / borne) ** (2 / 3)
+        state.start_from_interpenetration()
         return beyond
 
     def resume(self, state, load):
@@ -192,9 +196,9 @@ class PrescribedLoad:
         """
         if self._found[-1:] != [depth]:
             self._found.append(depth)
-        last = np.diff(self._found[-3:])
+        last = [finer - coarser for coarser, finer in pairwise(self._found[-3:])]
         ratio = last[1] / last[0] if len(last) == 2 and last[0] else 0.0
-        return depth + min(max(ratio, 0.0), 0.5) * last[-1] if len(last) else depth
+        return depth + min(max(ratio, 0.0), 0.5) * last[-1] if last else depth
 
     def begin(self, state):
         """Prepare the iteration on a grid. Collective."""

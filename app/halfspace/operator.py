@@ -339,10 +339,14 @@ class InfluenceOperator:
 
     def _circulant_products(self):
         """Applications of circulants, in products, by their lengths."""
-        grid = self.grid
-        padded = grid.n if grid.periodic else transform_length(grid.ny) * transform_length(grid.nx)
         sizes = ((circulant.count, *circulant.periods) for circulant in self.circulants.values())
-        return sum(count * ny * nx for count, ny, nx in sizes) / padded
+        return sum(count * ny * nx for count, ny, nx in sizes) / self._padded
+
+    @cached_property
+    def _padded(self):
+        """Cells that a product transforms."""
+        grid = self.grid
+        return grid.n if grid.periodic else transform_length(grid.ny) * transform_length(grid.nx)
 
     def view(self, mat, viewer):
         """Describe the operator for -ksp_view."""

@@ -147,7 +147,8 @@ class Transfer:
             return
         grid = self.coarse.grid
         of_rows = _neighbours(rows.start, rows.stop, grid.ny, self.fy, grid.periodic, first)
-        _bilinear(coarse, fine, *of_rows, *_neighbours(0, self.fine.grid.nx, grid.nx, self.fx, grid.periodic))
+        of_columns = _neighbours(0, self.fine.grid.nx, grid.nx, self.fx, grid.periodic)
+        _bilinear(coarse, fine, *of_rows, *of_columns, self.fx == 2)
 
     # -- as PETSc's matrices -----------------------------------------------------------------------------
 
@@ -162,14 +163,31 @@ class Transfer:
 
 
 @njit()
-def _bilinear(coarse, fine, a, b, weight_y, c, d, weight_x):
-    """fine[j, i] from the four coarse cells in rows a, b and columns c, d."""
+def _between_rows(one, other, weight, row):
+    for i in range(row.size):
+        row[i] = weight * one[i] + (1 - weight) * other[i]
+
+
+@njit()
+def _inner_children(row, fine):
+    """Both children of all cells of a row but the first and the last."""
+    for i in range(1, row.size - 1):
+        fine[2 * i] = 0.75 * row[i] + 0.25 * row[i - 1]
+        fine[2 * i + 1] = 0.75 * row[i] + 0.25 * row[i + 1]
+
+
+@njit()
+def _bilinear(coarse, fine, a, b, weight_y, c, d, weight_x, halved):
+    """fine[j, i] from the four coarse cells in rows a, b and columns c, d; `halved`: two columns in each coarse one."""
     row = np.empty(coarse.shape[1])
+    first, last = (2, 2 * row.size - 2) if halved and row.size > 2 else (0, 0)
     for j in range(fine.shape[0]):
-        w = weight_y[j]
-        for i in range(coarse.shape[1]):
-            row[i] = w * coarse[a[j], i] + (1 - w) * coarse[b[j], i]
-        for i in range(fine.shape[1]):
+        _between_rows(coarse[a[j]], coarse[b[j]], weight_y[j], row)
+        if last:
+            _inner_children(row, fine[j])
+        for i in range(first):
+            fine[j, i] = weight_x[i] * row[c[i]] + (1 - weight_x[i]) * row[d[i]]
+        for i in range(last, fine.shape[1]):
             fine[j, i] = weight_x[i] * row[c[i]] + (1 - weight_x[i]) * row[d[i]]
 
 
@@ -200,7 +218,7 @@ def warm_up():
     field, cells, weights = np.zeros((0, 0)), np.zeros(0, int), np.zeros(0)
     fixed, mask = field.view(), np.zeros((0, 0), bool)
     fixed.flags.writeable = False
-    _bilinear(field, field, cells, cells, weights, cells, cells, weights)
+    _bilinear(field, field, cells, cells, weights, cells, cells, weights, False)
     for source in (field, fixed):
         _add_children(source, field, 1, 1)
         _copy(source, field, 0, 1, 1)
