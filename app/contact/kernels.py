@@ -195,7 +195,7 @@ def gap_on(b, u, admissible, contact):
 
 
 @njit()
-def _aim_row(b, u, admissible, contact, target):
+def _close_row(b, u, admissible, contact, target):
     for i in range(b.size):
         e = u[i] - b[i]
         inside = admissible[i] & (contact[i] | (e <= 0))
@@ -204,10 +204,10 @@ def _aim_row(b, u, admissible, contact, target):
 
 
 @njit()
-def aim(b, u, admissible, contact, target):
-    """Put cells with h + u <= 0 into C, and take h + u off the target there."""
+def close_gaps(b, u, admissible, contact, target):
+    """Put cells with h + u <= 0 into C, and take h + u off `target` on C."""
     for j in range(b.shape[0]):
-        _aim_row(b[j], u[j], admissible[j], contact[j], target[j])
+        _close_row(b[j], u[j], admissible[j], contact[j], target[j])
 
 
 @any_order
@@ -223,7 +223,7 @@ def _keep_row(p, contact):
 
 
 @njit()
-def keep_positive(p, contact):
+def drop_nonpositive(p, contact):
     """Take cells without p > 0 out of C, and let p be zero outside; return the sum of p."""
     total = 0.0
     for j in range(p.shape[0]):
@@ -241,8 +241,8 @@ def warm_up():
     for change in (field, field.astype(np.float32)):
         tension(fixed, mask, change)
     activate(fixed, field, fixed, mask, mask, mask, field)
-    aim(fixed, field, mask, mask, field)
-    keep_positive(field, mask)
+    close_gaps(fixed, field, mask, mask, field)
+    drop_nonpositive(field, mask)
     numbers(fixed, mask)
     sum_squares(fixed, 0.0, mask)
     gap_on(fixed, field, mask, mask)
