@@ -3,10 +3,11 @@
 A number that converges with order k differs on two grids, one twice as fine as the other, by 2^k - 1 times the error of
 the finer one. An area counted in cells converges with order 1 and much scatter; loads, approaches and maximum pressures
 of smooth bodies, or of rough ones whose shortest waves are resolved, with orders of 1.5 to 2. So the difference of the
-last two grids is taken for the error, or that of the two before, halved, if that is more: grids may agree by chance.
-Of the scattering area a third pair counts. Where there are fewer pairs, it is half as much again. Where three differences in turn have one sign and do not fall, the number
-does not converge, as the maximum pressure at the rim of a punch: the error is all of it. docs/load-paths.md has how
-often all this holds. Coarser grids are solved to -lcp_coarse_rtol only: what is below that is less certain.
+last two grids is taken for the error, or that of the two before, halved, if that is more: grids may agree by chance. Of
+the scattering area a third pair counts. Where there are fewer pairs, it is half as much again. Where three differences
+in turn have one sign and do not fall, the number does not converge, as the maximum pressure at the rim of a punch: the
+error is all of it. docs/load-paths.md has how often all this holds. Coarser grids are solved to -lcp_coarse_rtol only:
+what is below that is less certain.
 """
 
 from __future__ import annotations
