@@ -260,14 +260,6 @@ def _survey(b, u, p, admissible, smallest):
     return largest, sums
 
 
-@any_order
-def _lift_cell(e, u, shares, to_u, squares):
-    for k in range(shares.size):
-        w = max(-(e + shares[k] * u), 0.0)
-        to_u[k] += w * u
-        squares[k] += w * w
-
-
 @njit()
 def _lift(b, u, admissible, shares):
     """Sums of w u and w w for ``w = max(-(e + t u), 0)`` where e < 0, for each share t."""
@@ -276,7 +268,11 @@ def _lift(b, u, admissible, shares):
         for i in range(b.shape[1]):
             e = u[j, i] - b[j, i]
             if e < 0 and admissible[j, i]:
-                _lift_cell(e, u[j, i], shares, sums[0], sums[1])
+                for k in range(shares.size):
+                    w = -(e + shares[k] * u[j, i])
+                    if w > 0:
+                        sums[0, k] += w * u[j, i]
+                        sums[1, k] += w * w
     return sums
 
 
