@@ -28,6 +28,10 @@ LOADINGS = {"approach": "mm", "load": "N", "mean_pressure": "N/mm2", "mean_gap":
 ROUNDING = 1e-12  # of an approach, for full contact
 
 
+class _SearchOver(Exception):
+    """The load of a root search is met, or a problem of it is not solved; its outcome says which."""
+
+
 class PrescribedApproach:
     """The approach is given [mm]."""
 
@@ -123,9 +127,11 @@ class PrescribedLoad:
                 state.depth = depth
                 solved.append(depth)
                 outcomes.append(solve(PrescribedApproach(state.approach)))
-                loads[depth] = state.load if outcomes[-1].converged else np.nan
-                if not abs(loads[depth] - self.load) > rtol * self.load:
-                    raise ArithmeticError  # the search is over: the load is met, or a solve has failed
+                if not outcomes[-1].converged:
+                    raise _SearchOver
+                loads[depth] = state.load
+                if abs(loads[depth] - self.load) <= rtol * self.load:
+                    raise _SearchOver
             return (max(loads[depth], 0.0) / self.load) ** (2 / 3) - 1
 
         try:
@@ -145,10 +151,8 @@ class PrescribedLoad:
             if solved[-1] != root:
                 loads.pop(root, None)
                 lacks(root)
-        except ArithmeticError:
-            pass  # the outcome says which
-        if loads[solved[-1]] != loads[solved[-1]]:
-            del loads[solved[-1]]
+        except _SearchOver:
+            pass
         nearest = sorted(loads.items(), key=lambda point: abs(point[1] - self.load))[:2]
         (d1, f1), (d2, f2) = nearest[0], nearest[-1]  # the same one if the first solve has failed
         self.slope = (f2 - f1) / (d2 - d1) if f2 != f1 else stiffness_of_patch(state)
