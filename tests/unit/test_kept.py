@@ -7,12 +7,8 @@ import weakref
 
 import numpy as np
 import pytest
-<<<<<<< HEAD
-from cases import hertz
-from petsc4py import PETSc
-=======
 from cases import hertz, punch
->>>>>>> main
+from petsc4py import PETSc
 
 from app import ContactProblem, ContactSolver, Grid, Material
 from app.fast import kept
