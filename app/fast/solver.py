@@ -23,7 +23,7 @@ class TrackingSolver(LinearSolver):
     """A `LinearSolver` whose KSP is TrackingCG; see there for the parameters.
 
     An iteration calls `improve`, perhaps `tension`, `release`, perhaps `predict`. From `tension` to a `release` that is
-    given its result neither the pressure nor CG's direction may change. `predict` tells the solver of C as it is then.
+    given its result neither the pressure nor CG's direction may change. Nobody else is told of C before the next set.
 
     Attributes
     ----------
