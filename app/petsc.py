@@ -14,6 +14,7 @@ from __future__ import annotations
 import ctypes
 import os
 import threading
+import weakref
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache, wraps
 
@@ -105,6 +106,7 @@ class OptionDatabase:
     def __init__(self, texts=()):
         self._handle = _Handle()
         _call("PetscOptionsCreate", ctypes.byref(self._handle))
+        weakref.finalize(self, _destroy_database, self._handle)  # at the end of the process, too
         for name, text in dict(texts).items():
             self.set(name, text)
 
@@ -163,9 +165,10 @@ class OptionDatabase:
         """Those options and their whole values, name -> text."""
         return _unasked(self._handle)
 
-    def __del__(self):
-        if self._handle and PETSc.Sys.isInitialized() and not PETSc.Sys.isFinalized():
-            _call("PetscOptionsDestroy", ctypes.byref(self._handle))
+
+def _destroy_database(handle):
+    if PETSc.Sys.isInitialized() and not PETSc.Sys.isFinalized():
+        _call("PetscOptionsDestroy", ctypes.byref(handle))
 
 
 @contextmanager

@@ -27,12 +27,11 @@ from app import method as methods
 from app.analytic import analytic_values, theories
 from app.contact import measures
 from app.contact.certificate import certify
+from app.contact.distance import UndeformedDistance
 from app.contact.extent import measure_extent
 from app.contact.history import History
 from app.contact.loading import LOADINGS, PrescribedApproach, prescribe
 from app.contact.reference_solvers import REFERENCE_SOLVERS
-from app.contact.state import UndeformedDistance
-from app.contact.stiffness import contact_stiffness
 from app.errors import InputError, agree, check_alike
 from app.fast.circulant import circulant_of
 from app.halfspace.communication import Communicator
@@ -46,6 +45,7 @@ from app.petsc import Resources, one_at_a_time
 from app.problems.given import ContactProblem
 from app.problems.problem import Problem, checked_shape
 from app.solution import Solution
+from app.stiffness import contact_stiffness
 from app.strategy import Strategy, warm_up
 
 __all__ = ["ContactProblem", "ContactSolver", "Solution", "solve"]

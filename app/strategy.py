@@ -10,7 +10,7 @@ from petsc4py import PETSc
 from app.contact import certificate, extent, kernels, measures
 from app.contact.full_contact import FullContact
 from app.contact.full_multigrid import full_multigrid
-from app.contact.iteration import active_set_by_load
+from app.contact.iteration import active_set_or_search
 from app.contact.reference_solvers import REFERENCE_SOLVERS
 from app.contact.state import ContactState
 from app.contact.stopping import StoppingTest
@@ -89,17 +89,22 @@ class Strategy:
         if chosen.strategy == "primal":
             from app.primal.nested import primal_iteration
 
-            return primal_iteration(*arguments, stop, history, chosen.nested, self._solver, start)
+            return primal_iteration(
+                *arguments, stop, history, chosen.nested, target_solver=self._solver, start=start
+            )
         if start is not None:
             state = self._started_from(start, loading)
             if chosen.strategy == "fast":
-                return state, solve_on(hierarchy, last, state, loading, stop, history, False, self._kept)
-            return state, active_set_by_load(state, self._solver, loading, stop, history)
+                return state, solve_on(
+                    hierarchy, last, state, loading, stop, history, first=False, kept=self._kept
+                )
+            return state, active_set_or_search(state, self._solver, loading, stop, history)
+        how = {"nested": chosen.nested, "beta": chosen.beta}
         if chosen.strategy == "fast":
-            how = chosen.nested, chosen.beta, chosen.lifted, self.coarse_minimum
-            return nested_iteration(*arguments, stop, history, *how, self._kept)
-        prolong = lift if chosen.lifted else None
-        return full_multigrid(*arguments, stop, history, chosen.nested, chosen.beta, prolong, self._solver)
+            how |= {"lifted": chosen.lifted, "coarse_minimum": self.coarse_minimum, "kept": self._kept}
+            return nested_iteration(*arguments, stop, history, **how)
+        how |= {"prolong": lift if chosen.lifted else None, "target_solver": self._solver}
+        return full_multigrid(*arguments, stop, history, **how)
 
     def _by_petsc(self, loading, history):
         state = ContactState(self._hierarchy.target, self._distances[-1])

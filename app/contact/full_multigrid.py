@@ -6,10 +6,11 @@ With one grid to visit, the target, it is the active set iteration alone (Sec. 3
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 
-from app.contact.iteration import active_set_by_load
+from app.contact.iteration import active_set_or_search
 from app.contact.state import ContactState, Displacement
 from app.multigrid.direct import DirectSolver, solves_directly
 from app.multigrid.linear_solver import LinearSolver
@@ -45,7 +46,7 @@ def full_multigrid(
         On the target grid.
     """
     last = len(hierarchy.levels) - 1
-    coarse = outcome = None
+    coarse, outcome, fallbacks = None, None, 0
     for number, following in pairs(route(hierarchy, distances, loading, nested)):
         level, target = hierarchy.levels[number], number == last
         state = ContactState(level, distances[number])
@@ -68,15 +69,16 @@ def full_multigrid(
             def solve(loading, state=state, solver=solver, target=target):
                 """(3.b): until the contact area is unchanged, and on the target grid (5.1)."""
                 test = stop if target else stop.for_coarse_grid()
-                return active_set_by_load(state, solver, loading, test, history)
+                return active_set_or_search(state, solver, loading, test, history)
 
             # Sec. 4.3, 1: the coarsest grid, directly if it is small; Sec. 4.3, 3 and 4: the others, to the target
             outcome = loading.first_solve(state, solve) if coarse is None else solve(loading)
+            fallbacks += outcome.fallbacks
             if solver is not target_solver:
                 solver.destroy()
-        [outcome] = tell(hierarchy, following, state, loading, outcome)
+        outcome, fallbacks = tell(hierarchy, following, state, loading, outcome, fallbacks)
         coarse = state
-    return state, outcome
+    return state, replace(outcome, fallbacks=fallbacks)
 
 
 def route(hierarchy, distances, loading, nested):

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from app.contact import kernels
-from app.halfspace.reductions import sums_and_minima
+from app.halfspace.reductions import sum_over, sums_and_minima
 
 
 class GridNumbers(NamedTuple):
@@ -110,3 +110,12 @@ def _error(values, pairs):
     if alike and (sizes[:-1] > _FALLING * sizes[1:]).all():
         return 1.0
     return float((sizes * 0.5 ** np.arange(len(sizes)))[:pairs].max() / abs(values[0]))
+
+
+def pressure_difference(comm, transfer, coarse, state):
+    """Return the rms difference of the pressures on two grids over that of the larger; NaN if none. Collective."""
+    fine = transfer.restrict_defect(state.p)
+    squares = [np.vdot(p, p) for p in (fine, coarse)]
+    fine -= coarse
+    *squares, difference = sum_over(comm, [*squares, np.vdot(fine, fine)])
+    return float(np.sqrt(difference / max(squares))) if difference > 0 else float("nan")

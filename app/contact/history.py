@@ -41,21 +41,9 @@ class History:
         """Record an iteration: update of the contact set, inner iterations, approach if not the state's. Collective."""
         self._iteration += 1
         self._work, before = solver.work_units, self._work
-        entry = {
-            "level": solver.level,
-            "iteration": self._iteration,
-            "contact_cells": update.cells,
-            "added_cells": update.added,
-            "dropped_cells": update.released,
-            "changed_cells": update.changed,
-            "residual": update.residual / state.distance.norm(),
-            "inner_iterations": inner,
-            "work_units": self._work - before,
-            "load": update.load if update.load == update.load else state.load,
-            "approach": state.approach if approach is None else approach,
-            "seconds": time.perf_counter() - self._started,
-        }
-        self.record(entry, state)
+        work, seconds = self._work - before, time.perf_counter() - self._started
+        made = entry(state, solver.level, self._iteration, update, inner, work, seconds)
+        self.record(made if approach is None else made | {"approach": approach}, state)
 
     def record(self, entry, state):
         """Record an iteration that somebody else has described. Not collective."""
@@ -70,6 +58,24 @@ class History:
             if self.entries
             else {}
         )
+
+
+def entry(state, level, iteration, update, inner, work, seconds):
+    """Entry of an iteration: inner iterations, work units and seconds of the grid so far. Collective."""
+    return {
+        "level": level,
+        "iteration": iteration,
+        "contact_cells": update.cells,
+        "added_cells": update.added,
+        "dropped_cells": update.released,
+        "changed_cells": update.changed,
+        "residual": update.residual / state.distance.norm(),
+        "inner_iterations": inner,
+        "work_units": work,
+        "load": update.load if update.load == update.load else state.load,
+        "approach": state.approach,
+        "seconds": seconds,
+    }
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from app.contact.history import Outcome
 from app.contact.state import Displacement
 
@@ -46,13 +44,13 @@ def active_set(state, solver, loading, stop, history):
     for k in range(1, stop.max_it + 1):
         state.leave_one_open()
         solver.set_contact()  # 2. (2.11) on C^k
-        correction, its, failure = solver.solve(state.defect(), stop.allowed(state))
-        state.add(correction)  # 3. one multigrid cycle, or CG
+        correction, its, failure = solver.solve(state.defect(), stop.allowed(state))  # 3. one cycle, or CG
+        state.add(correction)
         released = state.release_tensile()  # (4.a)
         state.compute_displacement()  # u = A p, after the zeroing: any other order oscillates
         loading.update(state)  # a prescribed load only: the approach
-        wait = state.grid.periodic and released and since >= _PATIENCE
-        update = state.activate_penetrating(np.full(state.u.shape, np.inf) if wait else None)  # (4.b)
+        only_release = state.grid.periodic and released and since >= _PATIENCE  # not in the paper
+        update = state.let_none_in() if only_release else state.activate_penetrating()  # (4.b)
         since = 0 if update.changed < fewest else since + 1
         fewest = min(fewest, update.changed)
         history.add(state, solver, update, its)
@@ -66,7 +64,7 @@ def active_set(state, solver, loading, stop, history):
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
 
 
-def active_set_by_load(state, solver, loading, stop, history):
+def active_set_or_search(state, solver, loading, stop, history):
     """`active_set`, behind which stands the root search over approaches for a load on a periodic patch. Collective.
 
     Near full contact the slope of the load changes with every cell, and Newton's method on it may not converge.
@@ -82,13 +80,21 @@ def active_set_by_load(state, solver, loading, stop, history):
     def solve(approach):
         return active_set(state, solver, approach, tight, history)
 
-    outcome = loading.search(state, solve, rtol=0.01 * min(stop.rtol, 0.1)).after(outcome)
-    if outcome.converged and stop.final:
-        residual = loading.settle(state, state.activate_penetrating()).residual
-        outcome = replace(outcome, residual=residual / state.distance.norm())
-        if not stop(state, residual):
-            outcome = replace(outcome, converged=False, reason="the load is met to rounding only")
+    outcome = search_load(state, loading, solve, stop, rtol=0.01 * min(stop.rtol, 0.1)).after(outcome)
     return replace(outcome, fallbacks=outcome.fallbacks + 1)
+
+
+def search_load(state, loading, solve, stop, rtol, step=None):
+    """Meet a load by root search, then exactly, and test (5.1) once more. Collective; see `PrescribedLoad.search`."""
+    outcome = loading.search(state, solve, rtol, step)
+    if not outcome.converged:
+        return outcome
+    state.first_contact()  # under next to no load the search may end without
+    residual = loading.settle(state, state.activate_penetrating()).residual
+    outcome = replace(outcome, residual=residual / state.distance.norm())
+    if stop.final and residual > stop.allowed(state):
+        return replace(outcome, converged=False, reason="the load is met to rounding only")
+    return outcome
 
 
 def begin(state, solver, loading, history):

@@ -195,8 +195,8 @@ def gap_on(b, u, admissible, contact):
 
 
 @njit()
-def aim(b, u, admissible, contact, target):
-    """Put cells with h + u <= 0 into C, and take h + u off the target there."""
+def close_gaps(b, u, admissible, contact, target):
+    """Put cells with h + u <= 0 into C, and take h + u off `target` on C."""
     for j in range(b.shape[0]):
         for i in range(b.shape[1]):
             e = u[j, i] - b[j, i]
@@ -206,7 +206,7 @@ def aim(b, u, admissible, contact, target):
 
 
 @njit()
-def keep_positive(p, contact):
+def drop_nonpositive(p, contact):
     """Take cells without p > 0 out of C, and let p be zero outside; return the sum of p."""
     total = 0.0
     for j in range(p.shape[0]):
@@ -228,8 +228,8 @@ def warm_up():
     for change in (field, field.astype(np.float32)):
         tension(fixed, mask, change)
     activate(fixed, field, fixed, mask, mask, mask, field)
-    aim(fixed, field, mask, mask, field)
-    keep_positive(field, mask)
+    close_gaps(fixed, field, mask, mask, field)
+    drop_nonpositive(field, mask)
     numbers(fixed, mask)
     sum_squares(fixed, 0.0, mask)
     gap_on(fixed, field, mask, mask)

@@ -11,8 +11,8 @@ import time
 import numpy as np
 from petsc4py import PETSc
 
-from app.contact.history import Outcome
-from app.contact.state import Displacement
+from app.contact.history import Outcome, entry
+from app.contact.state import Displacement, Update
 from app.multigrid.linear_solver import reason_names
 from app.multigrid.pcmg import options_set
 from app.petsc import TAO_REASONS, error_message
@@ -136,20 +136,10 @@ class _Record:
         counts = [np.count_nonzero(cells) for cells in (now, now & ~before, before & ~now)]
         cells, added, dropped = (int(count) for count in state.sum(counts))
         before[...] = now
-        self._waiting = {
-            "level": solver.level,
-            "iteration": iteration,
-            "contact_cells": cells,
-            "added_cells": added,
-            "dropped_cells": dropped,
-            "changed_cells": added + dropped,
-            "residual": norm / state.distance.norm(),
-            "inner_iterations": solver.inner - self._inner,
-            "work_units": float(solver.operator.products - self._products),
-            "load": state.load,
-            "approach": state.approach,
-            "seconds": time.perf_counter() - self._started,
-        }
+        inner, work = solver.inner - self._inner, float(solver.operator.products - self._products)
+        seconds = time.perf_counter() - self._started
+        update = Update(cells, added, dropped, norm)
+        self._waiting = entry(state, solver.level, iteration, update, inner, work, seconds)
         self._inner, self._products = solver.inner, solver.operator.products
 
     def end(self, norm):

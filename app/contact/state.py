@@ -1,4 +1,4 @@
-"""The contact problem on one grid, (2.8)-(2.10), and the state of its solution: the owner of C, p, u, h and approach.
+"""The contact problem on one grid, (2.8)-(2.10), and the state of its solution: the owner of C, p, u and approach.
 
 ========================  ===============================  =====
 paper                     here                             unit
@@ -20,15 +20,14 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
 from math import sqrt
-from typing import NamedTuple
 
 import numpy as np
 from petsc4py import PETSc
 
 from app.contact import kernels
 from app.halfspace.operator import vec_of
-from app.halfspace.reductions import any_nonzero, minimum_over, sum_over, sums_and_minima
-from app.halfspace.window import box_here, box_of, whole
+from app.halfspace.reductions import any_nonzero, minimum_over, sum_over
+from app.halfspace.window import whole
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ class Update:
         return replace(self, added=first.added + self.added, released=first.released + self.released)
 
 
-_NOT_EXPECTED = np.zeros((0, 0))
+_NO_PREDICTION = np.zeros((0, 0))
 _ROUND_OFF = 1e-10  # how near, relatively, the mean gap of a periodic patch comes to zero before full contact
 
 
@@ -68,140 +67,11 @@ class Displacement(IntEnum):
     EXACT = 2  # A p in double precision
 
 
-class Statistics(NamedTuple):
-    """What ||h|| needs to know at any approach."""
-
-    cells: int  # admissible
-    mean: float  # of the undeformed distance at no depth over them [mm]
-    deviation: float  # sum of squares of its differences from the mean [mm2]
-
-
-class UndeformedDistance:
-    """h = shape - approach on all cells of one grid, kept as the right-hand side -h of (2.11). Collective.
-
-    Lengths are counted from a reference, so that distances with a large constant lose no digits: the approach is the
-    reference and the *depth* beyond it.
-
-    Parameters
-    ----------
-    operator : InfluenceOperator
-        Of that grid.
-    shape : ndarray, shape (local rows, nx), [mm]
-        Undeformed distance at the reference; NaN in inadmissible cells. Left as it is.
-    reference : float
-        An approach, the same on all grids of a problem [mm].
-    comm : mpi4py communicator, optional
-        Ranks that want to know the norm; default: those of the operator.
-
-    Attributes
-    ----------
-    rhs : Vec
-        -h; anything in inadmissible cells.
-    b : ndarray, shape (local rows, nx), [mm]
-        The same, to read.
-    touching : float or None
-        Depth at which the first cells touch [mm]; None of a window: nobody knows.
-    least_mean_pressure : float
-        That full contact of a periodic patch needs, as soon as it is known [N/mm2].
-    admissible : ndarray of bool, shape (local rows, nx)
-    possible : Window or None
-        Around all admissible cells.
-    """
-
-    def __init__(self, operator, shape, reference=0.0, comm=None):
-        self._take(operator, shape, reference)
-        _measure([self], comm or operator.comm)
-
-    @classmethod
-    def on_levels(cls, operators, shapes, reference, comm):
-        """Return those of all levels of a hierarchy, in two reductions. Collective over `comm`; see the class."""
-        levels = [cls.__new__(cls) for _ in operators]
-        for level, operator, shape in zip(levels, operators, shapes, strict=True):
-            level._take(operator, shape, reference)
-        _measure(levels, comm)
-        return levels
-
-    def _take(self, operator, shape, reference):
-        self.admissible = ~np.isnan(shape)
-        b = np.negative(shape)
-        np.copyto(b, 0.0, where=~self.admissible)
-        self._hold(b, operator)
-        self.depth, self.deepest, self.reference = 0.0, 0.0, reference
-        self.least_mean_pressure = 0.0
-        self._slabs = operator.slabs
-
-    @classmethod
-    def part_of(cls, whole, operator, scatter):
-        """Return the same h in a window of the grid, with the norm that it has on all of it. Collective."""
-        part = cls.__new__(cls)
-        part.admissible, b = scatter.forward(whole.admissible), scatter.forward(whole.b)
-        part._hold(b, operator)
-        part.statistics, part.touching = whole.statistics, None
-        part.depth, part.deepest, part.reference = whole.depth, 0.0, whole.reference
-        return part
-
-    def _hold(self, b, operator):
-        """Keep -h in memory that stays when the Vec is gone: solutions refer to it."""
-        self.b = b.view()
-        self.b.flags.writeable = False
-        self.rhs = vec_of(b, operator)
-
-    def h_at(self, depth):
-        """Return h at a depth, shape (rows, nx) [mm]; NaN in inadmissible cells. Not collective."""
-        return np.where(self.admissible, (self.depth - depth) - self.b, np.nan)
-
-    @property
-    def approach(self):
-        """delta [mm]. Not collective."""
-        return self.reference + self.depth
-
-    @property
-    def deviation(self):
-        """Standard deviation of h over the admissible cells [mm]. Not collective."""
-        return float(np.sqrt(self.statistics.deviation / max(self.statistics.cells, 1)))
-
-    def move_to(self, depth):
-        """Change the depth. Not collective."""
-        if depth != self.depth:
-            with self.rhs as values:
-                values += depth - self.depth
-            self.depth, self.deepest = float(depth), max(self.deepest, abs(depth))
-
-    def take_back(self, b):
-        """Be at depth 0 again with the -h it had there, free of the rounding of moves. Not collective."""
-        with self.rhs as values:
-            values[...] = b.reshape(-1)
-        self.depth = self.deepest = 0.0
-
-    def norm(self):
-        """||h||_2 over the admissible cells [mm], (5.1); 1 where it is zero, to be divided by. Not collective."""
-        cells, mean, deviation = self.statistics
-        return sqrt(deviation + cells * (mean - self.depth) ** 2) or 1.0
-
-    def destroy(self):
-        """Free the vector. Collective."""
-        self.rhs.destroy()
-
-
-def _measure(levels, comm):
-    """Find what is to be known of some distances at no depth. Collective over `comm`."""
-    sums = [[np.count_nonzero(d.admissible), -np.sum(d.b, where=d.admissible)] for d in levels]
-    lowest = [
-        [*box_here(d.admissible, d._slabs), -d.b.max(initial=-np.inf, where=d.admissible)] for d in levels
-    ]
-    sums, lowest = sums_and_minima(comm, np.ravel(sums), np.ravel(lowest))
-    means = [float(total / cells) if cells else 0.0 for cells, total in sums.reshape(-1, 2)]
-    squares = [kernels.sum_squares(d.b, -mean, d.admissible) for d, mean in zip(levels, means, strict=True)]
-    found = zip(levels, sums[::2], means, sum_over(comm, squares), lowest.reshape(-1, 5), strict=True)
-    for distance, cells, mean, deviation, (*box, touching) in found:
-        distance.statistics = Statistics(int(cells), mean, float(deviation))
-        distance.possible, distance.touching = box_of(box), float(touching)
-
-
 class ContactState:
     """Contact set, pressure, displacement and approach on one grid: C, p, u and e = h + A p of (2.8).
 
-    Collective.
+    Collective. An operator has one state at a time: its mask *is* `contact`, and is emptied here. So destroy the last
+    state first, and copy of it what shall stay.
 
     Parameters
     ----------
@@ -211,12 +81,14 @@ class ContactState:
     window : Window, optional
         Which cells of the level these are; default: all.
     u : ndarray, shape (local rows, nx), [mm], optional
-        Displacement, if it is known already. Taken over.
+        Displacement, if there is one already. Taken over.
+    u_is : Displacement
+        What it will be to the pressure that it comes with.
     patch : Grid, optional
         All of the level: what is proved, is proved for it; default: the operator's.
     """
 
-    def __init__(self, operator, distance, window=None, u=None, patch=None):
+    def __init__(self, operator, distance, window=None, u=None, patch=None, u_is=Displacement.CARRIED):
         self.operator, self.grid, self.comm = operator, operator.grid, operator.comm
         self.distance, self.admissible = distance, distance.admissible
         self._p = np.zeros(operator.local_shape)
@@ -224,7 +96,8 @@ class ContactState:
         self.p.flags.writeable = False
         self.pressure = vec_of(self._p, operator)
         self.u = np.zeros(operator.local_shape) if u is None else u
-        self.u_is = Displacement.EXACT
+        self.u_is = Displacement.EXACT if u is None else u_is
+        self.scaled = 1.0  # what p and u have been multiplied by since the last exact product
         self._released = np.zeros(operator.local_shape, bool)
         self.contact = operator.mask  # the very array the operator uses, with what the last state left in it
         self.contact[...] = False
@@ -386,6 +259,7 @@ class ContactState:
         exact = exact or not self.operator.needs_verification
         compute = self.operator.exact_displacement if exact else self.operator.displacement
         compute(self.p, self.u)
+        self.scaled = 1.0 if exact else self.scaled
         self.u_is = Displacement.EXACT if exact else Displacement.CARRIED
 
     @PETSc.Log.EventDecorator("ContactUpdate")
@@ -403,10 +277,14 @@ class ContactState:
             Since before `release_tensile`.
         """
         fields = self.distance.b, self.u, self.p, self.admissible, self.contact, self._released
-        expected = _NOT_EXPECTED if expected is None else expected
+        expected = _NO_PREDICTION if expected is None else expected
         cells, added, lost, squares, h, total = self.sum(kernels.activate(*fields, expected))
         load = self.grid.cell_area * float(total)
         return Update(int(cells), int(added), int(lost), sqrt(squares), sqrt(h), load)
+
+    def let_none_in(self):
+        """In place of (4.b): return the Update that C is after `release_tensile`. Collective."""
+        return self.activate_penetrating(np.full(self.u.shape, np.inf))
 
     def gap_on_contact(self):
         """RMS and mean of h + u over C and where it is negative [mm], the cells there, and the load [N]. Collective."""
@@ -419,6 +297,7 @@ class ContactState:
         """p and u times a factor. Not collective."""
         self.pressure.scale(factor)
         self.u *= factor
+        self.scaled *= factor
         self.certificate = None
 
     def add_evenly(self, load):

@@ -101,7 +101,7 @@ def circulant_of(operator, margin=None):
             operator.comm,
             operator.dtype,
             margin,
-            operator.storage,
+            operator.storage_of_product,
         )
     return operator.circulants[periods]
 
@@ -154,7 +154,7 @@ class Circulant:
         if not 0 <= margin <= 1:
             raise ValueError(f"-pc_circulant_margin {margin:g}: allowed: 0 to 1")
         periodic = bool(operator.grid.periodic)
-        margins = tuple(0.0 if inside else margin for inside in operator.inside)
+        margins = tuple(0.0 if narrower else margin for narrower in operator.narrower)
         self.multiplier = circulant_of(operator, margins)
         self.extension = None
         if steps:

@@ -40,7 +40,7 @@ class InexactStop(StoppingTest):
     coarse_rtol : float
         ||r|| / ||h|| on C that is enough on coarser grids.
     predictor : float
-        Share of the change of u to be expected that is believed.
+        Factor on the expected change of u in (4.b).
     error_bound : float
         Proved error up to which the target grid counts as solved (`app.contact.certificate`).
     """
@@ -49,28 +49,37 @@ class InexactStop(StoppingTest):
     predictor: float = 0.0
     error_bound: float = float("inf")
 
-    def allowed(self, state, inside=None):
-        """Norm of the residual that is small enough [mm]. Collective, unless ||h|| on C is given [mm]."""
-        whole, inside = state.distance.norm(), state.on_contact()[0] if inside is None else inside
-        if not inside:
+    def allowed(self, state, h_on_contact=None):
+        """Largest norm of r on C that passes [mm]. Collective, unless ||h|| on C is given [mm].
+
+        On the target grid (5.1), and 100 rtol ||h|| on C; on coarser ones coarse_rtol times the smaller of these ||h||.
+        """
+        whole, h_on_contact = (
+            state.distance.norm(),
+            state.on_contact()[0] if h_on_contact is None else h_on_contact,
+        )
+        if not h_on_contact:
             return self.rtol * whole
         if not self.final:
-            return max(self.coarse_rtol, ROUNDING) * min(whole, inside)
-        return min(self.rtol * whole, max(IN_CONTACT * self.rtol, ROUNDING) * inside)
+            return max(self.coarse_rtol, ROUNDING) * min(whole, h_on_contact)
+        return min(self.rtol * whole, max(IN_CONTACT * self.rtol, ROUNDING) * h_on_contact)
 
-    def promising(self, state):
-        """Whether the certificate holds with the displacement there is, or more cannot be asked for. Collective."""
+    def certified(self, state):
+        """Whether the certificate, computed with the u there is, is within `error_bound`. Collective.
+
+        On coarse grids, and where a smaller rtol would be rounding, nobody asks.
+        """
         if not self.final or IN_CONTACT * self.rtol <= ROUNDING:
             return True
         return estimate(state).error_bound <= self.error_bound
 
-    def worth_verifying(self, state, inside):
-        """Whether a verification product may end it; where contact is small the certificate says. Collective.
+    def worth_verifying(self, state, h_on_contact):
+        """Whether to spend the verification product now. Collective.
 
-        `inside`: ||h|| on C [mm].
+        Where ||h|| on C [mm] is below 1% of ||h||, (5.1) says little, and the certificate is asked first.
         """
-        light = self.final and IN_CONTACT * inside < state.distance.norm()
-        return self.promising(state) if light else True
+        light = self.final and IN_CONTACT * h_on_contact < state.distance.norm()
+        return self.certified(state) if light else True
 
     def tighter(self):
         """Return a test that asks for ten times as much. Not collective."""
@@ -102,28 +111,29 @@ def inexact_active_set(state, solver, loading, stop, history):
     best, since = float("inf"), 0
     if not begin(state, solver, loading, history):
         return Outcome(not loading.prescribes_load, NO_CONTACT)
-    inside, norm, cells = state.on_contact()  # of C^k; later the last update knows
+    h_on_contact, norm, cells = state.on_contact()  # of C^k; later the last update knows
     for k in range(1, stop.max_it + 1):
-        allowed, done = stop.allowed(state, inside), False
+        allowed, done = stop.allowed(state, h_on_contact), False
         solver.set_contact()  # 2. (2.11) on C^k
         its, failure, norm = solver.improve(state, allowed, norm)  # 3. a little, u along with p
-        ready = norm <= allowed and (not stop.final or solver.tension(state) <= stop.rtol)
-        too_loose = ready and not stop.worth_verifying(state, inside)
+        tension = solver.tension(state) if norm <= allowed else None
+        ready = tension is not None and (not stop.final or tension.share <= stop.rtol)
+        too_loose = ready and not stop.worth_verifying(state, h_on_contact)
         if ready and not stop.final:
-            update, done = _leave(state, solver, loading, NEAR * allowed / np.sqrt(cells))
+            update, done = _leave(state, solver, tension, loading, NEAR * allowed / np.sqrt(cells))
         elif ready and not too_loose:
-            update, done = _verify(state, solver, loading, stop)
+            update, done = _verify(state, solver, tension, loading, stop)
         else:
             solver.release(state)  # (4.a), and u along with it
             loading.update(state)
             expected = solver.predict(state, stop.predictor) if norm > allowed else None
             update = state.activate_penetrating(expected)  # (4.b)
         history.add(state, solver, update, its)
-        inside, cells, norm = update.h_on_contact, max(update.cells, 1), update.residual
+        h_on_contact, cells, norm = update.h_on_contact, max(update.cells, 1), update.residual
         residual = update.residual / state.distance.norm()
         if wrong := what_is_wrong(failure, residual):
             return Outcome(False, wrong, k, residual)
-        if done and stop.promising(state):
+        if done and stop.certified(state):
             return Outcome(True, CONVERGED, k, residual)
         if done or too_loose:
             stop = stop.tighter()
@@ -135,7 +145,7 @@ def inexact_active_set(state, solver, loading, stop, history):
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
 
 
-def _verify(state, solver, loading, stop):
+def _verify(state, solver, tension, loading, stop):
     """Steps 4 to 6 on the target grid by a product in double precision, the load met exactly. Collective.
 
     Returns
@@ -143,7 +153,7 @@ def _verify(state, solver, loading, stop):
     Update, bool
         Of the contact set; whether the problem is solved.
     """
-    state.release_tensile(solver.tensile)  # (4.a)
+    state.release_tensile(tension.some)  # (4.a)
     solver.rest()
     if state.u_is is not Displacement.EXACT:
         state.compute_displacement(exact=True)
@@ -159,15 +169,15 @@ def _solved(state, update, stop):
     return not update.changed and update.residual <= stop.allowed(state, update.h_on_contact)
 
 
-def _leave(state, solver, loading, near):
+def _leave(state, solver, tension, loading, near):
     """Step 4 on a coarse grid whose system is solved well enough; as `_verify`.
 
     What little the last release does to u is for the finer grid to find out, if the load is met but for `near` [mm].
     """
-    enough = solver.tension(state) <= RELEASED and loading.update(state) <= near
+    enough = tension.share <= RELEASED and loading.update(state) <= near
     if enough:
-        state.release_tensile(solver.tensile)  # (4.a)
+        state.release_tensile(tension.some)  # (4.a)
     else:
-        solver.release(state, found=True)  # (4.a), and u along with it
+        solver.release(state, tension)  # (4.a), and u along with it
         loading.update(state)
     return state.activate_penetrating(), enough  # (4.b)

@@ -85,7 +85,7 @@ class Kept:
         """Count what was computed in a window, and free it unless it is kept. Collective over its ranks."""
         self._hierarchy.spent(operator)
         if operator in self._windows.values():
-            vars(operator).pop("exact_product", None)
+            operator.free_exact_product()
         else:
             self._free(operator)
 

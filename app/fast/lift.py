@@ -1,8 +1,12 @@
 """Lift: the pressure of the next finer grid from the displacement, by the FFT preconditioner (in place of copying p).
 
-With the circulant matrix B^-1 for A, a displacement T that is known everywhere gives p = B T at the cost of an FFT:
-on C it is -h, elsewhere the interpolated one of the coarse grid, both plus what the coarse grid says is the difference
-of periodic and true displacement. First contact set: the coarse one and {h + u <= 0}, where p > 0.
+B is the inverse of the circulant matrix: p = B T for the displacement T that p causes if it is continued periodically.
+With p_H and u_H of the coarse grid, T_H = B_H^-1 p_H and interpolation I:
+
+1. T = I T_H, on all cells of the fine grid.
+2. C is that of the coarse grid and the cells with h + I u_H <= 0. There u shall be -h, the gap closed; and with the
+   difference of periodic and true displacement that the coarse grid has, T = -h + I (T_H - u_H).
+3. p = B T; cells without p > 0 leave C.
 
 Switch: ``-lcp_prolongation lift|copy``. Gain: see `app.fast`.
 """
@@ -18,7 +22,7 @@ _TRUSTED = (
 
 
 def lift(transfer, coarse, state):
-    """Set C and p of `state`, whose u is interpolated already; that of the coarser grid is written over.
+    """Set C and p of `state`, whose u is I u_H already; that of the coarser grid is written over.
 
     Collective.
 
@@ -27,13 +31,13 @@ def lift(transfer, coarse, state):
     bool
         False if the load came out so different that the coarse grid cannot be trusted; u is as it was.
     """
-    circulant_of(coarse.operator).apply_inverse(coarse.p, coarse.u)
+    circulant_of(coarse.operator).apply_inverse(coarse.p, coarse.u)  # T_H
     transfer.copy(coarse.contact, state.contact)
-    p = state.values
-    transfer.interpolate(coarse.u, p)
-    kernels.aim(state.distance.b, state.u, state.admissible, state.contact, p)
-    circulant_of(state.operator).apply(p, p)
-    after = kernels.keep_positive(p, state.contact)
+    p = state.values  # T until it is B T
+    transfer.interpolate(coarse.u, p)  # 1.
+    kernels.close_gaps(state.distance.b, state.u, state.admissible, state.contact, p)  # 2.
+    circulant_of(state.operator).apply(p, p)  # 3.
+    after = kernels.drop_nonpositive(p, state.contact)
     areas = coarse.operator.grid.cell_area, state.grid.cell_area
     before, after = state.sum([areas[0] * coarse.p.sum(), areas[1] * after])
     return bool(before < _TRUSTED * after < _TRUSTED**2 * before)

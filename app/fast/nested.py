@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from app.contact.full_multigrid import copy_prolongation, pairs, route, tell
-from app.contact.grid_errors import UNKNOWN, errors_from, numbers_on
-from app.contact.iteration import active_set
+from app.contact.grid_errors import UNKNOWN, errors_from, numbers_on, pressure_difference
+from app.contact.iteration import active_set, search_load
 from app.contact.state import Displacement
 from app.contact.stopping import StoppingTest
 from app.fast.iteration import NeedsSafeguard, inexact_active_set
 from app.fast.lift import lift
 from app.fast.safeguard import projected_newton
 from app.fast.windows import Stage
-from app.halfspace.reductions import sum_over
 from app.multigrid.direct import solves_directly
 from app.multigrid.linear_solver import LinearSolver
 
@@ -47,7 +44,7 @@ def nested_iteration(
     """
     last, comm = len(hierarchy.levels) - 1, hierarchy.comm
     coarse = outcome = found = None
-    difference, numbers = float("nan"), []
+    difference, numbers, fallbacks = float("nan"), [], 0
     for number, following in pairs(route(hierarchy, distances, loading, nested)):
         target = number == last
         stage = Stage(hierarchy, kept, number, distances[number], coarse if nested else None, found)
@@ -60,25 +57,26 @@ def nested_iteration(
             else:
                 state.start_from_interpenetration()
             coarse.destroy()
-        coarse = state
+        coarse = state  # for the next grid; the arrays of the coarser one go
         if state.operator.active:
             test = stop if target else stop.for_coarse_grid()
             outcome = solve_on(hierarchy, number, state, loading, test, history, first, kept)
+            fallbacks += outcome.fallbacks
             if not target:
                 found = stage.find(coarse_minimum, loading.predict(state.depth))
                 numbers.append(numbers_on(state, state.comm))
         stage.verify_no_more()
-        facts = outcome, found, numbers
-        outcome, found, numbers = tell(hierarchy, following, state, loading, *facts)
+        facts = outcome, found, numbers, fallbacks
+        outcome, found, numbers, fallbacks = tell(hierarchy, following, state, loading, *facts)
         if nested and target and not first:
-            difference = _difference(comm, stage.transfer, stage.coarse_pressure, state)
+            difference = pressure_difference(comm, stage.transfer, stage.coarse_pressure, state)
         stage.close()
         if target and stage.windowed:
-            coarse = None
+            coarse = None  # the window's arrays go
             state, complete = stage.everything(outcome, loading.prescribes_load)
             if not complete:
                 rest = solve_on(hierarchy, number, state, loading, stop, history, False, kept)
-                outcome = rest.after(outcome)
+                outcome, fallbacks = rest.after(outcome), fallbacks + rest.fallbacks
     telling = stop.coarse_rtol <= _TELLING * difference
     errors = UNKNOWN
     if nested and numbers:
@@ -86,7 +84,10 @@ def nested_iteration(
             [*numbers, numbers_on(state, comm)], state.first_touch(), loading.prescribes_load
         )
     return state, replace(
-        outcome, discretisation_error=difference if telling else float("nan"), grid_errors=errors
+        outcome,
+        discretisation_error=difference if telling else float("nan"),
+        grid_errors=errors,
+        fallbacks=fallbacks,
     )
 
 
@@ -119,17 +120,19 @@ def safeguarded(hierarchy, number, state, loading, stop, history):
     with operator.in_double():
         solver = LinearSolver(hierarchy, number, operator.petsc_comm, operator=operator)
 
-        def solve(inner):
-            return projected_newton(state, solver, stop, history)
-
         if loading.prescribes_load:
-            outcome = loading.search(state, solve, rtol=0.1 * stop.rtol, step=state.gap_on_contact()[0])
+            tight, step = stop.tighter(), state.gap_on_contact()[0]  # what is settled then must still pass
+            outcome = search_load(
+                state,
+                loading,
+                lambda _: projected_newton(state, solver, tight, history),
+                stop,
+                0.1 * stop.rtol,
+                step,
+            )
         else:
-            outcome = solve(loading)
+            outcome = projected_newton(state, solver, stop, history)
         solver.destroy()
-    if loading.prescribes_load and outcome.converged:
-        state.first_contact()  # under next to no load the search may end without
-        loading.settle(state, state.activate_penetrating())
     return replace(outcome, fallbacks=outcome.fallbacks + 1)
 
 
@@ -140,12 +143,3 @@ def _prolong(stage, beta, lifted):
     state.u_is = Displacement.STALE
     if not (lifted and lift(transfer, coarse, state)):
         copy_prolongation(transfer, coarse, state, beta)
-
-
-def _difference(comm, transfer, coarse, state):
-    """Return the rms difference of the pressures on two grids over that of the larger; NaN if none. Collective."""
-    fine = transfer.restrict_defect(state.p)
-    squares = [np.vdot(p, p) for p in (fine, coarse)]
-    fine -= coarse
-    *squares, difference = sum_over(comm, [*squares, np.vdot(fine, fine)])
-    return float(np.sqrt(difference / max(squares))) if difference > 0 else float("nan")

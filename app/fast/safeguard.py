@@ -85,7 +85,7 @@ def projected_newton(state, solver, stop, history):
         if wrong := what_is_wrong(failure, residual):
             return Outcome(False, wrong, k, residual)
         if update.residual <= stop.allowed(state):
-            if stop.promising(state):
+            if stop.certified(state):
                 return Outcome(True, CONVERGED, k, residual)
             stop = stop.tighter()
     return Outcome(False, f"{stop.max_it} iterations of the safeguard were not enough", stop.max_it, residual)

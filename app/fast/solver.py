@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from app.contact import kernels
@@ -10,8 +12,18 @@ from app.fast.tracking_cg import TrackingCG, add
 from app.multigrid.linear_solver import LinearSolver
 
 
+class Tension(NamedTuple):
+    """Negative pressure."""
+
+    share: float  # of the sum of p
+    some: bool  # there is some
+
+
 class TrackingSolver(LinearSolver):
     """A `LinearSolver` whose KSP is TrackingCG; see there for the parameters.
+
+    An iteration calls `improve`, perhaps `tension`, `release`, perhaps `predict`. From `tension` to a `release` that is
+    given its result neither the pressure nor CG's direction may change. `predict` tells the solver of C as it is then.
 
     Attributes
     ----------
@@ -35,7 +47,7 @@ class TrackingSolver(LinearSolver):
                 f"-{prefix}ksp_type: -lcp_type fast needs one that keeps the displacement: "
                 "python with -ksp_python_type app.fast.tracking_cg.TrackingCG"
             )
-        self._cg, self.tensile = context, None
+        self._cg = context
 
     def improve(self, state, allowed, norm=None):
         """Step 3, inexactly: p towards (2.11) on C, u = A p along with it.
@@ -77,47 +89,43 @@ class TrackingSolver(LinearSolver):
             self._cg.rest()
 
     def tension(self, state):
-        """Pressure that is negative, as a share of the sum of p; left in the direction, for `release`. Collective.
-
-        ``tensile`` is whether there is some, until the pressure changes.
-        """
+        """Return the Tension; what releases it is left in CG's direction, for `release`. Collective."""
         change = self._cg.direction
         kernels.tension(state.p, state.contact, change)
         total, negative = state.sum([state.p.sum(), change.sum(dtype=np.float64)])
-        self.tensile = bool(negative)
-        return negative / total if total > 0 else float(negative)
+        return Tension(negative / total if total > 0 else float(negative), bool(negative))
 
-    def release(self, state, found=False):
+    def release(self, state, tension=None):
         """Step 4.a, and one product for what it changes in u; return how many cells left C. Collective.
 
-        `found`: nothing has changed since `tension` was asked for.
+        `tension`: what `tension` has returned, if it was asked for.
         """
         change = self._cg.direction
-        if not found:
+        if tension is None:
             kernels.tension(state.p, state.contact, change)
-        released = state.release_tensile(self.tensile if found else None)
+        released = state.release_tensile(tension and tension.some)
         if released:
             state.operator.displacement(change, self._cg.product)
             add(state.u, 1.0, self._cg.product)
             state.u_is = Displacement.CARRIED
         return released
 
-    def predict(self, state, share):
+    def predict(self, state, factor):
         """Predict what the reduction of the residual will add to u beside C.
 
         Collective. The preconditioner knows, if it has a method ``extend(r)`` that continues a residual over the rim.
 
         Parameters
         ----------
-        share : float
-            So much of it is believed.
+        factor : float
+            Factor on it.
 
         Returns
         -------
         ndarray, shape (local rows, nx), [mm], or None
             In the solver's work array.
         """
-        if not share:
+        if not factor:
             return None
         pc = self.ksp.getPC()
         extend = getattr(pc.getPythonContext(), "extend", None) if pc.getType() == "python" else None
@@ -127,5 +135,5 @@ class TrackingSolver(LinearSolver):
         expected = self._cg.work
         kernels.defect(state.distance.b, state.u, state.contact, expected)
         extend(expected)
-        expected *= share
+        expected *= factor
         return expected

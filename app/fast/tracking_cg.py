@@ -75,7 +75,7 @@ def _dots_row(d, q, r, contact):
 
 @any_order
 def _first_residual(b, u, contact, spans, r):
-    """r = b - u on C, 0 elsewhere, and the first and last but one column of C in each row; return r.r."""
+    """r = b - u on C, 0 elsewhere, and in each row the first column of C and one past the last; return r.r."""
     squares = 0.0
     for j in range(r.shape[0]):
         first, last = span_of(contact[j])

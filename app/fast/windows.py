@@ -17,9 +17,9 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.fft import next_fast_len
 
-from app.contact.state import ContactState, UndeformedDistance
+from app.contact.distance import UndeformedDistance
+from app.contact.state import ContactState, Displacement
 from app.halfspace.operator import InfluenceOperator
-from app.halfspace.reductions import sum_over
 from app.halfspace.window import Scatter, Window, bounding_boxes, whole
 from app.multigrid.transfer import Transfer
 
@@ -96,13 +96,7 @@ class VerificationProduct:
         self.u[...] = 0
         self._scatter.reverse(p, self.u, self._target.exact_product.working_storage)
         self._target.exact_displacement(self.u, self.u)
-        self._sum = self._scatter.forward(self.u, u).sum()
-
-    def follow(self, u):
-        """Scale the last product as the window's u has been scaled since, to meet a load. Collective."""
-        before, after = sum_over(self._target.comm, [self._sum, u.sum()])
-        if before and after != before:
-            self.u *= after / before
+        self._scatter.forward(self.u, u)
 
 
 class Stage:
@@ -168,7 +162,7 @@ class Stage:
         if level is hierarchy.target:
             self._verification = VerificationProduct(level, self._scatter, slabs)
         fine = self._kept.window((self._number, "fine"), grid, slabs, few, self._verification)
-        fine.inside = grid.ny < level.grid.ny, grid.nx < level.grid.nx
+        fine.narrower = grid.ny < level.grid.ny, grid.nx < level.grid.nx
         below = self._kept.window(
             (self._number, "below"), coarse_window.grid(coarse_grid), slabs.coarsen(factors[0]), few
         )
@@ -224,15 +218,15 @@ class Stage:
             for operator in (self.state.operator, self._below):
                 self._kept.close(operator)
 
-    def everything(self, outcome, scaled):
+    def everything(self, outcome, by_load):
         """Return the state on all cells of the target grid, that in the window being final. Collective.
 
         Parameters
         ----------
         outcome : Outcome
             In the window.
-        scaled : bool
-            Pressures may have been scaled since the last verification, to meet a load.
+        by_load : bool
+            The load is prescribed.
 
         Returns
         -------
@@ -243,12 +237,15 @@ class Stage:
         inside, level, scatter = self.state, self._hierarchy.target, self._scatter
         if self._verification.u is None or not outcome.converged:
             self._verification.by_all(inside.p, inside.u)
-        if scaled:
-            self._verification.follow(inside.u)
+            inside.scaled = 1.0
+        if by_load:  # settled since the last product
+            self._verification.u *= self._hierarchy.comm.bcast(inside.scaled)
         self._distance.move_to(inside.depth)
         inside.distance.destroy()
         inside.distance = inside.u = None  # room for the state of all cells
-        self.state = state = ContactState(level, self._distance, u=self._verification.u)
+        self.state = state = ContactState(
+            level, self._distance, u=self._verification.u, u_is=Displacement.EXACT
+        )
         with state.pressure as values:
             scatter.reverse(inside.p, values.reshape(state.u.shape))
         scatter.reverse(inside.contact, state.contact)

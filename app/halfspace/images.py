@@ -144,10 +144,7 @@ def _collect(p, mask, first, weights, nodes):
     step, width = weights.shape
     row = np.empty(p.shape[1], nodes.dtype)
     for j in range(p.shape[0]):
-        if mask is None:
-            some = _copy_row(p[j], row)
-        else:
-            some = _copy_inside(p[j], mask[j], row)
+        some = _copy_inside(p[j], mask[j], row) if mask.size else _copy_row(p[j], row)
         if not some:
             continue
         cell, place = divmod(first + j, step)
@@ -165,10 +162,10 @@ def _spread(nodes, first, weights, mask, out):
         cell, place = divmod(first + j, step)
         for k in range(width):
             add_row(row, weights[place, k], nodes[cell + k, : row.size])
-        if mask is None:
-            add_row(out[j], row.dtype.type(1), row)
-        else:
+        if mask.size:
             _add_inside(row, mask[j], out[j])
+        else:
+            add_row(out[j], row.dtype.type(1), row)
 
 
 def _weights(step, width, dtype):
@@ -220,8 +217,8 @@ class Rest:
         """Bytes held on this rank."""
         return self._nodes.nbytes + self._spectrum.nbytes
 
-    def multiply(self, p, mask=None):
-        """Compute S p, on C if there is a mask, for `add`. Collective."""
+    def multiply(self, p, mask):
+        """Compute S p, on C if there is a mask (without: of size 0), for `add`. Collective."""
         rows, (_, width) = len(self._nodes), self._in_x.shape
         self._nodes[...] = 0
         _collect(p, mask, self._origin, self._in_y, self._nodes)
@@ -239,8 +236,8 @@ class Rest:
         around = np.lib.stride_tricks.sliding_window_view(nodes, width, axis=1)
         np.matmul(np.ascontiguousarray(around), self._in_x.T, out=self._nodes.reshape(rows, self._cells, -1))
 
-    def add(self, out, mask=None):
-        """Add it to a field, on C if there is a mask. Not collective."""
+    def add(self, out, mask):
+        """Add it to a field; `mask` as there. Not collective."""
         _spread(self._nodes, self._origin, self._in_y, mask, out)
 
 
@@ -251,8 +248,7 @@ def warm_up(dtype):
     mask, fixed = field.astype(bool), field.view()
     fixed.flags.writeable = False
     nodes = np.zeros((0, 0), dtype)
-    for inside in (None, mask):
-        for real in {field.dtype: field, dtype: field.astype(dtype)}.values():
-            _collect(real, inside, 0, weights, nodes)
-            _spread(nodes, 0, weights, inside, real)
-        _collect(fixed, inside, 0, weights, nodes)
+    for real in {field.dtype: field, dtype: field.astype(dtype)}.values():
+        _collect(real, mask, 0, weights, nodes)
+        _spread(nodes, 0, weights, mask, real)
+    _collect(fixed, mask, 0, weights, nodes)

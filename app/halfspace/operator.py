@@ -54,12 +54,12 @@ class InfluenceOperator:
     ----------
     active : bool
         Whether this rank is one of those that share the rows.
-    inside : (bool, bool)
+    narrower : (bool, bool)
         Whether the grid is narrower in y, and in x, than one that it is a window of, around contact.
     mask : ndarray of bool, shape (local rows, nx)
         The contact set C. Change it in place and then call `mask_changed`.
     contact_number : int
-        Tells contact sets apart: goes up with every `mask_changed`.
+        Contact sets that solvers have been told of, by `mask_changed`. In steps 4.a and 4.b the mask is ahead of it.
     products, sweeps : int
         Products of the Mat asked for by PETSc, and Gauss-Seidel sweeps: the paper's work units.
         `product.count` has all products, those inside sweeps and of `displacement` too.
@@ -84,7 +84,7 @@ class InfluenceOperator:
         self.mask = np.zeros(self.local_shape, bool)
         self.products = self.sweeps = 0
         self._spent = 0.0  # products of objects that are gone
-        self.contact_number, self.inside = 0, (False, False)
+        self.contact_number, self.narrower = 0, (False, False)
         self._energy = None, None  # of a contact set, by its number
         self._relaxation = None
 
@@ -121,6 +121,12 @@ class InfluenceOperator:
         products = (made.get("exact_product"), made.get("product"))  # the largest first
         here = next((product for product in products if isinstance(product, EvenMultiplier)), None)
         return (self._workspace and self._workspace.storage) or here
+
+    @property
+    def storage_of_product(self):
+        """As `storage`, but only what the product itself works on: the rest may be lent. Not collective."""
+        product = vars(self).get("product")
+        return product if isinstance(product, EvenMultiplier) else self.storage
 
     def scratch_beside_product(self, *types):
         """Fields to be worked on while no exact product is computed: in storage that this alone uses.
@@ -220,6 +226,12 @@ class InfluenceOperator:
         self._relaxation = None
         self.needs_verification = False
 
+    def free_exact_product(self):
+        """Free the exact product; what it computed stays counted. Not collective."""
+        exact = vars(self).pop("exact_product", None)
+        if exact is not None and exact is not vars(self).get("product"):
+            self._spent += exact.count
+
     def free(self):
         """Free all products and sweeps; what they computed stays counted. Not collective."""
         self._spent = self.equivalent_products
@@ -252,10 +264,12 @@ class InfluenceOperator:
 
     def energy_of_contact(self):
         """p.Ap for p = 1 on C and 0 elsewhere [mm / (N/mm2)], and the cells of C; one product per set. Collective."""
-        if self._energy[0] != self.contact_number:
+        cells = sum_over(self.comm, [np.count_nonzero(self.mask)])[0]
+        asked_for = self.contact_number, cells  # until the next number cells only leave
+        if self._energy[0] != asked_for:
             p, u = self.mask.astype(float), np.empty(self.local_shape)
             self.displacement(p, u)
-            self._energy = self.contact_number, sum_over(self.comm, [np.vdot(p, u), np.count_nonzero(p)])
+            self._energy = asked_for, (sum_over(self.comm, [np.vdot(p, u)])[0], cells)
         return self._energy[1]
 
     # -- what PETSc calls --------------------------------------------------------------------------------

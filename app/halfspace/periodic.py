@@ -56,12 +56,6 @@ def influence_symbol(grid, compliance, columns, rows):
     return 2 * np.pi * compliance * of_kind(grid, np.asarray(columns), np.asarray(rows))
 
 
-def inverse_symbol(grid, compliance, columns, rows):
-    """Eigenvalues of the inverse on fields without mean, zero at frequency (0, 0); else as `influence_symbol`."""
-    symbol = influence_symbol(grid, compliance, columns, rows)
-    return np.divide(1.0, symbol, out=np.zeros_like(symbol), where=symbol > 0)
-
-
 def _spectral(grid, columns, rows):
     """1 / |q|."""
     qx, qy = frequencies(grid, columns, rows)

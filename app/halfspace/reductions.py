@@ -23,7 +23,7 @@ def add_row(a, scale, b):
 
 @njit()
 def span_of(row):
-    """First and last but one place where a row of a mask is set; 0, 0 if it is nowhere."""
+    """First place where a row of a mask is set, and one past the last; 0, 0 if it is nowhere."""
     first, last = 0, row.size
     while last > 0 and not row[last - 1]:
         last -= 1

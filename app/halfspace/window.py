@@ -104,7 +104,7 @@ def box_of(minima):
 
 @njit()
 def _extent(mask):
-    """First and last but one row, and column, of what is set; zeros if nothing is."""
+    """First row and column of what is set, and one past the last of each; zeros if nothing is."""
     y0, y1, x0, x1 = 0, 0, mask.shape[1], 0
     for j in range(mask.shape[0]):
         first, last = span_of(mask[j])

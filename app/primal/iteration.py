@@ -74,7 +74,7 @@ def primal_active_set(primal, solver, stop, history):
             enough = last <= allowed
             if enough:
                 accept(primal, solver.scratch)
-                if stop.promising(state):
+                if stop.certified(state):
                     return Outcome(True, CONVERGED, k, residual)
             reached = min(1.0, norm / goal) * aim
             aim = max(reached * min(0.5, _DOUBT * allowed / last), ROUNDING / stop.rtol)

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from app.contact.full_multigrid import pairs, route, tell
-from app.contact.grid_errors import UNKNOWN, errors_from, numbers_on
+from app.contact.grid_errors import UNKNOWN, errors_from, numbers_on, pressure_difference
 from app.contact.history import Outcome
 from app.contact.iteration import NO_CONTACT
 from app.contact.state import ContactState
 from app.fast.iteration import NeedsSafeguard
-from app.fast.nested import _difference, safeguarded
+from app.fast.nested import safeguarded
 from app.multigrid.pcmg import options_set
 from app.primal.iteration import accept, primal_active_set, verify
 from app.primal.operator import InverseOperator
@@ -55,6 +55,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
             return state, Outcome(True, NO_CONTACT)
         state.destroy()
     coarse, coarse_pressure, outcome, difference, numbers = None, None, None, float("nan"), []
+    fallbacks = 0
     stops = route(hierarchy, distances, loading, nested) if nested and start is None else [last]
     for number, following in pairs(stops):
         level, target = hierarchy.levels[number], number == last
@@ -84,14 +85,16 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
             outcome = _solve_on(
                 hierarchy, number, primal, solver, stop if target else stop.for_coarse_grid(), history
             )
+            fallbacks += outcome.fallbacks
             if solver is not target_solver:
                 solver.destroy()
             if not target:
                 numbers.append(primal.numbers())
-        facts = outcome, primal.mean_pressure, numbers
-        outcome, primal.mean_pressure, numbers = tell(hierarchy, following, state, loading, *facts)
+        facts = outcome, primal.mean_pressure, numbers, fallbacks
+        facts = tell(hierarchy, following, state, loading, *facts)
+        outcome, primal.mean_pressure, numbers, fallbacks = facts
         if target and coarse_pressure is not None:
-            difference = _difference(comm, hierarchy.transfers[number], coarse_pressure, state)
+            difference = pressure_difference(comm, hierarchy.transfers[number], coarse_pressure, state)
         coarse = primal
     primal.destroy()
     errors = UNKNOWN
@@ -99,7 +102,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
         errors = errors_from(
             [*numbers, numbers_on(state, comm)], state.first_touch(), loading.prescribes_load
         )
-    return state, replace(outcome, discretisation_error=difference, grid_errors=errors)
+    return state, replace(outcome, discretisation_error=difference, grid_errors=errors, fallbacks=fallbacks)
 
 
 def _solve_on(hierarchy, number, primal, solver, stop, history):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from app.contact.certificate import certify
-from app.contact.state import ContactState, UndeformedDistance
+from app.contact.distance import UndeformedDistance
+from app.contact.state import ContactState
 from app.halfspace.operator import InfluenceOperator
 from app.verification.check import Check, Figure
 from app.verification.dense import DenseProblem

@@ -99,6 +99,6 @@ def test_so_does_the_safeguard(comm, monkeypatch):
     alone = solve(problem, approach, None, comm=MPI.COMM_SELF, lcp_rtol=1e-9)
     monkeypatch.setattr(iteration, "PATIENCE", 0)
     here = solve(problem, approach, None, comm=comm, lcp_rtol=1e-9, lcp_cells_per_rank=8)
-    assert here.converged and here.fallbacks == 1
+    assert here.converged and here.fallbacks >= 1
     found = np.vstack(comm.allgather(here.pressure))
     np.testing.assert_allclose(found, alone.pressure, rtol=0, atol=1e-5 * alone.max_pressure)

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from app.contact.distance import UndeformedDistance
 from app.contact.history import History
 from app.contact.iteration import active_set
 from app.contact.loading import PrescribedApproach
-from app.contact.state import ContactState, UndeformedDistance
+from app.contact.state import ContactState
 from app.contact.stopping import StoppingTest
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix

@@ -32,6 +32,8 @@ def known_to(module):
             found.add(node.module.split(".")[1])
         elif isinstance(node, ast.Import):
             found |= {alias.name.split(".")[1] for alias in node.names if alias.name.startswith("app.")}
+        elif isinstance(node, ast.Constant) and re.fullmatch(r"app(\.\w+){2,}", str(node.value)):
+            found.add(node.value.split(".")[1])  # for PETSc, which imports it
     return found
 
 

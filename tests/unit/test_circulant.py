@@ -90,7 +90,7 @@ def test_the_circulant_inverts_itself():
 @pytest.mark.parametrize("kind", ["periodic", "window"])
 def test_periodic_patches_and_windows_have_no_margin(kind):
     operator = InfluenceOperator(PERIODIC["periodic"] if kind == "periodic" else GRIDS["even"], STEEL)
-    operator.inside = (kind == "window",) * 2
+    operator.narrower = (kind == "window",) * 2
     operator.mask[...] = True
     matrices = [preconditioner(operator, pc_circulant_margin=margin) for margin in (0.0, 0.3)]
     assert (matrices[0] == matrices[1]).all()

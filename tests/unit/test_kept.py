@@ -11,8 +11,10 @@ from cases import hertz
 
 from app import ContactProblem, ContactSolver, Grid, Material
 from app.fast import kept
+from app.fast.circulant import circulant_of
 from app.fast.solver import TrackingSolver
 from app.halfspace.fft.multiplier import EvenMultiplier
+from app.halfspace.operator import InfluenceOperator
 
 MAKES = re.compile(r"^(Vec|Mat|KSP|PC|IS)\.(create|duplicate|setFromOptions)|\.set_kernel$|\.set_spectrum$")
 
@@ -106,3 +108,23 @@ def test_a_small_grid_does_not_wait_for_python():
     with ContactSolver(hertz(64)) as solver:
         solver.solve(approach=0.1091)
         assert len(calls_of(lambda: solver.solve(approach=0.1091))) < 3200
+
+
+def test_what_an_exact_product_has_computed_stays_counted():
+    operator = InfluenceOperator(Grid(40, 40, 1.0, 1.0), 1.0, dtype=np.float32)
+    p = np.ones(operator.local_shape)
+    operator.exact_displacement(p, p.copy())
+    operator.displacement(p, p.copy())
+    operator.free_exact_product()
+    assert operator.equivalent_products == 2
+
+
+@pytest.mark.parametrize("margin", [0.01, 1.0])
+def test_nobody_works_in_what_is_lent(margin):
+    """A preconditioner with a large margin needs more than a product does."""
+    operator = InfluenceOperator(Grid(640, 640, 1.0, 1.0), 1.0, dtype=np.float32)
+    operator.prepare("exact_product", "product")
+    lent = [field for field in operator.scratch_beside_product(np.float64, np.float32) if field is not None]
+    assert lent
+    storage = circulant_of(operator, (margin, margin)).working_storage
+    assert not any(np.shares_memory(storage, field) for field in lent)

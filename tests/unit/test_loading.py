@@ -9,10 +9,11 @@ from mpi4py import MPI
 from running import assert_solves_lcp, solve
 
 from app import ContactProblem, ContactSolver, Grid, Material
+from app.contact.distance import UndeformedDistance
 from app.contact.history import History, Outcome
 from app.contact.iteration import active_set
 from app.contact.loading import PrescribedApproach, PrescribedLoad, stiffness_of_patch
-from app.contact.state import ContactState, UndeformedDistance
+from app.contact.state import ContactState
 from app.contact.stopping import StoppingTest
 from app.multigrid.direct import DirectSolver
 from app.multigrid.hierarchy import Hierarchy

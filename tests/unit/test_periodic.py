@@ -11,7 +11,8 @@ from operators import DOUBLE, PERIODIC, STEEL, matrix_of, random_field
 
 from app import ContactSolver
 from app.contact.certificate import certify
-from app.contact.state import ContactState, UndeformedDistance
+from app.contact.distance import UndeformedDistance
+from app.contact.state import ContactState
 from app.errors import InputError
 from app.halfspace import influence
 from app.halfspace.grid import Grid
@@ -188,3 +189,16 @@ def test_one_cell_at_least_stays_open_below_the_approach_of_full_contact():
     energy, cells = operator.energy_of_contact()
     assert cells == problem.grid.n - 1
     assert energy == pytest.approx(operator.diagonal, rel=1e-9)  # p = 1 is p = -1 on what is open
+
+
+def test_the_energy_is_that_of_the_cells_there_are():
+    """In step 4.a cells leave, and no solver has been told yet."""
+    operator = InfluenceOperator(Grid(12, 10, 1.0, 1.0, "love"), 1.0)
+    operator.mask[2:6, 2:6] = True
+    operator.mask_changed()
+    before = operator.energy_of_contact()
+    operator.mask[2] = False
+    energy, cells = operator.energy_of_contact()
+    p, u = operator.mask.astype(float), np.empty(operator.local_shape)
+    operator.displacement(p, u)
+    assert (energy, cells) == (np.vdot(p, u), 12) != before

@@ -10,8 +10,9 @@ from operators import PERIODIC, STEEL, mat_times, random_field
 from petsc4py import PETSc
 
 from app import ContactSolver
+from app.contact.distance import UndeformedDistance
 from app.contact.loading import PrescribedApproach, PrescribedLoad
-from app.contact.state import ContactState, UndeformedDistance
+from app.contact.state import ContactState
 from app.errors import InputError
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.halo import Halo

@@ -1,15 +1,17 @@
 """Projected Newton's method: it converges for any positive definite matrix, and f falls on the way."""
 
 import numpy as np
+import periodic
 import pytest
 from cases import APPROACH, hertz, punch, self_affine
 from mpi4py import MPI
 from running import assert_solves_lcp, solve
 from scipy.optimize import nnls
 
+from app.contact.distance import UndeformedDistance
 from app.contact.history import History, Listener
-from app.contact.state import ContactState, UndeformedDistance
-from app.fast import iteration
+from app.contact.state import ContactState
+from app.fast import iteration, nested
 from app.fast.iteration import InexactStop
 from app.fast.safeguard import projected_newton
 from app.halfspace.grid import Grid
@@ -17,6 +19,8 @@ from app.halfspace.product import DenseProduct
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.petsc import OptionDatabase
+from app.primal import iteration as primal_iteration
+from app.primal import nested as primal_nested
 
 
 def positive_definite(n, rng, condition):
@@ -120,3 +124,23 @@ def test_the_safeguard_says_when_it_runs_out_of_iterations(monkeypatch):
         assert not found.converged
         assert "safeguard" in found.message
         assert np.isfinite(found.pressure).all() and (found.pressure >= 0).all()
+
+
+@pytest.mark.parametrize("method", ["fast", "primal"])
+def test_every_grid_on_which_it_took_over_counts(method, monkeypatch):
+    problem, approach = PROBLEMS["self-affine"]
+    if method == "primal":
+        problem = periodic.rough(64, 64, 8, 0.0)
+        approach = 0.8 * np.nanmean(problem.gap)
+    numbers = []
+    plain = nested.safeguarded
+
+    def safeguarded(hierarchy, number, *arguments):
+        numbers.append(number)
+        return plain(hierarchy, number, *arguments)
+
+    for module in (nested, primal_nested):
+        monkeypatch.setattr(module, "safeguarded", safeguarded)
+    monkeypatch.setattr(iteration if method == "fast" else primal_iteration, "PATIENCE", 0)
+    found = solve(problem, approach, method, lcp_rtol=1e-9, lcp_coarse_rtol=1e-9)
+    assert found.fallbacks == len(set(numbers)) > 1

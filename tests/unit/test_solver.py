@@ -422,3 +422,18 @@ def test_options_that_cannot_be(case):
 def test_gap_that_cannot_be(gap, message):
     with np.errstate(all="ignore"), pytest.raises(InputError, match=message):
         solve(ContactProblem(Grid(8, 7, 1.0, 1.0), Material.combined(80000, 0.3), gap), approach=0.1)
+
+
+@pytest.mark.parametrize("method", ["fast", "fmg_v11", "norm", "primal"])
+def test_a_start_from_another_material_is_no_answer(method):
+    """Its displacement is not that of its pressure here."""
+    grid = Grid.from_domain(32, 32, (-1, 1, -1, 1), periodic=method == "primal")
+    soft, hard = (
+        ContactProblem(grid, Material.combined(modulus, 0.3), lambda x, y: (x**2 + y**2) / 40)
+        for modulus in (80e3, 160e3)
+    )
+    other = solve(hard, approach=0.01, method=method)
+    with ContactSolver(soft, method) as solver:
+        expected, found = solver.solve(approach=0.01), solver.solve(approach=0.01, start=other)
+    assert found.load == pytest.approx(expected.load, rel=1e-4)
+    assert found.load == pytest.approx(other.load / 2, rel=1e-4)

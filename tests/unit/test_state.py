@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from app.contact.state import ContactState, Displacement, UndeformedDistance, Update
+from app.contact.distance import UndeformedDistance
+from app.contact.state import ContactState, Displacement, Update
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix
 from app.halfspace.operator import InfluenceOperator

@@ -11,9 +11,10 @@ from running import solve
 
 from app import ContactProblem, ContactSolver, strategy
 from app.contact.certificate import certify
+from app.contact.distance import UndeformedDistance
 from app.contact.grid_errors import GridNumbers, errors_from
 from app.contact.history import Listener
-from app.contact.state import ContactState, UndeformedDistance
+from app.contact.state import ContactState
 from app.fast.iteration import IN_CONTACT, ROUNDING, InexactStop
 from app.fast.lift import lift
 from app.fast.solver import TrackingSolver
@@ -147,4 +148,4 @@ def test_positive_pressure_is_that_on_the_contact_set():
 def test_tension_is_a_share_of_the_pressure():
     state = SimpleNamespace(p=np.array([[-1.0, 5.0]]), contact=np.ones((1, 2), bool), sum=lambda of: of)
     solver = SimpleNamespace(_cg=SimpleNamespace(direction=np.empty((1, 2))))
-    assert TrackingSolver.tension(solver, state) == pytest.approx(0.25)
+    assert TrackingSolver.tension(solver, state) == (pytest.approx(0.25), True)

@@ -214,7 +214,7 @@ def test_the_safeguard_takes_over_and_is_right(monkeypatch, by_load, holes):
         assert_solves_lcp(
             found, 4e-8 if by_load else 1e-8
         )  # what meets the load in the end is not asked again
-        assert found.fallbacks == 1
+        assert found.fallbacks >= 1
         assert found.approach == pytest.approx(approach, rel=1e-6)
         np.testing.assert_allclose(found.pressure, plain.pressure, rtol=0, atol=1e-5 * plain.max_pressure)
 

@@ -295,9 +295,9 @@ class EvenMultiplier:
             If not 0, divide by the spectrum instead, and multiply by this.
         """
         self.count += 1
-        if self._rest is not None:
-            self._rest.multiply(p, mask)
         inside, rows = _NO_MASK if mask is None else mask, _NO_ROWS if rows is None else rows
+        if self._rest is not None:
+            self._rest.multiply(p, inside)
         batch, scale, done = self._row_batch, self.dtype.type(scale), 0
         strips = batch.data, self._scratch, self._transformed, self._edges, batch.execute
         rows_to_strips(p, inside, rows, *strips, *batch.plans[::2])
@@ -314,7 +314,7 @@ class EvenMultiplier:
             done += count
         strips_to_rows(out, inside, rows, *strips, *self._row_batch.plans[1::2])
         if self._rest is not None:
-            self._rest.add(out, mask)
+            self._rest.add(out, inside)
 
 
 def _storage(size, dtype, shared=None):

@@ -64,7 +64,7 @@ class ColumnGroup:
         return transformed[self._rows * self.edges[0] : self._rows * self.edges[-1]]
 
     def pieces(self, transformed):
-        """First and last but one column of each rank, and the strips that are sent to it."""
+        """First column of each rank, one past its last, and the strips that are sent to it."""
         return [
             (a, b, transformed[self._rows * a : self._rows * b]) for a, b in itertools.pairwise(self.edges)
         ]

@@ -197,7 +197,7 @@ def _list_contact(contact, mask):
 
 @njit()
 def solve_leaf(w, now, given, near, reach, filled, rows, r, mask, d, column, weight):
-    """Solve the rows of a leaf: w[now] is turned from what leaves up to the last but one add to them into them.
+    """Solve the rows of leaf m: w[now] holds what the leaves up to m - 2 add to these rows, and these rows in the end.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ def deal_chunks(weights, ranks):
     Returns
     -------
     list of (int, int)
-        First and last but one of each rank.
+        First of each rank, and one past its last.
     """
     helpers = max(ranks - 1, 1)
     middle = (np.cumsum(weights) - np.asarray(weights) / 2) / max(np.sum(weights), 1)

@@ -1,0 +1,143 @@
+"""The undeformed distance h of one grid, as the right-hand side -h of (2.11), and what is to be known of it."""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from app.contact import kernels
+from app.halfspace.operator import vec_of
+from app.halfspace.reductions import sum_over, sums_and_minima
+from app.halfspace.window import box_here, box_of
+
+
+class Statistics(NamedTuple):
+    """What ||h|| needs to know at any approach."""
+
+    cells: int  # admissible
+    mean: float  # of the undeformed distance at no depth over them [mm]
+    squares_about_mean: float  # of its differences from the mean, summed [mm2]
+
+
+class UndeformedDistance:
+    """h = shape - approach on all cells of one grid, kept as the right-hand side -h of (2.11). Collective.
+
+    Lengths are counted from a reference, so that distances with a large constant lose no digits: the approach is the
+    reference and the *depth* beyond it.
+
+    Parameters
+    ----------
+    operator : InfluenceOperator
+        Of that grid.
+    shape : ndarray, shape (local rows, nx), [mm]
+        Undeformed distance at the reference; NaN in inadmissible cells. Left as it is.
+    reference : float
+        An approach, the same on all grids of a problem [mm].
+    comm : mpi4py communicator, optional
+        Ranks that want to know the norm; default: those of the operator.
+
+    Attributes
+    ----------
+    rhs : Vec
+        -h; anything in inadmissible cells.
+    b : ndarray, shape (local rows, nx), [mm]
+        The same, to read.
+    touching : float or None
+        Depth at which the first cells touch [mm]; None of a window: nobody knows.
+    least_mean_pressure : float
+        That full contact of a periodic patch needs, as soon as it is known [N/mm2].
+    admissible : ndarray of bool, shape (local rows, nx)
+    possible : Window or None
+        Around all admissible cells.
+    """
+
+    def __init__(self, operator, shape, reference=0.0, comm=None):
+        self._take(operator, shape, reference)
+        _measure([self], comm or operator.comm)
+
+    @classmethod
+    def on_levels(cls, operators, shapes, reference, comm):
+        """Return those of all levels of a hierarchy, in two reductions. Collective over `comm`; see the class."""
+        levels = [cls.__new__(cls) for _ in operators]
+        for level, operator, shape in zip(levels, operators, shapes, strict=True):
+            level._take(operator, shape, reference)
+        _measure(levels, comm)
+        return levels
+
+    def _take(self, operator, shape, reference):
+        self.admissible = ~np.isnan(shape)
+        b = np.negative(shape)
+        np.copyto(b, 0.0, where=~self.admissible)
+        self._hold(b, operator)
+        self.depth, self.deepest, self.reference = 0.0, 0.0, reference
+        self.least_mean_pressure = 0.0
+        self._slabs = operator.slabs
+
+    @classmethod
+    def part_of(cls, whole, operator, scatter):
+        """Return the same h in a window of the grid, with the norm that it has on all of it. Collective."""
+        part = cls.__new__(cls)
+        part.admissible, b = scatter.forward(whole.admissible), scatter.forward(whole.b)
+        part._hold(b, operator)
+        part.statistics, part.touching = whole.statistics, None
+        part.depth, part.deepest, part.reference = whole.depth, 0.0, whole.reference
+        return part
+
+    def _hold(self, b, operator):
+        """Keep -h in memory that stays when the Vec is gone: solutions refer to it."""
+        self.b = b.view()
+        self.b.flags.writeable = False
+        self.rhs = vec_of(b, operator)
+
+    def h_at(self, depth):
+        """Return h at a depth, shape (rows, nx) [mm]; NaN in inadmissible cells. Not collective."""
+        return np.where(self.admissible, (self.depth - depth) - self.b, np.nan)
+
+    @property
+    def approach(self):
+        """delta [mm]. Not collective."""
+        return self.reference + self.depth
+
+    @property
+    def deviation(self):
+        """Standard deviation of h over the admissible cells [mm]. Not collective."""
+        return float(np.sqrt(self.statistics.squares_about_mean / max(self.statistics.cells, 1)))
+
+    def move_to(self, depth):
+        """Change the depth. Not collective."""
+        if depth != self.depth:
+            with self.rhs as values:
+                values += depth - self.depth
+            self.depth, self.deepest = float(depth), max(self.deepest, abs(depth))
+
+    def take_back(self, b):
+        """Be at depth 0 again with the -h it had there, free of the rounding of moves. Not collective."""
+        with self.rhs as values:
+            values[...] = b.reshape(-1)
+        self.depth = self.deepest = 0.0
+
+    def norm(self):
+        """||h||_2 over the admissible cells [mm], (5.1); 1 where it is zero, to be divided by. Not collective."""
+        cells, mean, squares = self.statistics
+        return sqrt(squares + cells * (mean - self.depth) ** 2) or 1.0
+
+    def destroy(self):
+        """Free the vector. Collective."""
+        self.rhs.destroy()
+
+
+def _measure(levels, comm):
+    """Find what is to be known of some distances at no depth. Collective over `comm`."""
+    sums = [[np.count_nonzero(d.admissible), -np.sum(d.b, where=d.admissible)] for d in levels]
+    lowest = [
+        [*box_here(d.admissible, d._slabs), -d.b.max(initial=-np.inf, where=d.admissible)] for d in levels
+    ]
+    sums, lowest = sums_and_minima(comm, np.ravel(sums), np.ravel(lowest))
+    means = [float(total / cells) if cells else 0.0 for cells, total in sums.reshape(-1, 2)]
+    squares = [kernels.sum_squares(d.b, -mean, d.admissible) for d, mean in zip(levels, means, strict=True)]
+    found = zip(levels, sums[::2], means, sum_over(comm, squares), lowest.reshape(-1, 5), strict=True)
+    for distance, cells, mean, deviation, (*box, touching) in found:
+        distance.statistics = Statistics(int(cells), mean, float(deviation))
+        distance.possible, distance.touching = box_of(box), float(touching)
