@@ -4,6 +4,7 @@ import gc
 import re
 import sys
 import weakref
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -185,3 +186,10 @@ def test_nobody_works_in_what_is_lent(margin):
     assert lent
     storage = circulant_of(operator, (margin, margin)).working_storage
     assert not any(np.shares_memory(storage, field) for field in lent)
+
+
+@pytest.mark.parametrize("more", [-1, 0, 1])
+def test_only_a_large_target_gives_back_what_it_does_not_need(more):
+    target = SimpleNamespace(operator=SimpleNamespace(grid=SimpleNamespace(n=kept.LARGEST + more)))
+    kept.Kept(None, target)
+    assert target.frugal == (more > 0)
