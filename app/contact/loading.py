@@ -6,6 +6,10 @@ there on every active set iteration moves the approach by what the load lacks ov
 than the residual may be to blame for (Newton's method). In the end a factor to p and u = A p makes the load exact.
 
 Where that does not converge, the root search over solved problems does on any grid: F is monotone.
+
+When what is called: on the first grid of all `first_solve`, or `resume` from a solution; on each grid `begin`, in each
+active set iteration `update`, between u = A p and (4.b), and on the target, when (5.1) holds, `settle`; after a grid
+`solved`, and before the next one `predict`. `known` and `take` tell ranks that join. `search` is for where this fails.
 """
 
 from __future__ import annotations
@@ -56,9 +60,18 @@ class PrescribedApproach:
         """Choose the approach to begin with, where `state` is a solution with a load. Not collective."""
         state.approach = self.approach
 
+    def solved(self, depth):
+        """Hear of the depth that a grid has ended with [mm]. Not collective."""
+
     def predict(self, depth):
-        """Return the depth to begin with on the next finer grid [mm]. Not collective."""
+        """Return the depth to begin with on the next finer grid, after this one [mm]. Not collective."""
         return depth
+
+    def known(self):
+        """Return what has been found out, for `take` on other ranks. Not collective."""
+
+    def take(self, known):
+        """Take over what another rank has found out. Not collective."""
 
     def begin(self, state):
         """Prepare the iteration on a grid. Not collective."""
@@ -193,13 +206,23 @@ class PrescribedLoad:
         else:
             self.slope, state.depth = stiffness_of_patch(state), touching
 
+    def solved(self, depth):
+        """Hear of the depth that a grid has ended with [mm]. Not collective."""
+        self._found.append(depth)
+
+    def known(self):
+        """Return what has been found out, for `take` on other ranks. Not collective."""
+        return self.slope, self._found
+
+    def take(self, known):
+        """Take over what another rank has found out. Not collective."""
+        self.slope, self._found = known
+
     def predict(self, depth):
         """Return the depth to begin with on the next finer grid, by extrapolation [mm]. Not collective.
 
         The depths of a load on finer and finer grids converge like a geometric series.
         """
-        if self._found[-1:] != [depth]:
-            self._found.append(depth)
         last = [finer - coarser for coarser, finer in pairwise(self._found[-3:])]
         ratio = last[1] / last[0] if len(last) == 2 and last[0] else 0.0
         return depth + min(max(ratio, 0.0), 0.5) * last[-1] if last else depth
