@@ -12,7 +12,7 @@ from cases import hertz, punch
 from petsc4py import PETSc
 
 from app import ContactProblem, ContactSolver, Grid, Material
-from app.fast import kept
+from app.fast import solver as tracking
 from app.fast.circulant import Circulant, circulant_of
 from app.fast.rim import RimExtension
 from app.fast.solver import TrackingSolver
@@ -69,7 +69,7 @@ def test_windows_elsewhere_and_of_other_sizes(made):
 
 
 def test_of_large_windows_spectra_are_kept_and_nothing_else(made, monkeypatch):
-    monkeypatch.setattr(kept, "LARGEST", 0)
+    monkeypatch.setattr(tracking, "LARGEST_KEPT", 0)
     with ContactSolver(bowl(160)) as solver:
         solver.solve(approach=0.3)
         made.clear()
@@ -190,6 +190,4 @@ def test_nobody_works_in_what_is_lent(margin):
 
 @pytest.mark.parametrize("more", [-1, 0, 1])
 def test_only_a_large_target_gives_back_what_it_does_not_need(more):
-    target = SimpleNamespace(operator=SimpleNamespace(grid=SimpleNamespace(n=kept.LARGEST + more)))
-    kept.Kept(None, target)
-    assert target.frugal == (more > 0)
+    assert tracking.is_large(SimpleNamespace(n=tracking.LARGEST_KEPT + more)) == (more > 0)
