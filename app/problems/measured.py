@@ -14,7 +14,7 @@ from app.errors import InputError
 from app.halfspace.grid import Grid
 from app.problems.height_file import TURNS, HeightFile
 from app.problems.moments import LEVELS, Moments, centred
-from app.units import UNITS, in_words
+from app.units import UNITS, in_words, unit_named
 
 MISSING = ("hole", "fill")
 MOST_CELLS = np.iinfo(np.int32).max  # that PETSc numbers
@@ -246,6 +246,7 @@ def read_surface(
     >>> surface.grid(domain=(0, 0.6, 0, 0.4)).dx
     0.01
     """
+    unit, height_unit = (name and (unit_named(name) or name) for name in (unit, height_unit))
     for name, value, allowed in (
         ("level", level, LEVELS),
         ("missing", missing, MISSING),
