@@ -166,13 +166,14 @@ class _Book:
         self._what = what
         if wanted.resume and not self.rows:
             note(
-                f"-resume: nothing to go on from: {self._path} has no steps, or was removed with the last one; "
-                f"all {len(wanted.numbers)} are solved"
+                f"-resume: nothing to go on from: {self._path} has no steps, or went when the path was finished; "
+                f"step 1 of {len(wanted.numbers)} comes first"
             )
-        if dropped := sum(key.isdigit() for key in self._journal.dropped):
+        dropped = self._journal.dropped
+        if steps := sum(key.isdigit() for key in dropped):
+            advice = "; -resume goes on after them" if dropped.get("path") == what else ""
             warn(
-                f"{self._path}: the {dropped} steps that an interrupted run has finished are dropped; "
-                "-resume would have gone on after them"
+                f"{self._path}: {steps} steps of an interrupted run go when the first one of this run is done{advice}"
             )
 
     def add(self, row, notes):
