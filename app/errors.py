@@ -30,17 +30,24 @@ def agree(comm, function, *args, only_root=False):
     only_root : bool
         Only rank 0 calls, and tells the others what it got.
     """
-    result = complaint = None
+    result = complaint = mistake = None
     try:
         if comm.rank == 0 or not only_root:
             result = function(*args)
     except (ValueError, OSError, MemoryError) as error:
         complaint = one_line(error)
+    except Exception as error:
+        mistake, complaint = error, (type(error).__name__, one_line(error))
     if only_root:
         result, complaint = comm.bcast((result, complaint))
         complaints = [complaint]
     else:
         complaints = comm.allgather(complaint)
+    if mistake is not None:
+        raise mistake
+    for told in complaints:
+        if isinstance(told, tuple):
+            raise RuntimeError("on another rank: " + ": ".join(told))
     if complaints.count(None) == len(complaints):
         return result
     hosts = comm.allgather(socket.gethostname())

@@ -158,7 +158,10 @@ def settings(method=None, options=None, periodic=False):
         has overridden it.
     """
     given, warnings = renamed(as_texts(options or {}))
-    files = {method: read_method_file(method)} if isinstance(method, str) else dict(method or {})
+    if isinstance(method, str):
+        files = {method: read_method_file(method)}
+    else:
+        files = {name: as_texts(texts, f"method {name!r}") for name, texts in (method or {}).items()}
     for texts in (given, *files.values()):
         for name in _GONE.keys() & texts.keys():
             del texts[name]

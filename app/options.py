@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import os
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -128,14 +129,23 @@ class OptionReader:
         return sorted(self._table.keys() & self._texts.keys() - self.asked)
 
 
-def as_texts(options):
+def as_texts(options, what="options"):
     """Options of a mapping as they would be written on a command line: names in lower case, values as text.
+
+    Raises
+    ------
+    InputError
+        If it is something else; `what` it should be.
 
     Examples
     --------
     >>> as_texts({"lcp_nested": True, "grid": (8, 4), "Load": 0.5, "lcp_monitor": ""})
     {'lcp_nested': 'true', 'grid': '8,4', 'load': '0.5', 'lcp_monitor': ''}
     """
+    if not isinstance(options, Mapping):
+        raise InputError(f"{what}: is {type(options).__name__}; needed: a mapping of names to values")
+    if not all(isinstance(name, str) for name in options):
+        raise InputError(f"{what}: {', '.join(map(repr, options))}: needed: names of options")
     return {name.lower(): _text(value) for name, value in options.items()}
 
 

@@ -10,9 +10,13 @@ And what newer releases do otherwise: `TAO_REASONS`, `restricts_by_transpose`, `
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import os
+import signal
+import sys
 import threading
+import traceback
 import weakref
 from contextlib import contextmanager, suppress
 from functools import cache, wraps
@@ -63,6 +67,21 @@ def _call(name, *arguments):
     if code:
         raise PETSc.Error(code)
 
+
+@atexit.register
+def _forget_last_exception():
+    """Free what the frames of an exception that nobody caught hold: once Python is gone PETSc would call into it."""
+    error = getattr(sys, "last_value", None)
+    while error is not None:
+        traceback.clear_frames(error.__traceback__)
+        error = error.__cause__ or error.__context__
+    with suppress(AttributeError):  # a petsc4py that frees at once
+        PETSc.garbage_cleanup(PETSc.COMM_SELF)
+
+
+# Python ignores the signal of a pipe that nobody reads any more, and raises; PETSc has begun to abort.
+with suppress(ValueError):  # not the main thread
+    signal.signal(signal.SIGPIPE, signal.getsignal(signal.SIGPIPE))
 
 _ONE_AT_A_TIME = threading.RLock()
 

@@ -40,10 +40,11 @@ from app.halfspace.reductions import minimum_over
 from app.method_solver import choose, database_of, make_hierarchy, make_solver, read_by, refuse_unread
 from app.multigrid.hierarchy import team_for
 from app.notes import notes_on
+from app.options import as_texts
 from app.path import LoadPath
 from app.petsc import Resources, one_at_a_time
 from app.problems.given import ContactProblem
-from app.problems.problem import Problem, checked_shape
+from app.problems.problem import Problem
 from app.solution import Solution
 from app.stiffness import contact_stiffness
 from app.strategy import Strategy, warm_up
@@ -120,21 +121,18 @@ class ContactSolver:
         for name, given, kind, what in (
             ("problem", problem, Problem, "a ContactProblem"),
             ("method", method, str | Mapping | None, "the name of a method file, or a mapping"),
-            ("options", options, Mapping | None, "a mapping of names to values"),
             ("comm", comm, MPI.Intracomm | None, "an mpi4py communicator"),
         ):
             if not isinstance(given, kind):
                 raise InputError(f"{name}: is {type(given).__name__}; needed: {what}")
-        if not all(isinstance(name, str) for name in options or ()):
-            raise InputError(f"options: {', '.join(map(repr, options))}: needed: names of options")
+        texts = as_texts(options or {}) | methods.global_options(prefix)
         self._resources, self._distances = Resources(), []
         self._finalizer = weakref.finalize(self, one_at_a_time(self._resources.free))
         self.problem, self.listeners = problem, list(listeners)
         self._outer_comm = MPI.COMM_WORLD if comm is None else comm
         self.comm = self._resources.comm = Communicator(self._outer_comm.Dup())
         self.hierarchy = self._solver = None
-        grid, texts = problem.grid, dict(options or {}) | methods.global_options(prefix)
-
+        grid = problem.grid
         try:
             self.settings = chosen = agree(self.comm, choose, grid, method, texts)
             check_alike(self.comm, (grid.shape, grid.periodic, chosen), "grid or options")
@@ -180,8 +178,8 @@ class ContactSolver:
     def _measure_shapes(self):
         """Undeformed distance on all grids."""
         hierarchy, problem, comm = self.hierarchy, self.problem, self._team.comm
-        target = agree(comm, checked_shape, problem, hierarchy.slabs.rows)
-        shapes = hierarchy.shapes(problem, target)
+        shapes = hierarchy.shapes(problem)
+        target = shapes[-1]
         lowest, highest = np.nanmin(target, initial=np.inf), np.nanmax(target, initial=-np.inf)
         lowest, highest = minimum_over(comm, [lowest, -highest]) * (1, -1)
         if lowest > highest:

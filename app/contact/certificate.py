@@ -94,7 +94,8 @@ def _prove(state):
     b, u, p, admissible = state.distance.b, state.u, state.p, state.admissible
     grid = state.patch
     smallest = 2 * state.operator.compliance / np.hypot(1 / grid.dx, 1 / grid.dy)  # eigenvalue
-    largest, sums = _survey(b, u, p, admissible, smallest)
+    penetrates = np.empty(len(b), bool)
+    largest, sums = _survey(b, u, p, admissible, smallest, penetrates)
     sums, lowest = sums_and_minima(state.comm, sums, -largest)
     largest = np.maximum(-lowest, [0, 0, -np.inf, 0, 0, 0])
     most, penetration, minus_smallest, product, highest, deepest = (float(value) for value in largest)
@@ -102,7 +103,7 @@ def _prove(state):
     if state.grid.periodic:
         gap, energy = _closing(state, energy)
     else:
-        gap = float(min(defect + _lifting(state, most, energy), to_p + moved / (2 * smallest)))
+        gap = float(min(defect + _lifting(state, most, energy, penetrates), to_p + moved / (2 * smallest)))
     gap = max(gap, 0.0)
     lost = np.sqrt(state.operator.diagonal * of_p) + np.sqrt(of_u / smallest)
     error = np.sqrt(2 * gap) + _ROUNDING * np.finfo(float).eps * lost
@@ -115,10 +116,10 @@ def _prove(state):
     )
 
 
-def _lifting(state, most, energy):
+def _lifting(state, most, energy, penetrates):
     """What the lifting of penetrations adds to the gap: the least for some t between 0 and `most`. Collective."""
     shares = most * np.append(0.5 ** np.arange(_TRIALS), 0.0)
-    to_u, squares = state.sum(_lift(state.distance.b, state.u, state.admissible, shares))
+    to_u, squares = state.sum(_lift(state.distance.b, state.u, state.admissible, shares, penetrates))
     grid, diagonal = state.patch, state.operator.diagonal
     to_u, squares = to_u / diagonal, squares / diagonal**2
     norm = _norm(grid, state.operator.compliance)
@@ -221,50 +222,74 @@ def _moves_times(b, u, p, admissible, diagonal, factor, constant, elsewhere, fie
 
 
 @any_order
-def _survey_row(b, u, p, admissible, smallest):
-    lift, penetration, tension, product = 0.0, 0.0, -np.inf, 0.0
-    highest, deepest, energy, defect = -np.inf, 0.0, 0.0, 0.0
-    to_p, moved, of_p, of_u = 0.0, 0.0, 0.0, 0.0
+def _glance_row(b, u, p, admissible):
+    penetration, deepest, highest, of_u = 0.0, 0.0, 0.0, 0.0
     for i in range(b.size):
         h = -b[i] if admissible[i] else 0.0
         e = h + u[i] if admissible[i] else 0.0
-        lift = max(lift, -e / u[i] if (e < 0) & (u[i] > 0) else 0.0)
         penetration = max(penetration, -e)
+        deepest = max(deepest, abs(h))
+        highest = max(highest, abs(p[i]))
+        of_u += u[i] * u[i]
+    return penetration, deepest, highest, of_u
+
+
+@any_order
+def _survey_row(b, u, p, admissible, smallest):
+    tension, product, highest = -np.inf, 0.0, -np.inf
+    energy, defect, to_p, moved, of_p = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(b.size):
+        e = u[i] - b[i] if admissible[i] else 0.0
         tension = max(tension, -p[i])
         product = max(product, abs(p[i] * e))
         highest = max(highest, p[i])
-        deepest = max(deepest, abs(h))
         energy += p[i] * u[i]
         defect += p[i] * e
         gap = max(e - smallest * p[i], 0.0)
         to_p += p[i] * gap
         moved += (gap - e) * (gap - e)
         of_p += p[i] * p[i]
-        of_u += u[i] * u[i]
-    return lift, penetration, tension, product, highest, deepest, energy, defect, to_p, moved, of_p, of_u
+    return tension, product, highest, energy, defect, to_p, moved, of_p
+
+
+@any_order
+def _lift_row(b, u, admissible):
+    lift = 0.0
+    for i in range(b.size):
+        e = u[i] - b[i]
+        lift = max(lift, -e / u[i] if admissible[i] & (e < 0) & (u[i] > 0) else 0.0)
+    return lift
 
 
 @njit()
-def _survey(b, u, p, admissible, smallest):
+def _survey(b, u, p, admissible, smallest, penetrates):
     """Largest of -e / u, -e, -p, |p e|, p, |h|; sums of p u, p e, p g, w w, p p, u u.
 
-    h and e are zero in inadmissible cells; g and w by the smallest eigenvalue.
+    h and e are zero in inadmissible cells; g and w by the smallest eigenvalue. Most rows have gaps and no pressure: a
+    glance is enough. `penetrates` is told which rows have e < 0.
     """
     largest, sums = np.full(6, -np.inf), np.zeros(6)
     for j in range(b.shape[0]):
-        row = _survey_row(b[j], u[j], p[j], admissible[j], smallest)
-        for k in range(6):
-            largest[k] = max(largest[k], row[k])
-        for k in range(6):
-            sums[k] += row[6 + k]
+        penetration, deepest, highest, of_u = _glance_row(b[j], u[j], p[j], admissible[j])
+        penetrates[j] = penetration > 0
+        lift = _lift_row(b[j], u[j], admissible[j]) if penetration > 0 else 0.0
+        row = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        if not (penetration <= 0 and highest <= 0):
+            row = _survey_row(b[j], u[j], p[j], admissible[j], smallest)
+        for k, value in enumerate((lift, penetration, row[0], row[1], row[2], deepest)):
+            largest[k] = max(largest[k], value)
+        for k, value in enumerate((row[3], row[4], row[5], row[6], row[7], of_u)):
+            sums[k] += value
     return largest, sums
 
 
 @njit()
-def _lift(b, u, admissible, shares):
-    """Sums of w u and w w for ``w = max(-(e + t u), 0)`` where e < 0, for each share t."""
+def _lift(b, u, admissible, shares, penetrates):
+    """Sums of w u and w w for ``w = max(-(e + t u), 0)`` where e < 0, for each share t; other rows are left out."""
     sums = np.zeros((2, shares.size))
     for j in range(b.shape[0]):
+        if not penetrates[j]:
+            continue
         for i in range(b.shape[1]):
             e = u[j, i] - b[j, i]
             if e < 0 and admissible[j, i]:
@@ -278,11 +303,11 @@ def _lift(b, u, admissible, shares):
 
 def warm_up(periodic=False):
     """Load the compiled loops now, not after the first solve. Not collective."""
-    field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
+    field, mask, rows = np.zeros((0, 0)), np.zeros((0, 0), bool), np.zeros(0, bool)
     fixed = field.view()
     fixed.flags.writeable = False
-    _survey(fixed, field, fixed, mask, 1.0)
-    _lift(fixed, field, mask, np.zeros(1))
+    _survey(fixed, field, fixed, mask, 1.0, rows)
+    _lift(fixed, field, mask, np.zeros(1), rows)
     if periodic:
         moved = fixed, field, fixed, mask, 1.0
         _gaps(*moved)

@@ -26,6 +26,10 @@ LOADINGS = {"approach": "mm", "load": "N", "mean_pressure": "N/mm2", "mean_gap":
 ROUNDING = 1e-12  # of an approach, for full contact
 
 
+class _Unsolved(Exception):
+    """A problem of a root search is not solved; its outcome says why."""
+
+
 class PrescribedApproach:
     """The approach is given [mm]."""
 
@@ -122,7 +126,7 @@ class PrescribedLoad:
                 solved.append(depth)
                 outcomes.append(solve(PrescribedApproach(state.approach)))
                 if not outcomes[-1].converged:
-                    raise ArithmeticError
+                    raise _Unsolved
                 loads[depth] = state.load
             return loads[depth] / self.load - 1
 
@@ -142,8 +146,8 @@ class PrescribedLoad:
             if solved[-1] != root:
                 loads.pop(root, None)
                 lacks(root)
-        except ArithmeticError:
-            pass  # the outcome says why
+        except _Unsolved:
+            pass
         nearest = sorted(loads.items(), key=lambda point: abs(point[1] - self.load))[:2]
         (d1, f1), (d2, f2) = nearest[0], nearest[-1]  # the same one if the first solve has failed
         self.slope = (f2 - f1) / (d2 - d1) if f2 != f1 else stiffness_of_patch(state)

@@ -246,7 +246,11 @@ class SnesVI(_ReferenceSolver):
     def _run(self, p, lower, upper, allowed):
         self.snes.setVariableBounds(lower, upper)
         self.snes.setTolerances(**self._unless_given(rtol=0, atol=allowed, stol=0))
-        self.snes.solve(None, p)
+        try:
+            self.snes.solve(None, p)
+        except BaseException:
+            self.snes.getKSP().reset()  # it would keep the number of unknowns it has been left with
+            raise
         reason = reason_names(PETSc.SNES.ConvergedReason)[self.snes.getConvergedReason()]
         return f"SNES {self.snes.getType()}: {reason}"
 

@@ -38,7 +38,7 @@ def circulant_periods(shape, margin):
 
 
 def circulant_inverse(
-    grid, compliance, slabs=None, comm=None, dtype=np.float64, margin=(0.0, 0.0), workspace=None
+    grid, compliance, slabs=None, comm=None, dtype=np.float64, margin=(0.0, 0.0), workspace=None, spectra=None
 ):
     """Inverse of the Strang circulant of the influence matrix.
 
@@ -53,6 +53,8 @@ def circulant_inverse(
         more if that makes quicker transforms. None: as little as a length with small prime factors allows.
     workspace : EvenMultiplier, optional
         Whose working storage may be used.
+    spectra : Spectra, optional
+        See `EvenMultiplier.use_kernel`.
 
     Returns
     -------
@@ -68,9 +70,9 @@ def circulant_inverse(
     periods = circulant_periods(grid.shape, margin)
     inverse = EvenMultiplier(grid.shape, periods, slabs, comm, dtype, workspace)
     rows, columns = (min(period // 2 + 1, n) for period, n in zip(periods, grid.shape, strict=True))
-    inverse.set_kernel(partial(influence_quadrant, grid, compliance, columns=columns), rows, columns)
+    quadrant = partial(influence_quadrant, grid, compliance, columns=columns)
     with np.errstate(divide="ignore"):
-        inverse.scale_spectrum(np.reciprocal)
+        inverse.use_kernel(quadrant, rows, columns, np.reciprocal, spectra)
     if not inverse.all_positive():
         ny, nx = grid.shape
         raise ValueError(f"circulant preconditioner: not all eigenvalues on {nx} x {ny} cells are positive")
@@ -102,6 +104,7 @@ def circulant_of(operator, margin=None):
             operator.dtype,
             margin,
             operator.storage_of_product,
+            operator.spectra,
         )
     return operator.circulants[periods]
 

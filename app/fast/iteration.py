@@ -108,7 +108,7 @@ def inexact_active_set(state, solver, loading, stop, history):
     NeedsSafeguard
         If the residual stagnates.
     """
-    best, since = float("inf"), 0
+    best, since, rehearsed = float("inf"), 0, False
     if not begin(state, solver, loading, history):
         return Outcome(not loading.prescribes_load, NO_CONTACT)
     h_on_contact, norm, cells = state.on_contact()  # of C^k; later the last update knows
@@ -122,7 +122,7 @@ def inexact_active_set(state, solver, loading, stop, history):
         if ready and not stop.final:
             update, done = _leave(state, solver, tension, loading, NEAR * allowed / np.sqrt(cells))
         elif ready and not too_loose:
-            update, done = _verify(state, solver, tension, loading, stop)
+            update, done, rehearsed = _verify(state, solver, tension, loading, stop, not rehearsed)
         else:
             solver.release(state)  # (4.a), and u along with it
             loading.update(state)
@@ -145,14 +145,21 @@ def inexact_active_set(state, solver, loading, stop, history):
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
 
 
-def _verify(state, solver, tension, loading, stop):
+def _verify(state, solver, tension, loading, stop, rehearse):
     """Steps 4 to 6 on the target grid by a product in double precision, the load met exactly. Collective.
+
+    `rehearse`: do them by the carried displacement first; a product is worth its cost only if that passes.
 
     Returns
     -------
-    Update, bool
-        Of the contact set; whether the problem is solved.
+    Update, bool, bool
+        Of the contact set; whether the problem is solved; whether it was a rehearsal only.
     """
+    if rehearse and not tension.some and state.u_is is Displacement.CARRIED:
+        loading.update(state)
+        update = state.activate_penetrating()
+        if not _solved(state, update, stop):
+            return update, False, True
     state.release_tensile(tension.some)  # (4.a)
     solver.rest()
     if state.u_is is not Displacement.EXACT:
@@ -161,7 +168,7 @@ def _verify(state, solver, tension, loading, stop):
     update = state.activate_penetrating()  # (4.b)
     if _solved(state, update, stop):
         update = loading.settle(state, update)
-    return update, _solved(state, update, stop)
+    return update, _solved(state, update, stop), False
 
 
 def _solved(state, update, stop):

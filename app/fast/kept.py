@@ -1,12 +1,14 @@
-"""What is kept between solves: linear solvers of grids, and of small windows with their operators.
+"""What is kept between solves: linear solvers of grids, small windows' operators with theirs, spectra of large windows.
 
 What these depend on is the number and the size of their cells, not where a window lies. So another solve that looks
-through a window of the same shape, at another load or another gap, makes no spectra and no objects of PETSc's.
+through a window of the same shape, at another load or another gap, makes no spectra and no objects of PETSc's; and a
+large window that is transformed by the same periods, as along a load path, makes no spectra.
 """
 
 from __future__ import annotations
 
 from app.fast.solver import TrackingSolver
+from app.halfspace.fft.multiplier import Spectra
 from app.halfspace.operator import InfluenceOperator
 from app.multigrid.direct import DirectSolver
 
@@ -25,7 +27,7 @@ class Kept:
 
     def __init__(self, hierarchy, target=None):
         self._hierarchy = hierarchy
-        self._windows, self._solvers = {}, {}
+        self._windows, self._solvers, self._spectra = {}, {}, {}
         self._target, self._direct = target, None
         if target is not None:
             target.frugal = target.operator.grid.n > LARGEST
@@ -47,8 +49,16 @@ class Kept:
             if kept is not None:
                 self._free(self._windows.pop(place))
             hierarchy = self._hierarchy
+            self._spectra[place] = spectra = Spectra(self._spectra.get(place))
             kept = InfluenceOperator(
-                grid, hierarchy.compliance, slabs, comm, hierarchy.dtype, verification, hierarchy.target
+                grid,
+                hierarchy.compliance,
+                slabs,
+                comm,
+                hierarchy.dtype,
+                verification,
+                hierarchy.target,
+                spectra,
             )
             if grid.n <= LARGEST:
                 self._windows[place] = kept
@@ -84,6 +94,7 @@ class Kept:
     def close(self, operator):
         """Count what was computed in a window, and free it unless it is kept. Collective over its ranks."""
         self._hierarchy.spent(operator)
+        operator.spectra.forget()
         if operator in self._windows.values():
             operator.free_exact_product()
         else:
@@ -100,3 +111,4 @@ class Kept:
             solver.destroy()
         self._solvers.clear()
         self._windows.clear()
+        self._spectra.clear()

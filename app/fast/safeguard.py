@@ -49,8 +49,7 @@ def projected_newton(state, solver, stop, history):
     history.start(state, solver)
     np.maximum(state.p, 0.0, out=state.values)
     np.copyto(state.values, 0.0, where=~state.admissible)
-    gap = _gap(state, state.p)
-    state.u[...] = gap + state.distance.b
+    state.u[...], gap = _displaced(state, state.p)
     for k in range(1, stop.max_it + 1):
         before = state.contact.copy()
         p, nearly = state.p, _nearly_none(state, gap)
@@ -63,7 +62,7 @@ def projected_newton(state, solver, stop, history):
         descent, alpha = state.sum([np.vdot(gap, d)])[0], 1.0
         for _ in range(_HALVINGS):
             change = np.maximum(p + alpha * d, 0.0) - p
-            trial_gap = _gap(state, p + change)
+            trial_u, trial_gap = _displaced(state, p + change)
             # f(p + change) - f(p), without the cancellation of two nearly equal numbers
             difference = 0.5 * state.sum([np.vdot(change, gap + trial_gap)])[0]
             if difference <= _ARMIJO * alpha * descent:
@@ -72,8 +71,7 @@ def projected_newton(state, solver, stop, history):
         else:
             return Outcome(False, "rounding leaves no step that makes it better", k)
         np.add(p, change, out=state.values)
-        gap = trial_gap
-        state.u[...] = gap + state.distance.b
+        state.u[...], gap = trial_u, trial_gap
         state.u_is = Displacement.CARRIED if state.operator.needs_verification else Displacement.EXACT
         update = _contact_from(state, gap, before)
         if update.residual <= stop.allowed(state) and state.u_is is not Displacement.EXACT:
@@ -91,12 +89,11 @@ def projected_newton(state, solver, stop, history):
     return Outcome(False, f"{stop.max_it} iterations of the safeguard were not enough", stop.max_it, residual)
 
 
-def _gap(state, p):
-    """h + A p for any pressure. Collective."""
+def _displaced(state, p):
+    """A p, and h + A p, for any pressure. Collective."""
     u = np.empty(p.shape)
     state.operator.displacement(p, u)
-    u -= state.distance.b
-    return u
+    return u, u - state.distance.b
 
 
 def _nearly_none(state, gap):

@@ -27,6 +27,7 @@ _PRODUCT, _DONE, _GONE = range(
     3
 )  # what ranks that have no part in a window hear: what is wanted of them, or is left
 _LEAST = 4  # cells of the coarser grid around contact
+_STEP = 16  # small windows have multiples of so many of them, and twice as many at least: they are kept
 _MOST = 0.85  # of the cells; a larger window is not worth its own spectra
 
 
@@ -294,10 +295,13 @@ def _widen(first, last, margin, lowest, highest):
 
 
 def _fill(first, last, lowest, highest):
-    """Grow to a length with small prime factors, between `lowest` and `highest`; nothing stays nothing."""
+    """Grow to a length that many windows have, between `lowest` and `highest`; nothing stays nothing."""
     first, last = max(first, lowest), min(last, highest)
     if first >= last:
         return lowest, lowest
-    length = min(next_fast_len(last - first, real=True), highest - lowest)
+    length = max(-(-(last - first) // _STEP), 2) * _STEP
+    if length > 4 * _STEP:
+        length = next_fast_len(last - first, real=True)
+    length = min(length, highest - lowest)
     first = max(lowest, min(first - (length - (last - first)) // 2, highest - length))
     return first, first + length

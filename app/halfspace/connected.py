@@ -33,11 +33,16 @@ def connected_sets(cells, periodic=False, slabs=None, comm=None):
     sizes : ndarray of int, shape (sets,)
         Cells of each; the same on all ranks.
     """
-    labels, count = ndimage.label(cells) if cells.size else (np.zeros(cells.shape, int), 0)
+    box = tuple(_span(cells.any(axis=axis)) for axis in (1, 0))
+    labels = np.zeros(cells.shape, np.int32 if cells.size < np.iinfo(np.int32).max else np.int64)
+    inside = labels[box]  # others are nowhere
+    count = ndimage.label(cells[box], output=inside) if inside.size else 0
     counts = comm.allgather(count) if comm else [count]
     if sum(counts) > np.iinfo(labels.dtype).max:
         labels = labels.astype(np.int64)
-    np.add(labels, sum(counts[: comm.rank if comm else 0]), out=labels, where=labels > 0, casting="same_kind")
+        inside = labels[box]
+    if first := sum(counts[: comm.rank if comm else 0]):
+        np.add(inside, first, out=inside, where=inside > 0, casting="same_kind")
     before = row_before(labels, periodic, slabs, comm, 0)
     pairs = [np.stack([labels[0], before])] if len(labels) else []
     if periodic and len(labels):
@@ -49,7 +54,7 @@ def connected_sets(cells, periodic=False, slabs=None, comm=None):
     if not parts:
         return labels, np.zeros(0, np.int64)
     if not pairs.size:
-        sizes = np.bincount(labels.ravel(), minlength=parts + 1)[1:]
+        sizes = np.bincount(inside[inside > 0], minlength=parts + 1)[1:]
         return labels, comm.allreduce(sizes) if comm else sizes
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -57,8 +62,14 @@ def connected_sets(cells, periodic=False, slabs=None, comm=None):
     same = coo_array((np.ones(pairs.shape[1], bool), tuple(pairs)), shape=(parts, parts))
     sets, of = connected_components(same, directed=False)
     joined, sizes = np.concatenate([[0], of + 1]).astype(labels.dtype), np.zeros(sets + 1, np.int64)
-    for rows in runs(*labels.shape, _CELLS_AT_ONCE):
-        labels[rows] = joined[labels[rows]]
-        sizes += np.bincount(labels[rows].ravel(), minlength=sets + 1)
+    for rows in runs(*inside.shape, _CELLS_AT_ONCE):
+        inside[rows] = joined[inside[rows]]
+        sizes += np.bincount(inside[rows].ravel(), minlength=sets + 1)
     sizes = sizes[1:]
     return labels, comm.allreduce(sizes) if comm else sizes
+
+
+def _span(mask):
+    """From the first to the last place where a mask is set."""
+    places = np.flatnonzero(mask)
+    return slice(places[0], places[-1] + 1) if places.size else slice(0)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import isfinite
 from operator import index
 
 import numpy as np
@@ -44,6 +45,11 @@ def symbol_name(periodic):
 class Grid:
     """Rectangular cells; lengths in mm.
 
+    Raises
+    ------
+    InputError
+        If a number is no such thing.
+
     Attributes
     ----------
     nx, ny : int
@@ -65,6 +71,22 @@ class Grid:
     y0: float = 0.0
     periodic: str = ""
 
+    def __post_init__(self):
+        checked = dict(zip(("nx", "ny"), _cells(self.nx, self.ny), strict=True))
+        try:
+            checked |= {name: float(getattr(self, name)) for name in ("dx", "dy", "x0", "y0")}
+        except (TypeError, ValueError):
+            checked["dx"] = np.nan
+        numbers = list(checked.values())[2:]
+        if not (all(map(isfinite, numbers)) and min(numbers[:2]) > 0):
+            raise InputError(
+                f"grid: cells of {self.dx} x {self.dy} mm, corner at {self.x0}, {self.y0}: "
+                "needed: finite numbers, positive sizes"
+            )
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "periodic", symbol_name(self.periodic))
+
     @classmethod
     def from_domain(cls, nx, ny, domain, periodic=False):
         """Divide the patch ``domain = (x0, x1, y0, y1)`` into nx by ny cells; `periodic`: see `symbol_name`.
@@ -75,19 +97,14 @@ class Grid:
         ------
         InputError
         """
-        try:
-            nx, ny = index(nx), index(ny)
-        except TypeError:
-            raise InputError(f"grid {nx},{ny}: whole numbers of cells are needed") from None
+        nx, ny = _cells(nx, ny)
         try:
             x0, x1, y0, y1 = map(float, domain)
         except (TypeError, ValueError):
             raise InputError(f"domain {domain!r}: needed: four numbers (x0, x1, y0, y1) [mm]") from None
-        if nx < 1 or ny < 1:
-            raise InputError(f"grid {nx},{ny}: at least one cell in each direction is needed")
         if not (np.isfinite([x0, x1, y0, y1]).all() and x1 > x0 and y1 > y0):
             raise InputError(f"domain {x0:g},{x1:g},{y0:g},{y1:g}: need finite x0 < x1 and y0 < y1")
-        return cls(nx, ny, (x1 - x0) / nx, (y1 - y0) / ny, x0, y0, symbol_name(periodic))
+        return cls(nx, ny, (x1 - x0) / nx, (y1 - y0) / ny, x0, y0, periodic)
 
     @cached_property
     def shape(self):
@@ -135,6 +152,16 @@ class Grid:
         if fy == fx == 1:
             return None
         return replace(self, nx=-(-self.nx // fx), ny=-(-self.ny // fy), dx=fx * self.dx, dy=fy * self.dy)
+
+
+def _cells(nx, ny):
+    try:
+        cells = index(nx), index(ny)
+    except TypeError:
+        raise InputError(f"grid {nx},{ny}: whole numbers of cells are needed") from None
+    if min(cells) < 1:
+        raise InputError(f"grid {nx},{ny}: at least one cell in each direction is needed")
+    return cells
 
 
 def runs(rows, columns, cells=1 << 16):

@@ -219,10 +219,11 @@ class Rest:
 
     def multiply(self, p, mask):
         """Compute S p, on C if there is a mask (without: of size 0), for `add`. Collective."""
-        rows, (_, width) = len(self._nodes), self._in_x.shape
+        rows, (step, width) = len(self._nodes), self._in_x.shape
+        by_cells = self._nodes.reshape(rows, self._cells, step)
         self._nodes[...] = 0
         _collect(p, mask, self._origin, self._in_y, self._nodes)
-        of_cells = self._nodes.reshape(rows, self._cells, -1) @ self._in_x
+        of_cells = by_cells @ self._in_x
         nodes = np.zeros(self._counts, self._nodes.dtype)
         mine = nodes[self._first : self._first + rows]
         for k in range(width):
@@ -234,7 +235,7 @@ class Rest:
             waves *= self._spectrum
         nodes = scipy.fft.irfft2(waves, self._lengths)[self._first : self._first + rows, : self._counts[1]]
         around = np.lib.stride_tricks.sliding_window_view(nodes, width, axis=1)
-        np.matmul(np.ascontiguousarray(around), self._in_x.T, out=self._nodes.reshape(rows, self._cells, -1))
+        np.matmul(np.ascontiguousarray(around), self._in_x.T, out=by_cells)
 
     def add(self, out, mask):
         """Add it to a field; `mask` as there. Not collective."""

@@ -49,6 +49,8 @@ class InfluenceOperator:
         Whose ``apply(p, u)`` is the last word, if not that of a double precision product on this grid.
     workspace : InfluenceOperator, optional
         One whose products are at rest while those of this one are computed, so that they can share storage.
+    spectra : Spectra, optional
+        Of products and preconditioners, to be kept when those are freed.
 
     Attributes
     ----------
@@ -66,9 +68,17 @@ class InfluenceOperator:
     """
 
     def __init__(
-        self, grid, compliance, slabs=None, comm=None, dtype=np.float64, exact_product=None, workspace=None
+        self,
+        grid,
+        compliance,
+        slabs=None,
+        comm=None,
+        dtype=np.float64,
+        exact_product=None,
+        workspace=None,
+        spectra=None,
     ):
-        self.grid, self.compliance = grid, compliance
+        self.grid, self.compliance, self.spectra = grid, compliance, spectra
         self.comm = comm if slabs is not None else None
         self.slabs = slabs or Slabs(grid.ny)
         self.active = self.slabs.active
@@ -184,9 +194,9 @@ class InfluenceOperator:
             symbol = partial(influence_symbol, self.grid, self.compliance)
             return PeriodicProduct(symbol, self.grid.shape, self.slabs, self.comm, dtype, self.storage)
         if kind is BoxProduct:
-            return BoxProduct(self.grid, self.compliance, self.slabs, self.comm, dtype, self.storage)
+            return kind(self.grid, self.compliance, self.slabs, self.comm, dtype, self.storage, self.spectra)
         quadrant = partial(influence_quadrant, self.grid, self.compliance)
-        return Convolution(quadrant, self.grid.shape, self.slabs, self.comm, dtype, self.storage)
+        return kind(quadrant, self.grid.shape, self.slabs, self.comm, dtype, self.storage, self.spectra)
 
     # -- set-up ------------------------------------------------------------------------------------------
 

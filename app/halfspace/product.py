@@ -36,15 +36,16 @@ class Convolution(EvenMultiplier):
     ----------
     quadrant_rows : callable
         ``quadrant_rows(slice) -> ndarray (rows, nx)``: influence coefficients, a few rows at a time.
-    shape, slabs, comm, dtype, workspace
-        See `EvenMultiplier`.
+    shape, slabs, comm, dtype, workspace, spectra
+        See `EvenMultiplier`, and `EvenMultiplier.use_kernel`.
     """
 
-    def __init__(self, quadrant_rows, shape, slabs=None, comm=None, dtype=np.float64, workspace=None):
+    def __init__(
+        self, quadrant_rows, shape, slabs=None, comm=None, dtype=np.float64, workspace=None, spectra=None
+    ):
         ny, nx = shape
         super().__init__(shape, (transform_length(ny), transform_length(nx)), slabs, comm, dtype, workspace)
-        self.set_kernel(quadrant_rows, ny, nx)
-        self.scale_spectrum(lambda spectrum: spectrum)
+        self.use_kernel(quadrant_rows, ny, nx, spectra=spectra)
 
 
 class BoxProduct(EvenMultiplier):
@@ -57,16 +58,17 @@ class BoxProduct(EvenMultiplier):
     grid : Grid
     compliance : float
         [mm2/N].
-    slabs, comm, dtype, workspace
-        See `EvenMultiplier`.
+    slabs, comm, dtype, workspace, spectra
+        See `EvenMultiplier`, and `EvenMultiplier.use_kernel`.
     """
 
-    def __init__(self, grid, compliance, slabs=None, comm=None, dtype=np.float64, workspace=None):
+    def __init__(
+        self, grid, compliance, slabs=None, comm=None, dtype=np.float64, workspace=None, spectra=None
+    ):
         super().__init__(grid.shape, self.periods_of(grid), slabs, comm, dtype, workspace)
         self._box, self._compliance = Box(grid, self.periods, partial(influence_at, grid)), compliance
         rows, columns = (period // 2 + 1 for period in self.periods)
-        self.set_kernel(self._kernel, rows, columns)
-        self.scale_spectrum(lambda spectrum: spectrum)
+        self.use_kernel(self._kernel, rows, columns, spectra=spectra)
         self._make_rest()
 
     @classmethod

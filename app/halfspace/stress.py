@@ -42,6 +42,7 @@ _ODD_X, _ODD_Y = (3, 4), (3, 5)  # components that change sign with x, with y
 _STARTS = 3  # cells below which the depth is refined
 _ROWS = 64  # of a kernel at a time
 _SMOOTH = 8  # cells: the search goes on with larger ones from twice this depth on
+_ON_EDGE = 1e-9  # of a cell: a point so near is on the edge
 _FINEST = 0.25  # of a cell: first depth below the surface that is looked at
 
 
@@ -342,9 +343,18 @@ class _Cells:
         return scipy.fft.irfft(sums, padded)[:, loaded - 1 : count]
 
     def point(self, depth, x, y):
-        return _at_point(
-            self._loaded, x - self._x, y - self._y, self.grid.dx / 2, self.grid.dy / 2, depth, self.nu
-        )
+        edges = _edges(x - self._x, self.grid.dx), _edges(y - self._y, self.grid.dy)
+        return _at_point(self._loaded, *edges, depth, self.nu)
+
+
+def _edges(offsets, step):
+    """Offsets of a point from the edges of cells, from those to their centres; neighbours share one [mm].
+
+    At the surface stresses jump from cell to cell: a point on an edge, but for rounding, gets the mean.
+    """
+    edges = np.append(offsets + step / 2, offsets[-1] - step / 2)
+    edges[np.abs(edges) < _ON_EDGE * step] = 0.0
+    return edges
 
 
 class _Mirror:
@@ -405,17 +415,17 @@ def _corners(x, y, z, nu, out):
 
 
 @njit()
-def _at_point(pressure, x, y, half_x, half_y, z, nu):
-    """Sum over the loaded cells, at offsets x, y from them."""
+def _at_point(pressure, x, y, z, nu):
+    """Sum over the loaded cells, at offsets x, y from their edges."""
     total = np.zeros(6)
-    for j in range(y.size):
-        for i in range(x.size):
+    for j in range(pressure.shape[0]):
+        for i in range(pressure.shape[1]):
             if pressure[j, i] == 0.0:
                 continue
-            a = _corner(x[i] + half_x, y[j] + half_y, z, nu)
-            b = _corner(x[i] - half_x, y[j] - half_y, z, nu)
-            c = _corner(x[i] + half_x, y[j] - half_y, z, nu)
-            d = _corner(x[i] - half_x, y[j] + half_y, z, nu)
+            a = _corner(x[i], y[j], z, nu)
+            b = _corner(x[i + 1], y[j + 1], z, nu)
+            c = _corner(x[i], y[j + 1], z, nu)
+            d = _corner(x[i + 1], y[j], z, nu)
             for k in range(6):
                 total[k] += pressure[j, i] / (2.0 * pi) * (a[k] + b[k] - c[k] - d[k])
     return total

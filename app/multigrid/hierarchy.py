@@ -9,11 +9,12 @@ from __future__ import annotations
 from functools import cached_property
 from weakref import WeakKeyDictionary
 
-from app.errors import InputError
+from app.errors import InputError, agree
 from app.halfspace.communication import Ranks, Team, worth_solving
 from app.halfspace.operator import InfluenceOperator, petsc_comm
 from app.memory import check_hosts, doubles_per_cell
 from app.multigrid.transfer import Transfer
+from app.problems.problem import checked_shape
 
 LARGEST_DIRECT = 1024  # cells of a grid whose matrix may be stored and factorised
 
@@ -164,17 +165,22 @@ class Hierarchy:
         """Cells of a level as a share of the target grid's."""
         return operator.grid.n / self.target.grid.n
 
-    def shapes(self, problem, target_shape):
+    def shapes(self, problem):
         """Undeformed distance of the problem on every level, coarsest first. Collective.
 
         A function is evaluated afresh on every grid; samples are averaged.
+
+        Raises
+        ------
+        InputError
+            If it is no such thing.
         """
-        shapes = [target_shape]
-        for level, transfer in zip(self.levels[-2::-1], self.transfers[:0:-1], strict=True):
-            if problem.sampled:
-                shapes.insert(0, transfer.restrict_shape(shapes[0]))
-            else:
-                shapes.insert(0, problem.shape_on(level.grid, level.slabs.rows))
+        asked = self.levels[-1:] if problem.sampled else self.levels
+        shapes = agree(
+            self.comm, lambda: [checked_shape(problem, level.grid, level.slabs.rows) for level in asked]
+        )
+        for transfer in self.transfers[:0:-1] if problem.sampled else ():
+            shapes.insert(0, transfer.restrict_shape(shapes[0]))
         return shapes
 
     @cached_property

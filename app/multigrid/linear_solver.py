@@ -54,12 +54,19 @@ class LinearSolver:
         self.operator = operators[-1]
         self._weights = [(op, hierarchy.share(op)) for op in operators]
         comm = comm or hierarchy.petsc_comm
+        self.multigrid, self._work, self._left = None, None, False
+        self.mat = self.operator.mat(comm)
+        # PETSc would view the solver of every grid after every solve; once, on the target grid, is enough.
+        self._view = f"-{prefix}ksp_view" if self.level == len(hierarchy.levels) - 1 else ""
+        self._made_of = hierarchy, comm, prefix
+        self._make()
+
+    def _make(self):
+        hierarchy, comm, prefix = self._made_of
         options = PETSc.Options(prefix)
         pc_type = options.getString("pc_type", "")
         if pc_type in _NEED_PARTS:
             raise ValueError(f"-{prefix}pc_type {pc_type}: needs parts that options cannot give")
-        self.multigrid, self._work = None, None
-        self.mat = self.operator.mat(comm)
         self.ksp = ksp = PETSc.KSP().create(comm)
         ksp.setOptionsPrefix(prefix)
         ksp.setOperators(self.mat)
@@ -70,8 +77,6 @@ class LinearSolver:
             )
         # The grids of a nested iteration have fewer levels than the target grid may have been given.
         forced = {"pc_mg_levels": str(len(self.multigrid.operators))} if self.multigrid else {}
-        # PETSc would view the solver of every grid after every solve; once, on the target grid, is enough.
-        self._view = f"-{prefix}ksp_view" if self.level == len(hierarchy.levels) - 1 else ""
         with (
             options_hidden(prefix, "ksp_view"),
             options_set(prefix, SMOOTHER_DEFAULTS if self.multigrid else {}, forced),
@@ -90,6 +95,10 @@ class LinearSolver:
 
     def set_contact(self):
         """Take over the contact set that is in the operator's mask now. Collective."""
+        if self._left:
+            self._left = False
+            self.multigrid.destroy()
+            self._make()
         if self.multigrid:
             self.multigrid.contact_changed()
         else:
@@ -148,7 +157,15 @@ class LinearSolver:
     def _run(self, b, x, allowed):
         if (enough := self._enough(allowed)) is not None:
             self.ksp.setTolerances(atol=enough)
-        self.ksp.solve(b, x)
+        try:
+            self.ksp.solve(b, x)
+        except BaseException:
+            if (
+                self.multigrid
+            ):  # vectors are in it that are not its own, and that it would free: another one is made
+                self.ksp.incRef()
+                self._left = True
+            raise
         if self._view:
             self.ksp.viewFromOptions(self._view)
             self._view = ""

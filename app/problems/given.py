@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.errors import InputError
-from app.halfspace.grid import Grid, symbol_name
+from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
 from app.options import LARGEST
 from app.problems.problem import Problem
@@ -70,8 +70,13 @@ class _Values:
         if self.sampled:
             return np.array(self.given[rows], order="C")
         x, y = grid.x()[None, :], grid.y(rows)[:, None]
-        shape = (y.shape[0], grid.nx)
-        values = np.array(np.broadcast_to(real_numbers(self._what, self.given(x, y)), shape), order="C")
+        shape, values = (y.shape[0], grid.nx), real_numbers(self._what, self.given(x, y))
+        try:
+            values = np.array(np.broadcast_to(values, shape), order="C")
+        except ValueError:
+            raise InputError(
+                f"{self._what}: a function that gives an array of shape {values.shape}; needed: {shape} here"
+            ) from None
         if (np.abs(values) > LARGEST).any():
             raise InputError(f"{self._what}: {self.allowed}")
         return values
@@ -94,8 +99,9 @@ class ContactProblem(Problem):
     gap : array_like, shape (ny, nx), or callable, or shape, [mm]
         Undeformed distance at zero approach in the cell centres; NaN, or masked, where contact is impossible. An
         array is all of it on every rank, first row at the smallest y. A function ``gap(x, y)`` is called with arrays
-        that broadcast to the cells wanted; it is asked again on every coarser grid, where an array is averaged. A
-        shape is one of `app.problems.shapes`, or another problem. None: a plane.
+        that broadcast to the cells wanted; it is asked again on every coarser grid, where an array is averaged, and
+        whose last cells may lie beyond the patch. A shape is one of `app.problems.shapes`, or another problem. None: a
+        plane.
     periodic : bool or str
         Whether the patch repeats for ever in x and y; True is "spectral", see `app.halfspace.periodic`.
     surfaces : sequence of array_like, callable or surface
@@ -130,12 +136,16 @@ class ContactProblem(Problem):
             if not isinstance(getattr(self, part), kind):
                 raise InputError(f"{part}: {getattr(self, part)!r}; needed: a {kind.__name__}")
         if self.periodic:
-            object.__setattr__(self, "grid", replace(self.grid, periodic=symbol_name(self.periodic)))
-        object.__setattr__(self, "surfaces", () if self.surfaces is None else self.surfaces)
-        if isinstance(self.gap, type):
-            raise InputError(
-                f"gap: is the class {self.gap.__name__}; needed: one of it, {self.gap.__name__}(...)"
-            )
+            object.__setattr__(self, "grid", replace(self.grid, periodic=self.periodic))
+        try:
+            object.__setattr__(self, "surfaces", () if self.surfaces is None else tuple(self.surfaces))
+        except TypeError:
+            raise InputError(f"surfaces: {self.surfaces!r}; needed: a sequence of surfaces") from None
+        for what, part in (("gap", self.gap), *(("surface", part) for part in self.surfaces)):
+            if isinstance(part, type):
+                raise InputError(
+                    f"{what}: is the class {part.__name__}; needed: one of it, {part.__name__}(...)"
+                )
         if self.gap is None and not len(self.surfaces):
             raise InputError("gap: needed: an array of numbers, a function of x and y, or a shape")
         gap = Plane() if self.gap is None else self.gap

@@ -77,8 +77,8 @@ class Problem:
         }
 
 
-def checked_shape(problem, rows):
-    """`Problem.shape_on` in some rows of the problem's own grid, as float64, or why it is no such thing.
+def checked_shape(problem, grid, rows):
+    """`Problem.shape_on`, as float64 in memory of its own, or why it is no such thing.
 
     Not collective.
 
@@ -86,9 +86,10 @@ def checked_shape(problem, rows):
     ------
     InputError
     """
-    grid = problem.grid
-    shape = np.ascontiguousarray(problem.shape_on(grid, rows), dtype=float)
     expected = len(range(*rows.indices(grid.ny))), grid.nx
+    if not expected[0]:  # nobody need answer for no cells
+        return np.empty(expected)
+    shape = np.array(problem.shape_on(grid, rows), dtype=float, order="C")
     if shape.shape != expected:
         raise InputError(f"problem {problem.name}: distances of shape {shape.shape}; needed: {expected}")
     if (np.abs(shape) > LARGEST).any():

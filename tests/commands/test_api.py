@@ -1,9 +1,10 @@
 """Programs that use the Python API and do not clean up after themselves."""
 
+import subprocess
 import sys
 
 import pytest
-from processes import run
+from processes import TESTS, run
 
 PROBLEM = """
 import numpy as np
@@ -61,6 +62,35 @@ def test_an_exception_that_nobody_catches(ranks, tmp_path):
     assert done.returncode == 1
     assert "app.errors.InputError: exactly one of approach [mm], load [N], mean_pressure" in done.stderr
     assert "Segmentation" not in done.stderr
+
+
+def test_an_interrupt_inside_petsc(tmp_path):
+    """Its traceback holds PETSc's objects until after the end of Python."""
+    program = tmp_path / "program.py"
+    program.write_text(
+        PROBLEM
+        + """
+from app.fast.circulant import Circulant
+def precondition(self, r, z):
+    raise KeyboardInterrupt
+Circulant.precondition = precondition
+solve(problem, approach=0.005)
+"""
+    )
+    done = run(program)
+    assert done.stderr.splitlines()[-1] == "KeyboardInterrupt"
+
+
+def test_a_pipe_that_nobody_reads_any_more(tmp_path):
+    program = tmp_path / "program.py"
+    program.write_text(PROBLEM + "while True:\n    print('line', flush=True)\n")
+    started = subprocess.Popen(
+        [sys.executable, program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=TESTS.parent
+    )
+    assert started.stdout.readline() == b"line\n"
+    started.stdout.close()
+    assert b"BrokenPipeError" in started.stderr.read().splitlines()[-1]
+    assert started.wait() == 1
 
 
 def test_word_of_five_lines(tmp_path):

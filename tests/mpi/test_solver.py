@@ -145,3 +145,20 @@ def test_every_rank_hears_of_what_cannot_be(comm, number):
     with pytest.raises(InputError, match=message):
         action()
     assert solve(hertz(8), APPROACH).converged  # nobody waits for anybody
+
+
+@pytest.mark.mpi(2, 3)
+@pytest.mark.parametrize("cells", [8, 4])
+def test_a_function_that_fails_on_one_rank_fails_on_all(comm, cells):
+    """On the grid asked for, or on a coarser one."""
+    fails = comm.rank == 0  # which has a part in all grids
+
+    def gap(x, y):
+        if fails and x.size == cells:
+            raise KeyError("a mistake")
+        return x**2 + y**2
+
+    problem = ContactProblem(Grid(8, 8, 1.0, 1.0), Material.combined(80000, 0.3), gap)
+    with pytest.raises(KeyError if fails else RuntimeError, match="a mistake"):
+        solve(problem, 0.1, "fast")
+    assert solve(hertz(8), APPROACH).converged

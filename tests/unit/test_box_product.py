@@ -79,6 +79,16 @@ def test_more_nodes_for_a_cell_converge_as_they_should():
     assert 5 <= np.log2(errors[4] / errors[2]) <= 7
 
 
+def test_a_rank_without_rows_adds_nothing():
+    grid = Grid(40, 40, 1.0, 1.0)
+    rest, none = (
+        Rest(box_of(grid, (60, 60)), 1.0, (1, 1), 6, Slabs(40, 50, 49), None, np.float64),
+        np.zeros((0, 40)),
+    )
+    rest.multiply(none, NO_MASK)
+    rest.add(none, NO_MASK)
+
+
 def test_large_grids_have_it_and_small_or_stretched_ones_not():
     single, double = (np.dtype(kind) for kind in (np.float32, np.float64))
     assert not BoxProduct.suits(Grid(300, 300, 1.0, 1.0), single)

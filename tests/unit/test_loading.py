@@ -58,6 +58,14 @@ def exact(request):
 # ----------------------------------------------------------------------------------- the root search
 
 
+def test_a_mistake_in_the_search_is_not_taken_for_one_of_its_own(exact):
+    def solve(loading):
+        raise ZeroDivisionError("a listener's")
+
+    with pytest.raises(ZeroDivisionError, match="listener"):
+        PrescribedLoad(1.0).search(exact.state, solve, rtol=1e-3)
+
+
 @pytest.mark.parametrize("share", [1e-3, 0.3, 1.0, 30.0])
 @pytest.mark.parametrize("step", [None, 1e-4, 1.0])
 def test_search_meets_the_load_from_anywhere(exact, share, step):

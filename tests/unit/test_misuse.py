@@ -10,6 +10,7 @@ import pytest
 from app import ContactProblem, ContactSolver, Grid, Material, Sphere, read_result, solve
 from app.errors import InputError
 from app.options import Option, OptionReader, domain, series
+from app.problems.problem import Problem
 from app.problems.statistics import roughness
 
 STEEL = Material.from_contact_modulus(1e5)
@@ -27,7 +28,17 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
         ("Sphere\\(...\\)", lambda: ContactProblem(GRID, STEEL, Sphere)),
         ("a Grid", lambda: ContactProblem(STEEL, GRID, HEIGHTS)),
         ("a Material", lambda: ContactProblem(GRID, 1e5, HEIGHTS)),
+        ("surfaces: .*a sequence", lambda: ContactProblem(GRID, STEEL, surfaces=Sphere(10))),
+        ("surface: .*Sphere\\(...\\)", lambda: ContactProblem(GRID, STEEL, surfaces=[Sphere])),
+        ("shape \\(3, 3\\)", lambda: ContactProblem(GRID, STEEL, lambda x, y: np.eye(3)).shape_on(GRID)),
         ("whole numbers", lambda: Grid.from_domain(16.5, 12, (0, 1, 0, 1))),
+        ("whole numbers", lambda: Grid(8.5, 8, 1.0, 1.0)),
+        ("at least one cell", lambda: Grid(8, 0, 1.0, 1.0)),
+        ("positive", lambda: Grid(8, 8, 0.0, 1.0)),
+        ("finite", lambda: Grid(8, 8, 1.0, np.nan)),
+        ("finite", lambda: Grid(8, 8, 1.0, 1.0, x0=np.inf)),
+        ("finite", lambda: Grid(8, 8, 1.0, None)),
+        ("spectral", lambda: Grid(8, 8, 1.0, 1.0, periodic="yes")),
         ("four numbers", lambda: Grid.from_domain(16, 12, "0,1,0,1")),
         ("a number", lambda: Material.from_contact_modulus("steel")),
         ("a number", lambda: Sphere("10")),
@@ -35,6 +46,7 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
         ("a mapping", lambda: ContactSolver(BALL, options=["lcp_rtol"])),
         ("names of options", lambda: ContactSolver(BALL, options={3: 8})),
         ("method file", lambda: ContactSolver(BALL, method=3)),
+        ("'own': is int; .*mapping", lambda: ContactSolver(BALL, method={"own": 3})),
         ("communicator", lambda: ContactSolver(BALL, comm=3)),
         ("finite", lambda: roughness(np.ma.masked_greater(HEIGHTS, 5e-4), 0.1, 0.1)),
         ("no such file", lambda: read_result("nothing.h5")),
@@ -52,6 +64,21 @@ def test_masked_points_are_missing_points():
     by_function = ContactProblem(GRID, STEEL, lambda x, y: masked).shape_on(GRID)
     np.testing.assert_array_equal(by_array, np.where(masked.mask, np.nan, HEIGHTS))
     np.testing.assert_array_equal(by_function, by_array)
+
+
+def test_what_was_handed_over_stays_as_it_was():
+    class Kept(Problem):
+        sampled = True
+        heights = HEIGHTS + 1.0
+
+        def shape_on(self, grid, rows=slice(None)):
+            return self.heights
+
+    method = {"own": {"lcp_rtol": 1e-6, "lcp_replicate": 1}}
+    first, second = (solve(Kept(GRID, STEEL), load=5, method=method) for _ in range(2))
+    np.testing.assert_array_equal(Kept.heights, HEIGHTS + 1.0)
+    assert second.approach == first.approach > 1.0
+    assert method == {"own": {"lcp_rtol": 1e-6, "lcp_replicate": 1}}
 
 
 def test_threads_get_what_one_gets_alone():

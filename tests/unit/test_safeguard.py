@@ -15,6 +15,7 @@ from app.fast import iteration, nested
 from app.fast.iteration import InexactStop
 from app.fast.safeguard import projected_newton
 from app.halfspace.grid import Grid
+from app.halfspace.operator import InfluenceOperator
 from app.halfspace.product import DenseProduct
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
@@ -115,6 +116,18 @@ def test_the_safeguard_finds_what_the_iteration_finds(fast, name, by_load, preci
     np.testing.assert_array_equal(found.contact, expected.contact)
     highest = expected.pressure.max()
     np.testing.assert_allclose(found.pressure, expected.pressure, rtol=0, atol=1e-5 * highest)
+
+
+def test_a_light_load_displaces_by_its_pressure_to_rounding(monkeypatch):
+    """Distances a million times larger take nothing from u."""
+    monkeypatch.setattr(iteration, "PATIENCE", 0)
+    problem, _ = PROBLEMS["hertz"]
+    found = solve(problem, None, "fast", 1e-5)
+    assert found.fallbacks > 0
+    u = np.empty(problem.grid.shape)
+    InfluenceOperator(problem.grid, problem.material.compliance).displacement(found.pressure, u)
+    assert u.max() < 1e-6 * np.nanmax(found.undeformed_distance)
+    np.testing.assert_allclose(found.displacement, u, rtol=0, atol=1e-13 * u.max())
 
 
 def test_the_safeguard_says_when_it_runs_out_of_iterations(monkeypatch):

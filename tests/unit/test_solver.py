@@ -16,6 +16,7 @@ from running import assert_solves_lcp
 
 from app import ContactProblem, ContactSolver, Grid, Material, Solution, read_result, solve
 from app.errors import InputError
+from app.halfspace.fft.multiplier import EvenMultiplier
 from app.method import read_method_file
 
 METHODS = {
@@ -47,6 +48,28 @@ def copy_of(solution):
 
 
 # ---------------------------------------------------------------------------------- one after another
+
+
+@each_method
+@pytest.mark.parametrize("number", [2, 9, 17])
+def test_a_solver_goes_on_after_an_interrupt(method, number, monkeypatch):
+    """In the midst of PETSc's solvers, which keep what they are left with; they crashed then."""
+    apply, left = EvenMultiplier.apply, [0]
+
+    def interrupted(*arguments, **named):
+        left[0] -= 1
+        if left[0] == 0:
+            raise KeyboardInterrupt
+        return apply(*arguments, **named)
+
+    monkeypatch.setattr(EvenMultiplier, "apply", interrupted)
+    with solver_of(method) as solver:
+        expected = solver.solve(approach=0.1).pressure
+        left[0] = number
+        with pytest.raises(KeyboardInterrupt):
+            solver.solve(approach=0.1)
+        found = solver.solve(approach=0.1).pressure
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * expected.max())
 
 
 @each_method

@@ -170,3 +170,15 @@ def test_bad_input(change, message):
         below.plane(-1)
     with pytest.raises(ValueError, match="give either x or y"):
         below.section(1.0)
+
+
+@pytest.mark.parametrize("n", [4, 8, 10, 14, 30, 128])
+def test_on_the_edge_of_cells_the_surface_has_their_mean(n):
+    """sigma_zz = -p there, though the point may be off the edge by rounding."""
+    grid = Grid.from_domain(n, n, (-0.4, 0.4, -0.4, 0.4))
+    pressure = np.random.default_rng(n).random(grid.shape)
+    below, half = SubsurfaceStress(pressure, grid, 0.3), n // 2
+    around = pressure[half - 1 : half + 1, half - 1 : half + 1]
+    assert below.line([0.0], 0.0, 0.0)[2] == pytest.approx(-around.mean(), abs=1e-13)
+    x = grid.x()[half]
+    assert below.line([0.0], x, 0.0)[2] == pytest.approx(-around[:, 1].mean(), abs=1e-13)

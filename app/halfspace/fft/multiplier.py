@@ -40,8 +40,28 @@ _ROWS_AT_ONCE, _COLUMNS_AT_ONCE = ROWS, STRIP
 _NO_MASK, _NO_ROWS = np.zeros((0, 0), bool), np.zeros(0, bool)
 
 
+class _Sequences:
+    """Some complex sequences and their transforms in place, planned when first asked for."""
+
+    def __init__(self, length, dtype):
+        self.data = _scratch((STRIP, length), dtype)
+        self._length, self._plans, self._fftw = length, {}, FFTW(np.dtype(self.data.real.dtype))
+        self.execute = self._fftw.execute
+
+    def plans(self, count):
+        """Addresses of the plans for the first `count` sequences, there and back."""
+        if count not in self._plans:
+            part = self.data[:count]  # as fast as measured plans here, and deterministic
+            self._plans[count] = self._fftw.plans(part, part, self._length)
+        return self._plans[count]
+
+
+# Scratch of one transform after the other: rows and columns of all grids share what has the same length.
+_sequences = lru_cache(maxsize=128)(_Sequences)
+
+
 class _Batch:
-    """Some complex sequences and their transforms in place: of all, and of the first `few` that a last batch may have.
+    """Sequences of some length, and the transforms of all of them, and of the `few` that a last batch may have.
 
     Attributes
     ----------
@@ -50,16 +70,9 @@ class _Batch:
     """
 
     def __init__(self, length, few, dtype):
-        self.data = _scratch((STRIP, length), dtype)
-        self._fftw = FFTW(np.dtype(self.data.real.dtype))
-        # As fast as measured plans here, and deterministic.
-        parts = self.data, self.data[: few or STRIP]
-        self.plans = tuple(plan for part in parts for plan in self._fftw.plans(part, part, length))
-        self.execute = self._fftw.execute
-
-
-# Scratch of one transform after the other: rows and columns of all grids share what has the same length.
-_batch = lru_cache(maxsize=128)(_Batch)
+        self._sequences = _sequences(length, dtype)
+        self.data, self.execute = self._sequences.data, self._sequences.execute
+        self.plans = self._sequences.plans(STRIP) + self._sequences.plans(few or STRIP)
 
 
 @lru_cache(maxsize=64)
@@ -85,6 +98,25 @@ def _warm_up(dtype):
     convolve_columns(
         strips, strips, whole, whole, 0, batch, batch.view(dtype), spectrum, dtype.type(0), 0, 0, 0, 0, 0
     )
+
+
+class Spectra(dict):
+    """Spectra of the multipliers of one operator, and what those of another one had: a window moves, its periods stay.
+
+    Not collective. What is known depends on the operators that there were alone, so all ranks of a grid know the same.
+    """
+
+    def __init__(self, before=None):
+        super().__init__()
+        self._before = dict(before or {})
+
+    def known(self, key):
+        """Return the spectrum with a key, or None."""
+        return self.get(key, self._before.pop(key, None))
+
+    def forget(self):
+        """Free what nobody asked for again."""
+        self._before.clear()
 
 
 class EvenMultiplier:
@@ -137,15 +169,33 @@ class EvenMultiplier:
             largest = max(group.to_receive for group in self._groups)
             self._received = _storage(largest, complex_type, workspace and workspace._received)
 
-        self._row_batch = _batch(nx_fft, -(-self.slabs.local // 2) % STRIP, complex_type)
+        self._row_batch = _Batch(nx_fft, -(-self.slabs.local // 2) % STRIP, complex_type)
         self._column_batches = [
-            _batch(ny_fft, (group.mine.stop - group.mine.start) % STRIP, complex_type)
+            _Batch(ny_fft, (group.mine.stop - group.mine.start) % STRIP, complex_type)
             for group in self._groups
         ]
         self._column = self._column_batches[0].data
         self._column_parts = self._column.view(self.dtype)
         self._scratch = _scratch((_ROWS_AT_ONCE * columns,), complex_type)
         _warm_up(self.dtype)
+
+    def use_kernel(self, kernel_rows, rows, columns, function=lambda spectrum: spectrum, spectra=None):
+        """Be the convolution with a kernel, or what a function makes of its spectrum.
+
+        Collective. Parameters as of `set_kernel` and `scale_spectrum`.
+
+        Parameters
+        ----------
+        spectra : Spectra, optional
+            Keeps the spectrum, and may know it already: of the same kernel in a multiplier of this type.
+        """
+        key = type(self), self.periods, (rows, columns), self.dtype.name, tuple(self._edges)
+        self._spectrum = None if spectra is None else spectra.known(key)
+        if self._spectrum is None:
+            self.set_kernel(kernel_rows, rows, columns)
+            self.scale_spectrum(function)
+        if spectra is not None:
+            spectra[key] = self._spectrum
 
     def set_kernel(self, kernel_rows, rows, columns):
         """Set the spectrum to the transform of an even kernel.
