@@ -239,9 +239,10 @@ def which(steps, count):
 
     Examples
     --------
-    >>> which([1, 2, 3, 7], 8), which([4], 8), which([1, 2], 2), which([1], 1)
+    >>> which([1, 2, 3, 7], 8), which([4], 8), which([1, 2], 2), which([1, 1], 1)
     ('steps 1 to 3, 7', 'step 4', 'all steps', 'step 1')
     """
+    steps = sorted(set(steps))  # one may have two such notes
     if len(steps) == count > 1:
         return "all steps"
     ends = [k for k in range(len(steps)) if steps[k : k + 2] != [steps[k], steps[k] + 1]]
