@@ -14,10 +14,11 @@ from app.contact.stopping import StoppingTest
 from app.errors import InputError, agree
 from app.fast.solver import TrackingSolver
 from app.halfspace.grid import Grid
-from app.method import settings
+from app.method import METHOD_OPTIONS, PART_OPTIONS, settings
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
-from app.petsc import OptionDatabase, Resources, as_raised, check_cells, error_message
+from app.options import unknown_options
+from app.petsc import OptionDatabase, Resources, as_raised, check_cells, error_message, help_text
 from app.strategy import check_compiler
 
 # Options that PETSc looks up only while solving, or never marks as used, ...
@@ -145,25 +146,41 @@ def refuse_unread(unread, chosen, periodic):
     overridden = set()
     for _, texts in chosen.stages:
         if left := (unread.intersection(chosen.of_files) & texts.keys()) - overridden:
-            overridden |= left - _unread_alone(texts, periodic)
-    if mistakes := sorted(unread - overridden):
-        where = {
+            alone, _ = _tried(texts, periodic)
+            overridden |= left - alone
+    if mistakes := unread - overridden:
+        files = {
             name: file for file, texts in reversed(chosen.stages) for name in texts if name in chosen.of_files
         }
-        said = [f"-{name} (in {where[name]})" if name in where else f"-{name}" for name in mistakes]
-        raise InputError(f"unknown or unused option{'s'[: len(said) > 1]}: {', '.join(said)}")
+        ours = {option.name for option in (*METHOD_OPTIONS, *PART_OPTIONS)}
+        _, of_petsc = _tried(chosen.texts, periodic)
+        raise InputError(unknown_options(mistakes, ours | of_petsc, files, "unknown or unused"))
     return replace(chosen, texts={name: text for name, text in chosen.texts.items() if name not in unread})
 
 
-def _unread_alone(texts, periodic):
-    """Options that nobody reads on a small grid of this rank; all of them if they cannot be had."""
+def _tried(texts, periodic):
+    """Solver of a small grid of this rank.
+
+    Returns
+    -------
+    unread : set of str
+        Options that nobody reads; all of them if the solver cannot be had.
+    looked_up : set of str
+        Names that PETSc looks up, as its help tells.
+    """
     grid = Grid.from_domain(16, 16, (0.0, 1.0, 0.0, 1.0), periodic)
-    try:
-        chosen = settings({"": texts}, None, periodic)
-        hierarchy = make_hierarchy(grid, 1.0, MPI.COMM_SELF, chosen)
-        parts = Resources()
-        unread = read_by(database_of(chosen), lambda: parts.add(make_solver(hierarchy, chosen)))
-    except InputError:
-        return set(texts)
+    parts, unread = Resources(), set(texts)
+    with help_text() as told:
+        try:
+            chosen = settings({"": texts}, None, periodic)
+            hierarchy = make_hierarchy(grid, 1.0, MPI.COMM_SELF, chosen)
+            database = database_of(chosen)
+            database.set("help")
+            unread = read_by(database, lambda: parts.add(make_solver(hierarchy, chosen)))
+        except InputError:
+            pass
     parts.free()
-    return unread
+    names = set(re.findall(r"^ +-(\w+)", "".join(told), re.MULTILINE))
+    return unread, names | {
+        re.sub(r"_\d+_", "_", name) for name in names
+    }  # those of one level are for all, too

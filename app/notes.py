@@ -125,8 +125,7 @@ def _touches_rim(state, contact_cells):
         b = np.where(state.admissible, state.distance.b, -np.inf)
         cells = -b == float(state.minimum(-b.max(initial=-np.inf)))
     rows = state.operator.slabs.rows
-    touches = cells[:, [0, -1]].any()
-    if cells.size:
-        touches |= rows.start == 0 and cells[0].any()
-        touches |= rows.stop == state.grid.ny and cells[-1].any()
+    touches = cells[:, 0].any() or cells[:, -1].any()
+    if cells.size and not touches:
+        touches = (rows.start == 0 and cells[0].any()) or (rows.stop == state.grid.ny and cells[-1].any())
     return state.sum([touches])[0] > 0

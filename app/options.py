@@ -209,12 +209,29 @@ def renaming(old, aliases=None):
 
 
 def nearest(name, known):
-    """The known name that is nearly the same; None if there is none."""
-    return next(iter(difflib.get_close_matches(name, known, 1, 0.75)), None)
+    """The known name that differs by two letters at most, of a short name by a quarter; None if there is none.
+
+    Examples
+    --------
+    >>> nearest("gird", ["grid", "load"]), nearest("grid", ["grid", "grip"])
+    ('grid', None)
+    """
+    if name in known:
+        return None
+    return next(iter(difflib.get_close_matches(name, known, 1, max(0.75, 1 - 2 / len(name)))), None)
 
 
-def unknown_options(names, known):
+def unknown_options(names, known, files=None, what="unknown"):
     """Complain about options that nobody knows; a known name that is nearly the same is told.
+
+    Parameters
+    ----------
+    names : iterable of str
+    known : container of str
+    files : mapping of str to str, optional
+        Name of an option -> the file that it is in.
+    what : str
+        What is said of them.
 
     Examples
     --------
@@ -223,9 +240,11 @@ def unknown_options(names, known):
     """
     said = []
     for name in sorted(names):
-        near = nearest(name, known)
-        said.append(f"-{name} (did you mean -{near}?)" if near else f"-{name}")
-    return f"unknown option{'s'[: len(said) > 1]}: {', '.join(said)}"
+        remarks = [f"in {files[name]}"] if name in (files or ()) else []
+        if near := nearest(name, known):
+            remarks.append(f"did you mean -{near}?")
+        said.append(f"-{name} ({'; '.join(remarks)})" if remarks else f"-{name}")
+    return f"{what} option{'s'[: len(said) > 1]}: {', '.join(said)}"
 
 
 # ------------------------------------------------------------------------------------------------- kinds

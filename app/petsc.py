@@ -4,6 +4,7 @@
   them, but not push them).
 - The options that nobody has asked for (petsc4py 3.24 has ``Options.used``).
 - Counters of messages and reductions for -log_view (none yet).
+- PETSc's help as a text (none yet).
 
 And what newer releases do otherwise: `TAO_REASONS`, `restricts_by_transpose`, `as_raised`.
 """
@@ -18,7 +19,7 @@ import sys
 import threading
 import traceback
 import weakref
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache, wraps
 
 import numpy as np
@@ -52,6 +53,8 @@ def _library():
         "PetscOptionsInsertString": [_Handle, _Text],
         "PetscOptionsInsertStringYAML": [_Handle, _Text],
         "PetscOptionsSetAlias": [_Handle, _Text, _Text],
+        "PetscOptionsHelpPrintedCreate": [ctypes.POINTER(_Handle)],
+        "PetscOptionsHelpPrintedDestroy": [ctypes.POINTER(_Handle)],
         "MatRestrict": [_Handle, _Handle, _Handle],
         "PetscOptionsLeftGet": lists,
         "PetscOptionsLeftRestore": lists,
@@ -185,6 +188,42 @@ class OptionDatabase:
 def _destroy_database(handle):
     if PETSc.Sys.isInitialized() and not PETSc.Sys.isFinalized():
         _call("PetscOptionsDestroy", ctypes.byref(handle))
+
+
+@contextmanager
+def help_text():
+    """Keep what PETSc prints inside the block, such as its help; yields a list of texts. Not collective.
+
+    PETSc tells the help of an object once only; here it tells all again. Where that cannot be had, the list is shorter.
+    """
+    library, texts = _library(), []
+
+    @ctypes.CFUNCTYPE(ctypes.c_int, _Handle, _Text, _Handle)
+    def keep(_, pattern, arguments):
+        text = ctypes.create_string_buffer(1024)  # as much of it as anybody reads
+        library.vsnprintf(text, ctypes.c_size_t(len(text)), pattern, _Handle(arguments))
+        texts.append(text.value.decode(errors="replace"))
+        return 0
+
+    with ExitStack() as stack:
+        stack.enter_context(_replaced("PetscVFPrintf", ctypes.cast(keep, _Handle)))
+        with suppress(ValueError):  # a PETSc that hides it
+            nothing_yet = _Handle()
+            _call("PetscOptionsHelpPrintedCreate", ctypes.byref(nothing_yet))
+            stack.callback(_call, "PetscOptionsHelpPrintedDestroy", ctypes.byref(nothing_yet))
+            stack.enter_context(_replaced("PetscOptionsHelpPrintedSingleton", nothing_yet))
+        yield texts
+
+
+@contextmanager
+def _replaced(name, handle):
+    """Another value of a pointer of PETSc's inside the block."""
+    pointer = _Handle.in_dll(_library(), name)
+    before, pointer.value = pointer.value, handle.value
+    try:
+        yield
+    finally:
+        pointer.value = before
 
 
 @cache

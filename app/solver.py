@@ -153,7 +153,7 @@ class ContactSolver:
         # Rank 0 has a part in every grid.
         if unread := comm.bcast(read_by(self._database, self._set_up)):
             self.settings = refuse_unread(unread, chosen, bool(self.problem.grid.periodic))
-        self._strategy = Strategy(self.settings, self.hierarchy, self._distances, self._solver)
+        self._strategy = Strategy(self.settings, self.hierarchy, self._solver)
         self._resources.add(self._strategy)
         self._measure_shapes()
         return self.settings, self.touching
@@ -189,11 +189,11 @@ class ContactSolver:
         self.touching = reference = float(lowest)
         for shape in shapes:
             shape -= reference
-        self._strategy.coarse_minimum = hierarchy.coarse_minimum(shapes)
+        coarse_minimum = hierarchy.coarse_minimum(shapes)
         for distance in self._distances:
             self._resources.remove(distance)
-        self._distances.clear()
-        self._distances += UndeformedDistance.on_levels(hierarchy.levels, shapes, reference, comm)
+        self._distances = UndeformedDistance.on_levels(hierarchy.levels, shapes, reference, comm)
+        self._strategy.measured(self._distances, coarse_minimum)
         for distance in self._distances:
             self._resources.add(distance)
         self._roughness = measures.measure_roughness(hierarchy.target, self._distances[-1], target)

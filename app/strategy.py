@@ -38,21 +38,25 @@ class Strategy:
     ----------
     settings : app.method.Settings
     hierarchy : Hierarchy
-    distances : list of UndeformedDistance
-        On every level; the list itself is kept.
     solver : LinearSolver, a reference solver, or None
         Of the target grid.
-
-    Attributes
-    ----------
-    coarse_minimum : ndarray or None
-        See `Hierarchy.coarse_minimum`.
     """
 
-    def __init__(self, settings, hierarchy: Hierarchy, distances, solver):
-        self._settings, self._hierarchy, self._distances = settings, hierarchy, distances
-        self.coarse_minimum, self._solver = None, solver
+    def __init__(self, settings, hierarchy: Hierarchy, solver):
+        self._settings, self._hierarchy, self._solver = settings, hierarchy, solver
         self._kept = Kept(hierarchy, solver) if settings.strategy == "fast" else None
+
+    def measured(self, distances, coarse_minimum):
+        """Solve for these undeformed distances from now on. Not collective.
+
+        Parameters
+        ----------
+        distances : list of UndeformedDistance
+            On every level.
+        coarse_minimum : ndarray or None
+            See `Hierarchy.coarse_minimum`.
+        """
+        self._distances, self._coarse_minimum = distances, coarse_minimum
 
     def run(self, loading, history, start=None):
         """Solve for a loading, from a Solution if one is given.
@@ -101,7 +105,7 @@ class Strategy:
             return state, active_set_or_search(state, self._solver, loading, stop, history)
         how = {"nested": chosen.nested, "beta": chosen.beta}
         if chosen.strategy == "fast":
-            how |= {"lifted": chosen.lifted, "coarse_minimum": self.coarse_minimum, "kept": self._kept}
+            how |= {"lifted": chosen.lifted, "coarse_minimum": self._coarse_minimum, "kept": self._kept}
             return nested_iteration(*arguments, stop, history, **how)
         how |= {"prolong": lift if chosen.lifted else None, "target_solver": self._solver}
         return full_multigrid(*arguments, stop, history, **how)

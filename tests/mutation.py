@@ -161,11 +161,7 @@ def judge(core, mutation, folder, python, budget, limit):
         for name in loops:
             for file in cache.rglob(f"*.{name}-*"):
                 file.unlink()
-    environment = os.environ | {
-        "NUMBA_CACHE_DIR": str(cache),
-        "PYTHONDONTWRITEBYTECODE": "1",
-        "PYTHONPATH": str(core.tree),
-    }
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(cache), "PYTHONDONTWRITEBYTECODE": "1"}
     command = [python, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--tb=line", *tests]
     path.write_text(changed, encoding="utf-8")
     try:
@@ -180,6 +176,8 @@ def judge(core, mutation, folder, python, budget, limit):
         )
         try:
             said = run.communicate(timeout=limit)[0]
+            if "while loading conftest" in said:  # that is no mutant's doing: all would count as killed
+                raise RuntimeError(said)
             verdict = "survived" if run.returncode == 0 else "killed"
             result["said"] = next((one for one in said.splitlines() if one.startswith("FAILED")), said[-300:])
         except subprocess.TimeoutExpired:

@@ -48,7 +48,7 @@ _LOADING = "One number, or a path of many: [load curves](load-paths.md)."
 _OUTPUT = "[Results](results.md) says what the file holds."
 _METHOD = """The default of the option, and what the default methods set: `fast.opts` on free patches, `primal.opts` on
 periodic ones. What they do: [methods](methods.md). With `primal`, `-lcp_coarse_rtol` is of the gap, over the
-deviation of h from its mean.
+deviation of h from its mean or the approach beyond first touch, whichever is less.
 """
 _PARTS = """Read by preconditioners that a method file names by `-pc_python_type`: `app.fast.circulant.Circulant` and
 `app.primal.two_grid.TwoGrid`.

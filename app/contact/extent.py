@@ -5,6 +5,7 @@ On a periodic patch there is no origin to count from: these numbers are NaN ther
 
 from __future__ import annotations
 
+from math import atan2, degrees, hypot, nan, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -42,21 +43,21 @@ def measure_extent(state):
     if grid.periodic:
         return _NOWHERE
     x, y = grid.x(), grid.y(rows)
-    load, at_x, at_y, cells, sx, sy, sxx, syy, sxy = state.sum(_moments(state.p, state.contact, x, y))
-    force = grid.cell_area * np.array([load, at_x, at_y])
-    centre = force[1:] / load / grid.cell_area if load > 0 else (np.nan, np.nan)
+    sums = state.sum(_moments(state.p, state.contact, x, y)).tolist()
+    load, at_x, at_y, cells, sx, sy, sxx, syy, sxy = sums
+    centre = (at_x / load, at_y / load) if load > 0 else (nan, nan)
+    moments = grid.cell_area * at_y, -grid.cell_area * at_x
     if not cells:
-        return _NOWHERE._replace(moment_x=float(force[2]), moment_y=float(-force[1]))
-    mean = np.array([sx, sy]) / cells
-    second = np.array([[sxx, sxy], [sxy, syy]]) / cells - np.outer(mean, mean)
-    second += np.diag([grid.dx**2, grid.dy**2]) / 12
-    (low, high), axes = np.linalg.eigh(second)
-    along = axes[:, 1] if high - low > 1e-9 * high else (1.0, 0.0)
-    angle = np.degrees(np.arctan2(along[1], along[0]))
-    angle -= 180 * np.ceil((angle - 90) / 180)
-    return ContactExtent(
-        *map(float, (*centre, force[2], -force[1], 2 * np.sqrt(high), 2 * np.sqrt(low), angle))
-    )
+        return _NOWHERE._replace(moment_x=moments[0], moment_y=moments[1])
+    mx, my = sx / cells, sy / cells
+    xx, yy = sxx / cells - mx * mx + grid.dx**2 / 12, syy / cells - my * my + grid.dy**2 / 12
+    xy = sxy / cells - mx * my
+    # The principal moments: mean and half of the difference of both, by Mohr's circle.
+    mean, half = (xx + yy) / 2, hypot((xx - yy) / 2, xy)
+    low, high = max(mean - half, 0.0), mean + half
+    angle = degrees(atan2(2 * xy, xx - yy) / 2) if 2 * half > 1e-9 * high else 0.0
+    angle = 90.0 if angle == -90 else angle
+    return ContactExtent(*centre, *moments, 2 * sqrt(high), 2 * sqrt(low), angle)
 
 
 @any_order

@@ -74,6 +74,7 @@ def full_multigrid(
             # Sec. 4.3, 1: the coarsest grid, directly if it is small; Sec. 4.3, 3 and 4: the others, to the target
             outcome = loading.first_solve(state, solve) if coarse is None else solve(loading)
             fallbacks += outcome.fallbacks
+            loading.solved(state.depth)
             if solver is not target_solver:
                 solver.destroy()
         outcome, fallbacks = tell(hierarchy, following, state, loading, outcome, fallbacks)
@@ -141,8 +142,8 @@ def tell(hierarchy, following, state, loading, *facts):
         These.
     """
     if hierarchy.joined(state.operator, following):
-        depth, known, facts = hierarchy.comm.bcast((state.depth, vars(loading), facts))
+        depth, known, facts = hierarchy.comm.bcast((state.depth, loading.known(), facts))
         if not state.operator.active:
-            vars(loading).update(known)
+            loading.take(known)
             state.depth = depth
     return facts

@@ -3,14 +3,16 @@
 A number that converges with order k differs on two grids, one twice as fine as the other, by 2^k - 1 times the error of
 the finer one. An area counted in cells converges with order 1 and much scatter; loads, approaches and maximum pressures
 of smooth bodies, or of rough ones whose shortest waves are resolved, with orders of 1.5 to 2. So the difference of the
-last two grids is taken for the error, or that of the two before, halved, if that is more: grids may agree by chance.
-Of the scattering area a third pair counts. Where three differences in turn have one sign and do not fall, the number
-does not converge, as the maximum pressure at the rim of a punch: the error is all of it. docs/load-paths.md has how
-often all this holds. Coarser grids are solved to -lcp_coarse_rtol only: what is below that is less certain.
+last two grids is taken for the error, or that of the two before, halved, if that is more: grids may agree by chance. Of
+the scattering area a third pair counts. Where there are fewer pairs, it is half as much again. Where three differences
+in turn have one sign and do not fall, the number does not converge, as the maximum pressure at the rim of a punch: the
+error is all of it. docs/load-paths.md has how often all this holds. Coarser grids are solved to -lcp_coarse_rtol only:
+what is below that is less certain.
 """
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -55,6 +57,7 @@ class GridErrors(NamedTuple):
 
 UNKNOWN = GridErrors()
 _MOST_PAIRS = 3  # of grids that are looked at
+_FEWER_PAIRS = 1.5  # times the differences, where there are not so many grids as should tell
 _FALLING = 0.7  # share of a difference that the next one is at most, of a number that converges
 
 
@@ -91,10 +94,10 @@ def errors_from(grids, touching, prescribes_load):
     """
     if len(grids) < 2:
         return UNKNOWN
-    load, depth, pressure, area = np.array(grids[: -_MOST_PAIRS - 2 : -1]).T  # from fine to coarse
+    load, depth, pressure, area = zip(*grids[: -_MOST_PAIRS - 2 : -1], strict=True)  # from fine to coarse
     return GridErrors(
         load_error=0.0 if prescribes_load else _error(load, 2),
-        approach_error=_error(depth - touching, 2) if prescribes_load else 0.0,
+        approach_error=_error([d - touching for d in depth], 2) if prescribes_load else 0.0,
         max_pressure_error=_error(pressure, 2),
         contact_area_error=_error(area, _MOST_PAIRS),
     )
@@ -104,12 +107,13 @@ def _error(values, pairs):
     """Relative error of the first of some values, on grids from fine to coarse."""
     if not values[0]:
         return float("nan")
-    steps = np.diff(values)
-    sizes = np.abs(steps)
-    alike = len(steps) == _MOST_PAIRS and len(set(np.sign(steps))) == 1
-    if alike and (sizes[:-1] > _FALLING * sizes[1:]).all():
+    steps = [coarse - fine for fine, coarse in pairwise(values)]
+    sizes = [abs(step) for step in steps]
+    alike = len(steps) == _MOST_PAIRS and (min(steps) > 0 or max(steps) < 0)
+    if alike and all(finer > _FALLING * coarser for finer, coarser in pairwise(sizes)):
         return 1.0
-    return float((sizes * 0.5 ** np.arange(len(sizes)))[:pairs].max() / abs(values[0]))
+    doubt = 1.0 if len(sizes) >= pairs else _FEWER_PAIRS
+    return doubt * max(size * 0.5**k for k, size in enumerate(sizes[:pairs])) / abs(values[0])
 
 
 def pressure_difference(comm, transfer, coarse, state):

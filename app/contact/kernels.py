@@ -195,14 +195,31 @@ def gap_on(b, u, admissible, contact):
 
 
 @njit()
+def _close_row(b, u, admissible, contact, target):
+    for i in range(b.size):
+        e = u[i] - b[i]
+        inside = admissible[i] & (contact[i] | (e <= 0))
+        contact[i] = inside
+        target[i] -= e if inside else 0.0
+
+
+@njit()
 def close_gaps(b, u, admissible, contact, target):
     """Put cells with h + u <= 0 into C, and take h + u off `target` on C."""
     for j in range(b.shape[0]):
-        for i in range(b.shape[1]):
-            e = u[j, i] - b[j, i]
-            inside = admissible[j, i] & (contact[j, i] | (e <= 0))
-            contact[j, i] = inside
-            target[j, i] -= e if inside else 0.0
+        _close_row(b[j], u[j], admissible[j], contact[j], target[j])
+
+
+@any_order
+def _keep_row(p, contact):
+    total = 0.0
+    for i in range(p.size):
+        value = p[i]
+        inside = contact[i] & (value > 0)
+        value = value if inside else 0.0
+        contact[i], p[i] = inside, value
+        total += value
+    return total
 
 
 @njit()
@@ -210,11 +227,7 @@ def drop_nonpositive(p, contact):
     """Take cells without p > 0 out of C, and let p be zero outside; return the sum of p."""
     total = 0.0
     for j in range(p.shape[0]):
-        for i in range(p.shape[1]):
-            inside = contact[j, i] & (p[j, i] > 0)
-            contact[j, i] = inside
-            p[j, i] = p[j, i] if inside else 0.0
-        total += _sum_row(p[j])
+        total += _keep_row(p[j], contact[j])
     return total
 
 

@@ -14,17 +14,17 @@ On each grid, from the coarsest to the target (`nested`):
 
 What each device gains, switched off by the option named: geometric means over 17 solves at 512 x 512 (Hertz, rough
 punches, self-affine surfaces from 1% to 99% contact), operator applications by approach, and what it is good for
-beyond counts. docs/performance.md has the table with times, and what happens if a constant is halved or doubled.
+beyond counts. docs/performance.md has them by load, too, and what happens if a constant is halved or doubled.
 
 ===================  ==========================  ==============================================================
-device               off by                      applications without it, of 24.3 with all
+device               off by                      applications without it, of 20.8 with all
 ===================  ==========================  ==============================================================
-lift                 -lcp_prolongation copy      29.4
-predictor            -lcp_predictor 0            25.8
-rim extension        -pc_circulant_extend 0      30.6 (and no predictor)
-loose coarse grids   -lcp_coarse_rtol 1e-6       28.1
-margin of circulant  -pc_circulant_margin 0      32.7 of 28.5 on rough surfaces that touch all over
-windows              -lcp_window 0               26.6; most where contact is small in its patch
-single precision     -lcp_precision double       24.2; half the time of a product
+lift                 -lcp_prolongation copy      26.7
+predictor            -lcp_predictor 0            22.7
+rim extension        -pc_circulant_extend 0      27.3 (and no predictor)
+margin of circulant  -pc_circulant_margin 0      23.6; most on rough surfaces that touch all over
+loose coarse grids   -lcp_coarse_rtol 1e-6       23.5
+windows              -lcp_window 0               23.1; most where contact is small in its patch
+single precision     -lcp_precision double       20.8; half the time of a product
 ===================  ==========================  ==============================================================
 """

@@ -166,7 +166,7 @@ class Circulant:
                 operator.local_shape, operator.slabs, operator.comm, steps, periodic, workspace
             )
             self.extension.set_stencil(self.multiplier.centre())
-        self._contact = -1
+        self._contact, self._listed = -1, None  # number of the set that the extension knows, and its cells
         # Load the compiled loops now.
         for dtype in {np.dtype(np.float64), operator.dtype}:
             load_extension(dtype)
@@ -206,9 +206,19 @@ class Circulant:
         if self.extension is None:
             return
         if self._contact != self.operator.contact_number:
-            self.extension.set_contact(self.operator.mask)
-            self._contact = self.operator.contact_number
+            self._list()
         self.extension.extend(r)
+
+    def _list(self):
+        """Tell the extension of another contact set, unless it has the same cells. Collective."""
+        mask = self.operator.mask
+        before, self._listed = (
+            self._listed,
+            np.packbits(mask).tobytes() if self.operator.comm is None else None,
+        )
+        if self._listed is None or self._listed != before:
+            self.extension.set_contact(mask)
+        self._contact = self.operator.contact_number
 
     applyTranspose = apply
 

@@ -7,12 +7,10 @@ large window that is transformed by the same periods, as along a load path, make
 
 from __future__ import annotations
 
-from app.fast.solver import TrackingSolver
+from app.fast.solver import TrackingSolver, is_large
 from app.halfspace.fft.multiplier import Spectra
 from app.halfspace.operator import InfluenceOperator
 from app.multigrid.direct import DirectSolver
-
-LARGEST = 256 * 256  # cells of a window that is kept: larger ones are not ruled by what is made for them
 
 
 class Kept:
@@ -29,8 +27,6 @@ class Kept:
         self._hierarchy = hierarchy
         self._windows, self._solvers, self._spectra = {}, {}, {}
         self._target, self._direct = target, None
-        if target is not None:
-            target.frugal = target.operator.grid.n > LARGEST
 
     def window(self, place, grid, slabs, comm, verification=None):
         """Operator of a window, ready for another contact set. Collective over `comm`.
@@ -60,7 +56,7 @@ class Kept:
                 hierarchy.target,
                 spectra,
             )
-            if grid.n <= LARGEST:
+            if not is_large(grid):
                 self._windows[place] = kept
         elif verification is not None:
             kept.exact_product = verification  # until it is closed: it holds a field of all cells
@@ -72,10 +68,9 @@ class Kept:
         if self._target is not None and operator is self._target.operator:
             return self._target
         if operator not in self._solvers:
-            self._solvers[operator] = solver = TrackingSolver(
+            self._solvers[operator] = TrackingSolver(
                 self._hierarchy, number, operator.petsc_comm, operator=operator
             )
-            solver.frugal = operator.grid.n > LARGEST
         return self._solvers[operator]
 
     def direct(self, number, operator):
@@ -86,7 +81,7 @@ class Kept:
 
     def solved(self, operator):
         """Free the solver of a large grid or window, whose memory others need. Collective over its ranks."""
-        if operator.grid.n > LARGEST and operator in self._solvers:
+        if is_large(operator.grid) and operator in self._solvers:
             self._solvers.pop(operator).destroy()
         elif self._target is not None and operator is self._target.operator:
             self._target.rest()

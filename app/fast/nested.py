@@ -62,6 +62,7 @@ def nested_iteration(
             test = stop if target else stop.for_coarse_grid()
             outcome = solve_on(hierarchy, number, state, loading, test, history, first, kept)
             fallbacks += outcome.fallbacks
+            loading.solved(state.depth)
             if not target:
                 found = stage.find(coarse_minimum, loading.predict(state.depth))
                 numbers.append(numbers_on(state, state.comm))

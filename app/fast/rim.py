@@ -73,9 +73,7 @@ class RimExtension:
         if not 0 <= steps <= MAX_STEPS:
             raise ValueError(f"rim extension: {steps} steps; 0 to {MAX_STEPS} are possible")
         if rows * nx > np.iinfo(np.int32).max:
-            raise ValueError(
-                f"rim extension: {rows} x {nx} cells on a rank need indices of more than 32 bits"
-            )
+            raise ValueError(f"rim extension: {rows} x {nx} cells on a rank need more than 32 bits")
         self.shape, self.steps = (rows, nx), steps
         alone = comm is None or comm.size == 1
         self._around, self._wrapped = periodic, periodic and alone  # in x; in y without help of others
@@ -115,7 +113,7 @@ class RimExtension:
             return
         before, after = self._halo_of_contact(mask) if self._halo_of_contact else (mask[:0], mask[:0])
         mask = np.vstack([before, mask, after]) if len(before) + len(after) else mask
-        self._parts = None  # they are made anew
+        self._parts, self._rooms = None, {}  # they are made anew
         around = len(mask) + 2, mask.shape[1] + 2
         spread, kinds, found = self._room(
             (around, np.uint8), (mask.shape, np.uint8), (mask.size + 1, np.int32)
@@ -170,18 +168,13 @@ class RimExtension:
         Parameters
         ----------
         x : ndarray of float64 or float32, shape (local rows, nx), C-contiguous
-            On entry the residual on the contact set and zero elsewhere; on exit extended over the band.
-
-        Raises
-        ------
-        ValueError
-            If its shape is another one, or it is not C-contiguous.
+            On entry the residual on the contact set and zero elsewhere; on exit extended over the band. A ValueError
+            if its shape is another one, or it is not C-contiguous.
         """
         flat = self._flat(x)
         if not self.steps:
             return
-        cells, strips = self._parts[1], self._strips(x)
-        [new] = self._room((cells.band.size, x.dtype))
+        cells, strips, (*_, new) = self._parts[1], self._strips(x), self._room_for(x.dtype)
         if not strips:
             _extend(x, self._wrapped, self._around, cells.band, cells.sizes, self._weights, new)
             return
@@ -199,8 +192,7 @@ class RimExtension:
         if not self.steps:
             return
         flat, cells, strips = self._flat(x), self._parts[1], self._strips(x)
-        sizes = cells.inner.size, cells.band.size, max(cells.band.size, cells.rim)
-        inner, source, new = self._room(*((size, x.dtype) for size in sizes))
+        inner, source, new = self._room_for(x.dtype)
         if not strips:
             _restrict(x, self._wrapped, self._around, *cells, self._weights, inner, source, new)
             return
@@ -215,6 +207,14 @@ class RimExtension:
         rim = cells.rim
         _sweep(flat, *self._beside(x, strips), cells.inner[:rim], inner, self._weights, new)
         _put(flat, cells.inner[rim:], inner[rim:])
+
+    def _room_for(self, dtype):
+        """Arrays for what is on the inner cells, on the band, and for new values; found once for a contact set."""
+        if dtype not in self._rooms:
+            cells = self._parts[1]
+            sizes = cells.inner.size, cells.band.size, max(cells.band.size, cells.rim)
+            self._rooms[dtype] = self._room(*((size, dtype) for size in sizes))
+        return self._rooms[dtype]
 
     def _flat(self, x):
         if x.shape != self.shape or not x.flags.c_contiguous:

@@ -11,6 +11,13 @@ from app.contact.state import Displacement
 from app.fast.tracking_cg import TrackingCG, add
 from app.multigrid.linear_solver import LinearSolver
 
+LARGEST_KEPT = 256 * 256  # cells; what larger grids hold is no longer than it is needed
+
+
+def is_large(grid):
+    """Whether the memory of a grid or a window counts for more than what is made for it. Not collective."""
+    return grid.n > LARGEST_KEPT
+
 
 class Tension(NamedTuple):
     """Negative pressure."""
@@ -23,20 +30,13 @@ class TrackingSolver(LinearSolver):
     """A `LinearSolver` whose KSP is TrackingCG; see there for the parameters.
 
     An iteration calls `improve`, perhaps `tension`, `release`, perhaps `predict`. From `tension` to a `release` that is
-    given its result neither the pressure nor CG's direction may change. `predict` tells the solver of C as it is then.
-
-    Attributes
-    ----------
-    frugal : bool
-        Whether `rest` frees work arrays.
+    given its result neither the pressure nor CG's direction may change. Nobody else is told of C before the next set.
 
     Raises
     ------
     ValueError
         If the KSP is another one.
     """
-
-    frugal = False
 
     def __init__(self, hierarchy, level=-1, comm=None, prefix="", operator=None):
         super().__init__(hierarchy, level, comm, prefix, operator)
@@ -47,7 +47,7 @@ class TrackingSolver(LinearSolver):
                 f"-{prefix}ksp_type: -lcp_type fast needs one that keeps the displacement: "
                 "python with -ksp_python_type app.fast.tracking_cg.TrackingCG"
             )
-        self._cg = context
+        self._cg, self._large = context, is_large(self.operator.grid)
 
     def improve(self, state, allowed, norm=None):
         """Step 3, inexactly: p towards (2.11) on C, u = A p along with it.
@@ -73,7 +73,7 @@ class TrackingSolver(LinearSolver):
         enough = self._enough(allowed)
         if None not in (norm, enough) and norm <= enough:
             return 0, "", norm
-        if self.frugal:
+        if self._large:
             self.operator.forget_elsewhere()
         self.ksp.setInitialGuessNonzero(True)
         self._cg.displacement, self._cg.first_norm = state.u, norm
@@ -85,7 +85,7 @@ class TrackingSolver(LinearSolver):
 
     def rest(self):
         """Free what only the next contact set needs, if that is much: others need memory now. Collective."""
-        if self.frugal:
+        if self._large:
             self._cg.rest()
 
     def tension(self, state):
@@ -113,7 +113,8 @@ class TrackingSolver(LinearSolver):
     def predict(self, state, factor):
         """Predict what the reduction of the residual will add to u beside C.
 
-        Collective. The preconditioner knows, if it has a method ``extend(r)`` that continues a residual over the rim.
+        Collective. The preconditioner knows, if it has a method ``extend(r)`` that continues a residual over the rim:
+        that of the set just solved for, so that cells which it has released are not expected back.
 
         Parameters
         ----------
@@ -131,7 +132,6 @@ class TrackingSolver(LinearSolver):
         extend = getattr(pc.getPythonContext(), "extend", None) if pc.getType() == "python" else None
         if extend is None:
             return None
-        self.set_contact()
         expected = self._cg.work
         kernels.defect(state.distance.b, state.u, state.contact, expected)
         extend(expected)

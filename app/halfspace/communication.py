@@ -158,17 +158,23 @@ class Communicator(MPI.Intracomm):
 
 
 def _counted(name):
-    plain = getattr(MPI.Intracomm, name)
+    plain, alone = getattr(MPI.Intracomm, name), _ALONE.get(name)
 
     def method(self, *arguments, **named):
         self.traffic.small_collectives += 1
         log_reduction()
+        if alone and self.size == 1:
+            return alone(arguments[0])
         return plain(self, *arguments, **named)
 
     method.__name__, method.__doc__ = name, f"Count and do ``{name}``."
     return method
 
 
+# What one rank tells itself needs no pickle.
+_ALONE = {"allreduce": lambda found: found, "bcast": lambda found: found} | dict.fromkeys(
+    ("allgather", "gather"), lambda found: [found]
+)
 for _name in ("Allreduce", "Allgatherv", "Gatherv", "Scatterv", "allreduce", "allgather", "bcast", "gather"):
     setattr(Communicator, _name, _counted(_name))
 

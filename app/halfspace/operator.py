@@ -354,19 +354,23 @@ class InfluenceOperator:
         """Everything computed here so far, in products on this grid (a sweep by its flops)."""
         made = vars(self)
         products = {id(made[name]): made[name] for name in _PRODUCTS if name in made}
-        total = self._spent + self._circulant_products() + sum(product.count for product in products.values())
+        total = self._spent + sum(product.count for product in products.values())
+        if self.circulants:
+            total += self._circulant_products()
         if self._relaxation:
             total += self.sweeps * self._relaxation.products_per_sweep
         return total
 
     def _circulant_products(self):
         """Applications of circulants, in products, by their lengths."""
-        if not self.circulants:
-            return 0.0
-        grid = self.grid
-        padded = grid.n if grid.periodic else transform_length(grid.ny) * transform_length(grid.nx)
         sizes = ((circulant.count, *circulant.periods) for circulant in self.circulants.values())
-        return sum(count * ny * nx for count, ny, nx in sizes) / padded
+        return sum(count * ny * nx for count, ny, nx in sizes) / self._padded
+
+    @cached_property
+    def _padded(self):
+        """Cells that a product transforms."""
+        grid = self.grid
+        return grid.n if grid.periodic else transform_length(grid.ny) * transform_length(grid.nx)
 
     def view(self, mat, viewer):
         """Describe the operator for -ksp_view."""

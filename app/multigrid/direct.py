@@ -6,6 +6,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.linalg.lapack import dpotrf, dpotrs
 
+from app.compiled import njit
 from app.halfspace.influence import dense_matrix
 from app.multigrid.hierarchy import LARGEST_DIRECT
 
@@ -28,6 +29,15 @@ def stored_matrix(operator):
     return dense_matrix(grid, operator.compliance)
 
 
+@njit()
+def _cut(matrix, cells, system):
+    """Lower triangle of the rows and columns of some cells."""
+    for i in range(cells.size):
+        row = matrix[cells[i]]
+        for j in range(i + 1):
+            system[i, j] = row[cells[j]]
+
+
 class DirectSolver:
     """Solves C A C p = b for the contact set in the operator's mask, by Cholesky factorisation. Not collective.
 
@@ -45,25 +55,29 @@ class DirectSolver:
         self.level, self.operator = level, operator
         self._matrix = stored_matrix(operator)
         self._work = PETSc.Vec().createSeq(operator.grid.n)
+        self._cells = self._factors = None
 
     def set_contact(self):
         """Take over the contact set that is in the operator's mask now."""
         self.operator.mask_changed()
-        self._inside = self.operator.mask.reshape(-1).copy()
-        system = self._matrix[np.ix_(self._inside, self._inside)]
-        self._factors, failed = (
-            dpotrf(system.T, clean=False, overwrite_a=True) if len(system) else (system, 0)
-        )
+        cells = np.flatnonzero(self.operator.mask)
+        if self._cells is not None and cells.tobytes() == self._cells.tobytes():
+            return
+        system = np.empty((len(cells), len(cells)))
+        _cut(self._matrix, cells, system)
+        self._cells = cells
+        self._factors, failed = dpotrf(system.T, clean=False, overwrite_a=True) if len(cells) else (system, 0)
         if failed:
+            self._cells = None
             raise ValueError("direct solve: the influence matrix of the contact set is not positive definite")
 
     def solve(self, b, allowed=0.0):
         """See `LinearSolver.solve`."""
-        right = b.getArray(readonly=True)[self._inside]
+        right = b.getArray(readonly=True)[self._cells]
         with self._work as x:
             x[...] = 0
             if len(right):
-                x[self._inside] = dpotrs(self._factors, right)[0]
+                x[self._cells] = dpotrs(self._factors, right)[0]
         return self._work, 1, ""
 
     def destroy(self):

@@ -86,8 +86,7 @@ class Transfer:
     def restrict_defect(self, fine):
         """Sec. 4.2, 3, formula 1: four-point average; children outside the patch count as zero. Collective."""
         mine = np.zeros(self._local)
-        for view, rows, columns in self._pieces(fine):
-            mine[rows, columns] += view
+        _add_children(self._with_children(fine), mine, self.fy, self.fx)
         mine *= 1.0 / (self.fy * self.fx)
         return self._to_owner(mine)
 
@@ -129,9 +128,7 @@ class Transfer:
     @PETSc.Log.EventDecorator("ContactTransfer")
     def copy(self, coarse, fine):
         """Sec. 4.3, 2: the "copy" strategy for p: children get the value of their coarse cell. Collective."""
-        mine = self._of_parents(coarse)
-        for view, rows, columns in self._children(fine, self.fine.slabs.rows.start):
-            view[...] = mine[rows, columns]
+        _copy(self._of_parents(coarse), fine, self.fine.slabs.rows.start % self.fy, self.fy, self.fx)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def interpolate(self, coarse, fine):
@@ -150,7 +147,8 @@ class Transfer:
             return
         grid = self.coarse.grid
         of_rows = _neighbours(rows.start, rows.stop, grid.ny, self.fy, grid.periodic, first)
-        _bilinear(coarse, fine, *of_rows, *_neighbours(0, self.fine.grid.nx, grid.nx, self.fx, grid.periodic))
+        of_columns = _neighbours(0, self.fine.grid.nx, grid.nx, self.fx, grid.periodic)
+        _bilinear(coarse, fine, *of_rows, *of_columns, self.fx == 2)
 
     # -- as PETSc's matrices -----------------------------------------------------------------------------
 
@@ -165,21 +163,66 @@ class Transfer:
 
 
 @njit()
-def _bilinear(coarse, fine, a, b, weight_y, c, d, weight_x):
-    """fine[j, i] from the four coarse cells in rows a, b and columns c, d."""
+def _between_rows(one, other, weight, row):
+    for i in range(row.size):
+        row[i] = weight * one[i] + (1 - weight) * other[i]
+
+
+@njit()
+def _inner_children(row, fine):
+    """Both children of all cells of a row but the first and the last."""
+    for i in range(1, row.size - 1):
+        fine[2 * i] = 0.75 * row[i] + 0.25 * row[i - 1]
+        fine[2 * i + 1] = 0.75 * row[i] + 0.25 * row[i + 1]
+
+
+@njit()
+def _bilinear(coarse, fine, a, b, weight_y, c, d, weight_x, halved):
+    """fine[j, i] from the four coarse cells in rows a, b and columns c, d; `halved`: two columns in each coarse one."""
     row = np.empty(coarse.shape[1])
+    first, last = (2, 2 * row.size - 2) if halved and row.size > 2 else (0, 0)
     for j in range(fine.shape[0]):
-        w = weight_y[j]
-        for i in range(coarse.shape[1]):
-            row[i] = w * coarse[a[j], i] + (1 - w) * coarse[b[j], i]
-        for i in range(fine.shape[1]):
+        _between_rows(coarse[a[j]], coarse[b[j]], weight_y[j], row)
+        if last:
+            _inner_children(row, fine[j])
+        for i in range(first):
+            fine[j, i] = weight_x[i] * row[c[i]] + (1 - weight_x[i]) * row[d[i]]
+        for i in range(last, fine.shape[1]):
             fine[j, i] = weight_x[i] * row[c[i]] + (1 - weight_x[i]) * row[d[i]]
 
 
+@njit()
+def _add_children(fine, coarse, fy, fx):
+    """Add fine cells, the first row of which is a first child, to their coarse ones."""
+    pairs = fine.shape[1] // fx
+    for j in range(fine.shape[0]):
+        of, to = fine[j], coarse[j // fy]
+        for i in range(pairs):
+            for child in range(fx * i, fx * (i + 1)):
+                to[i] += of[child]
+        if fx * pairs < of.size:
+            to[pairs] += of[fx * pairs]
+
+
+@njit()
+def _copy(coarse, fine, skipped, fy, fx):
+    """Copy coarse cells to their children; the first fine row is child number `skipped`."""
+    for j in range(fine.shape[0]):
+        of = coarse[(skipped + j) // fy]
+        for i in range(fine.shape[1]):
+            fine[j, i] = of[i // fx]
+
+
 def warm_up():
-    """Load the compiled loop now, not in the first iteration. Not collective."""
+    """Load the compiled loops now, not in the first iteration. Not collective."""
     field, cells, weights = np.zeros((0, 0)), np.zeros(0, int), np.zeros(0)
-    _bilinear(field, field, cells, cells, weights, cells, cells, weights)
+    fixed, mask = field.view(), np.zeros((0, 0), bool)
+    fixed.flags.writeable = False
+    _bilinear(field, field, cells, cells, weights, cells, cells, weights, False)
+    for source in (field, fixed):
+        _add_children(source, field, 1, 1)
+        _copy(source, field, 0, 1, 1)
+    _copy(mask, mask, 0, 1, 1)
 
 
 @lru_cache(maxsize=64)

@@ -19,7 +19,8 @@ On each grid, from the coarsest to the target (`nested`):
 2. *Guess.* Some projected sweeps with the centre of B guess the contact set (`state.PrimalState.guess`).
 3. *Sets.* `iteration` solves for w on O a little, by CG that carries p along (`cg`); then cells with
    p < 0 are released from C, which costs nothing, and cells with e < 0 captured, which costs a product with B.
-4. *Enough.* A coarse grid is left when few cells change. The target grid is left by one product A p in double
+4. *Enough.* A coarse grid is left when few cells change and the residual is small against the deviation of h0 from its
+   mean, or the approach beyond first touch, if that is less. The target grid is left by one product A p in double
    precision; it and the certificate decide.
 5. *Approach.* A prescribed approach prescribes the mean of w: directions of CG have no mean, and the mean pressure is
    the Lagrange multiplier.

@@ -45,10 +45,10 @@ def primal_active_set(primal, solver, stop, history):
         If it makes no progress.
     """
     state, aim = primal.state, _SURE
-    allowed = allowed_gap(primal, stop)
     best, fewest, since = float("inf"), float("inf"), 0
     doubted = False
     primal.start(exact=stop.final)
+    allowed = allowed_gap(primal, stop)
     history.start(state, solver)
     primal.guess(solver)
     for k in range(1, stop.max_it + 1):
@@ -95,14 +95,16 @@ def primal_active_set(primal, solver, stop, history):
 
 
 def allowed_gap(primal, stop):
-    """Root mean square error of the gap that is small enough [mm]. Not collective.
+    """Root mean square error of the gap that is small enough [mm]. Collective.
 
     As (5.1), with the deviation of the shape from its mean in place of ||h||, which does not depend on the load; for
-    flat surfaces with holes the depth, or as much as the mean pressure displaces a cell.
+    flat surfaces with holes the depth, or as much as the mean pressure displaces a cell. On a coarse grid the approach
+    beyond first touch, if that is less: what is left of a contact that is small in its patch is large there.
     """
     distance, rtol = primal.state.distance, stop.rtol if stop.final else stop.coarse_rtol
     if distance.deviation > _FLAT * distance.norm() / np.sqrt(primal.cells):
-        return rtol * distance.deviation
+        beyond = primal.approach - distance.reference - primal.state.first_touch() if not stop.final else 0.0
+        return rtol * (min(beyond, distance.deviation) if beyond > 0 else distance.deviation)
     if primal.loading.prescribes_load:
         return rtol * primal.mean_pressure * primal.state.operator.diagonal
     return rtol * abs(primal.mean_displacement)

@@ -55,7 +55,7 @@ CASES = {
     "approach is no number": ([*HERTZ, "-approach", "1,5"], "allowed: a finite number [mm]"),
     "unknown option": ([*HERTZ, "-gird", "8"], "-gird (did you mean -grid?)"),
     "unknown option of the method": ([*HERTZ, "-lcp_rtool", "1e-3"], "unknown option: -lcp_rtool"),
-    "misspelt PETSc option": ([*HERTZ, "-ksp_rtoll", "1e-3"], "-ksp_rtoll"),
+    "misspelt PETSc option": ([*HERTZ, "-ksp_rtoll", "1e-3"], "option: -ksp_rtoll (did you mean -ksp_rtol?)"),
     "misspelt logging option": ([*HERTZ, "-log_vieww"], "-log_vieww"),
     "options of another problem": ([*HERTZ, "-punch_diameter", "3", "-gap_file", "a"], "s: -gap_file, -punch_diameter"),
     "stray word": ([*HERTZ, "16"], "16: neither an option"),

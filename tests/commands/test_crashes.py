@@ -33,8 +33,12 @@ def test_exception_on_one_rank_ends_the_job_with_its_traceback(cli, ranks, tmp_p
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.parametrize("ranks", [None, 2])
-def test_killed_run_leaves_the_earlier_result_whole(cli, ranks, tmp_path):
+@pytest.mark.parametrize(
+    ("ranks", "word"),
+    [(None, signal.SIGKILL), (None, signal.SIGTERM), (2, signal.SIGTERM), (2, signal.SIGINT)],
+)
+def test_run_ended_by_a_signal_leaves_the_earlier_result_whole(cli, ranks, word, tmp_path):
+    """Ctrl-C on one rank is below."""
     path, begun = tmp_path / RESULT, tmp_path / "begun"
     assert cli("-grid", 16, "-output", path, methods=["hertz", "norm"]).returncode == 0
     before = path.read_bytes()
@@ -51,8 +55,9 @@ def test_killed_run_leaves_the_earlier_result_whole(cli, ranks, tmp_path):
             time.sleep(0.05)
         assert begun.exists()
     finally:
-        process.send_signal(signal.SIGKILL if ranks is None else signal.SIGTERM)
-        process.wait(timeout=30)
+        process.send_signal(word)
+        process.wait(timeout=60)
+    assert process.returncode not in (0, 2, 3)
     begun.unlink()
     assert path.read_bytes() == before
     assert read_result(path).attributes["converged"] is True

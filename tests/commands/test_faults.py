@@ -124,25 +124,6 @@ def test_run_killed_at_a_hundred_moments(tmp_path):
     assert list(tmp_path.iterdir()) == [result]
 
 
-@pytest.mark.parametrize(("ranks", "word"), [(2, signal.SIGINT), (None, signal.SIGTERM)])
-def test_ended_by_a_signal(ranks, word, tmp_path):
-    """Ctrl-C on one rank and SIGTERM on two are in test_crashes."""
-    out = tmp_path / "out.h5"
-    out.write_text("an earlier result")
-    slow = "-grid 256 -lcp_rtol 1e-14 -lcp_max_it 100000 -ksp_rtol 1e-15 -lcp_monitor".split()
-    command = [sys.executable, *solve_arguments("hertz", "norm"), *slow, "-output", str(out)]
-    process = subprocess.Popen(
-        command if ranks is None else ["mpiexec", "-n", str(ranks), *command],
-        cwd=TESTS.parent, text=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment(),
-    )  # fmt: skip
-    assert process.stdout.readline().startswith("level")
-    process.send_signal(word)
-    process.communicate(timeout=LIMIT)
-    assert process.returncode not in (0, 2, 3)
-    assert out.read_text() == "an earlier result"
-    assert list(tmp_path.iterdir()) == [out]
-
-
 # --------------------------------------------------------------------------------------- disks and folders
 
 

@@ -135,3 +135,32 @@ def test_what_is_allowed_is_the_reason(kind, meaning, text, allowed):
     with pytest.raises(InputError) as refused:
         OptionReader([Option("it", kind, None, meaning)], {"it": text})["it"]
     assert str(refused.value).endswith(allowed)
+
+
+@pytest.mark.parametrize(
+    ("method", "name"),
+    [
+        (None, "ksp_rtol"),
+        (None, "pc_circulant_margin"),
+        (None, "pc_python_type"),
+        ("norm", "ksp_max_it"),
+        ("fmg_v11", "mg_levels_ksp_max_it"),
+        ("fmg_v11", "mg_levels_1_pc_sor_omega"),
+        ("primal", "pc_two_grid_sweeps"),
+        ({"tao.opts": {"lcp_type": "tao"}}, "tao_type"),
+    ],
+)
+def test_of_misspelt_solver_options_the_nearest_is_told_every_time(method, name, capfd):
+    problem = ContactProblem(GRID, STEEL, HEIGHTS, periodic=method == "primal")
+    for misspelt in (f"{name}{name[-1]}", f"{name[:-2]}{name[-1]}{name[-2]}"):
+        with pytest.raises(InputError) as refused:
+            ContactSolver(problem, method=method, options={misspelt: 1})
+        assert str(refused.value) == f"unknown or unused option: -{misspelt} (did you mean -{name}?)"
+    assert capfd.readouterr().out == ""
+
+
+@pytest.mark.parametrize("name", ["bogus", "pc_two_grid_sweeps", "ksp_gmres_restart", "mg_levels_ksp_rtol"])
+def test_options_of_other_solvers_are_not_taken_for_misspelt(name):
+    with pytest.raises(InputError) as refused:
+        ContactSolver(BALL, options={name: 1})
+    assert str(refused.value) == f"unknown or unused option: -{name}"
