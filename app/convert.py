@@ -180,15 +180,16 @@ def _settle(facts, arguments, path):
         unit = unit_named(unit)
     options = {"--height-unit": arguments.height_unit, "--unit": arguments.unit}
     for option, given in options.items():
-        if given is not None and given not in UNITS:
+        if given is not None and not unit_named(given):
             raise InputError(f"{option} {given}: not allowed; allowed: {', '.join(UNITS)}")
+    options = {option: given and unit_named(given) for option, given in options.items()}
     option, given = next(((option, given) for option, given in options.items() if given), ("--unit", None))
     if unit is None and given is None:
         said = f"says {facts['unit']}, which is no length" if facts["unit"] else "does not say it"
         raise InputError(f"--unit is missing: surface file {path} {said}; allowed: {', '.join(UNITS)}")
     if unit and given and unit != given:
         raise InputError(f"{option} {given}: surface file {path} says {unit}")
-    spacing, lateral = facts["spacing"], facts.get("spacing_unit") or unit or arguments.unit
+    spacing, lateral = facts["spacing"], facts.get("spacing_unit") or unit or options["--unit"]
     if spacing is not None and lateral is None:
         raise InputError(f"--unit is missing: surface file {path} does not say the unit of its x and y")
     if spacing is None and arguments.spacing is None:

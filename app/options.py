@@ -7,6 +7,7 @@ program has a dict. Options of the linear solvers (``-ksp_*``, ``-pc_*``, ``-mg_
 from __future__ import annotations
 
 import difflib
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,10 +27,17 @@ ALIASES = {"lcp_foresight": "lcp_predictor"}
 
 
 def option_file(path):
-    """Path of an option file: as it is, or one of the program's own where ``petsc_options/F`` or F is none here."""
-    own = FILES / Path(path).name
-    known = str(Path(path).parent) in (".", FILES.name) and own.is_file()
-    return str(own) if known and not Path(path).exists() else path
+    """Path of an option file: as it is, or one of the program's own where ``petsc_options/F`` or ``F`` is none here.
+
+    Where there is neither, the same with ``.opts``.
+    """
+    for name in (path, f"{path}.opts"):
+        own = FILES / Path(name).name
+        if os.path.exists(name):  # noqa: PTH110: no name is too long for it
+            return name
+        if str(Path(name).parent) in (".", FILES.name) and os.path.isfile(own):  # noqa: PTH113
+            return str(own)
+    return path
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,10 @@
-"""Draw pictures of results and tables: ``python -m app.plot RESULT.h5 [SWEEP.csv ...] -o DIR``.
+"""Draw pictures of results and tables: ``python -m app.plot RESULT.h5 [SWEEP.csv ...] [-o DIR] [--only NAME]``.
 
 Of a result: contact (patches told apart), pressure, deformation, sections through the maximum, distributions, spectrum
 (of rough surfaces), path (if there is one), history and summary; of the table of a sweep or of a load path (.csv) one
-picture. Of several files each has a folder DIR/NAME of its own, and their paths are drawn together in DIR/paths. Prints
-the names of the pictures. Exit status 0, or 2 with one line on standard error if there is something wrong with the
-input. Runs on one rank.
+picture. Of several files each has a folder DIR/NAME of its own, and their paths are drawn together in DIR/paths.
+Without -o the folder of a file is beside it and has its name, without suffix. Prints the names of the pictures. Exit
+status 0, or 2 with one line on standard error if there is something wrong with the input. Runs on one rank.
 """
 
 from __future__ import annotations
@@ -46,25 +46,36 @@ def analytic_reference(result):
     return figures.Reference(exact.pressure, "Hertz")
 
 
-def pictures_of(result):
-    """All pictures of a result: name -> figure, made when asked for."""
+def _path_figure(result, _):
+    path = paths.path_of(result)
+    return path and paths.path_figure([path], figures.title(result, path=True))
+
+
+# Name -> figure of a result and its `figures.Reference`; None if there is nothing to draw.
+PICTURES = {
+    "contact": lambda result, _: figures.contact_figure(result),
+    "pressure": lambda result, _: figures.pressure_figure(result),
+    "deformation": lambda result, _: figures.deformation_figure(result),
+    "sections": figures.section_figure,
+    "distributions": lambda result, _: curves.distribution_figure(result),
+    "spectrum": lambda result, _: curves.spectrum_figure(result),
+    "path": _path_figure,
+    "history": lambda result, _: figures.history_figure(result),
+    "summary": figures.summary_figure,
+}
+
+
+def pictures_of(result, names=PICTURES):
+    """Pictures of a result, those that there are of these names: name -> figure, made when asked for."""
     reference = analytic_reference(result)
-    yield "contact", figures.contact_figure(result)
-    yield "pressure", figures.pressure_figure(result)
-    yield "deformation", figures.deformation_figure(result)
-    yield "sections", figures.section_figure(result, reference)
-    yield "distributions", curves.distribution_figure(result)
-    if spectrum := curves.spectrum_figure(result):
-        yield "spectrum", spectrum
-    if path := paths.path_of(result):
-        yield "path", paths.path_figure([path], figures.title(result, path=True))
-    yield "history", figures.history_figure(result)
-    yield "summary", figures.summary_figure(result, reference)
+    for name in names:
+        if figure := PICTURES[name](result, reference):
+            yield name, figure
 
 
-def draw(result, folder, kind="png", dpi=200):
-    """Write all pictures of a result to an existing folder and return their paths."""
-    return [_save(figure, folder / f"{name}.{kind}", dpi) for name, figure in pictures_of(result)]
+def draw(result, folder, kind="png", dpi=200, names=PICTURES):
+    """Write pictures of a result to an existing folder and return their paths."""
+    return [_save(figure, folder / f"{name}.{kind}", dpi) for name, figure in pictures_of(result, names)]
 
 
 def _save(figure, path, dpi):
@@ -94,12 +105,27 @@ def _draw_table(columns, file, stem, kind, dpi):
 def _arguments(argv):
     parser = Parser(prog="python -m app.plot", description="Draw pictures of result files and tables.")
     parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help="results (.h5) and tables (.csv)")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder to write to")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="folder to write to; default: beside the file, of its name",
+    )
+    parser.add_argument(
+        "--only",
+        action="append",
+        choices=PICTURES,
+        metavar="NAME",
+        help="this picture of results; may be repeated",
+    )
     parser.add_argument("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")
     parser.add_argument("--dpi", type=int, default=200, help="pixels per inch, 20 to 1200; default: 200")
     arguments = parser.parse_args(argv)
     if not 20 <= arguments.dpi <= 1200:
         raise InputError(f"--dpi {arguments.dpi}: must be from 20 to 1200")
+    first = arguments.files[0]
+    arguments.output = arguments.output or (first.parent if arguments.files[1:] else first.with_suffix(""))
     if arguments.output.exists() and not arguments.output.is_dir():
         raise InputError(f"-o {arguments.output}: exists and is not a folder")
     if not arguments.output.parent.is_dir():
@@ -141,7 +167,12 @@ def _draw_all(arguments):
             drawn.append(_draw_table(data, file, folder / file.name, kind, dpi))
         else:
             path = paths.path_of(data, name)
-            drawn += draw(data, folder, kind, dpi)
+            made = draw(data, folder, kind, dpi, arguments.only or PICTURES)
+            if not made:
+                raise ValueError(
+                    f"--only {', '.join(arguments.only)}: result file {file} has nothing of it to draw"
+                )
+            drawn += made
         arguments_of += [path] if path else []
     if len(arguments_of) > 1:
         drawn.append(_save(paths.path_figure(arguments_of), arguments.output / f"paths.{kind}", dpi))

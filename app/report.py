@@ -22,7 +22,7 @@ from app.halfspace.connected import connected_sets
 from app.output import figures, page
 from app.output.files import whole_file
 from app.output.result import read_result
-from app.plot import pictures_of
+from app.plot import PICTURES, pictures_of
 from app.units import length_unit, resolved
 
 _LENGTH, _AREA = "length", "area"
@@ -74,6 +74,7 @@ _ORIGIN = {
     "operator_applications": "operator applications",
     "residual": "residual, (5.1)",
 }
+_IN_SUMMARY = ("contact", "pressure", "history")  # pictures
 _MOST_ROWS = 200
 
 
@@ -276,8 +277,7 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
         below = subsurface.stress(result, poisson_ratio, body)
     pictures = {
         name: page.png(figure)
-        for name, figure in pictures_of(result)
-        if name not in ("contact", "pressure", "history")
+        for name, figure in pictures_of(result, [name for name in PICTURES if name not in _IN_SUMMARY])
     }
     of_path = {name: pictures.pop(name) for name in ("path",) if name in pictures}
     first = {"summary": pictures.pop("summary")}

@@ -20,8 +20,8 @@ the program refuses it, diverges or crashes: then `exit_status` and `message` sa
 What is finished is kept in ``out.runs.jsonl`` beside the table; ``--resume`` goes on from there, as far as options,
 the files they name, and the program are the same.
 
-Exit status: 0 table complete, whatever its rows say; 2 bad input, before any run; 130 interrupted, with a table of
-what is finished.
+Exit status: 0 all runs solved; 3 some are not, as the table says; 2 all are refused, or bad input before any run; 130
+interrupted, with a table of what is finished.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ _SHOWN = (
     "contact_fraction",
     "solve_seconds",
 )
+_MOST_NAMED = 4  # runs that say the same
 
 
 def _check_output(path):
@@ -102,12 +103,31 @@ def _main(argv):
     write_table(output, rows, columns)
     shown = [*varied, "exit_status", *_SHOWN]
     print(text(rows, shown, {name: ".4g" for name in _SHOWN}), end="")
+    for line in _messages(rows, varied):
+        print(line)
+    statuses = [row["exit_status"] for row in rows]
+    solved = statuses.count(0)
+    print(f"{len(rows)} of {len(runs)} runs in {output}; {solved} of {len(rows)} solved")
+    if interrupted:
+        return 130
+    if solved == len(rows):
+        return 0
+    return 2 if statuses.count(2) == len(rows) else 3
+
+
+def _messages(rows, varied):
+    """What runs say, each message once, with the varied options of the runs that say it."""
+    said = {}
     for row in rows:
+        which = ", ".join(f"{name} {row[name]}" for name in varied if row[name] is not None)
         if row["message"]:
-            which = ", ".join(f"{name} {row[name]}" for name in varied if row[name] is not None)
-            print(f"{which}: {row['message']}" if which else row["message"])
-    print(f"{len(rows)} of {len(runs)} runs in {output}")
-    return 130 if interrupted else 0
+            said.setdefault(row["message"], []).append(which)
+    for message, which in said.items():
+        if len(which) == len(rows) > 1:
+            which = ["all runs"]
+        elif len(which) > _MOST_NAMED:
+            which[_MOST_NAMED - 1 :] = [f"and {len(which) - _MOST_NAMED + 1} more"]
+        yield f"{'; '.join(which)}: {message}".removeprefix(": ")
 
 
 if __name__ == "__main__":

@@ -23,6 +23,23 @@ def unit_named(name):
     return name if name in UNITS else None
 
 
+def unit(text):
+    """Kind of an option: one of `UNITS`. Not collective.
+
+    Examples
+    --------
+    >>> unit("nm"), unit("µm")  # either micro sign
+    ('nm', 'um')
+    """
+    found = unit_named(text)
+    if found is None:
+        raise ValueError(f"one of {', '.join(UNITS)}")
+    return found
+
+
+unit.names = tuple(UNITS)  # for the help
+
+
 def length_unit(largest):
     """Unit in which lengths up to `largest` [mm] are numbers that one reads: nm, µm, mm or m. Not collective."""
     for least, unit in ((2e4, Unit(1e-3, "m")), (0.2, Unit(1.0, "mm")), (2e-4, Unit(1e3, "µm"))):

@@ -25,7 +25,7 @@ from app.options import (
 )
 from app.problems.height_file import TURNS
 from app.problems.measured import LEVELS, MISSING
-from app.units import UNITS
+from app.units import unit
 
 DEFAULT_CELLS = 256  # per side, of the default grid
 DEFAULT_PATCH = 1.5  # half sides of the default patch in semi-axes of Hertz's contact
@@ -88,8 +88,8 @@ GEOMETRY_OPTIONS = [
     Option("surface_rms_height", from_zero, None, "its rms height [mm]"),
     Option("surface_file", word, None, "measured heights, peaks positive: .npy, .npz, .h5[:/dataset], text or points"),
     Option("surface_file2", word, None, "those of the other body, in the same x and y"),
-    Option("surface_unit", choice(*UNITS), None, "of measured heights and points, where the file does not say"),
-    Option("surface_height_unit", choice(*UNITS), None, "of the heights alone, where points x, y have another one"),
+    Option("surface_unit", unit, None, "of measured heights and points, where the file does not say"),
+    Option("surface_height_unit", unit, None, "of the heights alone, where points x, y have another one"),
     Option("surface_skip", integer(0, "a whole number from 0"), 0, "lines at the head of a text to leave out"),
     Option("surface_orient", some_of(*TURNS), None, "how rows and columns are turned, before all else, in this order"),
     Option("surface_level", choice(*LEVELS), "none", "what is taken off measured heights"),
@@ -193,6 +193,11 @@ def _shape(name, options):
     from app.problems.gap_file import GapFile
 
     if name == "file":
+        if options.given("surface_unit") and not options["surface_file"]:
+            raise InputError(
+                f"-surface_unit {options['surface_unit']}: has no effect here; gap files are in mm, "
+                "heights of -surface_file have units"
+            )
         return GapFile(options["gap_file"])
     if name == "rough":
         return shapes.Plane()
@@ -259,18 +264,18 @@ def _grid(options, name, shape, measured, material, periodic):
 
 def _default_patch(options, shape, material, periodic):
     """Patch about the contact area that Hertz's theory gives for smooth bodies."""
-    loading = next((name for name in ("approach", "load") if options.given(name)), None)
+    given = (f"{name}{path}" for path in ("", "_path") for name in ("approach", "load"))
+    loading = next(filter(options.given, given), None)
     rough = any(options.given(name) for name in (*_PAPERS, *_SELF_AFFINE))
     if periodic or rough or loading is None:
         raise InputError(
             "-domain is missing: x0,x1,y0,y1 [mm]; it follows from Hertz's theory only for smooth bodies on a free "
-            "patch, by -approach or -load"
+            "patch, by -approach or -load, or the largest of a path"
         )
-    contact = shape.analytic(material.contact_modulus, **{loading: options[loading]})
+    largest = float(np.max(options[loading]))
+    contact = shape.analytic(material.contact_modulus, **{loading.removesuffix("_path"): largest})
     if not contact.a:
-        raise InputError(
-            f"-domain is missing: without contact (-{loading} {options[loading]:g}) Hertz gives no patch"
-        )
+        raise InputError(f"-domain is missing: without contact (-{loading} {largest:g}) Hertz gives no patch")
     a, b = DEFAULT_PATCH * contact.a, DEFAULT_PATCH * contact.b
     return -a, a, -b, b
 

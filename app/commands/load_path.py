@@ -8,7 +8,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.commands.session import say
+from app.commands.session import note, say, warn
 from app.errors import InputError, agree
 from app.options import Option, flag, series, word
 from app.output.files import check_output_path, remove
@@ -116,22 +116,26 @@ def run_path(wanted, solver, stiffness, inputs, identity, save):
         say(f"{len(rows)} of {len(path)} steps are done already")
     path.notes = {}
 
-    def note(step, lines):
+    def remember(step, lines):
         for line in lines:
-            path.notes.setdefault(re.sub(r"[\d.]+", "", line), (line, []))[1].append(str(step))
+            path.notes.setdefault(re.sub(r"[\d.]+", "", line), (line, []))[1].append(step)
 
     for step, lines in enumerate(notes[: len(path) - 1], 1):  # the last step is solved in any case
-        note(step, lines)
-    with _progress(path, len(rows)) as shown:
-        for solution in path:
-            row = path.rows[-1]
-            if wanted.fields:
-                save(solution, wanted.of_step(row["step"]))
-            note(row["step"], solution.notes)
-            book.add(row, solution.notes)
-            shown(row)
-    if wanted.csv:
-        agree(solver.comm, path.save, wanted.csv)
+        remember(step, lines)
+    try:
+        with _progress(path, len(rows)) as shown:
+            for solution in path:
+                row = path.rows[-1]
+                if wanted.fields:
+                    save(solution, wanted.of_step(row["step"]))
+                remember(row["step"], solution.notes)
+                book.add(row, solution.notes)
+                shown(row)
+        if wanted.csv:
+            agree(solver.comm, path.save, wanted.csv)
+    except BaseException:  # Ctrl-C above all
+        book.tell_kept(len(path))
+        raise
     return path, solution, book.close
 
 
@@ -159,12 +163,29 @@ class _Book:
         while (key := str(len(self.rows) + 1)) in found:
             self.notes.append(found[key].get("notes", ()))
             self.rows.append({name: value for name, value in found[key].items() if name != "notes"})
-        if not found:
-            self._journal.add("path", what)
+        self._what = what
+        if wanted.resume and not self.rows:
+            note(
+                f"-resume: nothing to go on from: {self._path} has no steps, or went when the path was finished; "
+                f"step 1 of {len(wanted.numbers)} comes first"
+            )
+        dropped = self._journal.dropped
+        if steps := sum(key.isdigit() for key in dropped):
+            advice = "; -resume goes on after them" if dropped.get("path") == what else ""
+            warn(
+                f"{self._path}: {steps} steps of an interrupted run go when the first one of this run is done{advice}"
+            )
 
     def add(self, row, notes):
         if self._journal:
+            if "path" not in self._journal.outcomes:
+                self._journal.add("path", self._what)
             self._journal.add(str(row["step"]), {**row, "notes": notes})
+
+    def tell_kept(self, steps):
+        """Say what an end before the last step leaves."""
+        if self._journal and (kept := len(self._journal.outcomes) - 1) > 0:
+            note(f"{kept} of {steps} steps are kept in {self._path}; -resume goes on after them")
 
     def close(self):
         """All is done and written."""
@@ -211,6 +232,23 @@ class _progress:
         else:
             self._bar.set_postfix_str(f"{numbers}{failed}", refresh=False)
             self._bar.update(row["step"] - self._bar.n)
+
+
+def which(steps, count):
+    """Some of `count` steps, as text. Not collective.
+
+    Examples
+    --------
+    >>> which([1, 2, 3, 7], 8), which([4], 8), which([1, 2], 2), which([1, 1], 1)
+    ('steps 1 to 3, 7', 'step 4', 'all steps', 'step 1')
+    """
+    steps = sorted(set(steps))  # one may have two such notes
+    if len(steps) == count > 1:
+        return "all steps"
+    ends = [k for k in range(len(steps)) if steps[k : k + 2] != [steps[k], steps[k] + 1]]
+    runs = [steps[first : last + 1] for first, last in zip([0, *(k + 1 for k in ends)], ends, strict=False)]
+    said = [f"{run[0]} to {run[-1]}" if len(run) > 2 else ", ".join(map(str, run)) for run in runs]
+    return f"step{'s'[: len(steps) > 1]} {', '.join(said)}"
 
 
 def identifying(texts):

@@ -18,10 +18,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from app.errors import InputError, agree
-from app.options import ALIASES, option_file, renaming
+from app.options import ALIASES, FILES, option_file, renaming
 
 OPTION_FILES = ("-options_file", "-options_file_yaml")
 COMMAND_LINE = "on the command line"
+OWN = sorted(path.stem for path in FILES.glob("*.opts"))
 LARGEST_FILE = 1 << 24  # bytes of an option file
 
 # PETSc's options that are none of a solver's: most of them must be there when PETSc starts ...
@@ -336,7 +337,10 @@ def _look_into(path, inside):
         content = file.read_text(encoding="utf-8")
         identity = str(file.resolve())
     except (OSError, RuntimeError) as error:
-        raise InputError(f"option file {path}{by}: {getattr(error, 'strerror', None) or error}") from None
+        own = f"; the program's own: {', '.join(OWN)}" if isinstance(error, FileNotFoundError) else ""
+        raise InputError(
+            f"option file {path}{by}: {getattr(error, 'strerror', None) or error}{own}"
+        ) from None
     except UnicodeDecodeError:
         raise InputError(f"option file {path}{by}: is not a text file") from None
     if identity in inside:

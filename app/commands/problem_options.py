@@ -11,7 +11,9 @@ from app.errors import InputError, agree, check_alike
 from app.method import METHOD_OPTIONS
 from app.options import Option, OptionReader, as_line, count, flag, nearest, real, unknown_options, word
 
-_OF_SOLVERS = re.compile("(lcp|ksp|pc|mg|sub|tao|snes|mat|vec)_")  # who know better which options there are
+_OF_SOLVERS = re.compile(
+    "(^|_)(lcp|ksp|pc|mg|sub|tao|snes|mat|vec)_"
+)  # who know better which options there are
 
 __all__ = [
     "PROBLEM_OPTIONS",
@@ -88,11 +90,12 @@ class Request:
         if self.output:
             agree(comm, check_output_path, self.output, [*given.files, *input_files(given.texts)])
             check_shared(comm, self.output)
+        agree(comm, options.__getitem__, "problem")
+        kind, number = loading(given)  # before the patch that may follow from it
         self.problem, own = agree(comm, make_problem, options, given.texts, comm)
         self.inputs = input_files(given.texts)
         for file in self.inputs:
             check_alike(comm, agree(comm, fingerprint, file), f"input {file}")
-        kind, number = loading(given)
         options.asked.add(kind)
         self.loading, self.path, self.refine_until = {kind: number}, None, options["refine_until"]
         if kind.endswith("_path"):
@@ -110,11 +113,21 @@ class Request:
         taken = {option.name for option in PROBLEM_OPTIONS} | own.asked
         self.method, self.options = given.files_and_words(given.texts.keys() - taken)
         known = [option.name for option in PROBLEM_OPTIONS]
-        mine = [name for name in given.texts.keys() - taken if not _OF_SOLVERS.match(name)]
+        _refuse_method(self.options)
+        mine = [name for name in given.texts.keys() - taken if not _OF_SOLVERS.search(name)]
         if meant := [name for name in mine if nearest(name, known)]:
             raise InputError(unknown_options(meant, known))
         self.identity = load_path.identifying(given.texts)
         self.options_text = as_line({name: given.texts[name] for name in given.texts.keys() & taken})
+
+
+def _refuse_method(texts):
+    """Tell how a method is chosen."""
+    if "method" in texts:
+        name = texts["method"] or "NAME"
+        raise InputError(
+            f"-method {name}: a method is an option file; needed: -options_file {name.removesuffix('.opts')}.opts"
+        )
 
 
 @contextmanager
@@ -128,9 +141,10 @@ def suggesting(texts):
     except InputError as error:
         known = [option.name for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)]
         ours = [
-            name for name in texts.keys() - set(known) if name[:4] == "lcp_" or not _OF_SOLVERS.match(name)
+            name for name in texts.keys() - set(known) if name[:4] == "lcp_" or not _OF_SOLVERS.search(name)
         ]
-        meant = [name for name in ours if nearest(name, known) and f"-{name}" not in str(error)]
+        own = texts.get("problem") == "python"  # which may have any
+        meant = [name for name in ours if (nearest(name, known) or not own) and f"-{name}" not in str(error)]
         if not meant:
             raise
         raise InputError(f"{unknown_options(meant, known)}; {error}") from None

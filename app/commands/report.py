@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from app.commands.load_path import which
 from app.output.table import text
 from app.units import resolved
 
@@ -140,8 +141,8 @@ def _error(value):
 
 def along(path, wanted):
     """Text on a load path: what is where, and what it cost. Not collective."""
-    failed = [str(row["step"]) for row in path.rows if not row["converged"]]
-    state = f"step{'s'[: len(failed) > 1]} {', '.join(failed)} NOT CONVERGED" if failed else "all solved"
+    failed = [row["step"] for row in path.rows if not row["converged"]]
+    state = f"{which(failed, len(path))} NOT CONVERGED" if failed else "all solved"
     table = f"; table in {wanted.csv}" if wanted.csv else ""
     return (
         f"path of {_count(len(path), 'step')}: {state}; {path.operator_applications:.4g} operator applications, "

@@ -40,6 +40,8 @@ def start(argv):
         If options cannot be read, or PETSc does not accept those it needs at its start.
     """
     folder_is_gone = _leave_removed_folder()
+    if not {"", os.getcwd()} & set(sys.path):  # noqa: PTH109
+        sys.path.append("")  # where users have parts of their own; behind ours, whatever a folder holds
     from mpi4py import MPI
 
     from app.commands import places

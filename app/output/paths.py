@@ -15,16 +15,15 @@ from typing import NamedTuple
 import numpy as np
 
 from app.output.style import (
-    BLUE,
     DASHED,
     DOTTED,
     ORANGE,
-    SERIES,
     log_axis,
     new_figure,
+    series,
     styled,
 )
-from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction
+from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction, persson_pressure
 from app.units import length_unit
 
 _MEASURED = (
@@ -51,13 +50,12 @@ _MOST_TICKS = 6
 class Path(NamedTuple):
     """Columns of a path, its name, and what its loads are compared with.
 
-    `contact_modulus` [N/mm2] and `rms_slope` are NaN where nobody knows them; `smooth`: there is no roughness at all.
+    `scale` is E* times rms slope [N/mm2], NaN where nobody knows them; `smooth`: there is no roughness at all.
     """
 
     columns: dict
     name: str = ""
-    contact_modulus: float = np.nan
-    rms_slope: float = np.nan
+    scale: float = np.nan
     smooth: bool = False
 
     def positive(self, *names, lowest=0.0):
@@ -71,8 +69,7 @@ class Path(NamedTuple):
     @property
     def relative(self):
         """1 / (E* h'rms) [mm2/N], NaN if nobody knows it."""
-        scale = self.contact_modulus * self.rms_slope
-        return 1 / scale if scale > 0 else np.nan
+        return 1 / self.scale if self.scale > 0 else np.nan
 
 
 def path_of(result, name=""):
@@ -82,8 +79,8 @@ def path_of(result, name=""):
         return None
     values = result.attributes
     smooth = values.get("problem") in _SMOOTH_BODIES and not values.get("surfaces")
-    modulus, slope = (values.get(key, np.nan) for key in ("contact_modulus", "rms_slope"))
-    return Path(columns, name, modulus, slope, smooth)
+    scale = values.get("contact_modulus", np.nan) * values.get("rms_slope", np.nan)
+    return Path(columns, name, scale, smooth)
 
 
 @styled
@@ -120,9 +117,8 @@ def _curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True))
         found = path.positive(x, y, lowest=0.0 if any(logs) else -np.inf)
         if found is None:
             continue
-        colour, marker, line = SERIES[number % len(SERIES)]
         values = found * np.array(scale(path))[:, None]
-        axes.plot(*values, marker=marker, linestyle=line, color=colour, label=path.name or "computed")
+        axes.plot(*values, **series(number), label=path.name or "computed")
         drawn.append(values)
     if not drawn:
         axes.text(
@@ -163,9 +159,8 @@ def _draw_fraction(axes, paths):
 def _draw_kappa(axes, paths):
     highest = 0.0
     for number, path in enumerate(paths):
-        colour, marker, line = SERIES[number % len(SERIES)]
         p, share = path.positive("mean_pressure", "contact_fraction")
-        axes.plot(p * path.relative, share / (p * path.relative), marker=marker, linestyle=line, color=colour)
+        axes.plot(p * path.relative, share / (p * path.relative), **series(number))
         found = path.positive("mean_pressure", "contact_fraction_corrected")
         if found is not None:
             x = found[0] * path.relative
@@ -276,8 +271,14 @@ def numbers(texts):
 
 def path_of_csv(columns, name=""):
     """Path of a table without ``exit_status``."""
-    facts = {key: numbers(columns[key])[0] for key in ("contact_modulus", "rms_slope") if key in columns}
-    return Path({key: numbers(texts) for key, texts in columns.items()}, name, **facts)
+    columns = {key: numbers(texts) for key, texts in columns.items()}
+    path = Path(columns, name)
+    known = path.positive("persson_fraction", "mean_pressure")
+    if known is None:
+        return path
+    light = known[0].argmin()  # where Persson's fraction is far from 1, and tells p' to all digits
+    with np.errstate(divide="ignore"):
+        return path._replace(scale=float(known[1, light] / persson_pressure(known[0, light])))
 
 
 @styled
@@ -333,10 +334,7 @@ def _draw_measured(axes, x, y, groups):
     for number, (label, rows) in enumerate(list(groups.items())[:_MOST_SERIES]):
         rows = np.array(rows)[np.argsort(x[rows], kind="stable")]
         kept = rows[np.isfinite(x[rows]) & np.isfinite(y[rows])]
-        colour, marker, line = SERIES[number % len(SERIES)] if len(groups) > 1 else (BLUE, "o", "-")
-        axes.plot(
-            x[kept], y[kept], marker=marker, linestyle=line, color=colour, label=", ".join(label) or None
-        )
+        axes.plot(x[kept], y[kept], **series(number), label=", ".join(label) or None)
     for axis, values in ((axes.xaxis, x), (axes.yaxis, y)):
         values = values[np.isfinite(values)]
         if values.min() > 0 and values.max() >= 4 * values.min():

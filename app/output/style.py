@@ -40,7 +40,10 @@ STYLE = {
     "svg.fonttype": "none",
     "svg.hashsalt": "contact",  # the same picture is the same file
 }
+_FILLS = ("full", "none", "left")
 _INCHES_PER_TICK = 0.75
+_SUBS = ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7))  # of the decades of logarithmic axes: ticks
+_LEAST_TICKS = 3  # with numbers, on logarithmic axes
 
 
 def styled(draw):
@@ -63,13 +66,25 @@ def new_figure(width, height, title=None):
     return figure
 
 
+def series(number):
+    """How the line of a number, from 0, is drawn: as no other of the first twelve."""
+    again, which = divmod(number, len(SERIES))
+    colour, marker, line = SERIES[which]
+    fill = _FILLS[again % len(_FILLS)]
+    paper = "white" if fill == "none" else colour  # a line does not shine through
+    return {
+        "color": colour, "marker": marker, "linestyle": line, "markersize": 5 + again,
+        "fillstyle": fill if fill == "left" else "full", "markerfacecolor": paper, "markerfacecoloralt": "white",
+    }  # fmt: skip
+
+
 def linear_ticks(axis, inches):
     """Ticks that do not touch on an axis so long, two at least."""
     axis.set_major_locator(MaxNLocator(int(np.clip(inches / _INCHES_PER_TICK, 2, 7)), steps=[1, 2, 5, 10]))
 
 
 def log_axis(axis, values):
-    """Logarithmic axis with at least two ticks that have numbers, whatever the positive `values` span."""
+    """Logarithmic axis with at least three ticks that have numbers, whatever the positive `values` span."""
     axes = axis.axes
     in_x = axis is axes.xaxis
     values = (
@@ -83,13 +98,21 @@ def log_axis(axis, values):
         low, high = low / 1.5, high * 1.5
     (axes.set_xscale if in_x else axes.set_yscale)("log")
     margin = max((high / low) ** 0.06, 1.25)
-    (axes.set_xlim if in_x else axes.set_ylim)(low / margin, high * margin)
-    decades = np.log10(high / low * margin**2)
-    if decades < 1.7:
-        axis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades > 0.5 else (1, 1.5, 2, 3, 5, 7)))
+    low, high = low / margin, high * margin
+    (axes.set_xlim if in_x else axes.set_ylim)(low, high)
+    subs = next((subs for subs in _SUBS if _ticks_between(low, high, subs) >= _LEAST_TICKS), _SUBS[-1])
+    if subs != (1,):
+        axis.set_major_locator(LogLocator(subs=subs))
         axis.set_major_formatter(FuncFormatter(lambda value, _: _number(value)))
         axis.set_minor_formatter(NullFormatter())
         axis.set_minor_locator(NullLocator())
+
+
+def _ticks_between(low, high, subs):
+    """How many numbers of (subs) 10^k there are."""
+    powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.log10(high) + 1)
+    values = np.outer(powers, subs)
+    return np.count_nonzero((low <= values) & (values <= high))
 
 
 def _number(value):

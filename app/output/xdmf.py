@@ -77,8 +77,10 @@ def _read(result):
             fields = {name: file[name].dtype for name, shape in there.items() if shape == (y.size, x.size)}
             load = file.attrs.get("load", np.nan)
             return float(load) if np.isscalar(load) else np.nan, _grid(result, x, y, fields)
-    except (OSError, ValueError, RuntimeError, KeyError) as error:  # the last two: links
+    except ValueError as error:
         raise ValueError(f"result file {result}: {one_line(error)}") from None
+    except (OSError, RuntimeError, KeyError) as error:  # the last two: links
+        raise ValueError(f"result file {result}: not a readable HDF5 file ({one_line(error)})") from None
 
 
 def _grid(result, x, y, fields):

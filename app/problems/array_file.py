@@ -39,6 +39,8 @@ class ArrayFile:
     attributes : dict
         Of the dataset of an HDF5 file, which may say units; else empty.
     is_text : bool
+    comments : list of str
+        Lines of a text that begin with #.
 
     Raises
     ------
@@ -51,7 +53,7 @@ class ArrayFile:
     preferred = ""  # dataset that is taken where there are several
 
     def __init__(self, name, skip=0):
-        name, self.attributes, self.skip = str(name), {}, skip
+        name, self.attributes, self.comments, self.skip = str(name), {}, [], skip
         path, _, dataset = name.partition(":/")
         self.file, self.path, self._dataset = name, Path(path), dataset
         if not self.path.is_file():
@@ -136,6 +138,7 @@ class ArrayFile:
     def _read_text(self):
         check_fits(self.path.stat().st_size * _BYTES_PER_BYTE, "text, where .npy or .h5 take little")
         lines = _decoded(self.path.read_bytes()).splitlines()
+        self.comments = [line for line in lines if line.startswith("#")]
         return read_table(lines, self.missing, self.skip, self.marks, self.how_to_skip)
 
     @property

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 from app.problems.array_file import ArrayFile
 from app.problems.points import gridded, looks_like_points
 from app.units import UNITS, unit_named
+
+# At the head of Gwyddion's ASCII export: the size of the map, and the unit of its heights.
+_SAID = re.compile(r"#\s*(Width|Height|Value units):\s*([\d.,eE+-]*)\s*(\S+)\s*")
 
 TURNS = {
     "transpose": lambda rows: rows.T,
@@ -75,6 +80,8 @@ class HeightFile(ArrayFile):
                 raise ValueError(
                     f"surface file {name}: spacing {self.spacing}: needed: two positive numbers dx, dy"
                 )
+        elif self._read_head():
+            pass
         elif self.is_text and looks_like_points(self._rows.shape):
             try:
                 self._rows, self.spacing = gridded(self._rows)
@@ -85,6 +92,22 @@ class HeightFile(ArrayFile):
                 ) from None
         if orient:
             self._rows, self.spacing = turned(self._rows[...], self.spacing, orient)
+
+    def _read_head(self):
+        """Take unit and spacing from comments as Gwyddion writes them; whether there is a spacing."""
+        said = {found[1]: found.groups()[1:] for line in self.comments if (found := _SAID.fullmatch(line))}
+        if "Value units" in said:
+            self.unit = unit_named(said["Value units"][1])
+        try:
+            sides = [
+                float(number.replace(",", ".")) * UNITS[unit_named(unit)]
+                for number, unit in (said["Width"], said["Height"])
+            ]
+        except (LookupError, ValueError):
+            return False
+        if min(sides) > 0:
+            self.spacing, self.lateral = (sides[0] / self.shape[1], sides[1] / self.shape[0]), "mm"
+        return min(sides) > 0
 
     def _said(self, key):
         """Unit that an attribute names, or None."""

@@ -16,7 +16,7 @@ from app.halfspace.grid import Grid
 from app.problems.given import real_numbers
 from app.problems.height_file import TURNS, HeightArray, HeightFile, turned
 from app.problems.moments import LEVELS, Moments, centred
-from app.units import UNITS, in_words
+from app.units import UNITS, in_words, unit_named
 
 MISSING = ("hole", "fill")
 MOST_CELLS = np.iinfo(np.int32).max  # that PETSc numbers
@@ -261,6 +261,7 @@ def read_surface(
     >>> surface.grid(domain=(0, 0.6, 0, 0.4)).dx
     0.01
     """
+    unit, height_unit = (name and (unit_named(name) or name) for name in (unit, height_unit))
     for name, value, allowed in (
         ("level", level, LEVELS),
         ("missing", missing, MISSING),

@@ -127,7 +127,7 @@ def check(problem, name, rows):
 
 def _import_module(path):
     folder = str(Path.cwd())
-    added = folder not in sys.path and "" not in sys.path
+    added = sys.path[0] not in (folder, "")
     if added:
         sys.path.insert(0, folder)
     try:

@@ -12,6 +12,19 @@ def persson_fraction(relative):
     return erf(np.sqrt(2) * np.asarray(relative, float))
 
 
+def persson_pressure(fraction):
+    """The p' of which `persson_fraction` is this. Not collective.
+
+    Examples
+    --------
+    >>> float(persson_pressure(persson_fraction(0.125)))
+    0.125
+    """
+    from scipy.special import erfinv
+
+    return erfinv(np.asarray(fraction, float)) / np.sqrt(2)
+
+
 def bush_gibson_thomas_fraction(relative):
     """Bush, Gibson, Thomas, Wear 35 (1975) 87: contact fraction at small p'; NaN above 1. Not collective."""
     fraction = np.sqrt(2 * np.pi) * np.asarray(relative, float)

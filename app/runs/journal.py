@@ -15,7 +15,14 @@ class Journal:
     ----------
     path : Path
     resume : bool
-        Keep what is there already; else start anew.
+        Keep what is there already; else start anew: what is there goes when the first outcome comes.
+
+    Attributes
+    ----------
+    outcomes : dict
+        Key -> outcome.
+    dropped : dict
+        The same of what is not kept.
 
     Raises
     ------
@@ -33,9 +40,7 @@ class Journal:
         except OSError:
             self._file.close()
             raise InputError(f"{path}: another process is writing it") from None
-        self.outcomes = {}
-        if not resume:
-            self._file.truncate(0)
+        self.outcomes, self.dropped = {}, {}
         self._file.seek(0)
         for line in self._file:
             try:
@@ -43,14 +48,20 @@ class Journal:
                 self.outcomes[entry.pop("key")] = entry
             except (ValueError, LookupError, AttributeError, TypeError):
                 continue  # cut off when the process was killed, or nothing of ours
+        if not resume:
+            self.outcomes, self.dropped = {}, self.outcomes
         self._file.write("\n")  # ends a line that was cut off
+        self._begins = not resume
 
     def add(self, key, outcome):
         """Record an outcome; it is on its way to the disk when this returns."""
-        self.outcomes[key] = outcome
+        if self._begins:
+            self._file.truncate(0)
+            self._begins = False
         json.dump({"key": key, **outcome}, self._file, default=_plain)
         self._file.write("\n")
         self._file.flush()
+        self.outcomes[key] = outcome
 
     def close(self):
         """Close the file and let others write it."""

@@ -100,7 +100,7 @@ def perform(run, output, processes, ranks=1, timeout=None):
     dict
         `exit_status`, `message` (empty, warnings, or what went wrong), and what ``run.collect`` returns.
     """
-    command = [sys.executable, "-m", run.module, *run.arguments(), "-output", str(output)]
+    command = [sys.executable, "-P", "-m", run.module, *run.arguments(), "-output", str(output)]
     if ranks > 1:
         command = ["mpiexec", "-n", str(ranks), *command]
     output.unlink(missing_ok=True)

@@ -10,6 +10,7 @@ from pathlib import Path
 import yaml
 
 from app.errors import InputError
+from app.options import option_file
 from app.runs.run import Run
 
 LEFT_OUT = "~"
@@ -63,7 +64,10 @@ def _combine(content):
     axes = []  # each a list of alternatives: ({column: label}, [files], {option: text})
     files = _sequence(content.get("option_files") or [], "option_files")
     for entry in files:
-        names = [_scalar(name, "option_files") for name in _listed(entry, "option_files")]
+        entries = entry if isinstance(entry, list) else [entry]
+        names = [option_file(_scalar(name, "option_files")) for name in entries]
+        if not names:
+            raise InputError("option_files: the list is empty")
         for name in names:
             if not Path(name).is_file():
                 raise InputError(f"option_files: {name}: no such file")
@@ -139,11 +143,16 @@ def _sequence(value, where):
 
 
 def _listed(value, where):
-    """Return the value, or the values of a list, as a list."""
+    """Return the value, or the values of a list, as a list; a list in the list is one value with commas."""
     values = value if isinstance(value, list) else [value]
     if not values:
         raise InputError(f"{where}: the list is empty")
-    return [_scalar(item, where) for item in values]
+    return [
+        ",".join(_scalar(part, where) for part in item)
+        if isinstance(item, list) and item
+        else _scalar(item, where)
+        for item in values
+    ]
 
 
 def _scalar(value, where):

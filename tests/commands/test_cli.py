@@ -201,6 +201,15 @@ def test_bad_input_on_two_ranks(refused, case, ranks):
 # --------------------------------------------------------------------------------- results and exit status
 
 
+def test_the_folder_one_is_in_has_parts_but_no_program(tmp_path):
+    """contact-solve is ``python -P -m app.solve``."""
+    (tmp_path / "app.py").write_text("raise SystemExit(9)\n")
+    (tmp_path / "mine.py").write_text("class Mine:\n    def apply(self, pc, x, y):\n        x.copy(y)\n")
+    own = ("-pc_type", "python", "-pc_python_type", "mine.Mine")
+    done = run("-P", *solve_arguments("hertz", "norm"), "-grid", "8", *own, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_default_method_without_nested_iteration(cli):
     done = cli("-grid", 32, "-lcp_nested", "false", methods=["hertz"])
     assert (done.returncode, done.stderr) == (0, "")

@@ -25,8 +25,15 @@ def test_interrupted_and_resumed_path_gives_the_identical_table(cli, tmp_path):
     in_the_way.mkdir()
     stopped = cli(*PATH, "-path_fields", "-output", broken)
     assert stopped.returncode == 2
+    assert "note: 2 of 4 steps are kept in " in stopped.stderr
     assert not broken.exists()
-    in_the_way.rmdir()
+    first = tmp_path / "broken_0001.h5"
+    first.unlink()
+    first.mkdir()
+    anew = cli(*PATH, "-path_fields", "-output", broken)
+    assert "warning: " in anew.stderr and "2 steps of an interrupted run go when" in anew.stderr
+    for folder in (in_the_way, first):
+        folder.rmdir()
     other = cli(*PATH, "-path_fields", "-output", broken, "-resume", "-poisson_ratio", "0.3")
     assert other.returncode == 2
     assert "is of a run with other options" in other.stderr
@@ -35,12 +42,14 @@ def test_interrupted_and_resumed_path_gives_the_identical_table(cli, tmp_path):
     assert "2 of 4 steps are done already" in resumed.stdout
     assert broken.with_suffix(".csv").read_bytes() == whole.with_suffix(".csv").read_bytes()
     assert not list(tmp_path.glob("*.jsonl"))
-    steps = [read_result(tmp_path / f"broken_{step:04d}.h5").attributes["load"] for step in (1, 2, 3, 4)]
-    assert steps == pytest.approx(np.geomspace(1000, 80000, 4))
+    steps = [read_result(tmp_path / f"broken_{step:04d}.h5").attributes["load"] for step in (2, 3, 4)]
+    assert steps == pytest.approx(np.geomspace(1000, 80000, 4)[1:])
     one, other = read_result(whole), read_result(broken)
     assert np.array_equal(one.pressure, other.pressure)
     assert one.path.keys() == other.path.keys() == table(whole.with_suffix(".csv")).keys()
-    assert one.path["load"] == pytest.approx(steps)
+    assert one.path["load"][1:] == pytest.approx(steps)
+    nothing = cli(*PATH, "-path_csv", tmp_path / "other.csv", "-resume")
+    assert nothing.returncode == 0 and "note: -resume: nothing to go on from" in nothing.stderr
     assert one.attributes["load"] == pytest.approx(80000)
     assert one.attributes["contact_patches"] == 1
 
@@ -51,9 +60,9 @@ def test_notes_come_back_with_resumed_steps(cli, tmp_path):
     whole, broken = tmp_path / "whole.h5", tmp_path / "broken.h5"
     expected = cli(*few, "-output", whole).stderr
     assert "steps 1, 2: contact is " in expected
-    (tmp_path / "broken_0004.h5").mkdir()
+    (tmp_path / "broken_0003.h5").mkdir()
     assert cli(*few, "-output", broken).returncode == 2
-    (tmp_path / "broken_0004.h5").rmdir()
+    (tmp_path / "broken_0003.h5").rmdir()
     assert cli(*few, "-output", broken, "-resume").stderr == expected
     assert read_result(broken).attributes["notes"] == read_result(whole).attributes["notes"]
 

@@ -40,10 +40,20 @@ def test_command_writes_all_pictures_and_prints_their_paths(path, tmp_path, caps
     assert all(f.read_bytes().startswith(START[kind]) for f in folder.iterdir())
 
 
+def test_without_a_folder_pictures_lie_beside_the_file_and_only_some_are_drawn(path, tmp_path, capsys):
+    mine = tmp_path / "mine.h5"
+    mine.symlink_to(path)
+    assert main([str(mine), "--only", "history", "--only", "pressure", "--dpi", "30"]) == 0
+    assert sorted(f.name for f in (tmp_path / "mine").iterdir()) == ["history.png", "pressure.png"]
+    capsys.readouterr()
+    assert main([str(mine), "--only", "path"]) == 2
+    assert "--only path: result file" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["RESULT"], "-o"),
+        (["RESULT", "-o", "DIR", "--only", "contour"], "choose from 'contact', 'pressure'"),
         (["absent.h5", "-o", "DIR"], "absent.h5: no such file"),
         ([__file__, "-o", "DIR"], "not a readable HDF5 file"),
         (["RESULT", "-o", "DIR", "--format", "bmp"], "bmp"),

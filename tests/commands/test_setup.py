@@ -31,6 +31,7 @@ def test_a_checkout_that_may_only_be_read_in_a_path_with_spaces_by_sh(folder):
         copy(TESTS.parent / name, clone / name)
     home.mkdir()
     os.chown(home, 65534, 65534)
+    (home / "app.py").write_text("raise SystemExit(9)")  # is none of ours
     nobody = {"user": 65534, "group": 65534, "extra_groups": [], "cwd": clone}
     environment = {"PATH": "/usr/bin:/bin", "HOME": str(home)}
     for line in ("sh run/setup", SOLVE):

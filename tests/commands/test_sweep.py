@@ -76,6 +76,23 @@ def test_empty_value_is_a_bare_option(tmp_path):
     assert run.arguments() == ["-grid", "8", "-ksp_converged_reason"]
 
 
+def test_a_list_in_a_list_is_one_value(tmp_path):
+    text = "options: {young: [[210e3, 210e3], [210e3, 3e3]], grid: [8, [16, 8]]}\n"
+    text += "exclude: [{grid: [[16, 8]], young: '210e3,3e3'}]"
+    assert combinations(tmp_path, text) == [
+        {"young": young, "grid": grid}
+        for young, grid in (("210e3,210e3", "8"), ("210e3,210e3", "16,8"), ("210e3,3e3", "8"))
+    ]
+
+
+def test_the_programs_own_option_files_are_found_from_anywhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (run,) = read_sweep(write(tmp_path, "option_files: [fast.opts, hertz]"))
+    assert [Path(file).read_text() for file in run.files] == [
+        (ROOT / f"petsc_options/{name}.opts").read_text() for name in ("fast", "hertz")
+    ]
+
+
 def test_alternative_option_files_are_labelled_and_come_before_the_options(tmp_path):
     runs = read_sweep(write(tmp_path, f"option_files: [{HERTZ}, [{NORM}, {FMG}]]\noptions: {{grid: 8}}"))
     assert [run.labels for run in runs] == [{"option_files": "norm"}, {"option_files": "fmg_v11"}]
@@ -90,7 +107,9 @@ BAD = {
     "options: {-grid: 8}": "without dash",
     "options: {grid: []}": "empty",
     "options: {grid: {a: 1}}": "number or text",
-    "options: {grid: [[8, 8]]}": "number or text",
+    "options: {grid: [[8, [8]]]}": "number or text",
+    "options: {grid: [[]]}": "number or text",
+    "options: {grid: 8}\noption_files: [[]]": "empty",
     "options: {output: a.h5}": "output: not allowed",
     "option: {grid: 8}": "unknown key option",
     "options: {grid: 8}\nzip: [{approach: [1, 2], load: [1, 2, 3]}]": "approach 2, load 3",
@@ -138,6 +157,13 @@ def test_bad_command_line_is_one_line(tmp_path, capsys, monkeypatch, arguments, 
     assert err.startswith("error: ") and err.count("\n") == 1 and message in err
 
 
+def test_the_sweep_of_the_docs_is_read(tmp_path, monkeypatch):
+    """Two methods, grids and materials, three loadings, less one of them on one of the grids."""
+    monkeypatch.chdir(tmp_path)
+    text = (ROOT / "docs/commands.md").read_text().partition("```yaml\n")[2].partition("```")[0]
+    assert len(read_sweep(write(tmp_path, text))) == 2 * 2 * (2 * 3 - 1)
+
+
 @pytest.mark.parametrize(
     "path", sorted((ROOT / "petsc_options/sweeps").glob("*.yml")), ids=lambda path: path.stem
 )
@@ -160,7 +186,7 @@ def swept(tmp_path_factory):
         f"option_files: [{HERTZ}, {NORM}]\noptions: {{grid: 8}}\n"
         "zip: [{approach: [0.05, 0.1, ten, 0.1], lcp_max_it: [~, ~, ~, 1]}]",
     )
-    assert main([str(path), "-o", str(folder / "out.csv"), "--keep", "--jobs", "2"]) == 0
+    assert main([str(path), "-o", str(folder / "out.csv"), "--keep", "--jobs", "2"]) == 3
     with (folder / "out.csv").open() as file:
         return folder, list(csv.DictReader(file))
 
@@ -198,7 +224,7 @@ def test_a_missing_kept_file_is_made_again(swept, tmp_path):
     folder, rows = swept
     before = len(journal_keys(folder / "out.runs.jsonl"))
     Path(rows[0]["result"]).unlink()
-    assert main([str(folder / "sweep.yml"), "-o", str(folder / "out.csv"), "--keep", "--resume"]) == 0
+    assert main([str(folder / "sweep.yml"), "-o", str(folder / "out.csv"), "--keep", "--resume"]) == 3
     assert Path(rows[0]["result"]).is_file()
     assert len(journal_keys(folder / "out.runs.jsonl")) == before + 1
 
@@ -254,6 +280,19 @@ def wait_for(condition, seconds=30):
     while not condition():
         assert time.monotonic() < end
         time.sleep(0.05)
+
+
+@pytest.mark.parametrize(("statuses", "expected"), [("000", 0), ("222", 2), ("022", 3), ("33", 3), ("2-", 3)])
+def test_exit_status_is_that_of_the_runs(tmp_path, capsys, monkeypatch, statuses, expected):
+    """And what several runs say is said once."""
+    outcomes = iter([{"exit_status": -9 if s == "-" else int(s), "message": s.strip("0")} for s in statuses])
+    monkeypatch.setattr(batch, "perform", lambda *how: next(outcomes))
+    path = write(tmp_path, f"options: {{grid: [{', '.join('123'[: len(statuses)])}]}}")
+    assert main([str(path), "-o", str(tmp_path / "out.csv")]) == expected
+    *_, last = lines = capsys.readouterr().out.splitlines()
+    assert last.endswith(f"{statuses.count('0')} of {len(statuses)} solved")
+    expected = {"222": ["all runs: 2"], "022": ["grid 2; grid 3: 2"]}
+    assert statuses not in expected or lines[-2:-1] == expected[statuses]
 
 
 # -- without runs --------------------------------------------------------------------------------------------
@@ -329,9 +368,15 @@ def test_journal_survives_a_line_that_was_cut_off(tmp_path):
     journal = Journal(path, resume=True)
     journal.add("c", {"load": 2})
     journal.close()
+    Journal(path).close()  # drops what is there with its first outcome, not before
     outcomes = Journal(path, resume=True).outcomes
     assert list(outcomes) == ["a", "c"]
     assert outcomes["a"]["load"] == 1.5 and np.isnan(outcomes["a"]["residual"])
+    anew = Journal(path)
+    assert not anew.outcomes and list(anew.dropped) == ["a", "c"]
+    anew.add("d", {})
+    anew.close()
+    assert list(Journal(path, resume=True).outcomes) == ["d"]
 
 
 def test_a_run_that_hangs_or_crashes_is_a_row(tmp_path):
@@ -351,7 +396,7 @@ def test_a_run_that_hangs_or_crashes_is_a_row(tmp_path):
 def test_every_kind_of_table(tmp_path, performed, suffix):
     path = write(tmp_path, "options: {grid: [8, crash], lcp_rtol: [1e-6, 1e-8]}")
     output = tmp_path / f"out{suffix}"
-    assert main([str(path), "-o", str(output)]) == 0
+    assert main([str(path), "-o", str(output)]) == 3
     if suffix in (".h5", ".hdf5"):
         with h5py.File(output) as file:
             assert file["lcp_rtol"][()].tolist() == [1e-6, 1e-8, 1e-6, 1e-8]

@@ -12,6 +12,7 @@ from app.halfspace.connected import connected_sets
 from app.halfspace.grid import Grid
 from app.output import curves, figures, maps, paths, style
 from app.plot import analytic_reference
+from app.reference.rough import persson_fraction
 from app.units import length_unit
 
 
@@ -152,12 +153,32 @@ def test_narrow_patches_are_readable(nx, ny, width, height):
     assert ("scale" in axes.get_xlabel()) == (max(width, height) > 10)
 
 
-@pytest.mark.parametrize("values", [[3.0, 3.1], [1.0], [0.9, 4.0], [1e-9, 1e5], []])
-def test_a_logarithmic_axis_has_two_ticks_at_least(values):
+@pytest.mark.parametrize("values", [[3.0, 3.1], [1.0], [0.9, 4.0], [1e-9, 1e5], [1.1, 95.0], [0.2, 40.0], []])
+def test_a_logarithmic_axis_has_three_numbers_at_least(values):
     axes = style.new_figure(4, 3).subplots()
     style.log_axis(axes.xaxis, np.array(values))
     low, high = axes.get_xlim()
-    assert sum(low <= tick <= high for tick in axes.get_xticks()) >= 2
+    FigureCanvasAgg(axes.figure).draw()
+    told = {
+        tick
+        for tick, label in zip(axes.get_xticks(), axes.get_xticklabels(), strict=True)
+        if label.get_text()
+    }
+    assert sum(low <= tick <= high for tick in told) >= 3
+
+
+def test_twelve_lines_are_all_different():
+    drawn = [{name: str(value) for name, value in style.series(number).items()} for number in range(12)]
+    assert all(one != other for k, one in enumerate(drawn) for other in drawn[:k])
+
+
+def test_theories_come_from_the_table_of_a_path():
+    """Of pressures over E* h'rms the table tells Persson's fraction; the picture is that of a result's path."""
+    columns = {"mean_pressure": np.array([3.0, 300.0, 3e5]), "contact_fraction": np.array([0.1, 0.5, 1.0])}
+    columns["persson_fraction"] = persson_fraction(columns["mean_pressure"] / 5000)
+    path = paths.path_of_csv({name: list(map(repr, map(float, column))) for name, column in columns.items()})
+    assert path.scale == pytest.approx(5000, rel=1e-12)
+    assert "κ" in paths.path_figure([path]).axes[1].get_ylabel()
 
 
 def test_patches_are_told_apart_across_the_sides_of_a_periodic_patch():
@@ -206,7 +227,7 @@ def test_a_smooth_body_has_no_spectrum(result):
 def test_path_of_a_rough_surface_stands_beside_the_theories():
     p = np.geomspace(10, 1e4, 7)
     columns = {"load": p, "mean_pressure": p, "contact_fraction": np.minimum(2.2e-4 * p, 0.99)}
-    figure = paths.path_figure([paths.Path(columns, "", contact_modulus=1e5, rms_slope=0.1)])
+    figure = paths.path_figure([paths.Path(columns, "", scale=1e4)])
     fraction, kappa, *others = figure.axes
     computed, persson, bgt = fraction.lines[:3]
     assert computed.get_xdata() == pytest.approx(p / 1e4)

@@ -37,7 +37,17 @@ def save_converted(path, heights):
         file["heights"].attrs.update(unit="um", spacing=(1e3 * DX, 1e3 * DY), spacing_unit="nm")
 
 
-FORMATS = {"s.npy": np.save, "s.csv": save_text, "s.xyz": save_points, "s.h5": save_converted}
+def save_gwyddion(path, heights):
+    """As its ASCII export is; in a micro sign that is a Greek letter."""
+    ny, nx = heights.shape
+    sides = f"Width: {nx * DX:.1f} \u03bcm\nHeight: {1e3 * ny * DY:.1f} nm"
+    np.savetxt(path, heights, "%.17g", "\t", header=f"Channel: Z\n{sides}\nValue units: µm", encoding="utf-8")
+
+
+FORMATS = {
+    "s.npy": np.save, "s.csv": save_text, "s.xyz": save_points, "s.h5": save_converted, "s.txt": save_gwyddion
+}  # fmt: skip
+TOLD = ("s.h5", "s.txt")  # with their units
 
 
 @pytest.fixture
@@ -98,7 +108,7 @@ def test_every_format_gives_the_same_heights_and_holes(saved, name):
     heights = HEIGHTS.copy()
     heights[3, 4:6], heights[10, 0] = np.nan, np.nan
     path = saved(heights, name)
-    surface = read_surface(path, unit=None if name == "s.h5" else "um")
+    surface = read_surface(path, unit=None if name in TOLD else "µm")
     np.testing.assert_allclose(surface.heights(), 1e-3 * heights, rtol=1e-15)
     np.testing.assert_array_equal(surface.heights(slice(3, 5)), surface.heights()[3:5])
     assert surface.missing_points == 3 and len(surface.notes) == 1
@@ -215,6 +225,7 @@ def test_units(saved):
         ("s.npy", {"surface_unit": "inch"}, "-surface_unit inch: not allowed; allowed: one of m, mm, um, nm"),
         ("s.npy", {"surface_unit": "um"}, "-domain .* is missing: surface file .* does not say its spacing"),
         ("s.h5", {"surface_unit": "nm"}, "-surface_unit nm: surface file .* says um"),
+        ("s.txt", {"surface_unit": "nm"}, "-surface_unit nm: surface file .* says um"),
         ("s.h5", {"domain": "0,1,0,1"}, r"its patch is 0.006 x 0.006 mm; the domain is 1 x 1 mm"),
         ("s.h5", {"surface_level": "cubic"}, "-surface_level cubic: not allowed"),
         ("s.h5", {"surface_crop": "0,16,0,2"}, "surface crop 0,16,0,2: .* columns 0,15 and rows 0,12"),
@@ -257,7 +268,7 @@ TURNED = {
 @pytest.mark.parametrize("name", FORMATS)
 @pytest.mark.parametrize("orient", TURNED)
 def test_orientation_turns_rows_columns_and_spacing(saved, name, orient):
-    surface = read_surface(saved(HEIGHTS, name), None if name == "s.h5" else "um", orient=orient)
+    surface = read_surface(saved(HEIGHTS, name), None if name in TOLD else "um", orient=orient)
     np.testing.assert_allclose(surface.heights(), 1e-3 * TURNED[orient], rtol=1e-15)
     if surface.spacing:
         turned = orient.count("transpose") % 2

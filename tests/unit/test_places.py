@@ -33,7 +33,7 @@ def files(tmp_path):
     return write
 
 
-@pytest.mark.parametrize("path", ["hertz.opts", "petsc_options/hertz.opts"])
+@pytest.mark.parametrize("path", ["hertz.opts", "petsc_options/hertz.opts", "hertz"])
 def test_option_file_of_the_program_where_there_is_none_here(path, read, files):
     assert read(f"-options_file {path}").texts["problem"] == "hertz"
     files(hertz__opts="-problem mine")

@@ -24,10 +24,11 @@ def made(**texts):
             {"aproach": "1", "lcp_rtoll": "1"},
             "unknown options: -aproach (did you mean -approach?), -lcp_rtoll (did you mean -lcp_rtol?); what is wrong",
         ),
-        ({"load": "10", "ksp_rtol": "1", "mylaw": "2"}, "what is wrong"),
+        ({"load": "10", "sub_0_pc_type": "2", "radius": "2"}, "unknown option: -radius; what is wrong"),
+        ({"problem": "python", "ksp_rtol": "1", "mylaw": "2"}, "what is wrong"),
     ],
 )  # fmt: skip
-def test_options_that_are_nearly_known_are_named(texts, message):
+def test_options_that_nobody_knows_are_named(texts, message):
     with pytest.raises(InputError) as refusal, suggesting(texts):
         raise InputError("what is wrong")
     assert str(refusal.value) == message
@@ -89,6 +90,23 @@ def test_dataset_linked_to_itself(tmp_path, link):
         file["other"] = h5py.SoftLink("/gap")
     with pytest.raises(ValueError, match="cannot be read: .*too many links"):
         GapFile(f"{tmp_path}/gap.h5:/gap")
+
+
+def test_gap_files_have_no_unit(tmp_path):
+    np.savetxt(tmp_path / "gap.txt", np.zeros((4, 4)))
+    with pytest.raises(InputError, match="-surface_unit um: has no effect here; gap files are in mm"):
+        made(problem="file", gap_file=str(tmp_path / "gap.txt"), surface_unit="µm")
+
+
+@pytest.mark.parametrize("kind", ["load", "approach"])
+def test_default_patch_is_that_of_the_largest_step(kind):
+    def patch(**loading):
+        given = {"problem": "sphere", "sphere_radius": "10", "contact_modulus": "1e5", **loading}
+        return make_problem(OptionReader(PROBLEM_OPTIONS, given), given, MPI.COMM_SELF)[0].grid
+
+    assert patch(**{f"{kind}_path": "0.01,1,0.1"}) == patch(**{kind: "1"}) != patch(**{kind: "0.1"})
+    with pytest.raises(InputError, match="-domain is missing: without contact"):
+        patch(**{f"{kind}_path": "0,0"})
 
 
 def test_list_that_looks_like_points_is_worth_a_note(tmp_path):
