@@ -6,7 +6,6 @@ With one grid to visit, the target, it is the active set iteration alone (Sec. 3
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
 
 import numpy as np
 
@@ -46,7 +45,7 @@ def full_multigrid(
         On the target grid.
     """
     last = len(hierarchy.levels) - 1
-    coarse, outcome, fallbacks = None, None, 0
+    coarse = outcome = None
     for number, following in pairs(route(hierarchy, distances, loading, nested)):
         level, target = hierarchy.levels[number], number == last
         state = ContactState(level, distances[number])
@@ -72,14 +71,14 @@ def full_multigrid(
                 return active_set_or_search(state, solver, loading, test, history)
 
             # Sec. 4.3, 1: the coarsest grid, directly if it is small; Sec. 4.3, 3 and 4: the others, to the target
-            outcome = loading.first_solve(state, solve) if coarse is None else solve(loading)
-            fallbacks += outcome.fallbacks
+            found = loading.first_solve(state, solve) if coarse is None else solve(loading)
+            outcome = found.on_from(outcome)
             loading.solved(state.depth)
             if solver is not target_solver:
                 solver.destroy()
-        outcome, fallbacks = tell(hierarchy, following, state, loading, outcome, fallbacks)
+        [outcome] = tell(hierarchy, following, state, loading, outcome)
         coarse = state
-    return state, replace(outcome, fallbacks=fallbacks)
+    return state, outcome
 
 
 def route(hierarchy, distances, loading, nested):

@@ -88,7 +88,11 @@ class Outcome:
     residual: float = 0.0  # ||r|| / ||h||, eq. (5.1)
     discretisation_error: float = float("nan")  # of the pressure (rms), relative, estimated from two grids
     grid_errors: GridErrors = UNKNOWN
-    fallbacks: int = 0  # grids on which the safeguard took over
+    fallbacks: int = 0  # grids on which the safeguard took over, this one and coarser ones
+
+    def on_from(self, coarser):
+        """Return this outcome with the fallbacks of that of the coarser grids, if there is one, added."""
+        return replace(self, fallbacks=coarser.fallbacks + self.fallbacks) if coarser else self
 
     def after(self, first):
         """Return this outcome with the iterations of `first`, of which it is the continuation, added."""

@@ -44,7 +44,7 @@ def nested_iteration(
     """
     last, comm = len(hierarchy.levels) - 1, hierarchy.comm
     coarse = outcome = found = None
-    difference, numbers, fallbacks = float("nan"), [], 0
+    difference, numbers = float("nan"), []
     for number, following in pairs(route(hierarchy, distances, loading, nested)):
         target = number == last
         stage = Stage(hierarchy, kept, number, distances[number], coarse if nested else None, found)
@@ -60,15 +60,15 @@ def nested_iteration(
         coarse = state  # for the next grid; the arrays of the coarser one go
         if state.operator.active:
             test = stop if target else stop.for_coarse_grid()
-            outcome = solve_on(hierarchy, number, state, loading, test, history, first, kept)
-            fallbacks += outcome.fallbacks
+            solved = solve_on(hierarchy, number, state, loading, test, history, first, kept)
+            outcome = solved.on_from(outcome)
             loading.solved(state.depth)
             if not target:
                 found = stage.find(coarse_minimum, loading.predict(state.depth))
                 numbers.append(numbers_on(state, state.comm))
         stage.verify_no_more()
-        facts = outcome, found, numbers, fallbacks
-        outcome, found, numbers, fallbacks = tell(hierarchy, following, state, loading, *facts)
+        facts = outcome, found, numbers
+        outcome, found, numbers = tell(hierarchy, following, state, loading, *facts)
         if nested and target and not first:
             difference = pressure_difference(comm, stage.transfer, stage.coarse_pressure, state)
         stage.close()
@@ -77,7 +77,7 @@ def nested_iteration(
             state, complete = stage.everything(outcome, loading.prescribes_load)
             if not complete:
                 rest = solve_on(hierarchy, number, state, loading, stop, history, False, kept)
-                outcome, fallbacks = rest.after(outcome), fallbacks + rest.fallbacks
+                outcome = rest.after(outcome)
     telling = stop.coarse_rtol <= _TELLING * difference
     errors = UNKNOWN
     if nested and numbers:
@@ -88,7 +88,6 @@ def nested_iteration(
         outcome,
         discretisation_error=difference if telling else float("nan"),
         grid_errors=errors,
-        fallbacks=fallbacks,
     )
 
 

@@ -55,7 +55,6 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
             return state, Outcome(True, NO_CONTACT)
         state.destroy()
     coarse, coarse_pressure, outcome, difference, numbers = None, None, None, float("nan"), []
-    fallbacks = 0
     stops = route(hierarchy, distances, loading, nested) if nested and start is None else [last]
     for number, following in pairs(stops):
         level, target = hierarchy.levels[number], number == last
@@ -82,17 +81,14 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
             coarse.destroy()
             coarse = None
         if level.active:
-            outcome = _solve_on(
-                hierarchy, number, primal, solver, stop if target else stop.for_coarse_grid(), history
-            )
-            fallbacks += outcome.fallbacks
+            test = stop if target else stop.for_coarse_grid()
+            outcome = _solve_on(hierarchy, number, primal, solver, test, history).on_from(outcome)
             if solver is not target_solver:
                 solver.destroy()
             if not target:
                 numbers.append(primal.numbers())
-        facts = outcome, primal.mean_pressure, numbers, fallbacks
-        facts = tell(hierarchy, following, state, loading, *facts)
-        outcome, primal.mean_pressure, numbers, fallbacks = facts
+        facts = outcome, primal.mean_pressure, numbers
+        outcome, primal.mean_pressure, numbers = tell(hierarchy, following, state, loading, *facts)
         if target and coarse_pressure is not None:
             difference = pressure_difference(comm, hierarchy.transfers[number], coarse_pressure, state)
         coarse = primal
@@ -102,7 +98,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
         errors = errors_from(
             [*numbers, numbers_on(state, comm)], state.first_touch(), loading.prescribes_load
         )
-    return state, replace(outcome, discretisation_error=difference, grid_errors=errors, fallbacks=fallbacks)
+    return state, replace(outcome, discretisation_error=difference, grid_errors=errors)
 
 
 def _solve_on(hierarchy, number, primal, solver, stop, history):
