@@ -18,7 +18,6 @@ from app import subsurface
 from app.commands import streams
 from app.commands.arguments import Parser
 from app.errors import InputError, one_line
-from app.halfspace.connected import connected_sets
 from app.output import figures, page
 from app.output.files import whole_file
 from app.output.result import read_result
@@ -113,9 +112,8 @@ def _is_number(value):
 
 def numbers_section(result):
     """What came out."""
-    _, cells = connected_sets(result.contact == 1, result.attributes.get("periodic"))
     grid = result.grid
-    values = result.attributes | {"contact_patches": len(cells)}
+    values = result.attributes | {"contact_patches": len(result.contact_patches())}
     for name, cell in (("pressure_centre_x", grid.dx), ("pressure_centre_y", grid.dy)):
         if name in values:
             values[name] = resolved(values[name], cell)

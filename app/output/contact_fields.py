@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from app.errors import InputError
-from app.halfspace.connected import connected_sets
-from app.halfspace.reductions import minimum_over, sum_over
 
 
 class ContactFields:
-    """Patches and distributions, and a line that says what it is.
+    """Patches and distributions, and a line that says what it is; who only reads a file need not wait for MPI or numba.
 
     Who derives from it has `pressure`, `gap` and `contact`, shape (rows, nx); `grid`; `slabs` and `comm`, None where
     all rows are here; and the numbers that `describe` tells.
@@ -30,6 +28,8 @@ class ContactFields:
 
         Cells hang together by faces; on a periodic patch across its sides, too.
         """
+        from app.halfspace.connected import connected_sets
+
         _, cells = connected_sets(self.contact == 1, bool(self.grid.periodic), self.slabs, self.comm)
         return np.sort(cells)[::-1] * self.grid.cell_area
 
@@ -59,6 +59,8 @@ class ContactFields:
         InputError
             If it is the distribution of something else.
         """
+        from app.halfspace.reductions import minimum_over, sum_over
+
         if name not in ("pressure", "gap"):
             raise InputError(f"distribution {name!r}: allowed: pressure, gap")
         values = getattr(self, name)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.halfspace.connected import connected_sets
 from app.halfspace.stress import von_mises
 from app.output.figures import title
 from app.output.maps import finite_pressure, spacing
@@ -71,14 +70,13 @@ def _density(axes, values, label, unit):
 
 def _draw_patches(axes, result):
     """How many patches are at least so large."""
-    _, cells = connected_sets(result.contact == 1, result.attributes.get("periodic"))
-    cell = spacing(result.x) * spacing(result.y)
-    unit = length_unit(np.sqrt(cells.max(initial=0) * cell))
+    patches = result.contact_patches()
+    unit = length_unit(np.sqrt(patches.max(initial=0.0)))
     axes.set(xlabel=f"area A of a patch  [{unit.name}²]", ylabel="patches of at least A")
-    if len(cells) < 2:
-        return _nothing(axes, f"{len(cells)} patch{'es' * (len(cells) != 1)}")
-    sizes, counts = np.unique(cells, return_counts=True)
-    areas, larger = sizes * cell * unit.per_mm**2, counts[::-1].cumsum()[::-1]
+    if len(patches) < 2:
+        return _nothing(axes, f"{len(patches)} patch{'es' * (len(patches) != 1)}")
+    sizes, counts = np.unique(patches, return_counts=True)
+    areas, larger = sizes * unit.per_mm**2, counts[::-1].cumsum()[::-1]
     axes.step(areas, larger, where="pre", color=BLUE)
     axes.plot(areas, larger, "o", color=BLUE, markersize=3)
     log_axis(axes.xaxis, areas)

@@ -33,7 +33,6 @@ import h5py
 import numpy as np
 
 from app.errors import InputError, one_line
-from app.halfspace.grid import Grid
 from app.memory import check_fits
 from app.output.contact_fields import ContactFields
 
@@ -154,6 +153,8 @@ class Result(ContactFields):
     @property
     def grid(self):
         """Its `Grid`, from the cell centres."""
+        from app.halfspace.grid import Grid
+
         x, y = ((c[0], np.ptp(c) / (c.size - 1) if c.size > 1 else 1.0, c[-1]) for c in (self.x, self.y))
         domain = [end for low, cell, high in (x, y) for end in (low - cell / 2, high + cell / 2)]
         return Grid.from_domain(self.x.size, self.y.size, domain, self.attributes.get("periodic_symbol", ""))

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from mpi4py import MPI
-from processes import TESTS
+from processes import TESTS, run
 from results import assert_same, full_disk, made_up_result, write
 
 from app.halfspace.grid import Slabs
@@ -184,3 +184,10 @@ def test_output_path_is_checked_early(tmp_path):
             check_output_path(name)
         assert str(name) in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+def test_who_reads_a_result_waits_for_no_solver():
+    """Neither MPI nor PETSc nor the compiler are loaded."""
+    script = "import sys; import app.output.result; print(*{'mpi4py.MPI', 'petsc4py', 'numba'} & sys.modules.keys())"
+    done = run("-c", script)
+    assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "", "")
