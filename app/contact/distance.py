@@ -138,6 +138,6 @@ def _measure(levels, comm):
     means = [float(total / cells) if cells else 0.0 for cells, total in sums.reshape(-1, 2)]
     squares = [kernels.sum_squares(d.b, -mean, d.admissible) for d, mean in zip(levels, means, strict=True)]
     found = zip(levels, sums[::2], means, sum_over(comm, squares), lowest.reshape(-1, 5), strict=True)
-    for distance, cells, mean, deviation, (*box, touching) in found:
-        distance.statistics = Statistics(int(cells), mean, float(deviation))
+    for distance, cells, mean, about_mean, (*box, touching) in found:
+        distance.statistics = Statistics(int(cells), mean, float(about_mean))
         distance.possible, distance.touching = box_of(box), float(touching)

@@ -211,7 +211,7 @@ def close_gaps(b, u, admissible, contact, target):
 
 
 @any_order
-def _keep_row(p, contact):
+def _drop_row(p, contact):
     total = 0.0
     for i in range(p.size):
         value = p[i]
@@ -227,7 +227,7 @@ def drop_nonpositive(p, contact):
     """Take cells without p > 0 out of C, and let p be zero outside; return the sum of p."""
     total = 0.0
     for j in range(p.shape[0]):
-        total += _keep_row(p[j], contact[j])
+        total += _drop_row(p[j], contact[j])
     return total
 
 

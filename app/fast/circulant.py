@@ -212,12 +212,10 @@ class Circulant:
     def _list(self):
         """Tell the extension of another contact set, unless it has the same cells. Collective."""
         mask = self.operator.mask
-        before, self._listed = (
-            self._listed,
-            np.packbits(mask).tobytes() if self.operator.comm is None else None,
-        )
-        if self._listed is None or self._listed != before:
+        listed = np.packbits(mask).tobytes() if self.operator.comm is None else None
+        if listed is None or listed != self._listed:
             self.extension.set_contact(mask)
+        self._listed = listed
         self._contact = self.operator.contact_number
 
     applyTranspose = apply

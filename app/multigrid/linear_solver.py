@@ -160,9 +160,8 @@ class LinearSolver:
         try:
             self.ksp.solve(b, x)
         except BaseException:
-            if (
-                self.multigrid
-            ):  # vectors are in it that are not its own, and that it would free: another one is made
+            if self.multigrid:
+                # Vectors are in it that are not its own, and that it would free: another one is made.
                 self.ksp.incRef()
                 self._left = True
             raise
