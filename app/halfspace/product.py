@@ -123,7 +123,6 @@ class PeriodicProduct(EvenMultiplier):
     def __init__(self, symbol, shape, slabs=None, comm=None, dtype=np.float64, workspace=None):
         super().__init__(shape, shape, slabs, comm, dtype, workspace)
         self.set_spectrum(symbol)
-        self.scale_spectrum(lambda spectrum: spectrum)
 
     def inverse(self):
         """Return the inverse on fields without mean, zero on constants; it shares storage. Not collective."""
