@@ -21,11 +21,10 @@ from scipy.fft import next_fast_len
 
 from app.compiled import njit
 from app.fast.symbol import REACH, coarser, eigenvalues, mean_eigenvalue, stencils
-from app.halfspace.communication import Fetch
 from app.halfspace.fft.lengths import lengths_with_margin
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Slabs
-from app.halfspace.halo import Halo
+from app.halfspace.halo import Halo, Parents
 from app.halfspace.reductions import any_order
 
 _LEAST = 128  # cells in both directions from which on stencils take less time than transforms
@@ -119,16 +118,12 @@ class MultilevelInverse:
 
     def __init__(self, shape, near, coarsest, slabs=None, comm=None, dtype=np.float64):
         self.count, self.shape, self.dtype = 0, shape, np.dtype(dtype)
-        slabs = slabs or Slabs(shape[0])
-        comm = comm if comm is not None and comm.size > 1 else None
+        self.slabs = slabs = slabs or Slabs(shape[0])
+        self.comm = comm = comm if comm is not None and comm.size > 1 else None
         twice = np.where(np.arange(REACH + 1) > 0, 2.0, 1.0)
         self._stencil = (near[0] / np.outer(twice, twice)).T.astype(dtype)  # [y, x]
         coarse_shape = tuple(_coarse_cells(n) for n in shape)
-        starts = [
-            0 if start == 0 else coarse_shape[0] if start == shape[0] else -(-start // 2) + 1
-            for start in slabs.starts
-        ]
-        coarse = Slabs.starting(starts, slabs.rank)
+        coarse = slabs.surround()
         self._next = (
             MultilevelInverse(coarse_shape, near[1:], coarsest, coarse, comm, dtype)
             if len(near) > 1
@@ -137,14 +132,8 @@ class MultilevelInverse:
         self.periods = tuple(2 * period for period in self._next.periods)
         self._first, self._first_coarse = slabs.rows.start, coarse.rows.start
         self._coarse = np.zeros((coarse.local, coarse_shape[1]), dtype)
-        self._halo = self._fetch = None
-        if comm is not None:
-            self._halo = Halo(slabs, comm, REACH, periodic=False)
-            first, last = slabs.bounds(comm.size)
-            some = last > first
-            wanted = first // 2, np.where(some, np.minimum((last - 1) // 2 + 3, coarse_shape[0]), first // 2)
-            self._fetch = Fetch(coarse, [wanted], comm)
-            self._first_wanted = int(wanted[0][slabs.rank])
+        self._halo = None if comm is None else Halo(slabs, comm, REACH, periodic=False)
+        self._parents = None if comm is None else Parents(slabs, comm)
         self._none = np.zeros((0, shape[1]), dtype)
         self._all = np.ones(slabs.local, bool)
         self.flops = 62 * slabs.local * shape[1] + self._next.flops
@@ -179,8 +168,8 @@ class MultilevelInverse:
         _restrict(p, rows, before, after, self._first, self._first_coarse, coarse)
         self._next.apply(coarse, coarse)
         first = self._first_coarse
-        if self._fetch is not None:
-            coarse, first = self._fetch(coarse), self._first_wanted
+        if self._parents is not None:
+            coarse, first = self._parents(coarse), self._parents.first
         _add_near(p, rows, before, after, self._stencil, coarse, self._first, first, out)
 
 
@@ -285,11 +274,9 @@ def _add_near(p, rows, before, after, stencil, coarse, first, first_coarse, out)
     nx, quarter = p.shape[1], coarse.dtype.type(1 / 4)
     five, sums = np.zeros((5, nx + 4), coarse.dtype), np.zeros((2, nx + 4), coarse.dtype)
     mixed, row = np.zeros(coarse.shape[1] + 1, coarse.dtype), np.zeros(nx + nx % 2, coarse.dtype)
-    for j in range(-2, len(p)):
+    for j in range(-4, len(p)):
         _take_row(j + 2, p, rows, before, after, five[(j + 2) % 5, 2 : 2 + nx])
-        if j < 0:
-            continue
-        if not rows[j]:
+        if j < 0 or not rows[j]:
             continue
         parent = (first + j) // 2 + 1 - first_coarse
         far = parent + 1 if (first + j) % 2 else parent - 1

@@ -252,3 +252,12 @@ class Slabs:
         return (
             self if factor == 1 else self.starting([-(-start // factor) for start in self.starts], self.rank)
         )
+
+    def surround(self):
+        """Slabs of a grid with a row for every two of these, one before them, and one behind the last or around it.
+
+        With the first of two is the row; rows behind are with the last of these.
+        """
+        rows = self.ny // 2 + 2
+        starts = (rows if start == self.ny else -(-start // 2) + bool(start) for start in self.starts)
+        return self.starting(list(starts), self.rank)

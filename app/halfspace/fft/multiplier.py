@@ -276,7 +276,9 @@ class EvenMultiplier:
             return twice * np.cos(2 * np.pi * index * np.arange(2)[:, None] / period)
 
         in_y = self._spectrum @ weights(rows, ny_fft).T
-        quarter = np.reshape(sum_over(self.comm, (weights(columns, nx_fft) @ in_y).reshape(-1)), (2, 2))  # [x, y]
+        quarter = np.reshape(
+            sum_over(self.comm, (weights(columns, nx_fft) @ in_y).reshape(-1)), (2, 2)
+        )  # [x, y]
         offsets = np.abs(np.arange(-1, 2))
         return quarter.T[np.ix_(offsets, offsets)]
 
