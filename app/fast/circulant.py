@@ -1,9 +1,9 @@
-"""FFT preconditioner: the circulant matrix nearest to A in Strang's sense, restricted to the contact set.
+"""Preconditioner: the inverse of A, continued periodically, restricted to the contact set: ``C B C``.
 
-The influence coefficients, wrapped around periodically on a grid of the patch's size or little more, make a circulant
-matrix whose eigenvalues ``lambda = rfft2(K wrapped)`` are positive; ``C F^-1 (1/lambda) F C`` costs about a quarter of
-a product.
-(The periodic matrix of the padded grid has negative eigenvalues and is of no use.) On a periodic patch it is A itself.
+On a periodic patch A is a circulant matrix itself, inverted by FFT. A free patch is continued periodically, at some
+distance from itself; on large grids its B is made of stencils on several grids and an FFT on the coarsest, in a third
+of the time (`multilevel`). With its eigenvalues 1 / lambda (`symbol`) it is positive definite; the periodic matrix of
+the zero-padded grid has negative ones, and is of no use.
 
 The residual may be extended over the rim of the contact set first, see `Circulant`. Usable wherever PETSc takes a PC,
 on the target grid and as a multigrid smoother, where it must be damped (``-mg_levels_ksp_richardson_scale``)::
@@ -29,7 +29,7 @@ from app.halfspace.periodic import influence_symbol
 _event = PETSc.Log.Event("CirculantPC")
 
 
-def _periodic_inverse(grid, compliance, slabs, comm, dtype, workspace):
+def _periodic_inverse(grid, compliance, slabs, comm, dtype, workspace, spectra):
     """The inverse of A itself; a constant pressure, which displaces nothing, is as soft as the softest wave."""
     eigenvalues = partial(influence_symbol, grid, compliance)
     longest = eigenvalues(np.arange(min(2, grid.nx)), np.arange(min(2, grid.ny))).max() or 1.0
@@ -39,24 +39,23 @@ def _periodic_inverse(grid, compliance, slabs, comm, dtype, workspace):
         return 1 / np.where(found > 0, found, longest)
 
     inverse = EvenMultiplier(grid.shape, grid.shape, slabs, comm, dtype, workspace)
-    inverse.set_spectrum(symbol)
+    inverse.use(spectra, "inverse", partial(inverse.set_spectrum, symbol))
     return inverse
 
 
 def circulant_of(operator, margin=None):
-    """Inverse circulant of an `InfluenceOperator`, made when first asked for. Collective.
+    """B on the grid of an `InfluenceOperator`, made when first asked for. Collective.
 
     `margin`: see `circulant_inverse`; a periodic patch has none.
     """
     if not operator.active:
         return operator.product
-    grid, known = operator.grid, operator.circulants
-    make, margin = (
-        (_periodic_inverse, None) if grid.periodic else (partial(circulant_inverse, margin=margin), margin)
-    )
+    known, periodic = operator.circulants, operator.grid.periodic
+    margin = None if periodic else margin
     if margin not in known:
-        shared = operator.slabs, operator.comm, operator.dtype
-        known[margin] = make(grid, operator.compliance, *shared, workspace=operator.storage_of_product)
+        place = operator.grid, operator.compliance, operator.slabs, operator.comm, operator.dtype
+        make = _periodic_inverse if periodic else partial(circulant_inverse, margin=margin)
+        known[margin] = make(*place, workspace=operator.storage_of_product, spectra=operator.spectra)
     return known[margin]
 
 
@@ -178,5 +177,5 @@ class Circulant:
             ny, nx = self.multiplier.periods
             steps = self.extension.steps if self.extension else 0
             viewer.printfASCII(
-                f"  inverse of the Strang circulant, periods {nx} x {ny}, extended by {steps} cells\n"
+                f"  inverse of A continued periodically, periods {nx} x {ny}, extended by {steps} cells\n"
             )

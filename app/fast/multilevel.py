@@ -13,7 +13,7 @@ coarse one.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from math import ceil
 
 import numpy as np
@@ -31,7 +31,9 @@ _LEAST = 128  # cells in both directions from which on stencils take less time t
 _SHARE = 0.6  # operations of stencil and interpolation on a cell, in those of a transform and back
 
 
-def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64, margin=None, workspace=None):
+def circulant_inverse(
+    grid, compliance, slabs=None, comm=None, dtype=np.float64, workspace=None, spectra=None, margin=None
+):
     """The inverse of A on a free patch, continued periodically.
 
     Collective over `comm`.
@@ -40,12 +42,14 @@ def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64,
     ----------
     grid, compliance, slabs, comm, dtype
         See `InfluenceOperator`.
+    workspace : EvenMultiplier, optional
+        Whose working storage may be used.
+    spectra : Spectra, optional
+        See `EvenMultiplier.use`.
     margin : (float, float), optional
         Shares of the extent of the patch in y and x to be added to it at least, before it is continued; more if that
         makes quicker transforms. By levels, on all but small grids. None: as little as a length with small prime
         factors allows, and by transforms, for it must be exact.
-    workspace : EvenMultiplier, optional
-        Whose working storage may be used.
 
     Returns
     -------
@@ -73,7 +77,7 @@ def circulant_inverse(grid, compliance, slabs=None, comm=None, dtype=np.float64,
 
     def coarsest(shape, slabs):
         inverse = EvenMultiplier(shape, periods, slabs, comm, dtype, workspace)
-        inverse.set_spectrum(symbol)
+        inverse.use(spectra, len(near), partial(inverse.set_spectrum, symbol))
         return inverse
 
     if near:
@@ -183,12 +187,6 @@ def _copy(row, out):
 
 
 @any_order
-def _add(a, b, out):
-    for i in range(out.size):
-        out[i] = a[i] + b[i]
-
-
-@any_order
 def _add_rows(a, b, c, d, out):
     """1, 3, 3, 1 of them."""
     for i in range(out.size):
@@ -219,17 +217,18 @@ def _double(row, quarter, out):
 
 
 @any_order
-def _add_stencil(here, once, twice, stencil, out):
-    """Five cells each of three padded rows: this one, and the sums of those once and twice removed."""
-    a0, a1, a2 = stencil[0]
-    b0, b1, b2 = stencil[1]
-    c0, c1, c2 = stencil[2]
+def _in_y(rows, here, once, twice, out):
+    """A column of the stencil, in y: weights of this row, and of those once and twice removed."""
+    a, b, c, d, e = rows
     for i in range(out.size):
-        out[i] += (
-            a0 * here[i + 2] + a1 * (here[i + 1] + here[i + 3]) + a2 * (here[i] + here[i + 4])
-            + b0 * once[i + 2] + b1 * (once[i + 1] + once[i + 3]) + b2 * (once[i] + once[i + 4])
-            + c0 * twice[i + 2] + c1 * (twice[i + 1] + twice[i + 3]) + c2 * (twice[i] + twice[i + 4])
-        )  # fmt: skip
+        out[i] = here * c[i] + once * (b[i] + d[i]) + twice * (a[i] + e[i])
+
+
+@any_order
+def _in_x(middle, once, twice, more, out):
+    """And in x, of padded rows."""
+    for i in range(out.size):
+        out[i] = more[i] + middle[i + 2] + (once[i + 1] + once[i + 3]) + (twice[i] + twice[i + 4])
 
 
 @njit()
@@ -272,7 +271,7 @@ def _restrict(p, rows, before, after, first, first_coarse, coarse):
 def _add_near(p, rows, before, after, stencil, coarse, first, first_coarse, out):
     """out = N p + P coarse, where rows are wanted."""
     nx, quarter = p.shape[1], coarse.dtype.type(1 / 4)
-    five, sums = np.zeros((5, nx + 4), coarse.dtype), np.zeros((2, nx + 4), coarse.dtype)
+    five, three = np.zeros((5, nx + 4), coarse.dtype), np.empty((3, nx + 4), coarse.dtype)
     mixed, row = np.zeros(coarse.shape[1] + 1, coarse.dtype), np.zeros(nx + nx % 2, coarse.dtype)
     for j in range(-4, len(p)):
         _take_row(j + 2, p, rows, before, after, five[(j + 2) % 5, 2 : 2 + nx])
@@ -282,10 +281,10 @@ def _add_near(p, rows, before, after, stencil, coarse, first, first_coarse, out)
         far = parent + 1 if (first + j) % 2 else parent - 1
         _mix(coarse[parent], coarse[far], quarter, mixed[:-1])
         _double(mixed, quarter, row)
-        _add(five[(j - 1) % 5], five[(j + 1) % 5], sums[0])
-        _add(five[(j - 2) % 5], five[(j + 2) % 5], sums[1])
-        _add_stencil(five[j % 5], sums[0], sums[1], stencil, row[:nx])
-        _copy(row[:nx], out[j])
+        around = five[(j - 2) % 5], five[(j - 1) % 5], five[j % 5], five[(j + 1) % 5], five[(j + 2) % 5]
+        for k in range(3):
+            _in_y(around, stencil[0, k], stencil[1, k], stencil[2, k], three[k])
+        _in_x(three[0], three[1], three[2], row, out[j])
 
 
 @cache

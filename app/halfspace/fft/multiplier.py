@@ -179,20 +179,21 @@ class EvenMultiplier:
         self._scratch = _scratch((_ROWS_AT_ONCE * columns,), complex_type)
         _warm_up(self.dtype)
 
-    def use_kernel(self, kernel_rows, rows, columns, spectra=None):
-        """Be the convolution with a kernel.
-
-        Collective. Parameters as of `set_kernel`.
+    def use(self, spectra, key, make):
+        """Take a spectrum from those that are known, or ``make()`` and keep it. Collective if that is.
 
         Parameters
         ----------
-        spectra : Spectra, optional
-            Keeps the spectrum, and may know it already: of the same kernel in a multiplier of this type.
+        spectra : Spectra or None
+        key : hashable
+            What tells it from others of this type, periods and layout.
+        make : callable
+            Calls `set_kernel` or `set_spectrum`.
         """
-        key = type(self), self.periods, (rows, columns), self.dtype.name, tuple(self._edges)
+        key = type(self), key, self.periods, self.dtype.name, tuple(self._edges)
         self._spectrum = None if spectra is None else spectra.known(key)
         if self._spectrum is None:
-            self.set_kernel(kernel_rows, rows, columns)
+            make()
         if spectra is not None:
             spectra[key] = self._spectrum
 
