@@ -329,12 +329,21 @@ def test_loads_are_not_for_the_reference_solvers():
         solver.solve(load=1.0)
 
 
-def test_a_closed_solver_solves_nothing():
+@pytest.mark.parametrize(
+    "ask",
+    {
+        "solve": lambda solver: solver.solve(approach=0.1),
+        "check": lambda solver: solver.check(approach=0.1),
+        "path": lambda solver: solver.path(approach=[0.1]),
+        "stiffness": lambda solver: solver.stiffness(None),
+    }.values(),
+)
+def test_a_closed_solver_solves_nothing(ask):
     solver = ContactSolver(punch(24))
     solver.close()
     solver.close()
     with pytest.raises(InputError, match="closed"):
-        solver.solve(approach=0.1)
+        ask(solver)
 
 
 OPTIONS = {
