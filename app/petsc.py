@@ -178,11 +178,17 @@ class OptionDatabase:
 
     def unused(self):
         """Names of the options that nobody has asked for so far."""
-        return unused_options(self._handle)
+        return list(self.unasked())
 
     def unasked(self):
         """Those options and their whole values, name -> text."""
-        return _unasked(self._handle)
+        count = _library().integer()
+        names, values = ctypes.POINTER(_Text)(), ctypes.POINTER(_Text)()
+        parts = self._handle, ctypes.byref(count), ctypes.byref(names), ctypes.byref(values)
+        _call("PetscOptionsLeftGet", *parts)
+        found = {names[i].decode(): (values[i] or b"").decode() for i in range(count.value)}
+        _call("PetscOptionsLeftRestore", *parts)
+        return found
 
 
 def _destroy_database(handle):
@@ -243,21 +249,6 @@ def log_messages(count, size):
 def log_reduction():
     """Count a reduction for -log_view. Not collective."""
     _counter("petsc_allreduce_ct").value += 1
-
-
-def unused_options(handle=None):
-    """Names of the options that nobody has asked for so far, in PETSc's global database by default. Not collective."""
-    return list(_unasked(handle))
-
-
-def _unasked(handle):
-    count = _library().integer()
-    names, values = ctypes.POINTER(_Text)(), ctypes.POINTER(_Text)()
-    parts = handle, ctypes.byref(count), ctypes.byref(names), ctypes.byref(values)
-    _call("PetscOptionsLeftGet", *parts)
-    found = {names[i].decode(): (values[i] or b"").decode() for i in range(count.value)}
-    _call("PetscOptionsLeftRestore", *parts)
-    return found
 
 
 def error_message(error):

@@ -161,15 +161,10 @@ def _ratio(one, other):
     return one / other if other else 0.0
 
 
-def _rounded(facts, name):
-    """A coordinate, zero where it is nothing but rounding."""
-    return facts[name] if abs(facts[name]) > 1e-6 * facts["semi_axis_major"] else 0.0
-
-
 def _words(name):
     words = {"max_pressure": "maximum pressure", "semi_axis_major": "semi-axes", "semi_axis_minor": "and"}
     return words.get(name, name.replace("_", " "))
 
 
-def _count(number, what, plural="s"):
-    return f"{number} {what}{plural if number != 1 else ''}"
+def _count(number, what):
+    return f"{number} {what}{'s' if number != 1 else ''}"

@@ -64,10 +64,6 @@ class Certificate:
     smallest_pressure: float  # [N/mm2]
     complementarity: float  # max |p e| / (max p * max |h|)
 
-    def describe(self):
-        """Attributes for the result file."""
-        return vars(self).copy()
-
 
 def certify(state):
     """Certify the pressure of a `ContactState`.

@@ -200,9 +200,9 @@ class Slabs:
         self.rows = slice(int(first[rank]), int(last[rank]))  # this rank's
 
     @classmethod
-    def over(cls, comm, ny, block=1):
+    def over(cls, comm, ny):
         """Deal the rows to the ranks of a communicator; None: all of them here."""
-        return cls(ny, block=block) if comm is None else cls(ny, comm.size, comm.rank, block)
+        return cls(ny) if comm is None else cls(ny, comm.size, comm.rank)
 
     @property
     def counts(self):

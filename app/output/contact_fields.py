@@ -6,6 +6,9 @@ import numpy as np
 
 from app.errors import InputError
 
+# What a Solution calls some attributes of the file.
+OF_SOLUTION = {"message": "reason", "iterations": "active_set_iterations", "rtol": "lcp_rtol"}
+
 
 class ContactFields:
     """Patches and distributions, and a line that says what it is; who only reads a file need not wait for MPI or numba.

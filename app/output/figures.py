@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.halfspace.grid import Grid
-from app.output.maps import LENGTH_MAP, Canvas, finite_pressure, map_of, spacing
+from app.output.maps import LENGTH_MAP, Canvas, finite_pressure, map_of
 from app.output.style import (
     BLUE,
     DASHED,
@@ -154,16 +153,12 @@ def draw_section(axes, result, along, row, column, reference):
     """Pressure, and over it the gap on a scale of its own."""
     unit = length_unit(max(np.ptp(result.x), np.ptp(result.y)))
     if along == "x":
-        centres, across, values, gap = (
-            result.x,
-            f"y = {result.y[row] * unit.per_mm:.3g}",
-            result.pressure[row],
-            result.gap[row],
-        )
+        centres, cell, across = result.x, result.grid.dx, f"y = {result.y[row] * unit.per_mm:.3g}"
+        values, gap = result.pressure[row], result.gap[row]
     else:
-        centres, across = result.y, f"x = {result.x[column] * unit.per_mm:.3g}"
+        centres, cell, across = result.y, result.grid.dy, f"x = {result.x[column] * unit.per_mm:.3g}"
         values, gap = result.pressure[:, column], result.gap[:, column]
-    edges = (centres[0] + spacing(centres) * (np.arange(centres.size + 1) - 0.5)) * unit.per_mm
+    edges = (centres[0] + cell * (np.arange(centres.size + 1) - 0.5)) * unit.per_mm
     axes.stairs(values, edges, fill=True, color=PALE)
     axes.stairs(values, edges, color=BLUE, linewidth=1.4, label="computed", baseline=None)
     # Not the whole patch but where the bodies touch, in this section or beside it.
@@ -279,7 +274,7 @@ def _mark_grids(axes, result, label=False):
 
 def _grid_name(result, coarsenings):
     """Cells of the grid so many levels below the target grid."""
-    grid = Grid(result.x.size, result.y.size, 1.0, 1.0, periodic=result.attributes.get("periodic_symbol", ""))
+    grid = result.grid
     for _ in range(coarsenings):
         grid = grid.coarsen() or grid
     return f"{grid.nx} × {grid.ny}"
