@@ -191,6 +191,45 @@ class OptionDatabase:
         return found
 
 
+@contextmanager
+def options_set(defaults, forced):
+    """Set options of the database that is active, inside the block. Not collective.
+
+    Parameters
+    ----------
+    defaults, forced : mapping of str to str
+        For where the user has given none; in any case.
+    """
+    database = PETSc.Options()
+    given = database.getAll().keys()  # which, other than hasName, counts as asking for none
+    before = {name: database.getString(name) for name in forced if name in given}
+    temporary = {name: text for name, text in defaults.items() if name not in given} | forced
+    for name, text in temporary.items():
+        database.setValue(name, text)
+    try:
+        yield
+    finally:
+        for name in temporary:
+            database.delValue(name)
+        for name, text in before.items():
+            database.setValue(name, text)
+            database.getString(name)  # still an option that is used
+
+
+@contextmanager
+def option_hidden(name):
+    """Hide an option of the database that is active, inside the block; it counts as used. Not collective."""
+    database = PETSc.Options()
+    text = database.getString(name, "") if name in database.getAll() else None
+    database.delValue(name)
+    try:
+        yield
+    finally:
+        if text is not None:
+            database.setValue(name, text or None)
+            database.getString(name, "")
+
+
 def _destroy_database(handle):
     if PETSc.Sys.isInitialized() and not PETSc.Sys.isFinalized():
         _call("PetscOptionsDestroy", ctypes.byref(handle))

@@ -21,9 +21,8 @@ from app.petsc import log_messages, log_reduction
 # A grid is worth another rank if that saves more than talking costs. Inside a machine that is so from this many cells
 # a rank on, where a step of CG takes about 0.3 ms; between machines it is found by measuring the latency.
 _CELLS_INSIDE = 8192
-_CELLS_PER_SECOND = (
-    4e8  # a step waits for some 12 messages, and does 1e-9 s of work for a cell and a logarithm
-)
+# A step waits for some 12 messages, and does 1e-9 s of work for a cell and a logarithm.
+_CELLS_PER_SECOND = 4e8
 _BYTES_PER_SECOND = 5e8  # sent in a solve for a second that a core computes, as replayed (docs/scaling.md)
 _TRIAL_BYTES = 1 << 18  # that a rank sends, but a page to each other one at least
 _TRIALS, _TRIAL_SECONDS = 6, 0.005  # at most; so long together, but for the first, which opens connections
@@ -260,9 +259,8 @@ def worth_solving(grid, comm, cells=0):
     near = comm.size if cells else comm.near
     if near < comm.size:
         known = grid, comm.size, _worth_a_rank(comm), near
-        if (
-            worth(*known) <= near or worth(*known, _worth_a_machine(comm)) <= near
-        ):  # asked last, as it takes longest
+        # What another machine costs is asked last, as it takes longest.
+        if worth(*known) <= near or worth(*known, _worth_a_machine(comm)) <= near:
             return near
     return comm.size
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from cases import APPROACH, hertz
 from mpi4py import MPI
-from petsc4py import PETSc
 from running import solve
 
 from app import ContactProblem, ContactSolver, strategy
@@ -23,20 +22,15 @@ from app.halfspace.influence import Material, dense_matrix
 from app.halfspace.operator import InfluenceOperator
 from app.halfspace.product import DenseProduct
 from app.multigrid.hierarchy import Hierarchy
-from app.multigrid.pcmg import options_set
+from app.petsc import OptionDatabase, options_set
 from app.primal import kernels
 
 
 def test_options_are_as_they_were_after_the_block_that_sets_them():
-    options = PETSc.Options("survivor_")
-    options["given"], options["in_the_way"] = "1", "2"
-    try:
-        with options_set("survivor_", {"given": "3", "wanted": "4"}, {"in_the_way": "5"}):
+    with OptionDatabase({"given": "1", "in_the_way": "2"}).active() as options:
+        with options_set({"given": "3", "wanted": "4"}, {"in_the_way": "5"}):
             assert options.getAll() == {"given": "1", "wanted": "4", "in_the_way": "5"}
         assert options.getAll() == {"given": "1", "in_the_way": "2"}
-    finally:
-        for name in ("given", "in_the_way"):
-            options.delValue(name)
 
 
 def test_grids_worked_on_in_windows_get_no_product_before_somebody_asks():
