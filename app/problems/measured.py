@@ -13,9 +13,9 @@ import numpy as np
 
 from app.errors import InputError
 from app.halfspace.grid import Grid
-from app.problems.given import real_numbers
 from app.problems.height_file import TURNS, HeightArray, HeightFile, turned
 from app.problems.moments import LEVELS, Moments, centred
+from app.problems.problem import real_numbers
 from app.units import UNITS, in_words, unit_named
 
 MISSING = ("hole", "fill")
