@@ -9,7 +9,7 @@ import importlib
 from pathlib import Path
 
 from app.commands import arguments, load_path
-from app.commands.geometry import GEOMETRY_OPTIONS, MATERIAL_OPTIONS, most_cells
+from app.commands.geometry import GEOMETRY_OPTIONS, MATERIAL_OPTIONS
 from app.commands.problem_options import LOADING, PROBLEM_OPTIONS
 from app.method import _GONE, METHOD_OPTIONS, PART_OPTIONS, read_method_file
 from app.options import ALIASES, REQUIRED
@@ -87,7 +87,7 @@ def allowed(option):
     try:
         option.kind("?")
     except ValueError as error:
-        return str(error).replace(f"{most_cells()} cells", "as many cells as PETSc can number")
+        return str(error)
     return ""
 
 

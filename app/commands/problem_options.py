@@ -9,7 +9,18 @@ from app.commands import load_path
 from app.commands.geometry import ALTERNATIVES, FILES, GEOMETRY_OPTIONS, MATERIAL_OPTIONS, make_problem
 from app.errors import InputError, agree, check_alike
 from app.method import METHOD_OPTIONS
-from app.options import Option, OptionReader, as_line, count, flag, nearest, real, unknown_options, word
+from app.options import (
+    Option,
+    OptionReader,
+    as_line,
+    count,
+    flag,
+    named_files,
+    nearest,
+    real,
+    unknown_options,
+    word,
+)
 
 _OF_SOLVERS = re.compile(
     "(^|_)(lcp|ksp|pc|mg|sub|tao|snes|mat|vec)_"
@@ -188,8 +199,7 @@ def loading(given):
 
 def input_files(texts):
     """Names of the files that the problem is read from; a result must not take their place. Not collective."""
-    names = [texts[name] for name in FILES if name in texts]
-    return [part for name in names for part in (name, name.rpartition(":")[0]) if part]
+    return [file for name in FILES if name in texts for file in named_files(texts[name])]
 
 
 def help_text():

@@ -339,7 +339,7 @@ def test_equal_runs_are_performed_once_whatever_their_labels(tmp_path, performed
 
 
 @pytest.mark.parametrize("option", ["gap_file", "any_option_that_names_a_file"])
-@pytest.mark.parametrize("inside", ["", ":/dataset"])
+@pytest.mark.parametrize("inside", ["", ":/dataset", ":Name"])
 def test_key_follows_options_and_files_but_not_labels(tmp_path, option, inside):
     file = tmp_path / "file"
     file.write_text("before")
