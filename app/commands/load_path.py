@@ -40,8 +40,8 @@ class PathRequest:
     resume: bool
 
     @classmethod
-    def of(cls, kind, options, output):
-        """Read the options of a path.
+    def of(cls, kind, options, output, inputs):
+        """Read the options of a path whose files must not take the place of some inputs.
 
         Not collective.
 
@@ -60,14 +60,15 @@ class PathRequest:
             raise InputError(
                 "-resume: what is finished is kept beside -output or -path_csv; neither is given"
             )
-        if csv and Path(csv).suffix != ".csv":
-            raise InputError(f"-path_csv {csv}: the name must end in .csv")
-        if csv and not Path(csv).absolute().parent.is_dir():
-            raise InputError(f"-path_csv {csv}: folder {Path(csv).absolute().parent} does not exist")
         csv = csv or (output and Path(output).with_suffix(".csv"))
+        if csv:
+            check_output_path(csv, inputs, "path table", (".csv",))
         request = cls(kind, numbers, output and Path(output), csv and Path(csv), fields, resume)
         if fields:
-            check_output_path(request.of_step(len(numbers)))
+            steps = [request.of_step(step) for step in range(1, len(numbers) + 1)]
+            alike = {request.output.with_name(Path(name).name) for name in inputs}
+            for file in {steps[-1], *alike.intersection(steps)}:  # the longest name, and that of an input
+                check_output_path(file, inputs)
         return request
 
     @property

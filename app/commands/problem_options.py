@@ -96,15 +96,15 @@ class Request:
         from app.output.files import check_output_path, check_shared, fingerprint
 
         settle(given)
-        options = reader_of(given)
+        options, self.inputs = reader_of(given), input_files(given.texts)
+        kept = [*given.files, *self.inputs]
         self.output = agree(comm, options.__getitem__, "output")
         if self.output:
-            agree(comm, check_output_path, self.output, [*given.files, *input_files(given.texts)])
+            agree(comm, check_output_path, self.output, kept)
             check_shared(comm, self.output)
         agree(comm, options.__getitem__, "problem")
         kind, number = loading(given)  # before the patch that may follow from it
         self.problem, own = agree(comm, make_problem, options, given.texts, comm)
-        self.inputs = input_files(given.texts)
         for file in self.inputs:
             check_alike(comm, agree(comm, fingerprint, file), f"input {file}")
         options.asked.add(kind)
@@ -112,7 +112,7 @@ class Request:
         if kind.endswith("_path"):
             self.loading = {}
             self.path = agree(
-                comm, load_path.PathRequest.of, kind.removesuffix("_path"), options, self.output
+                comm, load_path.PathRequest.of, kind.removesuffix("_path"), options, self.output, kept
             )
             if self.refine_until:
                 raise InputError(f"-refine_until: of one loading only, not of -{kind}")

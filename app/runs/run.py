@@ -90,10 +90,13 @@ class Run:
             words += [f"-{name}", str(value)] if str(value) else [f"-{name}"]
         return words
 
+    def inputs(self):
+        """Return the names of its option files, and of what else may be a file; some may not exist."""
+        return [*self.files, *(file for value in self.options.values() for file in named_files(str(value)))]
+
     def key(self, ranks=1):
         """Return a digest of all that the outcome depends on: options, files, program, number of ranks."""
-        named = [file for value in self.options.values() for file in named_files(str(value))]
-        contents = [_digest(file) for file in (*self.files, *named)]
+        contents = [_digest(file) for file in self.inputs()]
         module = ROOT.joinpath(*self.module.split(".")).with_suffix(".py")
         program = [_program_digest(), _digest(module), inspect.getsource(self.collect)]
         what = [self.module, self.arguments(), contents, ranks, program, os.environ.get("PETSC_OPTIONS")]
