@@ -249,5 +249,3 @@ class Solution(ContactFields):
             )
         except OSError as error:
             raise InputError(f"result file {path}: cannot be written: {error}") from None
-        except ValueError as error:  # the folder is gone, which was there when the solve began
-            raise InputError(str(error)) from None
