@@ -63,7 +63,7 @@ PART_OPTIONS = [
     Option("pc_circulant_margin", _share, 0.0, "Circulant: share of the patch left free before it is continued"),
     Option("pc_two_grid_sweeps", count, 3, "TwoGrid: sweeps before and after the coarser grid, at most 50"),
 ]  # fmt: skip
-_GONE = {
+GONE = {
     "lcp_merge": "tighter contact sets (-ksp_rtol) do what it did",
     "lcp_replicate": "-lcp_cells_per_rank says how many cells a rank gets at least",
     "lcp_cheap": "a larger -lcp_rtol does what it did, with a certificate",
@@ -163,9 +163,9 @@ def settings(method=None, options=None, periodic=False):
     else:
         files = {name: as_texts(texts, f"method {name!r}") for name, texts in (method or {}).items()}
     for texts in (given, *files.values()):
-        for name in _GONE.keys() & texts.keys():
+        for name in GONE.keys() & texts.keys():
             del texts[name]
-            warnings.append(f"-{name} is gone and ignored: {_GONE[name]}")
+            warnings.append(f"-{name} is gone and ignored: {GONE[name]}")
     warnings += _give_way(files, given)
     said = {name: text for texts in (*files.values(), given) for name, text in texts.items()}
     default = PERIODIC if periodic else DEFAULT
