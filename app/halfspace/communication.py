@@ -356,11 +356,8 @@ class Fetch:
 
     def __init__(self, have, want, comm=None):
         self._comm, self.have = comm if comm is not None and comm.size > 1 else None, have
-        self._sent, self._got, self.rows = (
-            {},
-            {},
-            0,
-        )  # rank -> slices of the rows here, of the rows wanted; their number
+        self._sent, self._got = {}, {}  # rank -> slices of the rows here, and of the rows wanted
+        self.rows = 0  # wanted
         for first, last in want:
             if self._comm is None:
                 self._find_alone(int(np.max(first)), int(np.max(last)))
@@ -434,7 +431,7 @@ class Fetch:
 
 
 def _overlaps(low, high, first, last):
-    """Yield number, first and last but one row of what intervals ``low <= j < high``, two arrays, share with one."""
+    """Yield number, first row and one past the last of what intervals ``low <= j < high``, two arrays, share with one."""
     low, high = np.maximum(low, first), np.minimum(high, last)
     for number in np.flatnonzero(low < high):
         yield int(number), int(low[number]), int(high[number])

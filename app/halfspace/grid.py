@@ -220,7 +220,7 @@ class Slabs:
         return self.rank < self.size
 
     def bounds(self, ranks):
-        """First and last but one row of each of so many ranks, two arrays; those beyond `size` have none."""
+        """First row of each of so many ranks and one past its last, two arrays; those beyond `size` have none."""
         edges = np.full(ranks + 1, self.ny)
         known = min(ranks, self.size) + 1
         edges[:known] = self.starts[:known]
