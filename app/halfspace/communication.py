@@ -431,7 +431,7 @@ class Fetch:
 
 
 def _overlaps(low, high, first, last):
-    """Yield number, first row and one past the last of what intervals ``low <= j < high``, two arrays, share with one."""
+    """Yield number, first row and one past the last of what intervals low <= j < high, two arrays, share with one."""
     low, high = np.maximum(low, first), np.minimum(high, last)
     for number in np.flatnonzero(low < high):
         yield int(number), int(low[number]), int(high[number])
