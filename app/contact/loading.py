@@ -80,7 +80,7 @@ class PrescribedApproach:
         return 0.0
 
     def settle(self, state, update):
-        """Return what `update` says: there is nothing else to be met."""
+        """Return what `update` says: there is nothing else to be met. Not collective."""
         return update
 
 

@@ -139,7 +139,7 @@ class Grid:
         return replace(self, nx=2 * self.nx, ny=2 * self.ny, dx=self.dx / 2, dy=self.dy / 2)
 
     def coarsening(self, coarsest=4):
-        """Factors ``(fy, fx)`` from this grid to the next coarser one: 2, or 1 for a direction that is not halved."""
+        """Factors ``(fy, fx)`` to the next coarser grid: 2, or 1 for a direction that is not halved. Not collective."""
 
         def factor(n):
             return 2 if n > coarsest and not (self.periodic and n % 2) else 1

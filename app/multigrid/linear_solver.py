@@ -20,7 +20,6 @@ def reason_names(reasons):
 
 
 _REASONS = reason_names(PETSc.KSP.ConvergedReason)
-_KRYLOV_RESIDUAL_IS_TRUE = (PETSc.KSP.NormType.UNPRECONDITIONED,)
 _NEED_PARTS = ("shell", "composite", "galerkin", "fieldsplit", "ksp", "mat")  # that options alone cannot give
 
 
@@ -143,11 +142,8 @@ class LinearSolver:
 
     def _enough(self, allowed):
         """Norm of the residual that ends the KSP, by `allowed`; None if it may not be told."""
-        if (
-            self._own_atol
-            or self.ksp.getNormType() not in _KRYLOV_RESIDUAL_IS_TRUE
-            or not math.isfinite(allowed)
-        ):
+        its_own = self.ksp.getNormType() != PETSc.KSP.NormType.UNPRECONDITIONED  # not that of the system
+        if self._own_atol or its_own or not math.isfinite(allowed):
             return None
         # A hair below: what passes here must pass the same test on the recomputed residual.
         return allowed * (1 - 1e-9)

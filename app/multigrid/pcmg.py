@@ -163,7 +163,10 @@ class Multigrid:
 
 
 def default_options():
-    """Options of smoothers and coarsest grid where the user has not given them; one kind of sweep excludes others."""
+    """Options of smoothers and coarsest grid that the user has not given; one kind of sweep excludes others.
+
+    Not collective.
+    """
     given = PETSc.Options().getAll()
     defaults = _SMOOTHER | _DIRECT
     if any(f"mg_levels_pc_sor_{kind}" in given for kind in _OTHER_SWEEPS):

@@ -27,6 +27,7 @@ from app.units import length_unit
 PROBLEMS = {
     "hertz": "Hertz contact",
     "sphere": "Sphere",
+    "cylinder": "Cylinder",
     "cone": "Cone",
     "punch": "Flat punch",
     "file": "Gap from file",

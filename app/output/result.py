@@ -232,7 +232,10 @@ def _columns(file, group, known=()):
 
 
 def read_dataset(file, name, dtype=None):
-    """A dataset of numbers from an open file, of its own type if no other is given; ValueError if it is none."""
+    """A dataset of numbers from an open file, of its own type if no other is given; InputError if it is none.
+
+    Not collective.
+    """
     item = file.get(name)
     if not isinstance(item, h5py.Dataset):
         raise InputError(f"dataset {name} is missing")
@@ -260,14 +263,14 @@ def _attribute(name, value):
 
 
 def cast(name, values, dtype):
-    """Return values in a type that holds all of them but for rounding, an InputError if there is none."""
+    """Return values in a type that holds all of them but for rounding, else an InputError. Not collective."""
     if not np.can_cast(values.dtype, dtype, "same_kind"):
         raise InputError(f"{name}: type {values.dtype} where {np.dtype(dtype)} is needed")
     return values.astype(dtype, copy=False)
 
 
 def require(found, names, kind):
-    """Refuse with an InputError if some names are missing."""
+    """Refuse with an InputError if some names are missing. Not collective."""
     missing = [name for name in names if name not in found]
     if missing:
         raise InputError(f"{kind} {', '.join(missing)} is missing")

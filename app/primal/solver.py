@@ -94,5 +94,5 @@ def _check_kinds(options):
 
 
 def coarser_operator(hierarchy, number):
-    """A on the grid of the long waves; None if there is none."""
+    """A on the grid of the long waves; None if there is none. Not collective."""
     return hierarchy.levels[max(number - _COARSER, 0)] if number else None

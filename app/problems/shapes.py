@@ -12,7 +12,8 @@ shape              undeformed distance                     analytic solution
 =================  ======================================  =======================================
 
 A shape has a `name`, says whether it is `sampled` (known on one grid only), gives its values by `shape_on` as
-`app.problems.problem.Problem` does, says what it is by `describe`, and may refuse a grid by `check_grid`.
+`app.problems.problem.Problem` does, says what it is by `describe`, and may refuse a grid by `check_grid`. Not
+collective.
 """
 
 from __future__ import annotations

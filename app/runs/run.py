@@ -1,4 +1,4 @@
-"""A run, what its outcome depends on, and what is kept of its result."""
+"""A run, what its outcome depends on, and what is kept of its result. Not collective."""
 
 from __future__ import annotations
 
