@@ -162,8 +162,7 @@ def whole_hdf5(path):
 def temporary_name(path):
     """Return an unused name in the folder of `path`, so that the later rename stays in one file system.
 
-    Not collective. It is short, whatever the name of `path`. What killed runs on this machine have left in the folder is
-    removed.
+    Not collective. It is short, whatever the name of `path`. What killed runs on this machine left in the folder goes.
     """
     for left in path.parent.glob(f".*-{_machine()}-*.tmp"):
         name = re.fullmatch(r"\.[0-9a-f]{8}-[0-9a-f]{8}-(\d+)-\d+\.tmp", left.name)

@@ -1,6 +1,7 @@
 """Laws that mutants broke unnoticed: see docs/mutation.md."""
 
 from types import SimpleNamespace
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from mpi4py import MPI
 from running import solve
 
 from app import ContactProblem, ContactSolver, strategy
+from app.commands.monitor import Progress
 from app.contact.certificate import certify
 from app.contact.distance import UndeformedDistance
 from app.contact.grid_errors import GridNumbers, errors_from
@@ -113,6 +115,17 @@ def test_listeners_hear_of_every_iteration():
     with ContactSolver(hertz(12), "norm", listeners=[hears]) as solver:
         found = solver.solve(APPROACH)
     assert hears.told == ["start", *found.history["iteration"], "end"]
+
+
+def test_each_solve_has_a_bar_of_its_own():
+    """As those of a refinement, which share their listeners."""
+    with (
+        mock.patch("tqdm.tqdm") as bar,
+        ContactSolver(hertz(12), "norm", listeners=[Progress(1e-6)]) as solver,
+    ):
+        for opened in (1, 2):
+            solver.solve(APPROACH)
+            assert bar.call_count == bar.return_value.close.call_count == opened
 
 
 def test_differences_of_grids_that_do_not_fall_are_an_error_of_all():
