@@ -88,7 +88,7 @@ def _contact(facts, grid):
     """How much is in contact, and how it hangs together."""
     cells, share = facts["contact_cells"], facts["contact_fraction"]
     corrected = facts["contact_area"] * _ratio(facts["contact_fraction_corrected"], share)
-    whole = "all" if round(cells - share * grid.n) == 0 else "those where contact is possible"
+    whole = "those where contact is possible" if cells and round(cells / share) < grid.n else "all"
     text = f"contact area {facts['contact_area']:.6g} mm2"
     if cells:
         text += f" ({corrected:.6g} corrected for its stepped rim)"
