@@ -75,9 +75,7 @@ def main(given):
         else:
             with solver:
                 if request.path:
-                    path, solution, done = run_path(
-                        request.path, solver, request.stiffness, request.inputs, request.identity, save
-                    )
+                    path, solution, done = run_path(request.path, solver, request.stiffness, save)
                     steps, status = path.table, 0 if path.converged else 3
                     facts |= {
                         "path_operator_applications": path.operator_applications,

@@ -63,14 +63,10 @@ class Request:
     refine_until : float or None
     refine_max : int or None
     stiffness : bool
-    inputs : list of str
-        Files that the problem is read from.
     method : dict of str to dict
         What option files say that is left for the solver, which knows which options there are.
     options : dict of str to str
         The same of the command line and the environment.
-    identity : str
-        Options that the rows of a path depend on, likewise.
     options_text : str
         The other options, as they would be written on a command line.
     output : str or None
@@ -85,23 +81,21 @@ class Request:
     def __init__(self, given, comm):
         from app.output.files import check_output_path, check_shared, fingerprint
 
-        options, self.inputs = settle(given), input_files(given.texts)
-        kept = [*given.files, *self.inputs]
+        options, inputs = settle(given), input_files(given.texts)
         self.output = agree(comm, options.__getitem__, "output")
         if self.output:
-            agree(comm, check_output_path, self.output, kept)
+            agree(comm, check_output_path, self.output, [*given.files, *inputs])
             check_shared(comm, self.output)
         agree(comm, options.__getitem__, "problem")
         kind, number = loading(given, options)  # before the patch that may follow from it
         self.problem, own = agree(comm, make_problem, options, given.texts, comm)
-        for file in self.inputs:
+        for file in inputs:
             check_alike(comm, agree(comm, fingerprint, file), f"input {file}")
         self.loading, self.path, self.refine_until = {kind: number}, None, options["refine_until"]
         if kind.endswith("_path"):
             self.loading = {}
-            self.path = agree(
-                comm, load_path.PathRequest.of, kind.removesuffix("_path"), options, self.output, kept
-            )
+            words = kind.removesuffix("_path"), options, self.output, given.texts, inputs, given.files
+            self.path = agree(comm, load_path.PathRequest.of, *words)
             if self.refine_until:
                 raise InputError(f"-refine_until: of one loading only, not of -{kind}")
         self.refine_max = options["refine_max"] if self.refine_until else None
@@ -115,7 +109,6 @@ class Request:
         known, unknown = _unknown(given.texts, own.asked)
         if meant := [name for name in unknown if nearest(name, known)]:
             raise InputError(unknown_options(meant, known))
-        self.identity = load_path.identifying(given.texts)
         self.options_text = as_line({name: given.texts[name] for name in given.texts.keys() & taken})
 
 
