@@ -385,17 +385,10 @@ class ContactSolver:
         proof = certify(state)
         bound, allowed = proof.error_bound, self.settings.error_bound
         if outcome.converged and not bound <= allowed:
-            outcome = replace(
-                outcome,
-                converged=False,
-                reason=f"{outcome.reason}, but the pressure is proved to {bound:.2g} only "
-                f"(-lcp_error_bound {allowed:g}); "
-                + (
-                    "rounding allows no more"
-                    if self.settings.strategy == "fast"
-                    else "a smaller -lcp_rtol is more accurate"
-                ),
-            )
+            fast = self.settings.strategy == "fast"
+            advice = "rounding allows no more" if fast else "a smaller -lcp_rtol is more accurate"
+            doubt = f"the pressure is proved to {bound:.2g} only (-lcp_error_bound {allowed:g}); {advice}"
+            outcome = replace(outcome, converged=False, reason=f"{outcome.reason}, but {doubt}")
         p, distance, depth = state.p, state.distance, state.depth
         prescribed = loading.load if loading.prescribes_load else None
         approach = loading.approach if prescribed is None else state.approach
