@@ -17,7 +17,7 @@ import shlex
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from app.errors import InputError, agree
+from app.errors import InputError
 from app.options import ALIASES, FILES, option_file, renaming
 
 OPTION_FILES = ("-options_file", "-options_file_yaml")
@@ -206,11 +206,6 @@ def read(argv, environment):
         reader.take([("-options_string_yaml", environment["PETSC_OPTIONS_YAML"])], "in PETSC_OPTIONS_YAML")
     reader.take(line, COMMAND_LINE)
     return reader.given()
-
-
-def read_on_all(comm, argv):
-    """Read all places on rank 0 for all ranks. Collective over the mpi4py communicator; raises as `read` does."""
-    return agree(comm, read, argv, os.environ, only_root=True)
 
 
 class _Reader:

@@ -88,20 +88,17 @@ def deformation_figure(result):
 
 
 @styled
-def section_figure(result, reference=None, at=None):
-    """Pressure and gap along x and along y through one point.
+def section_figure(result, reference=None):
+    """Pressure and gap along x and along y through `hottest_cell`.
 
     Parameters
     ----------
     result : Result
     reference : Reference, optional
         Drawn over the computed pressure.
-    at : (float, float), optional
-        The point (x, y) [mm], moved to the nearest cell centre; default: where the pressure is largest, or the
-        middle of the patch if there is none.
     """
     figure = new_figure(7.4, 7.2)
-    row, column = hottest_cell(result, at)
+    row, column = hottest_cell(result)
     for axes, along in zip(figure.subplots(2, 1), "xy", strict=True):
         draw_section(axes, result, along, row, column, reference)
     return _titled(figure, result)
@@ -137,13 +134,8 @@ def _titled(figure, result):
     return figure
 
 
-def hottest_cell(result, at=None):
-    """Row and column of the cell the sections go through: nearest to a point, or the one that carries most.
-
-    Of several that carry the same the first.
-    """
-    if at is not None:
-        return int(np.argmin(abs(result.y - at[1]))), int(np.argmin(abs(result.x - at[0])))
+def hottest_cell(result):
+    """Row and column of the cell the sections go through: the first of those that carry most, or the middle one."""
     pressure = finite_pressure(result.pressure)
     if pressure.any():
         return tuple(map(int, np.unravel_index(np.argmax(pressure), pressure.shape)))
