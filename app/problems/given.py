@@ -53,11 +53,13 @@ class _Values:
         x, y = grid.x()[None, :], grid.y(rows)[:, None]
         shape, values = (y.shape[0], grid.nx), real_numbers(self._what, self.given(x, y))
         try:
-            return np.array(np.broadcast_to(values, shape), order="C")
+            values = np.array(np.broadcast_to(values, shape), order="C")
         except ValueError:
             raise InputError(
                 f"{self._what}: a function that gives an array of shape {values.shape}; needed: {shape} here"
             ) from None
+        refuse_large(self._what, values, rows.start or 0)
+        return values
 
     heights_on = shape_on
 
