@@ -40,11 +40,7 @@ def main(given):
     started = time.perf_counter()
     facts = {"command_line": shlex.join(sys.argv)}
     with PETSc.Log.Stage("Setup"), suggesting(given.texts):
-        told = len(given.warnings)
-        request = Request(given, MPI.COMM_WORLD)
-        for line in given.warnings[told:]:
-            session.warn(line)
-        solver = None
+        request, solver = Request(given, MPI.COMM_WORLD), None
         if not request.refine_until:
             solver = ContactSolver(request.problem, request.method, request.options)
             shown = request.wants_monitor or not request.path  # which has a bar, or lines, of its own
