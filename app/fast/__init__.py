@@ -5,8 +5,9 @@ On each grid, from the coarsest to the target (`nested`):
 1. *Start.* Pressure and contact set come from the coarser grid by `lift`; the grid is worked on in a window around
    contact (`windows`). The coarsest grid is solved directly.
 2. *Sets.* `iteration` repeats the steps of Sec. 4.1, each set solved a little by conjugate gradients that carry the
-   displacement along (`tracking_cg`), with the inverse of a circulant matrix as preconditioner (`circulant`) that
-   continues the residual over the rim of contact (`rim`). The predictor lets cells in by the displacement to come.
+   displacement along (`tracking_cg`). Preconditioner is the inverse of A, continued periodically (`circulant`), by
+   stencils on several grids (`multilevel`), of the residual continued over the rim of contact (`rim`). The predictor
+   lets cells in by the displacement to come.
 3. *Enough.* A coarse grid is left as soon as its residual is small against h on C. The target grid is left by one
    product in double precision on all cells; it decides (5.1), and with it the certificate must hold.
 4. *Load.* A prescribed load moves the approach along the way (`app.contact.loading`).
