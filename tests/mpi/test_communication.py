@@ -64,7 +64,6 @@ def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(c
         "pc_type": "python",
         "pc_python_type": "app.fast.circulant.Circulant",
         "pc_circulant_extend": "3",
-        "pc_circulant_margin": "0.01",
     }
     for steps in (1, 3):  # so few that the norm needs no summing anew
         with options_set({}, options | {"ksp_max_it": str(steps)}):
