@@ -62,7 +62,7 @@ PART_OPTIONS = [
     Option("pc_circulant_extend", _cells, 0, "Circulant: cells by which the residual is extended over the rim"),
     Option("pc_two_grid_sweeps", count, 3, "TwoGrid: sweeps before and after the coarser grid, at most 50"),
 ]  # fmt: skip
-_GONE = {
+GONE = {
     "lcp_merge": "tighter contact sets (-ksp_rtol) do what it did",
     "lcp_replicate": "-lcp_cells_per_rank says how many cells a rank gets at least",
     "lcp_cheap": "a larger -lcp_rtol does what it did, with a certificate",
@@ -71,6 +71,8 @@ _ONLY_FAST = ("lcp_coarse_rtol", "lcp_predictor", "lcp_window", "lcp_precision")
 _PRIMAL_TOO = ("lcp_coarse_rtol", "lcp_precision")
 _ONLY_NESTED = ("lcp_prolongation", "lcp_beta", "lcp_window", "lcp_coarse_rtol")
 _ACTIVE_SET = ("active_set", "fast", "primal")
+# What Settings have by the names of the options.
+_AS_GIVEN = "nested rtol error_bound max_it coarse_rtol predictor window beta coarsest cells_per_rank".split()
 _NEED_ENTRIES = ("hypre", "hmg", "kaczmarz", "redistribute")  # PETSc's preconditioners that crash without
 
 
@@ -162,9 +164,9 @@ def settings(method=None, options=None, periodic=False):
     else:
         files = {name: as_texts(texts, f"method {name!r}") for name, texts in (method or {}).items()}
     for texts in (given, *files.values()):
-        for name in _GONE.keys() & texts.keys():
+        for name in GONE.keys() & texts.keys():
             del texts[name]
-            warnings.append(f"-{name} is gone and ignored: {_GONE[name]}")
+            warnings.append(f"-{name} is gone and ignored: {GONE[name]}")
     warnings += _give_way(files, given)
     said = {name: text for texts in (*files.values(), given) for name, text in texts.items()}
     default = PERIODIC if periodic else DEFAULT
@@ -188,7 +190,7 @@ def settings(method=None, options=None, periodic=False):
                 f"-{name} {texts[name]}".rstrip() + f": has no effect here; allowed with {idle[name]}"
             )
     reader = OptionReader(METHOD_OPTIONS, texts)
-    strategy, nested = reader["lcp_type"], reader["lcp_nested"]
+    strategy = reader["lcp_type"]
     if strategy == (DEFAULT if periodic else PERIODIC):
         works, here = ("free patches", "periodic") if periodic else ("periodic patches (-periodic)", "free")
         raise InputError(
@@ -196,11 +198,15 @@ def settings(method=None, options=None, periodic=False):
         )
     _refuse_what_crashes(strategy, texts)
     return Settings(
-        strategy, nested, reader["lcp_rtol"], reader["lcp_error_bound"], reader["lcp_max_it"],
-        reader["lcp_coarse_rtol"], reader["lcp_predictor"], reader["lcp_prolongation"] == "lift",
-        reader["lcp_window"], reader["lcp_beta"], reader["lcp_coarsest"], reader["lcp_cells_per_rank"],
-        reader["lcp_precision"] == "single", texts, tuple(warnings), tuple(stages), frozenset(of_files),
-    )  # fmt: skip
+        strategy,
+        lifted=reader["lcp_prolongation"] == "lift",
+        single=reader["lcp_precision"] == "single",
+        **{name: reader[f"lcp_{name}"] for name in _AS_GIVEN},
+        texts=texts,
+        warnings=tuple(warnings),
+        stages=tuple(stages),
+        of_files=frozenset(of_files),
+    )
 
 
 def _give_way(files, given):

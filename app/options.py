@@ -40,6 +40,17 @@ def option_file(path):
     return path
 
 
+def named_files(text):
+    """Names of files that the text of an option may hold: all of it, or what stands before ``:/DATASET`` or ``:Name``.
+
+    Examples
+    --------
+    >>> named_files("map.h5:/heights"), named_files("heights.npy")
+    (['map.h5:/heights', 'map.h5'], ['heights.npy'])
+    """
+    return [name for name in (text, text.rpartition(":")[0]) if name]
+
+
 @dataclass(frozen=True)
 class Option:
     """One option: its kind says how its text becomes a value and which values are allowed."""
@@ -323,18 +334,17 @@ def word(text):
     return text
 
 
-def pair(allowed, fits):
-    """Kind: two whole numbers from 1, or one for both, that `fits` accepts."""
+def pair(allowed, highest=np.inf):
+    """Kind: two whole numbers from 1 to a highest one, or one for both."""
 
     def parse(text):
         try:
             numbers = [int(part) for part in text.split(",")]
         except ValueError:
             raise ValueError(allowed) from None
-        first, last = numbers[0], numbers[-1]
-        if len(numbers) > 2 or min(numbers) < 1 or not fits(first, last):
+        if len(numbers) > 2 or min(numbers) < 1 or max(numbers) > highest:
             raise ValueError(allowed)
-        return first, last
+        return numbers[0], numbers[-1]
 
     return parse
 

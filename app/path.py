@@ -193,7 +193,7 @@ class LoadPath:
         """
         from app.output.table import write_table
 
-        if Path(path).suffix != ".csv":
+        if Path(path).suffix.lower() != ".csv":
             raise InputError(
                 f"path table {path}: the name must end in .csv; a result file with the table and the fields of a step: "
                 "solution.save(file, steps=path.table)"

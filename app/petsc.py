@@ -178,11 +178,56 @@ class OptionDatabase:
 
     def unused(self):
         """Names of the options that nobody has asked for so far."""
-        return unused_options(self._handle)
+        return list(self.unasked())
 
     def unasked(self):
         """Those options and their whole values, name -> text."""
-        return _unasked(self._handle)
+        count = _library().integer()
+        names, values = ctypes.POINTER(_Text)(), ctypes.POINTER(_Text)()
+        parts = self._handle, ctypes.byref(count), ctypes.byref(names), ctypes.byref(values)
+        _call("PetscOptionsLeftGet", *parts)
+        found = {names[i].decode(): (values[i] or b"").decode() for i in range(count.value)}
+        _call("PetscOptionsLeftRestore", *parts)
+        return found
+
+
+@contextmanager
+def options_set(defaults, forced):
+    """Set options of the database that is active, inside the block. Not collective.
+
+    Parameters
+    ----------
+    defaults, forced : mapping of str to str
+        For where the user has given none; in any case.
+    """
+    database = PETSc.Options()
+    given = database.getAll().keys()  # which, other than hasName, counts as asking for none
+    before = {name: database.getString(name) for name in forced if name in given}
+    temporary = {name: text for name, text in defaults.items() if name not in given} | forced
+    for name, text in temporary.items():
+        database.setValue(name, text)
+    try:
+        yield
+    finally:
+        for name in temporary:
+            database.delValue(name)
+        for name, text in before.items():
+            database.setValue(name, text)
+            database.getString(name)  # still an option that is used
+
+
+@contextmanager
+def option_hidden(name):
+    """Hide an option of the database that is active, inside the block; it counts as used. Not collective."""
+    database = PETSc.Options()
+    text = database.getString(name, "") if name in database.getAll() else None
+    database.delValue(name)
+    try:
+        yield
+    finally:
+        if text is not None:
+            database.setValue(name, text or None)
+            database.getString(name, "")
 
 
 def _destroy_database(handle):
@@ -243,21 +288,6 @@ def log_messages(count, size):
 def log_reduction():
     """Count a reduction for -log_view. Not collective."""
     _counter("petsc_allreduce_ct").value += 1
-
-
-def unused_options(handle=None):
-    """Names of the options that nobody has asked for so far, in PETSc's global database by default. Not collective."""
-    return list(_unasked(handle))
-
-
-def _unasked(handle):
-    count = _library().integer()
-    names, values = ctypes.POINTER(_Text)(), ctypes.POINTER(_Text)()
-    parts = handle, ctypes.byref(count), ctypes.byref(names), ctypes.byref(values)
-    _call("PetscOptionsLeftGet", *parts)
-    found = {names[i].decode(): (values[i] or b"").decode() for i in range(count.value)}
-    _call("PetscOptionsLeftRestore", *parts)
-    return found
 
 
 def error_message(error):

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from app.contact.certificate import Certificate
-from app.contact.extent import ContactExtent
 from app.errors import InputError
 from app.halfspace.communication import Traffic
 from app.halfspace.grid import Grid, Slabs
-from app.output.contact_fields import ContactFields
+from app.output.contact_fields import OF_SOLUTION, ContactFields
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -177,49 +176,21 @@ class Solution(ContactFields):
 
     @property
     def attributes(self):
-        """All numbers, as they go into the root of a result file. Not collective."""
+        """All numbers and texts, as they go into the root of a result file. Not collective."""
         from app import __version__
 
+        numbers = [field.name for field in fields(self) if field.type in ("bool", "int", "float", "str")]
         return {
-            "converged": self.converged,
-            "reason": self.message,
-            "active_set_iterations": self.iterations,
-            "inner_iterations": self.inner_iterations,
-            "work_units": self.work_units,
-            "operator_applications": self.operator_applications,
-            "residual": self.residual,
-            "discretisation_error": self.discretisation_error,
-            "load_error": self.load_error,
-            "approach_error": self.approach_error,
-            "max_pressure_error": self.max_pressure_error,
-            "contact_area_error": self.contact_area_error,
-            "fallbacks": self.fallbacks,
-            "load": self.load,
-            "approach": self.approach,
-            "max_pressure": self.max_pressure,
-            "contact_cells": self.contact_cells,
-            "contact_fraction": self.contact_fraction,
-            "contact_fraction_corrected": self.contact_fraction_corrected,
-            "perimeter": self.perimeter,
-            "contact_area": self.contact_area,
-            "mean_contact_pressure": self.mean_contact_pressure,
-            "mean_pressure": self.mean_pressure,
-            "mean_gap": self.mean_gap,
-            **{name: getattr(self, name) for name in ContactExtent._fields},
-            "rms_height": self.rms_height,
-            "rms_slope": self.rms_slope,
-            "lcp_rtol": self.rtol,
             **self.problem,
+            **{OF_SOLUTION.get(name, name): getattr(self, name) for name in numbers},
             **({} if self.stiffness is None else {"stiffness": self.stiffness}),
-            **self.certificate.describe(),
-            "options": self.options,
-            "command_line": "",
+            **vars(self.certificate),
+            **vars(self.traffic),
+            "cell_size": [self.grid.dx, self.grid.dy],
             "notes": "\n".join(self.notes),
-            "solve_seconds": self.solve_seconds,
-            "setup_seconds": self.setup_seconds,
             "ranks": self.comm.size,
             "solving_ranks": int(np.count_nonzero(self.slabs.counts)),
-            **vars(self.traffic),
+            "command_line": "",
             "version": __version__,
         }
 
@@ -278,5 +249,3 @@ class Solution(ContactFields):
             )
         except OSError as error:
             raise InputError(f"result file {path}: cannot be written: {error}") from None
-        except ValueError as error:  # the folder is gone, which was there when the solve began
-            raise InputError(str(error)) from None

@@ -40,11 +40,7 @@ def main(given):
     started = time.perf_counter()
     facts = {"command_line": shlex.join(sys.argv)}
     with PETSc.Log.Stage("Setup"), suggesting(given.texts):
-        told = len(given.warnings)
-        request = Request(given, MPI.COMM_WORLD)
-        for line in given.warnings[told:]:
-            session.warn(line)
-        solver = None
+        request, solver = Request(given, MPI.COMM_WORLD), None
         if not request.refine_until:
             solver = ContactSolver(request.problem, request.method, request.options)
             shown = request.wants_monitor or not request.path  # which has a bar, or lines, of its own
@@ -75,9 +71,7 @@ def main(given):
         else:
             with solver:
                 if request.path:
-                    path, solution, done = run_path(
-                        request.path, solver, request.stiffness, request.inputs, request.identity, save
-                    )
+                    path, solution, done = run_path(request.path, solver, request.stiffness, save)
                     steps, status = path.table, 0 if path.converged else 3
                     facts |= {
                         "path_operator_applications": path.operator_applications,

@@ -143,7 +143,10 @@ class ContactSolver:
         grid = problem.grid
         try:
             self.settings = chosen = agree(self.comm, choose, grid, method, texts)
-            check_alike(self.comm, (grid.shape, grid.periodic, chosen), "grid or options")
+            # Processors may round differently.
+            sizes = [f"{size:.6g}" for size in (grid.dx, grid.dy, problem.material.compliance)]
+            alike = grid.shape, grid.periodic, sizes, chosen
+            check_alike(self.comm, alike, "grid, material or options")
             self._team = team_for(self.comm, grid, chosen)
             self._resources.add(self._team)
             self.settings, self.touching = self._team.told(self._prepare)
@@ -250,8 +253,7 @@ class ContactSolver:
         InputError
             If the loading is not allowed, or PETSc finds that the chosen solvers do not go together.
         """
-        if self._finalizer.alive is False:
-            raise InputError("the solver is closed")
+        self._refuse_if_closed()
         given = {"approach": approach, "load": load, "mean_pressure": mean_pressure, "mean_gap": mean_gap}
         check_alike(self.comm, given, "loading")
         solution = self._team.told(self._solve, given, start, summary=Solution.without_rows)
@@ -306,12 +308,14 @@ class ContactSolver:
             raise InputError(
                 f"path: exactly one of {', '.join(LOADINGS)} is needed, with a number for each step"
             )
+        self._refuse_if_closed()
         [(kind, numbers)] = loadings.items()
         return LoadPath(self, kind, numbers, stiffness, rows)
 
     @one_at_a_time
     def check(self, **loading):
         """Refuse a loading that `solve` would refuse; solve nothing. Collective."""
+        self._refuse_if_closed()
         check_alike(self.comm, loading, "loading")
         self._team.told(self._loading, loading, summary=lambda _: None)
 
@@ -319,8 +323,10 @@ class ContactSolver:
     def unmoved(self):
         """Give a function that takes back what moving the bodies has left of rounding in the undeformed distances.
 
-        After it a solve does the same, to the last digit, as the first one did. It costs a field for every grid.
+        Collective. After it a solve does the same, to the last digit, as the first one did. It costs a field for every
+        grid.
         """
+        self._refuse_if_closed()
         if any(distance.depth or distance.deepest for distance in self._distances):
             self._measure_shapes()
         kept = [distance.b.copy() for distance in self._distances]
@@ -346,8 +352,7 @@ class ContactSolver:
             [N/mm]; 0 without contact, infinite where a periodic patch is in contact everywhere, NaN if the linear
             solver does not converge.
         """
-        if self._finalizer.alive is False:
-            raise InputError("the solver is closed")
+        self._refuse_if_closed()
 
         def solve():
             self._strategy.check(solution, "solution")
@@ -355,6 +360,10 @@ class ContactSolver:
                 return contact_stiffness(self.hierarchy, self._distances[-1], solution.contact)
 
         return self._team.told(solve)
+
+    def _refuse_if_closed(self):
+        if not self._finalizer.alive:
+            raise InputError("the solver is closed")
 
     def _loading(self, given):
         loading = prescribe(self.problem.grid, self._distances[-1], **given)
@@ -376,17 +385,10 @@ class ContactSolver:
         proof = certify(state)
         bound, allowed = proof.error_bound, self.settings.error_bound
         if outcome.converged and not bound <= allowed:
-            outcome = replace(
-                outcome,
-                converged=False,
-                reason=f"{outcome.reason}, but the pressure is proved to {bound:.2g} only "
-                f"(-lcp_error_bound {allowed:g}); "
-                + (
-                    "rounding allows no more"
-                    if self.settings.strategy == "fast"
-                    else "a smaller -lcp_rtol is more accurate"
-                ),
-            )
+            fast = self.settings.strategy == "fast"
+            advice = "rounding allows no more" if fast else "a smaller -lcp_rtol is more accurate"
+            doubt = f"the pressure is proved to {bound:.2g} only (-lcp_error_bound {allowed:g}); {advice}"
+            outcome = replace(outcome, converged=False, reason=f"{outcome.reason}, but {doubt}")
         p, distance, depth = state.p, state.distance, state.depth
         prescribed = loading.load if loading.prescribes_load else None
         approach = loading.approach if prescribed is None else state.approach

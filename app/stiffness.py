@@ -10,7 +10,7 @@ import numpy as np
 
 from app.contact.state import ContactState
 from app.multigrid.linear_solver import LinearSolver
-from app.multigrid.pcmg import options_set
+from app.petsc import options_set
 
 RTOL = 1e-8  # of ||A q - 1||; that of the stiffness is smaller still
 _MAX_IT = 2000
@@ -53,7 +53,7 @@ def contact_stiffness(hierarchy, distance, contact):
         return np.inf if cells else 0.0
     ones = state.right
     ones.setArray(contact.reshape(-1).astype(float))
-    with operator.in_double(), options_set("", {}, _OPTIONS):
+    with operator.in_double(), options_set({}, _OPTIONS):
         solver = LinearSolver(hierarchy, -1, operator.petsc_comm, operator=operator)
         try:
             solver.set_contact()

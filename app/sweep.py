@@ -26,12 +26,11 @@ interrupted, with a table of what is finished.
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 
 from app.commands.arguments import Parser, check_ranks, count, interruptible, seconds
-from app.errors import InputError
+from app.output.files import check_output_path
 from app.output.table import text, write_table
 from app.runs.batch import rows_of, run_all
 from app.runs.journal import Journal
@@ -47,17 +46,6 @@ _SHOWN = (
     "solve_seconds",
 )
 _MOST_NAMED = 4  # runs that say the same
-
-
-def _check_output(path):
-    if path.suffix not in SUFFIXES:
-        raise InputError(f"-o {path}: the name must end in one of {', '.join(SUFFIXES)}")
-    if path.exists() and not path.is_file():
-        raise InputError(f"-o {path}: exists and is not a regular file")
-    if not path.parent.is_dir():
-        raise InputError(f"-o {path}: folder {path.parent} does not exist")
-    if not os.access(path.parent, os.W_OK):
-        raise InputError(f"-o {path}: cannot write in {path.parent}")
 
 
 def main(argv=None):
@@ -87,8 +75,8 @@ def _main(argv):
     arguments = parser.parse_args(argv)
     output = arguments.output
     check_ranks(arguments.ranks)
-    _check_output(output)
     runs = read_sweep(arguments.sweep)
+    check_output_path(output, {file for run in runs for file in run.inputs()}, "-o", SUFFIXES)
     journal = Journal(output.with_suffix(".runs.jsonl"), arguments.resume)
     try:
         outcomes, interrupted = run_all(

@@ -9,9 +9,9 @@ import importlib
 from pathlib import Path
 
 from app.commands import arguments, load_path
-from app.commands.geometry import GEOMETRY_OPTIONS, MATERIAL_OPTIONS, most_cells
+from app.commands.geometry import GEOMETRY_OPTIONS, MATERIAL_OPTIONS
 from app.commands.problem_options import LOADING, PROBLEM_OPTIONS
-from app.method import _GONE, METHOD_OPTIONS, PART_OPTIONS, read_method_file
+from app.method import GONE, METHOD_OPTIONS, PART_OPTIONS, read_method_file
 from app.options import ALIASES, REQUIRED
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -87,7 +87,7 @@ def allowed(option):
     try:
         option.kind("?")
     except ValueError as error:
-        return str(error).replace(f"{most_cells()} cells", "as many cells as PETSc can number")
+        return str(error)
     return ""
 
 
@@ -180,7 +180,7 @@ def page():
         f"- `-{name}` is called `-{new}` now; the old name works in this release."
         for name, new in ALIASES.items()
     ]
-    old += [f"- `-{name}` is gone and ignored with a note: {why}." for name, why in _GONE.items()]
+    old += [f"- `-{name}` is gone and ignored with a note: {why}." for name, why in GONE.items()]
     parts.append("\n" + "\n".join(old) + "\n")
     parts.append(f"\n## Parts\n\n{_PARTS.strip()}\n\n{options_table(PART_OPTIONS, DEFAULT_METHODS)}")
     parts.append(_LINEAR)

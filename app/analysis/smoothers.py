@@ -99,11 +99,6 @@ class Modes:
     values: np.ndarray
     vectors: np.ndarray
 
-    @property
-    def spectral_radius(self):
-        """Largest modulus: the error's reduction per sweep in the end."""
-        return float(np.abs(self.values[0]))
-
     def coefficients(self, error):
         """Coefficients c of ``error = sum_j c_j v^j``, last axis n. Not collective."""
         return np.linalg.solve(self.vectors, np.asarray(error, dtype=complex).T).T
@@ -230,21 +225,15 @@ def sweep_history(iteration_matrix, solution, sweeps=(0, 10, 20)):
     return SweepHistory(tuple(sweeps), errors, modes(iteration_matrix).coefficients(errors))
 
 
-def compare_grids(contact=None, omega=1.0, numbers=PAPER_MODES, smooth=SMOOTH_MODES):
-    """Gauss-Seidel modes on a grid and on the one with half as many cells, Fig. 7.
+def compare_grids(contact=None):
+    """Undamped Gauss-Seidel modes on a grid and on the one with half as many cells, Fig. 7: `PAPER_MODES`.
 
-    Not collective. A smooth mode has its partner at the same place in the order of moduli.
+    Not collective. A smooth mode, of `SMOOTH_MODES`, has its partner at the same place in the order of moduli.
 
     Parameters
     ----------
     contact : LineContact, optional
         Fine grid, an even number of cells; default: the paper's 32.
-    omega : float
-        Damping factor.
-    numbers : sequence of int
-        The paper's numbers of the modes wanted.
-    smooth : sequence of int
-        Those of them to pair with a coarse mode.
 
     Returns
     -------
@@ -259,13 +248,13 @@ def compare_grids(contact=None, omega=1.0, numbers=PAPER_MODES, smooth=SMOOTH_MO
     if contact.cells % 2:
         raise ValueError(f"line contact of {contact.cells} cells: need an even number to halve")
     half = LineContact(contact.cells // 2, contact.half_width, contact.half_length, contact.material)
-    fine, coarse = (modes(gauss_seidel(c.matrix(), omega)) for c in (contact, half))
+    fine, coarse = (modes(gauss_seidel(c.matrix())) for c in (contact, half))
     pairs = []
-    for number in numbers:
+    for number in PAPER_MODES:
         j = paper_mode(number, contact.cells)
         v = fine.vectors[:, j]
         partner = {}
-        if number in smooth:
+        if number in SMOOTH_MODES:
             j_coarse = paper_mode(number, half.cells)
             w = coarse.vectors[:, j_coarse]
             averaged = v.reshape(-1, 2).mean(axis=1)

@@ -1,4 +1,4 @@
-"""Command lines in the style of the shell (``--jobs 2``), and the one way in which these commands end."""
+"""Command lines in the style of the shell (``--jobs 2``), and how these commands end. Not collective."""
 
 from __future__ import annotations
 

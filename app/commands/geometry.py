@@ -31,21 +31,8 @@ DEFAULT_CELLS = 256  # per side, of the default grid
 DEFAULT_PATCH = 1.5  # half sides of the default patch in semi-axes of Hertz's contact
 
 
-def most_cells():
-    """Largest number of cells that PETSc can number. Not collective."""
-    from petsc4py import PETSc
-
-    return int(np.iinfo(PETSc.IntType).max)
-
-
-def grid_size(text):
-    """Kind: ``nx,ny``, or ``n`` for both."""
-    most = most_cells()
-    allowed = f"nx,ny or n, whole numbers of at least 1, and at most {most} cells"
-    return pair(allowed, lambda nx, ny: nx * ny <= most)(text)
-
-
-frequencies = pair("M,N or M, whole numbers from 1 to 10000", lambda m, n: max(m, n) <= 10000)
+grid_size = pair("nx,ny or n, whole numbers of at least 1")
+frequencies = pair("M,N or M, whole numbers from 1 to 10000", highest=10000)
 moduli = pair_of_reals("E1,E2, positive numbers; inf: a rigid body", above=0)
 ratios = pair_of_reals("nu1,nu2, numbers from 0 to 0.5", lowest=0, highest=0.5)
 radii = pair_of_reals("two numbers, not 0; inf: straight; negative: concave", nonzero=True)
@@ -134,12 +121,14 @@ def make_problem(options, texts, comm):
     """
     from app.halfspace.grid import Slabs
     from app.memory import check_share
+    from app.petsc import check_cells
     from app.problems.given import ContactProblem
 
     name, material, periodic = options["problem"], _material(options), _periodic(options)
     shape = None if name == "python" else _shape(name, options)
     measured = _measured(options)
     grid = _grid(options, name, shape, measured, material, periodic)
+    check_cells(grid)
     slabs, own = Slabs.over(comm, grid.ny), OptionReader((), {})
     check_share(grid, slabs.local * grid.nx)
     rows = slabs.rows
@@ -251,10 +240,6 @@ def _grid(options, name, shape, measured, material, periodic):
         ny, nx = shape.shape
         if options.given("grid"):
             nx, ny = options["grid"]
-        elif nx * ny > most_cells():
-            raise InputError(
-                f"gap file {shape.file}: has {nx} x {ny} cells; at most {most_cells()} are possible"
-            )
         return Grid.from_domain(nx, ny, options["domain"], periodic)
     if where is None and name in ("hertz", "sphere"):
         n = options["grid"] if options.given("grid") else (DEFAULT_CELLS,) * 2

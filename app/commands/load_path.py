@@ -10,7 +10,7 @@ from pathlib import Path
 
 from app.commands.session import note, say, warn
 from app.errors import InputError, agree
-from app.options import Option, flag, series, word
+from app.options import Option, as_line, flag, series, word
 from app.output.files import check_output_path, remove
 
 KINDS = ("load", "mean_pressure", "approach", "mean_gap")
@@ -38,12 +38,26 @@ class PathRequest:
     csv: Path | None
     fields: bool
     resume: bool
+    inputs: list  # files that the problem is read from
+    rows_depend_on: str  # options, as they would be written on a command line
 
     @classmethod
-    def of(cls, kind, options, output):
-        """Read the options of a path.
+    def of(cls, kind, options, output, texts, inputs, option_files):
+        """Read the options of a path; its files must not take the place of what is read.
 
         Not collective.
+
+        Parameters
+        ----------
+        kind : str
+            What is prescribed.
+        options : OptionReader
+        output : str or None
+            Result file.
+        texts : mapping of str to str
+            All options.
+        inputs, option_files : list of str
+            Files that the problem, and options, are read from.
 
         Raises
         ------
@@ -60,14 +74,18 @@ class PathRequest:
             raise InputError(
                 "-resume: what is finished is kept beside -output or -path_csv; neither is given"
             )
-        if csv and Path(csv).suffix != ".csv":
-            raise InputError(f"-path_csv {csv}: the name must end in .csv")
-        if csv and not Path(csv).absolute().parent.is_dir():
-            raise InputError(f"-path_csv {csv}: folder {Path(csv).absolute().parent} does not exist")
         csv = csv or (output and Path(output).with_suffix(".csv"))
-        request = cls(kind, numbers, output and Path(output), csv and Path(csv), fields, resume)
+        kept = [*option_files, *inputs]
+        if csv:
+            check_output_path(csv, kept, "path table", (".csv",))
+        depends = as_line({name: text for name, text in texts.items() if name not in _NO_MATTER})
+        output, csv = output and Path(output), csv and Path(csv)
+        request = cls(kind, numbers, output, csv, fields, resume, inputs, depends)
         if fields:
-            check_output_path(request.of_step(len(numbers)))
+            steps = [request.of_step(step) for step in range(1, len(numbers) + 1)]
+            alike = {request.output.with_name(Path(name).name) for name in kept}
+            for file in {steps[-1], *alike.intersection(steps)}:  # the longest name, and that of an input
+                check_output_path(file, kept)
         return request
 
     @property
@@ -80,7 +98,7 @@ class PathRequest:
         return self.output.with_name(f"{self.output.stem}_{step:04d}{self.output.suffix}")
 
 
-def run_path(wanted, solver, stiffness, inputs, identity, save):
+def run_path(wanted, solver, stiffness, save):
     """Solve along a path.
 
     Collective.
@@ -90,10 +108,6 @@ def run_path(wanted, solver, stiffness, inputs, identity, save):
     wanted : PathRequest
     solver : ContactSolver
     stiffness : bool
-    inputs : list of str
-        Files that the problem is read from.
-    identity : str
-        All options that the table depends on.
     save : callable
         ``save(solution, file)`` writes the result of a step.
 
@@ -109,7 +123,7 @@ def run_path(wanted, solver, stiffness, inputs, identity, save):
         solver.check(**{wanted.kind: number})
     first = solver.comm.rank == 0
     book = _Book()
-    agree(solver.comm, lambda: first and book.open(wanted, solver, inputs, identity))
+    agree(solver.comm, lambda: first and book.open(wanted, solver))
     rows, notes = solver.comm.bcast((book.rows, book.notes))
     path = solver.path(stiffness=stiffness, rows=rows, **{wanted.kind: wanted.numbers})
     if rows:
@@ -145,13 +159,13 @@ class _Book:
     def __init__(self):
         self.rows, self.notes, self._journal = [], [], None  # of the steps done before
 
-    def open(self, wanted, solver, inputs, identity):
+    def open(self, wanted, solver):
         from app.runs.journal import Journal
 
         self._path = wanted.journal
         if not self._path:
             return
-        what = {"what": _identity(wanted, solver, inputs, identity)}
+        what = {"what": _identity(wanted, solver)}
         self._journal = Journal(self._path, wanted.resume)
         found = self._journal.outcomes
         if found and found.get("path") != what:
@@ -194,12 +208,13 @@ class _Book:
             remove(self._path)
 
 
-def _identity(wanted, solver, inputs, identity):
+def _identity(wanted, solver):
     """Digest of all that the table depends on."""
     from app import __version__
 
-    files = [hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in inputs if Path(name).is_file()]
-    parts = (identity, *files, wanted.kind, *wanted.numbers, solver.comm.size, __version__)
+    read = [Path(name) for name in wanted.inputs if Path(name).is_file()]
+    files = [hashlib.sha256(file.read_bytes()).hexdigest() for file in read]
+    parts = (wanted.rows_depend_on, *files, wanted.kind, *wanted.numbers, solver.comm.size, __version__)
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
 
@@ -249,10 +264,3 @@ def which(steps, count):
     runs = [steps[first : last + 1] for first, last in zip([0, *(k + 1 for k in ends)], ends, strict=False)]
     said = [f"{run[0]} to {run[-1]}" if len(run) > 2 else ", ".join(map(str, run)) for run in runs]
     return f"step{'s'[: len(steps) > 1]} {', '.join(said)}"
-
-
-def identifying(texts):
-    """The options, as one text, that rows depend on. Not collective."""
-    from app.options import as_line
-
-    return as_line({name: text for name, text in texts.items() if name not in _NO_MATTER})

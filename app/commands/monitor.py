@@ -43,19 +43,23 @@ class Monitor(Listener):
 
 
 class Progress(Listener):
-    """A bar on the terminal: how many of the decades to the wanted residual are done on this grid."""
+    """A bar on the terminal for each solve: how many of the decades to the wanted residual are done on this grid."""
 
     def __init__(self, rtol):
+        self._rtol, self._bar = rtol, None
+
+    def start(self, state, level):
+        """Show a bar, if there is none yet."""
         from tqdm import tqdm
 
-        self._rtol = rtol
-        self._bar = tqdm(
-            total=100, desc="solving", leave=False, bar_format="{desc} {bar} {postfix} [{elapsed}]", delay=1
-        )
+        how = "{desc} {bar} {postfix} [{elapsed}]"
+        self._bar = self._bar or tqdm(total=100, desc="solving", leave=False, bar_format=how, delay=1)
 
     def end(self):
         """Close the bar."""
-        self._bar.close()
+        if self._bar is not None:
+            self._bar.close()
+        self._bar = None
 
     def iteration(self, entry, state):
         """Show an entry of the history."""

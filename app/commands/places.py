@@ -17,7 +17,7 @@ import shlex
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from app.errors import InputError, agree
+from app.errors import InputError
 from app.options import ALIASES, FILES, option_file, renaming
 
 OPTION_FILES = ("-options_file", "-options_file_yaml")
@@ -85,7 +85,7 @@ class Given:
     def last_of(self, alternatives, needed=""):
         """Which of some options excluding each other holds: that of the command line, else of the last place with any.
 
-        Removes the others. Not collective.
+        Not collective. The others are removed from `texts`.
 
         Parameters
         ----------
@@ -110,22 +110,19 @@ class Given:
             if not needed:
                 return None
             raise InputError(f"neither {needed} is given: exactly one is needed")
-        found, where, here = present, "", {}
+        said = {}  # by places in order; the parts of the command line are one place as far as contradictions go
         for place in self.places:
             if ones := {one for one in present if place.names & set(members[one])}:
-                # The parts of the command line are one place as far as contradictions go.
-                here[place.description] = ones | here.get(place.description, set())
-                if place.file and COMMAND_LINE in here:
-                    continue  # what the command line says, wherever it stands, replaces what excludes it in a file
-                found, where = (
-                    [one for one in present if one in here[place.description]],
-                    f" {place.description}",
-                )
+                said[place.description] = ones | said.pop(place.description, set())
+        # What the command line says, wherever it stands, replaces what excludes it in a file.
+        where = COMMAND_LINE if COMMAND_LINE in said else next(reversed(said), "")
+        found = [one for one in present if one in said.get(where, present)]
         if len(found) > 1:
             both = "both " if len(found) == 2 else ""
             names = [next(name for name in members[one] if name in self.texts) for one in found]
             raise InputError(
-                f"{both}{' and '.join(f'-{name}' for name in names)} are given{where}: exactly one is allowed"
+                f"{both}{' and '.join(f'-{name}' for name in names)} are given {where}".rstrip()
+                + ": exactly one is allowed"
             )
         for one in present:
             if one != found[0]:
@@ -209,11 +206,6 @@ def read(argv, environment):
         reader.take([("-options_string_yaml", environment["PETSC_OPTIONS_YAML"])], "in PETSC_OPTIONS_YAML")
     reader.take(line, COMMAND_LINE)
     return reader.given()
-
-
-def read_on_all(comm, argv):
-    """Read all places on rank 0 for all ranks. Collective over the mpi4py communicator; raises as `read` does."""
-    return agree(comm, read, argv, os.environ, only_root=True)
 
 
 class _Reader:

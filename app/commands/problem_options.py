@@ -8,23 +8,22 @@ from contextlib import contextmanager
 from app.commands import load_path
 from app.commands.geometry import ALTERNATIVES, FILES, GEOMETRY_OPTIONS, MATERIAL_OPTIONS, make_problem
 from app.errors import InputError, agree, check_alike
-from app.method import METHOD_OPTIONS
-from app.options import Option, OptionReader, as_line, count, flag, nearest, real, unknown_options, word
+from app.method import GONE, METHOD_OPTIONS, PART_OPTIONS
+from app.options import (
+    Option,
+    OptionReader,
+    as_line,
+    count,
+    flag,
+    named_files,
+    nearest,
+    real,
+    unknown_options,
+    word,
+)
 
-_OF_SOLVERS = re.compile(
-    "(^|_)(lcp|ksp|pc|mg|sub|tao|snes|mat|vec)_"
-)  # who know better which options there are
-
-__all__ = [
-    "PROBLEM_OPTIONS",
-    "Request",
-    "help_text",
-    "loading",
-    "make_problem",
-    "reader_of",
-    "settle",
-    "suggesting",
-]
+# Who know better which options there are.
+_OF_SOLVERS = re.compile("(^|_)(lcp|ksp|pc|mg|sub|tao|snes|mat|vec)_")
 
 share = real("above 0 and below 1", above=0, highest=1 - 1e-9)
 
@@ -62,10 +61,8 @@ class Request:
         Argument of `app.solver.ContactSolver.solve`; empty for a path.
     path : app.commands.load_path.PathRequest or None
     refine_until : float or None
-    refine_max : int
+    refine_max : int or None
     stiffness : bool
-    inputs : list of str
-        Files that the problem is read from.
     method : dict of str to dict
         What option files say that is left for the solver, which knows which options there are.
     options : dict of str to str
@@ -84,40 +81,34 @@ class Request:
     def __init__(self, given, comm):
         from app.output.files import check_output_path, check_shared, fingerprint
 
-        settle(given)
-        options = reader_of(given)
+        options, inputs = settle(given), input_files(given.texts)
         self.output = agree(comm, options.__getitem__, "output")
         if self.output:
-            agree(comm, check_output_path, self.output, [*given.files, *input_files(given.texts)])
+            agree(comm, check_output_path, self.output, [*given.files, *inputs])
             check_shared(comm, self.output)
         agree(comm, options.__getitem__, "problem")
-        kind, number = loading(given)  # before the patch that may follow from it
+        kind, number = loading(given, options)  # before the patch that may follow from it
         self.problem, own = agree(comm, make_problem, options, given.texts, comm)
-        self.inputs = input_files(given.texts)
-        for file in self.inputs:
+        for file in inputs:
             check_alike(comm, agree(comm, fingerprint, file), f"input {file}")
-        options.asked.add(kind)
         self.loading, self.path, self.refine_until = {kind: number}, None, options["refine_until"]
         if kind.endswith("_path"):
             self.loading = {}
-            self.path = agree(
-                comm, load_path.PathRequest.of, kind.removesuffix("_path"), options, self.output
-            )
+            words = kind.removesuffix("_path"), options, self.output, given.texts, inputs, given.files
+            self.path = agree(comm, load_path.PathRequest.of, *words)
             if self.refine_until:
                 raise InputError(f"-refine_until: of one loading only, not of -{kind}")
         self.refine_max = options["refine_max"] if self.refine_until else None
         self.stiffness = options["stiffness"]
         self.wants_monitor = options["lcp_monitor"]
         if left := set(options.unused()) - own.asked:
-            raise InputError(unused(left))
+            raise InputError(unknown_options(left, (), what="unknown or unused"))
         taken = {option.name for option in PROBLEM_OPTIONS} | own.asked
         self.method, self.options = given.files_and_words(given.texts.keys() - taken)
-        known = [option.name for option in PROBLEM_OPTIONS]
         _refuse_method(self.options)
-        mine = [name for name in given.texts.keys() - taken if not _OF_SOLVERS.search(name)]
-        if meant := [name for name in mine if nearest(name, known)]:
+        known, unknown = _unknown(given.texts, own.asked)
+        if meant := [name for name in unknown if nearest(name, known)]:
             raise InputError(unknown_options(meant, known))
-        self.identity = load_path.identifying(given.texts)
         self.options_text = as_line({name: given.texts[name] for name in given.texts.keys() & taken})
 
 
@@ -139,29 +130,30 @@ def suggesting(texts):
     try:
         yield
     except InputError as error:
-        known = [option.name for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)]
-        ours = [
-            name for name in texts.keys() - set(known) if name[:4] == "lcp_" or not _OF_SOLVERS.search(name)
-        ]
+        known, unknown = _unknown(texts)
         own = texts.get("problem") == "python"  # which may have any
-        meant = [name for name in ours if (nearest(name, known) or not own) and f"-{name}" not in str(error)]
+        meant = [
+            name for name in unknown if (nearest(name, known) or not own) and f"-{name}" not in str(error)
+        ]
         if not meant:
             raise
         raise InputError(f"{unknown_options(meant, known)}; {error}") from None
 
 
-def unused(names):
-    """Complain about options that have no effect."""
-    return f"unknown or unused option{'s'[: len(names) > 1]}: -{', -'.join(sorted(names))}"
-
-
-def reader_of(given):
-    """Reader of the problem's options. Not collective."""
-    return OptionReader(PROBLEM_OPTIONS, given.texts)
+def _unknown(texts, own=frozenset()):
+    """Names of the options of the tables, and others that are neither a problem's `own` nor look like a solver's."""
+    known = [option.name for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)]
+    others = texts.keys() - own - GONE.keys() - set(known)
+    return known, [name for name in others if name.startswith("lcp_") or not _OF_SOLVERS.search(name)]
 
 
 def settle(given):
     """Of options that exclude each other keep the ones of the last place that gives any. Not collective.
+
+    Returns
+    -------
+    OptionReader
+        Of the problem's options that are left.
 
     Raises
     ------
@@ -170,32 +162,34 @@ def settle(given):
     """
     for alternatives in (LOADING, *ALTERNATIVES):
         given.last_of(alternatives)
+    return OptionReader(PROBLEM_OPTIONS, given.texts)
 
 
-def loading(given):
-    """What is prescribed: ``("approach", mm)``, ``("load", N)``, ...; one in a later place replaces the others.
+def loading(given, options):
+    """What is prescribed: ``("approach", mm)``, ``("load", N)``, ...; of a path all numbers. Not collective.
 
-    Not collective.
+    Parameters
+    ----------
+    given : app.commands.places.Given
+    options : OptionReader
+        What `settle` has returned.
 
     Raises
     ------
     InputError
-        If none is given, or several in the same place.
+        If none is given, or is not allowed.
     """
     kind = given.last_of(LOADING, "-approach [mm], -load [N], -mean_pressure [N/mm2] nor -mean_gap [mm]")
-    return kind, reader_of(given)[kind]
+    return kind, options[kind]
 
 
 def input_files(texts):
     """Names of the files that the problem is read from; a result must not take their place. Not collective."""
-    names = [texts[name] for name in FILES if name in texts]
-    return [part for name in names for part in (name, name.rpartition(":")[0]) if part]
+    return [file for name in FILES if name in texts for file in named_files(texts[name])]
 
 
 def help_text():
     """All options of the command, for ``-help``. Not collective."""
-    from app.method import METHOD_OPTIONS, PART_OPTIONS
-
     lines = [
         "usage: python -m app.solve -options_file petsc_options/hertz.opts [-options_file METHOD.opts] [-grid 512] ...",
         "       mpiexec -n 2 python -m app.solve ...",

@@ -88,7 +88,7 @@ def _contact(facts, grid):
     """How much is in contact, and how it hangs together."""
     cells, share = facts["contact_cells"], facts["contact_fraction"]
     corrected = facts["contact_area"] * _ratio(facts["contact_fraction_corrected"], share)
-    whole = "all" if round(cells - share * grid.n) == 0 else "those where contact is possible"
+    whole = "those where contact is possible" if cells and round(cells / share) < grid.n else "all"
     text = f"contact area {facts['contact_area']:.6g} mm2"
     if cells:
         text += f" ({corrected:.6g} corrected for its stepped rim)"
@@ -161,15 +161,10 @@ def _ratio(one, other):
     return one / other if other else 0.0
 
 
-def _rounded(facts, name):
-    """A coordinate, zero where it is nothing but rounding."""
-    return facts[name] if abs(facts[name]) > 1e-6 * facts["semi_axis_major"] else 0.0
-
-
 def _words(name):
     words = {"max_pressure": "maximum pressure", "semi_axis_major": "semi-axes", "semi_axis_minor": "and"}
     return words.get(name, name.replace("_", " "))
 
 
-def _count(number, what, plural="s"):
-    return f"{number} {what}{plural if number != 1 else ''}"
+def _count(number, what):
+    return f"{number} {what}{'s' if number != 1 else ''}"

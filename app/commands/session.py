@@ -59,7 +59,7 @@ def start(argv):
         except Exception:
             raise InputError(f"PETSc does not accept {' '.join(words[3:-1])}: {said()}") from None
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc would abort; see `streams.say`
-    given = places.read_on_all(comm, argv)
+    given = agree(comm, places.read, argv, os.environ, only_root=True)
     for name, text in given.of_petsc.items():
         PETSc.Options().setValue(name, text or None)
     if any(name.startswith("log") for name in given.of_petsc) and not PETSc.Log.isActive():

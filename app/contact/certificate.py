@@ -64,10 +64,6 @@ class Certificate:
     smallest_pressure: float  # [N/mm2]
     complementarity: float  # max |p e| / (max p * max |h|)
 
-    def describe(self):
-        """Attributes for the result file."""
-        return vars(self).copy()
-
 
 def certify(state):
     """Certify the pressure of a `ContactState`.
@@ -273,12 +269,13 @@ def _survey(b, u, p, admissible, smallest, penetrates):
         penetration, deepest, highest, of_u = _glance_row(b[j], u[j], p[j], admissible[j])
         penetrates[j] = penetration > 0
         lift = _lift_row(b[j], u[j], admissible[j]) if penetration > 0 else 0.0
-        row = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        tension = product = most = energy = defect = to_p = moved = of_p = 0.0
         if not (penetration <= 0 and highest <= 0):
             row = _survey_row(b[j], u[j], p[j], admissible[j], smallest)
-        for k, value in enumerate((lift, penetration, row[0], row[1], row[2], deepest)):
+            tension, product, most, energy, defect, to_p, moved, of_p = row
+        for k, value in enumerate((lift, penetration, tension, product, most, deepest)):
             largest[k] = max(largest[k], value)
-        for k, value in enumerate((row[3], row[4], row[5], row[6], row[7], of_u)):
+        for k, value in enumerate((energy, defect, to_p, moved, of_p, of_u)):
             sums[k] += value
     return largest, sums
 

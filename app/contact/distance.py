@@ -35,8 +35,6 @@ class UndeformedDistance:
         Undeformed distance at the reference; NaN in inadmissible cells. Left as it is.
     reference : float
         An approach, the same on all grids of a problem [mm].
-    comm : mpi4py communicator, optional
-        Ranks that want to know the norm; default: those of the operator.
 
     Attributes
     ----------
@@ -53,13 +51,16 @@ class UndeformedDistance:
         Around all admissible cells.
     """
 
-    def __init__(self, operator, shape, reference=0.0, comm=None):
+    def __init__(self, operator, shape, reference=0.0):
         self._take(operator, shape, reference)
-        _measure([self], comm or operator.comm)
+        _measure([self], operator.comm)
 
     @classmethod
     def on_levels(cls, operators, shapes, reference, comm):
-        """Return those of all levels of a hierarchy, in two reductions. Collective over `comm`; see the class."""
+        """Return those of all levels of a hierarchy, in two reductions.
+
+        Collective over `comm`, all ranks that want to know the norms; see the class.
+        """
         levels = [cls.__new__(cls) for _ in operators]
         for level, operator, shape in zip(levels, operators, shapes, strict=True):
             level._take(operator, shape, reference)

@@ -23,11 +23,8 @@ import numpy as np
 from app.errors import InputError
 from app.options import LARGEST
 
-TRUSTED = (
-    3.0  # a secant counts if the approach moved by so many residuals; so much may the slope change at once
-)
-
-
+# A secant counts if the approach moved by so many residuals; so much may the slope change at once.
+TRUSTED = 3.0
 LOADINGS = {"approach": "mm", "load": "N", "mean_pressure": "N/mm2", "mean_gap": "mm"}
 ROUNDING = 1e-12  # of an approach, for full contact
 
@@ -83,7 +80,7 @@ class PrescribedApproach:
         return 0.0
 
     def settle(self, state, update):
-        """Return what `update` says: there is nothing else to be met."""
+        """Return what `update` says: there is nothing else to be met. Not collective."""
         return update
 
 

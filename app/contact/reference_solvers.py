@@ -14,15 +14,10 @@ from petsc4py import PETSc
 from app.contact.history import Outcome, entry
 from app.contact.state import Displacement, Update
 from app.multigrid.linear_solver import reason_names
-from app.multigrid.pcmg import options_set
-from app.petsc import TAO_REASONS, error_message
+from app.petsc import TAO_REASONS, error_message, options_set
 
-_GIVES_UP = (
-    72,
-    77,
-    82,
-    91,
-)  # PETSc's errors: numbers that are none, inconsistent data (a line search), no convergence
+# PETSc's errors: numbers that are none, inconsistent data (a line search), no convergence
+_GIVES_UP = 72, 77, 82, 91
 
 
 class _ReferenceSolver:
@@ -226,7 +221,7 @@ class SnesVI(_ReferenceSolver):
         ksp.getPC().setType(PETSc.PC.Type.NONE)
         ksp.setTolerances(rtol=1e-8)
         # PETSc's own default is a pressure of 1e-8, whatever the units.
-        with options_set("", {"snes_vi_zero_tolerance": "0"}, {}):
+        with options_set({"snes_vi_zero_tolerance": "0"}, {}):
             self.snes.setFromOptions()
 
     @property

@@ -22,5 +22,5 @@ class StoppingTest:
         return residual <= self.allowed(state)
 
     def for_coarse_grid(self):
-        """On the way to the target grid an unchanged contact area is enough (Sec. 4.3, 3.b)."""
+        """On the way to the target grid an unchanged contact area is enough (Sec. 4.3, 3.b). Not collective."""
         return StoppingTest(float("inf"), self.max_it, final=False)

@@ -22,9 +22,8 @@ from app.contact.iteration import CONVERGED, NO_CONTACT, begin, what_is_wrong
 from app.contact.state import Displacement
 from app.contact.stopping import StoppingTest
 
-IN_CONTACT = (
-    100.0  # (5.1) holds with h on C alone and so many times rtol, too: contact may be small in its patch
-)
+# (5.1) holds with h on C alone and so many times rtol, too: contact may be small in its patch.
+IN_CONTACT = 100.0
 RELEASED = 0.01  # share of the load that may be released on a coarse grid without asking what that does to u
 ROUNDING = 1e-13  # of ||h|| on C: what it leaves of displacements there
 NEAR = 3.0  # times its tolerance may the approach to a load still be off on a coarse grid
@@ -54,10 +53,8 @@ class InexactStop(StoppingTest):
 
         On the target grid (5.1), and 100 rtol ||h|| on C; on coarser ones coarse_rtol times the smaller of these ||h||.
         """
-        whole, h_on_contact = (
-            state.distance.norm(),
-            state.on_contact()[0] if h_on_contact is None else h_on_contact,
-        )
+        whole = state.distance.norm()
+        h_on_contact = state.on_contact()[0] if h_on_contact is None else h_on_contact
         if not h_on_contact:
             return self.rtol * whole
         if not self.final:

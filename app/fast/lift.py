@@ -16,9 +16,8 @@ from __future__ import annotations
 from app.contact import kernels
 from app.fast.circulant import circulant_of
 
-_TRUSTED = (
-    20.0  # factor in the load; a grid so coarse that it is missed by more says nothing, and copying is safer
-)
+# Factor in the load; a grid so coarse that it is missed by more says nothing, and copying is safer.
+_TRUSTED = 20.0
 
 
 def lift(transfer, coarse, state):

@@ -38,13 +38,13 @@ class TrackingSolver(LinearSolver):
         If the KSP is another one.
     """
 
-    def __init__(self, hierarchy, level=-1, comm=None, prefix="", operator=None):
-        super().__init__(hierarchy, level, comm, prefix, operator)
+    def __init__(self, hierarchy, level=-1, comm=None, operator=None):
+        super().__init__(hierarchy, level, comm, operator)
         context = self.ksp.getPythonContext() if self.ksp.getType() == "python" else None
         if not isinstance(context, TrackingCG):
             self.destroy()
             raise ValueError(
-                f"-{prefix}ksp_type: -lcp_type fast needs one that keeps the displacement: "
+                "-ksp_type: -lcp_type fast needs one that keeps the displacement: "
                 "python with -ksp_python_type app.fast.tracking_cg.TrackingCG"
             )
         self._cg, self._large = context, is_large(self.operator.grid)

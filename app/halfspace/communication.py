@@ -21,9 +21,8 @@ from app.petsc import log_messages, log_reduction
 # A grid is worth another rank if that saves more than talking costs. Inside a machine that is so from this many cells
 # a rank on, where a step of CG takes about 0.3 ms; between machines it is found by measuring the latency.
 _CELLS_INSIDE = 8192
-_CELLS_PER_SECOND = (
-    4e8  # a step waits for some 12 messages, and does 1e-9 s of work for a cell and a logarithm
-)
+# A step waits for some 12 messages, and does 1e-9 s of work for a cell and a logarithm.
+_CELLS_PER_SECOND = 4e8
 _BYTES_PER_SECOND = 5e8  # sent in a solve for a second that a core computes, as replayed (docs/scaling.md)
 _TRIAL_BYTES = 1 << 18  # that a rank sends, but a page to each other one at least
 _TRIALS, _TRIAL_SECONDS = 6, 0.005  # at most; so long together, but for the first, which opens connections
@@ -260,9 +259,8 @@ def worth_solving(grid, comm, cells=0):
     near = comm.size if cells else comm.near
     if near < comm.size:
         known = grid, comm.size, _worth_a_rank(comm), near
-        if (
-            worth(*known) <= near or worth(*known, _worth_a_machine(comm)) <= near
-        ):  # asked last, as it takes longest
+        # What another machine costs is asked last, as it takes longest.
+        if worth(*known) <= near or worth(*known, _worth_a_machine(comm)) <= near:
             return near
     return comm.size
 
@@ -358,34 +356,38 @@ class Fetch:
 
     def __init__(self, have, want, comm=None):
         self._comm, self.have = comm if comm is not None and comm.size > 1 else None, have
-        ranks = 1 if self._comm is None else comm.size
-        rank = have.rank if self._comm is not None else 0
-        starts, ends = have.bounds(ranks)
-        self._sent, self._got, self.rows = {}, {}, 0
-        for first, last in want if self._comm is None else ():
-            self._find_here(have.ny, int(np.max(first)), int(np.max(last)))
-        for first, last in want if self._comm is not None else ():
-            first, last = np.broadcast_to(first, ranks), np.broadcast_to(last, ranks)
-            some = last > first
-            low, high = (first[some].min(), last[some].max()) if some.any() else (0, 0)
-            for shift in range(low // have.ny * have.ny, high, have.ny):
-                a, b = np.maximum(first, starts[rank] + shift), np.minimum(last, ends[rank] + shift)
-                for other in np.flatnonzero(a < b):
-                    mine = slice(a[other] - shift - starts[rank], b[other] - shift - starts[rank])
-                    self._sent.setdefault(int(other), []).append(mine)
-                a, b = np.maximum(starts + shift, first[rank]), np.minimum(ends + shift, last[rank])
-                for other in np.flatnonzero(a < b):
-                    place = slice(self.rows + a[other] - first[rank], self.rows + b[other] - first[rank])
-                    self._got.setdefault(int(other), []).append(place)
-            self.rows += max(int(last[rank] - first[rank]), 0)
-        self._own = self._sent.pop(rank, []), self._got.pop(rank, [])
+        self._sent, self._got = {}, {}  # rank -> slices of the rows here, and of the rows wanted
+        self.rows = 0  # wanted
+        for first, last in want:
+            if self._comm is None:
+                self._find_alone(int(np.max(first)), int(np.max(last)))
+            else:
+                self._find(*(np.broadcast_to(rows, comm.size) for rows in (first, last)))
+        here = 0 if self._comm is None else have.rank
+        self._own = self._sent.pop(here, []), self._got.pop(here, [])
         everything = [slice(0, have.local)]
         self.unchanged = self._own == (everything, everything) and self.rows == have.local
         self.unchanged &= not (self._sent or self._got)
         self.unchanged |= not (self.rows or have.local)
 
-    def _find_here(self, ny, first, last):
-        """Find rows first <= j < last where all are on this rank."""
+    def _find(self, first, last):
+        """Find who has what, where each rank wants rows ``first <= j < last``: two arrays."""
+        ny, here = self.have.ny, self.have.rank
+        starts, ends = self.have.bounds(len(first))
+        some = last > first
+        low, high = (first[some].min(), last[some].max()) if some.any() else (0, 0)
+        for shift in range(low // ny * ny, high, ny):  # of one period after the other
+            for rank, a, b in _overlaps(first, last, starts[here] + shift, ends[here] + shift):
+                mine = slice(a - shift - starts[here], b - shift - starts[here])
+                self._sent.setdefault(rank, []).append(mine)
+            for rank, a, b in _overlaps(starts + shift, ends + shift, first[here], last[here]):
+                place = slice(self.rows + a - first[here], self.rows + b - first[here])
+                self._got.setdefault(rank, []).append(place)
+        self.rows += max(int(last[here] - first[here]), 0)
+
+    def _find_alone(self, first, last):
+        """The same where this rank has all rows and wants ``first <= j < last``: done often, and so without arrays."""
+        ny = self.have.ny
         for shift in range(first // ny * ny, last, ny) if last > first else ():
             a, b = max(first, shift), min(last, shift + ny)
             self._sent.setdefault(0, []).append(slice(a - shift, b - shift))
@@ -416,15 +418,23 @@ class Fetch:
         for mine, place in zip(*self._own, strict=True):
             found[place] = field[mine]
         for rank, places in self._got.items():
-            rows = found[places[0]] if len(places) == 1 else np.empty_like(_packed(found, places))
-            self._comm.Recv(rows, rank)
-            start = 0
-            for place in places if len(places) > 1 else ():
-                height = place.stop - place.start
-                found[place] = rows[start : start + height]
-                start += height
+            if len(places) == 1:
+                self._comm.Recv(found[places[0]], rank)
+                continue
+            ends = np.cumsum([place.stop - place.start for place in places])
+            parcel = np.empty((ends[-1], field.shape[1]), field.dtype)
+            self._comm.Recv(parcel, rank)
+            for place, rows in zip(places, np.split(parcel, ends[:-1]), strict=True):
+                found[place] = rows
         MPI.Request.Waitall(requests)
         return found
+
+
+def _overlaps(low, high, first, last):
+    """Yield number, first row and one past the last of what intervals low <= j < high, two arrays, share with one."""
+    low, high = np.maximum(low, first), np.minimum(high, last)
+    for number in np.flatnonzero(low < high):
+        yield int(number), int(low[number]), int(high[number])
 
 
 def _packed(field, parts):

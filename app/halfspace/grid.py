@@ -139,7 +139,7 @@ class Grid:
         return replace(self, nx=2 * self.nx, ny=2 * self.ny, dx=self.dx / 2, dy=self.dy / 2)
 
     def coarsening(self, coarsest=4):
-        """Factors ``(fy, fx)`` from this grid to the next coarser one: 2, or 1 for a direction that is not halved."""
+        """Factors ``(fy, fx)`` to the next coarser grid: 2, or 1 for a direction that is not halved. Not collective."""
 
         def factor(n):
             return 2 if n > coarsest and not (self.periodic and n % 2) else 1
@@ -200,9 +200,9 @@ class Slabs:
         self.rows = slice(int(first[rank]), int(last[rank]))  # this rank's
 
     @classmethod
-    def over(cls, comm, ny, block=1):
+    def over(cls, comm, ny):
         """Deal the rows to the ranks of a communicator; None: all of them here."""
-        return cls(ny, block=block) if comm is None else cls(ny, comm.size, comm.rank, block)
+        return cls(ny) if comm is None else cls(ny, comm.size, comm.rank)
 
     @classmethod
     def starting(cls, starts, rank):
@@ -227,7 +227,7 @@ class Slabs:
         return self.rank < self.size
 
     def bounds(self, ranks):
-        """First and last but one row of each of so many ranks, two arrays; those beyond `size` have none."""
+        """First row of each of so many ranks and one past its last, two arrays; those beyond `size` have none."""
         edges = np.full(ranks + 1, self.ny)
         known = min(ranks, self.size) + 1
         edges[:known] = self.starts[:known]

@@ -18,19 +18,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from fractions import Fraction
-from functools import lru_cache, partial
+from functools import partial
 
 import numpy as np
 
-from app.compiled import njit
 from app.errors import InputError
+from app.halfspace.love import love_coefficients
 from app.halfspace.periodic import folded, periodic_quadrant
-
-# The closed form subtracts numbers that are up to rho/cell times larger than their difference. From 8 cells on a
-# Taylor series about the centre of the cell cancels nothing; its terms beyond order 12 sum up to less than 4e-17.
-_CLOSED_FORM_UP_TO = 8.0
-_ORDER = 12
 
 
 def _real(what, value):
@@ -164,86 +158,6 @@ def _listed(numbers):
     return ",".join(f"{number:g}" for number in numbers)
 
 
-@lru_cache(maxsize=64)
-def _taylor_series(dx, dy):
-    """Mean of 1/rho over a cell whose centre is at (x, y); lengths in units of the longer side.
-
-    Returns
-    -------
-    (float, float), (float, float)
-        Sides of the cell, and their squares, both correctly rounded.
-    ndarray, shape (_ORDER / 2 + 1, _ORDER / 2 + 1)
-        c with ``mean = sum_nk c[n, k] y^2k r^-(2n+2k+1)``, ``r^2 = x^2 + y^2``; order 2n of the series in row n.
-    """
-    sides = [Fraction(side) / Fraction(max(dx, dy)) for side in (dx, dy)]
-    n, k = np.indices((_ORDER // 2 + 1,) * 2)
-    s = 2 * (n + k) + 1
-    # The second derivative of y^2k r^-s in x, and in y: factors of y^(2k+2q) r^-(s+2+2q), q = -1, 0, 1.
-    in_x = 0 * s, s * (s + 1), -s * (s + 2)
-    in_y = 2 * k * (2 * k - 1), -s * (4 * k + 1), s * (s + 2)
-    mean = np.zeros(s.shape)
-    mean[0, 0] = 1
-    for side, (before, same, after) in zip(sides, (in_x, in_y), strict=True):
-        term = mean
-        for p in range(1, len(mean)):
-            derivative = np.zeros(s.shape)
-            derivative[1:, :-1] = (before * term)[:-1, 1:]
-            derivative[1:] += (same * term)[:-1]
-            derivative[1:, 1:] += (after * term)[:-1, :-1]
-            term = derivative * float(side**2 / (8 * p * (2 * p + 1)))
-            mean = mean + term
-    return tuple(map(float, sides)), tuple(float(side**2) for side in sides), mean
-
-
-@njit()
-def _edge(distance, i, length):
-    """Integral of 1/rho along an edge, from i - 1/2 to i + 1/2 lengths on a line at a distance from the origin."""
-    low, high = (i - 0.5) * length, (i + 0.5) * length
-    if i == 0:
-        return 2 * math.asinh(high / abs(distance))
-    r_low, r_high = math.sqrt(distance**2 + low**2), math.sqrt(distance**2 + high**2)
-    return math.log1p(length * (1 + 2 * i * length / (r_low + r_high)) / (low + r_low))
-
-
-@njit(error_model="numpy", fastmath={"contract"})
-def _fill(quadrant, offsets, sides, squares, series, near, far):
-    """Rows `offsets` of the quadrant, (2.4) for a cell under unit pressure: `near` times the integral of 1/rho, or
-    `far` times the mean.
-
-    The integral is that of ``div(r / rho)``: a sum over edges, their signed distance times the integral of 1/rho.
-    """
-    columns = quadrant.shape[1]
-    dx, dy = sides
-    x_squared = squares[0] * np.arange(columns) ** 2
-    coefficients = np.empty(_ORDER + 1)
-    for index in range(len(offsets)):
-        j, row = offsets[index], quadrant[index]
-        y_squared = squares[1] * j**2
-        south, north = (j - 0.5) * dy, (j + 0.5) * dy
-        west = -0.5 * dx * _edge(0.5 * dx, j, dy)
-        i = 0
-        while i < columns and x_squared[i] + y_squared < _CLOSED_FORM_UP_TO**2:
-            x = (i + 0.5) * dx
-            east = x * _edge(x, j, dy)
-            row[i] = near * (east - west + north * _edge(north, i, dx) - south * _edge(south, i, dx))
-            west = east
-            i += 1
-        # Along a row the series is a polynomial of 1/r^2.
-        coefficients[:] = 0
-        for n in range(len(series)):
-            y_power = far
-            for k in range(n + 1):
-                coefficients[n + k] += series[n, k] * y_power
-                y_power *= y_squared
-        x_rest, rest = x_squared[i:], row[i:]
-        for m in range(len(rest)):
-            inverse = 1 / math.sqrt(x_rest[m] + y_squared)
-            total = coefficients[_ORDER]
-            for n in range(_ORDER - 1, -1, -1):
-                total = total * (inverse * inverse) + coefficients[n]
-            rest[m] = total * inverse
-
-
 def influence_quadrant(grid, compliance, rows=slice(None), columns=None):
     """Influence coefficients at all offsets with non-negative components.
 
@@ -266,7 +180,9 @@ def influence_quadrant(grid, compliance, rows=slice(None), columns=None):
     """
     if grid.periodic:
         return quadrant_rows(grid, compliance)(rows, columns)
-    return _coefficients(grid, compliance, np.arange(grid.ny)[rows], grid.nx if columns is None else columns)
+    return love_coefficients(
+        (grid.dx, grid.dy), compliance, np.arange(grid.ny)[rows], grid.nx if columns is None else columns
+    )
 
 
 def influence_at(grid, rows, columns):
@@ -274,16 +190,7 @@ def influence_at(grid, rows, columns):
 
     `rows`, `columns`: arrays of numbers of cells, 0 or more.
     """
-    return _coefficients(grid, 1.0, rows, int(columns.max()) + 1)[:, columns]
-
-
-def _coefficients(grid, compliance, rows, columns):
-    """At offsets `rows`, and 0 .. columns-1."""
-    quadrant = np.empty((len(rows), columns))
-    sides, squares, series = _taylor_series(grid.dx, grid.dy)
-    scales = float(compliance * max(grid.dx, grid.dy)), float(compliance * min(grid.dx, grid.dy))
-    _fill(quadrant, rows, sides, squares, series, *scales)
-    return quadrant
+    return love_coefficients((grid.dx, grid.dy), 1.0, rows, int(columns.max()) + 1)[:, columns]
 
 
 def quadrant_rows(grid, compliance):

@@ -32,7 +32,7 @@ transpose.exchange_event = PETSc.Log.Event("InfluenceAlltoall")
 
 
 class InfluenceOperator:
-    """A and C A C on one grid: products, diagonal, Gauss-Seidel sweeps.
+    """A and C A C on one grid: products, diagonal, Gauss-Seidel sweeps. What PETSc calls is collective.
 
     Parameters
     ----------

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.special import erf, erfc
 
 from app.halfspace.fft.multiplier import transform_even
+from app.halfspace.love import love_coefficients
 
 # Ewald's splitting of 1/rho: beyond so many lengths erfc(rho) / rho, and beyond so many waves erfc(q / 2) / q, vanish.
 _RANGE = 6.2
@@ -96,11 +97,8 @@ def _aliases(q, step, alpha):
 @lru_cache(maxsize=64)
 def _short_range(dx, dy, alpha):
     """Integral of erfc(alpha rho) / rho over cells near by, at non-negative offsets (j, i)."""
-    from app.halfspace.grid import Grid
-    from app.halfspace.influence import influence_quadrant
-
     rows, columns = (int(np.ceil(_RANGE / (alpha * d) + 0.5)) + 1 for d in (dy, dx))
-    whole = influence_quadrant(Grid(columns, rows, dx, dy), 1.0)
+    whole = love_coefficients((dx, dy), 1.0, np.arange(rows), columns)
     (x, weights_x), (y, weights_y) = (_nodes(d, alpha, n) for n, d in ((columns, dx), (rows, dy)))
     step = max(1, _BLOCK // (x.size * y.shape[1]))
     for first in range(0, rows, step):  # long cells have many neighbours

@@ -60,10 +60,8 @@ def sums_and_minima(comm, sums, lowest):
     if comm is None:
         return sums, lowest
     # The first number tells the operation how many are to be summed; one element, as no library may cut it.
-    found, (kind, operation) = (
-        np.concatenate([[sums.size], sums, lowest]),
-        _mixed(1 + sums.size + lowest.size),
-    )
+    found = np.concatenate([[sums.size], sums, lowest])
+    kind, operation = _mixed(found.size)
     comm.Allreduce([found.copy(), 1, kind], [found, 1, kind], operation)
     return found[1 : 1 + sums.size], found[1 + sums.size :]
 

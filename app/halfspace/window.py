@@ -63,7 +63,7 @@ class Window:
 
 
 def whole(grid):
-    """Window of all cells of a grid."""
+    """Window of all cells of a grid. Not collective."""
     return Window(0, grid.ny, 0, grid.nx)
 
 

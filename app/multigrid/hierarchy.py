@@ -148,7 +148,10 @@ class Hierarchy:
         return petsc_comm(self.comm)
 
     def joined(self, operator, number):
-        """Whether ranks that have no part in an operator have one in level `number`, or in laying its window."""
+        """Whether ranks that have no part in an operator have one in level `number`, or in laying its window.
+
+        Not collective.
+        """
         level = self.levels[number]
         return operator.slabs.size < (self.comm.size if self.windowed(level) else level.slabs.size)
 
@@ -158,11 +161,11 @@ class Hierarchy:
         return self.levels[-1]
 
     def windowed(self, operator):
-        """Whether a level will be worked on in a window, if that leaves enough cells out."""
+        """Whether a level will be worked on in a window, if that leaves enough cells out. Not collective."""
         return self.margin > 0 and not operator.grid.periodic and operator.grid.n > _SMALLEST_WINDOWED
 
     def share(self, operator):
-        """Cells of a level as a share of the target grid's."""
+        """Cells of a level as a share of the target grid's. Not collective."""
         return operator.grid.n / self.target.grid.n
 
     def shapes(self, problem):

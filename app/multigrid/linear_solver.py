@@ -10,7 +10,8 @@ import math
 
 from petsc4py import PETSc
 
-from app.multigrid.pcmg import SMOOTHER_DEFAULTS, Multigrid, options_hidden, options_set
+from app.multigrid.pcmg import Multigrid, default_options
+from app.petsc import option_hidden, options_set
 
 
 def reason_names(reasons):
@@ -19,7 +20,6 @@ def reason_names(reasons):
 
 
 _REASONS = reason_names(PETSc.KSP.ConvergedReason)
-_KRYLOV_RESIDUAL_IS_TRUE = (PETSc.KSP.NormType.UNPRECONDITIONED,)
 _NEED_PARTS = ("shell", "composite", "galerkin", "fieldsplit", "ksp", "mat")  # that options alone cannot give
 
 
@@ -35,8 +35,6 @@ class LinearSolver:
         Number of the grid the system lives on; default the target.
     comm : PETSc communicator, optional
         Default: that of the hierarchy.
-    prefix : str
-        Of the options.
     operator : InfluenceOperator, optional
         In place of that level's: the same in a window. Not with -pc_type mg.
 
@@ -46,7 +44,7 @@ class LinearSolver:
         If the options ask for what cannot be had.
     """
 
-    def __init__(self, hierarchy, level=-1, comm=None, prefix="", operator=None):
+    def __init__(self, hierarchy, level=-1, comm=None, operator=None):
         self.level = range(len(hierarchy.levels))[level]
         operators = hierarchy.levels[: self.level + 1]
         if operator not in (None, operators[-1]):
@@ -57,18 +55,17 @@ class LinearSolver:
         self.multigrid, self._work, self._left = None, None, False
         self.mat = self.operator.mat(comm)
         # PETSc would view the solver of every grid after every solve; once, on the target grid, is enough.
-        self._view = f"-{prefix}ksp_view" if self.level == len(hierarchy.levels) - 1 else ""
-        self._made_of = hierarchy, comm, prefix
+        self._view = "-ksp_view" if self.level == len(hierarchy.levels) - 1 else ""
+        self._made_of = hierarchy, comm
         self._make()
 
     def _make(self):
-        hierarchy, comm, prefix = self._made_of
-        options = PETSc.Options(prefix)
+        hierarchy, comm = self._made_of
+        options = PETSc.Options()
         pc_type = options.getString("pc_type", "")
         if pc_type in _NEED_PARTS:
-            raise ValueError(f"-{prefix}pc_type {pc_type}: needs parts that options cannot give")
+            raise ValueError(f"-pc_type {pc_type}: needs parts that options cannot give")
         self.ksp = ksp = PETSc.KSP().create(comm)
-        ksp.setOptionsPrefix(prefix)
         ksp.setOperators(self.mat)
         if pc_type == "mg":
             levels, transfers = hierarchy.levels, hierarchy.transfers
@@ -78,8 +75,8 @@ class LinearSolver:
         # The grids of a nested iteration have fewer levels than the target grid may have been given.
         forced = {"pc_mg_levels": str(len(self.multigrid.operators))} if self.multigrid else {}
         with (
-            options_hidden(prefix, "ksp_view"),
-            options_set(prefix, SMOOTHER_DEFAULTS if self.multigrid else {}, forced),
+            option_hidden("ksp_view"),
+            options_set(default_options() if self.multigrid else {}, forced),
         ):
             ksp.setFromOptions()
             if self.multigrid:
@@ -90,7 +87,7 @@ class LinearSolver:
         rtol, atol, _, max_it = ksp.getTolerances()
         for name, value, allowed in (("rtol", rtol, 0), ("atol", atol, 0), ("max_it", max_it, 1)):
             if not (math.isfinite(value) and value >= allowed):
-                raise ValueError(f"-{prefix}ksp_{name} {value:g}: allowed: from {allowed}")
+                raise ValueError(f"-ksp_{name} {value:g}: allowed: from {allowed}")
         self._own_atol = options.hasName("ksp_atol")
 
     def set_contact(self):
@@ -145,11 +142,8 @@ class LinearSolver:
 
     def _enough(self, allowed):
         """Norm of the residual that ends the KSP, by `allowed`; None if it may not be told."""
-        if (
-            self._own_atol
-            or self.ksp.getNormType() not in _KRYLOV_RESIDUAL_IS_TRUE
-            or not math.isfinite(allowed)
-        ):
+        its_own = self.ksp.getNormType() != PETSc.KSP.NormType.UNPRECONDITIONED  # not that of the system
+        if self._own_atol or its_own or not math.isfinite(allowed):
             return None
         # A hair below: what passes here must pass the same test on the recomputed residual.
         return allowed * (1 - 1e-9)

@@ -18,8 +18,6 @@ Sec. 4.2                       here
 
 from __future__ import annotations
 
-from contextlib import contextmanager
-
 import numpy as np
 from petsc4py import PETSc
 
@@ -102,8 +100,7 @@ class Multigrid:
     """
 
     def __init__(self, ksp, operators, transfers, comm, most):
-        prefix = ksp.getOptionsPrefix() or ""
-        wanted = PETSc.Options(prefix).getInt("pc_mg_levels", len(operators))
+        wanted = PETSc.Options().getInt("pc_mg_levels", len(operators))
         if not 1 <= wanted <= most:
             raise ValueError(f"-pc_mg_levels {wanted}: this grid allows 1 to {most}")
         wanted = min(wanted, len(operators))
@@ -114,9 +111,7 @@ class Multigrid:
                 if grid.periodic
                 else "at least 2 cells"
             )
-            raise ValueError(
-                f"-{prefix}pc_type mg: the grid {grid.nx},{grid.ny} cannot be halved; allowed: {needs}"
-            )
+            raise ValueError(f"-pc_type mg: the grid {grid.nx},{grid.ny} cannot be halved; allowed: {needs}")
         self.operators, self.transfers = operators[-wanted:], transfers[-wanted:]
         self.coarse = MaskedMatrix(self.operators[0], comm)
         pc = ksp.getPC()
@@ -167,41 +162,13 @@ class Multigrid:
             mat.destroy()
 
 
-@contextmanager
-def options_set(prefix, defaults, forced):
-    """Set options inside the block: `defaults` where the user has not, `forced` in any case."""
-    database = PETSc.Options(prefix)
-    given = database.getAll().keys()  # which, other than hasName, counts as asking for none
-    before = {name: database.getString(name) for name in forced if name in given}
-    temporary = {name: text for name, text in defaults.items() if name not in given} | forced
+def default_options():
+    """Options of smoothers and coarsest grid that the user has not given; one kind of sweep excludes others.
+
+    Not collective.
+    """
+    given = PETSc.Options().getAll()
+    defaults = _SMOOTHER | _DIRECT
     if any(f"mg_levels_pc_sor_{kind}" in given for kind in _OTHER_SWEEPS):
-        temporary.pop("mg_levels_pc_sor_forward", None)
-    for name, text in temporary.items():
-        database.setValue(name, text)
-    try:
-        yield
-    finally:
-        for name in temporary:
-            database.delValue(name)
-        for name, text in before.items():
-            database.setValue(name, text)
-            database.getString(name)  # still an option that is used
-
-
-@contextmanager
-def options_hidden(prefix, *names):
-    """Hide options inside the block; they count as used."""
-    database = PETSc.Options(prefix)
-    given = database.getAll().keys()
-    texts = {name: database.getString(name, "") for name in names if name in given}
-    for name in texts:
-        database.delValue(name)
-    try:
-        yield
-    finally:
-        for name, text in texts.items():
-            database.setValue(name, text or None)
-            database.getString(name, "")
-
-
-SMOOTHER_DEFAULTS = {**_SMOOTHER, **_DIRECT}
+        del defaults["mg_levels_pc_sor_forward"]
+    return defaults

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from numbers import Integral
+
 import numpy as np
 
 from app.errors import InputError
+
+# What a Solution calls some attributes of the file.
+OF_SOLUTION = {"message": "reason", "iterations": "active_set_iterations", "rtol": "lcp_rtol"}
 
 
 class ContactFields:
@@ -57,12 +62,14 @@ class ContactFields:
         Raises
         ------
         InputError
-            If it is the distribution of something else.
+            If it is the distribution of something else, or in no bins.
         """
         from app.halfspace.reductions import minimum_over, sum_over
 
         if name not in ("pressure", "gap"):
             raise InputError(f"distribution {name!r}: allowed: pressure, gap")
+        if not (isinstance(bins, Integral) and bins >= 1):
+            raise InputError(f"distribution in {bins!r} bins: allowed: a whole number of at least 1")
         values = getattr(self, name)
         values = values[(self.contact == (name == "pressure")) & (values > 0)]
         low, high = minimum_over(self.comm, [values.min(initial=np.inf), -values.max(initial=0.0)])

@@ -9,7 +9,7 @@ import numpy as np
 
 from app.halfspace.stress import von_mises
 from app.output.figures import title
-from app.output.maps import finite_pressure, spacing
+from app.output.maps import finite_pressure
 from app.output.style import (
     BLUE,
     DASHED,
@@ -121,8 +121,8 @@ def spectrum_figure(result):
     surface = rough_part(result)
     if surface is None:
         return None
-    values, dx, dy = result.attributes, spacing(result.x), spacing(result.y)
-    spectrum = radial_spectrum(surface, dx, dy, window=not values.get("periodic"))
+    values, grid = result.attributes, result.grid
+    spectrum = radial_spectrum(surface, grid.dx, grid.dy, window=not values.get("periodic"))
     unit = length_unit(max(np.ptp(result.x), np.ptp(result.y)))
     q, density = spectrum.wave_number / unit.per_mm, spectrum.density
     known = density > 1e-14 * density.max()  # below that is round-off

@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.halfspace.grid import Grid
-from app.output.maps import LENGTH_MAP, Canvas, finite_pressure, map_of, spacing
+from app.output.maps import LENGTH_MAP, Canvas, finite_pressure, map_of
 from app.output.style import (
     BLUE,
     DASHED,
@@ -28,6 +27,7 @@ from app.units import length_unit
 PROBLEMS = {
     "hertz": "Hertz contact",
     "sphere": "Sphere",
+    "cylinder": "Cylinder",
     "cone": "Cone",
     "punch": "Flat punch",
     "file": "Gap from file",
@@ -88,20 +88,17 @@ def deformation_figure(result):
 
 
 @styled
-def section_figure(result, reference=None, at=None):
-    """Pressure and gap along x and along y through one point.
+def section_figure(result, reference=None):
+    """Pressure and gap along x and along y through `hottest_cell`.
 
     Parameters
     ----------
     result : Result
     reference : Reference, optional
         Drawn over the computed pressure.
-    at : (float, float), optional
-        The point (x, y) [mm], moved to the nearest cell centre; default: where the pressure is largest, or the
-        middle of the patch if there is none.
     """
     figure = new_figure(7.4, 7.2)
-    row, column = hottest_cell(result, at)
+    row, column = hottest_cell(result)
     for axes, along in zip(figure.subplots(2, 1), "xy", strict=True):
         draw_section(axes, result, along, row, column, reference)
     return _titled(figure, result)
@@ -137,13 +134,8 @@ def _titled(figure, result):
     return figure
 
 
-def hottest_cell(result, at=None):
-    """Row and column of the cell the sections go through: nearest to a point, or the one that carries most.
-
-    Of several that carry the same the first.
-    """
-    if at is not None:
-        return int(np.argmin(abs(result.y - at[1]))), int(np.argmin(abs(result.x - at[0])))
+def hottest_cell(result):
+    """Row and column of the cell the sections go through: the first of those that carry most, or the middle one."""
     pressure = finite_pressure(result.pressure)
     if pressure.any():
         return tuple(map(int, np.unravel_index(np.argmax(pressure), pressure.shape)))
@@ -154,16 +146,12 @@ def draw_section(axes, result, along, row, column, reference):
     """Pressure, and over it the gap on a scale of its own."""
     unit = length_unit(max(np.ptp(result.x), np.ptp(result.y)))
     if along == "x":
-        centres, across, values, gap = (
-            result.x,
-            f"y = {result.y[row] * unit.per_mm:.3g}",
-            result.pressure[row],
-            result.gap[row],
-        )
+        centres, cell, across = result.x, result.grid.dx, f"y = {result.y[row] * unit.per_mm:.3g}"
+        values, gap = result.pressure[row], result.gap[row]
     else:
-        centres, across = result.y, f"x = {result.x[column] * unit.per_mm:.3g}"
+        centres, cell, across = result.y, result.grid.dy, f"x = {result.x[column] * unit.per_mm:.3g}"
         values, gap = result.pressure[:, column], result.gap[:, column]
-    edges = (centres[0] + spacing(centres) * (np.arange(centres.size + 1) - 0.5)) * unit.per_mm
+    edges = (centres[0] + cell * (np.arange(centres.size + 1) - 0.5)) * unit.per_mm
     axes.stairs(values, edges, fill=True, color=PALE)
     axes.stairs(values, edges, color=BLUE, linewidth=1.4, label="computed", baseline=None)
     # Not the whole patch but where the bodies touch, in this section or beside it.
@@ -279,7 +267,7 @@ def _mark_grids(axes, result, label=False):
 
 def _grid_name(result, coarsenings):
     """Cells of the grid so many levels below the target grid."""
-    grid = Grid(result.x.size, result.y.size, 1.0, 1.0, periodic=result.attributes.get("periodic_symbol", ""))
+    grid = result.grid
     for _ in range(coarsenings):
         grid = grid.coarsen() or grid
     return f"{grid.nx} × {grid.ny}"

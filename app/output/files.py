@@ -22,17 +22,21 @@ _BLOCK = 1 << 20  # bytes by which a file in memory grows
 _numbers = itertools.count()
 
 
-def check_output_path(path, inputs=()):
-    """Refuse a path to which no result can be written, before any work is done.
+def check_output_path(path, inputs=(), what="result file", suffixes=SUFFIXES):
+    """Refuse a path to which no file can be written, before any work is done.
 
     Not collective (looks at the file system of the calling rank).
 
     Parameters
     ----------
     path : str or Path
-        Result file to be; it may exist and is then replaced later.
+        File to be; it may exist and is then replaced later.
     inputs : iterable of str or Path
         Files that are read and must not be replaced; those that do not exist do not matter.
+    what : str
+        What it is, for messages.
+    suffixes : sequence of str
+        That its name may end in.
 
     Returns
     -------
@@ -46,25 +50,25 @@ def check_output_path(path, inputs=()):
         read-only, or the name is too long for it.
     """
     path = Path(path)
-    if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"result file {path}: the name must end in {' or '.join(SUFFIXES)}")
+    if path.suffix.lower() not in suffixes:
+        raise InputError(f"{what} {path}: the name must end in {' or '.join(suffixes)}")
     try:
         target = _target(path)
         if target.exists() and not target.is_file():
-            raise InputError(f"result file {path}: exists and is not a regular file")
+            raise InputError(f"{what} {path}: exists and is not a regular file")
         if not target.parent.is_dir():
-            raise InputError(f"result file {path}: folder {target.parent} does not exist")
+            raise InputError(f"{what} {path}: folder {target.parent} does not exist")
     except OSError as error:
-        raise InputError(f"result file {path}: {error.strerror}") from None
+        raise InputError(f"{what} {path}: {error.strerror}") from None
     for other in inputs:
         if _same_file(target, other):
-            raise InputError(f"result file {path}: is the input {other}; choose another name")
+            raise InputError(f"{what} {path}: is the input {other}; choose another name")
     try:
         temporary = temporary_name(target)
         temporary.touch(exist_ok=False)
         temporary.unlink()
     except OSError as error:
-        raise InputError(f"result file {path}: cannot write in {target.parent} ({error.strerror})") from None
+        raise InputError(f"{what} {path}: cannot write in {target.parent} ({error.strerror})") from None
     return target
 
 
@@ -158,7 +162,7 @@ def whole_hdf5(path):
 def temporary_name(path):
     """Return an unused name in the folder of `path`, so that the later rename stays in one file system.
 
-    It is short, whatever the name of `path`. What killed runs on this machine have left in the folder is removed.
+    Not collective. It is short, whatever the name of `path`. What killed runs on this machine left in the folder goes.
     """
     for left in path.parent.glob(f".*-{_machine()}-*.tmp"):
         name = re.fullmatch(r"\.[0-9a-f]{8}-[0-9a-f]{8}-(\d+)-\d+\.tmp", left.name)

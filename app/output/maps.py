@@ -44,14 +44,11 @@ class Canvas:
     """
 
     def __init__(self, result):
-        self.result = result
-        ends = []
-        for centres in (result.x, result.y):
-            half = spacing(centres) / 2
-            ends += [centres[0] - half, centres[-1] + half]
-        self.unit = length_unit(max(ends[1] - ends[0], ends[3] - ends[2]))
-        self.extent = tuple(end * self.unit.per_mm for end in ends)
-        x0, x1, y0, y1 = self.extent
+        self.result, self.grid = result, (grid := result.grid)
+        width, height = grid.nx * grid.dx, grid.ny * grid.dy
+        self.unit = length_unit(max(width, height))
+        ends = grid.x0, grid.x0 + width, grid.y0, grid.y0 + height
+        self.extent = x0, x1, y0, y1 = tuple(end * self.unit.per_mm for end in ends)
         shape = (y1 - y0) / (x1 - x0)
         box = float(np.clip(shape, NARROWEST, 1 / NARROWEST))
         self.stretched = not np.isclose(box, shape)
@@ -77,8 +74,8 @@ class Canvas:
     def pixels(self, axes, pixels, b, **options):
         """Draw what stands for blocks of b x b cells."""
         x0, x1, y0, y1 = self.extent
-        right = x0 + pixels.shape[1] * b * spacing(self.result.x) * self.unit.per_mm
-        top = y0 + pixels.shape[0] * b * spacing(self.result.y) * self.unit.per_mm
+        right = x0 + pixels.shape[1] * b * self.grid.dx * self.unit.per_mm
+        top = y0 + pixels.shape[0] * b * self.grid.dy * self.unit.per_mm
         image = axes.imshow(
             pixels, origin="lower", extent=(x0, right, y0, top), interpolation="nearest", **options
         )
@@ -162,11 +159,6 @@ class Canvas:
         known = np.abs(field[np.isfinite(field)])
         unit = length_unit(float(known.max(initial=0.0)))
         self.field(axes, field * unit.per_mm, colours, label.format(unit.name))
-
-
-def spacing(centres):
-    """Distance of neighbouring cell centres [mm]."""
-    return (centres[-1] - centres[0]) / (centres.size - 1) if centres.size > 1 else 1.0
 
 
 def finite_pressure(pressure):

@@ -24,8 +24,8 @@ def template(name, package="app.output", **filters):
     return environment.get_template(name)
 
 
-def png(figure, dpi=100):
+def png(figure):
     """Bytes of a figure as a picture in a page."""
     target = io.BytesIO()
-    write_figure(figure, target, "png", dpi)
+    write_figure(figure, target, "png", 100)
     return target.getvalue()

@@ -206,10 +206,8 @@ def _against_approach(name, label):
         known = [path.positive("approach", name, lowest=-np.inf) for path in paths]
         known = np.concatenate([found[0] for found in known if found is not None] or [[1.0]])
         unit = length_unit(abs(known).max())
-        logs = (
-            known.min() >= 0,
-        ) * 2  # an approach that is counted from within the roughness has no logarithm
-        if _curves(axes, paths, "approach", name, lambda path: (unit.per_mm, 1.0), logs) is not None:
+        log = known.min() >= 0  # an approach that is counted from within the roughness has no logarithm
+        if _curves(axes, paths, "approach", name, lambda path: (unit.per_mm, 1.0), (log, log)) is not None:
             axes.set(xlabel=f"approach δ  [{unit.name}]", ylabel=label)
 
     return draw

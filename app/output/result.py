@@ -34,7 +34,7 @@ import numpy as np
 
 from app.errors import InputError, one_line
 from app.memory import check_fits
-from app.output.contact_fields import ContactFields
+from app.output.contact_fields import OF_SOLUTION, ContactFields
 
 FIELDS = {
     "pressure": np.float64,
@@ -88,9 +88,7 @@ NUMBERS = (  # beside the other `ATTRIBUTES`, where there are any
     "mean_pressure", "contact_area", "contact_modulus", "rms_slope", "rms_height", "mean_gap", "stiffness",
     "error_bound", "discretisation_error", "poisson_ratio", "periodic", "largest_penetration", "smallest_pressure",
 )  # fmt: skip
-PAIRS = ("young", "poisson")
-# What a Solution calls some attributes.
-OF_SOLUTION = {"message": "reason", "iterations": "active_set_iterations", "rtol": "lcp_rtol"}
+PAIRS = ("young", "poisson", "cell_size")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -152,11 +150,13 @@ class Result(ContactFields):
 
     @property
     def grid(self):
-        """Its `Grid`, from the cell centres."""
+        """Its `Grid`, from the cell centres; a single one does not tell the size of its cell."""
         from app.halfspace.grid import Grid
 
-        x, y = ((c[0], np.ptp(c) / (c.size - 1) if c.size > 1 else 1.0, c[-1]) for c in (self.x, self.y))
-        domain = [end for low, cell, high in (x, y) for end in (low - cell / 2, high + cell / 2)]
+        domain = []
+        for centres, size in zip((self.x, self.y), self.attributes.get("cell_size", (1.0, 1.0)), strict=True):
+            half = (np.ptp(centres) / (centres.size - 1) if centres.size > 1 else size) / 2
+            domain += [centres[0] - half, centres[-1] + half]
         return Grid.from_domain(self.x.size, self.y.size, domain, self.attributes.get("periodic_symbol", ""))
 
 
@@ -232,7 +232,10 @@ def _columns(file, group, known=()):
 
 
 def read_dataset(file, name, dtype=None):
-    """A dataset of numbers from an open file, of its own type if no other is given; ValueError if it is none."""
+    """A dataset of numbers from an open file, of its own type if no other is given; InputError if it is none.
+
+    Not collective.
+    """
     item = file.get(name)
     if not isinstance(item, h5py.Dataset):
         raise InputError(f"dataset {name} is missing")
@@ -260,14 +263,14 @@ def _attribute(name, value):
 
 
 def cast(name, values, dtype):
-    """Return values in a type that holds all of them but for rounding, an InputError if there is none."""
+    """Return values in a type that holds all of them but for rounding, else an InputError. Not collective."""
     if not np.can_cast(values.dtype, dtype, "same_kind"):
         raise InputError(f"{name}: type {values.dtype} where {np.dtype(dtype)} is needed")
     return values.astype(dtype, copy=False)
 
 
 def require(found, names, kind):
-    """Refuse with an InputError if some names are missing."""
+    """Refuse with an InputError if some names are missing. Not collective."""
     missing = [name for name in names if name not in found]
     if missing:
         raise InputError(f"{kind} {', '.join(missing)} is missing")

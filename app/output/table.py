@@ -77,9 +77,10 @@ def write_table(path, rows, columns=None):
     """
     path = Path(path)
     kinds = {".md": markdown, ".txt": text, ".csv": comma_separated, ".h5": None, ".hdf5": None}
-    if path.suffix not in kinds:
+    kind = path.suffix.lower()
+    if kind not in kinds:
         raise ValueError(f"table {path}: the name must end in one of {', '.join(kinds)}")
-    render = kinds[path.suffix]
+    render = kinds[kind]
     if render is not None:
         with whole_file(path) as temporary:
             temporary.write_text(render(rows, columns), encoding="utf-8")

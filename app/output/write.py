@@ -67,7 +67,7 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, units=Non
     path, plan = comm.bcast(
         _together(
             comm,
-            ValueError,
+            InputError,
             lambda: (
                 check_output_path(path),
                 _plan(slabs, fields, x, y, attributes, history, units, steps),
@@ -75,7 +75,7 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, units=Non
             only_root=True,
         )
     )
-    rows = _together(comm, ValueError, lambda: _local_rows(comm, slabs, fields, plan))
+    rows = _together(comm, InputError, lambda: _local_rows(comm, slabs, fields, plan))
     temporary = comm.bcast(temporary_name(path) if comm.rank == 0 else None)
     try:
         # With HDF5 on MPI-IO the ranks share the writing of metadata, and an error in it, or in opening
@@ -214,7 +214,10 @@ def _write_rows(path, comm, slabs, rows):
 
 
 def _together(comm, kind, step, only_root=False):
-    """Run `step` on all ranks (or rank 0) and return its value; if it fails on any, raise `kind` on all."""
+    """Run `step` on all ranks (or rank 0) and return its value; if it fails on any, raise `kind` on all. Collective.
+
+    Other than `app.errors.agree` it says which rank, and whatever HDF5 raises counts.
+    """
     value = complaint = None
     try:
         if comm.rank == 0 or not only_root:

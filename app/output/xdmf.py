@@ -76,16 +76,20 @@ def _read(result):
                 )
             fields = {name: file[name].dtype for name, shape in there.items() if shape == (y.size, x.size)}
             load = file.attrs.get("load", np.nan)
-            return float(load) if np.isscalar(load) else np.nan, _grid(result, x, y, fields)
+            cell = np.resize(file.attrs.get("cell_size", 1.0), 2)
+            return float(load) if np.isscalar(load) else np.nan, _grid(result, x, y, cell, fields)
     except ValueError as error:
         raise ValueError(f"result file {result}: {one_line(error)}") from None
     except (OSError, RuntimeError, KeyError) as error:  # the last two: links
         raise ValueError(f"result file {result}: not a readable HDF5 file ({one_line(error)})") from None
 
 
-def _grid(result, x, y, fields):
-    """Text of a grid as a function of its time."""
-    dx, dy = (float(c[-1] - c[0]) / (c.size - 1) if c.size > 1 else 1.0 for c in (x, y))
+def _grid(result, x, y, cell, fields):
+    """Text of a grid as a function of its time; a single cell centre does not tell the size of its `cell`."""
+    dx, dy = (
+        float((c[-1] - c[0]) / (c.size - 1) if c.size > 1 else size)
+        for c, size in zip((x, y), cell, strict=True)
+    )
     dz = min(dx, dy)
     corner = f"{-dz!r} {float(y[0]) - dy / 2!r} {float(x[0]) - dx / 2!r}"
     attributes = "".join(

@@ -103,6 +103,8 @@ def _warm_up(dtype):
 class CarryingCG(KspContext):
     """KSP context; its operator must be an `InverseOperator`. Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*.
 
+    Collective.
+
     The preconditioner is applied to p as it is; it must look at the free cells only, and leave the others zero.
 
     Attributes

@@ -13,7 +13,7 @@ from app.contact.iteration import NO_CONTACT
 from app.contact.state import ContactState
 from app.fast.iteration import NeedsSafeguard
 from app.fast.nested import safeguarded
-from app.multigrid.pcmg import options_set
+from app.petsc import options_set
 from app.primal.iteration import accept, primal_active_set, verify
 from app.primal.operator import InverseOperator
 from app.primal.solver import PrimalSolver
@@ -108,7 +108,7 @@ def _solve_on(hierarchy, number, primal, solver, stop, history):
         primal.begin_again()
         verify(primal, solver.scratch)
         accept(primal, solver.scratch)
-        with options_set("", {}, _SAFEGUARD):
+        with options_set({}, _SAFEGUARD):
             rest = safeguarded(hierarchy, number, primal.state, primal.loading, stop, history)
         np.subtract(primal.state.u, primal.state.depth, out=primal.w)
         primal.mean_pressure = primal.mean(primal.state.p)

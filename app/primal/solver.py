@@ -30,11 +30,11 @@ class PrimalSolver(LinearSolver):
         If the KSP or the PC is another one.
     """
 
-    def __init__(self, hierarchy, level=-1, comm=None, prefix=""):
-        _check_kinds(PETSc.Options(prefix), prefix)
+    def __init__(self, hierarchy, level=-1, comm=None):
+        _check_kinds(PETSc.Options())
         number = range(len(hierarchy.levels))[level]
         self.inverse = InverseOperator(hierarchy.levels[number], coarser_operator(hierarchy, number))
-        super().__init__(hierarchy, number, comm, prefix, self.inverse)
+        super().__init__(hierarchy, number, comm, self.inverse)
         self._cg, self.preconditioner = self.ksp.getPythonContext(), self.ksp.getPC().getPythonContext()
         # At rest between solves: two fields in the operator's precision, one in double
         self.direction, self.product = self._cg.direction, self._cg.product
@@ -81,18 +81,18 @@ class PrimalSolver(LinearSolver):
         return iterations, failure, self._cg.residual
 
 
-def _check_kinds(options, prefix):
+def _check_kinds(options):
     """Refuse other solvers before PETSc sets them up on an operator that they do not know. Not collective."""
     for name, kind in (("ksp", CarryingCG), ("pc", TwoGrid)):
         module, _, of_module = options.getString(f"{name}_python_type", "").rpartition(".")
         chosen = options.getString(f"{name}_type", "") == "python" and module
         if not (chosen and issubclass(getattr(import_module(module), of_module), kind)):
             raise ValueError(
-                f"-{prefix}{name}_type: -lcp_type primal needs python with -{prefix}{name}_python_type "
+                f"-{name}_type: -lcp_type primal needs python with -{name}_python_type "
                 f"{kind.__module__}.{kind.__name__}"
             )
 
 
 def coarser_operator(hierarchy, number):
-    """A on the grid of the long waves; None if there is none."""
+    """A on the grid of the long waves; None if there is none. Not collective."""
     return hierarchy.levels[max(number - _COARSER, 0)] if number else None

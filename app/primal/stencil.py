@@ -2,9 +2,10 @@
 
 B decays like 1 / r^3, so that its centre already does what short waves need. All sweeps of a call go through the rows
 together: when row j has had its first sweep, row j - 1 gets its second, and so on, and what they need stays in the
-cache. Rows beside the slab (`app.halfspace.halo`) are swept along, one less with every sweep; columns wrap around.
-Arrays hold rows of a rank, buffers one cell more on either side; all in single precision, as is good enough for a
-preconditioner and a guess.
+cache. So in turn t row j = t - m + 1 gets its sweep m, or j = t - m where there is an x to begin with: ``swept[m]`` has
+the last three rows after it, ``sources`` what a row needs until its last sweep. Rows beside the slab
+(`app.halfspace.halo`) are swept along, one less with every sweep; columns wrap around. Arrays hold rows of a rank,
+buffers one cell more on either side; all in single precision, as is good enough for a preconditioner and a guess.
 """
 
 from __future__ import annotations
@@ -75,6 +76,31 @@ def _copy_row(a, out):
 @njit()
 def _wrap(row):
     row[0], row[row.size - 1] = row[row.size - 2], row[1]
+
+
+# Row t of a slab and the rows beside it, counted from the first of these: the types may differ.
+
+
+@njit()
+def _source_at(t, s, s_before, s_after, free, f_before, f_after, scale, source, weight):
+    j = t - len(s_before)
+    if j < 0:
+        _source_row(s_before[t], f_before[t], scale, source, weight)
+    elif j < len(s):
+        _source_row(s[j], free[j], scale, source, weight)
+    else:
+        _source_row(s_after[j - len(s)], f_after[j - len(s)], scale, source, weight)
+
+
+@njit()
+def _copy_at(t, field, before, after, out):
+    j = t - len(before)
+    if j < 0:
+        _copy_row(before[t], out)
+    elif j < len(field):
+        _copy_row(field[j], out)
+    else:
+        _copy_row(after[j - len(field)], out)
 
 
 # Factors are 1, 2 or 4; written out, these loops become vector instructions.
@@ -165,7 +191,7 @@ def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, shar
     if not rows:
         return
     steps, (scale, wx, wy, wd) = len(shares), weights
-    halo = steps
+    halo = len(s_before)
     sources = np.empty((steps + 1, nx), np.float32)
     inside = np.empty((steps + 1, nx), np.float32)
     swept = np.zeros((steps + 1, 3, nx + 2), np.float32)
@@ -177,12 +203,7 @@ def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, shar
     for t in range(high + steps + 1):
         if t < high:
             source, weight = sources[t % (steps + 1)], inside[t % (steps + 1)]
-            if t < halo:
-                _source_row(s_before[t], f_before[t], scale, source, weight)
-            elif t < halo + rows:
-                _source_row(s[t - halo], free[t - halo], scale, source, weight)
-            else:
-                _source_row(s_after[t - halo - rows], f_after[t - halo - rows], scale, source, weight)
+            _source_at(t, s, s_before, s_after, free, f_before, f_after, scale, source, weight)
             first = swept[1, t % 3]
             _scaled_row(source, shares[0], first[1:-1])
             _wrap(first)
@@ -215,7 +236,7 @@ def sweep_on(s, s_before, s_after, free, f_before, f_after, weights, shares, x, 
     if not rows:
         return
     steps, (scale, wx, wy, wd) = len(shares), weights
-    halo = steps
+    halo = len(s_before)
     sources = np.empty((steps + 1, nx), np.float32)
     inside = np.empty((steps + 1, nx), np.float32)
     swept = np.zeros((steps + 1, 3, nx + 2), np.float32)
@@ -223,15 +244,8 @@ def sweep_on(s, s_before, s_after, free, f_before, f_after, weights, shares, x, 
     for t in range(high + steps + 1):
         if t < high:
             source, weight, first = sources[t % (steps + 1)], inside[t % (steps + 1)], swept[0, t % 3]
-            if t < halo:
-                _source_row(s_before[t], f_before[t], scale, source, weight)
-                _copy_row(x_before[t], first[1:-1])
-            elif t < halo + rows:
-                _source_row(s[t - halo], free[t - halo], scale, source, weight)
-                _copy_row(x[t - halo], first[1:-1])
-            else:
-                _source_row(s_after[t - halo - rows], f_after[t - halo - rows], scale, source, weight)
-                _copy_row(x_after[t - halo - rows], first[1:-1])
+            _source_at(t, s, s_before, s_after, free, f_before, f_after, scale, source, weight)
+            _copy_at(t, x, x_before, x_after, first[1:-1])
             _wrap(first)
         for m in range(1, steps + 1):
             j = t - m
@@ -265,15 +279,8 @@ def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, s
     for t in range(high + steps):
         if t < high:
             source, bound, first = sources[t % (steps + 1)], lowest[t % (steps + 1)], swept[1, t % 3]
-            if t < halo:
-                _copy_row(f_before[t], source)
-                _copy_row(low_before[t], bound)
-            elif t < halo + rows:
-                _copy_row(f[t - halo], source)
-                _copy_row(low[t - halo], bound)
-            else:
-                _copy_row(f_after[t - halo - rows], source)
-                _copy_row(low_after[t - halo - rows], bound)
+            _copy_at(t, f, f_before, f_after, source)
+            _copy_at(t, low, low_before, low_after, bound)
             for i in range(nx):
                 first[i + 1] = max(source[i], bound[i])
             _wrap(first)

@@ -18,7 +18,7 @@ _NONE = np.empty((0, 0))
 
 
 class TwoGrid:
-    """PC context; its operator must be an `InverseOperator`.
+    """PC context; its operator must be an `InverseOperator`. Collective.
 
     *Before* and *after* are sweeps on the free cells with the 3 x 3 centre of B. Between them the mean of what
     is left in coarse cells is multiplied by A on a grid of cells up to four times as long, and interpolated bilinearly.

@@ -11,7 +11,7 @@ import numpy as np
 
 from app.errors import one_line
 from app.memory import check_fits
-from app.options import LARGEST
+from app.problems.problem import refuse_large
 from app.problems.text_table import read_table
 
 _STRANGE = 0.01  # share of characters beyond ASCII that texts of numbers do not reach
@@ -152,16 +152,8 @@ class ArrayFile:
         return np.array(self._rows[rows], dtype=np.float64, order="C")
 
     def check(self, rows):
-        """Complain about values too large in some rows; return how many cells are not NaN. Not collective."""
-        values = self.rows(rows)
-        large = np.argwhere(np.abs(values) > LARGEST)
-        if len(large):
-            j, i = large[0]
-            raise ValueError(
-                f"{self.what} {self.file}: {values[j, i]:g} in row {j + (rows.start or 0)}, column {i}; "
-                f"allowed: numbers up to {LARGEST:g}, and NaN where contact is impossible"
-            )
-        return int(np.count_nonzero(~np.isnan(values)))
+        """Refuse values too large in some rows. Not collective."""
+        refuse_large(f"{self.what} {self.file}", self.rows(rows), rows.start or 0)
 
 
 def _decoded(content):

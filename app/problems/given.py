@@ -9,26 +9,8 @@ import numpy as np
 from app.errors import InputError
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
-from app.options import LARGEST
-from app.problems.problem import Problem
+from app.problems.problem import Problem, real_numbers, refuse_large
 from app.problems.shapes import Plane
-
-
-def real_numbers(what, values, needed="an array of real numbers, or a function of x and y"):
-    """Array of float64; masked entries become NaN. Not collective.
-
-    Raises
-    ------
-    InputError
-        Of texts or complex numbers, too, which numpy would turn into real ones.
-    """
-    try:
-        found = np.asanyarray(values)
-        if found.dtype.kind in "biufO":
-            return np.asarray(np.ma.filled(found.astype(float), np.nan))
-    except (TypeError, ValueError):
-        pass
-    raise InputError(f"{what}: needed: {needed}") from None
 
 
 def is_measured(surface):
@@ -46,7 +28,7 @@ class _Values:
     given : array_like or callable
     """
 
-    name, allowed = "given", f"allowed: numbers up to {LARGEST:g}, and NaN where contact is impossible"
+    name = "given"
 
     def __init__(self, what, given):
         self._what, self.sampled = what, not callable(given)
@@ -62,8 +44,7 @@ class _Values:
             raise InputError(
                 f"{self._what}: has shape {self.given.shape}; the grid needs (ny, nx) = {grid.shape}"
             )
-        if (np.abs(self.given) > LARGEST).any():
-            raise InputError(f"{self._what}: {self.allowed}")
+        refuse_large(self._what, self.given)
 
     def shape_on(self, grid, rows=slice(None)):
         """See `Problem.shape_on`."""
@@ -77,8 +58,7 @@ class _Values:
             raise InputError(
                 f"{self._what}: a function that gives an array of shape {values.shape}; needed: {shape} here"
             ) from None
-        if (np.abs(values) > LARGEST).any():
-            raise InputError(f"{self._what}: {self.allowed}")
+        refuse_large(self._what, values, rows.start or 0)
         return values
 
     heights_on = shape_on

@@ -8,18 +8,18 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field, replace
+from operator import index
 
 import numpy as np
 
 from app.errors import InputError
 from app.halfspace.grid import Grid
-from app.problems.given import real_numbers
 from app.problems.height_file import TURNS, HeightArray, HeightFile, turned
 from app.problems.moments import LEVELS, Moments, centred
+from app.problems.problem import real_numbers
 from app.units import UNITS, in_words, unit_named
 
 MISSING = ("hole", "fill")
-MOST_CELLS = np.iinfo(np.int32).max  # that PETSc numbers
 _TILTED = 4.0  # rise of the best plane over the patch in rms heights about it that is worth a note
 
 
@@ -282,10 +282,6 @@ def read_surface(
             )
     except (ValueError, OSError) as error:
         raise InputError(str(error)) from None
-    if source.shape[0] * source.shape[1] > MOST_CELLS:
-        raise InputError(
-            f"surface file {path}: has {source.shape[1]} x {source.shape[0]} cells; allowed: {MOST_CELLS}"
-        )
     unit, lateral = _agreed_units(source, unit, height_unit)
     sides = _agreed_spacing(source, lateral, spacing, orient)
     crop = _checked_crop(source, crop)
@@ -373,7 +369,10 @@ def _checked_crop(source, crop):
     ny, nx = source.shape
     if crop is None:
         return 0, nx, 0, ny
-    i0, i1, j0, j1 = crop = tuple(int(cell) for cell in crop)
+    try:
+        i0, i1, j0, j1 = crop = tuple(map(index, crop))
+    except (TypeError, ValueError):
+        raise InputError(f"surface crop {crop!r}: needed: four whole numbers i0, i1, j0, j1") from None
     if not (0 <= i0 < i1 <= nx and 0 <= j0 < j1 <= ny):
         raise InputError(
             f"surface crop {i0},{i1},{j0},{j1}: not allowed; surface file {source.file} has columns 0,{nx} and rows "

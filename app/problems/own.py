@@ -27,12 +27,9 @@ import sysconfig
 import traceback
 from pathlib import Path
 
-import numpy as np
-
 from app.errors import InputError, one_line
-from app.options import LARGEST
 from app.problems.given import ContactProblem
-from app.problems.problem import Problem
+from app.problems.problem import Problem, checked_shape
 
 _HERE = Path(__file__).parent
 _NOT_THE_USERS = re.compile(
@@ -108,21 +105,7 @@ def check(problem, name, rows):
     ------
     InputError
     """
-    values = _called(name, problem.shape_on, problem.grid, rows)
-    needed = len(problem.grid.y(rows)), problem.grid.nx
-    if np.shape(values) != needed or np.asarray(values).dtype.kind not in "fiu":
-        raise InputError(
-            f"-problem_type {name}: the undeformed distance is {type(values).__name__} of shape {np.shape(values)}; "
-            f"needed: real numbers of shape (rows, nx) = {needed}"
-        )
-    with np.errstate(invalid="ignore"):
-        large = np.argwhere(np.abs(values) > LARGEST)
-    if len(large):
-        j, i = large[0]
-        raise InputError(
-            f"-problem_type {name}: {values[j, i]:g} in row {j + (rows.start or 0)}, column {i}; "
-            f"allowed: numbers up to {LARGEST:g}, and NaN where contact is impossible"
-        )
+    _called(name, checked_shape, problem, problem.grid, rows)
 
 
 def _import_module(path):

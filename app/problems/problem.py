@@ -77,8 +77,50 @@ class Problem:
         }
 
 
+def real_numbers(what, values, needed="an array of real numbers, or a function of x and y"):
+    """Array of float64 in memory of its own; masked entries become NaN. Not collective.
+
+    Raises
+    ------
+    InputError
+        Of texts or complex numbers, too, which numpy would turn into real ones.
+    """
+    try:
+        found = np.asanyarray(values)
+        if found.dtype.kind in "biufO":
+            return np.asarray(np.ma.filled(found.astype(float), np.nan))
+    except (TypeError, ValueError):
+        pass
+    raise InputError(f"{what}: needed: {needed}") from None
+
+
+def refuse_large(what, values, first_row=0):
+    """Refuse numbers that cannot be squared, infinite ones too. Not collective.
+
+    Parameters
+    ----------
+    what : str
+        Of which they are, for the message.
+    values : ndarray, shape (rows, nx)
+        NaN is allowed.
+    first_row : int
+        Number of the first one.
+
+    Raises
+    ------
+    InputError
+    """
+    large = np.abs(values) > LARGEST
+    if large.any():
+        j, i = np.argwhere(large)[0]
+        raise InputError(
+            f"{what}: {values[j, i]:g} in row {j + first_row}, column {i}; allowed: numbers up to {LARGEST:g}, and NaN "
+            "where contact is impossible"
+        )
+
+
 def checked_shape(problem, grid, rows):
-    """`Problem.shape_on`, as float64 in memory of its own, or why it is no such thing.
+    """`Problem.shape_on`, as float64 in memory of its own, NaN for masked cells, or why it is no such thing.
 
     Not collective.
 
@@ -89,11 +131,11 @@ def checked_shape(problem, grid, rows):
     expected = len(range(*rows.indices(grid.ny))), grid.nx
     if not expected[0]:  # nobody need answer for no cells
         return np.empty(expected)
-    shape = np.array(problem.shape_on(grid, rows), dtype=float, order="C")
+    what = f"problem {problem.name}"
+    shape = real_numbers(what, problem.shape_on(grid, rows), "undeformed distances, an array of real numbers")
     if shape.shape != expected:
-        raise InputError(f"problem {problem.name}: distances of shape {shape.shape}; needed: {expected}")
-    if (np.abs(shape) > LARGEST).any():
         raise InputError(
-            f"problem {problem.name}: allowed: distances up to {LARGEST:g}, NaN where contact is impossible"
+            f"{what}: undeformed distances of shape {shape.shape}; needed: (rows, nx) = {expected}"
         )
-    return shape
+    refuse_large(what, shape, rows.start or 0)
+    return np.ascontiguousarray(shape)

@@ -12,7 +12,8 @@ shape              undeformed distance                     analytic solution
 =================  ======================================  =======================================
 
 A shape has a `name`, says whether it is `sampled` (known on one grid only), gives its values by `shape_on` as
-`app.problems.problem.Problem` does, says what it is by `describe`, and may refuse a grid by `check_grid`.
+`app.problems.problem.Problem` does, says what it is by `describe`, and may refuse a grid by `check_grid`. Not
+collective.
 """
 
 from __future__ import annotations
@@ -179,8 +180,8 @@ class Cylinder(Shape):
 
     def __post_init__(self):
         _require_positive(radius=self.radius)
-        if not self.length > 0:
-            raise InputError(f"length of the cylinder {self.length:g}: must be positive")
+        if self.length != math.inf:
+            _require_positive(length=self.length)
 
     def distance(self, x, y):
         """Undeformed distance in points [mm]."""
@@ -209,8 +210,8 @@ class Cone(Shape):
     name = "cone"
 
     def __post_init__(self):
-        if not 0 < self.angle < 90:
-            raise InputError(f"angle of the cone {self.angle:g}: must be between 0 and 90 degrees")
+        if not (isinstance(self.angle, Real) and 0 < self.angle < 90):
+            raise InputError(f"angle of the cone {self.angle!r}: must be between 0 and 90 degrees")
 
     @property
     def slope(self):
@@ -249,8 +250,7 @@ class FlatPunch(Shape):
     name = "punch"
 
     def __post_init__(self):
-        if not (np.isfinite(self.diameter) and self.diameter > 0):
-            raise InputError(f"punch diameter {self.diameter:g}: must be positive and finite")
+        _require_positive(diameter=self.diameter)
 
     def distance(self, x, y):
         """Undeformed distance in points [mm]."""

@@ -54,15 +54,14 @@ def main(given):
     # Not before the session has started: PETSc starts when it is imported.
     from mpi4py import MPI
 
-    from app.commands.problem_options import PROBLEM_OPTIONS, loading, make_problem, reader_of, settle
+    from app.commands.problem_options import PROBLEM_OPTIONS, loading, make_problem, settle
     from app.errors import InputError, agree
     from app.solver import ContactSolver
 
-    settle(given)
-    comm, options = MPI.COMM_WORLD, reader_of(given)
+    comm, options = MPI.COMM_WORLD, settle(given)
     if comm.size > 1 or not options["output"]:
         raise InputError("a trace needs one rank and -output")
-    kind, value = loading(given)
+    kind, value = loading(given, options)
     problem, own = agree(comm, make_problem, options, given.texts, comm)
     of_problem = own.asked | {option.name for option in PROBLEM_OPTIONS}
     method = {name: text for name, text in given.texts.items() if name not in of_problem}

@@ -1,4 +1,4 @@
-"""Many runs: several at a time, each once, and only those that are not done yet."""
+"""Many runs: several at a time, each once, and only those that are not done yet. Not collective."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is finished, on disk."""
+"""What is finished, on disk. Not collective."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs as processes of their own, under mpiexec if need be."""
+"""Runs as processes of their own, under mpiexec if need be. Not collective."""
 
 from __future__ import annotations
 
@@ -81,9 +81,7 @@ def _end(process):
 
 
 def perform(run, output, processes, ranks=1, timeout=None):
-    """Call the program of a run and collect its outcome.
-
-    Not collective; call from any thread.
+    """Call the program of a run and collect its outcome; call from any thread.
 
     Parameters
     ----------

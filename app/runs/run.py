@@ -1,8 +1,4 @@
-"""A run, what its outcome depends on, and what is kept of its result.
-
-The result files give `worst_negative_gap` [mm], `worst_negative_pressure` [N/mm2] and `complementarity`,
-max |p e| / (max p max |h|), which are the same whatever solver wrote them.
-"""
+"""A run, what its outcome depends on, and what is kept of its result. Not collective."""
 
 from __future__ import annotations
 
@@ -17,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from app.options import FILES
+from app.options import FILES, named_files
 from app.output.result import read_result
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -45,7 +41,11 @@ OUTCOME = ("exit_status", "message", *ATTRIBUTES, *CHECKS)
 
 
 def collect_result(path):
-    """Numbers of a result file for a row of the table: `ATTRIBUTES`, `CHECKS` and `reason`, name -> value."""
+    """Numbers of a result file for a row of the table: `ATTRIBUTES`, `CHECKS` and `reason`, name -> value.
+
+    The checks are `worst_negative_gap` [mm], `worst_negative_pressure` [N/mm2] and `complementarity`,
+    max |p e| / (max p max |h|): computed from the fields, whatever solver wrote them.
+    """
     result = read_result(path)
     admissible = ~np.isnan(result.undeformed_distance)
     p, e, h = (field[admissible] for field in (result.pressure, result.gap, result.undeformed_distance))
@@ -90,10 +90,13 @@ class Run:
             words += [f"-{name}", str(value)] if str(value) else [f"-{name}"]
         return words
 
+    def inputs(self):
+        """Return the names of its option files, and of what else may be a file; some may not exist."""
+        return [*self.files, *(file for value in self.options.values() for file in named_files(str(value)))]
+
     def key(self, ranks=1):
         """Return a digest of all that the outcome depends on: options, files, program, number of ranks."""
-        named = [str(value).partition(":/")[0] for value in self.options.values()]  # FILE.h5:/dataset
-        contents = [_digest(file) for file in (*self.files, *named)]
+        contents = [_digest(file) for file in self.inputs()]
         module = ROOT.joinpath(*self.module.split(".")).with_suffix(".py")
         program = [_program_digest(), _digest(module), inspect.getsource(self.collect)]
         what = [self.module, self.arguments(), contents, ranks, program, os.environ.get("PETSC_OPTIONS")]

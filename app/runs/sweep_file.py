@@ -1,4 +1,4 @@
-"""Sweep files: which combinations of option values are to be run (see `app.sweep` for what they look like)."""
+"""Sweep files, as `app.sweep` describes them: which combinations of option values are to be run. Not collective."""
 
 from __future__ import annotations
 

@@ -263,7 +263,7 @@ def test_result_holds_what_was_printed_and_asked_for(cli, tmp_path):
         "Output:",
     ):
         assert words in done.stdout
-    assert done.stdout.count("KSP Object: ()") == 1  # of the target grid, once
+    assert done.stdout.count("KSP Object: 2 MPI") == 1  # of the target grid, once
 
 
 def test_nothing_at_all_is_told_where_to_begin():

@@ -1,11 +1,17 @@
 """Load paths and refinement from outside: interrupted and resumed, on ranks, what is written, exit status."""
 
 import csv
+from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
+from mpi4py import MPI
 from processes import OPTIONS
 
+from app.commands import places
+from app.commands.problem_options import Request
+from app.errors import InputError
 from app.output.result import read_result
 
 HERTZ = ("-options_file", OPTIONS / "hertz.opts", "-grid", 32)
@@ -93,6 +99,29 @@ def test_what_is_kept_needs_a_place(cli):
         refused = cli(*PATH, option)
         assert refused.returncode == 2
         assert "-output" in refused.stderr
+
+
+@pytest.mark.parametrize(
+    ("gap", "options"),
+    [
+        ("a.csv", ()),
+        ("b.csv", ("-path_csv", "b.csv")),
+        ("a_0002.h5", ("-path_fields",)),
+        ("a_0003.h5:/gap", ("-path_fields",)),
+    ],
+)
+def test_files_of_a_path_do_not_take_the_place_of_what_it_reads(tmp_path, monkeypatch, gap, options):
+    monkeypatch.chdir(tmp_path)
+    file = Path(gap.partition(":")[0])
+    if file.suffix == ".csv":
+        np.savetxt(file, np.ones((4, 4)), delimiter=";")
+    else:
+        with h5py.File(file, "w") as h5:
+            h5["gap"] = np.ones((4, 4))
+    words = f"-problem file -gap_file {gap} -domain 0,1,0,1 -contact_modulus 1 -load_path 1:3:3 -output a.h5"
+    given = places.read(["app.solve", *words.split(), *options], {})
+    with pytest.raises(InputError, match=f"{file.name}: is the input .*; choose another name"):
+        Request(given, MPI.COMM_SELF)
 
 
 def test_a_misspelt_loading_is_named(cli):

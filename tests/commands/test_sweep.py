@@ -140,8 +140,9 @@ def test_bad_sweep_is_one_line_and_nothing_is_written(tmp_path, capsys, text):
     [
         (["absent.yml", "-o", "out.csv"], "absent.yml"),
         (["sweep.yml"], "-o"),
-        (["sweep.yml", "-o", "out.xls"], "must end in one of"),
+        (["sweep.yml", "-o", "out.xls"], "must end in .csv or "),
         (["sweep.yml", "-o", "absent/out.csv"], "does not exist"),
+        (["sweep.yml", "-o", "gap.csv"], "is the input gap.csv"),
         (["sweep.yml", "-o", "folder.csv"], "not a regular file"),
         (["sweep.yml", "-o", "out.csv", "--jobs", "0"], "at least 1"),
         (["sweep.yml", "-o", "out.csv", "--ranks", "two"], "at least 1"),
@@ -149,7 +150,8 @@ def test_bad_sweep_is_one_line_and_nothing_is_written(tmp_path, capsys, text):
     ],
 )
 def test_bad_command_line_is_one_line(tmp_path, capsys, monkeypatch, arguments, message):
-    write(tmp_path, "options: {grid: 8}")
+    write(tmp_path, "options: {grid: 8, gap_file: gap.csv}")
+    (tmp_path / "gap.csv").write_text("1 2")
     (tmp_path / "folder.csv").mkdir()
     monkeypatch.chdir(tmp_path)
     assert main(arguments) == 2
@@ -339,7 +341,7 @@ def test_equal_runs_are_performed_once_whatever_their_labels(tmp_path, performed
 
 
 @pytest.mark.parametrize("option", ["gap_file", "any_option_that_names_a_file"])
-@pytest.mark.parametrize("inside", ["", ":/dataset"])
+@pytest.mark.parametrize("inside", ["", ":/dataset", ":Name"])
 def test_key_follows_options_and_files_but_not_labels(tmp_path, option, inside):
     file = tmp_path / "file"
     file.write_text("before")

@@ -14,9 +14,8 @@ from app.halfspace.grid import Grid, Slabs
 from app.halfspace.reductions import sums_and_minima
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
-from app.multigrid.pcmg import options_set
 from app.output.result import read_result
-from app.petsc import _counter
+from app.petsc import _counter, options_set
 from benchmarks.replay import Replay, record
 from benchmarks.replay import hertz as recorded_problem
 
@@ -67,7 +66,7 @@ def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(c
         "pc_circulant_extend": "3",
     }
     for steps in (1, 3):  # so few that the norm needs no summing anew
-        with options_set("", {}, options | {"ksp_max_it": str(steps)}):
+        with options_set({}, options | {"ksp_max_it": str(steps)}):
             solver = LinearSolver(hierarchy)
         b = solver.mat.createVecRight()
         operator.mask[...] = True

@@ -1,6 +1,7 @@
 """Solvers on all ranks, on some of them, and what every rank hears of bad input."""
 
 import gc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -145,6 +146,20 @@ def test_every_rank_hears_of_what_cannot_be(comm, number):
     with pytest.raises(InputError, match=message):
         action()
     assert solve(hertz(8), APPROACH).converged  # nobody waits for anybody
+
+
+@pytest.mark.mpi(2)
+@pytest.mark.parametrize(
+    "other", [{"dx": 2.0}, {"periodic": "spectral"}, {"nx": 9}, {"shear_modulus": 70000.0}], ids=str
+)
+def test_ranks_of_one_solver_have_one_problem(comm, other):
+    grid, material = Grid(8, 8, 1.0, 1.0), Material.combined(80000, 0.3)
+    if comm.rank:
+        material = replace(material, **other) if "shear_modulus" in other else material
+        grid = grid if "shear_modulus" in other else replace(grid, **other)
+    problem = ContactProblem(grid, material, lambda x, y: x**2 + y**2)
+    with pytest.raises(InputError, match="not the same on all ranks"):
+        ContactSolver(problem)
 
 
 @pytest.mark.mpi(2, 3)

@@ -6,7 +6,7 @@ from math import comb
 import numpy as np
 import pytest
 
-from app.halfspace import influence
+from app.halfspace import love as coefficients
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material, dense_matrix, influence_quadrant
 
@@ -87,8 +87,8 @@ def test_what_the_series_leaves_out_is_below_round_off():
     def mean(n):
         return sum(comb(n, k) * 0.25**n / ((2 * k + 1) * (2 * (n - k) + 1)) for k in range(n + 1))
 
-    first = influence._ORDER // 2 + 1
-    assert sum(mean(n) / influence._CLOSED_FORM_UP_TO ** (2 * n) for n in range(first, first + 40)) < 4e-17
+    first = coefficients._ORDER // 2 + 1
+    assert sum(mean(n) / coefficients._CLOSED_FORM_UP_TO ** (2 * n) for n in range(first, first + 40)) < 4e-17
 
 
 def test_own_displacement_of_a_square():

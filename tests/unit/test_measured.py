@@ -90,6 +90,9 @@ def test_an_array_is_read_as_its_file(saved):
         (HEIGHTS, {"unit": None}, r"in Python unit=\) is missing"),
         (HEIGHTS, {"spacing": 0.1}, "two positive numbers dx, dy"),
         (HEIGHTS, {"spacing": (0.1, 0)}, "two positive numbers dx, dy"),
+        (HEIGHTS, {"crop": (0, 3, 0)}, "four whole numbers i0, i1, j0, j1"),
+        (HEIGHTS, {"crop": (0, 3, 0, 2.5)}, "four whole numbers i0, i1, j0, j1"),
+        (HEIGHTS, {"crop": 3}, "four whole numbers i0, i1, j0, j1"),
     ],
 )
 def test_arrays_of_no_use(given, how, message):
@@ -273,6 +276,13 @@ def test_orientation_turns_rows_columns_and_spacing(saved, name, orient):
     if surface.spacing:
         turned = orient.count("transpose") % 2
         assert surface.spacing == pytest.approx((1e-3 * DY, 1e-3 * DX) if turned else (1e-3 * DX, 1e-3 * DY))
+
+
+def test_a_part_of_a_map_with_more_cells_than_petsc_can_number(tmp_path):
+    with h5py.File(tmp_path / "large.h5", "w") as file:
+        file.create_dataset("heights", (60_000, 60_000), "f4", chunks=(1000, 1000))
+    surface = read_surface(tmp_path / "large.h5", "um", crop=(50_000, 50_015, 40_000, 40_012))
+    assert surface.shape == (12, 15) and not surface.heights().any()
 
 
 def test_crop_counts_after_turning(saved):

@@ -6,6 +6,7 @@ from cases import APPROACH, hertz
 from running import solve
 
 from app import ContactProblem, ContactSolver, Grid, Material
+from app.commands.report import report
 from app.errors import InputError
 from app.halfspace.connected import connected_sets
 
@@ -99,6 +100,9 @@ def test_distributions_of_hertz(of_hertz):
     assert np.diff(np.log(edges)) == pytest.approx(np.log(edges[-1] / edges[0]) / 10)
     with pytest.raises(InputError, match="allowed: pressure, gap"):
         solution.distribution("load")
+    for bins in (0, 2.5):
+        with pytest.raises(InputError, match="whole number of at least 1"):
+            solution.distribution("gap", bins)
 
 
 def test_stiffness_is_the_derivative_of_the_load():
@@ -151,3 +155,13 @@ def test_a_distribution_of_one_value_is_one_bin(logarithmic):
     assert density @ np.diff(edges) == pytest.approx(1)
     assert edges[0] < one.max_pressure < edges[-1]
     assert (np.diff(edges) > 0).all()
+
+
+@pytest.mark.parametrize(("holes", "whole"), [(0, "of all"), (100, "of those where contact is possible")])
+def test_the_share_of_contact_is_of_the_cells_where_it_is_possible(holes, whole):
+    """Said also of a contact of so few cells that some holes more or less change next to nothing."""
+    gap = np.add.outer(np.arange(32.0) ** 2, np.arange(32.0) ** 2)
+    gap.reshape(-1)[gap.size - holes :] = np.nan
+    found = solve(ContactProblem(Grid(32, 32, 1.0, 1.0), Material.combined(80000, 0.3), gap), approach=0.1)
+    assert found.contact_cells == 1
+    assert f"1 cell, {100 / (1024 - holes):.4g}% {whole}\n" in report(found.attributes, found.grid)

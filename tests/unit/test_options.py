@@ -18,8 +18,6 @@ BAD_VALUES = [
     ("grid", "8.5", "nx,ny or n"),
     ("grid", "", "nx,ny or n"),
     ("grid", ",", "nx,ny or n"),
-    ("grid", "60000", "at most 2147483647 cells"),
-    ("grid", "99999999999999999999", "at most 2147483647 cells"),
     ("domain", "0,0,0,1", "x0 < x1"),
     ("domain", "0,1", "x0,x1,y0,y1"),
     ("domain", "0,1,0,1,2", "x0,x1,y0,y1"),

@@ -7,6 +7,7 @@ from mpi4py import MPI
 from app.commands.problem_options import PROBLEM_OPTIONS, make_problem
 from app.errors import InputError
 from app.options import OptionReader
+from app.problems.problem import checked_shape
 
 MODULE = """
 import numpy as np
@@ -60,6 +61,14 @@ class Forgets(Cone):
     def from_options(cls, grid, material, options):
         pass
 
+class Masked(Plane):
+    def shape_on(self, grid, rows=slice(None)):
+        return np.ma.masked_greater(np.broadcast_to(grid.x(), (len(grid.y(rows)), grid.nx)), 0)
+
+class Complex(Plane):
+    def shape_on(self, grid, rows=slice(None)):
+        return super().shape_on(grid, rows) + 1j
+
 class Transposed(Plane):
     def shape_on(self, grid, rows=slice(None)):
         return super().shape_on(grid, rows).T
@@ -104,6 +113,13 @@ def test_function_may_say_where_contact_is_impossible(make):
     assert np.isnan(shape).any() and (shape[~np.isnan(shape)] == 0).all()
 
 
+def test_contact_is_impossible_in_masked_cells(make):
+    problem, _ = make("my_module.Masked")
+    np.testing.assert_array_equal(
+        np.isnan(checked_shape(problem, problem.grid, slice(4))), np.tile(problem.grid.x() > 0, (4, 1))
+    )
+
+
 def test_class_reads_options_of_its_own(make):
     problem, own = make("my_module.Cone", cone_slope="0.5")
     assert problem.shape_on(problem.grid)[0, 0] == 0.5 * np.hypot(-1.75, -0.75)
@@ -128,6 +144,7 @@ def test_class_reads_options_of_its_own(make):
         ("my_module.Forgets", "from_options returns no"),
         ("my_module.Cone", "-cone_slope is missing: height over radius"),
         ("my_module.Transposed", r"shape \(6, 4\); needed: .* = \(4, 6\)"),
+        ("my_module.Complex", "needed: undeformed distances, an array of real numbers"),
         ("my_module.scalar", r"ValueError: The truth value .* \(.*my_module.py, line 13\)"),
         ("my_module.short", r"gap: .*\(3,\); needed: \(4, 6\)"),
         ("my_module.words", "gap: needed: an array of real numbers"),

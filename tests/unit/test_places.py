@@ -177,7 +177,8 @@ def prescribed(read, files):
     )
 
     def value(line, **environment):
-        return loading(read(re.sub(r"(\w+\.(opts|yml))", r"-options_file \1", line), **environment))
+        given = read(re.sub(r"(\w+\.(opts|yml))", r"-options_file \1", line), **environment)
+        return loading(given, settle(given))
 
     return value
 
@@ -208,7 +209,7 @@ def test_one_of_approach_and_load_replaces_the_other_from_an_earlier_place(presc
 
 def test_the_one_replaced_is_forgotten(read):
     given = read("-load 5", PETSC_OPTIONS="-approach 0.3")
-    assert loading(given) == ("load", 5)
+    assert loading(given, settle(given)) == ("load", 5)
     assert given.texts == {"load": "5"}
 
 
@@ -308,5 +309,5 @@ def test_old_names_keep_their_place_and_warn_once(read, files, monkeypatch):
     given = read("-options_file old.opts -Force 4", PETSC_OPTIONS="-approach 5")
     assert given.texts == {"load": "4", "approach": "5"}
     assert len(given.warnings) == 1 and "-force is called -load now" in given.warnings[0]
-    assert loading(given) == ("load", 4)
+    assert loading(given, settle(given)) == ("load", 4)
     assert read("-load 1").warnings == []

@@ -26,12 +26,19 @@ def made(**texts):
         ),
         ({"load": "10", "sub_0_pc_type": "2", "radius": "2"}, "unknown option: -radius; what is wrong"),
         ({"problem": "python", "ksp_rtol": "1", "mylaw": "2"}, "what is wrong"),
+        ({"lcp_merge": "1"}, "what is wrong"),
     ],
 )  # fmt: skip
 def test_options_that_nobody_knows_are_named(texts, message):
     with pytest.raises(InputError) as refusal, suggesting(texts):
         raise InputError("what is wrong")
     assert str(refusal.value) == message
+
+
+@pytest.mark.parametrize("grid", ["5000000000", "99999999999999999999"])
+def test_more_cells_than_petsc_can_number(grid):
+    with pytest.raises(InputError, match=f"grid {grid},{grid}: this PETSc can number"):
+        made(problem="cone", cone_angle="1", grid=grid, approach="1")
 
 
 @pytest.fixture
@@ -65,7 +72,7 @@ def test_sparse_and_huge_gap_file(sparse, name, monkeypatch):
     small_machine(monkeypatch)
     with pytest.raises(ValueError, match=r"grid 40000,40000: needs about 107 GiB .* 1 GiB are free"):
         made(problem="file", gap_file=sparse(name, 40_000))
-    with pytest.raises(InputError, match=r"has 1000000 x 1000000 cells; at most 2147483647 are possible"):
+    with pytest.raises(InputError, match=r"grid 1000000,1000000: this PETSc can number 2147483647 cells"):
         made(problem="file", gap_file=sparse(name, 1_000_000))
 
 

@@ -1,6 +1,7 @@
 """Base shapes, surfaces on them, and the patch that follows from Hertz."""
 
 import itertools
+from functools import partial
 
 import numpy as np
 import pytest
@@ -53,6 +54,13 @@ def test_relative_paraboloid_is_the_sum_of_both_bodies(radii1, radii2, angle):
 def test_bodies_that_make_no_ellipse(radii, message):
     with pytest.raises(ValueError, match=message):
         Paraboloid.between(*radii)
+
+
+@pytest.mark.parametrize("shape", [Sphere, Cylinder, partial(Cylinder, 1.0), Cone, FlatPunch])
+@pytest.mark.parametrize("size", [0, -1.0, np.nan, "6", None])
+def test_sizes_are_positive_numbers(shape, size):
+    with pytest.raises(InputError, match="must be"):
+        shape(size)
 
 
 def test_gap_is_the_shape_less_all_heights():

@@ -270,6 +270,19 @@ def test_solution_is_whole_and_frozen(tmp_path):
     assert saved.attributes["load"] == found.load
 
 
+@pytest.mark.parametrize("shape", [(24, 1), (1, 24), (24, 16)])
+def test_a_result_has_the_grid_of_its_solution(tmp_path, shape):
+    """Also where a single cell centre does not tell the size of its cell: plane strain."""
+    grid = Grid(*shape, 0.01, 0.02, 3.0, 4.0, "spectral")
+    waves = ContactProblem(grid, Material.combined(80000, 0.3), lambda x, y: 1e-4 * np.cos(20 * x + 10 * y))
+    found = solve(waves, mean_pressure=1.0)
+    found.save(tmp_path / "found.h5")
+    read = read_result(tmp_path / "found.h5").grid
+    assert (read.shape, read.periodic) == (grid.shape, grid.periodic)
+    np.testing.assert_allclose([read.dx, read.dy, read.x0, read.y0], [0.01, 0.02, 3.0, 4.0], rtol=1e-12)
+    assert read_result(tmp_path / "found.h5").contact_patches().sum() == pytest.approx(found.contact_area)
+
+
 def test_solutions_and_paths_can_be_pickled():
     with ContactSolver(hertz(16)) as solver:
         path = solver.path(load=[100, 200])
@@ -329,12 +342,21 @@ def test_loads_are_not_for_the_reference_solvers():
         solver.solve(load=1.0)
 
 
-def test_a_closed_solver_solves_nothing():
+@pytest.mark.parametrize(
+    "ask",
+    {
+        "solve": lambda solver: solver.solve(approach=0.1),
+        "check": lambda solver: solver.check(approach=0.1),
+        "path": lambda solver: solver.path(approach=[0.1]),
+        "stiffness": lambda solver: solver.stiffness(None),
+    }.values(),
+)
+def test_a_closed_solver_solves_nothing(ask):
     solver = ContactSolver(punch(24))
     solver.close()
     solver.close()
     with pytest.raises(InputError, match="closed"):
-        solver.solve(approach=0.1)
+        ask(solver)
 
 
 OPTIONS = {

@@ -1,15 +1,16 @@
 """Laws that mutants broke unnoticed: see docs/mutation.md."""
 
 from types import SimpleNamespace
+from unittest import mock
 
 import numpy as np
 import pytest
 from cases import APPROACH, hertz
 from mpi4py import MPI
-from petsc4py import PETSc
 from running import solve
 
 from app import ContactProblem, ContactSolver, strategy
+from app.commands.monitor import Progress
 from app.contact.certificate import certify
 from app.contact.distance import UndeformedDistance
 from app.contact.grid_errors import GridNumbers, errors_from
@@ -23,20 +24,15 @@ from app.halfspace.influence import Material, dense_matrix
 from app.halfspace.operator import InfluenceOperator
 from app.halfspace.product import DenseProduct
 from app.multigrid.hierarchy import Hierarchy
-from app.multigrid.pcmg import options_set
+from app.petsc import OptionDatabase, options_set
 from app.primal import kernels
 
 
 def test_options_are_as_they_were_after_the_block_that_sets_them():
-    options = PETSc.Options("survivor_")
-    options["given"], options["in_the_way"] = "1", "2"
-    try:
-        with options_set("survivor_", {"given": "3", "wanted": "4"}, {"in_the_way": "5"}):
+    with OptionDatabase({"given": "1", "in_the_way": "2"}).active() as options:
+        with options_set({"given": "3", "wanted": "4"}, {"in_the_way": "5"}):
             assert options.getAll() == {"given": "1", "wanted": "4", "in_the_way": "5"}
         assert options.getAll() == {"given": "1", "in_the_way": "2"}
-    finally:
-        for name in ("given", "in_the_way"):
-            options.delValue(name)
 
 
 def test_grids_worked_on_in_windows_get_no_product_before_somebody_asks():
@@ -119,6 +115,17 @@ def test_listeners_hear_of_every_iteration():
     with ContactSolver(hertz(12), "norm", listeners=[hears]) as solver:
         found = solver.solve(APPROACH)
     assert hears.told == ["start", *found.history["iteration"], "end"]
+
+
+def test_each_solve_has_a_bar_of_its_own():
+    """As those of a refinement, which share their listeners."""
+    with (
+        mock.patch("tqdm.tqdm") as bar,
+        ContactSolver(hertz(12), "norm", listeners=[Progress(1e-6)]) as solver,
+    ):
+        for opened in (1, 2):
+            solver.solve(APPROACH)
+            assert bar.call_count == bar.return_value.close.call_count == opened
 
 
 def test_differences_of_grids_that_do_not_fall_are_an_error_of_all():

@@ -8,7 +8,7 @@ work. But L is Toeplitz: forward substitution is a convolution in which cell aft
 - *Rows in x-Fourier space.* A solved row is transformed in x, padded to ``Nx >= 2 nx - 1``. Its effect on the
   rows after it is then, for each of the ``F = Nx/2 + 1`` frequencies, a convolution in y with a real number
   per lag. The transform back gives the right-hand side of the next row.
-- *Leaves* are blocks of some 32 rows. Rows act directly on those of their own leaf and of the next one.
+- *Leaves* are blocks of 64 rows, 32 on several ranks. Rows act directly on those of their own leaf and of the next.
 - *Transfers.* When m leaves are done, let 2^k be the largest power of two that divides m: the last 2^k leaves act,
   but for the next leaf, on the 2^k leaves after that by an FFT in y. Every pair of leaves is served exactly once,
   and a leaf earlier than needed: transfers can run while the next leaf is solved.
