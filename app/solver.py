@@ -23,6 +23,7 @@ from dataclasses import replace
 import numpy as np
 from mpi4py import MPI
 
+from app import ending
 from app import method as methods
 from app.analytic import analytic_values, theories
 from app.contact import measures
@@ -138,6 +139,7 @@ class ContactSolver:
         self._finalizer = weakref.finalize(self, one_at_a_time(self._resources.free))
         self.problem, self.listeners = problem, list(listeners)
         self._outer_comm = MPI.COMM_WORLD if comm is None else comm
+        ending.share(self._outer_comm)
         self.comm = self._resources.comm = Communicator(self._outer_comm.Dup())
         self.hierarchy = self._solver = None
         grid = problem.grid
@@ -253,6 +255,7 @@ class ContactSolver:
         if self._finalizer.alive is False:
             raise InputError("the solver is closed")
         given = {"approach": approach, "load": load, "mean_pressure": mean_pressure, "mean_gap": mean_gap}
+        ending.share(self._outer_comm)
         check_alike(self.comm, given, "loading")
         solution = self._team.told(self._solve, given, start, summary=Solution.without_rows)
         if solution.comm is not self._outer_comm:  # the summary

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from mpi4py import MPI
 
-from app.errors import InputError
+from app.errors import FailedElsewhere, InputError, described
 from app.halfspace.grid import Slabs
 from app.petsc import log_messages, log_reduction
 
@@ -127,9 +127,13 @@ class Communicator(MPI.Intracomm):
 
     def first(self, size):
         """Return a communicator of the first `size` ranks. Collective over these."""
+        return self.of(range(size))
+
+    def of(self, ranks):
+        """Return a communicator of some ranks, in order. Collective over these."""
         group = self.Get_group()
-        few = group.Incl(range(size))
-        made = Communicator(self.plain().Create_group(few, size), self.traffic)
+        few = group.Incl(ranks)
+        made = Communicator(self.plain().Create_group(few, ranks[-1]), self.traffic)
         group.Free()
         few.Free()
         return made
@@ -309,37 +313,43 @@ class Team:
 
     def __init__(self, everybody, size):
         self.everybody, self.comm = everybody, everybody
+        self._told = None  # communicator of rank 0, which tells, and those that are told
         if size < everybody.size:
             self.comm = everybody.first(size) if everybody.rank < size else None
+            if everybody.rank == 0 or self.comm is None:
+                self._told = everybody.of([0, *range(size, everybody.size)])
 
     def told(self, function, *arguments, summary=lambda result: result):
         """Let the first ranks call a function; the others get a summary of what rank 0 got.
 
-        Collective; `function` over the first ranks.
+        Collective; `function` over the first ranks. What goes wrong on rank 0 is raised on the others, too.
 
         Raises
         ------
         InputError
             On all ranks, if it does.
         """
-        if self.comm is self.everybody:
+        if self._told is None:
             return function(*arguments)
-        result = told = refused = None
+        result = told = failure = None
         if self.comm is not None:
             try:
                 result = function(*arguments)
                 told = summary(result)
-            except InputError as error:
-                refused = error
-        told, why = self.everybody.bcast((told, refused and str(refused)))
+            except Exception as error:
+                failure = error
+        refused = isinstance(failure, InputError)
+        why = failure and (str(failure) if refused else f"on another rank: {described(failure)}")
+        told, why, refused = self._told.bcast((told, why, refused))
         if why is not None:
-            raise refused or InputError(why)
+            raise failure or (InputError if refused else FailedElsewhere)(why)
         return told if self.comm is None else result
 
     def destroy(self):
         """Free what was made here. Collective."""
-        if self.comm is not None and self.comm is not self.everybody:
-            self.comm.Free()
+        for comm in (self._told, self.comm):
+            if comm is not None and comm is not self.everybody:
+                comm.Free()
 
 
 class Fetch:
