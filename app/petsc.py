@@ -50,7 +50,6 @@ def _library():
         "PetscOptionsPop": [],
         "PetscOptionsSetValue": [_Handle, _Text, _Text],
         "PetscOptionsClearValue": [_Handle, _Text],
-        "PetscOptionsInsertString": [_Handle, _Text],
         "PetscOptionsInsertStringYAML": [_Handle, _Text],
         "PetscOptionsSetAlias": [_Handle, _Text, _Text],
         "PetscOptionsHelpPrintedCreate": [ctypes.POINTER(_Handle)],
@@ -145,7 +144,8 @@ class OptionDatabase:
         PETSc.Error
             If it cannot.
         """
-        _call("PetscOptionsInsertString", self._handle, text.encode())
+        with self.active() as options:  # by petsc4py, which knows what PETSc complains of
+            options.insertString(text)
 
     def insert_yaml(self, text):
         """Let PETSc read options from a text in YAML; raises as `insert` does."""
