@@ -73,8 +73,9 @@ def _call(name, *arguments):
 @atexit.register
 def _forget_last_exception():
     """Free what the frames of an exception that nobody caught hold: once Python is gone PETSc would call into it."""
-    error = getattr(sys, "last_value", None)
-    while error is not None:
+    error, seen = getattr(sys, "last_value", None), set()
+    while error is not None and id(error) not in seen:  # what `as_raised` raises goes round
+        seen.add(id(error))
         traceback.clear_frames(error.__traceback__)
         error = error.__cause__ or error.__context__
     with suppress(AttributeError):  # a petsc4py that frees at once

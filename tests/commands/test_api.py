@@ -117,7 +117,7 @@ with ContactSolver(problem, options=shared) as solver:
         solver.solve(load=10.0)
     except MemoryError:
         Circulant.precondition = sound
-    found = solver.solve(load=10.0)
+found = solve(problem, load=10.0, options=shared)
 alone = solve(problem, load=10.0, comm=MPI.COMM_SELF)
 assert abs(found.approach - alone.approach) < 1e-5 * alone.approach
 if rank == 1:
