@@ -30,13 +30,14 @@ from mpi4py import MPI
 
 from app import ContactProblem, ContactSolver, Grid
 from app.fast import nested
+from app.fast.multilevel import MultilevelInverse
 from app.fast.windows import VerificationProduct
 from app.halfspace import communication
 from app.halfspace.communication import Communicator, Fetch, Ranks, Traffic, worth_solving
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.fft.transpose import ColumnGroup, deal_columns
 from app.halfspace.grid import Slabs
-from app.halfspace.halo import Halo
+from app.halfspace.halo import Halo, Parents
 from app.halfspace.influence import Material
 from app.halfspace.window import Scatter
 from app.multigrid.transfer import Transfer
@@ -45,10 +46,11 @@ from app.petsc import _counter
 from app.problems.shapes import Paraboloid
 from benchmarks.measure import ROOT, publish
 
+STENCILS = 4e-9  # for a cell of a preconditioner by levels
 SECONDS = 2.5e-9  # per point of a quarter of a transform and logarithm, all of a solve: Hertz 1024 x 1024 on one core
 SAMPLE = 64  # ranks whose messages to neighbours are looked at, spread evenly
 COLLECTIVES = "Allreduce", "allreduce", "allgather", "bcast"
-ALL = "all"
+ALL, AROUND = "all", "around"
 
 
 class Network(NamedTuple):
@@ -115,16 +117,17 @@ def recording():
 
     def dealt(found, ranks, grid, size=None):
         slabs, comm = found
-        slabs.key = grid, ALL if size and ranks not in made else 1 if size == 1 else None, 1
+        slabs.key = grid, ALL if size and ranks not in made else 1 if size == 1 else None, ()
         made.add(ranks)
         if comm is not None:
             comm = Communicator(comm.plain(), comm.traffic)
             comm.key = slabs.key
         return slabs, comm
 
-    def coarsened(slabs, fine, factor):
-        grid, size, before = fine.key
-        slabs.key = grid, size, before * factor
+    def coarsened(slabs, fine, *factor):
+        if slabs is not fine:
+            grid, size, before = fine.key
+            slabs.key = grid, size, (*before, *(factor or [AROUND]))
         return slabs
 
     def fetched(fetch, field, out=None):
@@ -148,6 +151,10 @@ def recording():
             kind = multiplier.slabs.key, multiplier.periods, multiplier.dtype.itemsize
             events.append(("product", *kind))
 
+    def by_stencils(inverse, *_, **__):
+        if inverse.comm is not None:
+            events.append(("stencils", inverse.slabs.key, inverse.shape))
+
     def set_kernel(multiplier, _, rows, columns):
         if multiplier.comm is not None:
             kind = multiplier.slabs.key, multiplier.periods, multiplier.dtype.itemsize
@@ -156,7 +163,8 @@ def recording():
     with ExitStack() as stack:
         wrap(Ranks, "deal", after=dealt)
         wrap(Slabs, "coarsen", after=coarsened)
-        for kind in (Halo, Transfer, Scatter):
+        wrap(Slabs, "surround", after=coarsened)
+        for kind in (Halo, Parents, Transfer, Scatter):
             wrap(
                 kind,
                 "__init__",
@@ -173,6 +181,7 @@ def recording():
             )
         wrap(EvenMultiplier, "apply", before=multiplied)
         wrap(EvenMultiplier, "set_kernel", before=set_kernel)
+        wrap(MultilevelInverse, "apply", before=by_stencils)
         wrap(nested, "tell", after=told)
         for name in ("apply", "help"):  # ranks outside of the window are called, and let go
             wrap(VerificationProduct, name, before=lambda v, *_: events.append(("told", v._inner.key, ALL)))
@@ -295,9 +304,11 @@ class Replay:
             getattr(self, f"_{kind}")(*event) if kind != "rows" else self._neighbours(*event)
 
     def _slabs(self, key):
-        grid, size, factor = key
+        grid, size, steps = key
         slabs = self._ranks.slabs(grid, self.sharing if size == ALL else size)
-        return slabs.coarsen(factor)
+        for factor in steps:
+            slabs = slabs.surround() if factor == AROUND else slabs.coarsen(factor)
+        return slabs
 
     @property
     def seconds(self):
@@ -338,6 +349,9 @@ class Replay:
         self.computing += seconds / self.size(key)
         for _ in range(2):
             self._all_to_all(key, periods, 2 * itemsize, None)
+
+    def _stencils(self, key, shape):
+        self.computing += STENCILS * shape[0] * shape[1] / self.size(key)
 
     def _kernel(self, key, periods, itemsize, rows):
         self._all_to_all(key, periods, itemsize, rows)
@@ -389,7 +403,7 @@ class Replay:
         """Messages and bytes of rank 0, seconds of the slowest of a sample."""
         kind, arguments, _ = recipe
         size = (
-            self.size(arguments[0][1]) if kind is Halo else self.sharing
+            self.size(arguments[0][1]) if kind in (Halo, Parents) else self.sharing
         )  # those between the ranks of a grid alone
         found, machine = [], self._network.ranks
         for rank in {*np.linspace(0, size - 1, SAMPLE, dtype=int).tolist()}:

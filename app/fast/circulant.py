@@ -1,9 +1,9 @@
-"""FFT preconditioner: the circulant matrix nearest to A in Strang's sense, restricted to the contact set.
+"""Preconditioner: the inverse of A, continued periodically, restricted to the contact set: ``C B C``.
 
-The influence coefficients, wrapped around periodically on a grid of the patch's size or little more, make a circulant
-matrix whose eigenvalues ``lambda = rfft2(K wrapped)`` are positive; ``C F^-1 (1/lambda) F C`` costs about a quarter of
-a product.
-(The periodic matrix of the padded grid has negative eigenvalues and is of no use.) On a periodic patch it is A itself.
+On a periodic patch A is a circulant matrix itself, inverted by FFT. A free patch is continued periodically, at some
+distance from itself; on large grids its B is made of stencils on several grids and an FFT on the coarsest, in a third
+of the time (`multilevel`). With its eigenvalues 1 / lambda (`symbol`) it is positive definite; the periodic matrix of
+the zero-padded grid has negative ones, and is of no use.
 
 The residual may be extended over the rim of the contact set first, see `Circulant`. Usable wherever PETSc takes a PC,
 on the target grid and as a multigrid smoother, where it must be damped (``-mg_levels_ksp_richardson_scale``)::
@@ -18,95 +18,45 @@ from functools import cache, partial
 
 import numpy as np
 from petsc4py import PETSc
-from scipy.fft import next_fast_len
 
 from app.compiled import njit
+from app.fast.multilevel import circulant_inverse
 from app.fast.rim import RimExtension, load_extension
-from app.halfspace.fft.lengths import lengths_with_margin
+from app.fast.symbol import stencils
 from app.halfspace.fft.multiplier import EvenMultiplier
-from app.halfspace.influence import influence_quadrant
 from app.halfspace.periodic import influence_symbol
 
 _event = PETSc.Log.Event("CirculantPC")
 
 
-def circulant_periods(shape, margin):
-    """Periods for a patch of some cells and a margin; see `circulant_inverse`. Not collective."""
-    if margin is None:
-        return tuple(next_fast_len(n, real=True) for n in shape)
-    return lengths_with_margin(shape, margin)
-
-
-def circulant_inverse(
-    grid, compliance, slabs=None, comm=None, dtype=np.float64, margin=(0.0, 0.0), workspace=None, spectra=None
-):
-    """Inverse of the Strang circulant of the influence matrix.
-
-    Collective over `comm`.
-
-    Parameters
-    ----------
-    grid, compliance, slabs, comm, dtype
-        See `InfluenceOperator`.
-    margin : (float, float) or None
-        Shares of the extent of the patch in y and x to be added to it at least, before it is continued periodically;
-        more if that makes quicker transforms. None: as little as a length with small prime factors allows.
-    workspace : EvenMultiplier, optional
-        Whose working storage may be used.
-    spectra : Spectra, optional
-        See `EvenMultiplier.use_kernel`.
-
-    Returns
-    -------
-    EvenMultiplier
-
-    Raises
-    ------
-    ValueError
-        If an eigenvalue is not positive.
-    """
-    if grid.periodic:
-        return _periodic_inverse(grid, compliance, slabs, comm, dtype, workspace)
-    periods = circulant_periods(grid.shape, margin)
-    inverse = EvenMultiplier(grid.shape, periods, slabs, comm, dtype, workspace)
-    rows, columns = (min(period // 2 + 1, n) for period, n in zip(periods, grid.shape, strict=True))
-    quadrant = partial(influence_quadrant, grid, compliance, columns=columns)
-    with np.errstate(divide="ignore"):
-        inverse.use_kernel(quadrant, rows, columns, np.reciprocal, spectra)
-    if not inverse.all_positive():
-        ny, nx = grid.shape
-        raise ValueError(f"circulant preconditioner: not all eigenvalues on {nx} x {ny} cells are positive")
-    return inverse
-
-
-def _periodic_inverse(grid, compliance, slabs, comm, dtype, workspace):
+def _periodic_inverse(grid, compliance, slabs, comm, dtype, workspace, spectra):
     """The inverse of A itself; a constant pressure, which displaces nothing, is as soft as the softest wave."""
-    symbol = partial(influence_symbol, grid, compliance)
+    eigenvalues = partial(influence_symbol, grid, compliance)
+    longest = eigenvalues(np.arange(min(2, grid.nx)), np.arange(min(2, grid.ny))).max() or 1.0
+
+    def symbol(columns, rows):
+        found = eigenvalues(columns, rows)
+        return 1 / np.where(found > 0, found, longest)
+
     inverse = EvenMultiplier(grid.shape, grid.shape, slabs, comm, dtype, workspace)
-    inverse.set_spectrum(symbol)
-    longest = symbol(np.arange(min(2, grid.nx)), np.arange(min(2, grid.ny))).max() or 1.0
-    inverse.scale_spectrum(lambda spectrum: 1 / np.where(spectrum > 0, spectrum, longest))
+    inverse.use(spectra, "inverse", partial(inverse.set_spectrum, symbol))
     return inverse
 
 
 def circulant_of(operator, margin=None):
-    """Inverse circulant of an `InfluenceOperator`, made when first asked for; `margin` as there. Collective."""
+    """B on the grid of an `InfluenceOperator`, made when first asked for. Collective.
+
+    `margin`: see `circulant_inverse`; a periodic patch has none.
+    """
     if not operator.active:
         return operator.product
-    grid = operator.grid
-    periods = grid.shape if grid.periodic else circulant_periods(grid.shape, margin)
-    if periods not in operator.circulants:
-        operator.circulants[periods] = circulant_inverse(
-            operator.grid,
-            operator.compliance,
-            operator.slabs,
-            operator.comm,
-            operator.dtype,
-            margin,
-            operator.storage_of_product,
-            operator.spectra,
-        )
-    return operator.circulants[periods]
+    known, periodic = operator.circulants, operator.grid.periodic
+    margin = None if periodic else margin
+    if margin not in known:
+        place = operator.grid, operator.compliance, operator.slabs, operator.comm, operator.dtype
+        make = _periodic_inverse if periodic else partial(circulant_inverse, margin=margin)
+        known[margin] = make(*place, workspace=operator.storage_of_product, spectra=operator.spectra)
+    return known[margin]
 
 
 @njit()
@@ -165,7 +115,8 @@ class Circulant:
             self.extension = RimExtension(
                 operator.local_shape, operator.slabs, operator.comm, steps, periodic, workspace
             )
-            self.extension.set_stencil(self.multiplier.centre())
+            centre = self.multiplier.centre() if periodic else stencils(operator.grid).centre
+            self.extension.set_stencil(centre)
         self._contact, self._listed = -1, None  # number of the set that the extension knows, and its cells
         # Load the compiled loops now.
         for dtype in {np.dtype(np.float64), operator.dtype}:
@@ -226,5 +177,5 @@ class Circulant:
             ny, nx = self.multiplier.periods
             steps = self.extension.steps if self.extension else 0
             viewer.printfASCII(
-                f"  inverse of the Strang circulant, periods {nx} x {ny}, extended by {steps} cells\n"
+                f"  inverse of A continued periodically, periods {nx} x {ny}, extended by {steps} cells\n"
             )

@@ -204,6 +204,13 @@ class Slabs:
         """Deal the rows to the ranks of a communicator; None: all of them here."""
         return cls(ny, block=block) if comm is None else cls(ny, comm.size, comm.rank, block)
 
+    @classmethod
+    def starting(cls, starts, rank):
+        """Slabs with given first rows, of one rank more than there are, seen by one of them."""
+        slabs = cls.__new__(cls)
+        slabs._set(starts, rank)
+        return slabs
+
     @property
     def counts(self):
         """Number of rows of each rank."""
@@ -238,14 +245,19 @@ class Slabs:
         rank = self.rank if rank is None else rank
         if (size, rank) == (self.size, self.rank):
             return self
-        more = Slabs.__new__(Slabs)
-        more._set([*self.starts, *[self.ny] * (size - self.size)], rank)
-        return more
+        return self.starting([*self.starts, *[self.ny] * (size - self.size)], rank)
 
     def coarsen(self, factor):
         """Slabs of the coarse grid whose rows are made of `factor` of these rows each: with the first is the parent."""
-        if factor == 1:
-            return self
-        coarse = Slabs.__new__(Slabs)
-        coarse._set([-(-start // factor) for start in self.starts], self.rank)
-        return coarse
+        return (
+            self if factor == 1 else self.starting([-(-start // factor) for start in self.starts], self.rank)
+        )
+
+    def surround(self):
+        """Slabs of a grid with a row for every two of these, one before them, and one behind the last or around it.
+
+        With the first of two is the row; rows behind are with the last of these.
+        """
+        rows = self.ny // 2 + 2
+        starts = (rows if start == self.ny else -(-start // 2) + bool(start) for start in self.starts)
+        return self.starting(list(starts), self.rank)

@@ -51,6 +51,33 @@ class Halo:
         return rows[: self._before], rows[self._before :]
 
 
+class Parents:
+    """Fetches the coarse rows between which those of a slab lie.
+
+    Parameters
+    ----------
+    slabs : Slabs
+        Of the fine rows; of the coarse ones: `Slabs.surround`.
+    comm : mpi4py communicator or None
+
+    Attributes
+    ----------
+    first : int
+        Number of the first one.
+    """
+
+    def __init__(self, slabs, comm):
+        coarse = slabs.surround()
+        first, last = slabs.bounds(1 if comm is None else comm.size)
+        low, high = first // 2, np.minimum((last - 1) // 2 + 3, coarse.ny)
+        self._fetch = Fetch(coarse, [(low, np.where(last > first, high, low))], comm)
+        self.first = int(low[0 if comm is None else slabs.rank])
+
+    def __call__(self, field):
+        """Fetch them, shape (rows, columns). Collective."""
+        return self._fetch(field)
+
+
 def row_before(field, periodic, slabs, comm, beyond):
     """Row before the first one of this rank.
 

@@ -362,9 +362,8 @@ class InfluenceOperator:
         return total
 
     def _circulant_products(self):
-        """Applications of circulants, in products, by their lengths."""
-        sizes = ((circulant.count, *circulant.periods) for circulant in self.circulants.values())
-        return sum(count * ny * nx for count, ny, nx in sizes) / self._padded
+        """Applications of circulants, in products, by their operations."""
+        return sum(circulant.points for circulant in self.circulants.values()) / self._padded
 
     @cached_property
     def _padded(self):

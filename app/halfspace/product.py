@@ -37,7 +37,7 @@ class Convolution(EvenMultiplier):
     quadrant_rows : callable
         ``quadrant_rows(slice) -> ndarray (rows, nx)``: influence coefficients, a few rows at a time.
     shape, slabs, comm, dtype, workspace, spectra
-        See `EvenMultiplier`, and `EvenMultiplier.use_kernel`.
+        See `EvenMultiplier`, and `EvenMultiplier.use`.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Convolution(EvenMultiplier):
     ):
         ny, nx = shape
         super().__init__(shape, (transform_length(ny), transform_length(nx)), slabs, comm, dtype, workspace)
-        self.use_kernel(quadrant_rows, ny, nx, spectra=spectra)
+        self.use(spectra, shape, partial(self.set_kernel, quadrant_rows, ny, nx))
 
 
 class BoxProduct(EvenMultiplier):
@@ -59,7 +59,7 @@ class BoxProduct(EvenMultiplier):
     compliance : float
         [mm2/N].
     slabs, comm, dtype, workspace, spectra
-        See `EvenMultiplier`, and `EvenMultiplier.use_kernel`.
+        See `EvenMultiplier`, and `EvenMultiplier.use`.
     """
 
     def __init__(
@@ -67,8 +67,8 @@ class BoxProduct(EvenMultiplier):
     ):
         super().__init__(grid.shape, self.periods_of(grid), slabs, comm, dtype, workspace)
         self._box, self._compliance = Box(grid, self.periods, partial(influence_at, grid)), compliance
-        rows, columns = (period // 2 + 1 for period in self.periods)
-        self.use_kernel(self._kernel, rows, columns, spectra=spectra)
+        halves = (period // 2 + 1 for period in self.periods)
+        self.use(spectra, None, partial(self.set_kernel, self._kernel, *halves))
         self._make_rest()
 
     @classmethod
@@ -123,7 +123,6 @@ class PeriodicProduct(EvenMultiplier):
     def __init__(self, symbol, shape, slabs=None, comm=None, dtype=np.float64, workspace=None):
         super().__init__(shape, shape, slabs, comm, dtype, workspace)
         self.set_spectrum(symbol)
-        self.scale_spectrum(lambda spectrum: spectrum)
 
     def inverse(self):
         """Return the inverse on fields without mean, zero on constants; it shares storage. Not collective."""

@@ -5,10 +5,14 @@ import pytest
 from operators import GRIDS, PERIODIC, STEEL
 from petsc4py import PETSc
 
-from app.fast.circulant import Circulant, circulant_inverse, circulant_of
+from app.fast.circulant import Circulant, circulant_of
+from app.fast.multilevel import MultilevelInverse, circulant_inverse
+from app.fast.symbol import eigenvalues, mean_eigenvalue
+from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Grid
-from app.halfspace.influence import dense_matrix
+from app.halfspace.influence import dense_matrix, influence_quadrant
 from app.halfspace.operator import InfluenceOperator
+from app.halfspace.periodic import influence_symbol
 from app.petsc import OptionDatabase
 
 SMALL = {name: grid for name, grid in (GRIDS | PERIODIC).items() if grid.n <= 500}
@@ -119,8 +123,82 @@ def test_margins_that_cannot_be_are_refused(margin):
         preconditioner(operator, pc_circulant_margin=margin)
 
 
-def test_eigenvalues_are_positive_on_stretched_cells():
-    for dx, dy in ((1.0, 100.0), (1.0, 0.01)):
-        grid = Grid(24, 20, dx, dy)
-        inverse = circulant_inverse(grid, STEEL)
-        assert inverse.all_positive()
+@pytest.mark.parametrize("aspect", [1.0, 1.7, 0.01, 100.0, 1000.0])
+def test_eigenvalues_are_those_of_a_periodic_patch(aspect):
+    """To the rounding of their interpolation, on cells of any shape; but for that of a constant."""
+    grid = Grid(24, 20, aspect, 1.0, periodic="love")
+    columns, rows = np.arange(13), np.arange(11)
+    expected = influence_symbol(grid, 0.5, columns, rows)
+    found = eigenvalues(grid, 0.5, columns / 12, rows / 10)
+    assert np.isinf(found[0, 0])
+    found[0, 0] = 0.0
+    assert (found >= 0).all()
+    np.testing.assert_allclose(found, expected, rtol=3e-8)
+
+
+@pytest.mark.parametrize("sides", [(3.0, 2.0), (1.0, 1.0)])
+def test_a_constant_displaces_as_a_large_cell_does(sides):
+    b, a = sides
+    expected = influence_quadrant(Grid(1, 1, a, b), 0.5)[0, 0]
+    assert mean_eigenvalue(0.5, sides) == pytest.approx(expected, rel=1e-13)
+
+
+LARGE = {
+    "square": (128, 128, 1.0),
+    "odd": (257, 150, 1.0),
+    "long cells": (131, 200, 5 / 3),
+    "longer": (256, 300, 3.0),
+}
+
+
+@pytest.mark.parametrize(("ny", "nx", "aspect"), LARGE.values(), ids=LARGE.keys())
+def test_levels_are_as_good_as_transforms(ny, nx, aspect):
+    """B by stencils is symmetric, and with the true inverse its eigenvalues lie within some percent of 1."""
+    grid, rng = Grid(nx, ny, aspect, 1.0), np.random.default_rng(ny)
+    inverse = circulant_inverse(grid, 1.0, margin=(0.01, 0.01))
+    assert isinstance(inverse, MultilevelInverse)
+    alike = EvenMultiplier(grid.shape, inverse.periods)  # by transforms, in the same box
+    sides = [n * d for n, d in zip(inverse.periods, (grid.dy, grid.dx), strict=True)]
+
+    def symbol(columns, rows):
+        found = eigenvalues(grid, 1.0, 2 * columns / inverse.periods[1], 2 * rows / inverse.periods[0])
+        found[(columns[:, None] == 0) & (rows == 0)] = mean_eigenvalue(1.0, sides)
+        return 1 / found
+
+    alike.set_spectrum(symbol)
+    y, x = np.mgrid[:ny, :nx]
+    waves = [np.cos(2 * np.pi * (k * x / nx + k * y / ny)) for k in (0, 1, 5, 20, 60)]
+    fields = [rng.normal(size=grid.shape), *waves, np.eye(ny, nx)]
+    products = []
+    for field in fields:
+        found, expected = np.empty(grid.shape), np.empty(grid.shape)
+        inverse.apply(field, found)
+        alike.apply(field, expected)
+        products.append(found)
+        assert np.linalg.norm(found - expected) < 0.03 * np.linalg.norm(expected)
+        assert np.vdot(field, found) == pytest.approx(np.vdot(field, expected), rel=0.03)
+    gram = np.array([[np.vdot(field, found) for found in products] for field in fields])
+    np.testing.assert_allclose(gram, gram.T, rtol=0, atol=1e-13 * abs(gram).max())
+
+
+def test_levels_leave_out_rows_and_work_in_place():
+    grid, rng = Grid(140, 150, 1.0, 1.0), np.random.default_rng(0)
+    inverse = circulant_inverse(grid, 1.0, margin=(0.0, 0.0), dtype=np.float32)
+    rows = rng.random(150) < 0.5
+    field = rng.normal(size=grid.shape) * rows[:, None]
+    expected, found = np.empty(grid.shape), field.copy()
+    inverse.apply(field, expected)
+    inverse.apply(found, found, rows=rows)
+    np.testing.assert_array_equal(found[rows], expected[rows])
+    single = np.where(rows[:, None], field, np.nan).astype(np.float32)  # what is left out may hold anything
+    inverse.apply(single, single, rows=rows)
+    np.testing.assert_allclose(single[rows], expected[rows], rtol=0, atol=1e-5 * abs(expected).max())
+
+
+def test_few_waves_are_all_that_levels_transform():
+    """What else is done costs less than transforms of as many points as there are cells."""
+    inverse = circulant_inverse(Grid(2048, 2048, 1.0, 1.0), 1.0, margin=(0.01, 0.01))
+    before = inverse.points
+    inverse.apply(np.zeros((2048, 2048)), np.zeros((2048, 2048)))
+    assert before == 0
+    assert inverse.points < 0.85 * 2048**2

@@ -179,21 +179,21 @@ class EvenMultiplier:
         self._scratch = _scratch((_ROWS_AT_ONCE * columns,), complex_type)
         _warm_up(self.dtype)
 
-    def use_kernel(self, kernel_rows, rows, columns, function=lambda spectrum: spectrum, spectra=None):
-        """Be the convolution with a kernel, or what a function makes of its spectrum.
-
-        Collective. Parameters as of `set_kernel` and `scale_spectrum`.
+    def use(self, spectra, key, make):
+        """Take a spectrum from those that are known, or ``make()`` and keep it. Collective if that is.
 
         Parameters
         ----------
-        spectra : Spectra, optional
-            Keeps the spectrum, and may know it already: of the same kernel in a multiplier of this type.
+        spectra : Spectra or None
+        key : hashable
+            What tells it from others of this type, periods and layout.
+        make : callable
+            Calls `set_kernel` or `set_spectrum`.
         """
-        key = type(self), self.periods, (rows, columns), self.dtype.name, tuple(self._edges)
+        key = type(self), key, self.periods, self.dtype.name, tuple(self._edges)
         self._spectrum = None if spectra is None else spectra.known(key)
         if self._spectrum is None:
-            self.set_kernel(kernel_rows, rows, columns)
-            self.scale_spectrum(function)
+            make()
         if spectra is not None:
             spectra[key] = self._spectrum
 
@@ -237,10 +237,10 @@ class EvenMultiplier:
                     column[:, a:b] = strip_view(strips, b - a, first, last).T
                 spectrum[done + first : done + last] = transform_even(column, ny_fft)
             done += count
-        self._spectrum = spectrum
+        self._take(spectrum)
 
     def set_spectrum(self, symbol):
-        """Set the spectrum to a given function. Collective.
+        """Set the spectrum to a given function. Not collective.
 
         Parameters
         ----------
@@ -253,19 +253,20 @@ class EvenMultiplier:
         spectrum = np.empty((mine.size, rows.size), self.dtype)
         for start in range(0, mine.size, _ROWS_AT_ONCE):
             spectrum[start : start + _ROWS_AT_ONCE] = symbol(mine[start : start + _ROWS_AT_ONCE], rows)
+        self._take(spectrum)
+
+    def _take(self, spectrum):
+        """Fold in the scale of the inverse transform."""
+        spectrum *= 1.0 / (self.periods[0] * self.periods[1])
         self._spectrum = spectrum
+        vars(self).pop("_centre", None)
 
     def centre(self):
         """Entries of the operator between a cell and its eight neighbours, shape (3, 3). Collective when first used."""
-        return self._surveyed[0]
-
-    def all_positive(self):
-        """Whether all values of the spectrum are positive and finite. Collective when first used."""
-        return self._surveyed[1]
+        return self._centre
 
     @cached_property
-    def _surveyed(self):
-        """These two, by one reduction."""
+    def _centre(self):
         ny_fft, nx_fft = self.periods
         columns = np.concatenate([np.arange(g.mine.start, g.mine.stop) for g in self._groups])
         rows = np.arange(ny_fft // 2 + 1)
@@ -275,20 +276,12 @@ class EvenMultiplier:
             twice = np.where((index > 0) & (2 * index < period), 2.0, 1.0)
             return twice * np.cos(2 * np.pi * index * np.arange(2)[:, None] / period)
 
-        quarter = weights(columns, nx_fft) @ (
-            self._spectrum @ weights(rows, ny_fft).T
-        )  # [x offset, y offset]
-        extremes = self._spectrum.min(initial=1.0), self._spectrum.max(initial=1.0)
-        wrong = not (extremes[0] > 0 and np.isfinite(extremes[1]))
-        *quarter, wrong = sum_over(self.comm, [*quarter.reshape(-1), wrong])
+        in_y = self._spectrum @ weights(rows, ny_fft).T
+        quarter = np.reshape(
+            sum_over(self.comm, (weights(columns, nx_fft) @ in_y).reshape(-1)), (2, 2)
+        )  # [x, y]
         offsets = np.abs(np.arange(-1, 2))
-        return np.reshape(quarter, (2, 2)).T[np.ix_(offsets, offsets)], not wrong
-
-    def scale_spectrum(self, function):
-        """Replace the spectrum by ``function(spectrum)`` and fold in the scale of the inverse transform."""
-        vars(self).pop("_surveyed", None)
-        self._spectrum[...] = function(self._spectrum)
-        self._spectrum *= 1.0 / (self.periods[0] * self.periods[1])
+        return quarter.T[np.ix_(offsets, offsets)]
 
     def in_precision(self, dtype):
         """Return the same multiplication in another precision, with the same working storage. Not collective."""
@@ -296,6 +289,11 @@ class EvenMultiplier:
         EvenMultiplier.__init__(other, self.shape, self.periods, self.slabs, self.comm, dtype, self)
         other._spectrum = self._spectrum.astype(dtype)
         return other
+
+    @property
+    def points(self):
+        """Points transformed so far, there and back."""
+        return self.count * self.periods[0] * self.periods[1]
 
     @property
     def working_storage(self):

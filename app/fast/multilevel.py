@@ -1,0 +1,299 @@
+"""The inverse of A, continued periodically, in a tenth of the time of transforms: stencils, and a coarse grid.
+
+    B = N + P B_H P^T
+
+`N` is a stencil of 5 x 5 cells, `P` linear interpolation between cell centres, `B_H` the same again on cells twice as
+large, and on the coarsest of these grids a product by FFT; `app.fast.symbol` has what they are. It differs from the
+inverse by less than CG could notice. Contact at one edge of the patch is no neighbour of that at the other: between
+them are some cells of the coarsest grid.
+
+On several ranks a coarse row is where the first of its two fine ones is. Two rows beside a slab are exchanged, and a
+coarse one.
+"""
+
+from __future__ import annotations
+
+from functools import cache, partial
+from math import ceil
+
+import numpy as np
+from scipy.fft import next_fast_len
+
+from app.compiled import njit
+from app.fast.symbol import REACH, coarser, eigenvalues, mean_eigenvalue, stencils
+from app.halfspace.fft.lengths import lengths_with_margin
+from app.halfspace.fft.multiplier import EvenMultiplier
+from app.halfspace.grid import Slabs
+from app.halfspace.halo import Halo, Parents
+from app.halfspace.reductions import any_order
+
+_LEAST = 128  # cells in both directions from which on stencils take less time than transforms
+_SHARE = 0.6  # operations of stencil and interpolation on a cell, in those of a transform and back
+
+
+def circulant_inverse(
+    grid, compliance, slabs=None, comm=None, dtype=np.float64, workspace=None, spectra=None, margin=None
+):
+    """The inverse of A on a free patch, continued periodically.
+
+    Collective over `comm`.
+
+    Parameters
+    ----------
+    grid, compliance, slabs, comm, dtype
+        See `InfluenceOperator`.
+    workspace : EvenMultiplier, optional
+        Whose working storage may be used.
+    spectra : Spectra, optional
+        See `EvenMultiplier.use`.
+    margin : (float, float), optional
+        Shares of the extent of the patch in y and x to be added to it at least, before it is continued; more if that
+        makes quicker transforms. By levels, on all but small grids. None: as little as a length with small prime
+        factors allows, and by transforms, for it must be exact.
+
+    Returns
+    -------
+    EvenMultiplier or MultilevelInverse
+    """
+    unit = 1 / (compliance * max(grid.dx, grid.dy))
+    near = [] if margin is None else [unit * stencil for stencil in stencils(grid).near[: _levels(grid)]]
+    shape, times = grid.shape, 2 ** len(near)
+    for _ in near:
+        shape = tuple(_coarse_cells(n) for n in shape)
+    if margin is None:
+        periods = tuple(next_fast_len(n, real=True) for n in shape)
+    elif near:
+        enough = (ceil((1 + share) * n / times) for n, share in zip(grid.shape, margin, strict=True))
+        periods = tuple(next_fast_len(max(pair), real=True) for pair in zip(shape, enough, strict=True))
+    else:
+        periods = lengths_with_margin(shape, margin)
+    sides = [times * period * d for period, d in zip(periods, (grid.dy, grid.dx), strict=True)]
+
+    def symbol(columns, rows):
+        x, y = (index * 2 / (times * period) for index, period in ((columns, periods[1]), (rows, periods[0])))
+        found = eigenvalues(grid, compliance, x, y)
+        found[(x[:, None] == 0) & (y == 0)] = mean_eigenvalue(compliance, sides)
+        return coarser(1 / found, near, x, y)
+
+    def coarsest(shape, slabs):
+        inverse = EvenMultiplier(shape, periods, slabs, comm, dtype, workspace)
+        inverse.use(spectra, len(near), partial(inverse.set_spectrum, symbol))
+        return inverse
+
+    if near:
+        return MultilevelInverse(grid.shape, near, coarsest, slabs, comm, dtype)
+    return coarsest(shape, slabs)
+
+
+def _levels(grid):
+    """How many grids have a stencil."""
+    shortest = min(grid.shape)
+    return max(0, shortest.bit_length() - _LEAST.bit_length() + 1)
+
+
+def _coarse_cells(n):
+    """Of two cells each, with one before the first, and one behind the last or around it."""
+    return n // 2 + 2
+
+
+class MultilevelInverse:
+    """B on the rows of a rank.
+
+    Collective over `comm`.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the fields.
+    near : sequence of ndarray, shape (3, 3)
+        Stencils of this level and of those below, as of `Stencils`, for these cells.
+    coarsest : callable
+        ``coarsest(shape, slabs)`` makes the product on the coarsest grid.
+    slabs, comm, dtype
+        See `EvenMultiplier`.
+
+    Attributes
+    ----------
+    count : int
+        Products computed so far.
+    periods : (int, int)
+        In y and x, in cells.
+    """
+
+    def __init__(self, shape, near, coarsest, slabs=None, comm=None, dtype=np.float64):
+        self.count, self.shape, self.dtype = 0, shape, np.dtype(dtype)
+        self.slabs = slabs = slabs or Slabs(shape[0])
+        self.comm = comm = comm if comm is not None and comm.size > 1 else None
+        twice = np.where(np.arange(REACH + 1) > 0, 2.0, 1.0)
+        self._stencil = (near[0] / np.outer(twice, twice)).T.astype(dtype)  # [y, x]
+        coarse_shape = tuple(_coarse_cells(n) for n in shape)
+        coarse = slabs.surround()
+        self._next = (
+            MultilevelInverse(coarse_shape, near[1:], coarsest, coarse, comm, dtype)
+            if len(near) > 1
+            else coarsest(coarse_shape, coarse)
+        )
+        self.periods = tuple(2 * period for period in self._next.periods)
+        self._first, self._first_coarse = slabs.rows.start, coarse.rows.start
+        self._coarse = np.zeros((coarse.local, coarse_shape[1]), dtype)
+        self._halo = None if comm is None else Halo(slabs, comm, REACH, periodic=False)
+        self._parents = None if comm is None else Parents(slabs, comm)
+        self._none = np.zeros((0, shape[1]), dtype)
+        self._all = np.ones(slabs.local, bool)
+        self.flops = 62 * slabs.local * shape[1] + self._next.flops
+        _load_loops(self.dtype)
+
+    @property
+    def points(self):
+        """Points transformed so far, there and back, or what takes as many operations."""
+        return self.count * _SHARE * self.shape[0] * self.shape[1] + self._next.points
+
+    def apply(self, p, out, mask=None, rows=None):
+        """Compute out = B p.
+
+        Collective.
+
+        Parameters
+        ----------
+        p, out : ndarray of float64 or of `dtype`, shape (local rows, nx)
+            May be one.
+        mask : ndarray of bool, optional
+            Cells that are not zero in p and wanted in `out`; the others may hold anything afterwards.
+        rows : ndarray of bool, shape (local rows,), optional
+            Rows, likewise.
+        """
+        self.count += 1
+        if rows is None:
+            rows = self._all if mask is None else mask.any(axis=1)
+        before, after = self._none, self._none
+        if self._halo is not None:
+            before, after = (beside.astype(self.dtype, copy=False) for beside in self._halo(p))
+        coarse = self._coarse
+        _restrict(p, rows, before, after, self._first, self._first_coarse, coarse)
+        self._next.apply(coarse, coarse)
+        first = self._first_coarse
+        if self._parents is not None:
+            coarse, first = self._parents(coarse), self._parents.first
+        _add_near(p, rows, before, after, self._stencil, coarse, self._first, first, out)
+
+
+# Padded rows have REACH zeros at either end, so that nothing must be asked at the sides of the patch.
+
+
+@any_order
+def _copy(row, out):
+    for i in range(row.size):
+        out[i] = row[i]
+
+
+@any_order
+def _add_rows(a, b, c, d, out):
+    """1, 3, 3, 1 of them."""
+    for i in range(out.size):
+        out[i] = a[i] + d[i] + 3 * (b[i] + c[i])
+
+
+@any_order
+def _halve(row, sixteenth, out):
+    """The same of cells; `row` is padded by 3 before."""
+    for i in range(out.size):
+        k = 2 * i
+        out[i] = sixteenth * (row[k] + row[k + 3] + 3 * (row[k + 1] + row[k + 2]))
+
+
+@any_order
+def _mix(near, far, quarter, out):
+    for i in range(out.size):
+        out[i] = quarter * (3 * near[i] + far[i])
+
+
+@any_order
+def _double(row, quarter, out):
+    """Linear interpolation between the centres of coarse cells, of which the first is before the patch."""
+    for i in range(out.size // 2):
+        most = 3 * row[i + 1]
+        out[2 * i] = quarter * (most + row[i])
+        out[2 * i + 1] = quarter * (most + row[i + 2])
+
+
+@any_order
+def _in_y(rows, here, once, twice, out):
+    """A column of the stencil, in y: weights of this row, and of those once and twice removed."""
+    a, b, c, d, e = rows
+    for i in range(out.size):
+        out[i] = here * c[i] + once * (b[i] + d[i]) + twice * (a[i] + e[i])
+
+
+@any_order
+def _in_x(middle, once, twice, more, out):
+    """And in x, of padded rows."""
+    for i in range(out.size):
+        out[i] = more[i] + middle[i + 2] + (once[i + 1] + once[i + 3]) + (twice[i] + twice[i + 4])
+
+
+@njit()
+def _take_row(j, p, rows, before, after, out):
+    """Row j, counted from the first here, into the middle of `out`; whether there is one."""
+    if 0 <= j < len(p):
+        if rows[j]:
+            _copy(p[j], out)
+            return True
+    elif -len(before) <= j < 0:
+        _copy(before[len(before) + j], out)
+        return True
+    elif 0 <= j - len(p) < len(after):
+        _copy(after[j - len(p)], out)
+        return True
+    out[:] = 0
+    return False
+
+
+@njit()
+def _restrict(p, rows, before, after, first, first_coarse, coarse):
+    """coarse = P^T p; `first`: number of the first row here."""
+    width = 2 * coarse.shape[1] + 2
+    four, row = np.zeros((4, width), coarse.dtype), np.zeros(width, coarse.dtype)
+    sixteenth, nx = coarse.dtype.type(1 / 16), p.shape[1]
+    for j in range(len(coarse)):
+        some = False
+        for k in range(4):
+            some |= _take_row(
+                2 * (first_coarse + j) - 3 + k - first, p, rows, before, after, four[k, 3 : 3 + nx]
+            )
+        if some:
+            _add_rows(four[0], four[1], four[2], four[3], row)
+            _halve(row, sixteenth, coarse[j])
+        else:
+            coarse[j] = 0
+
+
+@njit()
+def _add_near(p, rows, before, after, stencil, coarse, first, first_coarse, out):
+    """out = N p + P coarse, where rows are wanted."""
+    nx, quarter = p.shape[1], coarse.dtype.type(1 / 4)
+    five, three = np.zeros((5, nx + 4), coarse.dtype), np.empty((3, nx + 4), coarse.dtype)
+    mixed, row = np.zeros(coarse.shape[1] + 1, coarse.dtype), np.zeros(nx + nx % 2, coarse.dtype)
+    for j in range(-4, len(p)):
+        _take_row(j + 2, p, rows, before, after, five[(j + 2) % 5, 2 : 2 + nx])
+        if j < 0 or not rows[j]:
+            continue
+        parent = (first + j) // 2 + 1 - first_coarse
+        far = parent + 1 if (first + j) % 2 else parent - 1
+        _mix(coarse[parent], coarse[far], quarter, mixed[:-1])
+        _double(mixed, quarter, row)
+        around = five[(j - 2) % 5], five[(j - 1) % 5], five[j % 5], five[(j + 1) % 5], five[(j + 2) % 5]
+        for k in range(3):
+            _in_y(around, stencil[0, k], stencil[1, k], stencil[2, k], three[k])
+        _in_x(three[0], three[1], three[2], row, out[j])
+
+
+@cache
+def _load_loops(dtype):
+    """Load the compiled loops now, not in the first product."""
+    low, rows, stencil = np.zeros((0, 0), dtype), np.zeros(0, bool), np.zeros((3, 3), dtype)
+    for field in {np.dtype(float): np.zeros((0, 0)), dtype: low}.values():
+        fixed = field.view()
+        fixed.flags.writeable = False
+        for p in (field, fixed):
+            _restrict(p, rows, low, low, 0, 0, low)
+            _add_near(p, rows, low, low, stencil, low, 0, 0, field)

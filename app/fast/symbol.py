@@ -1,0 +1,174 @@
+"""Eigenvalues of the circulant that stands for A, and what a stencil can say of their inverse.
+
+A patch that is continued periodically has, but for its mean, the influence matrix of `app.halfspace.periodic`, with
+``love``'s cells. In units of a cell, its eigenvalues depend on the aspect of the cell alone: all grids of a problem
+share what is found here. They are `sinc sinc / |q|`, which is that of a cell, and what its images in Fourier space
+add, which is smooth and interpolated.
+
+The inverse, about |q|, is smooth but for q = 0. So a stencil gives it for all but long waves; what is left is of long
+waves alone, and known on a grid twice as coarse; and so on:
+
+    g_0 = 1 / lambda,      g_l = n_l + 4 c^6 g_(l+1)(2 k),      c^6 = cos(kx / 2)^6 cos(ky / 2)^6,
+
+`n_l` a stencil of 5 x 5 cells, 4 c^6 what interpolation from the coarser grid and its transpose do to a wave.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from app.halfspace.grid import Grid
+from app.halfspace.periodic import influence_symbol
+
+REACH = 2  # of a stencil, cells in each direction
+_TERMS = 10  # even Chebyshev polynomials in a direction: rounding is left
+_SAMPLES = 48  # waves in a direction that a stencil is fitted to
+_LONG = 0.32  # share of the highest frequency up to which waves are long: they are left to coarser grids
+_FIT = 0.1  # by which a stencil may be wrong for the other ones
+_MOST = 4  # stencils, at most
+_STRETCHED = 16.0  # ratio of the sides of a cell from which on interpolation has too many terms
+
+
+class Stencils(NamedTuple):
+    """Of a cell with sides (aspect, 1) or (1, 1 / aspect), the longer one 1, and unit compliance."""
+
+    near: (
+        tuple  # of each level, quadrants [x, y], shape (REACH + 1, REACH + 1); those off the axes count twice
+    )
+    centre: np.ndarray  # of the whole inverse, shape (3, 3)
+
+
+def eigenvalues(grid, compliance, x, y):
+    """Eigenvalues of A, continued periodically, but for the mean.
+
+    Not collective.
+
+    Parameters
+    ----------
+    grid : Grid
+    compliance : float
+        [mm2/N].
+    x, y : ndarray
+        Wave numbers in x and y over the highest ones, pi / dx and pi / dy, 0 to 1.
+
+    Returns
+    -------
+    ndarray, shape (x, y), [mm / (N/mm2)]
+        Infinite for a wave number 0 in both.
+    """
+    side = max(grid.dx, grid.dy)
+    return 2 * np.pi * compliance * side * _eigenvalues(grid.dx / side, grid.dy / side, x, y)
+
+
+def mean_eigenvalue(compliance, lengths):
+    """What pressure 1 on a box without images displaces its middle by; `lengths` in y and x. Not collective."""
+    b, a = (length / 2 for length in lengths)
+    return 4 * compliance * (a * np.arcsinh(b / a) + b * np.arcsinh(a / b))
+
+
+def _eigenvalues(dx, dy, x, y):
+    if max(dx, dy) > _STRETCHED * min(dx, dy):
+        found = _directly(dx, dy, x, y)
+        found[(x[:, None] == 0) & (y == 0)] = np.inf
+        return found
+    terms = _smooth_part(dx, dy)
+    in_x, in_y = (
+        chebyshev.chebvander(t, 2 * n - 2)[:, ::2] for t, n in zip((x, y), terms.shape, strict=True)
+    )
+    return _of_cell(dx, dy, x, y) + in_x @ terms @ in_y.T
+
+
+def _of_cell(dx, dy, x, y):
+    q = np.pi * np.hypot(x[:, None] / dx, y / dy)
+    cell = np.sinc(x / 2)[:, None] * np.sinc(y / 2)
+    return np.divide(cell, q, out=np.full_like(q, np.inf), where=q > 0)
+
+
+def _directly(dx, dy, x, y):
+    two = Grid(2, 2, dx, dy, periodic="love")  # whose wave numbers are pi / d times "frequencies"
+    return influence_symbol(two, 1 / (2 * np.pi), x, y)
+
+
+@lru_cache(maxsize=16)
+def _smooth_part(dx, dy):
+    """Coefficients [x, y] of even Chebyshev polynomials for what images in Fourier space add."""
+    counts = [int(np.ceil(_TERMS * max(1.0, ratio))) for ratio in (dy / dx, dx / dy)]
+    x, y = (np.cos(np.pi * (np.arange(n) + 0.5) / (2 * n)) for n in counts)
+    values = _directly(dx, dy, x, y) - _of_cell(dx, dy, x, y)
+    in_x, in_y = (
+        chebyshev.chebvander(t, 2 * n - 2)[:, ::2].T * np.where(np.arange(n) > 0, 2.0, 1.0)[:, None] / n
+        for t, n in zip((x, y), counts, strict=True)
+    )
+    return in_x @ values @ in_y.T
+
+
+def stencils(grid):
+    """Fit the stencils of all levels on which they say enough. Not collective.
+
+    Returns
+    -------
+    Stencils
+    """
+    side = max(grid.dx, grid.dy)
+    return _stencils(grid.dx / side, grid.dy / side)
+
+
+@lru_cache(maxsize=16)
+def _stencils(dx, dy):
+    t = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+    inverse = 1 / (2 * np.pi * _eigenvalues(dx, dy, t, t))  # [x, y]
+    quarter = _cosines(t, 2).T @ inverse @ _cosines(t, 2) / _SAMPLES**2
+    centre = quarter[np.ix_((1, 0, 1), (1, 0, 1))].T
+    short = np.hypot(t[:, None], t) > _LONG
+    near = []
+    for level in range(_MOST):
+        waves = t / 2**level
+        inverse = 1 / (2 * np.pi * _eigenvalues(dx, dy, waves, waves))
+        wanted = coarser(inverse, near, waves, waves)
+        weight = np.where(short, 1.0, 1e-3) / inverse
+        shapes = np.einsum("ia,jb->ijab", _cosines(t, REACH + 1), _cosines(t, REACH + 1))
+        system = (weight[..., None, None] * shapes).reshape(t.size**2, -1)
+        stencil, *_ = np.linalg.lstsq(system, (weight * wanted).reshape(-1), rcond=None)
+        stencil = stencil.reshape(REACH + 1, REACH + 1)
+        wrong = (wanted - spectrum_of(stencil, t, t)) / inverse
+        if not np.abs(wrong[(t[:, None] > 0.5) | (t > 0.5)]).max() < _FIT:
+            break
+        near.append(stencil)
+    return Stencils(tuple(near), centre)
+
+
+def spectrum_of(stencil, x, y):
+    """Eigenvalues, shape (x, y), of a quadrant [x, y] of an even stencil whose sides count twice. Not collective."""
+    return _cosines(x, len(stencil)) @ stencil @ _cosines(y, len(stencil)).T
+
+
+def coarser(inverse, near, x, y):
+    """What is left of g_0 on a coarser grid, if those before it have stencils. Not collective.
+
+    Parameters
+    ----------
+    inverse : ndarray, shape (x, y)
+        g_0.
+    near : sequence of ndarray
+        n_0, n_1, ...; in units of g_0.
+    x, y : ndarray
+        Wave numbers over the highest ones of the finest grid.
+
+    Returns
+    -------
+    ndarray, shape (x, y)
+    """
+    left = inverse
+    for level, stencil in enumerate(near):
+        a, b = x * 2**level, y * 2**level
+        passed = np.cos(np.pi / 2 * a[:, None]) ** 6 * np.cos(np.pi / 2 * b) ** 6
+        left = (left - spectrum_of(stencil, a, b)) / (4 * passed)
+    return left
+
+
+def _cosines(t, count):
+    return np.cos(np.pi * t[:, None] * np.arange(count))

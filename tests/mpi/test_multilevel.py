@@ -1,0 +1,32 @@
+"""The inverse by levels on several ranks against one."""
+
+import numpy as np
+import pytest
+
+from app.fast.multilevel import circulant_inverse
+from app.halfspace.grid import Grid, Slabs
+
+SHAPES = [(128, 140), (257, 150), (150, 129)]
+
+
+@pytest.mark.mpi(2, 3, 4)
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("layout", ["even", "thin", "nothing at the ends"])
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_each_rank_finds_its_rows(comm, shape, layout, dtype):
+    ny, nx = shape
+    starts = {
+        "even": Slabs(ny, comm.size).starts,
+        "thin": [0, *(2 * rank + 1 for rank in range(comm.size - 1)), ny],  # of odd rows, of one and two
+        "nothing at the ends": [0, 0, *[ny] * (comm.size - 1)],
+    }[layout]
+    slabs = Slabs.starting(starts, comm.rank)
+    grid = Grid(nx, ny, 0.1, 0.12)
+    alone = circulant_inverse(grid, 1.0, dtype=dtype, margin=(0.01, 0.01))
+    here = circulant_inverse(grid, 1.0, slabs, comm, dtype, margin=(0.01, 0.01))
+    field = np.random.default_rng(1).normal(size=shape)
+    expected, found = np.empty(shape), field[slabs.rows].copy()
+    alone.apply(field, expected)
+    here.apply(found, found)
+    tolerance = 10 * np.finfo(dtype).eps * abs(expected).max()
+    np.testing.assert_allclose(found, expected[slabs.rows], rtol=0, atol=tolerance)
