@@ -60,7 +60,6 @@ METHOD_OPTIONS = [
 # Read by the preconditioners themselves, as -pc_* are.
 PART_OPTIONS = [
     Option("pc_circulant_extend", _cells, 0, "Circulant: cells by which the residual is extended over the rim"),
-    Option("pc_circulant_margin", _share, 0.0, "Circulant: share of the patch left free before it is continued"),
     Option("pc_two_grid_sweeps", count, 3, "TwoGrid: sweeps before and after the coarser grid, at most 50"),
 ]  # fmt: skip
 _GONE = {

@@ -5,8 +5,9 @@ On each grid, from the coarsest to the target (`nested`):
 1. *Start.* Pressure and contact set come from the coarser grid by `lift`; the grid is worked on in a window around
    contact (`windows`). The coarsest grid is solved directly.
 2. *Sets.* `iteration` repeats the steps of Sec. 4.1, each set solved a little by conjugate gradients that carry the
-   displacement along (`tracking_cg`), with the inverse of a circulant matrix as preconditioner (`circulant`) that
-   continues the residual over the rim of contact (`rim`). The predictor lets cells in by the displacement to come.
+   displacement along (`tracking_cg`). Preconditioner is the inverse of A, continued periodically (`circulant`), by
+   stencils on several grids (`multilevel`), of the residual continued over the rim of contact (`rim`). The predictor
+   lets cells in by the displacement to come.
 3. *Enough.* A coarse grid is left as soon as its residual is small against h on C. The target grid is left by one
    product in double precision on all cells; it decides (5.1), and with it the certificate must hold.
 4. *Load.* A prescribed load moves the approach along the way (`app.contact.loading`).
@@ -17,14 +18,13 @@ punches, self-affine surfaces from 1% to 99% contact), operator applications by 
 beyond counts. docs/performance.md has them by load, too, and what happens if a constant is halved or doubled.
 
 ===================  ==========================  ==============================================================
-device               off by                      applications without it, of 20.8 with all
+device               off by                      applications without it, of 20.1 with all
 ===================  ==========================  ==============================================================
-lift                 -lcp_prolongation copy      26.7
-predictor            -lcp_predictor 0            22.7
-rim extension        -pc_circulant_extend 0      27.3 (and no predictor)
-margin of circulant  -pc_circulant_margin 0      23.6; most on rough surfaces that touch all over
-loose coarse grids   -lcp_coarse_rtol 1e-6       23.5
-windows              -lcp_window 0               23.1; most where contact is small in its patch
-single precision     -lcp_precision double       20.8; half the time of a product
+lift                 -lcp_prolongation copy      25.3
+predictor            -lcp_predictor 0            21.5
+rim extension        -pc_circulant_extend 0      25.5 (and no predictor)
+loose coarse grids   -lcp_coarse_rtol 1e-6       22.2
+windows              -lcp_window 0               21.9; most where contact is small in its patch
+single precision     -lcp_precision double       20.0; half the time of a product
 ===================  ==========================  ==============================================================
 """

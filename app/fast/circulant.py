@@ -43,20 +43,20 @@ def _periodic_inverse(grid, compliance, slabs, comm, dtype, workspace, spectra):
     return inverse
 
 
-def circulant_of(operator, margin=None):
-    """B on the grid of an `InfluenceOperator`, made when first asked for. Collective.
+def circulant_of(operator, exact=True):
+    """B on the grid of an `InfluenceOperator`, made when first asked for; `exact`: see `circulant_inverse`. Collective.
 
-    `margin`: see `circulant_inverse`; a periodic patch has none.
+    On a periodic patch it is exact.
     """
     if not operator.active:
         return operator.product
     known, periodic = operator.circulants, operator.grid.periodic
-    margin = None if periodic else margin
-    if margin not in known:
+    kind = "exact" if exact or periodic else "apart"
+    if kind not in known:
         place = operator.grid, operator.compliance, operator.slabs, operator.comm, operator.dtype
-        make = _periodic_inverse if periodic else partial(circulant_inverse, margin=margin)
-        known[margin] = make(*place, workspace=operator.storage_of_product, spectra=operator.spectra)
-    return known[margin]
+        make = _periodic_inverse if periodic else partial(circulant_inverse, exact=exact)
+        known[kind] = make(*place, workspace=operator.storage_of_product, spectra=operator.spectra)
+    return known[kind]
 
 
 @njit()
@@ -88,10 +88,7 @@ class Circulant:
     B takes the residual for zero outside the contact set, which it is not; E extends it over the rim by k Jacobi steps
     with the 3 x 3 centre of B (see `extension`).
 
-    Options: ``-pc_circulant_extend k`` (default 0: E = 1), ``-pc_circulant_margin m``: period of B over the extent of
-    the patch, less 1, at least (default 0). Without a margin contact at one edge of the patch is the neighbour of that
-    at the other, as it should be on a periodic patch, which has none. Some cells between them are enough, and a
-    window that is narrower than its patch has none to be kept apart.
+    Option: ``-pc_circulant_extend k`` (default 0: E = 1).
     """
 
     operator = None
@@ -103,20 +100,13 @@ class Circulant:
             return
         self.operator = operator
         options = PETSc.Options(pc.getOptionsPrefix())
-        margin, steps = options.getReal("pc_circulant_margin", 0.0), options.getInt("pc_circulant_extend", 0)
-        if not 0 <= margin <= 1:
-            raise ValueError(f"-pc_circulant_margin {margin:g}: allowed: 0 to 1")
-        periodic = bool(operator.grid.periodic)
-        margins = tuple(0.0 if narrower else margin for narrower in operator.narrower)
-        self.multiplier = circulant_of(operator, margins)
-        self.extension = None
-        if steps:
-            workspace = getattr(operator.product, "working_storage", None)
-            self.extension = RimExtension(
-                operator.local_shape, operator.slabs, operator.comm, steps, periodic, workspace
-            )
-            centre = self.multiplier.centre() if periodic else stencils(operator.grid).centre
-            self.extension.set_stencil(centre)
+        steps, periodic = options.getInt("pc_circulant_extend", 0), bool(operator.grid.periodic)
+        self.multiplier = circulant_of(operator, exact=False)
+        workspace = getattr(operator.product, "working_storage", None)
+        self.extension = RimExtension(
+            operator.local_shape, operator.slabs, operator.comm, steps, periodic, workspace
+        )
+        self.extension.set_stencil(self.multiplier.centre() if periodic else stencils(operator.grid).centre)
         self._contact, self._listed = -1, None  # number of the set that the extension knows, and its cells
         # Load the compiled loops now.
         for dtype in {np.dtype(np.float64), operator.dtype}:
@@ -143,9 +133,6 @@ class Circulant:
         """
         with _event:
             PETSc.Log.logFlops(self.multiplier.flops)
-            if self.extension is None:
-                self.multiplier.apply(r, z, self.operator.mask)
-                return
             if z is not r:
                 z[...] = r
             self.extend(z)
@@ -154,8 +141,6 @@ class Circulant:
 
     def extend(self, r):
         """Continue a residual that is zero outside C over the rim, in place. Collective."""
-        if self.extension is None:
-            return
         if self._contact != self.operator.contact_number:
             self._list()
         self.extension.extend(r)
@@ -175,7 +160,7 @@ class Circulant:
         """Describe the preconditioner for -ksp_view."""
         if viewer.getType() == PETSc.Viewer.Type.ASCII:
             ny, nx = self.multiplier.periods
-            steps = self.extension.steps if self.extension else 0
+            steps = self.extension.steps
             viewer.printfASCII(
                 f"  inverse of A continued periodically, periods {nx} x {ny}, extended by {steps} cells\n"
             )

@@ -14,14 +14,13 @@ coarse one.
 from __future__ import annotations
 
 from functools import cache, partial
-from math import ceil
 
 import numpy as np
 from scipy.fft import next_fast_len
 
 from app.compiled import njit
 from app.fast.symbol import REACH, coarser, eigenvalues, mean_eigenvalue, stencils
-from app.halfspace.fft.lengths import lengths_with_margin
+from app.halfspace.fft.lengths import quick_length
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Slabs
 from app.halfspace.halo import Halo, Parents
@@ -32,7 +31,7 @@ _SHARE = 0.6  # operations of stencil and interpolation on a cell, in those of a
 
 
 def circulant_inverse(
-    grid, compliance, slabs=None, comm=None, dtype=np.float64, workspace=None, spectra=None, margin=None
+    grid, compliance, slabs=None, comm=None, dtype=np.float64, workspace=None, spectra=None, exact=True
 ):
     """The inverse of A on a free patch, continued periodically.
 
@@ -46,27 +45,22 @@ def circulant_inverse(
         Whose working storage may be used.
     spectra : Spectra, optional
         See `EvenMultiplier.use`.
-    margin : (float, float), optional
-        Shares of the extent of the patch in y and x to be added to it at least, before it is continued; more if that
-        makes quicker transforms. By levels, on all but small grids. None: as little as a length with small prime
-        factors allows, and by transforms, for it must be exact.
+    exact : bool
+        By transforms, and with as few free cells before the continuation as a length with small prime factors allows.
+        Else with some, so that contact at one edge is no neighbour of that at the other, and by levels but for small
+        grids.
 
     Returns
     -------
     EvenMultiplier or MultilevelInverse
     """
     unit = 1 / (compliance * max(grid.dx, grid.dy))
-    near = [] if margin is None else [unit * stencil for stencil in stencils(grid).near[: _levels(grid)]]
+    near = [] if exact else [unit * stencil for stencil in stencils(grid).near[: _levels(grid)]]
     shape, times = grid.shape, 2 ** len(near)
     for _ in near:
         shape = tuple(_coarse_cells(n) for n in shape)
-    if margin is None:
-        periods = tuple(next_fast_len(n, real=True) for n in shape)
-    elif near:
-        enough = (ceil((1 + share) * n / times) for n, share in zip(grid.shape, margin, strict=True))
-        periods = tuple(next_fast_len(max(pair), real=True) for pair in zip(shape, enough, strict=True))
-    else:
-        periods = lengths_with_margin(shape, margin)
+    apart = not exact and not near
+    periods = tuple(quick_length(n + 1) if apart else next_fast_len(n, real=True) for n in shape)
     sides = [times * period * d for period, d in zip(periods, (grid.dy, grid.dx), strict=True)]
 
     def symbol(columns, rows):

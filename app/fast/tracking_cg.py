@@ -144,12 +144,11 @@ def _warm_up(dtype):
     field, mask, spans = np.zeros((0, 0)), np.zeros((0, 0), bool), np.zeros((0, 2), np.int64)
     low, fixed = field.astype(dtype), field.view()
     fixed.flags.writeable = False
-    _first_residual(fixed, field, mask, spans, field)
-    for z in {dtype: low, field.dtype: field}.values():
-        _dot(field, z, mask, spans)
-        _direction(low, z, dtype.type(0), mask, spans)
-    _dots(low, low, field, mask, spans)
-    _advance(field, field, field, low, low, mask, spans, 0.0)
+    _first_residual(fixed, field, mask, spans, low)
+    _dot(low, low, mask, spans)
+    _direction(low, low, dtype.type(0), mask, spans)
+    _dots(low, low, low, mask, spans)
+    _advance(field, low, field, low, low, mask, spans, 0.0)
     add(field, 0.0, low)
 
 
@@ -223,13 +222,9 @@ class TrackingCG(KspContext):
     def solve(self, ksp, b, x):
         """Improve x."""
         operator = self._operator
-        if self._r is None:
-            self._r = np.zeros(operator.local_shape)
-            self._residual = PETSc.Vec().createWithArray(self._r.reshape(-1), comm=operator.petsc_comm)
-        residual = self._residual
+        precondition, z = self._preconditioner(ksp.getPC())
         contact, spans, u = operator.mask, self._spans, self.displacement
         r, d, q = self._r, self.direction, self.product
-        precondition, z = self._preconditioner(ksp.getPC())
         u = np.empty((0, r.shape[1])) if u is None else u
         norm = self._first_residual(ksp, b, x)
         d[...] = 0  # outside the new spans too
@@ -249,7 +244,8 @@ class TrackingCG(KspContext):
             alpha = rd / dq
             with x as solution:
                 here = _advance(solution.reshape(r.shape), r, u, d, q, contact, spans, alpha)
-            residual.stateIncrease()
+            if self._residual is not None:
+                self._residual.stateIncrease()
             squares += alpha * (alpha * qq - 2 * qr)  # exactly, but for cancellation
             if not squares > _DIGITS * summed:
                 summed = squares = self._sum([here])[0]
@@ -261,14 +257,19 @@ class TrackingCG(KspContext):
         ksp.setConvergedReason(reason or PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
 
     def _preconditioner(self, pc):
-        """What computes z from r, and z: in the operator's precision, if the PC has `precondition` for it."""
+        """Make r; what computes z from it, and z: in the operator's precision, if the PC has `precondition` for it."""
         context = pc.getPythonContext() if pc.getType() == "python" else None
-        if hasattr(context, "precondition"):
+        known = hasattr(context, "precondition")
+        if self._r is None:
+            self._r = np.zeros(self._operator.local_shape, self._operator.dtype if known else float)
+        if known:
             return partial(context.precondition, self._r, self.product), self.product
+        if self._residual is None:
+            self._residual = PETSc.Vec().createWithArray(self._r.reshape(-1), comm=self._operator.petsc_comm)
         return partial(pc.apply, self._residual, self._preconditioned), self.work
 
     def _first_residual(self, ksp, b, x):
-        u, residual, product = self.displacement, self._residual, self._preconditioned
+        u, product = self.displacement, self._preconditioned
         if u is None:
             if ksp.getInitialGuessNonzero():
                 ksp.getOperators()[0].mult(x, product)
@@ -277,7 +278,8 @@ class TrackingCG(KspContext):
                 product.set(0)
             u = self.work
         squares = _first_residual(self._read(b), u, self._operator.mask, self._spans, self._r)
-        residual.stateIncrease()
+        if self._residual is not None:
+            self._residual.stateIncrease()
         known, self.first_norm = self.first_norm, None
         return sqrt(self._sum([squares])[0]) if known is None else known
 

@@ -163,7 +163,6 @@ class Stage:
         if level is hierarchy.target:
             self._verification = VerificationProduct(level, self._scatter, slabs)
         fine = self._kept.window((self._number, "fine"), grid, slabs, few, self._verification)
-        fine.narrower = grid.ny < level.grid.ny, grid.nx < level.grid.nx
         below = self._kept.window(
             (self._number, "below"), coarse_window.grid(coarse_grid), slabs.coarsen(factors[0]), few
         )

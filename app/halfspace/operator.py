@@ -56,8 +56,6 @@ class InfluenceOperator:
     ----------
     active : bool
         Whether this rank is one of those that share the rows.
-    narrower : (bool, bool)
-        Whether the grid is narrower in y, and in x, than one that it is a window of, around contact.
     mask : ndarray of bool, shape (local rows, nx)
         The contact set C. Change it in place and then call `mask_changed`.
     contact_number : int
@@ -94,7 +92,7 @@ class InfluenceOperator:
         self.mask = np.zeros(self.local_shape, bool)
         self.products = self.sweeps = 0
         self._spent = 0.0  # products of objects that are gone
-        self.contact_number, self.narrower = 0, (False, False)
+        self.contact_number = 0
         self._energy = None, None  # of a contact set, by its number
         self._relaxation = None
 

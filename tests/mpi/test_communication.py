@@ -53,9 +53,10 @@ def test_first_ranks_have_a_communicator_and_others_do_not(comm):
 
 
 @pytest.mark.mpi(2, 3)
-def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(comm):
-    """And two exchanges of rows with neighbours for the extension over the rim."""
-    hierarchy = Hierarchy(hertz(48).grid, 1.0, comm, cells_per_rank=10**6)
+@pytest.mark.parametrize(("n", "levels"), [(48, 0), (192, 1), (264, 2)])
+def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(comm, n, levels):
+    """And two exchanges of rows with neighbours for the extension over the rim, two for each level with a stencil."""
+    hierarchy = Hierarchy(hertz(n).grid, 1.0, comm, cells_per_rank=10**6)
     operator, traffic = hierarchy.target, hierarchy.comm.traffic
     counts = {}
     options = {
@@ -85,7 +86,7 @@ def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(c
     neighbours = 2 - (comm.rank == 0) - (comm.rank == comm.size - 1)
     assert step.small_collectives == 2 * 2
     assert step.all_to_alls == 2 * 4
-    assert step.messages == 2 * (4 * (comm.size - 1) + 2 * neighbours)
+    assert step.messages == 2 * (4 * (comm.size - 1) + (2 + 2 * levels) * neighbours)
     hierarchy.destroy()
 
 

@@ -22,8 +22,8 @@ def test_each_rank_finds_its_rows(comm, shape, layout, dtype):
     }[layout]
     slabs = Slabs.starting(starts, comm.rank)
     grid = Grid(nx, ny, 0.1, 0.12)
-    alone = circulant_inverse(grid, 1.0, dtype=dtype, margin=(0.01, 0.01))
-    here = circulant_inverse(grid, 1.0, slabs, comm, dtype, margin=(0.01, 0.01))
+    alone = circulant_inverse(grid, 1.0, dtype=dtype, exact=False)
+    here = circulant_inverse(grid, 1.0, slabs, comm, dtype, exact=False)
     field = np.random.default_rng(1).normal(size=shape)
     expected, found = np.empty(shape), field[slabs.rows].copy()
     alone.apply(field, expected)

@@ -177,7 +177,7 @@ def test_what_is_allowed_is_the_reason(kind, meaning, text, allowed):
     ("method", "name"),
     [
         (None, "ksp_rtol"),
-        (None, "pc_circulant_margin"),
+        (None, "pc_circulant_extend"),
         (None, "pc_python_type"),
         ("norm", "ksp_max_it"),
         ("fmg_v11", "mg_levels_ksp_max_it"),
