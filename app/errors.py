@@ -13,9 +13,19 @@ class PackageMissing(ModuleNotFoundError, InputError):
     """There is no petsc4py or no h5py; the message says how to get it."""
 
 
+class FailedElsewhere(RuntimeError):
+    """Another rank has met a mistake of the program; the message says which."""
+
+
 def one_line(error):
     """Text of an exception on one line; its type if it says nothing. Not collective."""
     return " ".join(str(error).split()) or type(error).__name__
+
+
+def described(error):
+    """Type and text of an exception on one line. Not collective."""
+    name, text = type(error).__name__, one_line(error)
+    return name if text == name else f"{name}: {text}"
 
 
 def agree(comm, function, *args, only_root=False):
@@ -37,7 +47,7 @@ def agree(comm, function, *args, only_root=False):
     except (ValueError, OSError, MemoryError) as error:
         complaint = one_line(error)
     except Exception as error:
-        mistake, complaint = error, (type(error).__name__, one_line(error))
+        mistake, complaint = error, (described(error),)
     if only_root:
         result, complaint = comm.bcast((result, complaint))
         complaints = [complaint]
@@ -47,7 +57,7 @@ def agree(comm, function, *args, only_root=False):
         raise mistake
     for told in complaints:
         if isinstance(told, tuple):
-            raise RuntimeError("on another rank: " + ": ".join(told))
+            raise FailedElsewhere(f"on another rank: {told[0]}")
     if complaints.count(None) == len(complaints):
         return result
     hosts = comm.allgather(socket.gethostname())

@@ -50,7 +50,6 @@ def _library():
         "PetscOptionsPop": [],
         "PetscOptionsSetValue": [_Handle, _Text, _Text],
         "PetscOptionsClearValue": [_Handle, _Text],
-        "PetscOptionsInsertString": [_Handle, _Text],
         "PetscOptionsInsertStringYAML": [_Handle, _Text],
         "PetscOptionsSetAlias": [_Handle, _Text, _Text],
         "PetscOptionsHelpPrintedCreate": [ctypes.POINTER(_Handle)],
@@ -74,8 +73,9 @@ def _call(name, *arguments):
 @atexit.register
 def _forget_last_exception():
     """Free what the frames of an exception that nobody caught hold: once Python is gone PETSc would call into it."""
-    error = getattr(sys, "last_value", None)
-    while error is not None:
+    error, seen = getattr(sys, "last_value", None), set()
+    while error is not None and id(error) not in seen:  # what `as_raised` raises goes round
+        seen.add(id(error))
         traceback.clear_frames(error.__traceback__)
         error = error.__cause__ or error.__context__
     with suppress(AttributeError):  # a petsc4py that frees at once
@@ -145,7 +145,8 @@ class OptionDatabase:
         PETSc.Error
             If it cannot.
         """
-        _call("PetscOptionsInsertString", self._handle, text.encode())
+        with self.active() as options:  # by petsc4py, which knows what PETSc complains of
+            options.insertString(text)
 
     def insert_yaml(self, text):
         """Let PETSc read options from a text in YAML; raises as `insert` does."""

@@ -23,6 +23,7 @@ from dataclasses import replace
 import numpy as np
 from mpi4py import MPI
 
+from app import ending
 from app import method as methods
 from app.analytic import analytic_values, theories
 from app.contact import measures
@@ -137,7 +138,7 @@ class ContactSolver:
         self._resources, self._distances = Resources(), []
         self._finalizer = weakref.finalize(self, one_at_a_time(self._resources.free))
         self.problem, self.listeners = problem, list(listeners)
-        self._outer_comm = MPI.COMM_WORLD if comm is None else comm
+        self._outer_comm = ending.share(MPI.COMM_WORLD if comm is None else comm)
         self.comm = self._resources.comm = Communicator(self._outer_comm.Dup())
         self.hierarchy = self._solver = None
         grid = problem.grid
@@ -145,8 +146,7 @@ class ContactSolver:
             self.settings = chosen = agree(self.comm, choose, grid, method, texts)
             # Processors may round differently.
             sizes = [f"{size:.6g}" for size in (grid.dx, grid.dy, problem.material.compliance)]
-            alike = grid.shape, grid.periodic, sizes, chosen
-            check_alike(self.comm, alike, "grid, material or options")
+            check_alike(self.comm, (grid.shape, grid.periodic, sizes, chosen), "grid, material or options")
             self._team = team_for(self.comm, grid, chosen)
             self._resources.add(self._team)
             self.settings, self.touching = self._team.told(self._prepare)
@@ -255,6 +255,7 @@ class ContactSolver:
         """
         self._refuse_if_closed()
         given = {"approach": approach, "load": load, "mean_pressure": mean_pressure, "mean_gap": mean_gap}
+        ending.share(self._outer_comm)
         check_alike(self.comm, given, "loading")
         solution = self._team.told(self._solve, given, start, summary=Solution.without_rows)
         if solution.comm is not self._outer_comm:  # the summary

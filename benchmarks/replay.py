@@ -33,7 +33,8 @@ from app.fast import nested
 from app.fast.multilevel import MultilevelInverse
 from app.fast.windows import VerificationProduct
 from app.halfspace import communication
-from app.halfspace.communication import Communicator, Fetch, Ranks, Traffic, worth_solving
+from app.halfspace.communication import Communicator, Ranks, Traffic, worth_solving
+from app.halfspace.fetch import Fetch
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.fft.transpose import ColumnGroup, deal_columns
 from app.halfspace.grid import Slabs

@@ -17,13 +17,11 @@ import shlex
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from app.commands.option_text import OPTION_FILES, bare, is_option, look_into, look_over_yaml
 from app.errors import InputError
-from app.options import ALIASES, FILES, option_file, renaming
+from app.options import ALIASES, option_file, renaming
 
-OPTION_FILES = ("-options_file", "-options_file_yaml")
 COMMAND_LINE = "on the command line"
-OWN = sorted(path.stem for path in FILES.glob("*.opts"))
-LARGEST_FILE = 1 << 24  # bytes of an option file
 
 # PETSc's options that are none of a solver's: most of them must be there when PETSc starts ...
 _OF_PETSC = re.compile(
@@ -168,9 +166,9 @@ def for_the_start(argv, environment):
     """
     chosen, pairs = [], _environment_pairs(environment) + _pairs(argv[1:])
     for name, text in pairs:
-        if len(pairs) == 1 and _name(name) == "help":
+        if len(pairs) == 1 and bare(name) == "help":
             continue  # our own is help enough; beside a problem PETSc tells the options of what it uses
-        if _OF_PETSC.fullmatch(_name(name)):
+        if _OF_PETSC.fullmatch(bare(name)):
             chosen += [name] if text is None else [name, text]
     # A debug build would tell of unused options in the end; those of the solvers are looked after by `app.solver`.
     return [*argv[:1], "-options_left", "no", *chosen, "-skip_petscrc"]
@@ -227,6 +225,8 @@ class _Reader:
                     own = []
                 self._file(name, text, ())
             else:
+                if name.lower() == "-options_string_yaml":
+                    look_over_yaml(text or "", description)
                 own.append((name, text))
             self._steps.append((name, text, description))
         self._words(own, description)
@@ -239,17 +239,17 @@ class _Reader:
     def _file(self, flag, path, inside):
         """Take an option file, after those it includes."""
         path = os.path.expandvars(path)
-        identity, mentioned, nested = _look_into(path, inside)
+        looked = look_into(flag, path, inside)
         before = len(self._places)
-        for inner_flag, inner in nested:
-            self._file(inner_flag, inner, (*inside, identity))
+        for inner_flag, inner in looked.nested:
+            self._file(inner_flag, inner, (*inside, looked.identity))
         included = set().union(*(place.names for place in self._places[before:]))
         texts = _read([(flag, path)], f"option file {path}")
-        own = {name: text for name, text in texts.items() if name not in included - mentioned}
+        own = {name: text for name, text in texts.items() if name not in included - looked.mentioned}
         place = Place(f"in {path}", own, path)
         _refuse_what_is_too_late(place)
         self._places.append(place)
-        self._files.append(identity)
+        self._files.append(looked.identity)
 
     def given(self):
         """Return what was found."""
@@ -307,53 +307,6 @@ def _read(steps, description="", aliases=()):
     return found
 
 
-def _look_into(path, inside):
-    """Look for option files that an option file includes, before PETSc follows them.
-
-    Returns
-    -------
-    identity : str
-        Of the file.
-    mentioned : set of str
-        Options that stand in the file itself.
-    nested : list of (str, str)
-        Flags and names of included files.
-    """
-    by = f" (included by {inside[-1]})" if inside else ""
-    file = Path(path.removesuffix(":yaml"))
-    try:
-        if file.exists() and not (file.is_file() or file.is_dir()):
-            raise InputError(f"option file {path}{by}: is not a regular file")
-        if file.is_file() and file.stat().st_size > LARGEST_FILE:
-            raise InputError(f"option file {path}{by}: is larger than {LARGEST_FILE >> 20} MiB")
-        content = file.read_text(encoding="utf-8")
-        identity = str(file.resolve())
-    except (OSError, RuntimeError) as error:
-        own = f"; the program's own: {', '.join(OWN)}" if isinstance(error, FileNotFoundError) else ""
-        raise InputError(
-            f"option file {path}{by}: {getattr(error, 'strerror', None) or error}{own}"
-        ) from None
-    except UnicodeDecodeError:
-        raise InputError(f"option file {path}{by}: is not a text file") from None
-    if identity in inside:
-        raise InputError(f"option file {path}: includes itself{by}")
-    mentioned, nested = set(), []
-    for number, line in enumerate(content.splitlines(), 1):
-        words = line.partition("#")[0].split()
-        if not words or not _is_option(words[0]):
-            continue
-        text = line.partition("#")[0]
-        if text.count('"') % 2 and any(word.startswith('"') for word in words):
-            raise InputError(f"option file {path}, line {number}: {line.strip()}: a quote is not closed")
-        mentioned.add(_name(words[0]))
-        if words[0].lower() in OPTION_FILES:
-            name = text.strip()[len(words[0]) :].strip().strip('"')
-            if not name:
-                raise InputError(f"option file {path}, line {number}: {words[0]}: a file name must follow")
-            nested.append((words[0], name))
-    return identity, mentioned, nested
-
-
 def _refuse_what_is_too_late(place):
     for name in sorted(place.names):
         if _OF_PETSC.fullmatch(name) and not _LATER.fullmatch(name):
@@ -385,10 +338,10 @@ def _pairs(words):
             word.encode()
         except UnicodeEncodeError:
             raise InputError(f"{word!a}: is not UTF-8 text") from None
-        if re.match(r"-{0,2}[A-Za-z]\w*=", word) and (_is_option(word) or not open_for_a_value):
+        if re.match(r"-{0,2}[A-Za-z]\w*=", word) and (is_option(word) or not open_for_a_value):
             name, text = word.split("=", 1)
             raise InputError(f"{word}: needed: -{name.lstrip('-')} {text}")
-        if _is_option(word):
+        if is_option(word):
             pairs.append((word, None))
             open_for_a_value = word.lower() != "-prefix_pop"
         elif open_for_a_value:
@@ -397,13 +350,3 @@ def _pairs(words):
         else:
             raise InputError(f"{word}: neither an option nor the value of one")
     return pairs
-
-
-def _is_option(word):
-    """Whether PETSc takes a word for an option, not for a value: -inf is a number."""
-    number = re.match(r"-(inf(inity)?|nan)(?![a-z0-9_])", word, re.IGNORECASE)
-    return re.match("--?[A-Za-z]", word) is not None and not number
-
-
-def _name(word):
-    return word.removeprefix("-").lower()

@@ -1,7 +1,8 @@
 """Start-up of a command on all ranks, and the one way to end it.
 
 ``run(main)`` reads the options, starts PETSc, calls `main` and turns what happens into an exit status: 0 done, 2 bad
-input (one line on standard error, from one rank), 3 not converged, 130 interrupted, 1 anything unexpected (traceback).
+input (one line on standard error, from one rank), 3 not converged, 130 interrupted, 1 anything unexpected (a line after
+its traceback, with the rank if it is not the same on all).
 Whatever happens on whatever ranks, all of them end.
 """
 
@@ -15,16 +16,13 @@ import socket
 import sys
 import tempfile
 import threading
-import time
 import traceback
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 
 from app import __version__
 from app.commands import streams
-from app.errors import InputError, agree, one_line
-
-PATIENCE = 3.0  # s; of a rank that has met an error, until it believes that the others have not
+from app.errors import FailedElsewhere, InputError, agree, described, one_line
 
 
 def start(argv):
@@ -44,9 +42,11 @@ def start(argv):
         sys.path.append("")  # where users have parts of their own; behind ours, whatever a folder holds
     from mpi4py import MPI
 
+    from app import ending
     from app.commands import places
 
     comm = MPI.COMM_WORLD
+    ending.meeting_place(comm)
     agree(comm, _refuse, folder_is_gone)
     _check_programs(comm)
     words = agree(comm, places.for_the_start, argv, os.environ, only_root=True)
@@ -176,66 +176,67 @@ def run(main, argv=None):
             f"error: {where}; . run/env brings the right Python, and run/mpi brings it to all hosts"
         )
         sys.exit(2)
-    status, complaint = 1, None
+    status, complaint, trace = 0, None, ""
     argv = ["-help" if word in ("-h", "--help") else word for word in (sys.argv if argv is None else argv)]
     try:
         status = main(start(argv)) or 0
     except InputError as error:
-        complaint = one_line(error)
+        status, complaint = 2, one_line(error)
     except MemoryError as error:
-        complaint = f"not enough memory: {one_line(error)}"
+        status, complaint = 2, f"not enough memory: {one_line(error)}"
     except SystemExit as error:
         status = error.code if isinstance(error.code, int) else int(error.code is not None)
     except KeyboardInterrupt:
+        from app import ending
+
         streams.complain("interrupted")
-        _abort(status := 130)
-    except BaseException:
-        streams.complain(traceback.format_exc().rstrip())
-        _abort(status)
+        ending.abort(status := 130)
+    except BaseException as error:
+        status, complaint, trace = 1, described(error), traceback.format_exc().rstrip()
+        if isinstance(error, FailedElsewhere):
+            trace = ""
     # Outside the except blocks: no traceback holds a Mat any more that PETSc would destroy too late.
     if complaint is not None:
-        status = 2
-        _end_refused(complaint)
+        _end(status, complaint, trace)
     sys.exit(status)
 
 
-def _end_refused(complaint):
+def _end(status, complaint, trace):
     """Print what is wrong once and end all ranks, several of them without coming back.
 
-    Collective, if the other ranks have the same to complain of; if they go on, they are ended. PETSc is not finalised:
-    it would destroy objects in an order that errors have left different on different ranks, and wait for ever.
+    Collective, if the other ranks have something to complain of, too; if they go on, they are ended. PETSc is not
+    finalised: it would destroy objects in an order that errors have left different on different ranks, and wait for
+    ever.
+
+    Parameters
+    ----------
+    trace : str
+        Where a mistake of the program is, on the rank that has met it; printed first.
     """
     from mpi4py import MPI
 
+    from app import ending
+
     comm = MPI.COMM_WORLD
-    if comm.rank == 0:
-        streams.complain(f"error: {complaint}")
+    together = ending.all_come(ending.meeting_place(comm))
+    # Of several complaints that with a place in the program is told.
+    told = comm.allgather((not trace, complaint)) if together else [(not trace, complaint)]
+    if not together or told.index(min(told)) == comm.rank:
+        if trace:
+            streams.complain(trace)
+        where = f"rank {comm.rank}: " if len(set(told)) > 1 or not together else ""
+        streams.complain(f"error: {where}{complaint}")
     if comm.size == 1:
         return
-    if not _all_come(comm):
-        if comm.rank != 0:
-            streams.complain(f"error: rank {comm.rank}: {complaint}")
-        _abort(2)
-    _flush()
+    if not together:
+        ending.abort(status)
+    ending.flush()
     # The last resort, if MPI does not end either.
-    last = threading.Timer(PATIENCE, os._exit, (2,))
+    last = threading.Timer(ending.PATIENCE, os._exit, (status,))
     last.daemon = True
     last.start()
     _finalize()
-    os._exit(2)
-
-
-def _all_come(comm):
-    """Whether all ranks call this within the time of patience."""
-    from mpi4py import MPI
-
-    farewell = comm.Ibarrier()
-    deadline = time.monotonic() + PATIENCE
-    while time.monotonic() < deadline:
-        if MPI.Request.Test(farewell):
-            return True
-        time.sleep(0.01)
-    return False
+    os._exit(status)
 
 
 def _finalize():
@@ -245,18 +246,3 @@ def _finalize():
     from mpi4py import MPI
 
     ctypes.CDLL(MPI.__file__).MPI_Finalize()
-
-
-def _abort(status):
-    """End the other ranks, which may wait for this one, and this one with them if there are any. Not collective."""
-    from mpi4py import MPI
-
-    _flush()
-    if MPI.COMM_WORLD.size > 1:
-        MPI.COMM_WORLD.Abort(status)
-
-
-def _flush():
-    for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError):
-            stream.flush()

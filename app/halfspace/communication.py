@@ -1,8 +1,8 @@
-"""The ranks of a solver and what they tell each other: communicators that count, and rows that change place.
+"""The ranks of a solver and what they tell each other: communicators that count.
 
 Every grid, and every window of one, is dealt to as many ranks as it is worth: all, or the first few. So a rank has the
-same number in every communicator here, and rows go point to point between any two layouts. A rank beyond has no rows
-and takes no part; it hears of what was decided when it has rows again.
+same number in every communicator here, and rows go point to point between any two layouts (`fetch`). A rank beyond has
+no rows and takes no part; it hears of what was decided when it has rows again.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from mpi4py import MPI
 
-from app.errors import InputError
+from app.errors import FailedElsewhere, InputError, described
 from app.halfspace.grid import Slabs
 from app.petsc import log_messages, log_reduction
 
@@ -126,9 +126,13 @@ class Communicator(MPI.Intracomm):
 
     def first(self, size):
         """Return a communicator of the first `size` ranks. Collective over these."""
+        return self.of(range(size))
+
+    def of(self, ranks):
+        """Return a communicator of some ranks, in order. Collective over these."""
         group = self.Get_group()
-        few = group.Incl(range(size))
-        made = Communicator(self.plain().Create_group(few, size), self.traffic)
+        few = group.Incl(ranks)
+        made = Communicator(self.plain().Create_group(few, ranks[-1]), self.traffic)
         group.Free()
         few.Free()
         return made
@@ -307,137 +311,40 @@ class Team:
 
     def __init__(self, everybody, size):
         self.everybody, self.comm = everybody, everybody
+        self._told = None  # communicator of rank 0, which tells, and those that are told
         if size < everybody.size:
             self.comm = everybody.first(size) if everybody.rank < size else None
+            if everybody.rank == 0 or self.comm is None:
+                self._told = everybody.of([0, *range(size, everybody.size)])
 
     def told(self, function, *arguments, summary=lambda result: result):
         """Let the first ranks call a function; the others get a summary of what rank 0 got.
 
-        Collective; `function` over the first ranks.
+        Collective; `function` over the first ranks. What goes wrong on rank 0 is raised on the others, too.
 
         Raises
         ------
         InputError
             On all ranks, if it does.
         """
-        if self.comm is self.everybody:
+        if self._told is None:
             return function(*arguments)
-        result = told = refused = None
+        result = told = failure = None
         if self.comm is not None:
             try:
                 result = function(*arguments)
                 told = summary(result)
-            except InputError as error:
-                refused = error
-        told, why = self.everybody.bcast((told, refused and str(refused)))
+            except Exception as error:
+                failure = error
+        refused = isinstance(failure, InputError)
+        why = failure and (str(failure) if refused else f"on another rank: {described(failure)}")
+        told, why, refused = self._told.bcast((told, why, refused))
         if why is not None:
-            raise refused or InputError(why)
+            raise failure or (InputError if refused else FailedElsewhere)(why)
         return told if self.comm is None else result
 
     def destroy(self):
         """Free what was made here. Collective."""
-        if self.comm is not None and self.comm is not self.everybody:
-            self.comm.Free()
-
-
-class Fetch:
-    """Brings every rank the rows it wants from the ranks that have them: point to point, one message for a pair.
-
-    Parameters
-    ----------
-    have : Slabs
-        Of the rows, which may have fewer ranks.
-    want : sequence of (first, last)
-        Arrays of integers, one for each rank of `comm`: rows ``first <= j < last``; beyond the grid those one period
-        on. A rank gets those of all pairs, one after the other.
-    comm : mpi4py communicator or None
-        All ranks; None: this one alone.
-    """
-
-    def __init__(self, have, want, comm=None):
-        self._comm, self.have = comm if comm is not None and comm.size > 1 else None, have
-        self._sent, self._got = {}, {}  # rank -> slices of the rows here, and of the rows wanted
-        self.rows = 0  # wanted
-        for first, last in want:
-            if self._comm is None:
-                self._find_alone(int(np.max(first)), int(np.max(last)))
-            else:
-                self._find(*(np.broadcast_to(rows, comm.size) for rows in (first, last)))
-        here = 0 if self._comm is None else have.rank
-        self._own = self._sent.pop(here, []), self._got.pop(here, [])
-        everything = [slice(0, have.local)]
-        self.unchanged = self._own == (everything, everything) and self.rows == have.local
-        self.unchanged &= not (self._sent or self._got)
-        self.unchanged |= not (self.rows or have.local)
-
-    def _find(self, first, last):
-        """Find who has what, where each rank wants rows ``first <= j < last``: two arrays."""
-        ny, here = self.have.ny, self.have.rank
-        starts, ends = self.have.bounds(len(first))
-        some = last > first
-        low, high = (first[some].min(), last[some].max()) if some.any() else (0, 0)
-        for shift in range(low // ny * ny, high, ny):  # of one period after the other
-            for rank, a, b in _overlaps(first, last, starts[here] + shift, ends[here] + shift):
-                mine = slice(a - shift - starts[here], b - shift - starts[here])
-                self._sent.setdefault(rank, []).append(mine)
-            for rank, a, b in _overlaps(starts + shift, ends + shift, first[here], last[here]):
-                place = slice(self.rows + a - first[here], self.rows + b - first[here])
-                self._got.setdefault(rank, []).append(place)
-        self.rows += max(int(last[here] - first[here]), 0)
-
-    def _find_alone(self, first, last):
-        """The same where this rank has all rows and wants ``first <= j < last``: done often, and so without arrays."""
-        ny = self.have.ny
-        for shift in range(first // ny * ny, last, ny) if last > first else ():
-            a, b = max(first, shift), min(last, shift + ny)
-            self._sent.setdefault(0, []).append(slice(a - shift, b - shift))
-            self._got.setdefault(0, []).append(slice(self.rows + a - first, self.rows + b - first))
-        self.rows += max(last - first, 0)
-
-    def __call__(self, field, out=None):
-        """Fetch rows of a field.
-
-        Collective; only ranks that share something talk.
-
-        Parameters
-        ----------
-        field : ndarray, shape (local rows, columns)
-        out : ndarray, shape (rows wanted, columns), optional
-            Where they go, unless the field itself is returned.
-
-        Returns
-        -------
-        ndarray, shape (rows wanted, columns)
-            The field itself if every row wanted is here already, in order.
-        """
-        if self.unchanged:
-            return field
-        found = np.empty((self.rows, field.shape[1]), field.dtype) if out is None else out
-        parcels = [(rank, _packed(field, parts)) for rank, parts in self._sent.items()]
-        requests = [self._comm.Isend(parcel, rank) for rank, parcel in parcels]
-        for mine, place in zip(*self._own, strict=True):
-            found[place] = field[mine]
-        for rank, places in self._got.items():
-            if len(places) == 1:
-                self._comm.Recv(found[places[0]], rank)
-                continue
-            ends = np.cumsum([place.stop - place.start for place in places])
-            parcel = np.empty((ends[-1], field.shape[1]), field.dtype)
-            self._comm.Recv(parcel, rank)
-            for place, rows in zip(places, np.split(parcel, ends[:-1]), strict=True):
-                found[place] = rows
-        MPI.Request.Waitall(requests)
-        return found
-
-
-def _overlaps(low, high, first, last):
-    """Yield number, first row and one past the last of what intervals low <= j < high, two arrays, share with one."""
-    low, high = np.maximum(low, first), np.minimum(high, last)
-    for number in np.flatnonzero(low < high):
-        yield int(number), int(low[number]), int(high[number])
-
-
-def _packed(field, parts):
-    if len(parts) == 1:
-        return np.ascontiguousarray(field[parts[0]])
-    return np.concatenate([field[part] for part in parts])
+        for comm in (self._told, self.comm):
+            if comm is not None and comm is not self.everybody:
+                comm.Free()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.halfspace.communication import Fetch
+from app.halfspace.fetch import Fetch
 from app.halfspace.grid import Slabs
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.compiled import njit
-from app.halfspace.communication import Fetch
+from app.halfspace.fetch import Fetch
 from app.halfspace.grid import Grid
 from app.halfspace.reductions import minimum_over, span_of
 

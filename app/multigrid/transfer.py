@@ -13,7 +13,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.compiled import njit
-from app.halfspace.communication import Fetch
+from app.halfspace.fetch import Fetch
 from app.petsc import restricts_by_transpose
 
 

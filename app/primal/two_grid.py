@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
-from app.halfspace.communication import Fetch
+from app.halfspace.fetch import Fetch
 from app.halfspace.grid import Slabs
 from app.halfspace.halo import Halo
 from app.halfspace.reductions import sum_over

@@ -59,7 +59,7 @@ def test_environment_that_makes_no_sense(solve, words, message, ranks):
 
 def test_start_file_that_makes_no_sense(solve, tmp_path):
     (tmp_path / ".petscrc").write_text("grid 8\n")
-    assert_ended(solve(*HERTZ, ranks=2), ".petscrc line 1: grid")
+    assert_ended(solve(*HERTZ, ranks=2), ".petscrc, line 1: grid 8: ")
 
 
 @RANKS

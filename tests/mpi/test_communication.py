@@ -1,5 +1,7 @@
 """Rows that change place, ranks that have no part in a grid, and how often a solve talks."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 from cases import APPROACH, hertz, punch
@@ -7,8 +9,9 @@ from mpi4py import MPI
 from running import solve
 
 from app import ContactSolver
-from app.errors import InputError
-from app.halfspace.communication import Communicator, Fetch, Ranks
+from app.errors import FailedElsewhere, InputError
+from app.halfspace.communication import Communicator, Ranks, Team
+from app.halfspace.fetch import Fetch
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.reductions import sums_and_minima
@@ -242,3 +245,23 @@ def test_all_ranks_of_the_first_machine_share_it(comm, machines_apart, monkeypat
     assert here.iterations == alone.iterations
     pressure = np.vstack(comm.allgather(here.pressure))
     np.testing.assert_allclose(pressure, alone.pressure, rtol=0, atol=1e-5 * alone.max_pressure)
+
+
+@pytest.mark.mpi(3)
+def test_what_fails_in_a_team_is_heard_by_those_who_wait_and_keeps_nobody(comm):
+    """A rank that fails alone does not wait for the others of the team, which may be in the midst of something."""
+    everybody = Communicator(comm.Dup())
+    team = Team(everybody, 2)
+
+    def fail(error, *ranks):
+        if comm.rank in ranks:
+            raise error("this one")
+        return comm.rank
+
+    for error, heard in ((InputError, InputError), (ZeroDivisionError, FailedElsewhere)):
+        with pytest.raises(error if comm.rank < 2 else heard, match="this one"):
+            team.told(fail, error, 0, 1)
+        with pytest.raises(error, match="this one") if comm.rank == 1 else nullcontext():
+            assert team.told(fail, error, 1) == (comm.rank if comm.rank < 2 else 0)
+    team.destroy()
+    everybody.Free()

@@ -7,7 +7,7 @@ from petsc4py import PETSc
 
 from app import ContactProblem, Grid, Material, petsc_path, solve
 from app.errors import InputError
-from app.petsc import as_raised
+from app.petsc import _forget_last_exception, as_raised
 
 
 @pytest.mark.parametrize("inside", ["lib", "lib/python3/dist-packages", "arch/lib"])
@@ -49,3 +49,14 @@ def test_more_cells_than_petsc_can_number_are_refused():
     grid = Grid.from_domain(46341, 46341, (0, 1, 0, 1))
     with pytest.raises(InputError, match="64 bits"):
         solve(ContactProblem(grid, Material.from_contact_modulus(1e5), lambda x, y: x * y), approach=1.0)
+
+
+def test_exceptions_that_cause_each_other_are_forgotten(monkeypatch):
+    """As `as_raised` leaves them; at the end of a program that went round for ever."""
+    original, wrapped = ZeroDivisionError(), PETSc.Error(101)
+    wrapped.__cause__ = original
+    with pytest.raises(ZeroDivisionError), as_raised():
+        raise wrapped
+    assert original.__context__ is wrapped
+    monkeypatch.setattr(sys, "last_value", original, raising=False)
+    _forget_last_exception()

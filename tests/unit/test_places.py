@@ -1,13 +1,19 @@
 """Where options come from, what overrides what, and what is wrong with files: read by PETSc, told in one line."""
 
 import re
+import tempfile
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from petsc4py import PETSc
 from processes import OPTIONS
 
 from app.commands import places
+from app.commands.option_text import LARGEST_FILE, look_into
 from app.commands.problem_options import loading, settle
 from app.errors import InputError
+from app.petsc import OptionDatabase
 
 
 @pytest.fixture
@@ -62,6 +68,12 @@ def test_yaml(read, files):
     assert read("-options_file a.yml").texts == {"grid": "8,9", "lcp_rtol": "1e-3"}
     assert read("-options_file_yaml b.txt").texts == {"load": "5"}
     assert read(PETSC_OPTIONS_YAML="load: 6").texts == {"load": "6"}
+    files(
+        c__yml="%YAML 1.1\n---\n$$b: !include b.txt\n$$set: &set {rtol: 1}\na: [1, {b: 2}]\n"
+        "ksp: {<<: *set, type: cg}\nload: 7\n---\nlcp: {rtol: }\n"
+    )
+    expected = {"a": "1,b", "a_b": "2", "ksp_rtol": "1", "ksp_type": "cg", "load": "7", "lcp_rtol": ""}
+    assert read("-options_file c.yml").texts == expected
 
 
 def test_names_are_told_apart_without_regard_to_case(read):
@@ -101,19 +113,37 @@ def test_options_that_are_petscs_own_are_kept_apart(read, files):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("# a comment\ngrid 8\n", "a.opts line 2: grid"),
-        ("-grid 8 -approach 1\n", "line 1: extra token -approach"),
-        ("-domain -1, 1, -1, 1\n", "line 1: extra token"),
+        (
+            "# a comment\ngrid 8\n",
+            "option file a.opts, line 2: grid 8: grid: is not an option; allowed: an option",
+        ),
+        ("-grid 8 -approach 1\n", "line 1: -grid 8 -approach 1: -approach: is more than a value; allowed: "),
+        (
+            "-grid 8\r\n\n-lcp_monitor -load 1 # N\n",
+            "line 3: -lcp_monitor -load 1 # N: -load: is a second option",
+        ),
+        ("-domain -1, 1, -1, 1\n", "line 1: -domain -1, 1, -1, 1: 1,: is more than a value"),
+        ("! PETSc knows # only\n", "line 1: ! PETSc knows # only: !: is not an option; allowed: "),
+        ("-\n", "line 1: -: -: is not an option"),
+        ("-inf 3\n", "line 1: -inf 3: -inf: is not an option"),
         ('-grid 8\n-title "a b\n', 'line 2: -title "a b: a quote is not closed'),
-        ("-\n", "line 1: invalid option -"),
+        (
+            "-title 'a b'\n",
+            "b': is more than a value; allowed: an option on a line, -name value, a value with",
+        ),
+        ('-size 5"\n-grid 8\n', 'line 1: -size 5": a quote is not closed, or stands inside a word'),
+        ('-title "a"b\n', "b: is more than a value"),
+        ("alias -force\n", "line 1: alias -force: needed: alias -name -other"),
+        ("-prefix_push\n-grid 8\n", "line 1: -prefix_push: a prefix must follow"),
+        ("-grid 8\n-prefix_pop\n", "option file a.opts: More prefixes popped than pushed"),
         (bytes(range(128, 256)), "option file a.opts: is not a text file"),
         ("-options_file a.opts\n", "option file a.opts: includes itself"),
         ("-grid 8\n-options_file b.opts\n", "option file ./a.opts: includes itself (included by"),
-        ("-options_file\n", "a.opts, line 1: -options_file: a file name must follow"),
+        ("-options_file\n", "a.opts, line 1: -options_file: a file name must follow; allowed: "),
         ("-options_file nowhere.opts\n", "option file nowhere.opts (included by"),
         ("-OPTIONS_FILE 'no.opts'\n", "No such file or directory"),
         ("-malloc_debug\n", "-malloc_debug in a.opts: PETSc needs it when it starts"),
-        ("x" * (places.LARGEST_FILE + 1), "option file a.opts: is larger than 16 MiB"),
+        ("x" * (LARGEST_FILE + 1), "option file a.opts: is larger than 16 MiB"),
     ],
 )
 def test_file_that_is_no_option_file(content, message, read, files):
@@ -123,17 +153,65 @@ def test_file_that_is_no_option_file(content, message, read, files):
     assert "\n" not in str(refusal.value)
 
 
+_WORDS = [
+    "-a",
+    "--b",
+    "-a1",
+    "-1",
+    "-inf",
+    "-",
+    "--",
+    "a",
+    "1,",
+    "alias",
+    '"a b"',
+    '"-a"',
+    '""',
+    '"',
+    'a"b',
+    "#",
+    "\t",
+    "\r",
+]
+
+
+@settings(max_examples=300, deadline=None)
+@given(lines=st.lists(st.lists(st.sampled_from(_WORDS), max_size=5).map(" ".join), max_size=3))
+def test_form_of_a_file_is_petscs_own(lines):
+    """What it allows PETSc reads; what it refuses PETSc refuses, too, but for quotes, of which PETSc makes anything."""
+
+    def refused(read, error, *arguments):
+        try:
+            read(*arguments)
+        except error:
+            return True
+        return False
+
+    with tempfile.NamedTemporaryFile("w", newline="") as file:
+        file.write("\n".join(lines))
+        file.flush()
+        here = refused(look_into, InputError, "-options_file", file.name, ())
+        there = refused(OptionDatabase().insert, PETSc.Error, f'-options_file "{file.name}"')
+    assert here == there or (here and any('"' in line for line in lines))
+
+
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("a.yml", "grid: [8\nproblem: }\n", "a.yml: YAML"),
-        ("a.yaml", "- grid\n- 8\n", "a.yaml: Unsupported YAML"),
+        ("a.yml", "load: 1\ngrid: [8\nproblem: }\n", "option file a.yml, line 3: .*allowed: name: value"),
+        ("a.yaml", "- grid\n- 8\n", "a.yaml, line 1: - grid: has no name; allowed: name: value"),
+        ("a.json", '{"a": 1,\n"b": [[2]]}', "a.json, line 2: .*: is not a single value"),
+        ("a.opts", "---\na: {b: 1}\n? [c]\n: 2\n", "a.opts, line 3: .*: a name must be a word"),
+        ("a.yml", "a: [1, {b: 2, c: 3}]\n", "line 1: .*: is not a single value"),
+        ("a.yml", "a: &a\n  b: *a\n", "option file a.yml"),
+        ("a.yml", "$$other: !include a.yml\n", "includes itself"),
     ],
 )
 def test_file_that_is_no_yaml(name, content, message, read, tmp_path):
     (tmp_path / name).write_text(content)
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(InputError, match=message) as refusal:
         read(f"-options_file {name}")
+    assert "\n" not in str(refusal.value)
 
 
 @pytest.mark.parametrize(
@@ -147,6 +225,7 @@ def test_file_that_is_no_yaml(name, content, message, read, tmp_path):
         ("", "bogus", "PETSC_OPTIONS: bogus: neither an option"),
         ("", "-x 'a", "PETSC_OPTIONS: No closing quotation"),
         ("", "-options_file nowhere", "option file nowhere: No such file"),
+        ("", "-options_string_yaml 'a: [1'", "in PETSC_OPTIONS, line 1: "),
         ("-output \udce9.h5", "", "is not UTF-8 text"),
     ],
 )
@@ -157,7 +236,7 @@ def test_words_that_are_no_options(line, environment, message, read):
 
 def test_start_file_that_is_none(read, files):
     files(__petscrc="grid 8\n")
-    with pytest.raises(InputError, match="Unknown first token"):
+    with pytest.raises(InputError, match="petscrc, line 1: grid 8: "):
         read()
 
 
