@@ -142,7 +142,7 @@ class MultilevelInverse:
         """Points transformed so far, there and back, or what takes as many operations."""
         return self.count * _SHARE * self.shape[0] * self.shape[1] + self._next.points
 
-    def apply(self, p, out, mask=None, rows=None):
+    def apply(self, p, out, rows=None):
         """Compute out = B p.
 
         Collective.
@@ -151,14 +151,11 @@ class MultilevelInverse:
         ----------
         p, out : ndarray of float64 or of `dtype`, shape (local rows, nx)
             May be one.
-        mask : ndarray of bool, optional
-            Cells that are not zero in p and wanted in `out`; the others may hold anything afterwards.
         rows : ndarray of bool, shape (local rows,), optional
-            Rows, likewise.
+            The rows that are not zero in p and wanted in `out`; the others may hold anything afterwards.
         """
         self.count += 1
-        if rows is None:
-            rows = self._all if mask is None else mask.any(axis=1)
+        rows = self._all if rows is None else rows
         before, after = self._none, self._none
         if self._halo is not None:
             before, after = (beside.astype(self.dtype, copy=False) for beside in self._halo(p))

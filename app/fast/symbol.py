@@ -36,9 +36,7 @@ _STRETCHED = 16.0  # ratio of the sides of a cell from which on interpolation ha
 class Stencils(NamedTuple):
     """Of a cell with sides (aspect, 1) or (1, 1 / aspect), the longer one 1, and unit compliance."""
 
-    near: (
-        tuple  # of each level, quadrants [x, y], shape (REACH + 1, REACH + 1); those off the axes count twice
-    )
+    near: tuple  # a quadrant [x, y] for each level, shape (REACH + 1, REACH + 1); its sides count twice, as cosines do
     centre: np.ndarray  # of the whole inverse, shape (3, 3)
 
 
