@@ -229,14 +229,17 @@ class TrackingCG(KspContext):
         norm = self._first_residual(ksp, b, x)
         d[...] = 0  # outside the new spans too
         squares = summed = norm**2
-        iteration, max_it, previous = 0, ksp.getTolerances()[3], 0.0
+        iteration, max_it, previous, nodes = 0, ksp.getTolerances()[3], 0.0, None
         reason = self._report(ksp, 0, norm)
         while not reason and iteration < max_it:
             precondition()
-            rz = self._sum([_dot(r, z, contact, spans)])[0]
-            _direction(d, z, d.dtype.type(rz / previous if previous else 0.0), contact, spans)
+            rz, collected = self._dot_and_collected(r, z)
+            beta = rz / previous if previous else 0.0
+            _direction(d, z, d.dtype.type(beta), contact, spans)
             operator.products += 1
-            operator.displacement(d, q)
+            if collected is not None:
+                nodes = collected if nodes is None else collected + beta * nodes  # as d is made of z
+            operator.displacement(d, q, nodes)
             dq, rd, qr, qq = self._sum(_dots(d, q, r, contact, spans))
             if not dq > 0:
                 reason = PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT
@@ -255,6 +258,16 @@ class TrackingCG(KspContext):
             reason = self._report(ksp, iteration, norm)
         self.residual = norm
         ksp.setConvergedReason(reason or PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
+
+    def _dot_and_collected(self, r, z):
+        """r.z over C, and what all ranks collect of z there for images, if there are such: by one reduction."""
+        operator, dot = self._operator, _dot(r, z, self._operator.mask, self._spans)
+        rest = getattr(operator.product, "rest", None) if operator.comm is not None else None
+        if rest is None:
+            return self._sum([dot])[0], None
+        mine = rest.collect(z, operator.mask)
+        sums = self._sum(np.append(dot, mine))
+        return sums[0], sums[1:].reshape(mine.shape)
 
     def _preconditioner(self, pc):
         """Make r; what computes z from it, and z: in the operator's precision, if the PC has `precondition` for it."""

@@ -258,10 +258,14 @@ class InfluenceOperator:
 
     # -- numpy side --------------------------------------------------------------------------------------
 
-    def displacement(self, p, u):
-        """Compute u = A p, (2.6) and (2.7), on all cells. Collective; arrays of shape `local_shape`."""
+    def displacement(self, p, u, collected=None):
+        """Compute u = A p, (2.6) and (2.7), on all cells. Collective; arrays of shape `local_shape`.
+
+        `collected`: see `EvenMultiplier.apply`.
+        """
+        known = {} if collected is None else {"collected": collected}
         with _mult_event:
-            self.product.apply(p, u)
+            self.product.apply(p, u, **known)
             PETSc.Log.logFlops(self.product.flops)
 
     def exact_displacement(self, p, u):

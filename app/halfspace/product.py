@@ -92,7 +92,7 @@ class BoxProduct(EvenMultiplier):
         free = [period - n for period, n in zip(self.periods, grid.shape, strict=True)]
         nearest = min(free[0] * grid.dy, free[1] * grid.dx) / fine
         steps = [max(1, int(nearest / d)) for d in (grid.dy, grid.dx)]
-        self._rest = Rest(self._box, self._compliance, steps, width, self.slabs, self.comm, self.dtype)
+        self.rest = Rest(self._box, self._compliance, steps, width, self.slabs, self.comm, self.dtype)
 
     def in_precision(self, dtype):
         """See `EvenMultiplier.in_precision`."""
@@ -104,7 +104,7 @@ class BoxProduct(EvenMultiplier):
     @property
     def memory(self):
         """Bytes held on this rank."""
-        return super().memory + self._rest.memory
+        return super().memory + self.rest.memory
 
 
 class PeriodicProduct(EvenMultiplier):

@@ -214,8 +214,8 @@ def test_an_operator_that_is_not_positive_is_reported(make):
     system = make()
     displacement = system.operator.displacement
 
-    def negative(p, u):
-        displacement(p, u)
+    def negative(p, u, collected=None):
+        displacement(p, u, collected)
         np.negative(u, out=u)
 
     system.operator.displacement = negative

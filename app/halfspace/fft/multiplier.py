@@ -145,7 +145,7 @@ class EvenMultiplier:
         Products computed so far.
     """
 
-    _rest = None  # what is added to the multiplication, if anything: `app.halfspace.images.Rest`
+    rest = None  # what is added to the multiplication, if anything: `app.halfspace.images.Rest`
 
     def __init__(self, shape, periods, slabs=None, comm=None, dtype=np.float64, workspace=None):
         self.shape, self.periods = shape, periods
@@ -325,7 +325,7 @@ class EvenMultiplier:
         """Multiply p, continued by zeros, by the inverse of the periodic operator. Collective."""
         self.apply(p, out, scale=self._inverse_scale)
 
-    def apply(self, p, out, mask=None, rows=None, scale=0.0):
+    def apply(self, p, out, mask=None, rows=None, scale=0.0, collected=None):
         """Multiply p by the operator A of this object: out = A p, or out = C A C p.
 
         Collective.
@@ -341,11 +341,14 @@ class EvenMultiplier:
             The rows that are not zero in p and wanted in `out`; the others may hold anything afterwards.
         scale : float, optional
             If not 0, divide by the spectrum instead, and multiply by this.
+        collected : ndarray, optional
+            What all ranks have collected of p for `rest`, if that is known.
         """
         self.count += 1
         inside, rows = _NO_MASK if mask is None else mask, _NO_ROWS if rows is None else rows
-        if self._rest is not None:
-            self._rest.multiply(p, inside)
+        if self.rest is not None:
+            known = self.rest.sum_of(self.rest.collect(p, inside)) if collected is None else collected
+            self.rest.multiply(known)
         batch, scale, done = self._row_batch, self.dtype.type(scale), 0
         strips = batch.data, self._scratch, self._transformed, self._edges, batch.execute
         rows_to_strips(p, inside, rows, *strips, *batch.plans[::2])
@@ -361,8 +364,8 @@ class EvenMultiplier:
                 group.give_back(self.comm, part, self._received)
             done += count
         strips_to_rows(out, inside, rows, *strips, *self._row_batch.plans[1::2])
-        if self._rest is not None:
-            self._rest.add(out, inside)
+        if self.rest is not None:
+            self.rest.add(out, inside)
 
 
 def _storage(size, dtype, shared=None):
