@@ -108,9 +108,8 @@ The unit is one *plain product*: zero-padded `scipy.fft.rfft2`, multiply, `irfft
 measured in the same run (shortest of several). Times are ratios; seconds are for orientation only.
 """
 KERNELS = """\
-`product`: our own, in plain products; on P ranks, of the same plain product on one. `P at once`: every rank makes one
-of its own, at the same time; P times `product` over it is what P ranks could gain at most. `memory`: everything a
-product needs beyond its vectors, in doubles per cell. `circulant`: one preconditioner application, `sweep`: one exact
+`product`: our own, in plain products; on P ranks, of the same plain product on one. `memory`: everything a product
+needs beyond its vectors, in doubles per cell. `circulant`: one preconditioner application, `sweep`: one exact
 Gauss-Seidel sweep on the Hertz and a rough contact set, both in units of our own product on one rank.
 """
 SOLVES = """\
@@ -147,10 +146,7 @@ def run_kernels(size, count, plain):
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, env=dict(os.environ))
     times = {name: float(value) for name, value in (line.split() for line in done.stdout.splitlines())}
     if count > 1:
-        return {
-            f"product, {count} ranks": f"{times['product'] / plain:.2f}",
-            f"{count} at once": f"{times['copies'] / plain:.2f}",
-        }
+        return {f"product, {count} ranks": f"{times['product'] / plain:.2f}"}
     row = {
         "product": f"{times['product'] / plain:.2f}",
         "single precision": f"{times['product32'] / plain:.2f}",

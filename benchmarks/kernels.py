@@ -49,9 +49,6 @@ def main():
     measure("product", partial(product.apply, p, u))
     del product
     if comm.size > 1:
-        rows = np.ones(grid.shape)
-        alone = InfluenceOperator(grid, compliance).product
-        measure("copies", partial(alone.apply, rows, np.empty_like(rows)))
         return
     product = InfluenceOperator(grid, *shared, np.float32).product
     measure("product32", partial(product.apply, p, u))
