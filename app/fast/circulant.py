@@ -22,7 +22,7 @@ from petsc4py import PETSc
 from app.compiled import njit
 from app.fast.multilevel import circulant_inverse
 from app.fast.rim import RimExtension, load_extension
-from app.fast.symbol import stencils
+from app.fast.symbol import centre
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.periodic import influence_symbol
 
@@ -106,7 +106,7 @@ class Circulant:
         self.extension = RimExtension(
             operator.local_shape, operator.slabs, operator.comm, steps, periodic, workspace
         )
-        self.extension.set_stencil(self.multiplier.centre() if periodic else stencils(operator.grid).centre)
+        self.extension.set_stencil(self.multiplier.centre() if periodic else centre(operator.grid))
         self._contact, self._listed = -1, None  # number of the set that the extension knows, and its cells
         # Load the compiled loops now.
         for dtype in {np.dtype(np.float64), operator.dtype}:

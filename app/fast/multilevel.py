@@ -1,4 +1,4 @@
-"""The inverse of A, continued periodically, in a tenth of the time of transforms: stencils, and a coarse grid.
+"""The inverse of A, continued periodically, in a third of the time of transforms: stencils, and a coarse grid.
 
     B = N + P B_H P^T
 
@@ -54,8 +54,8 @@ def circulant_inverse(
     -------
     EvenMultiplier or MultilevelInverse
     """
-    unit = 1 / (compliance * max(grid.dx, grid.dy))
-    near = [] if exact else [unit * stencil for stencil in stencils(grid).near[: _levels(grid)]]
+    unit, number = 1 / (compliance * max(grid.dx, grid.dy)), 0 if exact else _levels(grid)
+    near = [unit * stencil for stencil in stencils(grid)[:number]] if number else []
     shape, times = grid.shape, 2 ** len(near)
     for _ in near:
         shape = tuple(_coarse_cells(n) for n in shape)
@@ -100,7 +100,7 @@ class MultilevelInverse:
     shape : (int, int)
         Rows and columns of the fields.
     near : sequence of ndarray, shape (3, 3)
-        Stencils of this level and of those below, as of `Stencils`, for these cells.
+        Stencils of this level and of those below, as of `stencils`, for these cells.
     coarsest : callable
         ``coarsest(shape, slabs)`` makes the product on the coarsest grid.
     slabs, comm, dtype
@@ -120,8 +120,8 @@ class MultilevelInverse:
         self.comm = comm = comm if comm is not None and comm.size > 1 else None
         twice = np.where(np.arange(REACH + 1) > 0, 2.0, 1.0)
         self._stencil = (near[0] / np.outer(twice, twice)).T.astype(dtype)  # [y, x]
-        coarse_shape = tuple(_coarse_cells(n) for n in shape)
         coarse = slabs.surround()
+        coarse_shape = coarse.ny, _coarse_cells(shape[1])
         self._next = (
             MultilevelInverse(coarse_shape, near[1:], coarsest, coarse, comm, dtype)
             if len(near) > 1
@@ -131,7 +131,7 @@ class MultilevelInverse:
         self._first, self._first_coarse = slabs.rows.start, coarse.rows.start
         self._coarse = np.zeros((coarse.local, coarse_shape[1]), dtype)
         self._halo = None if comm is None else Halo(slabs, comm, REACH, periodic=False)
-        self._parents = None if comm is None else Parents(slabs, comm)
+        self._parents = Parents(slabs, comm)
         self._none = np.zeros((0, shape[1]), dtype)
         self._all = np.ones(slabs.local, bool)
         self.flops = 62 * slabs.local * shape[1] + self._next.flops
@@ -162,10 +162,8 @@ class MultilevelInverse:
         coarse = self._coarse
         _restrict(p, rows, before, after, self._first, self._first_coarse, coarse)
         self._next.apply(coarse, coarse)
-        first = self._first_coarse
-        if self._parents is not None:
-            coarse, first = self._parents(coarse), self._parents.first
-        _add_near(p, rows, before, after, self._stencil, coarse, self._first, first, out)
+        parents, first = self._parents(coarse), self._parents.first
+        _add_near(p, rows, before, after, self._stencil, parents, self._first, first, out)
 
 
 # Padded rows have REACH zeros at either end, so that nothing must be asked at the sides of the patch.
@@ -283,8 +281,5 @@ def _load_loops(dtype):
     """Load the compiled loops now, not in the first product."""
     low, rows, stencil = np.zeros((0, 0), dtype), np.zeros(0, bool), np.zeros((3, 3), dtype)
     for field in {np.dtype(float): np.zeros((0, 0)), dtype: low}.values():
-        fixed = field.view()
-        fixed.flags.writeable = False
-        for p in (field, fixed):
-            _restrict(p, rows, low, low, 0, 0, low)
-            _add_near(p, rows, low, low, stencil, low, 0, 0, field)
+        _restrict(field, rows, low, low, 0, 0, low)
+        _add_near(field, rows, low, low, stencil, low, 0, 0, field)

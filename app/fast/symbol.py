@@ -16,11 +16,10 @@ waves alone, and known on a grid twice as coarse; and so on:
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial import chebyshev
 
+from app.halfspace.even_polynomials import coefficients, nodes, polynomials
 from app.halfspace.grid import Grid
 from app.halfspace.periodic import influence_symbol
 
@@ -31,13 +30,6 @@ _LONG = 0.32  # share of the highest frequency up to which waves are long: they 
 _FIT = 0.1  # by which a stencil may be wrong for the other ones
 _MOST = 4  # stencils, at most
 _STRETCHED = 16.0  # ratio of the sides of a cell from which on interpolation has too many terms
-
-
-class Stencils(NamedTuple):
-    """Of a cell with sides (aspect, 1) or (1, 1 / aspect), the longer one 1, and unit compliance."""
-
-    near: tuple  # a quadrant [x, y] for each level, shape (REACH + 1, REACH + 1); its sides count twice, as cosines do
-    centre: np.ndarray  # of the whole inverse, shape (3, 3)
 
 
 def eigenvalues(grid, compliance, x, y):
@@ -74,9 +66,7 @@ def _eigenvalues(dx, dy, x, y):
         found[(x[:, None] == 0) & (y == 0)] = np.inf
         return found
     terms = _smooth_part(dx, dy)
-    in_x, in_y = (
-        chebyshev.chebvander(t, 2 * n - 2)[:, ::2] for t, n in zip((x, y), terms.shape, strict=True)
-    )
+    in_x, in_y = (polynomials(t, count) for t, count in zip((x, y), terms.shape, strict=True))
     return _of_cell(dx, dy, x, y) + in_x @ terms @ in_y.T
 
 
@@ -95,13 +85,21 @@ def _directly(dx, dy, x, y):
 def _smooth_part(dx, dy):
     """Coefficients [x, y] of even Chebyshev polynomials for what images in Fourier space add."""
     counts = [int(np.ceil(_TERMS * max(1.0, ratio))) for ratio in (dy / dx, dx / dy)]
-    x, y = (np.cos(np.pi * (np.arange(n) + 0.5) / (2 * n)) for n in counts)
-    values = _directly(dx, dy, x, y) - _of_cell(dx, dy, x, y)
-    in_x, in_y = (
-        chebyshev.chebvander(t, 2 * n - 2)[:, ::2].T * np.where(np.arange(n) > 0, 2.0, 1.0)[:, None] / n
-        for t, n in zip((x, y), counts, strict=True)
-    )
-    return in_x @ values @ in_y.T
+    x, y = map(nodes, counts)
+    return coefficients(_directly(dx, dy, x, y) - _of_cell(dx, dy, x, y))
+
+
+def centre(grid):
+    """Entries of the inverse between a cell and its eight neighbours, shape (3, 3), in some unit. Not collective."""
+    side = max(grid.dx, grid.dy)
+    return _centre(grid.dx / side, grid.dy / side)
+
+
+@lru_cache(maxsize=16)
+def _centre(dx, dy):
+    t = _samples()
+    quarter = _cosines(t, 2).T @ _inverse(dx, dy, t) @ _cosines(t, 2)
+    return quarter[np.ix_((1, 0, 1), (1, 0, 1))].T
 
 
 def stencils(grid):
@@ -109,7 +107,9 @@ def stencils(grid):
 
     Returns
     -------
-    Stencils
+    tuple of ndarray, shape (REACH + 1, REACH + 1)
+        For each level a quadrant [x, y], whose sides count twice, as cosines do; for unit compliance and cells whose
+        longer side is 1.
     """
     side = max(grid.dx, grid.dy)
     return _stencils(grid.dx / side, grid.dy / side)
@@ -117,18 +117,15 @@ def stencils(grid):
 
 @lru_cache(maxsize=16)
 def _stencils(dx, dy):
-    t = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-    inverse = 1 / (2 * np.pi * _eigenvalues(dx, dy, t, t))  # [x, y]
-    quarter = _cosines(t, 2).T @ inverse @ _cosines(t, 2) / _SAMPLES**2
-    centre = quarter[np.ix_((1, 0, 1), (1, 0, 1))].T
+    t, near = _samples(), []
+    cosines = _cosines(t, REACH + 1)
+    shapes = np.einsum("ia,jb->ijab", cosines, cosines)
     short = np.hypot(t[:, None], t) > _LONG
-    near = []
     for level in range(_MOST):
         waves = t / 2**level
-        inverse = 1 / (2 * np.pi * _eigenvalues(dx, dy, waves, waves))
+        inverse = _inverse(dx, dy, waves)
         wanted = coarser(inverse, near, waves, waves)
         weight = np.where(short, 1.0, 1e-3) / inverse
-        shapes = np.einsum("ia,jb->ijab", _cosines(t, REACH + 1), _cosines(t, REACH + 1))
         system = (weight[..., None, None] * shapes).reshape(t.size**2, -1)
         stencil, *_ = np.linalg.lstsq(system, (weight * wanted).reshape(-1), rcond=None)
         stencil = stencil.reshape(REACH + 1, REACH + 1)
@@ -136,7 +133,16 @@ def _stencils(dx, dy):
         if not np.abs(wrong[(t[:, None] > 0.5) | (t > 0.5)]).max() < _FIT:
             break
         near.append(stencil)
-    return Stencils(tuple(near), centre)
+    return tuple(near)
+
+
+def _samples():
+    return (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+
+
+def _inverse(dx, dy, t):
+    """g_0 at the wave numbers t in both directions."""
+    return 1 / (2 * np.pi * _eigenvalues(dx, dy, t, t))
 
 
 def spectrum_of(stencil, x, y):

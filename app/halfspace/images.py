@@ -18,10 +18,11 @@ from functools import cache, lru_cache
 import numpy as np
 import scipy.fft
 from mpi4py import MPI
-from numpy.polynomial import chebyshev, legendre
+from numpy.polynomial import legendre
 from scipy.special import erf, erfc
 
 from app.compiled import njit
+from app.halfspace.even_polynomials import coefficients, nodes, polynomials
 from app.halfspace.reductions import add_row, any_order
 
 _RANGE = 6.2  # erfc(6.2) is nothing
@@ -73,8 +74,8 @@ def _lattice_sum(aspect):
     The lattice has steps 1 in x and `aspect` in y; the polynomials are for `_REACH` of these.
     """
     counts = [int(np.ceil(_TERMS * max(1.0, ratio))) for ratio in (aspect, 1 / aspect)]
-    nodes = [np.cos(np.pi * (np.arange(n) + 0.5) / (2 * n)) for n in counts]
-    y, x = np.meshgrid(aspect * _REACH * nodes[0], _REACH * nodes[1], indexing="ij")
+    in_y, in_x = map(nodes, counts)
+    y, x = np.meshgrid(aspect * _REACH * in_y, _REACH * in_x, indexing="ij")
     alpha = np.sqrt(np.pi / aspect)
     total = np.full(x.shape, -2 * np.sqrt(np.pi) / (alpha * aspect))
     for j, i in _within(_RANGE / alpha, aspect, 1.0, _REACH):
@@ -85,16 +86,10 @@ def _lattice_sum(aspect):
     for j, i in _within(2 * alpha * _RANGE, 2 * np.pi / aspect, 2 * np.pi):
         if i or j:
             q = 2 * np.pi * np.hypot(i, j / aspect)
-            cosines = (
-                np.cos(2 * np.pi * i * nodes[1] * _REACH) * np.cos(2 * np.pi * j * nodes[0] * _REACH)[:, None]
-            )
+            cosines = np.cos(2 * np.pi * i * in_x * _REACH) * np.cos(2 * np.pi * j * in_y * _REACH)[:, None]
             alike = (2 if i else 1) * (2 if j else 1)
             total += alike * 2 * np.pi / aspect * erfc(q / (2 * alpha)) / q * cosines
-    in_y, in_x = (
-        chebyshev.chebvander(t, 2 * n - 2)[:, ::2].T * np.where(np.arange(n) > 0, 2.0, 1.0)[:, None] / n
-        for t, n in zip(nodes, counts, strict=True)
-    )
-    return in_y @ total @ in_x.T
+    return coefficients(total)
 
 
 def _within(radius, step_y, step_x, reach=0.0):
@@ -108,7 +103,7 @@ def _within(radius, step_y, step_x, reach=0.0):
 def _cell_means(period, count):
     """Means of the even Chebyshev polynomials over cells at offsets up to half a period."""
     at = (np.arange(period // 2 + 1)[:, None] + _GAUSS[0] / 2) / (_REACH * period)
-    return np.einsum("jgt,g->jt", chebyshev.chebvander(at, 2 * count - 2)[..., ::2], _GAUSS[1] / 2)
+    return np.einsum("jgt,g->jt", polynomials(at, count), _GAUSS[1] / 2)
 
 
 # ------------------------------------------------------------------------------------------- S on few cells
