@@ -259,7 +259,6 @@ class EvenMultiplier:
         """Fold in the scale of the inverse transform."""
         spectrum *= 1.0 / (self.periods[0] * self.periods[1])
         self._spectrum = spectrum
-        vars(self).pop("_centre", None)
 
     def centre(self):
         """Entries of the operator between a cell and its eight neighbours, shape (3, 3). Collective when first used."""
