@@ -10,7 +10,7 @@ import fcntl
 import os
 import stat
 import tempfile
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numba
@@ -95,6 +95,23 @@ class _Library(JITCodeLibrary):
         return super()._get_module_for_linking()
 
 
+@contextmanager
+def _no_environments(result):
+    """Let what is kept of a function not refer to the modules of numba that it was made from.
+
+    They would all be imported with it. Only a function that Python objects occur in asks for them.
+    """
+    with suppress(AttributeError):  # should numba change: then with them
+        kind = type(result)
+        find = kind._find_referenced_environments
+        kind._find_referenced_environments = lambda self: [found for found in find(self) if found.consts]
+    try:
+        yield
+    finally:
+        with suppress(NameError):
+            kind._find_referenced_environments = find
+
+
 class _OneAtATime:
     """The cache of a function: who finds nothing in it compiles while the others wait, and they load it then."""
 
@@ -120,7 +137,7 @@ class _OneAtATime:
 
     def save_overload(self, signature, result):
         """Keep what has been compiled."""
-        with suppress(OSError):  # a full disk
+        with suppress(OSError), _no_environments(result):  # OSError: a full disk
             self._cache.save_overload(signature, result)
         self._release()
 

@@ -100,6 +100,13 @@ def one_at_a_time(function):
     return alone
 
 
+def mpi_comm(comm):
+    """The mpi4py communicator that is meant: by petsc4py's, or by None, which is all ranks. Not collective."""
+    if comm is None:
+        return MPI.COMM_WORLD
+    return comm.tompi4py() if isinstance(comm, PETSc.Comm) else comm
+
+
 class OptionDatabase:
     """Options of one solver, which PETSc and petsc4py read as long as they are `active`.
 

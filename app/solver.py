@@ -43,7 +43,7 @@ from app.multigrid.hierarchy import team_for
 from app.notes import notes_on
 from app.options import as_texts
 from app.path import LoadPath
-from app.petsc import Resources, one_at_a_time
+from app.petsc import Resources, mpi_comm, one_at_a_time
 from app.problems.given import ContactProblem
 from app.problems.problem import Problem
 from app.solution import Solution
@@ -70,7 +70,7 @@ def solve(
         Name of a method file, such as "fmg_v11".
     options : mapping, optional
         Names, without dash, to values: {"lcp_rtol": 1e-8}.
-    comm : mpi4py communicator, optional
+    comm : communicator of mpi4py or petsc4py, optional
         Ranks that share the grid; default: all.
     start : Solution, optional
         To start from: of a similar loading.
@@ -100,7 +100,7 @@ class ContactSolver:
         options. Default: the default method, unless the options choose a KSP or PC.
     options : mapping, optional
         Options without dash, texts or numbers: {"lcp_rtol": 1e-8, "ksp_rtol": 0.1}. They override the file's.
-    comm : mpi4py communicator, optional
+    comm : communicator of mpi4py or petsc4py, optional
         Ranks that share the grid; default: all. One of its own is made, and freed.
     prefix : str
         Options of PETSc's global database that begin with it are taken, too, and override.
@@ -130,7 +130,7 @@ class ContactSolver:
         for name, given, kind, what in (
             ("problem", problem, Problem, "a ContactProblem"),
             ("method", method, str | Mapping | None, "the name of a method file, or a mapping"),
-            ("comm", comm, MPI.Intracomm | None, "an mpi4py communicator"),
+            ("comm", mpi_comm(comm), MPI.Intracomm, "a communicator of mpi4py or petsc4py"),
         ):
             if not isinstance(given, kind):
                 raise InputError(f"{name}: is {type(given).__name__}; needed: {what}")
@@ -138,7 +138,7 @@ class ContactSolver:
         self._resources, self._distances = Resources(), []
         self._finalizer = weakref.finalize(self, one_at_a_time(self._resources.free))
         self.problem, self.listeners = problem, list(listeners)
-        self._outer_comm = ending.share(MPI.COMM_WORLD if comm is None else comm)
+        self._outer_comm = ending.share(mpi_comm(comm))
         self.comm = self._resources.comm = Communicator(self._outer_comm.Dup())
         self.hierarchy = self._solver = None
         grid = problem.grid

@@ -1,11 +1,16 @@
 """Compiled loops that were kept: loaded to be called, and still parts of others."""
 
 import importlib
+import os
+import subprocess
 import sys
+from pathlib import Path
 
 import numba
 
 from app import compiled
+
+ROOT = Path(__file__).resolve().parents[2]
 
 LOOPS = """
 from app.compiled import njit
@@ -17,6 +22,17 @@ def twice(x):
 @njit()
 def four_times(x):
     return twice(twice(x))
+"""
+
+SLICES = """
+import numpy as np
+from app.compiled import njit
+
+@njit()
+def rows(a):
+    b = np.zeros((2, a.shape[1]))
+    b[1, 1:] = a[0, 1:]
+    return b
 """
 
 
@@ -42,3 +58,17 @@ def test_a_loaded_loop_is_machine_code_until_another_is_made_of_it(tmp_path, mon
 
     assert one_more(1.5) == 4
     assert code._shared_module is not None
+
+
+def test_a_loaded_loop_brings_no_module_that_it_was_made_from(tmp_path):
+    (tmp_path / "loops_of_a_test.py").write_text(SLICES)
+    program = (
+        "import sys, numpy as np, loops_of_a_test\n"
+        "print(loops_of_a_test.rows(np.ones((2, 3))).sum(), 'numba.np.arrayobj' in sys.modules)"
+    )
+    environment = dict(os.environ, PYTHONPATH=os.pathsep.join((str(tmp_path), str(ROOT))))
+    for brought in (True, False):
+        said = subprocess.run(
+            [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+        )
+        assert said.stdout.split() == ["2.0", str(brought)]

@@ -433,6 +433,12 @@ def test_a_later_method_file_is_that_method():
     assert running.solve(hertz(24), APPROACH, files).history["residual"] == alone.history["residual"]
 
 
+def test_a_communicator_of_petsc4py_is_that_of_mpi4py():
+    assert_same(
+        solve(punch(24), APPROACH, comm=PETSc.COMM_SELF), solve(punch(24), APPROACH, comm=MPI.COMM_SELF)
+    )
+
+
 @pytest.mark.parametrize("case", OPTIONS)
 def test_options_that_cannot_be(case):
     how, message = OPTIONS[case]

@@ -1,0 +1,44 @@
+"""How a command starts MPI."""
+
+import os
+
+import pytest
+
+from app.commands import session
+
+ONE_HOST = {"OMPI_COMM_WORLD_SIZE": "4", "OMPI_COMM_WORLD_LOCAL_SIZE": "4"}
+
+
+@pytest.mark.parametrize(
+    ("environment", "alone"),
+    [
+        ({}, True),
+        (ONE_HOST, True),
+        (ONE_HOST | {"PMIX_RANK": "0"}, True),  # mpiexec's own
+        (ONE_HOST | {"OMPI_COMM_WORLD_SIZE": "8"}, False),
+        ({"PMIX_RANK": "0"}, False),
+        ({"SLURM_STEP_ID": "1"}, False),
+        ({"SLURM_JOB_ID": "17"}, True),  # the script of a job, without srun
+        ({"OMPI_MCA_pml": "ucx"}, False),
+        (ONE_HOST | {"OMPI_MCA_btl": "tcp,self"}, False),
+    ],
+)
+def test_networks_are_looked_for_unless_all_ranks_are_on_this_host(environment, alone):
+    found = session.for_mpi(environment)
+    assert bool(found) == alone
+    assert not found.keys() & environment.keys()
+
+
+def test_the_environment_comes_back(monkeypatch):
+    """Else a program that a command starts, on other hosts maybe, would inherit it."""
+    monkeypatch.setenv("CONTACT_KEPT", "1")
+    monkeypatch.delenv("CONTACT_NEW", raising=False)
+    before = dict(os.environ)
+    with (
+        pytest.raises(KeyError),
+        session._environment({"CONTACT_KEPT": None, "CONTACT_NEW": "2", "CONTACT_NEVER": None}),
+    ):
+        assert "CONTACT_KEPT" not in os.environ
+        assert os.environ["CONTACT_NEW"] == "2"
+        raise KeyError
+    assert dict(os.environ) == before
