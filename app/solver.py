@@ -180,7 +180,7 @@ class ContactSolver:
         self._resources.add(hierarchy)
         self._solver = make_solver(hierarchy, chosen)
         self._resources.add(self._solver)
-        warm_up(chosen, bool(grid.periodic))
+        warm_up(chosen, grid, self._team.comm.size == 1)
         if chosen.lifted and chosen.nested:
             for operator in hierarchy.levels:
                 if not hierarchy.windowed(operator):

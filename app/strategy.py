@@ -15,10 +15,12 @@ from app.contact.reference_solvers import REFERENCE_SOLVERS
 from app.contact.state import ContactState
 from app.contact.stopping import StoppingTest
 from app.errors import InputError
+from app.fast import circulant, tracking_cg
 from app.fast.iteration import InexactStop
 from app.fast.kept import Kept
 from app.fast.lift import lift
 from app.fast.nested import nested_iteration, solve_on
+from app.halfspace import product
 from app.multigrid import transfer
 from app.multigrid.hierarchy import Hierarchy
 from app.petsc import error_message
@@ -154,11 +156,21 @@ def check_compiler():
         raise InputError("NUMBA_DISABLE_JIT is set: the loops of this program work compiled only; unset it")
 
 
-def warm_up(settings, periodic):
-    """Load the compiled loops of a strategy now, not in the first iteration. Not collective."""
+def warm_up(settings, grid, alone):
+    """Load the compiled loops of a strategy now, not in the first iteration. Not collective.
+
+    A rank that is needed on fine grids only has time for that now; later the others would wait for it. `alone`: on this
+    rank only.
+    """
     for module in (kernels, extent, measures, transfer):
         module.warm_up()
-    certificate.warm_up(periodic)
+    certificate.warm_up(bool(grid.periodic))
+    if settings.strategy == "fast":
+        dtype = np.dtype(np.float32 if settings.single else np.float64)
+        for kind in {np.dtype(np.float64), dtype}:
+            product.warm_up(grid, kind)
+            tracking_cg.warm_up(kind)
+        circulant.warm_up(grid, dtype, alone)
     if settings.strategy == "primal":
         from app.primal import stencil
 

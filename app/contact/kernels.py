@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.compiled import njit
-from app.halfspace.reductions import any_order
+from app.halfspace.reductions import any_nonzero, any_order
 
 
 @any_order
@@ -243,6 +243,7 @@ def warm_up():
     activate(fixed, field, fixed, mask, mask, mask, field)
     close_gaps(fixed, field, mask, mask, field)
     drop_nonpositive(field, mask)
+    any_nonzero(mask)
     numbers(fixed, mask)
     sum_squares(fixed, 0.0, mask)
     gap_on(fixed, field, mask, mask)

@@ -20,6 +20,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.compiled import njit
+from app.fast import multilevel
 from app.fast.multilevel import circulant_inverse
 from app.fast.rim import RimExtension, load_extension
 from app.fast.symbol import centre
@@ -73,8 +74,20 @@ def _copy_on(x, contact, out):
         _copy_row(x[j], contact[j], out[j])
 
 
+def warm_up(grid, dtype, alone):
+    """Prepare now what preconditioners on a free grid, and in windows of it, will need; `alone`: on this rank only.
+
+    Not collective.
+    """
+    centre(grid)
+    multilevel.warm_up(grid, dtype)
+    _load_loops(dtype, alone)
+
+
 @cache
-def _load_loops():
+def _load_loops(dtype, alone):
+    for kind in {np.dtype(np.float64), dtype}:
+        load_extension(kind, alone)
     field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
     fixed = field.view()
     fixed.flags.writeable = False
@@ -108,10 +121,7 @@ class Circulant:
         )
         self.extension.set_stencil(self.multiplier.centre() if periodic else centre(operator.grid))
         self._contact, self._listed = -1, None  # number of the set that the extension knows, and its cells
-        # Load the compiled loops now.
-        for dtype in {np.dtype(np.float64), operator.dtype}:
-            load_extension(dtype)
-        _load_loops()
+        _load_loops(operator.dtype, operator.comm is None)
 
     def apply(self, pc, x, y):
         """Compute y = C E^T B E C x."""

@@ -119,7 +119,7 @@ class MultilevelInverse:
         self.slabs = slabs = slabs or Slabs(shape[0])
         self.comm = comm = comm if comm is not None and comm.size > 1 else None
         twice = np.where(np.arange(REACH + 1) > 0, 2.0, 1.0)
-        self._stencil = (near[0] / np.outer(twice, twice)).T.astype(dtype)  # [y, x]
+        self._stencil = np.ascontiguousarray((near[0] / np.outer(twice, twice)).T, dtype)  # [y, x]
         coarse = slabs.surround()
         coarse_shape = coarse.ny, _coarse_cells(shape[1])
         self._next = (
@@ -274,6 +274,13 @@ def _add_near(p, rows, before, after, stencil, coarse, first, first_coarse, out)
         for k in range(3):
             _in_y(around, stencil[0, k], stencil[1, k], stencil[2, k], three[k])
         _in_x(three[0], three[1], three[2], row, out[j])
+
+
+def warm_up(grid, dtype):
+    """Prepare now what B on a free grid, and in windows of it, will need. Not collective."""
+    if _levels(grid):
+        stencils(grid)
+        _load_loops(np.dtype(dtype))
 
 
 @cache

@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.compiled import njit
+from app.fast import rim_kernels
 from app.halfspace.halo import Halo
 
 MAX_STEPS = 250  # kinds of cells are numbered in a byte
@@ -143,12 +143,12 @@ class RimExtension:
         """List the cells of each kind; `found` has room for all of them. Not collective."""
         deep = self.steps + 1
         counts, places = np.zeros((2, deep + 3), np.int64)
-        number = _list(kinds, np.uint8(deep), found, counts)
+        number = rim_kernels.list_cells(kinds, np.uint8(deep), found, counts)
         order = [*range(self.steps, 0, -1), deep + 2, deep + 1]
         ends = np.cumsum(counts[order])
         places[order] = ends - counts[order]
         cells = np.empty(number, np.int32)
-        _sort(kinds.reshape(-1), found[:number], cells, places)
+        rim_kernels.sort_cells(kinds.reshape(-1), found[:number], cells, places)
         sizes = ends[: self.steps]
         return _Cells(cells[: sizes[-1]], sizes, cells[sizes[-1] :], counts[deep + 2])
 
@@ -176,13 +176,13 @@ class RimExtension:
             return
         cells, strips, (*_, new) = self._parts[1], self._strips(x), self._room_for(x.dtype)
         if not strips:
-            _extend(x, self._wrapped, self._around, cells.band, cells.sizes, self._weights, new)
+            rim_kernels.extend(x, self._wrapped, self._around, cells.band, cells.sizes, self._weights, new)
             return
         for layer, size in enumerate(cells.sizes):
             beside = self._beside(x, strips)
             for strip in strips:
                 strip.sweep(layer, new[:0], self._around, self._weights)
-            _sweep(flat, *beside, cells.band[:size], new[:0], self._weights, new)
+            rim_kernels.sweep(flat, *beside, cells.band[:size], new[:0], self._weights, new)
 
     def restrict(self, x):
         """Apply E^T in place: to any field; on exit it is anything outside the contact set.
@@ -194,19 +194,19 @@ class RimExtension:
         flat, cells, strips = self._flat(x), self._parts[1], self._strips(x)
         inner, source, new = self._room_for(x.dtype)
         if not strips:
-            _restrict(x, self._wrapped, self._around, *cells, self._weights, inner, source, new)
+            rim_kernels.restrict(x, self._wrapped, self._around, *cells, self._weights, inner, source, new)
             return
-        _take_out(flat, cells.inner, inner)
+        rim_kernels.take_out(flat, cells.inner, inner)
         sources = [strip.begin() for strip in strips]
-        _take(flat, cells.band, source)
+        rim_kernels.take(flat, cells.band, source)
         for layer in range(self.steps - 2, -1, -1):
             beside = self._beside(x, strips)
             for strip, of_strip in zip(strips, sources, strict=True):
                 strip.sweep(layer, of_strip, self._around, self._weights)
-            _sweep(flat, *beside, cells.band[: cells.sizes[layer]], source, self._weights, new)
+            rim_kernels.sweep(flat, *beside, cells.band[: cells.sizes[layer]], source, self._weights, new)
         rim = cells.rim
-        _sweep(flat, *self._beside(x, strips), cells.inner[:rim], inner, self._weights, new)
-        _put(flat, cells.inner[rim:], inner[rim:])
+        rim_kernels.sweep(flat, *self._beside(x, strips), cells.inner[:rim], inner, self._weights, new)
+        rim_kernels.put(flat, cells.inner[rim:], inner[rim:])
 
     def _room_for(self, dtype):
         """Arrays for what is on the inner cells, on the band, and for new values; found once for a contact set."""
@@ -227,7 +227,7 @@ class RimExtension:
             spread[:, 0], spread[:, -1] = spread[:, -2], spread[:, 1]
         if self._wrapped:
             spread[0], spread[-1] = spread[-2], spread[1]
-        _dilate(spread, of, kinds)
+        rim_kernels.dilate(spread, of, kinds)
 
     def _strips(self, x):
         """Rows around the first and the last border of these, as far as there is one. Collective."""
@@ -265,186 +265,26 @@ class _Strip:
         inner, band = (
             np.empty(len(cells), self.rows.dtype) for cells in (self._cells.inner, self._cells.band)
         )
-        _take_out(self._flat, self._cells.inner, inner)
-        _take(self._flat, self._cells.band, band)
+        rim_kernels.take_out(self._flat, self._cells.inner, inner)
+        rim_kernels.take(self._flat, self._cells.band, band)
         return band
 
     def sweep(self, layer, source, around, weights):
         """Sweep over the band up to a layer, from a source or, if it is empty, none."""
         cells = self._cells.band[: self._cells.sizes[layer]]
         new = np.empty(len(cells), self.rows.dtype)
-        _sweep(self._flat, self._nothing, self._nothing, around, cells, source, weights, new)
+        rim_kernels.sweep(self._flat, self._nothing, self._nothing, around, cells, source, weights, new)
 
 
 @cache
-def load_extension(dtype):
-    """Load the compiled loops for fields of a type, not in the first iteration. Not collective."""
-    extension = RimExtension((3, 3), None, None, 1)
+def load_extension(dtype, alone=True):
+    """Load the compiled loops for fields of a type, on this rank only or on several, now. Not collective."""
+    extension, field = RimExtension((3, 3), None, None, 1), np.zeros((3, 3), dtype)
     extension.set_contact(np.eye(3, dtype=bool))
-    field = np.zeros((3, 3), dtype)
-    extension.extend(field)
-    extension.restrict(field)
-
-
-# In the lists ~j stands for cell j if a neighbour may lie in another row array or outside the patch.
-
-
-@njit()
-def _above_or_below(before, here, after, near):
-    for i in range(np.uint64(near.size)):
-        near[i] = before[i] | here[i] | after[i]
-        before[i] = here[i]
-
-
-@njit()
-def _left_or_right(near, marked, counts):
-    one, two = np.uint64(1), np.uint64(2)
-    for i in range(np.uint64(counts.size)):
-        marked[i + one] = near[i] | near[i + one] | near[i + two]
-        counts[i] += marked[i + one]
-
-
-@njit()
-def _left_or_right_of(near, marked, of, counts):
-    one, two = np.uint64(1), np.uint64(2)
-    for i in range(np.uint64(counts.size)):
-        marked[i + one] = near[i] | near[i + one] | near[i + two]
-        counts[i] += marked[i + one] & of[i]
-
-
-@njit()
-def _dilate(marked, of, counts):
-    """Mark what is beside a marked cell, too; count how often each of the cells `of` (None: of all) was marked."""
-    before, near = marked[0].copy(), np.empty_like(marked[0])
-    for row in range(counts.shape[0]):
-        _above_or_below(before, marked[row + 1], marked[row + 2], near)
-        if of is None:
-            _left_or_right(near, marked[row + 1], counts[row])
-        else:
-            _left_or_right_of(near, marked[row + 1], of[row], counts[row])
-
-
-@njit()
-def _special(kinds, deep, found):
-    for i in range(kinds.size):
-        found[i] = (kinds[i] != 0) & (kinds[i] != deep)
-
-
-@njit()
-def _list(kinds, deep, cells, counts):
-    """List the cells of all kinds but 0 and `deep` in order, count those of each kind; return how many there are."""
-    total = 0
-    nx = kinds.shape[1]
-    found = np.zeros(-(-nx // 8) * 8, np.uint8)
-    words = found.view(np.uint64)
-    some, columns = np.empty(words.size + 1, np.int64), np.empty(found.size + 1, np.int64)
-    for row in range(kinds.shape[0]):
-        _special(kinds[row], deep, found)
-        # Without branches: none could be predicted.
-        hits = 0
-        for word in range(words.size):
-            some[hits] = word
-            hits += words[word] != 0
-        number = 0
-        for hit in range(hits):
-            for i in range(8 * some[hit], 8 * some[hit] + 8):
-                columns[number] = i
-                number += found[i]
-        first, outer = row * nx, row == 0 or row == kinds.shape[0] - 1
-        for m in range(number):
-            i = columns[m]
-            counts[kinds[row, i]] += 1
-            cells[total] = ~(first + i) if outer or i == 0 or i == nx - 1 else first + i
-            total += 1
-    return total
-
-
-@njit()
-def _sort(kinds, cells, out, places):
-    """Sort listed cells by their kinds; places[kind] says where the first of a kind goes, and is changed."""
-    for m in range(cells.size):
-        kind = kinds[max(cells[m], ~cells[m])]
-        out[places[kind]] = cells[m]
-        places[kind] += 1
-
-
-@njit()
-def _take(x, cells, values):
-    for m in range(cells.size):
-        values[m] = x[max(cells[m], ~cells[m])]
-
-
-@njit()
-def _take_out(x, cells, values):
-    for m in range(cells.size):
-        j = max(cells[m], ~cells[m])
-        values[m] = x[j]
-        x[j] = 0
-
-
-@njit()
-def _put(x, cells, values):
-    for m in range(cells.size):
-        x[max(cells[m], ~cells[m])] = values[m]
-
-
-@njit()
-def _sweep(x, above, below, periodic, cells, source, weights, new):
-    """x <- source - N x on the listed cells, all from the old values, by way of `new`; an empty source is zero."""
-    wx, wy, wd = weights
-    nx, some = np.int64(above.size), source.size > 0
-    for m in range(cells.size):
-        j = np.int64(cells[m])
-        if j >= 0:
-            a, b = j - nx, j + nx
-            in_x, in_y = x[j - 1] + x[j + 1], x[a] + x[b]
-            diagonal = (x[a - 1] + x[a + 1]) + (x[b - 1] + x[b + 1])
-        else:
-            row, i = ~j // nx, ~j % nx
-            left, right = i - 1, i + 1
-            if periodic:
-                left, right = left % nx, right % nx
-            in_x = _value(x, above, below, row, left) + _value(x, above, below, row, right)
-            in_y = _value(x, above, below, row - 1, i) + _value(x, above, below, row + 1, i)
-            diagonal = (_value(x, above, below, row - 1, left) + _value(x, above, below, row - 1, right)) + (
-                _value(x, above, below, row + 1, left) + _value(x, above, below, row + 1, right)
-            )
-        new[m] = (source[m] if some else x.dtype.type(0)) - (wx * in_x + wy * in_y + wd * diagonal)
-    for m in range(cells.size):
-        x[max(cells[m], ~cells[m])] = new[m]
-
-
-@njit()
-def _value(x, above, below, row, i):
-    """x in row `row` and column `i`, of which one may be just outside this rank's rows or the patch."""
-    nx = above.size
-    if i < 0 or i >= nx:
-        return x.dtype.type(0)
-    if row < 0:
-        return above[i]
-    if row * nx >= x.size:
-        return below[i]
-    return x[row * nx + i]
-
-
-@njit()
-def _extend(x, wrapped, periodic, band, sizes, weights, new):
-    """All steps in one call, where all rows are on one rank; likewise `_restrict`."""
-    above, below = np.zeros(x.shape[1], x.dtype), np.zeros(x.shape[1], x.dtype)
-    for size in sizes:
-        if wrapped:
-            above[:], below[:] = x[-1], x[0]
-        _sweep(x.reshape(-1), above, below, periodic, band[:size], new[:0], weights, new)
-
-
-@njit()
-def _restrict(x, wrapped, periodic, band, sizes, inner, rim, weights, kept, source, new):
-    flat, above, below = x.reshape(-1), np.zeros(x.shape[1], x.dtype), np.zeros(x.shape[1], x.dtype)
-    _take_out(flat, inner, kept)
-    _take(flat, band, source)
-    for layer in range(sizes.size - 2, -2, -1):
-        if wrapped:
-            above[:], below[:] = x[-1], x[0]
-        cells, of = (band[: sizes[layer]], source) if layer >= 0 else (inner[:rim], kept)
-        _sweep(flat, above, below, periodic, cells, of, weights, new)
-    _put(flat, inner[rim:], kept[rim:])
+    if alone:
+        extension.extend(field)
+        extension.restrict(field)
+    else:
+        strip = _Strip([field], 0, 0, extension._parts[1])
+        strip.sweep(0, strip.begin(), False, (0.0, 0.0, 0.0))
+        rim_kernels.put(field.reshape(-1), extension._parts[1].inner[:0], field[0])

@@ -139,8 +139,8 @@ def _dots(d, q, r, contact, spans):
 
 
 @cache
-def _warm_up(dtype):
-    """Load the compiled loops now, not in the first iteration."""
+def warm_up(dtype):
+    """Load the compiled loops now, not in the first iteration. Not collective."""
     field, mask, spans = np.zeros((0, 0)), np.zeros((0, 0), bool), np.zeros((0, 2), np.int64)
     low, fixed = field.astype(dtype), field.view()
     fixed.flags.writeable = False
@@ -202,7 +202,7 @@ class TrackingCG(KspContext):
         self._preconditioned = PETSc.Vec().createWithArray(scratch, comm=mat.getComm())
         self.product = scratch.view(operator.dtype)[: scratch.size].reshape(shape)  # q = A d
         self._spans = np.zeros((shape[0], 2), np.int64)
-        _warm_up(operator.dtype)
+        warm_up(operator.dtype)
 
     @property
     def direction(self):

@@ -255,7 +255,7 @@ class Rest:
 
 @cache
 def warm_up(dtype):
-    """Compile the loops, or read them from the cache, now and not in the first product."""
+    """Compile the loops, or read them from the cache, now and not in the first product. Not collective."""
     field, weights = np.zeros((0, 0)), np.zeros((1, 1), dtype)
     mask, fixed = field.astype(bool), field.view()
     fixed.flags.writeable = False

@@ -13,6 +13,8 @@ from functools import partial
 import numpy as np
 from mpi4py import MPI
 
+from app.halfspace import images
+from app.halfspace.fft import multiplier
 from app.halfspace.fft.lengths import lengths_with_margin, transform_length
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.images import Box, Rest
@@ -191,3 +193,10 @@ class NoRows:
     def norm(self):
         """Return 0."""
         return 0.0
+
+
+def warm_up(grid, dtype):
+    """Load now what products on a free grid, and in windows of it, call. Not collective."""
+    multiplier.warm_up(dtype)
+    if BoxProduct.suits(grid, dtype):
+        images.warm_up(dtype)

@@ -83,14 +83,14 @@ def _scratch(shape, dtype):
 
 
 @cache
-def _warm_up(dtype):
-    """Compile the loops, or read them from the cache, now and not in the first product."""
+def warm_up(dtype):
+    """Compile the loops, or read them from the cache, now and not in the first product. Not collective."""
     field, spectrum, whole = np.zeros((0, 1)), np.zeros((0, 1), dtype), np.zeros(1, np.int64)
     batch = np.zeros((1, 1), np.result_type(dtype, np.complex64))
     fixed, strips = field.view(), np.zeros(0, batch.dtype)
     fixed.flags.writeable = False
     inside = _NO_MASK, _NO_ROWS, batch, strips, strips, whole, 0, 0, 0
-    for source in {field.dtype: (field, fixed), spectrum.dtype: (spectrum,)}.values():
+    for source in {spectrum.dtype: (spectrum,), field.dtype: (field, fixed)}.values():
         for real in source:
             rows_to_strips(real, *inside)
         strips_to_rows(source[0], *inside)
@@ -177,7 +177,7 @@ class EvenMultiplier:
         self._column = self._column_batches[0].data
         self._column_parts = self._column.view(self.dtype)
         self._scratch = _scratch((_ROWS_AT_ONCE * columns,), complex_type)
-        _warm_up(self.dtype)
+        warm_up(self.dtype)
 
     def use(self, spectra, key, make):
         """Take a spectrum from those that are known, or ``make()`` and keep it. Collective if that is.
