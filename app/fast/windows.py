@@ -23,9 +23,8 @@ from app.halfspace.operator import InfluenceOperator
 from app.halfspace.window import Scatter, Window, bounding_boxes, whole
 from app.multigrid.transfer import Transfer
 
-_PRODUCT, _DONE, _GONE = range(
-    3
-)  # what ranks that have no part in a window hear: what is wanted of them, or is left
+# What ranks that have no part in a window hear: what is wanted of them, or is left.
+_PRODUCT, _DONE, _GONE = range(3)
 _LEAST = 4  # cells of the coarser grid around contact
 _STEP = 16  # small windows have multiples of so many of them, and twice as many at least: they are kept
 _MOST = 0.85  # of the cells; a larger window is not worth its own spectra
