@@ -78,7 +78,7 @@ def for_mpi(environment):
 
     It need not look for networks then, which takes 0.2 s, a fifth of a small solve's command. Not collective.
     """
-    chosen = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self,vader,tcp"}
+    chosen = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "^openib,ofi,uct,usnic"}
     ranks, here = (environment.get(f"OMPI_COMM_WORLD_{size}") for size in ("SIZE", "LOCAL_SIZE"))
     launched = any(name.startswith(_LAUNCHERS) for name in environment)
     together = ranks == here if ranks else not launched
