@@ -127,16 +127,18 @@ class LoadPath:
 
     def _solve(self):
         done = min(len(self.rows), len(self.numbers) - 1)
-        with self._solver.unmoved() as start:
-            for step in range(done, len(self.numbers)):
-                start()
-                solution = self._solver.solve(**{self._kind: self.numbers[step]})
-                if self._exact:
-                    solution = replace(solution, stiffness=self._solver.stiffness(solution))
-                self.operator_applications += solution.operator_applications
-                self.solve_seconds += solution.solve_seconds
-                self.rows[step:] = [self._row(step, solution)]
-                yield solution
+        start, problem = self._solver.unmoved(), self._solver.problem
+        for step in range(done, len(self.numbers)):
+            if self._solver.problem is not problem:
+                raise InputError("path: its solver has been given another problem; make a path of that")
+            start()
+            solution = self._solver.solve(**{self._kind: self.numbers[step]})
+            if self._exact:
+                solution = replace(solution, stiffness=self._solver.stiffness(solution))
+            self.operator_applications += solution.operator_applications
+            self.solve_seconds += solution.solve_seconds
+            self.rows[step:] = [self._row(step, solution)]
+            yield solution
 
     def _row(self, step, solution):
         patches = solution.contact_patches()

@@ -17,7 +17,6 @@ import time
 import warnings
 import weakref
 from collections.abc import Mapping
-from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -44,13 +43,10 @@ from app.notes import notes_on
 from app.options import as_texts
 from app.path import LoadPath
 from app.petsc import Resources, mpi_comm, one_at_a_time
-from app.problems.given import ContactProblem
 from app.problems.problem import Problem
 from app.solution import Solution
 from app.stiffness import contact_stiffness
 from app.strategy import Strategy, check_single, warm_up
-
-__all__ = ["ContactProblem", "ContactSolver", "Solution", "solve"]
 
 
 def solve(
@@ -85,7 +81,7 @@ def solve(
 
 
 class ContactSolver:
-    """Solves one problem for any approach or load.
+    """Solves one problem for any approach or load, and others on the same cells after an `update`.
 
     Collective over `comm`, as are all its methods. May be used in a ``with`` block; if it is not closed, it is freed
     when it is forgotten, or at the end of the process. Threads wait for each other. It cannot be pickled; problems and
@@ -208,11 +204,7 @@ class ContactSolver:
         for distance in self._distances:
             self._resources.add(distance)
         self._roughness = measures.measure_roughness(hierarchy.target, self._distances[-1], target)
-
-    def _digits_lost(self):
-        """Whether approaches far beyond the shape have cost it digits."""
-        distance = self._distances[-1]
-        return distance.deepest > 1e3 * distance.deviation
+        return self.touching
 
     @property
     def ksp(self):
@@ -270,7 +262,7 @@ class ContactSolver:
         """Solve, on the ranks of the team."""
         started, before = time.perf_counter(), self.comm.traffic.copy()
         products = self.hierarchy.operator_applications()
-        if self._digits_lost():
+        if self._distances[-1].digits_lost:
             self._measure_shapes()
         loading = self._loading(given)
         if not loading.prescribes_load and loading.approach <= self.touching:
@@ -320,9 +312,28 @@ class ContactSolver:
         check_alike(self.comm, loading, "loading")
         self._team.told(self._loading, loading, summary=lambda _: None)
 
-    @contextmanager
+    @one_at_a_time
+    def update(self, problem):
+        """Solve another problem from now on, of the same grid and material: a gap that is worn, or slides.
+
+        Collective. What is set up stays, solutions stay what they are, and one may be a `start`. After an InputError
+        (another grid or material, contact impossible in all cells) the problem is the old one.
+        """
+        self._refuse_if_closed()
+        before = self.problem
+        ours = before.fits(problem)
+        check_alike(self.comm, ours, "grid or material")
+        if not ours:
+            raise InputError("problem: needed: a ContactProblem of the solver's grid and material")
+        self.problem = problem
+        try:
+            self.touching = self._team.told(self._measure_shapes)
+        except BaseException:
+            self.problem = before
+            raise
+
     def unmoved(self):
-        """Give a function that takes back what moving the bodies has left of rounding in the undeformed distances.
+        """Return a function that takes back what moving the bodies has left of rounding in the undeformed distances.
 
         Collective. After it a solve does the same, to the last digit, as the first one did. It costs a field for every
         grid.
@@ -330,13 +341,7 @@ class ContactSolver:
         self._refuse_if_closed()
         if any(distance.depth or distance.deepest for distance in self._distances):
             self._measure_shapes()
-        kept = [distance.b.copy() for distance in self._distances]
-
-        def take_back():
-            for distance, b in zip(self._distances, kept, strict=True):
-                distance.take_back(b)
-
-        yield take_back
+        return UndeformedDistance.kept(self._distances)
 
     @one_at_a_time
     def stiffness(self, solution):
@@ -384,12 +389,8 @@ class ContactSolver:
         applications = self.hierarchy.operator_applications() - products
         seconds = time.perf_counter() - started
         proof = certify(state)
-        bound, allowed = proof.error_bound, self.settings.error_bound
-        if outcome.converged and not bound <= allowed:
-            fast = self.settings.strategy == "fast"
-            advice = "rounding allows no more" if fast else "a smaller -lcp_rtol is more accurate"
-            doubt = f"the pressure is proved to {bound:.2g} only (-lcp_error_bound {allowed:g}); {advice}"
-            outcome = replace(outcome, converged=False, reason=f"{outcome.reason}, but {doubt}")
+        to_rounding = self.settings.strategy == "fast"
+        outcome = outcome.if_proved(proof.error_bound, self.settings.error_bound, to_rounding)
         p, distance, depth = state.p, state.distance, state.depth
         prescribed = loading.load if loading.prescribes_load else None
         approach = loading.approach if prescribed is None else state.approach
@@ -433,8 +434,6 @@ class ContactSolver:
             slabs=self.hierarchy.slabs.among(self.comm.size),
             comm=self._outer_comm,
         )
-
-    # -- end -----------------------------------------------------------------------------------------------
 
     def close(self):
         """Free everything; solutions stay. Collective."""

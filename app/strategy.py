@@ -12,7 +12,7 @@ from app.contact.full_contact import FullContact
 from app.contact.full_multigrid import full_multigrid
 from app.contact.iteration import active_set_or_search
 from app.contact.reference_solvers import REFERENCE_SOLVERS
-from app.contact.state import ContactState
+from app.contact.state import ContactState, Displacement
 from app.contact.stopping import StoppingTest
 from app.errors import InputError
 from app.fast import circulant, tracking_cg
@@ -142,8 +142,11 @@ class Strategy:
     def _started_from(self, start, loading):
         """State of the target grid as a solution left it, at the approach of the loading."""
         state = ContactState(self._hierarchy.target, self._distances[-1], u=start.displacement.copy())
+        holes = ~state.admissible & (start.pressure != 0)  # of a problem with others
         with state.pressure as p:
-            p[...] = np.where(state.admissible, start.pressure, 0.0).reshape(-1)
+            p[...] = np.where(holes, 0.0, start.pressure).reshape(-1)
+        if state.sum([np.count_nonzero(holes)])[0]:
+            state.u_is = Displacement.STALE
         state.contact[...] = start.contact & state.admissible
         state.approach = start.approach
         loading.resume(state, start.load)

@@ -113,11 +113,23 @@ class UndeformedDistance:
                 values += depth - self.depth
             self.depth, self.deepest = float(depth), max(self.deepest, abs(depth))
 
-    def take_back(self, b):
-        """Be at depth 0 again with the -h it had there, free of the rounding of moves. Not collective."""
-        with self.rhs as values:
-            values[...] = b.reshape(-1)
-        self.depth = self.deepest = 0.0
+    @property
+    def digits_lost(self):
+        """Whether approaches far beyond the shape have cost it digits. Not collective."""
+        return self.deepest > 1e3 * self.deviation
+
+    @staticmethod
+    def kept(distances):
+        """Return a function that takes distances back to what they are now, at depth 0. Not collective."""
+        fields = [distance.b.copy() for distance in distances]
+
+        def take_back():
+            for distance, b in zip(distances, fields, strict=True):
+                with distance.rhs as values:
+                    values[...] = b.reshape(-1)
+                distance.depth = distance.deepest = 0.0
+
+        return take_back
 
     def norm(self):
         """||h||_2 over the admissible cells [mm], (5.1); 1 where it is zero, to be divided by. Not collective."""

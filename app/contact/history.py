@@ -90,6 +90,17 @@ class Outcome:
     grid_errors: GridErrors = UNKNOWN
     fallbacks: int = 0  # grids on which the safeguard took over, this one and coarser ones
 
+    def if_proved(self, bound, allowed, to_rounding):
+        """Return this outcome, not converged if the error bound that is proved is more than is allowed.
+
+        `to_rounding`: the iteration has done what can be done.
+        """
+        if not self.converged or bound <= allowed:
+            return self
+        advice = "rounding allows no more" if to_rounding else "a smaller -lcp_rtol is more accurate"
+        doubt = f"the pressure is proved to {bound:.2g} only (-lcp_error_bound {allowed:g}); {advice}"
+        return replace(self, converged=False, reason=f"{self.reason}, but {doubt}")
+
     def on_from(self, coarser):
         """Return this outcome with the fallbacks of that of the coarser grids, if there is one, added."""
         return replace(self, fallbacks=coarser.fallbacks + self.fallbacks) if coarser else self

@@ -51,6 +51,10 @@ class Problem:
         """
         raise NotImplementedError(f"{type(self).__name__}.shape_on")
 
+    def fits(self, other):
+        """Whether another problem has the same grid and material. Not collective."""
+        return isinstance(other, Problem) and (other.grid, other.material) == (self.grid, self.material)
+
     @property
     def refinable(self):
         """Whether the shape can be asked for on finer grids than the problem's own. Not collective."""

@@ -47,6 +47,24 @@ def test_solvers_on_parts_of_the_ranks(comm, method):
 
 
 @pytest.mark.mpi(2, 3)
+@pytest.mark.parametrize("method", ["fast", "fmg_v11"])
+def test_an_updated_solver(comm, method):
+    gap = punch(40).shape_on(punch(40).grid)
+    gap[18:22, 18:22] = np.nan
+    other = ContactProblem(punch(40).grid, punch(40).material, gap)
+    with ContactSolver(punch(40), method, TIGHT, comm) as solver:
+        before = solver.solve(approach=0.1)
+        with pytest.raises(InputError, match="grid and material"):
+            solver.update(hertz(40))
+        solver.update(other)
+        found = [solver.solve(approach=0.1), solver.solve(approach=0.1, start=before)]
+    expected = solve(other, 0.1, method, comm=MPI.COMM_SELF, **TIGHT).pressure
+    for solution in found:
+        assert solution.converged
+        assert_close(whole(solution), expected)
+
+
+@pytest.mark.mpi(2, 3)
 def test_solvers_of_different_methods_are_alive_at_once(comm):
     methods = ("fast", "norm", "mg_v11", "fmg_v11")
     solvers = [ContactSolver(punch(40), method, TIGHT, comm) for method in methods]

@@ -488,3 +488,101 @@ def test_a_start_from_another_material_is_no_answer(method):
         expected, found = solver.solve(approach=0.01), solver.solve(approach=0.01, start=other)
     assert found.load == pytest.approx(expected.load, rel=1e-4)
     assert found.load == pytest.approx(other.load / 2, rel=1e-4)
+
+
+def worn(problem, seed=1):
+    """The same bodies, a little of each cell gone."""
+    gap = problem.shape_on(problem.grid)
+    depth = np.nanmax(gap) - np.nanmin(gap)
+    gap = gap + 0.01 * depth * np.random.default_rng(seed).random(gap.shape)
+    return ContactProblem(problem.grid, problem.material, gap, periodic=bool(problem.grid.periodic))
+
+
+def wavy(n=32):
+    grid = Grid.from_domain(n, n, (0, 1, 0, 1))
+    return ContactProblem(
+        grid,
+        Material.combined(80000, 0.3),
+        lambda x, y: 0.01 * (2 - np.cos(2 * np.pi * x) - np.cos(2 * np.pi * y)),
+        periodic=True,
+    )
+
+
+UPDATED = {
+    "fast": (lambda: punch(40), None, {"approach": APPROACH}),
+    "load": (lambda: hertz(40), None, {"load": 5000.0}),
+    "windows": (lambda: hertz(160), None, {"approach": APPROACH}),
+    "fmg": (lambda: punch(24), "fmg_v11", {"approach": APPROACH}),
+    "norm": (lambda: punch(24), "norm", {"approach": APPROACH}),
+    "periodic": (wavy, None, {"mean_pressure": 200.0}),
+}
+
+
+@pytest.mark.parametrize("case", UPDATED)
+def test_an_updated_solver_solves_as_a_new_one(case):
+    make, method, loading = UPDATED[case]
+    problem = make()
+    other = worn(problem)
+    with ContactSolver(other, method) as fresh:
+        expected = fresh.solve(**loading)
+    with ContactSolver(problem, method) as solver:
+        before = solver.solve(**loading)
+        gap = before.gap.copy()
+        solver.update(other)
+        after = solver.solve(**loading)
+        started = solver.solve(**loading, start=before)
+        np.testing.assert_array_equal(before.gap, gap)
+        solver.update(problem)
+        again = solver.solve(**loading)
+    for found, wanted in ((after, expected), (again, before)):
+        assert (found.load, found.approach, found.iterations) == (
+            wanted.load,
+            wanted.approach,
+            wanted.iterations,
+        )
+        np.testing.assert_array_equal(found.pressure, wanted.pressure)
+        np.testing.assert_allclose(found.gap, wanted.gap, rtol=0, atol=1e-15)  # bodies were moved since
+    assert_solves_lcp(started)
+    assert started.load == pytest.approx(after.load, rel=1e-4)
+    assert started.approach == pytest.approx(after.approach, rel=1e-4)
+    assert after.problem == expected.problem
+
+
+def test_a_start_may_have_pressure_where_an_updated_gap_has_a_hole():
+    problem = hertz(64)
+    with ContactSolver(problem) as solver:
+        before = solver.solve(APPROACH)
+        gap = problem.shape_on(problem.grid)
+        gap[28:36, 28:36] = np.nan
+        assert before.contact[28:36, 28:36].any()
+        solver.update(ContactProblem(problem.grid, problem.material, gap))
+        found, fresh = solver.solve(APPROACH, start=before), solver.solve(APPROACH)
+    assert_solves_lcp(found)
+    np.testing.assert_allclose(found.pressure, fresh.pressure, atol=1e-4 * fresh.max_pressure)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        lambda: hertz(32),
+        lambda: ContactProblem(hertz(24).grid, Material.combined(1.0, 0.3), np.zeros((24, 24))),
+        lambda: ContactProblem(hertz(24).grid, hertz(24).material, np.full((24, 24), np.nan)),
+        lambda: np.zeros((24, 24)),
+    ],
+    ids=["grid", "material", "holes", "array"],
+)
+def test_what_does_not_fit_leaves_the_solver_as_it_was(other):
+    with ContactSolver(hertz(24)) as solver:
+        before = solver.solve(APPROACH)
+        with pytest.raises(InputError, match=r"problem"):
+            solver.update(other())
+        assert_same(solver.solve(APPROACH), before)
+
+
+def test_a_path_is_that_of_one_problem():
+    with ContactSolver(hertz(24)) as solver:
+        path = iter(solver.path(load=[100.0, 200.0]))
+        next(path)
+        solver.update(worn(hertz(24)))
+        with pytest.raises(InputError, match="another problem"):
+            next(path)
