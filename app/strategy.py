@@ -148,7 +148,6 @@ class Strategy:
         if state.sum([np.count_nonzero(holes)])[0]:
             state.u_is = Displacement.STALE
         state.contact[...] = start.contact & state.admissible
-        state.approach = start.approach
         loading.resume(state, start.load)
         return state
 

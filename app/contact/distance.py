@@ -44,6 +44,8 @@ class UndeformedDistance:
         The same, to read.
     touching : float or None
         Depth at which the first cells touch [mm]; None of a window: nobody knows.
+    lowest : float
+        The same, of a window that of the whole grid; before it no load is carried [mm].
     least_mean_pressure : float
         That full contact of a periodic patch needs, as soon as it is known [N/mm2].
     admissible : ndarray of bool, shape (local rows, nx)
@@ -82,7 +84,7 @@ class UndeformedDistance:
         part = cls.__new__(cls)
         part.admissible, b = scatter.forward(whole.admissible), scatter.forward(whole.b)
         part._hold(b, operator)
-        part.statistics, part.touching = whole.statistics, None
+        part.statistics, part.touching, part.lowest = whole.statistics, None, whole.lowest
         part.depth, part.deepest, part.reference = whole.depth, 0.0, whole.reference
         return part
 
@@ -154,3 +156,4 @@ def _measure(levels, comm):
     for distance, cells, mean, about_mean, (*box, touching) in found:
         distance.statistics = Statistics(int(cells), mean, float(about_mean))
         distance.possible, distance.touching = box_of(box), float(touching)
+        distance.lowest = distance.touching if np.isfinite(touching) else -np.inf

@@ -191,17 +191,18 @@ class PrescribedLoad:
         return beyond
 
     def resume(self, state, load):
-        """Choose the approach to begin with, where `state` is a solution with a load. Collective.
+        """Choose the approach to begin with, where `state` is a solution with a load, of this gap or another one.
 
-        The load grows with a power of the depth beyond first touch, from 1 for a punch to 2 for a cone: as of a sphere.
+        Collective. The gap in contact tells the depth. The load grows with a power of that beyond first touch, from 1
+        for a punch to 2 for a cone: as of a sphere.
         """
-        touching = state.first_touch()
-        beyond = state.depth - touching
+        state.depth = touching = state.first_touch()
+        beyond = state.mean_in_contact()
         if load > 0 and beyond > 0:
             self.slope = 1.5 * load / beyond
             state.depth = touching + beyond * (self.load / load) ** (2 / 3)
         else:
-            self.slope, state.depth = stiffness_of_patch(state), touching
+            self.slope = stiffness_of_patch(state)
 
     def solved(self, depth):
         """Hear of the depth that a grid has ended with [mm]. Not collective."""
@@ -249,8 +250,9 @@ class PrescribedLoad:
         lacks = (self.load - here[1]) / self.slope
         if abs(lacks) <= rms:
             return 0.0
-        # Towards full contact the slope grows without bound.
-        state.depth = min(state.depth + lacks, (state.depth + state.highest) / 2)
+        # Towards full contact the slope grows without bound; before first touch there is no load.
+        depth = min(state.depth + lacks, (state.depth + state.highest) / 2)
+        state.depth = max(depth, state.distance.lowest)
         self._before = here
         return abs(state.depth - here[0])
 

@@ -286,6 +286,11 @@ class ContactState:
         """In place of (4.b): return the Update that C is after `release_tensile`. Collective."""
         return self.activate_penetrating(np.full(self.u.shape, np.inf))
 
+    def mean_in_contact(self):
+        """Mean of h + u over C [mm]. Collective."""
+        _, total, cells = self.sum([*kernels.gap_on(self.distance.b, self.u, self.contact, self.contact)])
+        return float(total / max(cells, 1))
+
     def gap_on_contact(self):
         """RMS and mean of h + u over C and where it is negative [mm], the cells there, and the load [N]. Collective."""
         sums = kernels.gap_on(self.distance.b, self.u, self.admissible, self.contact)

@@ -548,6 +548,18 @@ def test_an_updated_solver_solves_as_a_new_one(case):
     assert after.problem == expected.problem
 
 
+def test_a_start_of_a_gap_that_was_elsewhere():
+    """Its approach says nothing; looking for the load from there once cost the distances their digits."""
+    grid, rng = Grid.from_domain(94, 90, (0, 1, 0, 1)), np.random.default_rng(3)
+    material, gaps = Material.combined(80000, 0.3), 0.01 * rng.random((2, 90, 94)) + [[[5.0]], [[0.0]]]
+    with ContactSolver(ContactProblem(grid, material, gaps[0])) as solver:
+        before = solver.solve(mean_pressure=0.024)
+        solver.update(ContactProblem(grid, material, gaps[1]))
+        found, fresh = solver.solve(mean_pressure=15.0, start=before), solver.solve(mean_pressure=15.0)
+    assert found.approach == pytest.approx(fresh.approach, rel=1e-4)
+    np.testing.assert_allclose(found.undeformed_distance, gaps[1] - found.approach, rtol=0, atol=1e-14)
+
+
 def test_a_start_may_have_pressure_where_an_updated_gap_has_a_hole():
     problem = hertz(64)
     with ContactSolver(problem) as solver:
