@@ -251,8 +251,8 @@ class PrescribedLoad:
         if abs(lacks) <= rms:
             return 0.0
         # Towards full contact the slope grows without bound; before first touch there is no load.
-        depth = min(state.depth + lacks, (state.depth + state.highest) / 2)
-        state.depth = max(depth, state.distance.lowest)
+        depth, lowest = min(state.depth + lacks, (state.depth + state.highest) / 2), state.distance.lowest
+        state.depth = depth if depth >= lowest else (state.depth + lowest) / 2
         self._before = here
         return abs(state.depth - here[0])
 
