@@ -72,6 +72,13 @@ def test_full_disk(solve, tmp_path, ranks):
     assert list(tmp_path.iterdir()) == []
 
 
+@RANKS
+def test_journal_on_a_full_disk(solve, ranks):
+    words = (*HERTZ[:-2], "-grid", 8, "-load_path", "10,20", "-path_csv", "a.csv")
+    done = solve(*words, ranks=ranks, program=(TESTS / "troubled.py", "full_disk", 0))
+    assert_ended(done, "a.path.jsonl: cannot be written: No space left on device")
+
+
 def test_folder_that_vanishes_while_solving(solve, tmp_path):
     folder = tmp_path / "results"
     folder.mkdir()
