@@ -149,6 +149,26 @@ def test_measurement_is_not_overwritten(solve, tmp_path, ranks):
     assert (tmp_path / "gap.txt").read_bytes() == before
 
 
+def test_what_a_problem_of_the_users_reads_is_not_overwritten(solve, tmp_path):
+    (tmp_path / "own.py").write_text(
+        "import numpy as np\n"
+        "from app.options import Option, word\n"
+        "from app.problems.problem import Problem\n"
+        "class Own(Problem):\n"
+        "    OPTIONS = (Option('my_file', word, None, 'slope'),)\n"
+        "    def from_options(grid, material, options):\n"
+        "        np.loadtxt(options['my_file'])\n"
+        "        return Own(grid, material)\n"
+        "    def shape_on(self, grid, rows=slice(None)):\n"
+        "        return np.zeros((len(grid.y(rows)), grid.nx))\n"
+    )
+    (tmp_path / "mine.h5").write_text("1")
+    words = "-problem python -problem_type own.Own -my_file mine.h5 -output mine.h5 -grid 8 -domain 0,1,0,1"
+    done = solve(*words.split(), *GAP[4:], ranks=2)
+    assert_ended(done, "is the input mine.h5; choose another name")
+    assert (tmp_path / "mine.h5").read_text() == "1"
+
+
 def test_option_file_is_not_overwritten(solve, tmp_path):
     (tmp_path / "opts.h5").write_text("-grid 8\n")
     assert_ended(solve(*HERTZ, "-options_file", "opts.h5", "-output", "opts.h5"), "is the input ")

@@ -234,6 +234,13 @@ def test_a_missing_kept_file_is_made_again(swept, tmp_path):
     assert len(journal_keys(folder / "out.runs.jsonl")) == before + 1
 
 
+def test_a_solution_of_a_run_that_is_not_fine_enough_is_not_why(tmp_path):
+    run = Run((str(HERTZ),), {"grid": "8", "refine_until": "1e-3", "refine_max": "64"})
+    outcome = perform(run, tmp_path / "a.h5", Processes())
+    assert outcome["exit_status"] == 3 and outcome["converged"]
+    assert "-refine_max was reached" in outcome["message"]
+
+
 @pytest.mark.ranks(2)
 def test_ranks_change_the_time_only(tmp_path, ranks):
     run = Run((str(HERTZ), str(FMG)), {"grid": "16"})
