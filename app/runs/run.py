@@ -96,7 +96,8 @@ class Run:
 
         What files and variables name counts that PETSc reads unasked, too.
         """
-        files = [str(Path.home() / ".petscrc"), ".petscrc", "petscrc", *self.files]
+        home = Path(os.environ.get("HOME", "."), ".petscrc")
+        files = [str(home), ".petscrc", "petscrc", *self.files]
         values = [file for value in self.options.values() for file in named_files(str(value))]
         return [*files, *values, *_named_in(files, _environment())]
 
