@@ -119,6 +119,7 @@ def _named_in(option_files, texts):
     found, texts, unread = [], list(texts), list(option_files)
     while texts or unread:
         for line in (texts.pop() if texts else _text_of(unread.pop())).splitlines():
+            line = line.partition("#")[0]
             words = [*re.findall(r'"[^"]*"|[^\s"]+', line), line.partition(":")[2].strip()]
             names = [
                 name for word in words for name in named_files(os.path.expandvars(word.strip("\"'[]{},")))
@@ -155,5 +156,5 @@ def _digest_of(path, *state):
 def _program_digest():
     app = ROOT / "app"
     sources = [path for path in app.rglob("*.py") if path.relative_to(app).parts[0] not in _NO_PART]
-    sources.append(FILES / "fast.opts")  # the default method
+    sources += [FILES / "fast.opts", FILES / "primal.opts"]  # the default methods
     return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(sources))).hexdigest()

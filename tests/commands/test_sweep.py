@@ -396,10 +396,12 @@ def test_key_follows_what_option_files_name(tmp_path, monkeypatch, options):
 def test_table_does_not_take_the_place_of_what_an_option_file_names(tmp_path, capsys):
     table = tmp_path / "gap.h5"
     table.write_text("heights")
-    (tmp_path / "my.opts").write_text(f"-gap_file {table}:/gap")
+    (tmp_path / "my.opts").write_text(f"-gap_file {table}:/gap  # not {tmp_path / 'other.h5'}")
     path = write(tmp_path, f"option_files: ['{tmp_path / 'my.opts'}']")
     assert main([str(path), "-o", str(table)]) == 2
     assert "is the input" in capsys.readouterr().err and table.read_text() == "heights"
+    (other := tmp_path / "other.h5").touch()
+    assert main([str(path), "-o", str(other), "--timeout", "1e-3"]) == 3
 
 
 def test_option_files_of_one_name_are_told_apart(tmp_path):
