@@ -67,6 +67,8 @@ def _main(argv):
     arguments = parser.parse_args(argv)
     from app.output.files import check_output_path
     from app.problems.height_file import turned
+    from app.problems.moments import Moments
+    from app.units import UNITS
 
     path = arguments.file
     if not Path(str(path).partition(":/")[0]).is_file():
@@ -76,6 +78,8 @@ def _main(argv):
         heights, facts = _read(path, arguments.channel, arguments.skip)
         facts = _settle(facts, arguments, path)
         heights, facts["spacing"] = turned(heights, facts["spacing"], arguments.orient)
+        scale = facts["factor"] * UNITS[facts["unit"]]
+        Moments(path, lambda i, j: scale * heights[i:j], heights.shape)  # refuses what no solve would read
     except (ValueError, OSError) as error:
         raise InputError(one_line(error)) from None
     try:

@@ -41,14 +41,16 @@ def option_file(path):
 
 
 def named_files(text):
-    """Names of files that the text of an option may hold: all of it, or what stands before ``:/DATASET`` or ``:Name``.
+    """Names of files that the text of an option may hold: all of it, what stands before ``:/DATASET``, or a module.
 
     Examples
     --------
-    >>> named_files("map.h5:/heights"), named_files("heights.npy")
-    (['map.h5:/heights', 'map.h5'], ['heights.npy'])
+    >>> named_files("map.h5:/heights"), named_files("mine.Bump")
+    (['map.h5:/heights', 'map.h5'], ['mine.Bump', 'mine.py'])
     """
-    return [name for name in (text, text.rpartition(":")[0]) if name]
+    module = re.fullmatch(r"([^\W\d]\w*(\.[^\W\d]\w*)*)\.[^\W\d]\w*", text)
+    names = text, text.rpartition(":")[0], module and f"{module[1].replace('.', '/')}.py"
+    return [name for name in names if name]
 
 
 @dataclass(frozen=True)

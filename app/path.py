@@ -222,14 +222,11 @@ def _as_numbers(kind, numbers):
 
 
 def _slope(x, y):
-    """Slope of the parabola through each point and its neighbours; NaN where points fall together."""
+    """Slope of the parabola through each point and its neighbours; NaN where there is more than one y at an x."""
+    at, first, which = np.unique(x, return_index=True, return_inverse=True)
+    one = y[first][which]
+    if len(at) < 2 or ((y < one) | (y > one)).any():  # NaN is neither
+        return np.full(len(x), np.nan)
     with np.errstate(all="ignore"):
-        order = np.argsort(x, kind="stable")
-        if len(x) == 2 or (np.diff(x[order]) == 0).any():
-            slope = np.diff(y[order]) / np.diff(x[order])
-            found = np.append(slope, slope[-1]) if len(x) == 2 else np.full(len(x), np.nan)
-        else:
-            found = np.gradient(y[order], x[order], edge_order=2)
-    result = np.empty(len(x))
-    result[order] = found
-    return np.where(np.isfinite(result), result, np.nan)
+        slope = np.gradient(y[first], at, edge_order=min(2, len(at) - 1))[which]
+    return np.where(np.isfinite(slope), slope, np.nan)

@@ -20,7 +20,7 @@ from app.commands.arguments import Parser, count
 from app.errors import InputError, one_line
 from app.halfspace.stress import COMPONENTS, Hottest, SubsurfaceStress, von_mises
 from app.output import curves, figures, style
-from app.output.files import whole_hdf5
+from app.output.files import check_output_path, whole_hdf5
 from app.output.result import read_result
 from app.units import length_unit
 
@@ -210,7 +210,11 @@ def _arguments(argv):
     arguments.at = _numbers(arguments.at) if arguments.at else None
     if arguments.at and len(arguments.at) != 2:
         raise InputError("--at: allowed: X,Y [mm]")
-    arguments.deepest = _numbers(arguments.deepest, 0)[0] if arguments.deepest else None
+    if arguments.deepest is not None:
+        deepest, *more = _numbers(arguments.deepest, 0)
+        if more or not deepest:
+            raise InputError(f"--deepest {arguments.deepest}: not allowed; allowed: one positive number [mm]")
+        arguments.deepest = deepest
     arguments.planes = _numbers(arguments.planes, 0) if arguments.planes else ()
     folder = arguments.output
     if folder is None and (arguments.planes or arguments.at or arguments.deepest):
@@ -246,10 +250,11 @@ def main(argv=None):
         if arguments.output is None:
             streams.say(summary(below.maximum(), result, below.nu))
             return 0
-        found = survey(below, arguments.depths, arguments.at, arguments.deepest)
+        names = [arguments.output / f"subsurface.{kind}" for kind in ("h5", arguments.format)]
         try:
             arguments.output.mkdir(exist_ok=True)
-            names = [arguments.output / f"subsurface.{kind}" for kind in ("h5", arguments.format)]
+            check_output_path(names[0], [arguments.result], "-o")
+            found = survey(below, arguments.depths, arguments.at, arguments.deepest)
             write(names[0], result, found, {depth: below.plane(depth) for depth in arguments.planes})
             style.save_figure(picture(result, found, arguments.section), names[1])
         except OSError as error:

@@ -88,7 +88,8 @@ def _main(argv):
     rows = rows_of(runs, outcomes)
     varied = dict.fromkeys(name for run in runs for name in run.labels)
     columns = [name for name in rows[0] if name != "result" or arguments.keep] if rows else list(varied)
-    write_table(output, rows, columns)
+    if rows or not output.exists():  # interrupted before the first: a table of before stays, like the journal
+        write_table(output, rows, columns)
     shown = [*varied, "exit_status", *_SHOWN]
     print(text(rows, shown, {name: ".4g" for name in _SHOWN}), end="")
     for line in _messages(rows, varied):

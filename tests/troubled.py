@@ -1,6 +1,7 @@
 """app.solve with something wrong on some ranks: ``python tests/troubled.py TROUBLE RANK [arguments of app.solve]``."""
 
 import errno
+import json
 import os
 import runpy
 import sys
@@ -10,10 +11,10 @@ from pathlib import Path
 def full_disk():
     """No space can be taken on any disk."""
 
-    def refuse(*arguments):
+    def refuse(*arguments, **named):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    os.posix_fallocate = refuse
+    os.posix_fallocate = json.dump = refuse  # of results, and of a journal
 
 
 def little_memory():

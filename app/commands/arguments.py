@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import re
 import shutil
 import signal
 import sys
@@ -13,7 +14,11 @@ from app.errors import InputError, one_line
 
 
 class Parser(argparse.ArgumentParser):
-    """Complains like everything else."""
+    """Complains like everything else; takes -1,2 for a value."""
+
+    def __init__(self, *arguments, **named):
+        super().__init__(*arguments, **named)
+        self._negative_number_matcher = re.compile(r"-\.?\d")
 
     def error(self, message):
         """Raise InputError."""

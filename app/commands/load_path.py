@@ -143,7 +143,7 @@ def run_path(wanted, solver, stiffness, save):
                 if wanted.fields:
                     save(solution, wanted.of_step(row["step"]))
                 remember(row["step"], solution.notes)
-                book.add(row, solution.notes)
+                agree(solver.comm, book.add, row, solution.notes)
                 shown(row)
         if wanted.csv:
             agree(solver.comm, path.save, wanted.csv)
@@ -174,11 +174,14 @@ class _Book:
                 f"-resume: {self._path} is of a run with other options, files, ranks or program; "
                 "without -resume the path begins anew"
             )
-        while (key := str(len(self.rows) + 1)) in found:
+        while (key := str(step := len(self.rows) + 1)) in found:
+            if wanted.fields and not (file := wanted.of_step(step)).is_file():
+                note(f"-resume: there is no {file}; step {step} of {len(wanted.numbers)} comes first")
+                break
             self.notes.append(found[key].get("notes", ()))
             self.rows.append({name: value for name, value in found[key].items() if name != "notes"})
         self._what = what
-        if wanted.resume and not self.rows:
+        if wanted.resume and "1" not in found:
             note(
                 f"-resume: nothing to go on from: {self._path} has no steps, or went when the path was finished; "
                 f"step 1 of {len(wanted.numbers)} comes first"

@@ -63,7 +63,7 @@ class Progress(Listener):
 
     def iteration(self, entry, state):
         """Show an entry of the history."""
-        residual = min(max(entry["residual"], self._rtol), 1.0)
+        residual = max(self._rtol, min(1.0, entry["residual"]))  # in this order NaN is 1
         self._bar.n = round(100 * math.log(residual) / math.log(self._rtol))
         self._bar.set_description(f"level {entry['level']}, iteration {entry['iteration']}", refresh=False)
         self._bar.set_postfix_str(

@@ -89,6 +89,11 @@ class Request:
         agree(comm, options.__getitem__, "problem")
         kind, number = loading(given, options)  # before the patch that may follow from it
         self.problem, own = agree(comm, make_problem, options, given.texts, comm)
+        inputs += [
+            file for name in sorted(own.asked & given.texts.keys()) for file in named_files(given.texts[name])
+        ]
+        if self.output:
+            agree(comm, check_output_path, self.output, inputs)  # those of the problem's own options, too
         for file in inputs:
             check_alike(comm, agree(comm, fingerprint, file), f"input {file}")
         self.loading, self.path, self.refine_until = {kind: number}, None, options["refine_until"]

@@ -48,7 +48,7 @@ def write_xdmf(results, path=None):
     if path.suffix != ".xdmf":
         raise ValueError(f"{path}: the name must end in .xdmf")
     for result in results:
-        if result.resolve().parent != path.resolve().parent:
+        if result.parent.resolve() != path.resolve().parent:  # a link may stand there for the result
             raise ValueError(f"{path}: must lie in the folder of {result}, which it refers to")
     grids = [_read(result) for result in results]
     loads = [load for load, _ in grids]

@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 
 from tqdm import tqdm
 
+from app.errors import InputError
 from app.runs.processes import Processes, perform
 from app.runs.run import OUTCOME
 
@@ -47,7 +48,10 @@ def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None,
         if status not in REASONED or (keep and status != 2 and not files[key].is_file()):
             journal.outcomes.pop(key, None)
             todo[key] = run
-    folder.mkdir(exist_ok=True)
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: needed for the files of the runs: {error.strerror}") from None
     processes = Processes()
     interrupted = False
     failed = 0

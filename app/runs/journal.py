@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+from contextlib import suppress
 
 from app.errors import InputError
 
@@ -31,6 +32,7 @@ class Journal:
     """
 
     def __init__(self, path, resume=False):
+        self._path = path
         try:
             self._file = path.open("a+", encoding="utf-8", errors="replace")
         except OSError as error:
@@ -54,18 +56,22 @@ class Journal:
         self._begins = not resume
 
     def add(self, key, outcome):
-        """Record an outcome; it is on its way to the disk when this returns."""
-        if self._begins:
-            self._file.truncate(0)
-            self._begins = False
-        json.dump({"key": key, **outcome}, self._file, default=_plain)
-        self._file.write("\n")
-        self._file.flush()
+        """Record an outcome; it is on its way to the disk when this returns. InputError if it cannot be written."""
+        try:
+            if self._begins:
+                self._file.truncate(0)
+                self._begins = False
+            json.dump({"key": key, **outcome}, self._file, default=_plain)
+            self._file.write("\n")
+            self._file.flush()
+        except OSError as error:
+            raise InputError(f"{self._path}: cannot be written: {error.strerror}") from None
         self.outcomes[key] = outcome
 
     def close(self):
         """Close the file and let others write it."""
-        self._file.close()
+        with suppress(OSError):  # of what `add` has complained of
+            self._file.close()
 
 
 def _plain(value):

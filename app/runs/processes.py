@@ -115,6 +115,8 @@ def perform(run, output, processes, ranks=1, timeout=None):
             outcome["message"] = str(error)
         if status == 3:
             why = outcome.get("reason") or "not converged"
+            if outcome.get("converged"):  # it says nothing of what came before
+                why = "a step of the path is not solved, or -refine_max was reached first"
             outcome["message"] = ". ".join(filter(None, (why, outcome["message"])))
     else:
         told = [line for line in lines if line.startswith("error: ")] or lines or ["no result file"]

@@ -6,6 +6,7 @@ import hashlib
 import inspect
 import json
 import os
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -91,30 +92,69 @@ class Run:
         return words
 
     def inputs(self):
-        """Return the names of its option files, and of what else may be a file; some may not exist."""
-        return [*self.files, *(file for value in self.options.values() for file in named_files(str(value)))]
+        """Return the names of its option files, and of what else may be a file; some may not exist.
+
+        What files and variables name counts that PETSc reads unasked, too.
+        """
+        home = Path(os.environ.get("HOME", "."), ".petscrc")
+        files = [str(home), ".petscrc", "petscrc", *self.files]
+        values = [file for value in self.options.values() for file in named_files(str(value))]
+        return [*files, *values, *_named_in(files, _environment())]
 
     def key(self, ranks=1):
         """Return a digest of all that the outcome depends on: options, files, program, number of ranks."""
         contents = [_digest(file) for file in self.inputs()]
         module = ROOT.joinpath(*self.module.split(".")).with_suffix(".py")
         program = [_program_digest(), _digest(module), inspect.getsource(self.collect)]
-        what = [self.module, self.arguments(), contents, ranks, program, os.environ.get("PETSC_OPTIONS")]
+        what = [self.module, self.arguments(), contents, ranks, program, _environment()]
         return hashlib.sha256(json.dumps(what).encode()).hexdigest()[:16]
+
+
+def _environment():
+    return [os.environ.get(name, "") for name in ("PETSC_OPTIONS", "PETSC_OPTIONS_YAML")]
+
+
+def _named_in(option_files, texts):
+    """Names of files that option files, and those they include, and other texts of options may hold."""
+    found, texts, unread = [], list(texts), list(option_files)
+    while texts or unread:
+        for line in (texts.pop() if texts else _text_of(unread.pop())).splitlines():
+            line = line.partition("#")[0]
+            words = [*re.findall(r'"[^"]*"|[^\s"]+', line), line.partition(":")[2].strip()]
+            names = [
+                name for word in words for name in named_files(os.path.expandvars(word.strip("\"'[]{},")))
+            ]
+            new = [name for name in names if name not in found and os.path.isfile(name)]  # noqa: PTH113
+            found += new
+            if "-options_file" in line.lower() or "!include" in line:
+                unread += new
+    return found
+
+
+def _text_of(path):
+    try:
+        return Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return ""
 
 
 def _digest(path):
     """Digest of a file; None if there is none of this name."""
-    path = Path(path)
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
-    except OSError:  # a name too long for a file, or nothing we may read
+        state = os.stat(path)  # noqa: PTH116
+        return _digest_of(path, state.st_size, state.st_mtime_ns) if Path(path).is_file() else None
+    except (OSError, ValueError):  # a name too long for a file, or nothing we may read
         return None
+
+
+@cache
+def _digest_of(path, *state):
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
 @cache
 def _program_digest():
     app = ROOT / "app"
     sources = [path for path in app.rglob("*.py") if path.relative_to(app).parts[0] not in _NO_PART]
-    sources.append(FILES / "fast.opts")  # the default method
+    sources += [FILES / "fast.opts", FILES / "primal.opts"]  # the default methods
     return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(sources))).hexdigest()

@@ -71,8 +71,15 @@ def _combine(content):
         for name in names:
             if not Path(name).is_file():
                 raise InputError(f"option_files: {name}: no such file")
+        stems = [Path(name).stem for name in names]
+        labels = [stem if stems.count(stem) == 1 else name for stem, name in zip(stems, names, strict=True)]
         label = len(names) > 1
-        axes.append([({"option_files": Path(name).stem} if label else {}, [name], {}) for name in names])
+        axes.append(
+            [
+                ({"option_files": told} if label else {}, [name], {})
+                for told, name in zip(labels, names, strict=True)
+            ]
+        )
     seen = set()
     options = _mapping(content.get("options") or {}, "options")
     for name, values in options.items():
@@ -164,9 +171,9 @@ def _scalar(value, where):
 def _values(name, values, seen):
     if not re.fullmatch(r"[A-Za-z]\w*", name):
         raise InputError(f"option {name}: a name without dash and blanks is needed")
-    if name in _RESERVED:
-        raise InputError(f"option {name}: not allowed in a sweep, {_RESERVED[name]}")
-    if name in seen:
+    if name.lower() in _RESERVED:
+        raise InputError(f"option {name}: not allowed in a sweep, {_RESERVED[name.lower()]}")
+    if name.lower() in map(str.lower, seen):
         raise InputError(f"option {name}: is given twice")
     seen.add(name)
     return _listed(values, f"option {name}")

@@ -72,6 +72,13 @@ def test_full_disk(solve, tmp_path, ranks):
     assert list(tmp_path.iterdir()) == []
 
 
+@RANKS
+def test_journal_on_a_full_disk(solve, ranks):
+    words = (*HERTZ[:-2], "-grid", 8, "-load_path", "10,20", "-path_csv", "a.csv")
+    done = solve(*words, ranks=ranks, program=(TESTS / "troubled.py", "full_disk", 0))
+    assert_ended(done, "a.path.jsonl: cannot be written: No space left on device")
+
+
 def test_folder_that_vanishes_while_solving(solve, tmp_path):
     folder = tmp_path / "results"
     folder.mkdir()
@@ -140,6 +147,26 @@ def test_measurement_is_not_overwritten(solve, tmp_path, ranks):
     done = solve(*GAP, "-gap_file", "gap.txt", "-output", "link.h5", ranks=ranks)
     assert_ended(done, "is the input gap.txt; choose another name")
     assert (tmp_path / "gap.txt").read_bytes() == before
+
+
+def test_what_a_problem_of_the_users_reads_is_not_overwritten(solve, tmp_path):
+    (tmp_path / "own.py").write_text(
+        "import numpy as np\n"
+        "from app.options import Option, word\n"
+        "from app.problems.problem import Problem\n"
+        "class Own(Problem):\n"
+        "    OPTIONS = (Option('my_file', word, None, 'slope'),)\n"
+        "    def from_options(grid, material, options):\n"
+        "        np.loadtxt(options['my_file'])\n"
+        "        return Own(grid, material)\n"
+        "    def shape_on(self, grid, rows=slice(None)):\n"
+        "        return np.zeros((len(grid.y(rows)), grid.nx))\n"
+    )
+    (tmp_path / "mine.h5").write_text("1")
+    words = "-problem python -problem_type own.Own -my_file mine.h5 -output mine.h5 -grid 8 -domain 0,1,0,1"
+    done = solve(*words.split(), *GAP[4:], ranks=2)
+    assert_ended(done, "is the input mine.h5; choose another name")
+    assert (tmp_path / "mine.h5").read_text() == "1"
 
 
 def test_option_file_is_not_overwritten(solve, tmp_path):

@@ -33,13 +33,14 @@ def test_interrupted_and_resumed_path_gives_the_identical_table(cli, tmp_path):
     assert stopped.returncode == 2
     assert "note: 2 of 4 steps are kept in " in stopped.stderr
     assert not broken.exists()
-    first = tmp_path / "broken_0001.h5"
-    first.unlink()
+    first, kept = tmp_path / "broken_0001.h5", tmp_path / "kept.h5"
+    first.rename(kept)
     first.mkdir()
     anew = cli(*PATH, "-path_fields", "-output", broken)
     assert "warning: " in anew.stderr and "2 steps of an interrupted run go when" in anew.stderr
     for folder in (in_the_way, first):
         folder.rmdir()
+    kept.rename(first)
     other = cli(*PATH, "-path_fields", "-output", broken, "-resume", "-poisson_ratio", "0.3")
     assert other.returncode == 2
     assert "is of a run with other options" in other.stderr
@@ -48,12 +49,12 @@ def test_interrupted_and_resumed_path_gives_the_identical_table(cli, tmp_path):
     assert "2 of 4 steps are done already" in resumed.stdout
     assert broken.with_suffix(".csv").read_bytes() == whole.with_suffix(".csv").read_bytes()
     assert not list(tmp_path.glob("*.jsonl"))
-    steps = [read_result(tmp_path / f"broken_{step:04d}.h5").attributes["load"] for step in (2, 3, 4)]
-    assert steps == pytest.approx(np.geomspace(1000, 80000, 4)[1:])
+    steps = [read_result(tmp_path / f"broken_{step:04d}.h5").attributes["load"] for step in (1, 2, 3, 4)]
+    assert steps == pytest.approx(np.geomspace(1000, 80000, 4))
     one, other = read_result(whole), read_result(broken)
     assert np.array_equal(one.pressure, other.pressure)
     assert one.path.keys() == other.path.keys() == table(whole.with_suffix(".csv")).keys()
-    assert one.path["load"][1:] == pytest.approx(steps)
+    assert one.path["load"] == pytest.approx(steps)
     nothing = cli(*PATH, "-path_csv", tmp_path / "other.csv", "-resume")
     assert nothing.returncode == 0 and "note: -resume: nothing to go on from" in nothing.stderr
     assert one.attributes["load"] == pytest.approx(80000)
@@ -71,6 +72,32 @@ def test_notes_come_back_with_resumed_steps(cli, tmp_path):
     (tmp_path / "broken_0003.h5").rmdir()
     assert cli(*few, "-output", broken, "-resume").stderr == expected
     assert read_result(broken).attributes["notes"] == read_result(whole).attributes["notes"]
+
+
+def test_a_step_without_the_file_asked_for_is_not_done(cli, tmp_path):
+    (tmp_path / "a_0003.h5").mkdir()
+    assert cli(*PATH, "-path_fields", "-output", tmp_path / "a.h5").returncode == 2
+    for file in ("a_0002.h5", "a_0003.h5"):
+        path = tmp_path / file
+        path.rmdir() if path.is_dir() else path.unlink()
+    resumed = cli(*PATH, "-path_fields", "-output", tmp_path / "a.h5", "-resume")
+    assert "1 of 4 steps are done already" in resumed.stdout
+    assert "a_0002.h5; step 2 of 4 comes first" in resumed.stderr
+    assert len(list(tmp_path.glob("a_*.h5"))) == 4
+
+
+def test_a_path_does_not_go_on_with_another_module(cli, tmp_path):
+    """Its steps would be of two problems."""
+    module = tmp_path / "mine.py"
+    module.write_text("def bump(x, y):\n    return (x**2 + y**2) / 40\n")
+    words = "-problem python -problem_type mine.bump -domain -1,1,-1,1 -grid 16 -contact_modulus 1e5"
+    words = (*words.split(), "-load_path", "10,20,30", "-path_fields", "-output", "a.h5")
+    (tmp_path / "a_0002.h5").mkdir()
+    assert cli(*words, cwd=tmp_path).returncode == 2
+    (tmp_path / "a_0002.h5").rmdir()
+    module.write_text("def bump(x, y):\n    return (x**2 + y**2) / 20\n")
+    resumed = cli(*words, "-resume", cwd=tmp_path)
+    assert resumed.returncode == 2 and "is of a run with other options" in resumed.stderr
 
 
 @pytest.mark.ranks(2)

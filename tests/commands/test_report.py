@@ -119,6 +119,9 @@ def test_text_of_the_user_is_no_markup(made, undrawn):
         (subsurface, ["RESULT", "--planes", "1"], "no effect without -o"),
         (subsurface, ["RESULT", "-o", "TMP", "--planes", "1,-2"], "1,-2: not allowed"),
         (subsurface, ["RESULT", "-o", "TMP", "--at", "1"], "allowed: X,Y"),
+        (subsurface, ["RESULT", "-o", "TMP", "--at", "-1,2,3"], "allowed: X,Y"),
+        (subsurface, ["RESULT", "-o", "TMP", "--deepest", "1,2"], "one positive number"),
+        (subsurface, ["RESULT", "-o", "TMP", "--deepest", "0"], "one positive number"),
         (subsurface, ["RESULT", "-o", "RESULT"], "not a folder"),
         (xdmf, ["absent.h5"], "absent.h5"),
         (xdmf, ["RESULT", "-o", "series.xml"], "must end in .xdmf"),
@@ -134,6 +137,13 @@ def test_bad_input_is_one_line(path, tmp_path, capsys, command, arguments, messa
 
 
 # -- subsurface ------------------------------------------------------------------------------------------------
+
+
+def test_subsurface_does_not_take_the_place_of_its_result(path, tmp_path, capsys):
+    result = path.rename(tmp_path / "subsurface.h5")
+    assert subsurface.main([str(result), "-o", str(tmp_path)]) == 2
+    assert "is the input" in capsys.readouterr().err
+    assert read_result(result).load
 
 
 def test_subsurface_writes_sections_line_and_planes(path, made, tmp_path, capsys):
@@ -207,6 +217,17 @@ def test_xdmf_names_what_is_in_the_file(path, made, capsys):
     origin, steps = (np.array(item.text.split(), float) for item in root.find(".//Geometry"))
     assert origin[1:] == pytest.approx([-6, -10]) and steps[1:] == pytest.approx([12 / 48, 20 / 64])
     assert origin[0] + steps[0] == 0  # z, whose upper side is the surface
+
+
+def test_xdmf_of_a_link_names_the_link(path, tmp_path, capsys):
+    folder = tmp_path / "links"
+    folder.mkdir()
+    (folder / "link.h5").symlink_to(path)
+    assert (
+        xdmf.main([str(folder / "link.h5"), "-o", str(tmp_path / "a.xdmf")]) == 2
+    )  # where there is no link.h5
+    assert xdmf.main([str(folder / "link.h5")]) == 0
+    assert ">link.h5:/pressure<" in (folder / "link.xdmf").read_text()
 
 
 def test_xdmf_of_several_results_is_a_series_in_the_order_of_loads(path, made, tmp_path):

@@ -85,6 +85,14 @@ def test_arrays_of_an_archive_are_converted_as_they_lie(tmp_path):
         assert surface.spacing == (0.002, 0.003)
 
 
+def test_what_no_solve_would_read_takes_nobodys_place(tmp_path):
+    np.save(tmp_path / "s.npy", np.full((3, 4), np.nan))
+    (tmp_path / "s.h5").write_text("an earlier one")
+    done = convert(tmp_path / "s.npy", "-o", tmp_path / "s.h5", "--unit", "um", "--spacing", "1,1")
+    assert done.returncode == 2 and "s.npy: all points are missing" in done.stderr
+    assert (tmp_path / "s.h5").read_text() == "an earlier one"
+
+
 def test_converted_with_a_head_turned_and_doubted(tmp_path):
     """Text of an instrument in German, upside down; a spacing in um given as mm is doubted."""
     lines = [";".join(f"{value:.3f}".replace(".", ",") for value in row) for row in HEIGHTS[::-1]]

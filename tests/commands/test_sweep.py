@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 import pytest
 from processes import TESTS
+from results import full_disk
 
 from app.errors import InputError
 from app.output.result import read_result
@@ -110,7 +111,9 @@ BAD = {
     "options: {grid: [[8, [8]]]}": "number or text",
     "options: {grid: [[]]}": "number or text",
     "options: {grid: 8}\noption_files: [[]]": "empty",
+    "options: {grid: 8, Grid: 16}": "Grid: is given twice",
     "options: {output: a.h5}": "output: not allowed",
+    "options: {Output: a.h5}": "Output: not allowed",
     "option: {grid: 8}": "unknown key option",
     "options: {grid: 8}\nzip: [{approach: [1, 2], load: [1, 2, 3]}]": "approach 2, load 3",
     "options: {grid: 8}\nzip: {approach: [1]}": "zip: must be a list",
@@ -229,6 +232,13 @@ def test_a_missing_kept_file_is_made_again(swept, tmp_path):
     assert main([str(folder / "sweep.yml"), "-o", str(folder / "out.csv"), "--keep", "--resume"]) == 3
     assert Path(rows[0]["result"]).is_file()
     assert len(journal_keys(folder / "out.runs.jsonl")) == before + 1
+
+
+def test_a_solution_of_a_run_that_is_not_fine_enough_is_not_why(tmp_path):
+    run = Run((str(HERTZ),), {"grid": "8", "refine_until": "1e-3", "refine_max": "64"})
+    outcome = perform(run, tmp_path / "a.h5", Processes())
+    assert outcome["exit_status"] == 3 and outcome["converged"]
+    assert "-refine_max was reached" in outcome["message"]
 
 
 @pytest.mark.ranks(2)
@@ -352,6 +362,74 @@ def test_key_follows_options_and_files_but_not_labels(tmp_path, option, inside):
     assert Run((), {**named, "grid": "8"}).key() != before
     file.write_text("after")
     assert run.key() != before
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"my.opts": "-gap_file gap.npy # heights"},
+        {"my.opts": '-gap_file "gap.npy:/a"'},
+        {"my.opts": '-gap_file "a gap.npy"'},
+        {"my.opts": '-options_file "other one.opts"', "other one.opts": "-gap_file gap.npy"},
+        {"my.yml": "---\ngap_file: a gap.npy"},
+        {".petscrc": "-gap_file gap.npy"},
+        {"petscrc": ""},
+        {"mine.py": ""},
+    ],
+)
+def test_key_follows_what_option_files_name(tmp_path, monkeypatch, options):
+    monkeypatch.chdir(tmp_path)
+    for name, text in options.items():
+        Path(name).write_text(text)
+    files = tuple(name for name in options if name.startswith("my"))
+    run = Run(files, {"problem_type": "mine.Bump"})
+    for changed in {"gap.npy", "a gap.npy", *options}:
+        Path(changed).touch()
+    before = run.key()
+    for changed in ("gap.npy", "a gap.npy"):
+        Path(changed).write_text("after")
+    for name in set(options) & {"petscrc", "mine.py"}:
+        Path(name).write_text("after")
+    assert run.key() != before
+
+
+def test_table_does_not_take_the_place_of_what_an_option_file_names(tmp_path, capsys):
+    table = tmp_path / "gap.h5"
+    table.write_text("heights")
+    (tmp_path / "my.opts").write_text(f"-gap_file {table}:/gap  # not {tmp_path / 'other.h5'}")
+    path = write(tmp_path, f"option_files: ['{tmp_path / 'my.opts'}']")
+    assert main([str(path), "-o", str(table)]) == 2
+    assert "is the input" in capsys.readouterr().err and table.read_text() == "heights"
+    (other := tmp_path / "other.h5").touch()
+    assert main([str(path), "-o", str(other), "--timeout", "1e-3"]) == 3
+
+
+def test_option_files_of_one_name_are_told_apart(tmp_path):
+    files = [tmp_path / folder / "a.opts" for folder in ("one", "two")]
+    for file in files:
+        file.parent.mkdir()
+        file.touch()
+    runs = read_sweep(write(tmp_path, f"option_files: [['{files[0]}', '{files[1]}', {NORM}]]"))
+    assert [run.labels["option_files"] for run in runs] == [*map(str, files), "norm"]
+
+
+def test_interrupted_before_the_first_run_leaves_an_earlier_table(tmp_path, monkeypatch):
+    monkeypatch.setattr("app.sweep.run_all", lambda *how, **more: ([None], True))
+    output = tmp_path / "out.csv"
+    output.write_text("an earlier one")
+    assert main([str(write(tmp_path, "options: {grid: 8}")), "-o", str(output)]) == 130
+    assert output.read_text() == "an earlier one"
+
+
+def test_folder_or_journal_that_cannot_be_written(tmp_path, performed, capsys):
+    path, output = write(tmp_path, "options: {grid: [8, 16]}"), tmp_path / "out.csv"
+    (tmp_path / "out.runs").touch()
+    assert main([str(path), "-o", str(output)]) == 2
+    assert "error: " in (told := capsys.readouterr().err) and "out.runs: needed" in told
+    (tmp_path / "out.runs").unlink()
+    with full_disk(10):
+        assert main([str(path), "-o", str(output)]) == 2
+    assert "out.runs.jsonl: cannot be written: File too large" in capsys.readouterr().err
 
 
 def test_key_takes_any_value():

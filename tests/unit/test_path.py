@@ -31,6 +31,15 @@ def test_load_of_hertz_grows_with_the_approach_to_the_power_of_three_halves():
     assert path.converged
 
 
+def test_loads_that_come_twice_have_one_slope():
+    """As when a body is loaded and unloaded."""
+    with ContactSolver(hertz(32)) as solver:
+        path, up = solver.path(approach=[0.05, 0.1, 0.2, 0.1, 0.05]), solver.path(approach=[0.05, 0.1, 0.2])
+        assert len(list(path)) == 5 and len(list(up)) == 3
+    slopes, expected = (one.table["stiffness_by_differences"] for one in (path, up))
+    assert np.isfinite(expected).all() and list(slopes) == [*expected, *expected[1::-1]]
+
+
 def test_every_step_has_its_stiffness_and_the_analytic_values(tmp_path):
     with ContactSolver(hertz(32)) as solver:
         path = solver.path(approach=[-1.0, 0.05, 0.1], stiffness=True)

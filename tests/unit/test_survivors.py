@@ -1,5 +1,6 @@
 """Laws that mutants broke unnoticed: see docs/mutation.md."""
 
+import math
 from types import SimpleNamespace
 from unittest import mock
 
@@ -126,6 +127,15 @@ def test_each_solve_has_a_bar_of_its_own():
         for opened in (1, 2):
             solver.solve(APPROACH)
             assert bar.call_count == bar.return_value.close.call_count == opened
+
+
+def test_the_bar_of_a_solver_that_diverges():
+    with mock.patch("tqdm.tqdm") as bar:
+        progress = Progress(1e-6)
+        progress.start(None, 0)
+        for residual, done in ((math.nan, 0), (math.inf, 0), (1e-3, 50), (0.0, 100)):
+            progress.iteration({"residual": residual, "level": 0, "iteration": 1, "contact_cells": 1}, None)
+            assert bar.return_value.n == done
 
 
 def test_differences_of_grids_that_do_not_fall_are_an_error_of_all():
