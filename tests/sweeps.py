@@ -20,6 +20,7 @@ GRIDS = {
     "even": Grid(32, 128, 1.0, 1.0),
     "periodic": Grid(36, 55, 0.3, 0.2, periodic="spectral"),
     "images": Grid(36, 55, 0.3, 0.2, periodic="love"),
+    "odd period": Grid(25, 30, 0.3, 0.2, periodic="spectral"),
 }
 
 

@@ -42,11 +42,12 @@ def measure_extent(state):
     grid, rows = state.grid, state.operator.slabs.rows
     if grid.periodic:
         return _NOWHERE
-    x, y = grid.x(), grid.y(rows)
-    sums = state.sum(_moments(state.p, state.contact, x, y)).tolist()
+    # About the middle of the patch, which may be far from the origin.
+    x, y = grid.x0 + grid.nx * grid.dx / 2, grid.y0 + grid.ny * grid.dy / 2
+    sums = state.sum(_moments(state.p, state.contact, grid.x() - x, grid.y(rows) - y)).tolist()
     load, at_x, at_y, cells, sx, sy, sxx, syy, sxy = sums
-    centre = (at_x / load, at_y / load) if load > 0 else (nan, nan)
-    moments = grid.cell_area * at_y, -grid.cell_area * at_x
+    centre = (x + at_x / load, y + at_y / load) if load > 0 else (nan, nan)
+    moments = grid.cell_area * (at_y + load * y), -grid.cell_area * (at_x + load * x)
     if not cells:
         return _NOWHERE._replace(moment_x=moments[0], moment_y=moments[1])
     mx, my = sx / cells, sy / cells

@@ -76,7 +76,7 @@ class RimExtension:
             raise ValueError(f"rim extension: {rows} x {nx} cells on a rank need more than 32 bits")
         self.shape, self.steps = (rows, nx), steps
         alone = comm is None or comm.size == 1
-        self._around, self._wrapped = periodic, periodic and alone  # in x; in y without help of others
+        self._around, self._wrapped = periodic, periodic and alone and rows > 0  # in x; in y without help
         self._halo = None if alone else Halo(slabs, comm, steps, periodic)
         self._halo_of_contact = None if alone else Halo(slabs, comm, steps + 2, periodic)
         self._workspace = _NOTHING if workspace is None else workspace
@@ -244,8 +244,6 @@ class RimExtension:
     def _beside(self, x, strips):
         """Rows above and below these; zero at the end of a free patch. Not collective."""
         above_and_below = np.zeros((2, self.shape[1]), x.dtype)
-        if self._wrapped and len(x):
-            above_and_below[0], above_and_below[1] = x[-1], x[0]
         for strip in strips:
             above_and_below[strip.side] = strip.rows[strip.neighbour]
         return *above_and_below, self._around

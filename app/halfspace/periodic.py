@@ -133,5 +133,5 @@ def periodic_quadrant(grid, compliance):
 
 
 def folded(offsets, n):
-    """Offsets up to half a period that the offsets 0 .. n-1 are alike to. Not collective."""
-    return np.minimum(offsets, n - offsets)
+    """Offsets up to half a period that offsets from 0 on are alike to. Not collective."""
+    return np.minimum(offsets % n, -offsets % n)

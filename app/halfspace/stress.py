@@ -323,7 +323,7 @@ class _Cells:
         steps, count = (grid.dy, grid.dx), grid.shape[axis] + loaded - 1
         padded = scipy.fft.next_fast_len(count, real=True)
         mirror = _Mirror(1 - self._first[axis] - loaded, count)
-        edges = np.append(across + steps[1 - axis] / 2, across[-1] - steps[1 - axis] / 2)
+        edges = _edges(across, steps[1 - axis])
         transform = scipy.fft.rfft(pressure, padded)
         sums = np.zeros((6, padded // 2 + 1), complex)
         for first in range(0, len(across), _ROWS):

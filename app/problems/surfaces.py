@@ -324,8 +324,9 @@ class SelfAffineSurface(_Function):
         self.rms_height, self.rms_slope = float(factor * height), float(factor * slope)
 
     def check_grid(self, grid):
-        """Refuse a grid that cannot carry the shortest wave; see `check_cut_off`."""
+        """Refuse a grid that cannot carry the shortest wave, see `check_cut_off`, or is longer than the period."""
         check_cut_off(grid, self.shortest_wavelength)
+        self._check_span(grid.x(), grid.y())
 
     def describe(self):
         """Numbers for the result file, by the names of the options. Not collective."""
@@ -337,6 +338,13 @@ class SelfAffineSurface(_Function):
             "surface_rms_height": self.rms_height,
             "surface_seed": self.seed,
         }
+
+    def _check_span(self, *points):
+        for name, values, period in zip("xy", points, self.period, strict=True):
+            if len(values) and np.ptp(values) >= period * (1 - 1e-12):
+                raise InputError(
+                    f"surface: points span {np.ptp(values):g} in {name}, its period is {period:g}"
+                )
 
     def _strips(self):
         """Columns k_x, their power spectrum but for a factor, and q [1/mm], both of shape (2 K_y + 1, columns)."""
@@ -403,11 +411,7 @@ class SelfAffineSurface(_Function):
             If the points span a period or more: the surface would repeat itself.
         """
         x, y = np.asarray(x) - self.origin[0], np.asarray(y) - self.origin[1]
-        for name, points, period in (("x", x, self.period[0]), ("y", y, self.period[1])):
-            if len(points) and np.ptp(points) >= period * (1 - 1e-12):
-                raise InputError(
-                    f"surface: points span {np.ptp(points):g} in {name}, its period is {period:g}"
-                )
+        self._check_span(x, y)
         kx, ky = self.wave_numbers
         along_y, draws = np.empty((len(y), len(kx)), complex), self._draws()
         for columns, power, _ in self._strips():

@@ -5,6 +5,7 @@ import pytest
 from operators import STENCIL
 from scipy.ndimage import binary_dilation, convolve
 
+from app.fast import rim_kernels
 from app.fast.circulant import circulant_of
 from app.fast.rim import RimExtension
 from app.halfspace.grid import Grid
@@ -79,6 +80,15 @@ def test_both_operators_are_those_of_the_definition(shape, steps, dtype, atol, r
         assert found[0].dtype == found[1].dtype == dtype
         np.testing.assert_allclose(found[0], extended(contact, steps, r, rim), rtol=0, atol=atol)
         np.testing.assert_allclose(found[1] * contact, restricted(contact, steps, b, rim), rtol=0, atol=atol)
+
+
+def test_without_rows_no_memory_is_read(monkeypatch):
+    """A rank beyond those of a level of PCMG; Python looks whether there is a last row."""
+    for name in ("extend", "restrict"):
+        monkeypatch.setattr(rim_kernels, name, getattr(rim_kernels, name).py_func)
+    extension = make(np.zeros((0, 5), bool), 3, periodic=True)
+    extension.extend(np.zeros((0, 5)))
+    extension.restrict(np.zeros((0, 5)))
 
 
 @each_shape

@@ -45,6 +45,18 @@ def test_an_ellipse_turned_and_moved_is_found():
     assert turned.moment_y == pytest.approx(-turned.load * turned.pressure_centre_x)
 
 
+def test_the_ellipse_is_the_same_far_from_the_origin():
+    def at(x0):
+        grid = Grid(64, 64, 1 / 32, 1 / 32, x0, x0)
+        gap = (grid.x() - x0 - 1) ** 2 + 2 * (grid.y()[:, None] - x0 - 1) ** 2
+        return solve(ContactProblem(grid, hertz(16).material, gap), 0.2, None)
+
+    here, far = at(0.0), at(2.0**20)
+    for name in ("semi_axis_major", "semi_axis_minor"):
+        assert getattr(far, name) == pytest.approx(getattr(here, name), rel=1e-9)
+    assert far.pressure_centre_x - 2**20 == pytest.approx(here.pressure_centre_x, abs=1e-9)
+
+
 def test_without_contact_and_on_periodic_patches_there_is_no_centre():
     problem = hertz(16)
     apart = solve(problem, -1.0, None)

@@ -182,3 +182,5 @@ def test_on_the_edge_of_cells_the_surface_has_their_mean(n):
     assert below.line([0.0], 0.0, 0.0)[2] == pytest.approx(-around.mean(), abs=1e-13)
     x = grid.x()[half]
     assert below.line([0.0], x, 0.0)[2] == pytest.approx(-around[:, 1].mean(), abs=1e-13)
+    assert below.section([0.0], y=0.0)[2, 0, half] == pytest.approx(-around[:, 1].mean(), abs=1e-13)
+    assert below.section([0.0], x=0.0)[2, 0, half] == pytest.approx(-around[1].mean(), abs=1e-13)
