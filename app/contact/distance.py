@@ -120,6 +120,11 @@ class UndeformedDistance:
         """Whether approaches far beyond the shape have cost it digits. Not collective."""
         return self.deepest > 1e3 * self.deviation
 
+    @property
+    def rounding(self):
+        """What that may have left in a cell [mm]; nothing if it does not count. Not collective."""
+        return float(np.spacing(self.deepest)) if self.digits_lost else 0.0
+
     @staticmethod
     def kept(distances):
         """Return a function that takes distances back to what they are now, at depth 0. Not collective."""

@@ -560,6 +560,22 @@ def test_a_start_of_a_gap_that_was_elsewhere():
     np.testing.assert_allclose(found.undeformed_distance, gaps[1] - found.approach, rtol=0, atol=1e-14)
 
 
+def test_digits_that_distances_have_lost_are_in_the_proof(monkeypatch):
+    with ContactSolver(hertz(24)) as solver:
+        before, distance = solver.solve(APPROACH), solver._distances[-1]
+        distance.move_to(1e13)
+        distance.move_to(0.0)
+        with (
+            monkeypatch.context() as context,
+            pytest.warns(RuntimeWarning, match="not converged"),
+        ):
+            context.setattr(ContactSolver, "_measure_shapes", lambda self: None)  # which would mend it
+            found = solver.solve(APPROACH)
+        assert not found.converged
+        assert found.error_bound > 0.01
+        np.testing.assert_array_equal(solver.solve(APPROACH).pressure, before.pressure)
+
+
 def test_a_start_may_have_pressure_where_an_updated_gap_has_a_hole():
     problem = hertz(64)
     with ContactSolver(problem) as solver:
