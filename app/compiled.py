@@ -101,15 +101,16 @@ def _no_environments(result):
 
     They would all be imported with it. Only a function that Python objects occur in asks for them.
     """
-    with suppress(AttributeError):  # should numba change: then with them
-        kind = type(result)
-        find = kind._find_referenced_environments
-        kind._find_referenced_environments = lambda self: [found for found in find(self) if found.consts]
+    kind, name = type(result), "_find_referenced_environments"
+    find = getattr(kind, name, None)
+    if find is None:  # should numba change: then with them
+        yield
+        return
+    setattr(kind, name, lambda self: [found for found in find(self) if found.consts])
     try:
         yield
     finally:
-        with suppress(NameError):
-            kind._find_referenced_environments = find
+        setattr(kind, name, find)
 
 
 class _OneAtATime:

@@ -122,11 +122,11 @@ class ContactSolver:
 
     @one_at_a_time
     def __init__(self, problem, method=None, options=None, comm=None, prefix="", listeners=()):
-        started = time.perf_counter()
+        started, comm = time.perf_counter(), mpi_comm(comm)
         for name, given, kind, what in (
             ("problem", problem, Problem, "a ContactProblem"),
             ("method", method, str | Mapping | None, "the name of a method file, or a mapping"),
-            ("comm", mpi_comm(comm), MPI.Intracomm, "a communicator of mpi4py or petsc4py"),
+            ("comm", comm, MPI.Intracomm, "a communicator of mpi4py or petsc4py"),
         ):
             if not isinstance(given, kind):
                 raise InputError(f"{name}: is {type(given).__name__}; needed: {what}")
@@ -134,7 +134,7 @@ class ContactSolver:
         self._resources, self._distances = Resources(), []
         self._finalizer = weakref.finalize(self, one_at_a_time(self._resources.free))
         self.problem, self.listeners = problem, list(listeners)
-        self._outer_comm = ending.share(mpi_comm(comm))
+        self._outer_comm = ending.share(comm)
         self.comm = self._resources.comm = Communicator(self._outer_comm.Dup())
         self.hierarchy = self._solver = None
         grid = problem.grid
@@ -176,7 +176,7 @@ class ContactSolver:
         self._resources.add(hierarchy)
         self._solver = make_solver(hierarchy, chosen)
         self._resources.add(self._solver)
-        warm_up(chosen, grid, self._team.comm.size == 1)
+        warm_up(chosen, hierarchy)
         if chosen.lifted and chosen.nested:
             for operator in hierarchy.levels:
                 if not hierarchy.windowed(operator):

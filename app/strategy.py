@@ -158,21 +158,20 @@ def check_compiler():
         raise InputError("NUMBA_DISABLE_JIT is set: the loops of this program work compiled only; unset it")
 
 
-def warm_up(settings, grid, alone):
+def warm_up(settings, hierarchy):
     """Load the compiled loops of a strategy now, not in the first iteration. Not collective.
 
-    A rank that is needed on fine grids only has time for that now; later the others would wait for it. `alone`: on this
-    rank only.
+    A rank that is needed on fine grids only has time for that now; later the others would wait for it.
     """
+    grid, dtype = hierarchy.target.grid, np.dtype(hierarchy.dtype)
     for module in (kernels, extent, measures, transfer):
         module.warm_up()
     certificate.warm_up(bool(grid.periodic))
     if settings.strategy == "fast":
-        dtype = np.dtype(np.float32 if settings.single else np.float64)
         for kind in {np.dtype(np.float64), dtype}:
             product.warm_up(grid, kind)
             tracking_cg.warm_up(kind)
-        circulant.warm_up(grid, dtype, alone)
+        circulant.warm_up(grid, dtype, alone=hierarchy.comm.size == 1)
     if settings.strategy == "primal":
         from app.primal import stencil
 

@@ -275,7 +275,7 @@ class _Strip:
 
 
 @cache
-def load_extension(dtype, alone=True):
+def load_extension(dtype, alone):
     """Load the compiled loops for fields of a type, on this rank only or on several, now. Not collective."""
     extension, field = RimExtension((3, 3), None, None, 1), np.zeros((3, 3), dtype)
     extension.set_contact(np.eye(3, dtype=bool))
