@@ -80,9 +80,8 @@ def refine(
         with ContactSolver(problem, method, options, comm, listeners=listeners) as solver:
             solution = solver.solve(**loading)
             errors = GridErrors(*(getattr(solution, name) for name in GridErrors._fields))
-            numbers.append(
-                GridNumbers(solution.load, solution.approach, solution.max_pressure, solution.contact_area)
-            )
+            found = solution.load, solution.approach, solution.max_pressure, solution.contact_area
+            numbers.append(GridNumbers(*found, grid.cell_area))
             if len(numbers) > 1:
                 errors = errors_from(numbers, solver.touching, by_load).with_rim(solution)
             rows.append(_row(solution, errors))

@@ -6,8 +6,9 @@ of smooth bodies, or of rough ones whose shortest waves are resolved, with order
 last two grids is taken for the error, or that of the two before, halved, if that is more: grids may agree by chance. Of
 the scattering area a third pair counts. Where there are fewer pairs, it is half as much again. Where three differences
 in turn have one sign and do not fall, the number does not converge, as the maximum pressure at the rim of a punch: the
-error is all of it. docs/load-paths.md has how often all this holds. Coarser grids are solved to -lcp_coarse_rtol only:
-what is below that is less certain.
+error is all of it; but for an area that differs by no more than the rim of a round one of as many cells scatters.
+docs/load-paths.md has how often all this holds. Coarser grids are solved to -lcp_coarse_rtol only: what is below that
+is less certain.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from app.contact import kernels
+from app.contact.measures import PER_FACE
 from app.halfspace.reductions import sum_over, sums_and_minima
 
 
@@ -28,6 +30,7 @@ class GridNumbers(NamedTuple):
     depth: float  # approach from the reference of the undeformed distance [mm]
     max_pressure: float  # [N/mm2]
     contact_area: float  # [mm2]
+    cell_area: float = 0.0  # [mm2]
 
 
 class GridErrors(NamedTuple):
@@ -70,9 +73,8 @@ def numbers_on(state, comm, load=None, depth=None):
     total, highest, cells = kernels.numbers(state.p, state.contact)
     (total, cells), (lowest,) = sums_and_minima(comm, [total, cells], [-highest])
     load = grid.cell_area * float(total) if load is None else load
-    return GridNumbers(
-        load, state.depth if depth is None else depth, -float(lowest), float(cells) * grid.cell_area
-    )
+    depth = state.depth if depth is None else depth
+    return GridNumbers(load, depth, -float(lowest), float(cells) * grid.cell_area, grid.cell_area)
 
 
 def errors_from(grids, touching, prescribes_load):
@@ -94,23 +96,26 @@ def errors_from(grids, touching, prescribes_load):
     """
     if len(grids) < 2:
         return UNKNOWN
-    load, depth, pressure, area = zip(*grids[: -_MOST_PAIRS - 2 : -1], strict=True)  # from fine to coarse
+    load, depth, pressure, area, cell = zip(
+        *grids[: -_MOST_PAIRS - 2 : -1], strict=True
+    )  # from fine to coarse
+    rim = PER_FACE * 8 * np.sqrt(area[0] * cell[0] / np.pi)  # of a round contact, which has the shortest
     return GridErrors(
         load_error=0.0 if prescribes_load else _error(load, 2),
         approach_error=_error([d - touching for d in depth], 2) if prescribes_load else 0.0,
         max_pressure_error=_error(pressure, 2),
-        contact_area_error=_error(area, _MOST_PAIRS),
+        contact_area_error=_error(area, _MOST_PAIRS, 2 * rim),
     )
 
 
-def _error(values, pairs):
-    """Relative error of the first of some values, on grids from fine to coarse."""
+def _error(values, pairs, scatter=0.0):
+    """Relative error of the first of some values, on grids from fine to coarse; on the second they may scatter."""
     if not values[0]:
         return float("nan")
     steps = [coarse - fine for fine, coarse in pairwise(values)]
     sizes = [abs(step) for step in steps]
     alike = len(steps) == _MOST_PAIRS and (min(steps) > 0 or max(steps) < 0)
-    if alike and all(finer > _FALLING * coarser for finer, coarser in pairwise(sizes)):
+    if alike and sizes[0] > scatter and all(finer > _FALLING * coarser for finer, coarser in pairwise(sizes)):
         return 1.0
     doubt = 1.0 if len(sizes) >= pairs else _FEWER_PAIRS
     return doubt * max(size * 0.5**k for k, size in enumerate(sizes[:pairs])) / abs(values[0])

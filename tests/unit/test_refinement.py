@@ -115,3 +115,12 @@ def test_a_contact_that_is_small_in_its_period_is_known_on_coarse_grids_too():
     exact = np.sqrt(1e3 / (10 * np.pi))  # sqrt(load a length E* / (pi R))
     assert abs(solution.max_pressure / exact - 1) < solution.max_pressure_error < 0.05
     assert solution.approach_error < 0.02
+
+
+def test_an_area_that_scatters_by_its_rim_converges():
+    """README's ball at 256 x 256: 11272, 2844, 716 and 180 cells in contact; with larger steps no area converges."""
+    cells = np.array([180, 716, 2844, 11272]) / 4.0 ** np.arange(4)
+    for times, least, most in ((1, 5e-3, 0.02), (3, 1, 1)):
+        areas = cells[-1] + times * (cells - cells[-1])
+        grids = [GridNumbers(1.0, 1.0, 1.0, area, 0.25**k) for k, area in enumerate(areas)]
+        assert least <= errors_from(grids, 0.0, True).contact_area_error <= most
