@@ -147,10 +147,11 @@ def draw_section(axes, result, along, row, column, reference):
     unit = length_unit(max(np.ptp(result.x), np.ptp(result.y)))
     if along == "x":
         centres, cell, across = result.x, result.grid.dx, f"y = {result.y[row] * unit.per_mm:.3g}"
-        values, gap = result.pressure[row], result.gap[row]
+        here = row
     else:
         centres, cell, across = result.y, result.grid.dy, f"x = {result.x[column] * unit.per_mm:.3g}"
-        values, gap = result.pressure[:, column], result.gap[:, column]
+        here = slice(None), column
+    values, gap = result.pressure[here], np.where(result.contact[here] == 1, 0.0, result.gap[here])
     edges = (centres[0] + cell * (np.arange(centres.size + 1) - 0.5)) * unit.per_mm
     axes.stairs(values, edges, fill=True, color=PALE)
     axes.stairs(values, edges, color=BLUE, linewidth=1.4, label="computed", baseline=None)
@@ -186,9 +187,8 @@ def _draw_gap(axes, edges, gap, ends):
         return
     unit, right = length_unit(highest), axes.twinx()
     right.stairs(gap * unit.per_mm, edges, color=ORANGE, linewidth=1.0, baseline=None)
-    right.set(ylim=(2.6 * highest * unit.per_mm, 0), ylabel=f"gap e  [{unit.name}]")
-    right.yaxis.label.set_color(ORANGE)
-    right.yaxis.set_label_coords(1.1, 0.82)
+    right.set(ylim=(2.6 * highest * unit.per_mm, 0))
+    right.set_ylabel(f"gap e  [{unit.name}]", color=ORANGE, loc="top")
     right.spines["right"].set_visible(True)
     right.set_yticks([t for t in right.get_yticks() if 0 <= t <= 1.05 * highest * unit.per_mm])
     ticks, top = axes.get_yticks(), axes.get_ylim()[1]

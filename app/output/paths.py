@@ -17,7 +17,6 @@ import numpy as np
 from app.output.style import (
     DASHED,
     DOTTED,
-    ORANGE,
     log_axis,
     new_figure,
     series,
@@ -42,7 +41,7 @@ _LABELS = {
     "work_units": "work units",
     "solve_seconds": "time of the solve  [s]",
 }
-_SMOOTH_BODIES = ("hertz", "sphere", "cylinder", "cone")
+_BODIES = ("hertz", "sphere", "cylinder", "cone", "punch")  # which are not nominally flat all over the patch
 _MOST_SERIES = 12
 _MOST_TICKS = 6
 
@@ -50,13 +49,13 @@ _MOST_TICKS = 6
 class Path(NamedTuple):
     """Columns of a path, its name, and what its loads are compared with.
 
-    `scale` is E* times rms slope [N/mm2], NaN where nobody knows them; `smooth`: there is no roughness at all.
+    `scale` is E* times rms slope [N/mm2], NaN where nobody knows them; theories of rough planes know no `shaped` bodies.
     """
 
     columns: dict
     name: str = ""
     scale: float = np.nan
-    smooth: bool = False
+    shaped: bool = False
 
     def positive(self, *names, lowest=0.0):
         """Columns without the steps at which one of them is no number above `lowest`; None if that leaves nothing."""
@@ -78,9 +77,8 @@ def path_of(result, name=""):
     if not columns:
         return None
     values = result.attributes
-    smooth = values.get("problem") in _SMOOTH_BODIES and not values.get("surfaces")
     scale = values.get("contact_modulus", np.nan) * values.get("rms_slope", np.nan)
-    return Path(columns, name, scale, smooth)
+    return Path(columns, name, scale, values.get("problem") in _BODIES)
 
 
 @styled
@@ -96,7 +94,7 @@ def path_figure(paths, heading=""):
     heading : str
     """
     rough = all(
-        not path.smooth
+        not path.shaped
         and np.isfinite(path.relative)
         and path.positive("mean_pressure", "contact_fraction") is not None
         for path in paths
@@ -148,12 +146,12 @@ def _draw_fraction(axes, paths):
         if found is not None:
             axes.plot(found[0] * path.relative, found[1], "x", color="0.4", zorder=1)
     x = np.geomspace(drawn[0].min(), drawn[0].max() * 1.0001, 200)
-    axes.plot(x, persson_fraction(x), color=ORANGE, linestyle=DASHED, label="Persson")
+    axes.plot(x, persson_fraction(x), color="0.3", linestyle=DASHED, label="Persson")
     bgt = bush_gibson_thomas_fraction(x)
     axes.plot(x, bgt, color="0.3", linestyle=DOTTED, label="Bush, Gibson, Thomas")
     axes.plot([], [], "x", color="0.4", label="corrected for the stepped boundary")
     axes.set(xlabel=_RELATIVE, ylabel="contact fraction")
-    axes.legend(loc="lower right", fontsize=10)
+    axes.legend(loc="best", fontsize=10)
 
 
 def _draw_kappa(axes, paths):
@@ -170,7 +168,7 @@ def _draw_kappa(axes, paths):
         [path.positive("mean_pressure", "contact_fraction")[0] * path.relative for path in paths]
     )
     span = np.geomspace(x.min(), x.max() * 1.0001, 200)
-    axes.plot(span, persson_fraction(span) / span, color=ORANGE, linestyle=DASHED)
+    axes.plot(span, persson_fraction(span) / span, color="0.3", linestyle=DASHED)
     axes.axhline(np.sqrt(2 * np.pi), color="0.3", linestyle=DOTTED)
     log_axis(axes.xaxis, x)
     axes.set(
@@ -316,7 +314,9 @@ def sweep_figure(columns, heading=""):
     for axes in figure.axes[count:]:
         axes.remove()
     if others:
-        figure.axes[0].legend(
+        figure.axes[across - 1].legend(
+            loc="upper left",
+            bbox_to_anchor=(1.02, 1),
             title=", ".join("option file" if name == "option_files" else f"-{name}" for name in others),
             fontsize=9,
             title_fontsize=9,

@@ -50,6 +50,14 @@ def image_values(figure):
     return values, x0 + (np.arange(nx) + 0.5) * (x1 - x0) / nx, y0 + (np.arange(ny) + 0.5) * (y1 - y0) / ny
 
 
+def test_sections_have_no_gap_in_contact(result):
+    noisy = replace(result, gap=np.where(result.contact == 1, 1e-9, result.gap))
+    for drawn in (axes for axes in figures.section_figure(noisy).axes if "gap" in axes.get_ylabel()):
+        assert (drawn.patches[0].get_data().values != 1e-6).all()
+    full = replace(result, gap=np.full_like(result.gap, 1e-9), contact=np.ones_like(result.contact))
+    assert len(figures.section_figure(full).axes) == 2
+
+
 def test_pressure_map_has_no_colour_where_there_is_no_pressure(result):
     values, x, y = image_values(figures.pressure_figure(result))
     assert np.array_equal(np.ma.getmaskarray(values), result.pressure == 0)
@@ -241,7 +249,15 @@ def test_path_of_a_smooth_body_has_no_theory_of_rough_surfaces(result):
         "mean_pressure": np.array([1.0, 2.0]),
     }
     result = replace(result, path=columns | {"contact_fraction": np.array([0.1, 0.2])})
-    assert paths.path_figure([paths.path_of(result)]).axes[0].get_ylabel() == "load F  [N]"
+    rough = {
+        "problem": "sphere",
+        "surfaces": 1,
+        "contact_modulus": 1e5,
+        "rms_slope": 0.02,
+    }  # nor has a rough ball
+    for attributes in (result.attributes, result.attributes | rough):
+        figure = paths.path_figure([paths.path_of(replace(result, attributes=attributes))])
+        assert figure.axes[0].get_ylabel() == "load F  [N]"
 
 
 def test_path_without_roughness_is_drawn_by_load_and_approach():
