@@ -74,7 +74,7 @@ def _main(argv):
     if not Path(str(path).partition(":/")[0]).is_file():
         raise InputError(f"surface file {path}: {'not a file' if path.exists() else 'no such file'}")
     try:
-        check_output_path(arguments.output, [path, str(path).partition(":/")[0]])
+        check_output_path(arguments.output, [path, str(path).partition(":/")[0]], "-o")
         heights, facts = _read(path, arguments.channel, arguments.skip)
         facts = _settle(facts, arguments, path)
         heights, facts["spacing"] = turned(heights, facts["spacing"], arguments.orient)
@@ -122,6 +122,7 @@ def _spacing(text):
 def _read(path, channel, skip):
     """Heights (ny, nx), NaN where missing, and what the file says of them."""
     from app.problems.height_file import HeightFile
+    from app.problems.points import looks_like_points
 
     suffix, refusal = Path(str(path).partition(":/")[0]).suffix.lower(), None
     if channel and suffix in (".npy", ".npz"):
@@ -141,11 +142,13 @@ def _read(path, channel, skip):
     elif skip:
         raise InputError(f"--skip {skip}: allowed of {', '.join(_TEXT)}")
     try:
-        return _read_instruments(path, channel)
+        heights, facts = _read_instruments(path, channel)
+        if refusal is None or not looks_like_points(heights.shape):  # points are no map of three columns
+            return heights, facts
     except InputError:
         if refusal is None:
             raise
-        raise refusal from None  # what is wrong with it as text says more
+    raise refusal from None  # what is wrong with it as text says more
 
 
 def _read_instruments(path, channel):
@@ -170,7 +173,10 @@ def _read_instruments(path, channel):
             complaint = done.stderr.strip().splitlines() or ["its reader died"]
             raise InputError(f"surface file {path}: cannot be read: {complaint[-1]}")
         with np.load(made) as arrays:
-            return arrays["heights"], json.loads(str(arrays["facts"]))
+            heights, facts = arrays["heights"], json.loads(str(arrays["facts"]))
+    if not heights.size:
+        raise InputError(f"surface file {path}: cannot be read: it is empty")
+    return heights, facts
 
 
 def _settle(facts, arguments, path):

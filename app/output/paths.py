@@ -49,7 +49,7 @@ _MOST_TICKS = 6
 class Path(NamedTuple):
     """Columns of a path, its name, and what its loads are compared with.
 
-    `scale` is E* times rms slope [N/mm2], NaN where nobody knows them; theories of rough planes know no `shaped` bodies.
+    `scale` is E* times rms slope [N/mm2], NaN where nobody knows them; those are of no `shaped` bodies.
     """
 
     columns: dict

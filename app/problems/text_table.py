@@ -25,6 +25,7 @@ import numpy as np
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
 _MARK = re.compile(r"\*+|-+|_+|n/?a|null|none|bad|void|missing|1\.#\w+", re.IGNORECASE)  # of missing points
+_NO_DATA = re.compile(r"\bno data\b", re.IGNORECASE)  # one more of them, in two words
 _PLAIN = frozenset("0123456789+-.,;eE \t")
 _COMMENTS = ("#", "%")
 
@@ -63,7 +64,7 @@ def read_table(lines, missing, skip=0, marks=False, how_to_skip=""):
            [nan, 2. ]])
     """
     numbered = [
-        (j, line.strip(" \r"))
+        (j, _NO_DATA.sub("nan", line.strip(" \r")) if marks else line.strip(" \r"))
         for j, line in enumerate(lines, 1)
         if j > skip and line.strip() and not line.lstrip().startswith(_COMMENTS)
     ]

@@ -123,6 +123,15 @@ def test_format_of_an_instrument(tmp_path):
     assert convert(tmp_path / "s.sdf", "-o", tmp_path / "s.h5", "--channel", "phase").returncode == 2
 
 
+@pytest.mark.parametrize("size", [0, 60])
+def test_what_is_refused_as_text_is_no_map_of_three_columns(tmp_path, size):
+    """Nor of none: SurfaceTopography, where it is installed, reads both."""
+    scattered = np.random.default_rng(3).random((size, 3))
+    np.savetxt(tmp_path / "s.txt", scattered, fmt="%.6f")
+    done = convert(tmp_path / "s.txt", "-o", tmp_path / "s.h5", "--unit", "um", "--spacing", "1,1")
+    assert done.returncode == 2 and ("it is empty", "no points x, y, z of a grid")[size > 0] in done.stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -59,7 +59,7 @@ def test_what_can_be_read_in_two_ways_is_refused(text, message):
         read_table(text.splitlines(), "missing")
 
 
-@pytest.mark.parametrize("mark", ["***", "---", "NaN", "", "BAD", "n/a", "1.#QNAN"])
+@pytest.mark.parametrize("mark", ["***", "---", "NaN", "", "BAD", "n/a", "1.#QNAN", "No Data"])
 def test_marks_of_missing_points(mark):
     found = read_table(["0.5;1;2", f"3;{mark};1", f"{mark};2;{mark}"], "missing", marks=True)
     np.testing.assert_array_equal(found, [[0.5, 1, 2], [3, np.nan, 1], [np.nan, 2, np.nan]])
@@ -89,3 +89,9 @@ def test_a_gap_has_no_marks(tmp_path):
     (tmp_path / "gap.txt").write_text("1 ***\n2 3\n")
     with pytest.raises(ValueError, match=r"line 1: '\*\*\*' is no number"):
         GapFile(tmp_path / "gap.txt")
+
+
+def test_no_data_in_two_words_between_blanks():
+    np.testing.assert_array_equal(
+        read_table(["0 1 No Data", "0 2 0.5"], "missing", marks=True)[0], [0, 1, np.nan]
+    )
