@@ -113,7 +113,7 @@ def doubt(surface, grid):
     """
     slope = surface.rms_slope(grid)
     if slope > STEEP:
-        what = f"steeper than the theory is for (slopes below {STEEP:g})"
+        what = f"steeper than the theory is for (slopes below {STEEP:g}), by spikes, perhaps"
     elif 0 < slope < (COARSE_FLAT if max(surface.cell(grid)) > COARSE else FLAT):
         what = "flatter than most surfaces"
     else:
