@@ -96,7 +96,8 @@ def _main(argv):
         print(line)
     statuses = [row["exit_status"] for row in rows]
     solved = statuses.count(0)
-    print(f"{len(rows)} of {len(runs)} runs in {output}; {solved} of {len(rows)} solved")
+    going_on = "; interrupted: --resume goes on after them" if interrupted and rows else ""
+    print(f"{len(rows)} of {len(runs)} runs in {output}; {solved} of {len(rows)} solved{going_on}")
     if interrupted:
         return 130
     if solved == len(rows):

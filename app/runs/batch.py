@@ -8,7 +8,7 @@ from tqdm import tqdm
 
 from app.errors import InputError
 from app.runs.processes import Processes, perform
-from app.runs.run import OUTCOME
+from app.runs.run import OUTCOME, WHERE_KNOWN
 
 REASONED = (0, 2, 3)  # exit statuses of app.solve; any other is a crash, and worth another try
 
@@ -97,7 +97,9 @@ def rows_of(runs, outcomes):
     A column of the outcome that has the name of a varied option is called ``result_NAME``.
     """
     taken = {name for run in runs for name in run.labels}
-    columns = {name: f"result_{name}" if name in taken else name for name in (*OUTCOME, "result")}
+    unknown = set(WHERE_KNOWN).difference(*filter(None, outcomes))
+    names = [name for name in (*OUTCOME, "result") if name not in unknown]
+    columns = {name: f"result_{name}" if name in taken else name for name in names}
     return [
         {**run.labels, **{column: outcome.get(name) for name, column in columns.items()}}
         for run, outcome in zip(runs, outcomes, strict=True)

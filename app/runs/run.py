@@ -37,12 +37,13 @@ ATTRIBUTES = (
     "mean_gap",
     "solve_seconds",
 )
+WHERE_KNOWN = ("contact_area", "error_bound", "stiffness")  # the last if it is asked for
 CHECKS = ("worst_negative_gap", "worst_negative_pressure", "complementarity")
-OUTCOME = ("exit_status", "message", *ATTRIBUTES, *CHECKS)
+OUTCOME = ("exit_status", "message", *ATTRIBUTES, *WHERE_KNOWN, *CHECKS)
 
 
 def collect_result(path):
-    """Numbers of a result file for a row of the table: `ATTRIBUTES`, `CHECKS` and `reason`, name -> value.
+    """Numbers of a result file for a row: `ATTRIBUTES`, `WHERE_KNOWN`, `CHECKS` and `reason`, name -> value.
 
     The checks are `worst_negative_gap` [mm], `worst_negative_pressure` [N/mm2] and `complementarity`,
     max |p e| / (max p max |h|): computed from the fields, whatever solver wrote them.
@@ -54,6 +55,7 @@ def collect_result(path):
     product = np.abs(p * e).max(initial=0.0)
     return {
         **{name: result.attributes[name] for name in (*ATTRIBUTES, "reason")},
+        **{name: result.attributes[name] for name in WHERE_KNOWN if name in result.attributes},
         "worst_negative_gap": float(e.min(initial=0.0)),
         "worst_negative_pressure": float(result.pressure.min(initial=0.0)),
         "complementarity": float(product / scale) if scale != 0 else 0.0,  # NaN stays NaN

@@ -266,10 +266,11 @@ def test_interrupt_leaves_a_table_and_resume_completes_it(tmp_path):
     )
     output, journal = tmp_path / "out.csv", tmp_path / "out.runs.jsonl"
     command = [sys.executable, "-m", "app.sweep", str(path), "-o", str(output), "--timeout", "20"]
-    process = subprocess.Popen(command, cwd=ROOT, env=dict(os.environ), stdout=subprocess.DEVNULL)
+    process = subprocess.Popen(command, cwd=ROOT, env=dict(os.environ), stdout=subprocess.PIPE, text=True)
     wait_for(lambda: journal.is_file() and len(journal_keys(journal)) == 1)
     process.send_signal(signal.SIGINT)
-    assert process.wait(20) == 130
+    assert process.communicate(timeout=20)[0].endswith("interrupted: --resume goes on after them\n")
+    assert process.returncode == 130
     with output.open() as file:
         assert [row["approach"] for row in csv.DictReader(file)] == ["0.1"]
     assert not (tmp_path / "out.runs").exists()
@@ -490,3 +491,15 @@ def test_every_kind_of_table(tmp_path, performed, suffix):
 def test_columns_of_the_outcome_give_way_to_options():
     (row,) = rows_of([Run(labels={"load": 5})], [{"load": 4.9, "exit_status": 0}])
     assert (row["load"], row["result_load"]) == (5, 4.9)
+
+
+def test_what_is_asked_for_has_a_column(tmp_path):
+    path = write(
+        tmp_path, f"option_files: [{HERTZ}]\noptions: {{grid: 16, load: 1e4, stiffness: [true, false]}}"
+    )
+    assert main([str(path), "-o", str(tmp_path / "out.csv")]) == 0
+    with (tmp_path / "out.csv").open() as file:
+        with_it, without = csv.DictReader(file)
+    assert float(with_it["result_stiffness"]) > 1e5 and without["result_stiffness"] == ""
+    assert float(with_it["contact_area"]) == pytest.approx(240 * float(with_it["contact_fraction"]))
+    assert "stiffness" not in rows_of([Run()], [{"exit_status": 0}])[0]
