@@ -2,8 +2,9 @@
 
 The command finds the largest von Mises stress and prints it. With -o it writes DIR/subsurface.png, the von Mises stress
 on a vertical section and the stresses on the line through that point (or through ``--at``), and DIR/subsurface.h5: all
-six components on the section along x and on the one along y, on the line, and on the horizontal planes asked for by
-``--planes``, [N/mm2], compression negative. Exit status 0, or 2 with one line on standard error. Runs on one rank.
+six components, the von Mises stress and the largest shear stress on the section along x and on the one along y, on the
+line, and on the horizontal planes asked for by ``--planes``, [N/mm2], compression negative. Exit status 0, or 2 with
+one line on standard error. Runs on one rank.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 from app.commands import streams
 from app.commands.arguments import Parser, count
 from app.errors import InputError, one_line
-from app.halfspace.stress import COMPONENTS, Hottest, SubsurfaceStress, von_mises
+from app.halfspace.stress import COMPONENTS, Hottest, SubsurfaceStress, max_shear, von_mises
 from app.output import curves, figures, style
 from app.output.files import check_output_path, whole_hdf5
 from app.output.result import read_result
@@ -165,21 +166,22 @@ def write(path, result, found, planes):
             file.create_group(f"plane_{number}").attrs["depth"] = depth
         for group, (values, axes) in groups.items():
             fields = {f"sigma_{name}": part for name, part in zip(COMPONENTS, values, strict=True)}
-            for name, field in (fields | {"von_mises": von_mises(values)}).items():
+            fields |= {"von_mises": von_mises(values), "max_shear": max_shear(values)}
+            for name, field in fields.items():
                 item = file.create_dataset(f"{group}/{name}", data=field)
                 item.attrs["unit"] = "N/mm2"
                 for dimension, axis in zip(item.dims, axes, strict=True):
                     dimension.attach_scale(file[axis])
 
 
-def _numbers(text, least=None):
+def _numbers(option, text, least=None):
     try:
         values = tuple(float(part) for part in text.split(","))
     except ValueError:
-        raise InputError(f"{text}: not allowed; allowed: numbers [mm], parted by commas") from None
+        raise InputError(f"{option} {text}: not allowed; allowed: numbers [mm], parted by commas") from None
     if not all(math.isfinite(v) and (least is None or v >= least) for v in values):
         raise InputError(
-            f"{text}: not allowed; allowed: finite numbers{'' if least is None else f' from {least:g}'}"
+            f"{option} {text}: not allowed; allowed: finite numbers{'' if least is None else f' from {least:g}'}"
         )
     return values
 
@@ -207,15 +209,15 @@ def _arguments(argv):
     parser.add_argument("--planes", metavar="Z1,Z2", help="depths of horizontal planes [mm]")
     parser.add_argument("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")
     arguments = parser.parse_args(argv)
-    arguments.at = _numbers(arguments.at) if arguments.at else None
+    arguments.at = _numbers("--at", arguments.at) if arguments.at else None
     if arguments.at and len(arguments.at) != 2:
         raise InputError("--at: allowed: X,Y [mm]")
     if arguments.deepest is not None:
-        deepest, *more = _numbers(arguments.deepest, 0)
+        deepest, *more = _numbers("--deepest", arguments.deepest, 0)
         if more or not deepest:
             raise InputError(f"--deepest {arguments.deepest}: not allowed; allowed: one positive number [mm]")
         arguments.deepest = deepest
-    arguments.planes = _numbers(arguments.planes, 0) if arguments.planes else ()
+    arguments.planes = _numbers("--planes", arguments.planes, 0) if arguments.planes else ()
     folder = arguments.output
     if folder is None and (arguments.planes or arguments.at or arguments.deepest):
         raise InputError("--at, --planes, --deepest: have no effect without -o DIR")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.halfspace.stress import von_mises
+from app.halfspace.stress import max_shear, von_mises
 from app.output.figures import title
 from app.output.maps import finite_pressure
 from app.output.style import (
@@ -196,6 +196,7 @@ def stress_figure(along, centres, depths, section, line, hottest, heading):
     ):  # fmt: skip
         right.plot(line[k], z, color=colour, linestyle=style, label=label)
     right.plot(von_mises(line), z, color=ORANGE, label="von Mises")
+    right.plot(max_shear(line), z, color="0.3", linestyle=DASHED, label="largest shear")
     right.axvline(0, color=GREY, linewidth=0.8, zorder=0)
     right.set(xlabel="stress  [N/mm²]", ylabel=f"depth z  [{deep.name}]", ylim=(z[-1], 0))
     linear_ticks(right.xaxis, 3.0)

@@ -117,7 +117,7 @@ def test_text_of_the_user_is_no_markup(made, undrawn):
         (subsurface, ["RESULT", "--poisson", "-1"], "Poisson ratio -1"),
         (subsurface, ["RESULT", "--body", "2"], "not those of the bodies"),
         (subsurface, ["RESULT", "--planes", "1"], "no effect without -o"),
-        (subsurface, ["RESULT", "-o", "TMP", "--planes", "1,-2"], "1,-2: not allowed"),
+        (subsurface, ["RESULT", "-o", "TMP", "--planes", "1,-2"], "--planes 1,-2: not allowed"),
         (subsurface, ["RESULT", "-o", "TMP", "--at", "1"], "allowed: X,Y"),
         (subsurface, ["RESULT", "-o", "TMP", "--at", "-1,2,3"], "allowed: X,Y"),
         (subsurface, ["RESULT", "-o", "TMP", "--deepest", "1,2"], "one positive number"),
@@ -155,6 +155,9 @@ def test_subsurface_writes_sections_line_and_planes(path, made, tmp_path, capsys
         assert 0.55 < file.attrs["max_von_mises"] / MAX_PRESSURE < 0.68
         assert file["section_x/sigma_xx"].shape == (40, 64) and file["section_y/sigma_xy"].shape == (40, 48)
         assert file["plane_1"].attrs["depth"] == 2 and file["plane_1/von_mises"].shape == (48, 64)
+        assert (
+            2 * file["plane_1/max_shear"][()] <= 1.0001 * file["plane_1/von_mises"][()] * 2 / 3**0.5
+        ).all()
         assert file["section_x/sigma_zz"].dims[0][0].name == "/depth"
         depth = file["depth"][()]
         k = np.argmin(abs(depth - file.attrs["max_von_mises_depth"]))

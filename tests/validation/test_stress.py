@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.halfspace.grid import Grid
-from app.halfspace.stress import SubsurfaceStress, von_mises
+from app.halfspace.stress import SubsurfaceStress, max_shear, von_mises
 
 DEPTHS = np.array([0.05, 0.3, 1.0, 2.5])
 
@@ -145,6 +145,17 @@ def test_a_small_contact_does_not_see_that_its_patch_is_repeated():
     free, periodic = (SubsurfaceStress(spread, g, 0.3) for g in (wide, replace(wide, periodic="spectral")))
     z, deep = [0.2, 0.5, 1.0], free.line([0.5], 0.0, 0.0)
     assert abs(free.line(z, 0.1, 0.2) - periodic.line(z, 0.1, 0.2)).max() < 0.01 * abs(deep).max()
+
+
+def test_the_largest_shear_stress_is_johnson_s():
+    """Contact Mechanics, Sec. 3.4: 0.31 of the largest pressure at 0.48 radii below a sphere."""
+    z = np.linspace(0.3, 0.7, 41)
+    shear = max_shear(SubsurfaceStress(*sphere(64), 0.3).line(z, 0.0, 0.0))
+    assert shear.max() == pytest.approx(0.310, rel=2e-3) and z[shear.argmax()] == pytest.approx(
+        0.48, abs=0.011
+    )
+    turned = np.array([3.0, -1.0, 0.0, 2.0, 0.0, 0.0])  # principal stresses 1 + 8**0.5, 1 - 8**0.5, 0
+    assert max_shear(turned) == pytest.approx(8**0.5)
 
 
 def test_without_pressure_there_is_no_stress():
