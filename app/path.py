@@ -222,11 +222,15 @@ def _as_numbers(kind, numbers):
 
 
 def _slope(x, y):
-    """Slope of the parabola through each point and its neighbours; NaN where there is more than one y at an x."""
+    """Slope of the parabola through each point and its neighbours; NaN where there is more than one y at an x.
+
+    At an end where that has the other sign, as after large steps of a load, the slope of the chord.
+    """
     at, first, which = np.unique(x, return_index=True, return_inverse=True)
     one = y[first][which]
     if len(at) < 2 or ((y < one) | (y > one)).any():  # NaN is neither
         return np.full(len(x), np.nan)
     with np.errstate(all="ignore"):
-        slope = np.gradient(y[first], at, edge_order=min(2, len(at) - 1))[which]
+        chord, slope = (np.gradient(y[first], at, edge_order=k) for k in (1, min(2, len(at) - 1)))
+        slope = np.where(slope * chord < 0, chord, slope)[which]
     return np.where(np.isfinite(slope), slope, np.nan)

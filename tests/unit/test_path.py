@@ -9,6 +9,7 @@ from cases import APPROACH, hertz, periodic_rough, punch, self_affine
 
 from app import ContactSolver
 from app.errors import InputError
+from app.path import _slope
 
 
 def same(one, other):
@@ -38,6 +39,13 @@ def test_loads_that_come_twice_have_one_slope():
         assert len(list(path)) == 5 and len(list(up)) == 3
     slopes, expected = (one.table["stiffness_by_differences"] for one in (path, up))
     assert np.isfinite(expected).all() and list(slopes) == [*expected, *expected[1::-1]]
+
+
+def test_stiffness_by_differences_of_rough_surfaces_is_not_negative():
+    """Loads that grow with the exponential of the approach, in large steps: the parabola falls at first."""
+    at = np.log([0.005, 0.02, 0.1, 0.3])
+    slope = _slope(at, np.exp(at))
+    assert slope[0] == pytest.approx(0.015 / np.log(4)) and (slope > 0).all()
 
 
 def test_every_step_has_its_stiffness_and_the_analytic_values(tmp_path):
