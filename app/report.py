@@ -73,6 +73,9 @@ _ORIGIN = {
     "operator_applications": "operator applications",
     "residual": "residual, (5.1)",
 }
+_ASKED = (
+    "hertz_", "sphere_", "cylinder_", "cone_", "punch_", "surface_", "body", "young", "poisson", "shear_", "gap_",
+)  # fmt: skip
 _IN_SUMMARY = ("contact", "pressure", "history")  # pictures
 _MOST_ROWS = 200
 
@@ -207,10 +210,7 @@ def request_section(result):
     facts |= {
         name: plain(value)
         for name, value in values.items()
-        if name.startswith(
-            ("hertz_", "sphere_", "cone_", "punch_", "surface_", "body", "young", "poisson", "shear_", "gap_")
-        )
-        and not (isinstance(value, str) and not value)
+        if name.startswith(_ASKED) and not (isinstance(value, str) and not value)
     }
     for name in ("options", "command_line"):
         if values.get(name):

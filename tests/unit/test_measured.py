@@ -12,6 +12,7 @@ from app.commands.problem_options import PROBLEM_OPTIONS, make_problem
 from app.errors import InputError
 from app.notes import doubt
 from app.options import OptionReader
+from app.problems.points import gridded
 
 NY, NX = 12, 15
 DX, DY = 0.4, 0.5  # um
@@ -193,6 +194,18 @@ def test_both_bodies(saved, tmp_path):
 
 
 POINTS = np.stack(np.broadcast_arrays(X, Y, HEIGHTS), -1).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("columns", [slice(None), [0, 1, 2, 3, 9, 10, 14, 15]])
+def test_points_may_miss_their_places_by_part_of_a_cell(columns):
+    """As stages and encoders do; also where lines of the grid are left out."""
+    x, y = np.meshgrid(2.0 * np.arange(16)[columns], 3.0 * np.arange(20))
+    points = np.stack([x, y, 10 * y + x], -1).reshape(-1, 3)
+    exact, spacing = gridded(points)
+    points[:, :2] += np.random.default_rng(2).uniform(-1, 1, (len(points), 2)) * (0.14, 0.21)
+    found, about = gridded(points)
+    np.testing.assert_array_equal(found, exact)
+    assert spacing == (2, 3) and about == pytest.approx(spacing, rel=5e-3)
 
 
 @pytest.mark.parametrize(
