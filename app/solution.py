@@ -224,7 +224,8 @@ class Solution(ContactFields):
         steps : mapping of str to ndarray, shape (steps,), optional
             Table of the load path that ended here, `app.path.LoadPath.table`; the group ``path`` of the file.
         **attributes
-            More root attributes, or others than those of `attributes`.
+            More root attributes, or others than those of `attributes`; arrays of the shape of the pressure here are more
+            fields, which `app.read_result` has in ``extra``.
 
         Raises
         ------
@@ -242,7 +243,8 @@ class Solution(ContactFields):
             "undeformed_distance": h,
             "contact": self.contact.view(np.uint8),
         }
-        facts = self.attributes | attributes
+        fields |= {name: value for name, value in attributes.items() if np.shape(value) == u.shape}
+        facts = self.attributes | {name: value for name, value in attributes.items() if name not in fields}
         try:
             write_result(
                 path, self.comm, self.slabs, fields, self.x, self.grid.y(), facts, self.history, UNITS, steps
