@@ -224,7 +224,7 @@ class Solution(ContactFields):
         steps : mapping of str to ndarray, shape (steps,), optional
             Table of the load path that ended here, `app.path.LoadPath.table`; the group ``path`` of the file.
         **attributes
-            More root attributes, or others than those of `attributes`; arrays of the shape of the pressure here are more
+            More root attributes, or others than those of `attributes`; arrays of the shape of `pressure` are more
             fields, which `app.read_result` has in ``extra``.
 
         Raises
