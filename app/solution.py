@@ -230,7 +230,7 @@ class Solution(ContactFields):
         Raises
         ------
         InputError
-            If it cannot be written.
+            If it cannot be written, or a field has the name of another one.
         """
         from app.output.write import ByRows, write_result
         from app.path import UNITS
@@ -243,8 +243,13 @@ class Solution(ContactFields):
             "undeformed_distance": h,
             "contact": self.contact.view(np.uint8),
         }
-        fields |= {name: value for name, value in attributes.items() if np.shape(value) == u.shape}
-        facts = self.attributes | {name: value for name, value in attributes.items() if name not in fields}
+        more = {name: value for name, value in attributes.items() if np.shape(value) == u.shape}
+        for name in more.keys() & {*fields, "x", "y", "history", "path"}:
+            raise InputError(
+                f"result file {path}: {name} is there already; allowed: another name for a field"
+            )
+        fields |= more
+        facts = self.attributes | {name: value for name, value in attributes.items() if name not in more}
         try:
             write_result(
                 path, self.comm, self.slabs, fields, self.x, self.grid.y(), facts, self.history, UNITS, steps

@@ -270,6 +270,20 @@ def test_solution_is_whole_and_frozen(tmp_path):
     assert saved.attributes["load"] == found.load
 
 
+def test_a_file_has_fields_of_ones_own_beside_its_own_ones(tmp_path):
+    with ContactSolver(hertz(16)) as solver:
+        found = solver.solve(approach=APPROACH)
+    wear = np.arange(256.0).reshape(16, 16)
+    found.save(tmp_path / "found.h5", wear=wear, passes=3)
+    saved = read_result(tmp_path / "found.h5")
+    np.testing.assert_array_equal(saved.extra["wear"], wear)
+    assert saved.attributes["passes"] == 3
+    for name in ("pressure", "history"):
+        with pytest.raises(InputError, match=f"{name} is there already"):
+            found.save(tmp_path / "other.h5", **{name: wear})
+    assert not (tmp_path / "other.h5").exists()
+
+
 @pytest.mark.parametrize("shape", [(24, 1), (1, 24), (24, 16)])
 def test_a_result_has_the_grid_of_its_solution(tmp_path, shape):
     """Also where a single cell centre does not tell the size of its cell: plane strain."""
