@@ -113,6 +113,26 @@ def test_a_start_of_other_ranks_is_refused_everywhere(comm):
         solver.solve(approach=APPROACH, start=own)
 
 
+@pytest.mark.mpi(2, 3)
+def test_what_some_ranks_only_are_given_is_refused_everywhere(comm):
+    """They would wait for each other."""
+    with ContactSolver(hertz(24)) as solver:
+        found = solver.solve(approach=APPROACH)
+        with pytest.raises(InputError, match="start: not the same"):
+            solver.solve(approach=APPROACH, start=found.gather())
+        for numbers in ([1.0] * (1 + comm.rank), None if comm.rank else [1.0]):
+            with pytest.raises(InputError, match="path: .*(not the same|needed)"):
+                solver.path(load=numbers)
+        assert solver.solve(approach=APPROACH).converged
+    few = comm.Split(0 if comm.rank else MPI.UNDEFINED)
+    if comm.rank:
+        assert solve(hertz(8), APPROACH, comm=few).converged
+        few.Free()
+    else:
+        with pytest.raises(InputError, match="none of its ranks"):
+            solve(hertz(8), APPROACH, comm=few)
+
+
 @pytest.mark.mpi(1, 2, 3)
 def test_gathered_and_saved(comm, tmp_path):
     found = solve(punch(40, 36), 0.1, "fast")
@@ -154,11 +174,13 @@ def refusals(comm):
     yield "no effect", lambda: solve(hertz(8), 0.1, lcp_predictor=1.0)
     yield "ksp_rtoll", lambda: solve(hertz(8), 0.1, ksp_rtoll=1e-3)
     yield "this rank cannot", lambda: solve(ContactProblem(grid, steel, gap), 0.1)
+    yield "a ContactProblem", lambda: solve(None if last else hertz(8), 0.1)
+    yield "a mapping", lambda: ContactSolver(hertz(8), options=["lcp_rtol"] if last else None)
     yield "impossible in all cells", lambda: solve(ContactProblem(grid, steel, np.full((8, 8), np.nan)), 0.1)
 
 
 @pytest.mark.mpi(1, 2, 3)
-@pytest.mark.parametrize("number", range(9))
+@pytest.mark.parametrize("number", range(11))
 def test_every_rank_hears_of_what_cannot_be(comm, number):
     message, action = list(refusals(comm))[number]
     with pytest.raises(InputError, match=message):
