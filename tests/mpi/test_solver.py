@@ -210,6 +210,25 @@ def test_ranks_of_one_solver_have_one_problem(comm, other):
 
 
 @pytest.mark.mpi(2, 3)
+def test_random_distances_without_a_seed_are_refused(comm):
+    """They are others on every rank, and a patchwork of them would be solved."""
+    first = hertz(8)
+
+    def own(gap):
+        return ContactProblem(first.grid, first.material, gap)
+
+    gap, phase = np.random.default_rng(comm.rank).random((2, 8, 8))
+    last_bits = 1e6 + np.random.default_rng(1).random((8, 8)) + 1e-9 * gap
+    with ContactSolver(own(last_bits)) as solver:
+        for others in (gap, np.where(gap < 0.3, np.nan, 0.1), lambda x, y: x**2 + np.cos(x + phase[0, 0])):
+            with pytest.raises(InputError, match="not the same on all ranks; .* seed"):
+                solve(own(others), 0.1)
+            with pytest.raises(InputError, match="not the same on all ranks; .* seed"):
+                solver.update(own(others))
+        assert solver.solve(approach=1e6 + 0.1).converged
+
+
+@pytest.mark.mpi(2, 3)
 @pytest.mark.parametrize("cells", [8, 4])
 def test_a_function_that_fails_on_one_rank_fails_on_all(comm, cells):
     """On the grid asked for, or on a coarser one."""
