@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -14,11 +15,12 @@ from app.contact.stopping import StoppingTest
 from app.errors import InputError, agree
 from app.fast.solver import TrackingSolver
 from app.halfspace.grid import Grid
-from app.method import METHOD_OPTIONS, PART_OPTIONS, settings
+from app.method import METHOD_OPTIONS, PART_OPTIONS, global_options, settings
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
-from app.options import unknown_options
+from app.options import as_texts, unknown_options
 from app.petsc import OptionDatabase, Resources, as_raised, check_cells, error_message, help_text
+from app.problems.problem import Problem
 from app.strategy import check_compiler
 
 # Options that PETSc looks up only while solving, or never marks as used, ...
@@ -26,13 +28,22 @@ _READ_LATE = re.compile(r"(\w+_)?((ksp|snes|tao)_converged_reason|ksp_view_pre|(
 _PROBE = "pc_use_amat"  # ... and one with the same default that every object with that prefix looks up
 
 
-def choose(grid, method, texts):
-    """Settings of a method for a grid, if it can be had on this machine; see `app.method.settings`. Not collective.
+def check_kind(name, given, kind, what):
+    """Refuse an argument of another type. Not collective."""
+    if not isinstance(given, kind):
+        raise InputError(f"{name}: is {type(given).__name__}; needed: {what}")
+
+
+def choose(problem, method, options, prefix):
+    """Settings of a method for a problem, if it can be had on this machine; see `ContactSolver`. Not collective.
 
     Raises
     ------
     InputError
     """
+    check_kind("problem", problem, Problem, "a ContactProblem")
+    check_kind("method", method, str | Mapping | None, "the name of a method file, or a mapping")
+    grid, texts = problem.grid, as_texts(options or {}) | global_options(prefix)
     check_compiler()
     check_cells(grid)
     if dashed := [name for name in texts if name.startswith("-")]:

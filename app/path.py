@@ -19,7 +19,7 @@ from app.analytic import ANALYTIC, THEORIES
 from app.contact.extent import ContactExtent
 from app.contact.grid_errors import GridErrors
 from app.contact.loading import LOADINGS
-from app.errors import InputError
+from app.errors import InputError, agree, check_alike
 
 # Columns of the table: name -> unit.
 COLUMNS = {
@@ -99,7 +99,8 @@ class LoadPath:
     def __init__(self, solver, kind, numbers, stiffness=False, rows=()):
         self._solver, self._kind, self._exact = solver, kind, stiffness
         self._rank = solver.comm.rank  # the solver may be closed when the table is saved
-        self.numbers = _as_numbers(kind, numbers)
+        self.numbers = agree(solver.comm, _as_numbers, kind, numbers)
+        check_alike(solver.comm, (self.numbers, stiffness, len(rows)), "path")
         for number in self.numbers:
             solver.check(**{kind: number})
         if len(rows) > len(self.numbers):

@@ -78,6 +78,11 @@ def _forget_last_exception():
         seen.add(id(error))
         traceback.clear_frames(error.__traceback__)
         error = error.__cause__ or error.__context__
+    _free_forgotten()
+
+
+def _free_forgotten():
+    """Free what Python has forgotten, as of a solve that was interrupted: PETSc keeps it until somebody asks."""
     with suppress(AttributeError):  # a petsc4py that frees at once
         PETSc.garbage_cleanup(PETSc.COMM_SELF)
 
@@ -384,6 +389,7 @@ class Resources:
             return
         while self._parts:
             self._parts.pop().destroy()
+        _free_forgotten()
         if self.comm is not None:
             self.comm.Free()
             self.comm = None

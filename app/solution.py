@@ -203,15 +203,20 @@ class Solution(ContactFields):
         """
         if self.comm.size == 1:
             return self
-        whole = {}
-        for name in ("pressure", "displacement", "contact", "undeformed_distance"):
-            parts = self.comm.gather(getattr(self, name), root)
-            whole[name] = None if parts is None else np.vstack(parts)
-        h = whole.pop("undeformed_distance")
-        if self.comm.rank != root:
-            return None
         from mpi4py import MPI
 
+        here, whole, nx = self.comm.rank == root, {}, self.grid.nx
+        for name in ("pressure", "displacement", "contact", "undeformed_distance"):
+            mine = np.ascontiguousarray(getattr(self, name))
+            row = MPI.BYTE.Create_contiguous(nx * mine.itemsize).Commit()  # pickles end at 2 GiB
+            whole[name] = np.empty((self.grid.ny if here else 0, nx), mine.dtype)
+            self.comm.Gatherv(
+                [mine, len(mine), row], [whole[name], list(self.slabs.counts), row] if here else None, root
+            )
+            row.Free()
+        if not here:
+            return None
+        h = whole.pop("undeformed_distance")
         return replace(self, **whole, distance=lambda: h, slabs=Slabs(self.grid.ny), comm=MPI.COMM_SELF)
 
     def save(self, path, steps=None, **attributes):

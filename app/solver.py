@@ -16,14 +16,12 @@ from __future__ import annotations
 import time
 import warnings
 import weakref
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 from mpi4py import MPI
 
 from app import ending
-from app import method as methods
 from app.analytic import analytic_values, theories
 from app.contact import measures
 from app.contact.certificate import certify
@@ -37,13 +35,19 @@ from app.fast.circulant import circulant_of
 from app.halfspace.communication import Communicator
 from app.halfspace.influence import influence_quadrant
 from app.halfspace.reductions import minimum_over
-from app.method_solver import choose, database_of, make_hierarchy, make_solver, read_by, refuse_unread
+from app.method_solver import (
+    check_kind,
+    choose,
+    database_of,
+    make_hierarchy,
+    make_solver,
+    read_by,
+    refuse_unread,
+)
 from app.multigrid.hierarchy import team_for
 from app.notes import notes_on
-from app.options import as_texts
 from app.path import LoadPath
 from app.petsc import Resources, mpi_comm, one_at_a_time
-from app.problems.problem import Problem
 from app.solution import Solution
 from app.stiffness import contact_stiffness
 from app.strategy import Strategy, check_single, warm_up
@@ -123,23 +127,18 @@ class ContactSolver:
     @one_at_a_time
     def __init__(self, problem, method=None, options=None, comm=None, prefix="", listeners=()):
         started, comm = time.perf_counter(), mpi_comm(comm)
-        for name, given, kind, what in (
-            ("problem", problem, Problem, "a ContactProblem"),
-            ("method", method, str | Mapping | None, "the name of a method file, or a mapping"),
-            ("comm", comm, MPI.Intracomm, "a communicator of mpi4py or petsc4py"),
-        ):
-            if not isinstance(given, kind):
-                raise InputError(f"{name}: is {type(given).__name__}; needed: {what}")
-        texts = as_texts(options or {}) | methods.global_options(prefix)
+        check_kind("comm", comm, MPI.Intracomm, "a communicator of mpi4py or petsc4py")
+        if comm == MPI.COMM_NULL:
+            raise InputError("comm: this rank is none of its ranks; only those may make a solver")
         self._resources, self._distances = Resources(), []
         self._finalizer = weakref.finalize(self, one_at_a_time(self._resources.free))
         self.problem, self.listeners = problem, list(listeners)
         self._outer_comm = ending.share(comm)
         self.comm = self._resources.comm = Communicator(self._outer_comm.Dup())
         self.hierarchy = self._solver = None
-        grid = problem.grid
         try:
-            self.settings = chosen = agree(self.comm, choose, grid, method, texts)
+            self.settings = chosen = agree(self.comm, choose, problem, method, options, prefix)
+            grid = problem.grid
             # Processors may round differently.
             sizes = [f"{size:.6g}" for size in (grid.dx, grid.dy, problem.material.compliance)]
             check_alike(self.comm, (grid.shape, grid.periodic, sizes, chosen), "grid, material or options")
@@ -248,7 +247,7 @@ class ContactSolver:
         self._refuse_if_closed()
         given = {"approach": approach, "load": load, "mean_pressure": mean_pressure, "mean_gap": mean_gap}
         ending.share(self._outer_comm)
-        check_alike(self.comm, given, "loading")
+        check_alike(self.comm, (given, start is None), "loading or start")
         solution = self._team.told(self._solve, given, start, summary=Solution.without_rows)
         if solution.comm is not self._outer_comm:  # the summary
             solution = solution.without_rows(self._outer_comm)

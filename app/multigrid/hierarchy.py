@@ -9,6 +9,8 @@ from __future__ import annotations
 from functools import cached_property
 from weakref import WeakKeyDictionary
 
+import numpy as np
+
 from app.errors import InputError, agree
 from app.halfspace.communication import Ranks, Team, worth_solving
 from app.halfspace.operator import InfluenceOperator, petsc_comm
@@ -92,6 +94,25 @@ def team_for(comm, grid, settings):
         team = Team(comm, comm.size)
         check_room(comm, grid, settings)
     return team
+
+
+def _check_alike(comm, problem):
+    """Refuse a problem that is another one on every rank, as with random numbers without a seed. Collective.
+
+    The answer would be that of a patchwork. One row tells; processors may round differently.
+    """
+    if comm.size == 1:
+        return
+    middle = problem.grid.ny // 2
+    row = agree(comm, checked_shape, problem, problem.grid, slice(middle, middle + 1))
+    known = row[~np.isnan(row)]
+    slack = 1e-6 * np.ptp(known) + 1e-12 * np.abs(known).max() if known.size else 0.0
+    told = comm.allgather((known.size, known.sum(), known.size * slack))
+    if any(size != told[0][0] or abs(total - told[0][1]) > told[0][2] for size, total, _ in told):
+        raise InputError(
+            f"problem {problem.name}: undeformed distances in row {middle} are not the same on all ranks; needed: all "
+            "of an array on every rank, random numbers with a seed"
+        )
 
 
 class Hierarchy:
@@ -182,6 +203,7 @@ class Hierarchy:
         shapes = agree(
             self.comm, lambda: [checked_shape(problem, level.grid, level.slabs.rows) for level in asked]
         )
+        _check_alike(self.comm, problem)
         for transfer in self.transfers[:0:-1] if problem.sampled else ():
             shapes.insert(0, transfer.restrict_shape(shapes[0]))
         return shapes

@@ -113,11 +113,38 @@ def test_a_start_of_other_ranks_is_refused_everywhere(comm):
         solver.solve(approach=APPROACH, start=own)
 
 
+@pytest.mark.mpi(2, 3)
+def test_what_some_ranks_only_are_given_is_refused_everywhere(comm):
+    """They would wait for each other."""
+    with ContactSolver(hertz(24)) as solver:
+        found = solver.solve(approach=APPROACH)
+        with pytest.raises(InputError, match="start: not the same"):
+            solver.solve(approach=APPROACH, start=found.gather())
+        for numbers in ([1.0] * (1 + comm.rank), None if comm.rank else [1.0]):
+            with pytest.raises(InputError, match="path: .*(not the same|needed)"):
+                solver.path(load=numbers)
+        assert solver.solve(approach=APPROACH).converged
+    few = comm.Split(0 if comm.rank else MPI.UNDEFINED)
+    if comm.rank:
+        assert solve(hertz(8), APPROACH, comm=few).converged
+        few.Free()
+    else:
+        with pytest.raises(InputError, match="none of its ranks"):
+            solve(hertz(8), APPROACH, comm=few)
+
+
+class NoPickles(MPI.Intracomm):
+    """A communicator whose pickles are too large, as those of fields above 2 GiB are."""
+
+    def gather(self, *arguments):
+        raise SystemError("Negative size")
+
+
 @pytest.mark.mpi(1, 2, 3)
 def test_gathered_and_saved(comm, tmp_path):
     found = solve(punch(40, 36), 0.1, "fast")
     assert found.pressure.shape == (found.slabs.local, 40)
-    gathered = found.gather()
+    gathered = replace(found, comm=NoPickles(comm)).gather()
     found.save(tmp_path / "found.h5")
     rows = comm.allgather(found.slabs.rows)
     if comm.rank:
@@ -154,11 +181,13 @@ def refusals(comm):
     yield "no effect", lambda: solve(hertz(8), 0.1, lcp_predictor=1.0)
     yield "ksp_rtoll", lambda: solve(hertz(8), 0.1, ksp_rtoll=1e-3)
     yield "this rank cannot", lambda: solve(ContactProblem(grid, steel, gap), 0.1)
+    yield "a ContactProblem", lambda: solve(None if last else hertz(8), 0.1)
+    yield "a mapping", lambda: ContactSolver(hertz(8), options=["lcp_rtol"] if last else None)
     yield "impossible in all cells", lambda: solve(ContactProblem(grid, steel, np.full((8, 8), np.nan)), 0.1)
 
 
 @pytest.mark.mpi(1, 2, 3)
-@pytest.mark.parametrize("number", range(9))
+@pytest.mark.parametrize("number", range(11))
 def test_every_rank_hears_of_what_cannot_be(comm, number):
     message, action = list(refusals(comm))[number]
     with pytest.raises(InputError, match=message):
@@ -178,6 +207,25 @@ def test_ranks_of_one_solver_have_one_problem(comm, other):
     problem = ContactProblem(grid, material, lambda x, y: x**2 + y**2)
     with pytest.raises(InputError, match="not the same on all ranks"):
         ContactSolver(problem)
+
+
+@pytest.mark.mpi(2, 3)
+def test_random_distances_without_a_seed_are_refused(comm):
+    """They are others on every rank, and a patchwork of them would be solved."""
+    first = hertz(8)
+
+    def own(gap):
+        return ContactProblem(first.grid, first.material, gap)
+
+    gap, phase = np.random.default_rng(comm.rank).random((2, 8, 8))
+    last_bits = 1e6 + np.random.default_rng(1).random((8, 8)) + 1e-9 * gap
+    with ContactSolver(own(last_bits)) as solver:
+        for others in (gap, np.where(gap < 0.3, np.nan, 0.1), lambda x, y: x**2 + np.cos(x + phase[0, 0])):
+            with pytest.raises(InputError, match="not the same on all ranks; .* seed"):
+                solve(own(others), 0.1)
+            with pytest.raises(InputError, match="not the same on all ranks; .* seed"):
+                solver.update(own(others))
+        assert solver.solve(approach=1e6 + 0.1).converged
 
 
 @pytest.mark.mpi(2, 3)

@@ -1,11 +1,15 @@
 """PETSc as it is found, and what its releases do differently."""
 
+import gc
 import sys
+import weakref
 
+import numpy as np
 import pytest
 from petsc4py import PETSc
 
-from app import ContactProblem, Grid, Material, petsc_path, solve
+from app import ContactProblem, ContactSolver, Grid, Material, petsc_path, solve
+from app.contact.history import Listener
 from app.errors import InputError
 from app.petsc import _forget_last_exception, as_raised
 
@@ -60,3 +64,23 @@ def test_exceptions_that_cause_each_other_are_forgotten(monkeypatch):
     assert original.__context__ is wrapped
     monkeypatch.setattr(sys, "last_value", original, raising=False)
     _forget_last_exception()
+
+
+class Stop(Listener):
+    """Raises in the first iteration on the target grid; has seen the memory of a pressure."""
+
+    def iteration(self, entry, state):
+        if state.grid.n == 32 * 32:
+            self.seen = weakref.ref(state.p.base)
+            raise TimeoutError
+
+
+def test_a_solve_that_a_listener_ends_leaves_nothing():
+    grid, listener = Grid.from_domain(32, 32, (-1, 1, -1, 1)), Stop()
+    problem = ContactProblem(grid, Material(8e4, 0.3), lambda x, y: 0.01 * np.cos(np.pi * x), periodic=True)
+    with ContactSolver(problem, listeners=[listener]) as solver, pytest.raises(TimeoutError):
+        solver.solve(mean_pressure=10.0)
+    del solver
+    solve(problem, mean_pressure=10.0)
+    gc.collect()
+    assert listener.seen() is None
