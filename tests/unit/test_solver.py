@@ -220,7 +220,7 @@ def test_memory_and_communicators_come_back(method, closed):
 
     def use(times):
         for _ in range(times):
-            solver = solver_of(method, grid)
+            solver = solver_of(method, grid, lcp_rtol=1e-2)
             solver.solve(approach=APPROACH)
             if closed:
                 solver.close()
@@ -228,18 +228,17 @@ def test_memory_and_communicators_come_back(method, closed):
         gc.collect()
         return resident(), communicators()
 
-    memory, number = use(20)
-    after, still = use(100)
-    assert still == number
-    assert after - memory < 90 * vector
+    memory, numbers = zip(*(use(times) for times in (10, 25, 25)), strict=True)
+    assert len(set(numbers)) == 1
+    assert min(np.diff(memory)) < 22 * vector  # what the system holds comes in leaps
     tracemalloc.start()
     try:
         use(1)
         held = [tracemalloc.get_traced_memory()[0]]
         for _ in range(2):
-            use(10)
+            use(6)
             held.append(tracemalloc.get_traced_memory()[0])
-        assert min(np.diff(held)) < 9 * vector  # Python's own tables, as of finalizers, may double once
+        assert min(np.diff(held)) < 5 * vector  # Python's own tables, as of finalizers, may double once
     finally:
         tracemalloc.stop()
 
