@@ -39,9 +39,12 @@ def cli_here(capfd, monkeypatch):
 
     Not for parts of a user's own, -log_view and how a process ends.
     """
+    import app
     from app import compiled
     from app.commands import session
     from app.solve import main
+
+    vars(app).pop("solve", None)  # which the module has hidden
 
     def run_solve(*arguments, methods=(), cwd=processes.TESTS.parent):
         line = [*processes.solve_arguments(*methods)[1:], *map(str, arguments)]
