@@ -14,6 +14,7 @@ from app.contact.reference_solvers import REFERENCE_SOLVERS
 from app.contact.stopping import StoppingTest
 from app.errors import InputError, agree
 from app.fast.solver import TrackingSolver
+from app.halfspace.communication import Communicator
 from app.halfspace.grid import Grid
 from app.method import METHOD_OPTIONS, PART_OPTIONS, global_options, settings
 from app.multigrid.hierarchy import Hierarchy
@@ -183,10 +184,11 @@ def _tried(texts, periodic):
     """
     grid = Grid.from_domain(16, 16, (0.0, 1.0, 0.0, 1.0), periodic)
     parts, unread = Resources(), set(texts)
+    parts.comm = Communicator(MPI.COMM_SELF.Dup())
     with help_text() as told:
         try:
             chosen = settings({"": texts}, None, periodic)
-            hierarchy = make_hierarchy(grid, 1.0, MPI.COMM_SELF, chosen)
+            parts.add(hierarchy := make_hierarchy(grid, 1.0, parts.comm, chosen))
             database = database_of(chosen)
             database.set("help")
             unread = read_by(database, lambda: parts.add(make_solver(hierarchy, chosen)))

@@ -19,7 +19,7 @@ from app.commands import streams
 from app.commands.arguments import Parser
 from app.errors import InputError, one_line
 from app.output import figures, page
-from app.output.files import whole_file
+from app.output.files import check_output_path, whole_file
 from app.output.result import read_result
 from app.plot import PICTURES, pictures_of
 from app.units import length_unit, resolved
@@ -313,10 +313,7 @@ def main(argv=None):
     try:
         arguments = parser.parse_args(argv)
         output = arguments.output or arguments.result.with_suffix(".html")
-        if output.suffix not in (".html", ".htm"):
-            raise InputError(f"-o {output}: the name must end in .html")
-        if not output.parent.is_dir():
-            raise InputError(f"-o {output}: folder {output.parent} does not exist")
+        check_output_path(output, [arguments.result], "-o", (".html", ".htm"))
         result = read_result(arguments.result)
         text = web_page(result, arguments.poisson, arguments.body, not arguments.no_stress)
         try:

@@ -8,6 +8,11 @@ users type), mpi (what several ranks do). Two kinds of tests use several ranks:
   ranks, by ``cli(..., ranks=ranks)`` or ``processes.run(..., ranks=ranks)``.
 """
 
+import gc
+import signal
+import subprocess
+import sys
+
 import processes
 import pytest
 
@@ -24,5 +29,35 @@ def cli():
 
     def run_solve(*arguments, methods=(), **how):
         return processes.run(*processes.solve_arguments(*methods), *arguments, **how)
+
+    return run_solve
+
+
+@pytest.fixture
+def cli_here(capfd, monkeypatch):
+    """``cli_here("-grid", 8)``: what `cli` runs on one rank, but in this process, for starting one takes a second.
+
+    Not for parts of a user's own, -log_view and how a process ends.
+    """
+    import app
+    from app import compiled
+    from app.commands import session
+    from app.solve import main
+
+    vars(app).pop("solve", None)  # which the module has hidden
+
+    def run_solve(*arguments, methods=(), cwd=processes.TESTS.parent):
+        line = [*processes.solve_arguments(*methods)[1:], *map(str, arguments)]
+        capfd.readouterr()
+        handler = signal.getsignal(signal.SIGPIPE)
+        with monkeypatch.context() as patch, pytest.raises(SystemExit) as end:
+            patch.chdir(cwd)
+            patch.setattr(sys, "argv", line)
+            patch.setattr(sys, "path", [*sys.path])
+            patch.setattr(compiled, "tell", compiled.tell)
+            session.run(main)
+        signal.signal(signal.SIGPIPE, handler)
+        gc.unfreeze()
+        return subprocess.CompletedProcess(line, end.value.code, *capfd.readouterr())
 
     return run_solve

@@ -1,7 +1,5 @@
 """app.solve from outside: what it refuses and how, exit status, result file."""
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 import pytest
 from cases import APPROACH, hertz
@@ -12,7 +10,6 @@ from app.commands.problem_options import PROBLEM_OPTIONS
 from app.method import METHOD_OPTIONS
 from app.output.result import read_result
 
-AT_ONCE = 3  # processes; half of their time is waiting
 RESULT = "result.h5"
 
 
@@ -134,7 +131,7 @@ CASES = {
     ),
     "one infinite value": (gap_of(infinite(7, 4)), "inf in row 7, column 4"),
 }  # fmt: skip
-ON_TWO_RANKS = [
+ON_RANKS = [
     "solver without bounds",
     "no such ksp_type",
     "option file without a dash",
@@ -144,58 +141,43 @@ ON_TWO_RANKS = [
 ]
 
 
-@pytest.fixture(scope="module")
-def refused(cli, tmp_path_factory, request):
-    """``refused(case, ranks)``: the run of a case and its folder; all cases that were asked for run ahead."""
-    wanted = {
-        (item.callspec.params["case"], item.callspec.params.get("ranks"))
-        for item in request.session.items
-        if "case" in getattr(getattr(item, "callspec", None), "params", ())
-    }
+@pytest.fixture
+def refused(cli, cli_here, tmp_path):
+    """``refused(case, ranks)``: assert that a case is refused in one line and leaves everything as it was."""
 
-    # The factory is not made for several threads: all folders are made here.
-    folders = {key: tmp_path_factory.mktemp("case") for key in sorted(wanted, key=str)}
-
-    def run_case(case, ranks):
-        folder = folders[case, ranks]
-        arguments, _ = CASES[case]
-        old = folder / RESULT
+    def assert_refused(case, ranks=None):
+        arguments, message = CASES[case]
+        old = tmp_path / RESULT
         old.write_bytes(b"an earlier result")
         if callable(arguments):
-            arguments = arguments(folder)
-        before = sorted(folder.iterdir())
-        done = cli("-output", old, *arguments, ranks=ranks, env={"PYTHONPATH": str(TESTS)})
-        return done, old, before
+            arguments = arguments(tmp_path)
+        before = sorted(tmp_path.iterdir())
+        line = ("-output", old, *arguments)
+        done = cli(*line, ranks=ranks, env={"PYTHONPATH": str(TESTS)}) if ranks else cli_here(*line)
+        lines = done.stderr.splitlines()
+        if ranks:  # mpiexec has something to say, too
+            assert "Traceback" not in done.stderr
+            lines = [line for line in lines if line.startswith("error: ")]
+        assert done.returncode == 2, done.stderr
+        assert len(lines) == 1, done.stderr
+        assert lines[0].startswith("error: ")
+        assert message in lines[0]
+        assert done.stdout == ""
+        assert old.read_bytes() == b"an earlier result"
+        assert sorted(tmp_path.iterdir()) == before  # nothing is left lying about
 
-    with ThreadPoolExecutor(AT_ONCE) as pool:
-        runs = {key: pool.submit(run_case, *key) for key in sorted(wanted, key=str)}
-        yield lambda *key: runs[key].result()
-
-
-def assert_refused(run, message, ranks=None):
-    done, old, before = run
-    lines = done.stderr.splitlines()
-    if ranks:  # mpiexec has something to say, too
-        assert "Traceback" not in done.stderr
-        lines = [line for line in lines if line.startswith("error: ")]
-    assert done.returncode == 2, done.stderr
-    assert len(lines) == 1, done.stderr
-    assert lines[0].startswith("error: ")
-    assert message in lines[0]
-    assert done.stdout == ""
-    assert old.read_bytes() == b"an earlier result"
-    assert sorted(old.parent.iterdir()) == before  # nothing is left lying about
+    return assert_refused
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_bad_input_gets_one_line_and_status_2(refused, case):
-    assert_refused(refused(case, None), CASES[case][1])
+    refused(case)
 
 
 @pytest.mark.ranks(2)
-@pytest.mark.parametrize("case", ON_TWO_RANKS)
-def test_bad_input_on_two_ranks(refused, case, ranks):
-    assert_refused(refused(case, ranks), CASES[case][1], ranks)
+@pytest.mark.parametrize("case", ON_RANKS)
+def test_bad_input_from_outside(refused, case, ranks):
+    refused(case, ranks)
 
 
 # --------------------------------------------------------------------------------- results and exit status
@@ -210,8 +192,8 @@ def test_the_folder_one_is_in_has_parts_but_no_program(tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_default_method_without_nested_iteration(cli):
-    done = cli("-grid", 32, "-lcp_nested", "false", methods=["hertz"])
+def test_default_method_without_nested_iteration(cli_here):
+    done = cli_here("-grid", 32, "-lcp_nested", "false", methods=["hertz"])
     assert (done.returncode, done.stderr) == (0, "")
 
 
@@ -289,17 +271,17 @@ def test_runs_from_any_folder_with_relative_names(cli, tmp_path):
     assert read_result(tmp_path / "out.h5").pressure.shape == (8, 8)
 
 
-def test_help_names_the_choices(cli):
-    told = cli("--help").stdout
+def test_help_names_the_choices(cli_here):
+    told = cli_here("--help").stdout
     assert "what is pressed together: hertz, punch, file" in told
     assert "(default 12,10)" in told
 
 
-def test_nothing_in_sight_is_worth_a_warning(cli):
-    away = cli(*HERTZ, "-domain", "20,30,20,30")
+def test_nothing_in_sight_is_worth_a_warning(cli_here):
+    away = cli_here(*HERTZ, "-domain", "20,30,20,30")
     assert away.returncode == 0
     assert "smallest distance is found at the rim" in away.stderr
-    lifted = cli(*HERTZ, "-approach", "-1")
+    lifted = cli_here(*HERTZ, "-approach", "-1")
     assert lifted.returncode == 0
     assert lifted.stderr == ""
 
@@ -324,8 +306,8 @@ def test_command_line_solves_a_gap_file_on_two_ranks(cli, tmp_path):
     np.testing.assert_allclose(result.gap, result.undeformed_distance + result.displacement, atol=1e-15)
 
 
-def test_no_contact_is_a_valid_answer(cli, tmp_path):
-    done = cli("-grid", 16, "-approach", -0.1, "-output", tmp_path / "out.h5", methods=["hertz", "norm"])
+def test_no_contact_is_a_valid_answer(cli_here, tmp_path):
+    done = cli_here("-grid", 16, "-approach", -0.1, "-output", tmp_path / "out.h5", methods=["hertz", "norm"])
     assert (done.returncode, done.stderr) == (0, "")
     result = read_result(tmp_path / "out.h5")
     assert result.attributes["converged"] is True

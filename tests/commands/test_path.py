@@ -24,27 +24,27 @@ def table(path):
     return {name: [row[name] for row in rows] for name in rows[0]}
 
 
-def test_interrupted_and_resumed_path_gives_the_identical_table(cli, tmp_path):
+def test_interrupted_and_resumed_path_gives_the_identical_table(cli_here, tmp_path):
     whole, broken = tmp_path / "whole.h5", tmp_path / "broken.h5"
-    assert cli(*PATH, "-path_fields", "-output", whole).returncode == 0
+    assert cli_here(*PATH, "-path_fields", "-output", whole).returncode == 0
     in_the_way = tmp_path / "broken_0003.h5"
     in_the_way.mkdir()
-    stopped = cli(*PATH, "-path_fields", "-output", broken)
+    stopped = cli_here(*PATH, "-path_fields", "-output", broken)
     assert stopped.returncode == 2
     assert "note: 2 of 4 steps are kept in " in stopped.stderr
     assert not broken.exists()
     first, kept = tmp_path / "broken_0001.h5", tmp_path / "kept.h5"
     first.rename(kept)
     first.mkdir()
-    anew = cli(*PATH, "-path_fields", "-output", broken)
+    anew = cli_here(*PATH, "-path_fields", "-output", broken)
     assert "warning: " in anew.stderr and "2 steps of an interrupted run go when" in anew.stderr
     for folder in (in_the_way, first):
         folder.rmdir()
     kept.rename(first)
-    other = cli(*PATH, "-path_fields", "-output", broken, "-resume", "-poisson_ratio", "0.3")
+    other = cli_here(*PATH, "-path_fields", "-output", broken, "-resume", "-poisson_ratio", "0.3")
     assert other.returncode == 2
     assert "is of a run with other options" in other.stderr
-    resumed = cli(*PATH, "-path_fields", "-output", broken, "-resume")
+    resumed = cli_here(*PATH, "-path_fields", "-output", broken, "-resume")
     assert resumed.returncode == 0, resumed.stderr
     assert "2 of 4 steps are done already" in resumed.stdout
     assert broken.with_suffix(".csv").read_bytes() == whole.with_suffix(".csv").read_bytes()
@@ -55,32 +55,32 @@ def test_interrupted_and_resumed_path_gives_the_identical_table(cli, tmp_path):
     assert np.array_equal(one.pressure, other.pressure)
     assert one.path.keys() == other.path.keys() == table(whole.with_suffix(".csv")).keys()
     assert one.path["load"] == pytest.approx(steps)
-    nothing = cli(*PATH, "-path_csv", tmp_path / "other.csv", "-resume")
+    nothing = cli_here(*PATH, "-path_csv", tmp_path / "other.csv", "-resume")
     assert nothing.returncode == 0 and "note: -resume: nothing to go on from" in nothing.stderr
     assert one.attributes["load"] == pytest.approx(80000)
     assert one.attributes["contact_patches"] == 1
 
 
-def test_notes_come_back_with_resumed_steps(cli, tmp_path):
+def test_notes_come_back_with_resumed_steps(cli_here, tmp_path):
     """Steps 1 and 2 touch few cells and say so, whether they are solved in this run or were in the one before."""
     few = (*HERTZ, "-load_path", "0.01,0.02,8e4,9e4", "-path_fields")
     whole, broken = tmp_path / "whole.h5", tmp_path / "broken.h5"
-    expected = cli(*few, "-output", whole).stderr
+    expected = cli_here(*few, "-output", whole).stderr
     assert "steps 1, 2: contact is " in expected
     (tmp_path / "broken_0003.h5").mkdir()
-    assert cli(*few, "-output", broken).returncode == 2
+    assert cli_here(*few, "-output", broken).returncode == 2
     (tmp_path / "broken_0003.h5").rmdir()
-    assert cli(*few, "-output", broken, "-resume").stderr == expected
+    assert cli_here(*few, "-output", broken, "-resume").stderr == expected
     assert read_result(broken).attributes["notes"] == read_result(whole).attributes["notes"]
 
 
-def test_a_step_without_the_file_asked_for_is_not_done(cli, tmp_path):
+def test_a_step_without_the_file_asked_for_is_not_done(cli_here, tmp_path):
     (tmp_path / "a_0003.h5").mkdir()
-    assert cli(*PATH, "-path_fields", "-output", tmp_path / "a.h5").returncode == 2
+    assert cli_here(*PATH, "-path_fields", "-output", tmp_path / "a.h5").returncode == 2
     for file in ("a_0002.h5", "a_0003.h5"):
         path = tmp_path / file
         path.rmdir() if path.is_dir() else path.unlink()
-    resumed = cli(*PATH, "-path_fields", "-output", tmp_path / "a.h5", "-resume")
+    resumed = cli_here(*PATH, "-path_fields", "-output", tmp_path / "a.h5", "-resume")
     assert "1 of 4 steps are done already" in resumed.stdout
     assert "a_0002.h5; step 2 of 4 comes first" in resumed.stderr
     assert len(list(tmp_path.glob("a_*.h5"))) == 4
@@ -113,17 +113,17 @@ def test_path_on_ranks_writes_its_table_alone(cli, tmp_path, ranks):
     )
 
 
-def test_a_step_that_is_not_solved_is_status_3(cli, tmp_path):
+def test_a_step_that_is_not_solved_is_status_3(cli_here, tmp_path):
     options = ("-options_file", OPTIONS / "norm.opts", "-lcp_max_it", 1)
-    failed = cli(*HERTZ, *options, "-approach_path", "0.1,-1", "-output", tmp_path / "a.h5")
+    failed = cli_here(*HERTZ, *options, "-approach_path", "0.1,-1", "-output", tmp_path / "a.h5")
     assert failed.returncode == 3
     assert "step 1 NOT CONVERGED" in failed.stdout
     assert list(read_result(tmp_path / "a.h5").path["converged"]) == [0, 1]
 
 
-def test_what_is_kept_needs_a_place(cli):
+def test_what_is_kept_needs_a_place(cli_here):
     for option in ("-resume", "-path_fields"):
-        refused = cli(*PATH, option)
+        refused = cli_here(*PATH, option)
         assert refused.returncode == 2
         assert "-output" in refused.stderr
 
@@ -151,21 +151,21 @@ def test_files_of_a_path_do_not_take_the_place_of_what_it_reads(tmp_path, monkey
         Request(given, MPI.COMM_SELF)
 
 
-def test_a_misspelt_loading_is_named(cli):
-    refused = cli("-options_file", OPTIONS / "rough.opts", "-grid", 32, "-laod", 10)
+def test_a_misspelt_loading_is_named(cli_here):
+    refused = cli_here("-options_file", OPTIONS / "rough.opts", "-grid", 32, "-laod", 10)
     assert refused.returncode == 2 and refused.stderr.startswith(
         "error: unknown option: -laod (did you mean -load?)"
     )
 
 
-def test_refine_until(cli, tmp_path):
-    fine = cli(*HERTZ, "-refine_until", "0.02", "-stiffness", "-output", tmp_path / "a.h5")
+def test_refine_until(cli_here, tmp_path):
+    fine = cli_here(*HERTZ, "-refine_until", "0.02", "-stiffness", "-output", tmp_path / "a.h5")
     assert fine.returncode == 0, fine.stderr
     assert "is below 0.02" in fine.stdout
     result = read_result(tmp_path / "a.h5")
     assert result.pressure.shape[0] > 32
     assert 0 < result.attributes["load_error"] < result.attributes["contact_area_error"] <= 0.02
     assert result.attributes["stiffness"] == pytest.approx(result.attributes["analytic_stiffness"], rel=0.02)
-    coarse = cli(*HERTZ, "-refine_until", "0.001", "-refine_max", 2000)
+    coarse = cli_here(*HERTZ, "-refine_until", "0.001", "-refine_max", 2000)
     assert coarse.returncode == 3
     assert "is NOT below 0.001" in coarse.stdout

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from processes import run
 
+from app import plot
 from app.output.result import read_result
 
 STEEL = ("-contact_modulus", "1e5")
@@ -33,9 +33,9 @@ def arguments(kind, folder):
 
 
 @pytest.mark.parametrize("kind", ["hertz", "punch", "file", "python", "rough"])
-def test_every_problem_may_be_periodic(cli, tmp_path, kind):
+def test_every_problem_may_be_periodic(cli_here, tmp_path, kind):
     path = tmp_path / "out.h5"
-    done = cli("-output", path, *arguments(kind, tmp_path), "-periodic", methods=["norm"])
+    done = cli_here("-output", path, *arguments(kind, tmp_path), "-periodic", methods=["norm"])
     assert done.returncode in (0, 3), done.stderr
     assert "rim" not in done.stderr
     result = read_result(path)
@@ -56,14 +56,14 @@ def test_every_problem_may_be_periodic(cli, tmp_path, kind):
         assert facts["rms_slope"] == pytest.approx(0.01, rel=1e-9) == facts["surface_rms_slope"]
 
 
-def test_pictures_and_a_gap_file_of_its_own(cli, tmp_path):
+def test_pictures_and_a_gap_file_of_its_own(cli_here, tmp_path, capfd):
     """What a periodic run writes is drawn, and may be read as a gap again."""
     path = tmp_path / "out.h5"
-    cli("-output", path, *arguments("rough", tmp_path), "-periodic", methods=["norm"])
-    drawn = run("-m", "app.plot", path, "-o", tmp_path / "pictures")
-    assert (drawn.returncode, drawn.stderr) == (0, "")
+    cli_here("-output", path, *arguments("rough", tmp_path), "-periodic", methods=["norm"])
+    assert plot.main([str(path), "-o", str(tmp_path / "pictures"), "--dpi", "30"]) == 0
+    assert capfd.readouterr().err == ""
     again = ("-problem", "file", "-gap_file", f"{path}:/undeformed_distance", "-domain", "0,2,0,2", *STEEL)
-    cli("-output", tmp_path / "again.h5", *again, "-approach", 0, "-periodic", methods=["norm"])
+    cli_here("-output", tmp_path / "again.h5", *again, "-approach", 0, "-periodic", methods=["norm"])
     one, other = read_result(path), read_result(tmp_path / "again.h5")
     np.testing.assert_allclose(other.pressure, one.pressure, rtol=1e-9, atol=1e-9 * one.pressure.max())
     assert other.attributes["rms_slope"] == pytest.approx(one.attributes["rms_slope"], rel=1e-9)

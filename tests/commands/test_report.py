@@ -108,7 +108,8 @@ def test_text_of_the_user_is_no_markup(made, undrawn):
     [
         (report, ["absent.h5"], "absent.h5: no such file"),
         (report, ["RESULT", "-o", "report.pdf"], "must end in .html"),
-        (report, ["RESULT", "-o", "no/report.html"], "folder no does not exist"),
+        (report, ["RESULT", "-o", "/proc/report.html"], "cannot write in /proc"),
+        (report, ["RESULT", "-o", "no/report.html"], "no does not exist"),
         (
             report,
             ["RESULT", "--poisson", "0.7", "-o", "TMP/r.html"],

@@ -1,6 +1,7 @@
 """Measured surfaces from the command line: converted, solved on any number of ranks, refused in one line."""
 
 import hashlib
+from subprocess import CompletedProcess
 
 import h5py
 import numpy as np
@@ -9,7 +10,7 @@ from mpi4py import MPI
 from processes import run
 
 from app import ContactProblem, Material, Sphere, read_surface, solve
-from app.convert import instruments_python
+from app.convert import instruments_python, main
 from app.output.result import read_result
 
 HEIGHTS = np.random.default_rng(4).normal(size=(20, 16)).round(3)
@@ -30,8 +31,15 @@ CheckType = 0
 """
 
 
-def convert(*arguments):
-    return run("-m", "app.convert", *arguments)
+@pytest.fixture
+def convert(capsys):
+    """``convert("s.xyz", ...)``: run app.convert in this process."""
+
+    def run_here(*arguments):
+        status = main([*map(str, arguments)])
+        return CompletedProcess(arguments, status, *capsys.readouterr())
+
+    return run_here
 
 
 @pytest.mark.ranks(2, 3)
@@ -64,7 +72,7 @@ def test_points_are_converted_with_all_that_is_known_of_them(tmp_path):
     x, y = np.meshgrid(2.0 * np.arange(16), 3.0 * np.arange(20))
     points = np.stack([x, y, HEIGHTS], -1).reshape(-1, 3)[::-1]
     np.savetxt(tmp_path / "s.xyz", np.delete(points, 5, axis=0), fmt="%.4f")
-    done = convert(tmp_path / "s.xyz", "-o", tmp_path / "s.h5", "--unit", "um")
+    done = run("-m", "app.convert", tmp_path / "s.xyz", "-o", tmp_path / "s.h5", "--unit", "um")
     assert done.returncode == 0, done.stderr
     assert "16 x 20 heights in um, cells of 2 x 3 um, patch of 32 x 60 um" in done.stdout
     with h5py.File(tmp_path / "s.h5") as file:
@@ -75,7 +83,7 @@ def test_points_are_converted_with_all_that_is_known_of_them(tmp_path):
         assert file.attrs["source"] == "s.xyz"
 
 
-def test_arrays_of_an_archive_are_converted_as_they_lie(tmp_path):
+def test_arrays_of_an_archive_are_converted_as_they_lie(convert, tmp_path):
     np.savez(tmp_path / "s.npz", heights=HEIGHTS, other=HEIGHTS.T, x=HEIGHTS[0])
     for name, heights in (("s.npz", HEIGHTS), ("s.npz:/other", HEIGHTS.T)):
         done = convert(tmp_path / name, "-o", tmp_path / "s.h5", "--unit", "um", "--spacing", "0.002,0.003")
@@ -85,7 +93,7 @@ def test_arrays_of_an_archive_are_converted_as_they_lie(tmp_path):
         assert surface.spacing == (0.002, 0.003)
 
 
-def test_what_no_solve_would_read_takes_nobodys_place(tmp_path):
+def test_what_no_solve_would_read_takes_nobodys_place(convert, tmp_path):
     np.save(tmp_path / "s.npy", np.full((3, 4), np.nan))
     (tmp_path / "s.h5").write_text("an earlier one")
     done = convert(tmp_path / "s.npy", "-o", tmp_path / "s.h5", "--unit", "um", "--spacing", "1,1")
@@ -93,7 +101,7 @@ def test_what_no_solve_would_read_takes_nobodys_place(tmp_path):
     assert (tmp_path / "s.h5").read_text() == "an earlier one"
 
 
-def test_converted_with_a_head_turned_and_doubted(tmp_path):
+def test_converted_with_a_head_turned_and_doubted(convert, tmp_path):
     """Text of an instrument in German, upside down; a spacing in um given as mm is doubted."""
     lines = [";".join(f"{value:.3f}".replace(".", ",") for value in row) for row in HEIGHTS[::-1]]
     (tmp_path / "s.csv").write_text("\n".join(["Höhe;µm", "", *lines]), encoding="cp1252")
@@ -112,7 +120,7 @@ def test_converted_with_a_head_turned_and_doubted(tmp_path):
 @pytest.mark.skipif(
     instruments_python() is None, reason="SurfaceTopography is not installed: run/setup --surfaces"
 )
-def test_format_of_an_instrument(tmp_path):
+def test_format_of_an_instrument(convert, tmp_path):
     text = "\n".join(" ".join(map(str, row)) for row in HEIGHTS)
     (tmp_path / "s.sdf").write_text(SDF + text.replace(str(HEIGHTS[7, 2]), "BAD", 1) + "\n*\n")
     done = convert(tmp_path / "s.sdf", "-o", tmp_path / "s.h5")
@@ -143,7 +151,7 @@ def test_what_is_refused_as_text_is_no_map_of_three_columns(tmp_path, size):
         (["none.npy"], "no such file"),
     ],
 )
-def test_not_converted(tmp_path, arguments, message):
+def test_not_converted(convert, tmp_path, arguments, message):
     np.save(tmp_path / "s.npy", HEIGHTS)
     done = convert(tmp_path / arguments[0], "-o", tmp_path / "s.h5", *arguments[1:])
     assert done.returncode == 2 and not (tmp_path / "s.h5").exists()
