@@ -76,6 +76,7 @@ FREE = (
     Constant("NEAR", "tolerances by which the approach to a load may be off on a coarse grid", "app.fast.iteration"),
     Constant("PATIENCE", "iterations without halving the residual, then the safeguard", "app.fast.iteration"),
     Constant("TRUSTED", "when a secant counts, and how far the slope may change at once", "app.contact.loading"),
+    Constant("BLAMED", "of the rms residual: the approach may be off by it, unmoved", "app.contact.loading"),
     Constant("_TRUSTED", "factor in the load beyond which p is copied, not lifted", "app.fast.lift"),
     Constant("_LEAST", "cells around contact in a window, at least", "app.fast.windows"),
     Constant("_MOST", "share of the cells; a larger window is none", "app.fast.windows"),

@@ -2,8 +2,8 @@
 
 The load F(delta) = dx dy sum(p) of the solved problem increases with the approach; its slope is S = dx dy sum(q) with
 ``A q = 1`` on C. On the first grid a bracketing root search meets the load and leaves a secant for the slope. From
-there on every active set iteration moves the approach by what the load lacks over the slope, as soon as that is more
-than the residual may be to blame for (Newton's method). In the end a factor to p and u = A p makes the load exact.
+there on every active set iteration moves the approach by what the load will lack over the slope, as soon as that is
+more than the residual may be to blame for (Newton's method). In the end a factor to p and u = A p makes the load exact.
 
 Where that does not converge, the root search over solved problems does on any grid: F is monotone.
 
@@ -25,6 +25,7 @@ from app.options import LARGEST
 
 # A secant counts if the approach moved by so many residuals; so much may the slope change at once.
 TRUSTED = 3.0
+BLAMED = 0.25  # of the rms residual: by so much the approach that the load asks for may be wrong
 LOADINGS = {"approach": "mm", "load": "N", "mean_pressure": "N/mm2", "mean_gap": "mm"}
 ROUNDING = 1e-12  # of an approach, for full contact
 
@@ -248,7 +249,7 @@ class PrescribedLoad:
         if least := least_stiffness(state):
             self.slope = min(max(self.slope, least), TRUSTED * least)
         lacks = (self.load - here[1]) / self.slope
-        if abs(lacks) <= rms:
+        if abs(lacks) <= BLAMED * rms:
             return 0.0
         # Towards full contact the slope grows without bound; before first touch there is no load.
         depth, lowest = min(state.depth + lacks, (state.depth + state.highest) / 2), state.distance.lowest

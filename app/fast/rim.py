@@ -1,15 +1,16 @@
 """A residual extended over the rim of the contact set, and the transpose of this, for ``C E^T B E C``.
 
 `B`, an inverse circulant, takes the residual for zero outside the contact set. `E` puts there what `B` would
-rather see: `k` Jacobi steps with the 3 x 3 centre of `B` on the cells outside, starting from zero. With `N` the
-weights of the eight neighbours over that of the cell itself, `c` the contact set and `o` the cells outside,
+rather see: `k` Richardson steps with the 3 x 3 centre of `B` on the cells outside, starting from zero. With `N` the
+weights of the eight neighbours over that of the cell itself, `c` the contact set, `o` the cells outside, and steps t
+as of Chebyshev's iteration,
 
-    E r:    x_c = r,      x_o = 0,     k times      x_o <- -N_oc r - N_oo x_o;
-    E^T b:  s_o = b_o,                 k - 1 times  s_o <- b_o - N_oo s_o,     then  b_c - N_co s_o.
+    E r:    x_c = r,  x_o = 0,       for each t  x_o += t (-N_oc r - N_oo x_o - x_o);
+    E^T b:  s_o = t b_o, the first,  the others  s_o += t (b_o - N_oo s_o - s_o),     then  b_c - N_co s_o.
 
-Both are the same sweep over a list of cells, ``x <- source - N x``. Only the *band* takes part, the cells up to `k`
-away from contact (diagonal steps count one): in step i the layers 1 to i, since a value further out is zero still, or
-without influence any more.
+Both are the same sweep over a list of cells, ``x += t (source - N x - x)``. Only the *band* takes part, the cells up
+to `k` away from contact (diagonal steps count one): in step i the layers 1 to i, since a value further out is zero
+still, or without influence any more.
 
 What the rows beside a slab are in each step is computed here, too, on a *strip* of k rows of the neighbour's and k of
 these: so fields are exchanged once, not in every step.
@@ -27,7 +28,18 @@ from app.fast import rim_kernels
 from app.halfspace.halo import Halo
 
 MAX_STEPS = 250  # kinds of cells are numbered in a byte
+_CYCLE = 8  # steps after which their lengths begin anew: more in one polynomial would spread rounding
+_LOWEST = 0.05  # eigenvalue of the stencil, at least, in its highest one
 _NOTHING = np.zeros(0, np.uint8)
+
+
+def chebyshev_steps(steps, low, high):
+    """Lengths of the steps of Richardson's iteration that is best on eigenvalues between `low` and `high`.
+
+    Not collective.
+    """
+    roots = (low + high) / 2 + (high - low) / 2 * np.cos(np.pi * (2 * np.arange(steps) + 1) / (2 * steps))
+    return 1 / roots
 
 
 class _Cells(NamedTuple):
@@ -51,7 +63,7 @@ class RimExtension:
     comm : mpi4py.MPI.Comm or None
         Ranks that share the grid; None if this rank holds all of it.
     steps : int
-        Jacobi steps `k`; with none, `E` is the identity.
+        Steps `k`; with none, `E` is the identity.
     periodic : bool
         Whether what leaves the patch on one side comes in on the other.
     workspace : ndarray of uint8, optional
@@ -82,7 +94,7 @@ class RimExtension:
         self._workspace = _NOTHING if workspace is None else workspace
         self._parts = None  # top strip, these rows, bottom strip
         self.rows = np.zeros(rows, bool)
-        self._weights = 0.0, 0.0, 0.0
+        self._weights, self._lengths = (0.0, 0.0, 0.0), np.ones(steps)
 
     def set_stencil(self, stencil):
         """Take the 3 x 3 centre of `B`, in any unit; a ValueError if its middle is not positive, or it is not even.
@@ -96,7 +108,12 @@ class RimExtension:
         if not np.allclose(stencil, even, rtol=0, atol=1e-5 * stencil[1, 1]):
             raise ValueError("rim extension: the stencil must be even in x and in y")
         even /= stencil[1, 1]
-        self._weights = float(even[1, 0]), float(even[0, 1]), float(even[0, 0])
+        self._weights = x, y, d = float(even[1, 0]), float(even[0, 1]), float(even[0, 0])
+        of_waves = 1 + 2 * np.array([x + y + 2 * d, x - y - 2 * d, y - x - 2 * d, 2 * d - x - y])
+        highest = of_waves.max()
+        lowest = max(of_waves.min(), _LOWEST * highest)
+        cycles = np.array_split(self._lengths, max(1, -(-self.steps // _CYCLE)))
+        self._lengths = np.concatenate([chebyshev_steps(part.size, lowest, highest) for part in cycles])
 
     def set_contact(self, mask):
         """List the cells that take part. Collective.
@@ -176,13 +193,14 @@ class RimExtension:
             return
         cells, strips, (*_, new) = self._parts[1], self._strips(x), self._room_for(x.dtype)
         if not strips:
-            rim_kernels.extend(x, self._wrapped, self._around, cells.band, cells.sizes, self._weights, new)
+            band = cells.band, cells.sizes
+            rim_kernels.extend(x, self._wrapped, self._around, *band, self._weights, self._lengths, new)
             return
-        for layer, size in enumerate(cells.sizes):
-            beside = self._beside(x, strips)
+        for layer, (size, length) in enumerate(zip(cells.sizes, self._lengths, strict=True)):
+            beside, how = self._beside(x, strips), (self._weights, length)
             for strip in strips:
-                strip.sweep(layer, new[:0], self._around, self._weights)
-            rim_kernels.sweep(flat, *beside, cells.band[:size], new[:0], self._weights, new)
+                strip.sweep(layer, new[:0], self._around, *how)
+            rim_kernels.sweep(flat, *beside, cells.band[:size], new[:0], *how, new)
 
     def restrict(self, x):
         """Apply E^T in place: to any field; on exit it is anything outside the contact set.
@@ -194,18 +212,20 @@ class RimExtension:
         flat, cells, strips = self._flat(x), self._parts[1], self._strips(x)
         inner, source, new = self._room_for(x.dtype)
         if not strips:
-            rim_kernels.restrict(x, self._wrapped, self._around, *cells, self._weights, inner, source, new)
+            how = self._weights, self._lengths
+            rim_kernels.restrict(x, self._wrapped, self._around, *cells, *how, inner, source, new)
             return
         rim_kernels.take_out(flat, cells.inner, inner)
-        sources = [strip.begin() for strip in strips]
-        rim_kernels.take(flat, cells.band, source)
-        for layer in range(self.steps - 2, -1, -1):
-            beside = self._beside(x, strips)
+        first, *others = self._lengths
+        sources = [strip.begin(first) for strip in strips]
+        rim_kernels.take_and_scale(flat, cells.band, first, source)
+        for layer, length in zip(range(self.steps - 2, -1, -1), others, strict=True):
+            beside, how = self._beside(x, strips), (self._weights, length)
             for strip, of_strip in zip(strips, sources, strict=True):
-                strip.sweep(layer, of_strip, self._around, self._weights)
-            rim_kernels.sweep(flat, *beside, cells.band[: cells.sizes[layer]], source, self._weights, new)
-        rim = cells.rim
-        rim_kernels.sweep(flat, *self._beside(x, strips), cells.inner[:rim], inner, self._weights, new)
+                strip.sweep(layer, of_strip, self._around, *how)
+            rim_kernels.sweep(flat, *beside, cells.band[: cells.sizes[layer]], source, *how, new)
+        rim, how = cells.rim, (self._weights, 1.0)
+        rim_kernels.sweep(flat, *self._beside(x, strips), cells.inner[:rim], inner, *how, new)
         rim_kernels.put(flat, cells.inner[rim:], inner[rim:])
 
     def _room_for(self, dtype):
@@ -258,20 +278,22 @@ class _Strip:
         self._flat = self.rows.reshape(-1)
         self._nothing = np.zeros(self.rows.shape[1], self.rows.dtype)
 
-    def begin(self):
-        """Take the contact cells beside the band out; return what is on the band."""
+    def begin(self, length):
+        """Take the contact cells beside the band out, and a first step on the band; return what was there."""
         inner, band = (
             np.empty(len(cells), self.rows.dtype) for cells in (self._cells.inner, self._cells.band)
         )
         rim_kernels.take_out(self._flat, self._cells.inner, inner)
-        rim_kernels.take(self._flat, self._cells.band, band)
+        rim_kernels.take_and_scale(self._flat, self._cells.band, length, band)
         return band
 
-    def sweep(self, layer, source, around, weights):
-        """Sweep over the band up to a layer, from a source or, if it is empty, none."""
+    def sweep(self, layer, source, around, weights, length):
+        """Sweep over the band up to a layer, from a source or, if it is empty, none, with a step of some length."""
         cells = self._cells.band[: self._cells.sizes[layer]]
         new = np.empty(len(cells), self.rows.dtype)
-        rim_kernels.sweep(self._flat, self._nothing, self._nothing, around, cells, source, weights, new)
+        rim_kernels.sweep(
+            self._flat, self._nothing, self._nothing, around, cells, source, weights, length, new
+        )
 
 
 @cache
@@ -284,5 +306,5 @@ def load_extension(dtype, alone):
         extension.restrict(field)
     else:
         strip = _Strip([field], 0, 0, extension._parts[1])
-        strip.sweep(0, strip.begin(), False, (0.0, 0.0, 0.0))
+        strip.sweep(0, strip.begin(np.float64(1)), False, (0.0, 0.0, 0.0), np.float64(1))
         rim_kernels.put(field.reshape(-1), extension._parts[1].inner[:0], field[0])

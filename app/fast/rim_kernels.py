@@ -89,15 +89,17 @@ def sort_cells(kinds, cells, out, places):
 
 
 @njit()
-def take(x, cells, values):
-    """values = x on the cells."""
+def take_and_scale(x, cells, factor, values):
+    """values = x on the cells, and factor x there afterwards."""
     for m in range(cells.size):
-        values[m] = x[max(cells[m], ~cells[m])]
+        j = max(cells[m], ~cells[m])
+        values[m] = x[j]
+        x[j] *= factor
 
 
 @njit()
 def take_out(x, cells, values):
-    """The same, and zero there afterwards."""
+    """values = x on the cells, and zero there afterwards."""
     for m in range(cells.size):
         j = max(cells[m], ~cells[m])
         values[m] = x[j]
@@ -112,8 +114,11 @@ def put(x, cells, values):
 
 
 @njit()
-def sweep(x, above, below, periodic, cells, source, weights, new):
-    """x <- source - N x on the listed cells, all from the old values, by way of `new`; an empty source is zero."""
+def sweep(x, above, below, periodic, cells, source, weights, step, new):
+    """x += step (source - N x - x) on the listed cells, all from the old values, by way of `new`.
+
+    An empty source is zero.
+    """
     wx, wy, wd = weights
     nx, some = np.int64(above.size), source.size > 0
     for m in range(cells.size):
@@ -132,7 +137,9 @@ def sweep(x, above, below, periodic, cells, source, weights, new):
             diagonal = (_value(x, above, below, row - 1, left) + _value(x, above, below, row - 1, right)) + (
                 _value(x, above, below, row + 1, left) + _value(x, above, below, row + 1, right)
             )
-        new[m] = (source[m] if some else x.dtype.type(0)) - (wx * in_x + wy * in_y + wd * diagonal)
+        here = x[max(j, ~j)]
+        wanted = (source[m] if some else x.dtype.type(0)) - (wx * in_x + wy * in_y + wd * diagonal)
+        new[m] = here + step * (wanted - here)
     for m in range(cells.size):
         x[max(cells[m], ~cells[m])] = new[m]
 
@@ -151,24 +158,25 @@ def _value(x, above, below, row, i):
 
 
 @njit()
-def extend(x, wrapped, periodic, band, sizes, weights, new):
+def extend(x, wrapped, periodic, band, sizes, weights, steps, new):
     """All steps of E in one call, where all rows are on one rank."""
     above, below = np.zeros(x.shape[1], x.dtype), np.zeros(x.shape[1], x.dtype)
-    for size in sizes:
+    for i, size in enumerate(sizes):
         if wrapped:
             above[:], below[:] = x[-1], x[0]
-        sweep(x.reshape(-1), above, below, periodic, band[:size], new[:0], weights, new)
+        sweep(x.reshape(-1), above, below, periodic, band[:size], new[:0], weights, steps[i], new)
 
 
 @njit()
-def restrict(x, wrapped, periodic, band, sizes, inner, rim, weights, kept, source, new):
+def restrict(x, wrapped, periodic, band, sizes, inner, rim, weights, steps, kept, source, new):
     """As `extend`, for E^T."""
     flat, above, below = x.reshape(-1), np.zeros(x.shape[1], x.dtype), np.zeros(x.shape[1], x.dtype)
     take_out(flat, inner, kept)
-    take(flat, band, source)
-    for layer in range(sizes.size - 2, -2, -1):
+    take_and_scale(flat, band, steps[0], source)
+    for i in range(1, sizes.size + 1):
         if wrapped:
             above[:], below[:] = x[-1], x[0]
-        cells, of = (band[: sizes[layer]], source) if layer >= 0 else (inner[:rim], kept)
-        sweep(flat, above, below, periodic, cells, of, weights, new)
+        last = i == sizes.size
+        cells, of = (inner[:rim], kept) if last else (band[: sizes[sizes.size - 1 - i]], source)
+        sweep(flat, above, below, periodic, cells, of, weights, 1.0 if last else steps[i], new)
     put(flat, inner[rim:], kept[rim:])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
+from app.fast.rim import chebyshev_steps
 from app.halfspace.fetch import Fetch
 from app.halfspace.grid import Slabs
 from app.halfspace.halo import Halo
@@ -47,7 +48,7 @@ class TwoGrid:
         if not 1 <= self.sweeps <= 50:
             raise ValueError(f"-pc_two_grid_sweeps {self.sweeps}: allowed: 1 to 50")
         self.weights = _weights(operator.product.centre(), operator.grid)
-        self._shares = _chebyshev(self.sweeps, *_INTERVAL)
+        self._shares = chebyshev_steps(self.sweeps, *_INTERVAL).astype(np.float32)
         self._back = self._shares[::-1].copy()
         self._rows = Halo(operator.slabs, operator.comm, self.sweeps)
         self._x = np.empty(operator.local_shape, np.float32)
@@ -116,12 +117,6 @@ class TwoGrid:
             coarse = self._long_waves.operator.grid if self._long_waves else None
             more = f", A on {coarse.nx} x {coarse.ny} cells between them" if coarse else ""
             viewer.printfASCII(f"  {self.sweeps} sweeps with the centre of B before and after{more}\n")
-
-
-def _chebyshev(steps, low, high):
-    """Steps of Richardson's iteration that is best on eigenvalues between low and high. Not collective."""
-    roots = (low + high) / 2 + (high - low) / 2 * np.cos(np.pi * (2 * np.arange(steps) + 1) / (2 * steps))
-    return (1 / roots).astype(np.float32)
 
 
 def _weights(centre, grid):

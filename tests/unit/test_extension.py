@@ -7,7 +7,7 @@ from scipy.ndimage import binary_dilation, convolve
 
 from app.fast import rim_kernels
 from app.fast.circulant import circulant_of
-from app.fast.rim import RimExtension
+from app.fast.rim import RimExtension, chebyshev_steps
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix
 from app.halfspace.operator import InfluenceOperator
@@ -42,17 +42,29 @@ def make(contact, steps, stencil=STENCIL, periodic=False):
 
 
 def extended(contact, steps, r, rim="constant"):
-    """E r by its definition: Jacobi sweeps outside contact, over the whole patch."""
+    """E r by its definition: Chebyshev's sweeps outside contact, over the whole patch."""
     x = r * contact
-    for _ in range(steps):
-        x = x - ~contact * convolve(x, np.array(STENCIL), mode=rim)
+    for length in lengths(steps):
+        x = x - length * ~contact * convolve(x, np.array(STENCIL), mode=rim)
     return x
+
+
+def lengths(steps):
+    """Of Chebyshev's steps for the eigenvalues that the stencil has without contact."""
+    waves = np.cos(np.arange(2) * np.pi)
+    weights = np.array(STENCIL)
+    found = [
+        1 + 2 * weights[1, 0] * x + 2 * weights[0, 1] * y + 4 * weights[0, 0] * x * y
+        for x in waves
+        for y in waves
+    ]
+    return chebyshev_steps(steps, min(found), max(found))
 
 
 def restricted(contact, steps, b, rim="constant"):
     """E^T b: the transposed sweeps."""
-    for _ in range(steps):
-        b = b - convolve(~contact * b, np.array(STENCIL), mode=rim)
+    for length in reversed(lengths(steps)):
+        b = b - convolve(~contact * b * length, np.array(STENCIL), mode=rim)
     return b * contact
 
 

@@ -1,5 +1,6 @@
 """What a prescribed load costs against the approach it leads to, by count: self-affine surfaces to full contact."""
 
+import numpy as np
 import pytest
 
 from app import ContactProblem, ContactSolver, Grid
@@ -15,6 +16,7 @@ LIGHT = 12.0  # applications by approach: contacts of some hundred cells, which 
 def test_a_load_costs_little_more_than_its_approach(size, spectrum, seed):
     grid = Grid.from_domain(size, size, (0.0, 1.0, 0.0, 1.0))
     height = spectrum.height(grid, seed)
+    ratios = []
     with ContactSolver(ContactProblem(grid, MATERIAL, height.max() - height)) as solver:
         for relative in RELATIVE_LOADS:
             load = relative * MATERIAL.contact_modulus * SLOPE
@@ -23,4 +25,6 @@ def test_a_load_costs_little_more_than_its_approach(size, spectrum, seed):
             assert by_load.converged and by_approach.converged
             assert by_load.fallbacks == by_approach.fallbacks == 0
             assert by_load.load == pytest.approx(load, rel=1e-12)
-            assert by_load.operator_applications <= 1.5 * max(by_approach.operator_applications, LIGHT)
+            ratios.append(by_load.operator_applications / max(by_approach.operator_applications, LIGHT))
+    assert max(ratios) <= 1.6
+    assert np.mean(ratios) <= 1.25
