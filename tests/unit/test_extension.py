@@ -141,7 +141,7 @@ def test_many_steps_make_the_stencil_vanish_outside_contact():
     ids=["constant", "linear", "smooth", "noise"],
 )
 def test_extended_residual_predicts_the_displacement_beside_contact(r, off):
-    """A solve adds A z to u, with A z = r on C; beside C that is 1.5 E r, about (see -lcp_predictor)."""
+    """A solve adds A z to u, with A z = r on C; beside C that is 1.3 E r, about (see -lcp_predictor)."""
     grid = Grid(32, 32, 1.0, 1.0)
     y, x = np.mgrid[:32, :32] - 15.5
     contact = x**2 + y**2 < 10**2
@@ -151,7 +151,7 @@ def test_extended_residual_predicts_the_displacement_beside_contact(r, off):
     change = matrix[:, inside] @ np.linalg.solve(matrix[np.ix_(inside, inside)], r[contact])
     extension = make(contact, 3, circulant_of(InfluenceOperator(grid, 1.0)).centre())
     beside = binary_dilation(contact) & ~contact
-    predicted, change = 1.5 * apply(extension.extend, r)[beside], change.reshape(contact.shape)[beside]
+    predicted, change = 1.3 * apply(extension.extend, r)[beside], change.reshape(contact.shape)[beside]
     assert np.linalg.norm(predicted - change) < off * np.linalg.norm(change)
 
 
