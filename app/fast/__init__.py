@@ -18,13 +18,13 @@ punches, self-affine surfaces from 1% to 99% contact), operator applications by 
 beyond counts. docs/performance.md has them by load, too, and what happens if a constant is halved or doubled.
 
 ===================  ==========================  ==============================================================
-device               off by                      applications without it, of 20.1 with all
+device               off by                      applications without it, of 18.9 with all
 ===================  ==========================  ==============================================================
-lift                 -lcp_prolongation copy      25.3
-predictor            -lcp_predictor 0            21.5
+lift                 -lcp_prolongation copy      25.0
+predictor            -lcp_predictor 0            20.8
 rim extension        -pc_circulant_extend 0      25.5 (and no predictor)
-loose coarse grids   -lcp_coarse_rtol 1e-6       22.2
-windows              -lcp_window 0               21.9; most where contact is small in its patch
-single precision     -lcp_precision double       20.0; half the time of a product
+loose coarse grids   -lcp_coarse_rtol 1e-6       21.8
+windows              -lcp_window 0               20.7; most where contact is small in its patch
+single precision     -lcp_precision double       18.9; half the time of a product
 ===================  ==========================  ==============================================================
 """
