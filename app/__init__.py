@@ -17,6 +17,7 @@ _PLACES = {
     "Cylinder": "app.problems.shapes",
     "FlatPunch": "app.problems.shapes",
     "Grid": "app.halfspace.grid",
+    "Listener": "app.contact.history",
     "Material": "app.halfspace.influence",
     "Paraboloid": "app.problems.shapes",
     "Plane": "app.problems.shapes",
