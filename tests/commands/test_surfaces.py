@@ -132,7 +132,7 @@ def test_format_of_an_instrument(convert, tmp_path):
 
 
 @pytest.mark.parametrize("size", [0, 60])
-def test_what_is_refused_as_text_is_no_map_of_three_columns(tmp_path, size):
+def test_what_is_refused_as_text_is_no_map_of_three_columns(convert, tmp_path, size):
     """Nor of none: SurfaceTopography, where it is installed, reads both."""
     scattered = np.random.default_rng(3).random((size, 3))
     np.savetxt(tmp_path / "s.txt", scattered, fmt="%.6f")
