@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numba
 from llvmlite.binding import parse_bitcode
+from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
 
 tell = None  # a command's: called once, when something has to be compiled or waited for
@@ -34,6 +35,13 @@ def njit(**options):
         return dispatcher
 
     return decorate
+
+
+def folder_of(function):
+    """Folder that keeps, or would keep, what is compiled of a Python function; or None. Not collective."""
+    with suppress(RuntimeError, AttributeError):  # no locator available; should numba change
+        return Path(FunctionCache(function).cache_path)
+    return None
 
 
 def _own_folder():

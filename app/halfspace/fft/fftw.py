@@ -1,18 +1,29 @@
-"""FFTW for compiled code: plans, and the function that executes them, as addresses."""
+"""FFTW for compiled code: plans, and the function that executes them, as addresses.
+
+How to plan what has been planned before is FFTW's *wisdom*: kept beside the compiled loops, for the next process.
+"""
 
 from __future__ import annotations
 
+import atexit
 import ctypes
+import os
 import weakref
+from contextlib import suppress
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from llvmlite import ir
+from mpi4py import MPI
 from mpi4py_fft import fftw
 from numba import types
 from numba.extending import intrinsic
 
-_loaded = cache(ctypes.CDLL)  # each makes types of its own, which are freed only by collecting garbage
+from app.compiled import folder_of
+
+_WISDOM_ONLY = 1 << 21  # FFTW_WISDOM_ONLY
+_LARGEST = 250_000  # bytes of wisdom that are worth reading: 600 plans, in 5 ms
 
 
 @intrinsic
@@ -32,20 +43,83 @@ def execute(typing_context, function, plan):
     return types.void(types.int64, types.int64), generate
 
 
+class _Library:
+    """FFTW of one precision, with what earlier processes have learned. Not collective.
+
+    Parameters
+    ----------
+    module : module
+        Of mpi4py_fft, linked to this FFTW.
+    name : str
+        What its functions begin with.
+    folder : Path or None
+        Where wisdom is kept; None: nowhere. Rank 0 adds to it when its process ends.
+    """
+
+    def __init__(self, module, name, folder):
+        self._library, self._name, self.learned = ctypes.CDLL(module.__file__), name, False
+        # mpi4py_fft does the same before it plans: the first such call in a process forgets all plans.
+        self.call("plan_with_nthreads", 1)
+        self.destroy = getattr(self._library, f"{name}_destroy_plan")
+        self.destroy.argtypes = [ctypes.c_void_p]
+        self.execute = ctypes.addressof(ctypes.c_char.in_dll(self._library, f"{name}_execute"))
+        self._file = folder and Path(folder, f"{name}.wisdom")
+        if self._file is not None:
+            self._read()
+            if MPI.COMM_WORLD.rank == 0:
+                atexit.register(self.keep)
+
+    def call(self, function, *arguments):
+        """Call one of its functions, without the precision in its name."""
+        return getattr(self._library, f"{self._name}_{function}")(*arguments)
+
+    def plan(self, kind, *arguments):
+        """Plan transforms as estimated, or as it is known from before; the last argument is for flags to be added."""
+        planner = getattr(self._library, f"{self._name}_plan_many_{kind}")
+        planner.restype = ctypes.c_void_p
+        plan = planner(*arguments, fftw.FFTW_ESTIMATE | _WISDOM_ONLY)
+        if plan is None:
+            self.learned = True
+            plan = planner(*arguments, fftw.FFTW_ESTIMATE)
+        if plan is None:
+            raise RuntimeError(f"FFTW cannot plan {kind}")
+        return plan
+
+    def _read(self):
+        """Add the wisdom in the file, unless it is of another FFTW or processor, or of nobody."""
+        self.call("import_wisdom_from_filename", os.fsencode(self._file))
+
+    def keep(self):
+        """Write what is new, with what others have learned meanwhile; too much is forgotten altogether."""
+        if not self.learned:
+            return
+        self._read()
+        mine = self._file.with_suffix(f".{os.getpid()}")
+        with suppress(OSError):
+            if self.call("export_wisdom_to_filename", os.fsencode(mine)):
+                if mine.stat().st_size > _LARGEST:
+                    self._file.unlink(missing_ok=True)
+                else:
+                    mine.replace(self._file)
+        with suppress(OSError):
+            mine.unlink(missing_ok=True)
+
+
+@cache
+def _library(name):
+    """FFTW for "float32" or "float64"."""
+    known = {"float64": (fftw.fftw_xfftn, "fftw"), "float32": (fftw.fftwf_xfftn, "fftwf")}
+    if name not in known:
+        raise ValueError(f"dtype {name}: must be one of {', '.join(known)}")
+    return _Library(*known[name], folder_of(FFTW.plans))
+
+
 class FFTW:
     """Plans as addresses that compiled code can execute, of the FFTW that mpi4py_fft is linked to."""
 
     def __init__(self, dtype):
-        known = {"float64": (fftw.fftw_xfftn, "fftw"), "float32": (fftw.fftwf_xfftn, "fftwf")}
-        if dtype.name not in known:
-            raise ValueError(f"dtype {dtype.name}: must be one of {', '.join(known)}")
-        module, name = known[dtype.name]
-        self._library, self._name = _loaded(module.__file__), name
-        # mpi4py_fft does the same before it plans: the first such call in a process forgets all plans.
-        getattr(self._library, f"{name}_plan_with_nthreads")(1)
-        self._destroy = getattr(self._library, f"{name}_destroy_plan")
-        self._destroy.argtypes = [ctypes.c_void_p]
-        self.execute = ctypes.addressof(ctypes.c_char.in_dll(self._library, f"{name}_execute"))
+        self._library = _library(dtype.name)
+        self.execute = self._library.execute
 
     def plans(self, cells, spectrum, length):
         """Plan the transforms of the rows of `cells` (real or complex) to `spectrum` and back."""
@@ -57,16 +131,10 @@ class FFTW:
             kinds, signs = ("dft", "dft"), ((-1,), (1,))
         else:
             kinds, signs = ("dft_r2c", "dft_c2r"), ((), ())
-        return (
-            self._plan(kinds[0], *head, *there, *back, *signs[0], fftw.FFTW_ESTIMATE),
-            self._plan(kinds[1], *head, *back, *there, *signs[1], fftw.FFTW_ESTIMATE),
+        plans = (
+            self._library.plan(kinds[0], *head, *there, *back, *signs[0]),
+            self._library.plan(kinds[1], *head, *back, *there, *signs[1]),
         )
-
-    def _plan(self, kind, *arguments):
-        planner = getattr(self._library, f"{self._name}_plan_many_{kind}")
-        planner.restype = ctypes.c_void_p
-        plan = planner(*arguments)
-        if plan is None:
-            raise RuntimeError(f"FFTW cannot plan {kind}")
-        weakref.finalize(self, self._destroy, plan)
-        return plan
+        for plan in plans:
+            weakref.finalize(self, self._library.destroy, plan)
+        return plans
