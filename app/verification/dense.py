@@ -128,7 +128,7 @@ class DenseProblem:
             p = self._pivot(depth)
             off = sum_p - p.sum()
             low, high = (depth, high) if off > 0 else (low, depth)
-            if abs(off) <= 1e-16 * sum_p or high - low <= 1e-18 * high:
+            if abs(off) <= 1e-16 * sum_p or high - low <= 1e-18 * low:
                 break
             slope = self._linear(self._contact, np.ones(self._gap.size)).sum()
             depth = depth + off / slope if slope > 0 else low
@@ -178,7 +178,9 @@ class DenseProblem:
             u = self._long @ p
             e = h + u
             rounding = 1e-18 * abs(h).max() + 1e-16 * abs(u).max()
-            wrong = (contact & (p < -1e-15 * abs(p).max())) | (~contact & (e < -rounding))
+            wrong = contact & (p < -1e-15 * abs(p).max())
+            if not (self._singular and (~contact).sum() == 1):  # gaps have the mean of h: a single one is not negative
+                wrong |= ~contact & (e < -rounding)
             if not wrong.any():
                 self._contact = contact
                 return np.maximum(p, 0)

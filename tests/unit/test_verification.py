@@ -40,9 +40,24 @@ def test_lemke_and_pivoting_meet_all_conditions(seed):
     e = gap.ravel() - approach + dense.matrix @ p
     assert (p >= 0).all() and e.min() >= -1e-14 and abs(p * e).max() <= 1e-13
     np.testing.assert_allclose(dense.at(approach).ravel().astype(float), p, rtol=0, atol=1e-14 * p.max())
-    by_load, found = dense.under(float(p.sum()) * problem.grid.cell_area, 0.0)
-    assert found == pytest.approx(approach, rel=1e-12)
-    np.testing.assert_allclose(by_load.ravel().astype(float), p, rtol=0, atol=1e-12 * (p.max() or 1))
+    for guess in 0.0, 0.99 * approach, 1.01 * approach:
+        by_load, found = dense.under(float(p.sum()) * problem.grid.cell_area, guess)
+        assert found == pytest.approx(approach, rel=1e-12)
+        np.testing.assert_allclose(by_load.ravel().astype(float), p, rtol=0, atol=1e-12 * (p.max() or 1))
+
+
+def test_pivoting_ends_at_the_edge_of_full_contact():
+    """There rounding could take turns with the last cell."""
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        ny, nx = map(int, rng.integers(2, 9, 2))
+        x, y = np.linspace(0, 1, nx), np.linspace(0, 1, ny)[:, None]
+        gap = np.cos(7 * x + rng.uniform(0, 6)) + np.cos(5 * y + 2 * x)
+        problem = ContactProblem(Grid(nx, ny, 0.1, 0.1), Material(8e4, 0.3), gap, periodic="spectral")
+        full = DenseProblem(problem).at(gap.mean() + 1).astype(float)
+        for less in 0, 1e-16, 1e-15:
+            p = DenseProblem(problem).at(gap.mean() - less).astype(float)
+            np.testing.assert_allclose(p, full, rtol=0, atol=1e-11 * full.max())
 
 
 @pytest.fixture
