@@ -171,7 +171,7 @@ def warm_up(settings, hierarchy):
         for kind in {np.dtype(np.float64), dtype}:
             product.warm_up(grid, kind)
             tracking_cg.warm_up(kind)
-        circulant.warm_up(grid, dtype, alone=hierarchy.comm.size == 1)
+        circulant.warm_up(grid, dtype)
     if settings.strategy == "primal":
         from app.primal import stencil
 
