@@ -164,7 +164,7 @@ class ContactState:
 
     def sum(self, values):
         """Sum a few numbers over the ranks. Collective."""
-        return values if self.comm is None else sum_over(self.comm, values)
+        return sum_over(self.comm, values)
 
     def minimum(self, values):
         """Smallest of each of some numbers over the ranks. Collective."""

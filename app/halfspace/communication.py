@@ -139,13 +139,8 @@ class Communicator(MPI.Intracomm):
 
     def Isend(self, rows, dest, tag=0):
         """Count and send an array."""
-        self._count_message(rows, dest)
+        self.traffic.count(1, rows.nbytes)
         return super().Isend(rows, dest, tag)
-
-    def Sendrecv(self, rows, dest, **others):
-        """Count and send an array, and receive one."""
-        self._count_message(rows, dest)
-        return super().Sendrecv(rows, dest, **others)
 
     def Alltoallv(self, sent, received):
         """Count and exchange parts ``[array, counts]`` or ``[array, (counts, places)]``; own parts should be empty."""
@@ -154,10 +149,6 @@ class Communicator(MPI.Intracomm):
         self.traffic.all_to_alls += 1
         self.traffic.count(int(np.count_nonzero(counts)), int(np.sum(counts)) * array.itemsize)
         super().Alltoallv(sent, received)
-
-    def _count_message(self, rows, dest):
-        if dest != MPI.PROC_NULL:
-            self.traffic.count(1, rows.nbytes)
 
 
 def _counted(name):

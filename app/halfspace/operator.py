@@ -223,38 +223,34 @@ class InfluenceOperator:
         try:
             yield
         finally:
-            self._forget_products()
+            self._free("product")
             self.dtype, self.needs_verification, product, self.circulants = kept
             if product is not None:
                 self.product = product
 
     def free_solvers(self):
         """Free what only solvers need: preconditioner, sweeps, all products but the exact one. Not collective."""
-        self._forget_products()
-        self._relaxation = None
+        self._free("product", sweeps=True)
         self.needs_verification = False
 
     def free_exact_product(self):
-        """Free the exact product; what it computed stays counted. Not collective."""
-        exact = vars(self).pop("exact_product", None)
-        if exact is not None and exact is not vars(self).get("product"):
-            self._spent += exact.count
+        """Free the exact product. Not collective."""
+        self._free("exact_product", circulants=False)
 
     def free(self):
-        """Free all products and sweeps; what they computed stays counted. Not collective."""
-        self._spent = self.equivalent_products
-        for name in _PRODUCTS:
-            vars(self).pop(name, None)
-        self.circulants.clear()
-        self._relaxation = None
+        """Free all products and sweeps. Not collective."""
+        self._free(*_PRODUCTS, sweeps=True)
 
-    def _forget_products(self):
-        """Free preconditioners and all products but the exact one; what they computed stays counted."""
-        product = vars(self).pop("product", None)
-        if product is not None and product is not vars(self).get("exact_product"):
-            self._spent += product.count
-        self._spent += self._circulant_products()
-        self.circulants.clear()
+    def _free(self, *products, circulants=True, sweeps=False):
+        """Free some of what has been made; what it computed stays counted."""
+        before = self.equivalent_products
+        for name in products:
+            vars(self).pop(name, None)
+        if circulants:
+            self.circulants.clear()
+        if sweeps:
+            self._relaxation = None
+        self._spent += before - self.equivalent_products
 
     # -- numpy side --------------------------------------------------------------------------------------
 
@@ -358,14 +354,10 @@ class InfluenceOperator:
         products = {id(made[name]): made[name] for name in _PRODUCTS if name in made}
         total = self._spent + sum(product.count for product in products.values())
         if self.circulants:
-            total += self._circulant_products()
+            total += sum(circulant.points for circulant in self.circulants.values()) / self._padded
         if self._relaxation:
             total += self.sweeps * self._relaxation.products_per_sweep
         return total
-
-    def _circulant_products(self):
-        """Applications of circulants, in products, by their operations."""
-        return sum(circulant.points for circulant in self.circulants.values()) / self._padded
 
     @cached_property
     def _padded(self):

@@ -10,7 +10,6 @@ import numpy as np
 
 from app.contact.history import Outcome
 from app.contact.iteration import CONVERGED, what_is_wrong
-from app.contact.kernels import gap_on
 from app.contact.state import Displacement
 from app.fast.iteration import PATIENCE, ROUNDING, NeedsSafeguard
 from app.primal import kernels
@@ -139,7 +138,7 @@ def verify(primal, found):
     state.operator.exact_displacement(found, state.u)
     if loading.prescribes_load:
         state.depth = 0.0
-        state.depth = _mean_gap_on_contact(state)
+        state.depth = state.mean_in_contact()
     else:
         state.approach = loading.approach
     return state.activate_penetrating()
@@ -150,9 +149,3 @@ def accept(primal, found):
     with primal.state.pressure as values:
         values[...] = found.reshape(-1)
     primal.state.u_is = Displacement.EXACT
-
-
-def _mean_gap_on_contact(state):
-    """Mean of e over C [mm]. Collective."""
-    sums = state.sum(gap_on(state.distance.b, state.u, state.contact, state.contact))
-    return float(sums[1] / max(sums[2], 1))
