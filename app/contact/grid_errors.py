@@ -77,6 +77,13 @@ def numbers_on(state, comm, load=None, depth=None):
     return GridNumbers(load, depth, -float(lowest), float(cells) * grid.cell_area, grid.cell_area)
 
 
+def estimated_errors(coarser, state, comm, prescribes_load):
+    """Estimate the errors of the numbers of `state`, by those of coarser grids. Collective over `comm`."""
+    if not coarser:
+        return UNKNOWN
+    return errors_from([*coarser, numbers_on(state, comm)], state.first_touch(), prescribes_load)
+
+
 def errors_from(grids, touching, prescribes_load):
     """Estimate the errors of the finest grid.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from app.contact.full_multigrid import copy_prolongation, pairs, route, tell
-from app.contact.grid_errors import UNKNOWN, errors_from, numbers_on, pressure_difference
+from app.contact.grid_errors import estimated_errors, numbers_on, pressure_difference
 from app.contact.iteration import active_set, search_load
 from app.contact.state import Displacement
 from app.contact.stopping import StoppingTest
@@ -78,16 +78,10 @@ def nested_iteration(
             if not complete:
                 rest = solve_on(hierarchy, number, state, loading, stop, history, False, kept)
                 outcome = rest.after(outcome)
-    telling = stop.coarse_rtol <= _TELLING * difference
-    errors = UNKNOWN
-    if nested and numbers:
-        errors = errors_from(
-            [*numbers, numbers_on(state, comm)], state.first_touch(), loading.prescribes_load
-        )
     return state, replace(
         outcome,
-        discretisation_error=difference if telling else float("nan"),
-        grid_errors=errors,
+        discretisation_error=difference if stop.coarse_rtol <= _TELLING * difference else float("nan"),
+        grid_errors=estimated_errors(numbers if nested else (), state, comm, loading.prescribes_load),
     )
 
 
