@@ -105,12 +105,10 @@ class Strategy:
                     hierarchy, last, state, loading, stop, history, first=False, kept=self._kept
                 )
             return state, active_set_or_search(state, self._solver, loading, stop, history)
-        how = {"nested": chosen.nested, "beta": chosen.beta}
+        arguments += stop, history, chosen.nested, chosen.beta
         if chosen.strategy == "fast":
-            how |= {"lifted": chosen.lifted, "coarse_minimum": self._coarse_minimum, "kept": self._kept}
-            return nested_iteration(*arguments, stop, history, **how)
-        how |= {"prolong": lift if chosen.lifted else None, "target_solver": self._solver}
-        return full_multigrid(*arguments, stop, history, **how)
+            return nested_iteration(*arguments, chosen.lifted, self._coarse_minimum, self._kept)
+        return full_multigrid(*arguments, prolong=lift if chosen.lifted else None, target_solver=self._solver)
 
     def _by_petsc(self, loading, history):
         state = ContactState(self._hierarchy.target, self._distances[-1])

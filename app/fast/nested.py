@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 from app.contact.full_multigrid import copy_prolongation, pairs, route, tell
 from app.contact.grid_errors import estimated_errors, numbers_on, pressure_difference
@@ -89,16 +90,10 @@ def solve_on(hierarchy, number, state, loading, stop, history, first, kept):
     """Solve on one grid. Collective over the ranks of `state`."""
     operator = state.operator
     if first and number < len(hierarchy.levels) - 1 and solves_directly(operator):
-        solver, iterate = kept.direct(number, operator), active_set
+        test = StoppingTest(max_it=stop.max_it).for_coarse_grid()
+        solve = partial(active_set, state, kept.direct(number, operator), stop=test, history=history)
     else:
-        solver = kept.solver(number, operator)
-        iterate = inexact_active_set
-
-    test = StoppingTest(max_it=stop.max_it).for_coarse_grid() if iterate is active_set else stop
-
-    def solve(inner):
-        return iterate(state, solver, inner, test, history)
-
+        solve = partial(inexact_active_set, state, kept.solver(number, operator), stop=stop, history=history)
     try:
         return loading.first_solve(state, solve) if first else solve(loading)
     except NeedsSafeguard as stagnation:
