@@ -46,10 +46,6 @@ class Update:
         """Cells in one of the two sets only."""
         return self.added + self.released
 
-    def with_residual(self, residual):
-        """Return this update with the norm of a residual [mm]."""
-        return replace(self, residual=residual)
-
     def after(self, first):
         """Return what `first` and this update did, both since the same `release_tensile`."""
         return replace(self, added=first.added + self.added, released=first.released + self.released)

@@ -6,6 +6,8 @@ of p, and p = B w + mean pressure that of e.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from app.contact.history import Outcome
@@ -57,7 +59,7 @@ def primal_active_set(primal, solver, stop, history):
         slight = _SLIGHT * aim * allowed
         # 4. p < 0 leaves C, e < 0 enters; A of a single cell is zero
         update = primal.exchange(solver, -slight / (state.operator.diagonal or 1.0), -slight)
-        update = update.with_residual(norm)
+        update = replace(update, residual=norm)
         history.add(state, solver, update, its, primal.approach)
         residual = norm / state.distance.norm()
         if wrong := what_is_wrong(failure, residual):
