@@ -17,7 +17,8 @@ from app.fast.windows import Stage
 from app.multigrid.direct import solves_directly
 from app.multigrid.linear_solver import LinearSolver
 
-_TELLING = 0.02  # residual of coarser grids, per difference of pressures, that does not spoil the estimate
+# The difference of the pressures on two grids says something if coarser ones are solved to this share of it.
+_TELLING = 0.02
 
 
 def nested_iteration(
@@ -54,7 +55,7 @@ def nested_iteration(
             state.depth = loading.predict(coarse.depth)
             if nested:
                 _prolong(stage, beta, lifted)
-                stage.started()
+                stage.keep_coarse_pressure()
             else:
                 state.start_from_interpenetration()
             coarse.destroy()
@@ -65,9 +66,9 @@ def nested_iteration(
             outcome = solved.on_from(outcome)
             loading.solved(state.depth)
             if not target:
-                found = stage.find(coarse_minimum, loading.predict(state.depth))
+                found = stage.boxes_for_next(coarse_minimum, loading.predict(state.depth))
                 numbers.append(numbers_on(state, state.comm))
-        stage.verify_no_more()
+        stage.end_verification()
         facts = outcome, found, numbers
         outcome, found, numbers = tell(hierarchy, following, state, loading, *facts)
         if nested and target and not first:
@@ -75,7 +76,7 @@ def nested_iteration(
         stage.close()
         if target and stage.windowed:
             coarse = None  # the window's arrays go
-            state, complete = stage.everything(outcome, loading.prescribes_load)
+            state, complete = stage.on_all_cells(outcome, loading.prescribes_load)
             if not complete:
                 rest = solve_on(hierarchy, number, state, loading, stop, history, False, kept)
                 outcome = rest.after(outcome)
@@ -99,7 +100,7 @@ def solve_on(hierarchy, number, state, loading, stop, history, first, kept):
     except NeedsSafeguard as stagnation:
         outcome = stagnation.outcome
     finally:
-        kept.solved(operator)
+        kept.release_solver(operator)
     return safeguarded(hierarchy, number, state, loading, stop, history).after(outcome)
 
 

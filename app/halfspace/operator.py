@@ -52,6 +52,13 @@ class InfluenceOperator:
     spectra : Spectra, optional
         Of products and preconditioners, to be kept when those are freed.
 
+    Notes
+    -----
+    A product by FFT works in an array that holds anything between products, and is lent meanwhile: `storage` to other
+    products on this grid; `storage_of_product`, that of the iteration's own product, to its preconditioner. Where that
+    is in single precision the double precision one has more; as nobody asks for that one during the iteration, the
+    rest holds vectors of the Krylov method (`scratch_beside_product`).
+
     Attributes
     ----------
     active : bool

@@ -143,7 +143,7 @@ class Hierarchy:
     ):
         self.ranks = Ranks(comm, cells_per_rank)
         self.comm, self.compliance, self.dtype, self.margin = self.ranks.comm, compliance, dtype, margin
-        self._spent, self._told = 0.0, WeakKeyDictionary()  # in windows; so far of each
+        self._in_windows, self._counted = 0.0, WeakKeyDictionary()  # products; those of each operator so far
         grids, factors = plan(grid, coarsest, single)
         direct = int(len(grids) > 1 and grids[-1].n <= LARGEST_DIRECT)
         sizes = [self.ranks.size, *map(self.ranks.number, grids[1 : len(grids) - direct]), *[1] * direct]
@@ -231,13 +231,13 @@ class Hierarchy:
 
     def operator_applications(self):
         """Honest count: products and sweeps on all grids, as products on the target grid. Not collective."""
-        return self._spent + sum(self.share(level) * level.equivalent_products for level in self.levels)
+        return self._in_windows + sum(self.share(level) * level.equivalent_products for level in self.levels)
 
-    def spent(self, operator):
-        """Count what was computed in a window since it was last told. Not collective."""
+    def count_window(self, operator):
+        """Add what was computed in a window since this was last called for its operator. Not collective."""
         products = operator.equivalent_products
-        self._spent += self.share(operator) * (products - self._told.get(operator, 0.0))
-        self._told[operator] = products
+        self._in_windows += self.share(operator) * (products - self._counted.get(operator, 0.0))
+        self._counted[operator] = products
 
     def destroy(self):
         """Free its products, and the communicators made for it. Collective."""
