@@ -98,7 +98,7 @@ class ContactState:
         self.contact = operator.mask  # the very array the operator uses, with what the last state left in it
         self.contact[...] = False
         self.window, self.patch = window or whole(operator.grid), patch or operator.grid
-        self.work = None  # a field that is at rest when the certificate is asked for, if somebody has one
+        self.work = None  # a field that the certificate may write into, if somebody has one at rest
 
     # -- what it is -------------------------------------------------------------------------------------
 

@@ -176,8 +176,6 @@ class InfluenceOperator:
     def inverse_product(self):
         """B, the inverse of A on fields without mean, of a periodic grid. Collective when first asked for."""
         exact = self.exact_product
-        if not self.active:
-            return exact
         return (exact if isinstance(exact, PeriodicProduct) else self._convolution(np.float64)).inverse()
 
     @cached_property
@@ -319,7 +317,7 @@ class InfluenceOperator:
         zero = bool(kind & _ZERO_GUESS)
         directions = [backward for flag, backward in ((_FORWARD, False), (_BACKWARD, True)) if kind & flag]
         right = b.getArray(readonly=True).reshape(self.local_shape)
-        r, d = relaxation.work
+        r, d = relaxation.defect, relaxation.correction
         with _sweep_event, x as solution:
             p = solution.reshape(self.local_shape)
             for backward in directions * max(1, its * lits):
@@ -338,15 +336,12 @@ class InfluenceOperator:
 
     @property
     def relaxation(self):
-        """The sweeps on this grid; made when first needed."""
-        if not self.active:
-            return self.product
+        """The sweeps on this grid, on a rank that has rows of it; made when first needed."""
         if self._relaxation is None:
             from app.halfspace.sweeps.gauss_seidel import GaussSeidel
 
             rows, period = quadrant_rows(self.grid, self.compliance), bool(self.grid.periodic)
             self._relaxation = GaussSeidel(rows, self.grid.shape, self.slabs, self.comm, periodic=period)
-            self._relaxation.work = (np.zeros(self.local_shape), np.zeros(self.local_shape))
         return self._relaxation
 
     def begin(self):

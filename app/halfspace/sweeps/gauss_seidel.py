@@ -61,6 +61,11 @@ class GaussSeidel:
         Ranks that share the grid; default: this one alone.
     periodic : bool
         The kernel has the periods nx and ny.
+
+    Attributes
+    ----------
+    defect, correction : ndarray, shape (local rows, nx)
+        For whoever sweeps to work in.
     """
 
     def __init__(self, quadrant_rows, grid_shape, slabs=None, comm=None, periodic=False):
@@ -72,6 +77,7 @@ class GaussSeidel:
         self._solves = self.comm is None or comm.rank == 0
         self._width = 0  # columns to sweep over
         self._flops = self._sweeps = 0
+        self.defect, self.correction = (np.zeros((self.slabs.local, nx)) for _ in range(2))
 
     def begin(self):
         """Forget how wide contact has been: it rounds differently. Not collective."""
