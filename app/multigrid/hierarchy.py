@@ -1,7 +1,7 @@
 """The grids of one problem, from the coarsest to the target, with their operators and transfers.
 
 Operators are rediscretised on every grid (no Galerkin products). All ranks share the target grid; each of the others is
-dealt to as many as it is worth (`app.halfspace.communication.Ranks`), and one that can be solved directly is on one.
+dealt to as many as it is worth (`app.halfspace.ranks.Ranks`), and one that can be solved directly is on one.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from app.errors import InputError, agree
-from app.halfspace.communication import Ranks, Team, worth_solving
+from app.halfspace.communication import Team
 from app.halfspace.operator import InfluenceOperator, petsc_comm
+from app.halfspace.ranks import Ranks, worth_solving
 from app.memory import check_hosts, doubles_per_cell
 from app.multigrid.transfer import Transfer
 from app.problems.problem import checked_shape

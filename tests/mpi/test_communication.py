@@ -10,10 +10,11 @@ from running import solve
 
 from app import ContactSolver
 from app.errors import FailedElsewhere, InputError
-from app.halfspace.communication import Communicator, Ranks, Team
+from app.halfspace.communication import Communicator, Team
 from app.halfspace.fetch import Fetch
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Grid, Slabs
+from app.halfspace.ranks import Ranks
 from app.halfspace.reductions import sums_and_minima
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
