@@ -15,10 +15,9 @@ from app.contact.reference_solvers import REFERENCE_SOLVERS
 from app.contact.state import ContactState, Displacement
 from app.contact.stopping import StoppingTest
 from app.errors import InputError
-from app.fast import circulant, tracking_cg
+from app.fast import circulant, lift, tracking_cg
 from app.fast.iteration import InexactStop
 from app.fast.kept import Kept
-from app.fast.lift import lift
 from app.fast.nested import nested_iteration, solve_on
 from app.halfspace import product
 from app.multigrid import transfer
@@ -108,7 +107,9 @@ class Strategy:
         arguments += stop, history, chosen.nested, chosen.beta
         if chosen.strategy == "fast":
             return nested_iteration(*arguments, chosen.lifted, self._coarse_minimum, self._kept)
-        return full_multigrid(*arguments, prolong=lift if chosen.lifted else None, target_solver=self._solver)
+        return full_multigrid(
+            *arguments, prolong=lift.lift if chosen.lifted else None, target_solver=self._solver
+        )
 
     def _by_petsc(self, loading, history):
         state = ContactState(self._hierarchy.target, self._distances[-1])
@@ -165,6 +166,8 @@ def warm_up(settings, hierarchy):
     for module in (kernels, extent, measures, transfer):
         module.warm_up()
     certificate.warm_up(bool(grid.periodic))
+    if settings.lifted:
+        lift.warm_up()
     if settings.strategy == "fast":
         for kind in {np.dtype(np.float64), dtype}:
             product.warm_up(grid, kind)

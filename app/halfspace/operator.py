@@ -198,7 +198,7 @@ class InfluenceOperator:
             return PeriodicProduct(symbol, self.grid.shape, self.slabs, self.comm, dtype, self.storage)
         if kind is BoxProduct:
             return kind(self.grid, self.compliance, self.slabs, self.comm, dtype, self.storage, self.spectra)
-        quadrant = partial(influence_quadrant, self.grid, self.compliance)
+        quadrant = quadrant_rows(self.grid, self.compliance)
         return kind(quadrant, self.grid.shape, self.slabs, self.comm, dtype, self.storage, self.spectra)
 
     # -- set-up ------------------------------------------------------------------------------------------
