@@ -46,16 +46,8 @@ class Kept:
                 self._free(self._windows.pop(place))
             hierarchy = self._hierarchy
             self._spectra[place] = spectra = Spectra(self._spectra.get(place))
-            kept = InfluenceOperator(
-                grid,
-                hierarchy.compliance,
-                slabs,
-                comm,
-                hierarchy.dtype,
-                verification,
-                hierarchy.target,
-                spectra,
-            )
+            shared = hierarchy.dtype, verification, hierarchy.target, spectra
+            kept = InfluenceOperator(grid, hierarchy.compliance, slabs, comm, *shared)
             if not is_large(grid):
                 self._windows[place] = kept
         elif verification is not None:

@@ -7,6 +7,7 @@ dealt to as many as it is worth (`app.halfspace.ranks.Ranks`), and one that can 
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import pairwise
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -97,7 +98,7 @@ def team_for(comm, grid, settings):
     return team
 
 
-def _check_alike(comm, problem):
+def _check_same_on_all(comm, problem):
     """Refuse a problem that is another one on every rank, as with random numbers without a seed. Collective.
 
     The answer would be that of a patchwork. One row tells; processors may round differently.
@@ -148,16 +149,16 @@ class Hierarchy:
         grids, factors = plan(grid, coarsest, single)
         direct = int(len(grids) > 1 and grids[-1].n <= LARGEST_DIRECT)
         sizes = [self.ranks.size, *map(self.ranks.number, grids[1 : len(grids) - direct]), *[1] * direct]
-        self.levels, self.transfers = [], [None]
-        for number, (level, size) in enumerate(zip(grids, sizes, strict=True)):
-            workspace = self.levels[-1] if number else None
+        operators = []  # the target first, whose working storage the others share
+        for level, size in zip(grids, sizes, strict=True):
             slabs, few = self.ranks.deal(level, size)
-            self.levels.insert(
-                0, InfluenceOperator(level, compliance, slabs, few, dtype, workspace=workspace)
-            )
-            if number:
-                fine, coarse = self.levels[1], self.levels[0]
-                self.transfers.insert(1, Transfer(fine, coarse, factors[number - 1], self.comm))
+            target = operators[0] if operators else None
+            operators.append(InfluenceOperator(level, compliance, slabs, few, dtype, workspace=target))
+        transfers = [
+            Transfer(fine, coarse, between, self.comm)
+            for (fine, coarse), between in zip(pairwise(operators), factors, strict=True)
+        ]
+        self.levels, self.transfers = operators[::-1], [None, *transfers[::-1]]
         self.slabs = self.levels[-1].slabs
         self.target.prepare("exact_product")
         for level in self.levels:
@@ -204,7 +205,7 @@ class Hierarchy:
         shapes = agree(
             self.comm, lambda: [checked_shape(problem, level.grid, level.slabs.rows) for level in asked]
         )
-        _check_alike(self.comm, problem)
+        _check_same_on_all(self.comm, problem)
         for transfer in self.transfers[:0:-1] if problem.sampled else ():
             shapes.insert(0, transfer.restrict_shape(shapes[0]))
         return shapes
