@@ -17,6 +17,8 @@ import numba
 from llvmlite.binding import parse_bitcode
 from numba.core.codegen import JITCodeLibrary
 
+from app.errors import InputError
+
 tell = None  # a command's: called once, when something has to be compiled or waited for
 
 
@@ -34,6 +36,12 @@ def njit(**options):
         return dispatcher
 
     return decorate
+
+
+def check_compiler():
+    """Refuse an interpreter in the place of numba's compiler: some loops have no meaning there. Not collective."""
+    if numba.config.DISABLE_JIT:
+        raise InputError("NUMBA_DISABLE_JIT is set: the loops of this program work compiled only; unset it")
 
 
 def _own_folder():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -149,12 +148,6 @@ class Strategy:
         state.contact[...] = start.contact & state.admissible
         loading.resume(state, start.load)
         return state
-
-
-def check_compiler():
-    """Refuse an interpreter in the place of numba's compiler: some loops have no meaning there. Not collective."""
-    if numba.config.DISABLE_JIT:
-        raise InputError("NUMBA_DISABLE_JIT is set: the loops of this program work compiled only; unset it")
 
 
 def warm_up(settings, hierarchy):
