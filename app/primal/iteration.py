@@ -45,9 +45,9 @@ def primal_active_set(primal, solver, stop, history):
     NeedsSafeguard
         If it makes no progress.
     """
-    state, aim = primal.state, _SURE
+    state, aim = primal.state, _SURE  # share of the residual allowed that is asked of the solver
     best, fewest, since = float("inf"), float("inf"), 0
-    doubted = False
+    doubted = False  # whether a verification has failed
     primal.start(exact=stop.final)
     allowed = allowed_gap(primal, stop)
     history.start(state, solver)
@@ -77,11 +77,12 @@ def primal_active_set(primal, solver, stop, history):
                 accept(primal, solver.scratch)
                 if stop.certified(state):
                     return Outcome(True, CONVERGED, k, residual)
+            # Not yet: aim lower, by as much as the product says that the carried residual was too small.
             reached = min(1.0, norm / goal) * aim
             aim = max(reached * min(0.5, _DOUBT * allowed / last), ROUNDING / stop.rtol)
             state.contact[...] = kept  # the free cells are as before
             state.depth = 0.0
-            if enough or doubted:  # what is carried along may have become inaccurate
+            if enough or doubted:  # the second time, or for the certificate: what is carried may be inaccurate
                 primal.restore_mean(solver)
                 primal.refresh(exact=True)
             doubted = True
