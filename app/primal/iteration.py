@@ -82,7 +82,8 @@ def primal_active_set(primal, solver, stop, history):
             aim = max(reached * min(0.5, _DOUBT * allowed / last), ROUNDING / stop.rtol)
             state.contact[...] = kept  # the free cells are as before
             state.depth = 0.0
-            if enough or doubted:  # the second time, or for the certificate: what is carried may be inaccurate
+            # The second time, or for the certificate: what is carried along may have become inaccurate.
+            if enough or doubted:
                 primal.restore_mean(solver)
                 primal.refresh(exact=True)
             doubted = True
