@@ -18,6 +18,8 @@ from llvmlite.binding import parse_bitcode
 from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
 
+from app.errors import InputError
+
 tell = None  # a command's: called once, when something has to be compiled or waited for
 
 
@@ -42,6 +44,12 @@ def folder_of(function):
     with suppress(RuntimeError, AttributeError):  # no locator available; should numba change
         return Path(FunctionCache(function).cache_path)
     return None
+
+
+def check_compiler():
+    """Refuse an interpreter in the place of numba's compiler: some loops have no meaning there. Not collective."""
+    if numba.config.DISABLE_JIT:
+        raise InputError("NUMBA_DISABLE_JIT is set: the loops of this program work compiled only; unset it")
 
 
 def _own_folder():

@@ -10,6 +10,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from app.compiled import check_compiler
 from app.contact.reference_solvers import REFERENCE_SOLVERS
 from app.contact.stopping import StoppingTest
 from app.errors import InputError, agree
@@ -22,7 +23,6 @@ from app.multigrid.linear_solver import LinearSolver
 from app.options import as_texts, unknown_options
 from app.petsc import OptionDatabase, Resources, as_raised, check_cells, error_message, help_text
 from app.problems.problem import Problem
-from app.strategy import check_compiler
 
 # Options that PETSc looks up only while solving, or never marks as used, ...
 _READ_LATE = re.compile(r"(\w+_)?((ksp|snes|tao)_converged_reason|ksp_view_pre|(pc|mat|snes|tao)_view\w*)")

@@ -280,14 +280,22 @@ def real(allowed="a finite number", **limits):
     return partial(_real, allowed=allowed, **limits)
 
 
+def _numbers(kind, text, allowed, count):
+    """Read so many parts with commas between, each by a function, such as `int`."""
+    try:
+        numbers = [kind(part) for part in text.split(",")]
+    except ValueError:
+        raise ValueError(allowed) from None
+    if len(numbers) != count:
+        raise ValueError(allowed)
+    return numbers
+
+
 def integer(lowest, allowed):
     """Kind: an integer, at least `lowest`."""
 
     def parse(text):
-        try:
-            value = int(text)
-        except ValueError:
-            raise ValueError(allowed) from None
+        [value] = _numbers(int, text, allowed, 1)
         if value < lowest:
             raise ValueError(allowed)
         return value
@@ -340,11 +348,8 @@ def pair(allowed, highest=np.inf):
     """Kind: two whole numbers from 1 to a highest one, or one for both."""
 
     def parse(text):
-        try:
-            numbers = [int(part) for part in text.split(",")]
-        except ValueError:
-            raise ValueError(allowed) from None
-        if len(numbers) > 2 or min(numbers) < 1 or max(numbers) > highest:
+        numbers = _numbers(int, text, allowed, 2 if "," in text else 1)
+        if min(numbers) < 1 or max(numbers) > highest:
             raise ValueError(allowed)
         return numbers[0], numbers[-1]
 
@@ -355,10 +360,7 @@ def pair_of_reals(allowed, lowest=-np.inf, above=-np.inf, highest=np.inf, nonzer
     """Kind: two real numbers within limits; inf is one unless a highest is given."""
 
     def parse(text):
-        try:
-            first, second = (float(part) for part in text.split(","))
-        except ValueError:
-            raise ValueError(allowed) from None
+        first, second = _numbers(float, text, allowed, 2)
         for value in (first, second):
             size = abs(value)
             fits = lowest <= value <= highest and value > above and not (nonzero and not value)
@@ -372,10 +374,7 @@ def pair_of_reals(allowed, lowest=-np.inf, above=-np.inf, highest=np.inf, nonzer
 def cells(text):
     """Kind: ``i0,i1,j0,j1``, a range of columns and one of rows."""
     allowed = "i0,i1,j0,j1, whole numbers from 0 with i0 < i1 and j0 < j1"
-    try:
-        i0, i1, j0, j1 = (int(part) for part in text.split(","))
-    except ValueError:
-        raise ValueError(allowed) from None
+    i0, i1, j0, j1 = _numbers(int, text, allowed, 4)
     if not (0 <= i0 < i1 and 0 <= j0 < j1):
         raise ValueError(allowed)
     return i0, i1, j0, j1
@@ -405,10 +404,7 @@ def series(text):
 def domain(text):
     """Kind: ``x0,x1,y0,y1``."""
     allowed = "x0,x1,y0,y1 with x0 < x1 and y0 < y1 [mm]"
-    parts = text.split(",")
-    if len(parts) != 4:
-        raise ValueError(allowed)
-    x0, x1, y0, y1 = (_real(part, allowed=allowed) for part in parts)
+    x0, x1, y0, y1 = (_real(part, allowed=allowed) for part in _numbers(str, text, allowed, 4))
     if not (x0 < x1 and y0 < y1):
         raise ValueError(allowed)
     return x0, x1, y0, y1

@@ -211,36 +211,25 @@ def options_set(defaults, forced):
     Parameters
     ----------
     defaults, forced : mapping of str to str
-        For where the user has given none; in any case.
+        For where the user has given none; in any case, None: as if not given. What is replaced counts as used.
     """
     database = PETSc.Options()
     given = database.getAll().keys()  # which, other than hasName, counts as asking for none
-    before = {name: database.getString(name) for name in forced if name in given}
+    before = {name: database.getString(name, "") for name in forced if name in given}
     temporary = {name: text for name, text in defaults.items() if name not in given} | forced
     for name, text in temporary.items():
-        database.setValue(name, text)
+        if text is None:
+            database.delValue(name)
+        else:
+            database.setValue(name, text)
     try:
         yield
     finally:
         for name in temporary:
             database.delValue(name)
         for name, text in before.items():
-            database.setValue(name, text)
-            database.getString(name)  # still an option that is used
-
-
-@contextmanager
-def option_hidden(name):
-    """Hide an option of the database that is active, inside the block; it counts as used. Not collective."""
-    database = PETSc.Options()
-    text = database.getString(name, "") if name in database.getAll() else None
-    database.delValue(name)
-    try:
-        yield
-    finally:
-        if text is not None:
             database.setValue(name, text or None)
-            database.getString(name, "")
+            database.getString(name, "")  # still an option that is used
 
 
 def _destroy_database(handle):

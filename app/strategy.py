@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -15,10 +14,9 @@ from app.contact.reference_solvers import REFERENCE_SOLVERS
 from app.contact.state import ContactState, Displacement
 from app.contact.stopping import StoppingTest
 from app.errors import InputError
-from app.fast import circulant, tracking_cg
+from app.fast import circulant, lift, tracking_cg
 from app.fast.iteration import InexactStop
 from app.fast.kept import Kept
-from app.fast.lift import lift
 from app.fast.nested import nested_iteration, solve_on
 from app.halfspace import product
 from app.multigrid import transfer
@@ -105,12 +103,12 @@ class Strategy:
                     hierarchy, last, state, loading, stop, history, first=False, kept=self._kept
                 )
             return state, active_set_or_search(state, self._solver, loading, stop, history)
-        how = {"nested": chosen.nested, "beta": chosen.beta}
+        arguments += stop, history, chosen.nested, chosen.beta
         if chosen.strategy == "fast":
-            how |= {"lifted": chosen.lifted, "coarse_minimum": self._coarse_minimum, "kept": self._kept}
-            return nested_iteration(*arguments, stop, history, **how)
-        how |= {"prolong": lift if chosen.lifted else None, "target_solver": self._solver}
-        return full_multigrid(*arguments, stop, history, **how)
+            return nested_iteration(*arguments, chosen.lifted, self._coarse_minimum, self._kept)
+        return full_multigrid(
+            *arguments, prolong=lift.lift if chosen.lifted else None, target_solver=self._solver
+        )
 
     def _by_petsc(self, loading, history):
         state = ContactState(self._hierarchy.target, self._distances[-1])
@@ -152,12 +150,6 @@ class Strategy:
         return state
 
 
-def check_compiler():
-    """Refuse an interpreter in the place of numba's compiler: some loops have no meaning there. Not collective."""
-    if numba.config.DISABLE_JIT:
-        raise InputError("NUMBA_DISABLE_JIT is set: the loops of this program work compiled only; unset it")
-
-
 def warm_up(settings, hierarchy):
     """Load the compiled loops of a strategy now, not in the first iteration. Not collective.
 
@@ -167,11 +159,13 @@ def warm_up(settings, hierarchy):
     for module in (kernels, extent, measures, transfer):
         module.warm_up()
     certificate.warm_up(bool(grid.periodic))
+    if settings.lifted:
+        lift.warm_up()
     if settings.strategy == "fast":
         for kind in {np.dtype(np.float64), dtype}:
             product.warm_up(grid, kind)
             tracking_cg.warm_up(kind)
-        circulant.warm_up(grid, dtype, alone=hierarchy.comm.size == 1)
+        circulant.warm_up(grid, dtype)
     if settings.strategy == "primal":
         from app.primal import stencil
 

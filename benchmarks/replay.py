@@ -32,14 +32,15 @@ from app import ContactProblem, ContactSolver, Grid
 from app.fast import nested
 from app.fast.multilevel import MultilevelInverse
 from app.fast.windows import VerificationProduct
-from app.halfspace import communication
-from app.halfspace.communication import Communicator, Ranks, Traffic, worth_solving
+from app.halfspace import ranks as sharing
+from app.halfspace.communication import Communicator, Traffic
 from app.halfspace.fetch import Fetch
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.fft.transpose import ColumnGroup, deal_columns
 from app.halfspace.grid import Slabs
 from app.halfspace.halo import Halo, Parents
 from app.halfspace.influence import Material
+from app.halfspace.ranks import Ranks, worth_solving
 from app.halfspace.window import Scatter
 from app.multigrid.transfer import Transfer
 from app.output.table import markdown
@@ -294,8 +295,8 @@ class Replay:
         self._ranks = Ranks.__new__(Ranks)
         vars(self._ranks).update(
             comm=comm, size=comm.size, rank=0, near=1 if cells else comm.near,
-            least=0 if cells else communication._worth_a_machine(comm),
-            cells=cells or communication._worth_a_rank(comm), _made={},
+            least=0 if cells else sharing._worth_a_machine(comm),
+            cells=cells or sharing._worth_a_rank(comm), _made={},
         )  # fmt: skip
         self.traffic, self.petsc, self.computing, self.talking = Traffic(), 0, 0.0, 0.0
         self._rows = cache(self._rows)

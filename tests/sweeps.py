@@ -31,8 +31,8 @@ def block_sizes(leaf_rows, segment_columns):
         yield
 
 
-def make(grid, slabs=None, comm=None, dtype=float):
-    return GaussSeidel(quadrant_rows(grid, 1.0), grid.shape, slabs, comm, dtype, bool(grid.periodic))
+def make(grid, slabs=None, comm=None):
+    return GaussSeidel(quadrant_rows(grid, 1.0), grid.shape, slabs, comm, bool(grid.periodic))
 
 
 def random_problem(grid, share=0.4, seed=0):

@@ -35,6 +35,8 @@ class UndeformedDistance:
         Undeformed distance at the reference; NaN in inadmissible cells. Left as it is.
     reference : float
         An approach, the same on all grids of a problem [mm].
+    measured : bool
+        Find norm, first touch and so on now; else `on_levels` does, for all levels at once.
 
     Attributes
     ----------
@@ -53,23 +55,7 @@ class UndeformedDistance:
         Around all admissible cells.
     """
 
-    def __init__(self, operator, shape, reference=0.0):
-        self._take(operator, shape, reference)
-        _measure([self], operator.comm)
-
-    @classmethod
-    def on_levels(cls, operators, shapes, reference, comm):
-        """Return those of all levels of a hierarchy, in two reductions.
-
-        Collective over `comm`, all ranks that want to know the norms; see the class.
-        """
-        levels = [cls.__new__(cls) for _ in operators]
-        for level, operator, shape in zip(levels, operators, shapes, strict=True):
-            level._take(operator, shape, reference)
-        _measure(levels, comm)
-        return levels
-
-    def _take(self, operator, shape, reference):
+    def __init__(self, operator, shape, reference=0.0, measured=True):
         self.admissible = ~np.isnan(shape)
         b = np.negative(shape)
         np.copyto(b, 0.0, where=~self.admissible)
@@ -77,6 +63,18 @@ class UndeformedDistance:
         self.depth, self.deepest, self.reference = 0.0, 0.0, reference
         self.least_mean_pressure = 0.0
         self._slabs = operator.slabs
+        if measured:
+            _measure([self], operator.comm)
+
+    @classmethod
+    def on_levels(cls, operators, shapes, reference, comm):
+        """Return those of all levels of a hierarchy, in two reductions.
+
+        Collective over `comm`, all ranks that want to know the norms; see the class.
+        """
+        levels = [cls(*of, reference, measured=False) for of in zip(operators, shapes, strict=True)]
+        _measure(levels, comm)
+        return levels
 
     @classmethod
     def part_of(cls, whole, operator, scatter):

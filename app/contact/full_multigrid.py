@@ -6,6 +6,7 @@ With one grid to visit, the target, it is the active set iteration alone (Sec. 3
 from __future__ import annotations
 
 import itertools
+from functools import partial
 
 import numpy as np
 
@@ -61,15 +62,11 @@ def full_multigrid(
                 state.start_from_interpenetration()
             coarse.destroy()
         if level.active:
-            solver = (
-                target_solver if target and target_solver else solver_on(hierarchy, number, coarse is None)
-            )
-
-            def solve(loading, state=state, solver=solver, target=target):
-                """(3.b): until the contact area is unchanged, and on the target grid (5.1)."""
-                test = stop if target else stop.for_coarse_grid()
-                return active_set_or_search(state, solver, loading, test, history)
-
+            solver = target_solver if target else None
+            solver = solver or solver_on(hierarchy, number, coarse is None)
+            # (3.b): until the contact area is unchanged, and on the target grid (5.1)
+            test = stop if target else stop.for_coarse_grid()
+            solve = partial(active_set_or_search, state, solver, stop=test, history=history)
             # Sec. 4.3, 1: the coarsest grid, directly if it is small; Sec. 4.3, 3 and 4: the others, to the target
             found = loading.first_solve(state, solve) if coarse is None else solve(loading)
             outcome = found.on_from(outcome)

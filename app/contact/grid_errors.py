@@ -2,13 +2,17 @@
 
 A number that converges with order k differs on two grids, one twice as fine as the other, by 2^k - 1 times the error of
 the finer one. An area counted in cells converges with order 1 and much scatter; loads, approaches and maximum pressures
-of smooth bodies, or of rough ones whose shortest waves are resolved, with orders of 1.5 to 2. So the difference of the
-last two grids is taken for the error, or that of the two before, halved, if that is more: grids may agree by chance. Of
-the scattering area a third pair counts. Where there are fewer pairs, it is half as much again. Where three differences
-in turn have one sign and do not fall, the number does not converge, as the maximum pressure at the rim of a punch: the
-error is all of it; but for an area that differs by no more than the rim of a round one of as many cells scatters.
-docs/load-paths.md has how often all this holds. Coarser grids are solved to -lcp_coarse_rtol only: what is below that
-is less certain.
+of smooth bodies, or of rough ones whose shortest waves are resolved, with orders of 1.5 to 2. So the error on the
+finest grid is taken to be
+
+- the difference from the grid before, or half the difference of that from the one before it, whichever is larger: two
+  grids may agree by chance. Of the area, which scatters, a quarter of the next difference counts, too;
+- half as much again, where there are not so many grids;
+- the number itself, where three differences in turn have one sign and do not fall: then it does not converge, as the
+  maximum pressure at the rim of a punch. But an area may differ as the cells on the rim of a round one scatter.
+
+docs/load-paths.md has how often this holds. Coarser grids are solved to -lcp_coarse_rtol only: what is below that is
+less certain.
 """
 
 from __future__ import annotations
@@ -75,6 +79,13 @@ def numbers_on(state, comm, load=None, depth=None):
     load = grid.cell_area * float(total) if load is None else load
     depth = state.depth if depth is None else depth
     return GridNumbers(load, depth, -float(lowest), float(cells) * grid.cell_area, grid.cell_area)
+
+
+def estimated_errors(coarser, state, comm, prescribes_load):
+    """Estimate the errors of the numbers of `state`, by those of coarser grids. Collective over `comm`."""
+    if not coarser:
+        return UNKNOWN
+    return errors_from([*coarser, numbers_on(state, comm)], state.first_touch(), prescribes_load)
 
 
 def errors_from(grids, touching, prescribes_load):

@@ -194,43 +194,6 @@ def gap_on(b, u, admissible, contact):
     return squares, total, cells
 
 
-@njit()
-def _close_row(b, u, admissible, contact, target):
-    for i in range(b.size):
-        e = u[i] - b[i]
-        inside = admissible[i] & (contact[i] | (e <= 0))
-        contact[i] = inside
-        target[i] -= e if inside else 0.0
-
-
-@njit()
-def close_gaps(b, u, admissible, contact, target):
-    """Put cells with h + u <= 0 into C, and take h + u off `target` on C."""
-    for j in range(b.shape[0]):
-        _close_row(b[j], u[j], admissible[j], contact[j], target[j])
-
-
-@any_order
-def _drop_row(p, contact):
-    total = 0.0
-    for i in range(p.size):
-        value = p[i]
-        inside = contact[i] & (value > 0)
-        value = value if inside else 0.0
-        contact[i], p[i] = inside, value
-        total += value
-    return total
-
-
-@njit()
-def drop_nonpositive(p, contact):
-    """Take cells without p > 0 out of C, and let p be zero outside; return the sum of p."""
-    total = 0.0
-    for j in range(p.shape[0]):
-        total += _drop_row(p[j], contact[j])
-    return total
-
-
 def warm_up():
     """Load the compiled loops now, not in the first iteration. Not collective."""
     field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
@@ -241,8 +204,6 @@ def warm_up():
     for change in (field, field.astype(np.float32)):
         tension(fixed, mask, change)
     activate(fixed, field, fixed, mask, mask, mask, field)
-    close_gaps(fixed, field, mask, mask, field)
-    drop_nonpositive(field, mask)
     any_nonzero(mask)
     numbers(fixed, mask)
     sum_squares(fixed, 0.0, mask)

@@ -41,7 +41,6 @@ class PrescribedApproach:
 
     def __init__(self, approach):
         self.approach = float(approach)
-        self.slope = 0.0
 
     def first_solve(self, state, solve):
         """Solve on the first grid of all: ``solve(loading)`` from C = {h <= 0}, step 1. Collective.

@@ -46,10 +46,6 @@ class Update:
         """Cells in one of the two sets only."""
         return self.added + self.released
 
-    def with_residual(self, residual):
-        """Return this update with the norm of a residual [mm]."""
-        return replace(self, residual=residual)
-
     def after(self, first):
         """Return what `first` and this update did, both since the same `release_tensile`."""
         return replace(self, added=first.added + self.added, released=first.released + self.released)
@@ -102,7 +98,7 @@ class ContactState:
         self.contact = operator.mask  # the very array the operator uses, with what the last state left in it
         self.contact[...] = False
         self.window, self.patch = window or whole(operator.grid), patch or operator.grid
-        self.work = None  # a field that is at rest when the certificate is asked for, if somebody has one
+        self.work = None  # a field that the certificate may write into, if somebody has one at rest
 
     # -- what it is -------------------------------------------------------------------------------------
 
@@ -164,7 +160,7 @@ class ContactState:
 
     def sum(self, values):
         """Sum a few numbers over the ranks. Collective."""
-        return values if self.comm is None else sum_over(self.comm, values)
+        return sum_over(self.comm, values)
 
     def minimum(self, values):
         """Smallest of each of some numbers over the ranks. Collective."""

@@ -13,6 +13,21 @@ On each grid, from the coarsest to the target (`nested`):
 4. *Load.* A prescribed load moves the approach along the way (`app.contact.loading`).
 5. *Safeguard.* Where the residual stagnates, `safeguard` takes over: slower, with a proof of convergence.
 
+Words of this room, and what the field calls it:
+
+- *Tracking.* The recurrence of CG's residual, kept up outside of C, too: A d is known on all cells, so u = A p follows
+  p for nothing.
+- *Lift.* Prolongation of the pressure by way of the displacement. Pressures have infinite slopes at the rim of contact
+  and interpolate badly, displacements well; B, from displacement to pressure (Dirichlet to Neumann), leads back.
+- *Rim extension.* The inverse of A on C is a Schur complement of that on all cells, which is what the preconditioner
+  has; to continue the residual over some cells around C makes one of the other, approximately.
+- *Forcing term.* By how much the residual of a contact set is to become smaller, as in inexact Newton methods.
+- *Predictor.* What u will be where the residual of C is gone, by the same continuation: cells enter C by it.
+- *Tension.* The negative part of p, that step 4.a takes away.
+- *Rehearsal.* Steps 4 to 6 by the u that was carried along. Only what passes is worth the *verification product*, which
+  is in double precision and on all cells.
+- *Window.* A rectangle around contact, with p = 0 outside: the iteration does not look there, the verification does.
+
 What each device gains, switched off by the option named: geometric means over 17 solves at 512 x 512 (Hertz, rough
 punches, self-affine surfaces from 1% to 99% contact), operator applications by approach, and what it is good for
 beyond counts. docs/performance.md has them by load, too, and what happens if a constant is halved or doubled.

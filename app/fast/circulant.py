@@ -74,20 +74,17 @@ def _copy_on(x, contact, out):
         _copy_row(x[j], contact[j], out[j])
 
 
-def warm_up(grid, dtype, alone):
-    """Prepare now what preconditioners on a free grid, and in windows of it, will need; `alone`: on this rank only.
-
-    Not collective.
-    """
+def warm_up(grid, dtype):
+    """Prepare now what preconditioners on a free grid, and in windows of it, will need. Not collective."""
     centre(grid)
     multilevel.warm_up(grid, dtype)
-    _load_loops(dtype, alone)
+    _load_loops(dtype)
 
 
 @cache
-def _load_loops(dtype, alone):
+def _load_loops(dtype):
     for kind in {np.dtype(np.float64), dtype}:
-        load_extension(kind, alone)
+        load_extension(kind)
     field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
     fixed = field.view()
     fixed.flags.writeable = False
@@ -121,7 +118,7 @@ class Circulant:
         )
         self.extension.set_stencil(self.multiplier.centre() if periodic else centre(operator.grid))
         self._contact, self._listed = -1, None  # number of the set that the extension knows, and its cells
-        _load_loops(operator.dtype, operator.comm is None)
+        _load_loops(operator.dtype)
 
     def apply(self, pc, x, y):
         """Compute y = C E^T B E C x."""

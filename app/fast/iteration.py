@@ -5,7 +5,8 @@ The same steps as `app.contact.iteration.active_set`, with four differences:
 - *Inexact sets.* Each system is solved until its residual is smaller by the forcing term (``-ksp_rtol``) only.
 - *Carried displacement.* u follows p, so that step 4.b needs no product, and step 4.a one for what it changes.
 - *Predictor.* Far from the solution cells enter C by the displacement to be expected when the residual is gone.
-- *Verification.* Nothing counts as solved before a product in double precision has said so.
+- *Verification.* Nothing counts as solved before a product in double precision has said so. Where that is dear it is
+  rehearsed: the same steps by the carried displacement, which costs nothing, must pass first.
 
 Where it makes no progress it gives up (`NeedsSafeguard`), and `app.fast.safeguard` takes over.
 """
@@ -114,10 +115,11 @@ def inexact_active_set(state, solver, loading, stop, history):
         solver.set_contact()  # 2. (2.11) on C^k
         its, failure, norm = solver.improve(state, allowed, norm)  # 3. a little, u along with p
         tension = solver.tension(state) if norm <= allowed else None
+        # The system is solved, and on the target grid next to no pressure is negative: is it the last contact set?
         ready = tension is not None and (not stop.final or tension.share <= stop.rtol)
         too_loose = ready and not stop.worth_verifying(state, h_on_contact)
         if ready and not stop.final:
-            update, done = _leave(state, solver, tension, loading, NEAR * allowed / np.sqrt(cells))
+            update, done = _leave_coarse(state, solver, tension, loading, NEAR * allowed / np.sqrt(cells))
         elif ready and not too_loose:
             update, done, rehearsed = _verify(state, solver, tension, loading, stop, not rehearsed)
         else:
@@ -145,7 +147,7 @@ def inexact_active_set(state, solver, loading, stop, history):
 def _verify(state, solver, tension, loading, stop, rehearse):
     """Steps 4 to 6 on the target grid by a product in double precision, the load met exactly. Collective.
 
-    `rehearse`: do them by the carried displacement first; a product is worth its cost only if that passes.
+    `rehearse`: do them by the carried displacement first; if that does not pass the product is not made.
 
     Returns
     -------
@@ -173,7 +175,7 @@ def _solved(state, update, stop):
     return not update.changed and update.residual <= stop.allowed(state, update.h_on_contact)
 
 
-def _leave(state, solver, tension, loading, near):
+def _leave_coarse(state, solver, tension, loading, near):
     """Step 4 on a coarse grid whose system is solved well enough; as `_verify`.
 
     What little the last release does to u is for the finer grid to find out, if the load is met but for `near` [mm].

@@ -46,16 +46,8 @@ class Kept:
                 self._free(self._windows.pop(place))
             hierarchy = self._hierarchy
             self._spectra[place] = spectra = Spectra(self._spectra.get(place))
-            kept = InfluenceOperator(
-                grid,
-                hierarchy.compliance,
-                slabs,
-                comm,
-                hierarchy.dtype,
-                verification,
-                hierarchy.target,
-                spectra,
-            )
+            shared = hierarchy.dtype, verification, hierarchy.target, spectra
+            kept = InfluenceOperator(grid, hierarchy.compliance, slabs, comm, *shared)
             if not is_large(grid):
                 self._windows[place] = kept
         elif verification is not None:
@@ -79,7 +71,7 @@ class Kept:
             self._direct = DirectSolver(operator, number)
         return self._direct
 
-    def solved(self, operator):
+    def release_solver(self, operator):
         """Free the solver of a large grid or window, whose memory others need. Collective over its ranks."""
         if is_large(operator.grid) and operator in self._solvers:
             self._solvers.pop(operator).destroy()
@@ -88,7 +80,7 @@ class Kept:
 
     def close(self, operator):
         """Count what was computed in a window, and free it unless it is kept. Collective over its ranks."""
-        self._hierarchy.spent(operator)
+        self._hierarchy.count_window(operator)
         operator.spectra.forget()
         if operator in self._windows.values():
             operator.free_exact_product()

@@ -2,10 +2,10 @@
 
     B = N + P B_H P^T
 
-`N` is a stencil of 5 x 5 cells, `P` linear interpolation between cell centres, `B_H` the same again on cells twice as
-large, and on the coarsest of these grids a product by FFT; `app.fast.symbol` has what they are. It differs from the
-inverse by less than CG could notice. Contact at one edge of the patch is no neighbour of that at the other: between
-them are some cells of the coarsest grid.
+An additive multilevel operator: `N` is a stencil of 5 x 5 cells, `P` linear interpolation between cell centres, `B_H`
+the same again on cells twice as large, and on the coarsest of these grids a product by FFT; `app.fast.symbol` has what
+they are. It differs from the inverse by less than CG could notice. Contact at one edge of the patch is no neighbour of
+that at the other: between them are some cells of the coarsest grid.
 
 On several ranks a coarse row is where the first of its two fine ones is. Two rows beside a slab are exchanged, and a
 coarse one.

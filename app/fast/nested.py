@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 from app.contact.full_multigrid import copy_prolongation, pairs, route, tell
-from app.contact.grid_errors import UNKNOWN, errors_from, numbers_on, pressure_difference
+from app.contact.grid_errors import estimated_errors, numbers_on, pressure_difference
 from app.contact.iteration import active_set, search_load
 from app.contact.state import Displacement
 from app.contact.stopping import StoppingTest
@@ -16,7 +17,8 @@ from app.fast.windows import Stage
 from app.multigrid.direct import solves_directly
 from app.multigrid.linear_solver import LinearSolver
 
-_TELLING = 0.02  # residual of coarser grids, per difference of pressures, that does not spoil the estimate
+# The difference of the pressures on two grids says something if coarser ones are solved to this share of it.
+_TELLING = 0.02
 
 
 def nested_iteration(
@@ -53,7 +55,7 @@ def nested_iteration(
             state.depth = loading.predict(coarse.depth)
             if nested:
                 _prolong(stage, beta, lifted)
-                stage.started()
+                stage.keep_coarse_pressure()
             else:
                 state.start_from_interpenetration()
             coarse.destroy()
@@ -64,9 +66,9 @@ def nested_iteration(
             outcome = solved.on_from(outcome)
             loading.solved(state.depth)
             if not target:
-                found = stage.find(coarse_minimum, loading.predict(state.depth))
+                found = stage.boxes_for_next(coarse_minimum, loading.predict(state.depth))
                 numbers.append(numbers_on(state, state.comm))
-        stage.verify_no_more()
+        stage.end_verification()
         facts = outcome, found, numbers
         outcome, found, numbers = tell(hierarchy, following, state, loading, *facts)
         if nested and target and not first:
@@ -74,20 +76,14 @@ def nested_iteration(
         stage.close()
         if target and stage.windowed:
             coarse = None  # the window's arrays go
-            state, complete = stage.everything(outcome, loading.prescribes_load)
+            state, complete = stage.on_all_cells(outcome, loading.prescribes_load)
             if not complete:
                 rest = solve_on(hierarchy, number, state, loading, stop, history, False, kept)
                 outcome = rest.after(outcome)
-    telling = stop.coarse_rtol <= _TELLING * difference
-    errors = UNKNOWN
-    if nested and numbers:
-        errors = errors_from(
-            [*numbers, numbers_on(state, comm)], state.first_touch(), loading.prescribes_load
-        )
     return state, replace(
         outcome,
-        discretisation_error=difference if telling else float("nan"),
-        grid_errors=errors,
+        discretisation_error=difference if stop.coarse_rtol <= _TELLING * difference else float("nan"),
+        grid_errors=estimated_errors(numbers if nested else (), state, comm, loading.prescribes_load),
     )
 
 
@@ -95,22 +91,16 @@ def solve_on(hierarchy, number, state, loading, stop, history, first, kept):
     """Solve on one grid. Collective over the ranks of `state`."""
     operator = state.operator
     if first and number < len(hierarchy.levels) - 1 and solves_directly(operator):
-        solver, iterate = kept.direct(number, operator), active_set
+        test = StoppingTest(max_it=stop.max_it).for_coarse_grid()
+        solve = partial(active_set, state, kept.direct(number, operator), stop=test, history=history)
     else:
-        solver = kept.solver(number, operator)
-        iterate = inexact_active_set
-
-    test = StoppingTest(max_it=stop.max_it).for_coarse_grid() if iterate is active_set else stop
-
-    def solve(inner):
-        return iterate(state, solver, inner, test, history)
-
+        solve = partial(inexact_active_set, state, kept.solver(number, operator), stop=stop, history=history)
     try:
         return loading.first_solve(state, solve) if first else solve(loading)
     except NeedsSafeguard as stagnation:
         outcome = stagnation.outcome
     finally:
-        kept.solved(operator)
+        kept.release_solver(operator)
     return safeguarded(hierarchy, number, state, loading, stop, history).after(outcome)
 
 

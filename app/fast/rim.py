@@ -1,9 +1,13 @@
 """A residual extended over the rim of the contact set, and the transpose of this, for ``C E^T B E C``.
 
-`B`, an inverse circulant, takes the residual for zero outside the contact set. `E` puts there what `B` would
-rather see: `k` Richardson steps with the 3 x 3 centre of `B` on the cells outside, starting from zero. With `N` the
-weights of the eight neighbours over that of the cell itself, `c` the contact set, `o` the cells outside, and steps t
-as of Chebyshev's iteration,
+A is to be inverted on the contact set c alone, while B is about its inverse on all cells. By the formula of block
+inverses (a Schur complement) the one is, with o the cells outside,
+
+    A_cc^-1 = B_cc - B_co B_oo^-1 B_oc = E^T B E,       E r:  r on c,  -B_oo^-1 B_oc r outside.
+
+So `E` continues a residual such that B E r vanishes outside contact. It is done a little, and near by: `k` Richardson
+steps with the 3 x 3 centre of B, starting from zero. With `N` the weights of the eight neighbours over that of the cell
+itself, and steps t as of Chebyshev's iteration,
 
     E r:    x_c = r,  x_o = 0,       for each t  x_o += t (-N_oc r - N_oo x_o - x_o);
     E^T b:  s_o = t b_o, the first,  the others  s_o += t (b_o - N_oo s_o - s_o),     then  b_c - N_co s_o.
@@ -12,8 +16,7 @@ Both are the same sweep over a list of cells, ``x += t (source - N x - x)``. Onl
 to `k` away from contact (diagonal steps count one): in step i the layers 1 to i, since a value further out is zero
 still, or without influence any more.
 
-What the rows beside a slab are in each step is computed here, too, on a *strip* of k rows of the neighbour's and k of
-these: so fields are exchanged once, not in every step.
+On several ranks the k rows beside a slab are swept along: so fields are exchanged once, not in every step.
 """
 
 from __future__ import annotations
@@ -43,7 +46,7 @@ def chebyshev_steps(steps, low, high):
 
 
 class _Cells(NamedTuple):
-    """Cells of some rows that take part, as indices into these."""
+    """Cells that take part, as indices into the rows that are swept."""
 
     band: np.ndarray  # from layer 1 outwards
     sizes: np.ndarray  # of it up to each layer
@@ -84,15 +87,15 @@ class RimExtension:
         rows, nx = shape
         if not 0 <= steps <= MAX_STEPS:
             raise ValueError(f"rim extension: {steps} steps; 0 to {MAX_STEPS} are possible")
-        if rows * nx > np.iinfo(np.int32).max:
+        alone = comm is None or comm.size == 1
+        if (rows + 2 * steps * (not alone)) * nx > np.iinfo(np.int32).max:
             raise ValueError(f"rim extension: {rows} x {nx} cells on a rank need more than 32 bits")
         self.shape, self.steps = (rows, nx), steps
-        alone = comm is None or comm.size == 1
         self._around, self._wrapped = periodic, periodic and alone and rows > 0  # in x; in y without help
         self._halo = None if alone else Halo(slabs, comm, steps, periodic)
         self._halo_of_contact = None if alone else Halo(slabs, comm, steps + 2, periodic)
         self._workspace = _NOTHING if workspace is None else workspace
-        self._parts = None  # top strip, these rows, bottom strip
+        self._cells = None
         self.rows = np.zeros(rows, bool)
         self._weights, self._lengths = (0.0, 0.0, 0.0), np.ones(steps)
 
@@ -130,7 +133,7 @@ class RimExtension:
             return
         before, after = self._halo_of_contact(mask) if self._halo_of_contact else (mask[:0], mask[:0])
         mask = np.vstack([before, mask, after]) if len(before) + len(after) else mask
-        self._parts, self._rooms = None, {}  # they are made anew
+        self._cells, self._rooms = None, {}  # they are made anew
         around = len(mask) + 2, mask.shape[1] + 2
         spread, kinds, found = self._room(
             (around, np.uint8), (mask.shape, np.uint8), (mask.size + 1, np.int32)
@@ -145,18 +148,14 @@ class RimExtension:
             self._dilate(spread, mask, kinds)
         # In `kinds` free cells are 0, layer i is steps + 1 - i, contact steps + 1; beside the band two more, and one
         # behind those: they get -N_co s_o, and are zero while it is formed.
-        first, k = len(before), self.steps
+        first = len(before)
         last = first + len(self.rows)
-        here = kinds[first:last]
-        top, bottom = kinds[max(first - k, 0) : first + k], kinds[max(last - k, 0) : last + k]
-        self._parts = [
-            self._cells(top, found) if first else None,
-            self._cells(here, found),
-            self._cells(bottom, found) if len(after) else None,
-        ]
-        np.any(here, axis=1, out=self.rows)
+        np.any(kinds[first:last], axis=1, out=self.rows)
+        swept = kinds[max(first - self.steps, 0) : last + self.steps]
+        self._first, self._height = min(first, self.steps), len(swept)
+        self._cells = self._list(swept, found)
 
-    def _cells(self, kinds, found):
+    def _list(self, kinds, found):
         """List the cells of each kind; `found` has room for all of them. Not collective."""
         deep = self.steps + 1
         counts, places = np.zeros((2, deep + 3), np.int64)
@@ -188,58 +187,51 @@ class RimExtension:
             On entry the residual on the contact set and zero elsewhere; on exit extended over the band. A ValueError
             if its shape is another one, or it is not C-contiguous.
         """
-        flat = self._flat(x)
-        if not self.steps:
-            return
-        cells, strips, (*_, new) = self._parts[1], self._strips(x), self._room_for(x.dtype)
-        if not strips:
+        if self._takes_part(x):
+            field, cells, (*_, new) = self._with_rows_beside(x), self._cells, self._room_for(x.dtype)
             band = cells.band, cells.sizes
-            rim_kernels.extend(x, self._wrapped, self._around, *band, self._weights, self._lengths, new)
-            return
-        for layer, (size, length) in enumerate(zip(cells.sizes, self._lengths, strict=True)):
-            beside, how = self._beside(x, strips), (self._weights, length)
-            for strip in strips:
-                strip.sweep(layer, new[:0], self._around, *how)
-            rim_kernels.sweep(flat, *beside, cells.band[:size], new[:0], *how, new)
+            rim_kernels.extend(field, self._wrapped, self._around, *band, self._weights, self._lengths, new)
+            self._take_back(field, x)
 
     def restrict(self, x):
         """Apply E^T in place: to any field; on exit it is anything outside the contact set.
 
         Collective. Arguments and errors as of `extend`.
         """
-        if not self.steps:
-            return
-        flat, cells, strips = self._flat(x), self._parts[1], self._strips(x)
-        inner, source, new = self._room_for(x.dtype)
-        if not strips:
+        if self._takes_part(x):
+            field, (_, *room) = self._with_rows_beside(x), self._room_for(x.dtype)
             how = self._weights, self._lengths
-            rim_kernels.restrict(x, self._wrapped, self._around, *cells, *how, inner, source, new)
-            return
-        rim_kernels.take_out(flat, cells.inner, inner)
-        first, *others = self._lengths
-        sources = [strip.begin(first) for strip in strips]
-        rim_kernels.take_and_scale(flat, cells.band, first, source)
-        for layer, length in zip(range(self.steps - 2, -1, -1), others, strict=True):
-            beside, how = self._beside(x, strips), (self._weights, length)
-            for strip, of_strip in zip(strips, sources, strict=True):
-                strip.sweep(layer, of_strip, self._around, *how)
-            rim_kernels.sweep(flat, *beside, cells.band[: cells.sizes[layer]], source, *how, new)
-        rim, how = cells.rim, (self._weights, 1.0)
-        rim_kernels.sweep(flat, *self._beside(x, strips), cells.inner[:rim], inner, *how, new)
-        rim_kernels.put(flat, cells.inner[rim:], inner[rim:])
+            rim_kernels.restrict(field, self._wrapped, self._around, *self._cells, *how, *room)
+            self._take_back(field, x)
 
-    def _room_for(self, dtype):
-        """Arrays for what is on the inner cells, on the band, and for new values; found once for a contact set."""
-        if dtype not in self._rooms:
-            cells = self._parts[1]
-            sizes = cells.inner.size, cells.band.size, max(cells.band.size, cells.rim)
-            self._rooms[dtype] = self._room(*((size, dtype) for size in sizes))
-        return self._rooms[dtype]
-
-    def _flat(self, x):
+    def _takes_part(self, x):
+        """Whether there is something to do; a ValueError if `x` is no field of these rows."""
         if x.shape != self.shape or not x.flags.c_contiguous:
             raise ValueError(f"rim extension: a C-contiguous field of shape {self.shape} is needed")
-        return x.reshape(-1)
+        return self.steps > 0
+
+    def _with_rows_beside(self, x):
+        """Rows that are swept: x itself on one rank, on several a copy with the rows beside it. Collective."""
+        if self._halo is None:
+            return x
+        before, after = self._halo(x)
+        return np.concatenate([before, x, after], out=self._room_for(x.dtype)[0])
+
+    def _take_back(self, field, x):
+        if field is not x:
+            x[...] = field[self._first : self._first + len(x)]
+
+    def _room_for(self, dtype):
+        """Arrays for the rows that are swept, what is on the inner cells and on the band, and for new values.
+
+        Found once for a contact set.
+        """
+        if dtype not in self._rooms:
+            cells = self._cells
+            sizes = cells.inner.size, cells.band.size, max(cells.band.size, cells.rim)
+            swept = (self._height if self._halo else 0, self.shape[1])
+            self._rooms[dtype] = self._room((swept, dtype), *((size, dtype) for size in sizes))
+        return self._rooms[dtype]
 
     def _dilate(self, spread, of, kinds):
         """Let what is marked spread to the cells beside it, and count these. Not collective."""
@@ -249,62 +241,11 @@ class RimExtension:
             spread[0], spread[-1] = spread[-2], spread[1]
         rim_kernels.dilate(spread, of, kinds)
 
-    def _strips(self, x):
-        """Rows around the first and the last border of these, as far as there is one. Collective."""
-        if self._halo is None:
-            return []
-        before, after = self._halo(x)
-        k, more = self.steps, max(self.steps - len(x), 0)
-        top = _Strip([before, x[:k], after[:more]], len(before) - 1, 0, self._parts[0])
-        bottom = _Strip(
-            [before[len(before) - min(more, len(before)) :], x[-k:], after], -len(after), 1, self._parts[2]
-        )
-        return [strip for strip, rows in ((top, before), (bottom, after)) if len(rows)]
-
-    def _beside(self, x, strips):
-        """Rows above and below these; zero at the end of a free patch. Not collective."""
-        above_and_below = np.zeros((2, self.shape[1]), x.dtype)
-        for strip in strips:
-            above_and_below[strip.side] = strip.rows[strip.neighbour]
-        return *above_and_below, self._around
-
-
-class _Strip:
-    """Rows on both sides of a border between slabs, on which the sweeps are done again."""
-
-    def __init__(self, parts, neighbour, side, cells):
-        self.rows = np.vstack(parts)
-        self.neighbour, self.side, self._cells = neighbour, side, cells
-        self._flat = self.rows.reshape(-1)
-        self._nothing = np.zeros(self.rows.shape[1], self.rows.dtype)
-
-    def begin(self, length):
-        """Take the contact cells beside the band out, and a first step on the band; return what was there."""
-        inner, band = (
-            np.empty(len(cells), self.rows.dtype) for cells in (self._cells.inner, self._cells.band)
-        )
-        rim_kernels.take_out(self._flat, self._cells.inner, inner)
-        rim_kernels.take_and_scale(self._flat, self._cells.band, length, band)
-        return band
-
-    def sweep(self, layer, source, around, weights, length):
-        """Sweep over the band up to a layer, from a source or, if it is empty, none, with a step of some length."""
-        cells = self._cells.band[: self._cells.sizes[layer]]
-        new = np.empty(len(cells), self.rows.dtype)
-        rim_kernels.sweep(
-            self._flat, self._nothing, self._nothing, around, cells, source, weights, length, new
-        )
-
 
 @cache
-def load_extension(dtype, alone):
-    """Load the compiled loops for fields of a type, on this rank only or on several, now. Not collective."""
+def load_extension(dtype):
+    """Load the compiled loops for fields of a type now, not in the first iteration. Not collective."""
     extension, field = RimExtension((3, 3), None, None, 1), np.zeros((3, 3), dtype)
     extension.set_contact(np.eye(3, dtype=bool))
-    if alone:
-        extension.extend(field)
-        extension.restrict(field)
-    else:
-        strip = _Strip([field], 0, 0, extension._parts[1])
-        strip.sweep(0, strip.begin(np.float64(1)), False, (0.0, 0.0, 0.0), np.float64(1))
-        rim_kernels.put(field.reshape(-1), extension._parts[1].inner[:0], field[0])
+    extension.extend(field)
+    extension.restrict(field)

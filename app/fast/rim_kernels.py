@@ -159,7 +159,7 @@ def _value(x, above, below, row, i):
 
 @njit()
 def extend(x, wrapped, periodic, band, sizes, weights, steps, new):
-    """All steps of E in one call, where all rows are on one rank."""
+    """All steps of E."""
     above, below = np.zeros(x.shape[1], x.dtype), np.zeros(x.shape[1], x.dtype)
     for i, size in enumerate(sizes):
         if wrapped:

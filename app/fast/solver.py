@@ -20,10 +20,10 @@ def is_large(grid):
 
 
 class Tension(NamedTuple):
-    """Negative pressure."""
+    """The negative part of the pressure, which step 4.a will take away."""
 
     share: float  # of the sum of p
-    some: bool  # there is some
+    some: bool  # whether there is any
 
 
 class TrackingSolver(LinearSolver):

@@ -168,8 +168,7 @@ class KspContext:
         return vec.getArray(readonly=True).reshape(self._operator.local_shape)
 
     def _sum(self, values):
-        comm = self._operator.comm
-        return values if comm is None else sum_over(comm, values)
+        return sum_over(self._operator.comm, values)
 
 
 class TrackingCG(KspContext):

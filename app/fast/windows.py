@@ -23,7 +23,8 @@ from app.halfspace.operator import InfluenceOperator
 from app.halfspace.window import Scatter, Window, bounding_boxes, whole
 from app.multigrid.transfer import Transfer
 
-# What ranks that have no part in a window hear: what is wanted of them, or is left.
+# What ranks that have no part in a window are told: take part in a product; there will be no more, and the last one is
+# that of the answer; there will be no more, and the last one is out of date.
 _PRODUCT, _DONE, _GONE = range(3)
 _LEAST = 4  # cells of the coarser grid around contact
 _STEP = 16  # small windows have multiples of so many of them, and twice as many at least: they are kept
@@ -123,7 +124,7 @@ class Stage:
     ----------
     state : ContactState
     coarse : ContactState or CoarseSolution
-        As far as it is below `state`; until `started`.
+        As far as it is below `state`; until `keep_coarse_pressure`.
     coarse_pressure : ndarray
         Its pressure, from then on.
     transfer : Transfer
@@ -172,7 +173,7 @@ class Stage:
         part = UndeformedDistance.part_of(self._distance, fine, self._scatter)
         self.state = ContactState(fine, part, window, patch=level.grid)
 
-    def find(self, coarse_minimum, depth):
+    def boxes_for_next(self, coarse_minimum, depth):
         """Boxes that the window of the next finer grid should hold.
 
         Collective over the ranks of the state. Asperities smaller than the cells of this grid are told of by the
@@ -202,11 +203,11 @@ class Stage:
         contact, *others = bounding_boxes(masks, state.operator.slabs, state.comm)
         return Boxes(contact, others[0] if others else predicted)
 
-    def started(self):
-        """Keep of the coarser grid what is asked for in the end: its pressure. Not collective."""
+    def keep_coarse_pressure(self):
+        """Forget the coarser grid but for what is asked for in the end: its pressure. Not collective."""
         self.coarse_pressure, self._below, self.coarse = self.coarse.p, self.coarse.operator, None
 
-    def verify_no_more(self):
+    def end_verification(self):
         """Let the ranks outside of the window go on, or help them until they may. Collective."""
         if self._verification:
             self._verification.help(self.state.u.shape)
@@ -217,7 +218,7 @@ class Stage:
             for operator in (self.state.operator, self._below):
                 self._kept.close(operator)
 
-    def everything(self, outcome, by_load):
+    def on_all_cells(self, outcome, by_load):
         """Return the state on all cells of the target grid, that in the window being final. Collective.
 
         Parameters

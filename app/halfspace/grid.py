@@ -18,7 +18,6 @@ from math import isfinite
 from operator import index
 
 import numpy as np
-from mpi4py import MPI
 
 from app.errors import InputError
 
@@ -232,13 +231,6 @@ class Slabs:
         known = min(ranks, self.size) + 1
         edges[:known] = self.starts[:known]
         return edges[:-1], edges[1:]
-
-    def neighbours(self, periodic):
-        """Ranks that own the rows before and after those of this rank; MPI.PROC_NULL if nobody does. Not collective."""
-        owners = [rank for rank, count in enumerate(self.counts) if count]
-        place = owners.index(self.rank)
-        around = owners if periodic else [*owners, MPI.PROC_NULL]
-        return around[place - 1], around[(place + 1) % len(around)]
 
     def among(self, size, rank=None):
         """Return the same rows with so many ranks, of which those beyond have none, seen by one of them."""

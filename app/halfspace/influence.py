@@ -18,7 +18,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
 
 import numpy as np
 
@@ -178,11 +177,7 @@ def influence_quadrant(grid, compliance, rows=slice(None), columns=None):
     -------
     ndarray, shape (number of rows, columns), [mm / (N/mm2)]
     """
-    if grid.periodic:
-        return quadrant_rows(grid, compliance)(rows, columns)
-    return love_coefficients(
-        (grid.dx, grid.dy), compliance, np.arange(grid.ny)[rows], grid.nx if columns is None else columns
-    )
+    return quadrant_rows(grid, compliance)(rows, columns)
 
 
 def influence_at(grid, rows, columns):
@@ -198,13 +193,13 @@ def quadrant_rows(grid, compliance):
 
     On a periodic grid no row comes without all of them: they are computed once, and kept in a quarter of a field.
     """
-    if not grid.periodic:
-        return partial(influence_quadrant, grid, compliance)
-    quadrant = periodic_quadrant(grid, compliance)
+    quadrant = periodic_quadrant(grid, compliance) if grid.periodic else None
 
     def rows(which=slice(None), columns=None):
-        wanted = np.arange(grid.nx if columns is None else columns)
-        return quadrant[np.ix_(folded(np.arange(grid.ny)[which], grid.ny), folded(wanted, grid.nx))]
+        offsets, count = np.arange(grid.ny)[which], grid.nx if columns is None else columns
+        if quadrant is None:
+            return love_coefficients((grid.dx, grid.dy), compliance, offsets, count)
+        return quadrant[np.ix_(folded(offsets, grid.ny), folded(np.arange(count), grid.nx))]
 
     return rows
 

@@ -52,6 +52,13 @@ class InfluenceOperator:
     spectra : Spectra, optional
         Of products and preconditioners, to be kept when those are freed.
 
+    Notes
+    -----
+    A product by FFT works in an array that holds anything between products, and is lent meanwhile: `storage` to other
+    products on this grid; `storage_of_product`, that of the iteration's own product, to its preconditioner. Where that
+    is in single precision the double precision one has more; as nobody asks for that one during the iteration, the
+    rest holds vectors of the Krylov method (`scratch_beside_product`).
+
     Attributes
     ----------
     active : bool
@@ -169,8 +176,6 @@ class InfluenceOperator:
     def inverse_product(self):
         """B, the inverse of A on fields without mean, of a periodic grid. Collective when first asked for."""
         exact = self.exact_product
-        if not self.active:
-            return exact
         return (exact if isinstance(exact, PeriodicProduct) else self._convolution(np.float64)).inverse()
 
     @cached_property
@@ -193,7 +198,7 @@ class InfluenceOperator:
             return PeriodicProduct(symbol, self.grid.shape, self.slabs, self.comm, dtype, self.storage)
         if kind is BoxProduct:
             return kind(self.grid, self.compliance, self.slabs, self.comm, dtype, self.storage, self.spectra)
-        quadrant = partial(influence_quadrant, self.grid, self.compliance)
+        quadrant = quadrant_rows(self.grid, self.compliance)
         return kind(quadrant, self.grid.shape, self.slabs, self.comm, dtype, self.storage, self.spectra)
 
     # -- set-up ------------------------------------------------------------------------------------------
@@ -223,38 +228,34 @@ class InfluenceOperator:
         try:
             yield
         finally:
-            self._forget_products()
+            self._free("product")
             self.dtype, self.needs_verification, product, self.circulants = kept
             if product is not None:
                 self.product = product
 
     def free_solvers(self):
         """Free what only solvers need: preconditioner, sweeps, all products but the exact one. Not collective."""
-        self._forget_products()
-        self._relaxation = None
+        self._free("product", sweeps=True)
         self.needs_verification = False
 
     def free_exact_product(self):
-        """Free the exact product; what it computed stays counted. Not collective."""
-        exact = vars(self).pop("exact_product", None)
-        if exact is not None and exact is not vars(self).get("product"):
-            self._spent += exact.count
+        """Free the exact product. Not collective."""
+        self._free("exact_product", circulants=False)
 
     def free(self):
-        """Free all products and sweeps; what they computed stays counted. Not collective."""
-        self._spent = self.equivalent_products
-        for name in _PRODUCTS:
-            vars(self).pop(name, None)
-        self.circulants.clear()
-        self._relaxation = None
+        """Free all products and sweeps. Not collective."""
+        self._free(*_PRODUCTS, sweeps=True)
 
-    def _forget_products(self):
-        """Free preconditioners and all products but the exact one; what they computed stays counted."""
-        product = vars(self).pop("product", None)
-        if product is not None and product is not vars(self).get("exact_product"):
-            self._spent += product.count
-        self._spent += self._circulant_products()
-        self.circulants.clear()
+    def _free(self, *products, circulants=True, sweeps=False):
+        """Free some of what has been made; what it computed stays counted."""
+        before = self.equivalent_products
+        for name in products:
+            vars(self).pop(name, None)
+        if circulants:
+            self.circulants.clear()
+        if sweeps:
+            self._relaxation = None
+        self._spent += before - self.equivalent_products
 
     # -- numpy side --------------------------------------------------------------------------------------
 
@@ -316,7 +317,7 @@ class InfluenceOperator:
         zero = bool(kind & _ZERO_GUESS)
         directions = [backward for flag, backward in ((_FORWARD, False), (_BACKWARD, True)) if kind & flag]
         right = b.getArray(readonly=True).reshape(self.local_shape)
-        r, d = relaxation.work
+        r, d = relaxation.defect, relaxation.correction
         with _sweep_event, x as solution:
             p = solution.reshape(self.local_shape)
             for backward in directions * max(1, its * lits):
@@ -335,15 +336,12 @@ class InfluenceOperator:
 
     @property
     def relaxation(self):
-        """The sweeps on this grid; made when first needed."""
-        if not self.active:
-            return self.product
+        """The sweeps on this grid, on a rank that has rows of it; made when first needed."""
         if self._relaxation is None:
             from app.halfspace.sweeps.gauss_seidel import GaussSeidel
 
             rows, period = quadrant_rows(self.grid, self.compliance), bool(self.grid.periodic)
             self._relaxation = GaussSeidel(rows, self.grid.shape, self.slabs, self.comm, periodic=period)
-            self._relaxation.work = (np.zeros(self.local_shape), np.zeros(self.local_shape))
         return self._relaxation
 
     def begin(self):
@@ -358,14 +356,10 @@ class InfluenceOperator:
         products = {id(made[name]): made[name] for name in _PRODUCTS if name in made}
         total = self._spent + sum(product.count for product in products.values())
         if self.circulants:
-            total += self._circulant_products()
+            total += sum(circulant.points for circulant in self.circulants.values()) / self._padded
         if self._relaxation:
             total += self.sweeps * self._relaxation.products_per_sweep
         return total
-
-    def _circulant_products(self):
-        """Applications of circulants, in products, by their operations."""
-        return sum(circulant.points for circulant in self.circulants.values()) / self._padded
 
     @cached_property
     def _padded(self):

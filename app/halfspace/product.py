@@ -153,11 +153,6 @@ class DenseProduct:
         """Floating point operations of a product."""
         return 2 * self.matrix.size
 
-    @property
-    def memory(self):
-        """Bytes held on this rank."""
-        return self.matrix.nbytes
-
     def apply(self, p, out, mask=None):
         """Compute out = A p, or out = C A C p; see `Convolution.apply`. Not collective."""
         self.count += 1
@@ -168,31 +163,19 @@ class DenseProduct:
 
 
 class NoRows:
-    """Products, preconditioners and sweeps of a grid on a rank that has no part in it: they do nothing."""
+    """Products and preconditioners of a grid on a rank that has no part in it: they do nothing."""
 
     dtype, shape, periods = np.dtype(float), (0, 0), (0, 0)
-    count = flops = memory = 0
-    products_per_sweep = 0.0
+    count = flops = 0
 
     def apply(self, p, out, mask=None, rows=None):
         """Do nothing. Not collective; nor are the others."""
 
     apply_inverse = apply
 
-    def sweep(self, r, mask, omega, d, backward=False):
-        """Do nothing."""
-
     def centre(self):
         """Return the identity's."""
         return np.outer([0.0, 1.0, 0.0], [0.0, 1.0, 0.0])
-
-    def inverse(self):
-        """Return the same."""
-        return self
-
-    def norm(self):
-        """Return 0."""
-        return 0.0
 
 
 def warm_up(grid, dtype):

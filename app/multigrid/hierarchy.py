@@ -1,19 +1,21 @@
 """The grids of one problem, from the coarsest to the target, with their operators and transfers.
 
 Operators are rediscretised on every grid (no Galerkin products). All ranks share the target grid; each of the others is
-dealt to as many as it is worth (`app.halfspace.communication.Ranks`), and one that can be solved directly is on one.
+dealt to as many as it is worth (`app.halfspace.ranks.Ranks`), and one that can be solved directly is on one.
 """
 
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import pairwise
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from app.errors import InputError, agree
-from app.halfspace.communication import Ranks, Team, worth_solving
+from app.halfspace.communication import Team
 from app.halfspace.operator import InfluenceOperator, petsc_comm
+from app.halfspace.ranks import Ranks, worth_solving
 from app.memory import check_hosts, doubles_per_cell
 from app.multigrid.transfer import Transfer
 from app.problems.problem import checked_shape
@@ -96,7 +98,7 @@ def team_for(comm, grid, settings):
     return team
 
 
-def _check_alike(comm, problem):
+def _check_same_on_all(comm, problem):
     """Refuse a problem that is another one on every rank, as with random numbers without a seed. Collective.
 
     The answer would be that of a patchwork. One row tells; processors may round differently.
@@ -143,20 +145,20 @@ class Hierarchy:
     ):
         self.ranks = Ranks(comm, cells_per_rank)
         self.comm, self.compliance, self.dtype, self.margin = self.ranks.comm, compliance, dtype, margin
-        self._spent, self._told = 0.0, WeakKeyDictionary()  # in windows; so far of each
+        self._in_windows, self._counted = 0.0, WeakKeyDictionary()  # products; those of each operator so far
         grids, factors = plan(grid, coarsest, single)
         direct = int(len(grids) > 1 and grids[-1].n <= LARGEST_DIRECT)
         sizes = [self.ranks.size, *map(self.ranks.number, grids[1 : len(grids) - direct]), *[1] * direct]
-        self.levels, self.transfers = [], [None]
-        for number, (level, size) in enumerate(zip(grids, sizes, strict=True)):
-            workspace = self.levels[-1] if number else None
+        operators = []  # the target first, whose working storage the others share
+        for level, size in zip(grids, sizes, strict=True):
             slabs, few = self.ranks.deal(level, size)
-            self.levels.insert(
-                0, InfluenceOperator(level, compliance, slabs, few, dtype, workspace=workspace)
-            )
-            if number:
-                fine, coarse = self.levels[1], self.levels[0]
-                self.transfers.insert(1, Transfer(fine, coarse, factors[number - 1], self.comm))
+            target = operators[0] if operators else None
+            operators.append(InfluenceOperator(level, compliance, slabs, few, dtype, workspace=target))
+        transfers = [
+            Transfer(fine, coarse, between, self.comm)
+            for (fine, coarse), between in zip(pairwise(operators), factors, strict=True)
+        ]
+        self.levels, self.transfers = operators[::-1], [None, *transfers[::-1]]
         self.slabs = self.levels[-1].slabs
         self.target.prepare("exact_product")
         for level in self.levels:
@@ -203,7 +205,7 @@ class Hierarchy:
         shapes = agree(
             self.comm, lambda: [checked_shape(problem, level.grid, level.slabs.rows) for level in asked]
         )
-        _check_alike(self.comm, problem)
+        _check_same_on_all(self.comm, problem)
         for transfer in self.transfers[:0:-1] if problem.sampled else ():
             shapes.insert(0, transfer.restrict_shape(shapes[0]))
         return shapes
@@ -231,13 +233,13 @@ class Hierarchy:
 
     def operator_applications(self):
         """Honest count: products and sweeps on all grids, as products on the target grid. Not collective."""
-        return self._spent + sum(self.share(level) * level.equivalent_products for level in self.levels)
+        return self._in_windows + sum(self.share(level) * level.equivalent_products for level in self.levels)
 
-    def spent(self, operator):
-        """Count what was computed in a window since it was last told. Not collective."""
+    def count_window(self, operator):
+        """Add what was computed in a window since this was last called for its operator. Not collective."""
         products = operator.equivalent_products
-        self._spent += self.share(operator) * (products - self._told.get(operator, 0.0))
-        self._told[operator] = products
+        self._in_windows += self.share(operator) * (products - self._counted.get(operator, 0.0))
+        self._counted[operator] = products
 
     def destroy(self):
         """Free its products, and the communicators made for it. Collective."""

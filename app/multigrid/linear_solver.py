@@ -11,7 +11,7 @@ import math
 from petsc4py import PETSc
 
 from app.multigrid.pcmg import Multigrid, default_options
-from app.petsc import option_hidden, options_set
+from app.petsc import options_set
 
 
 def reason_names(reasons):
@@ -52,15 +52,15 @@ class LinearSolver:
         self.operator = operators[-1]
         self._weights = [(op, hierarchy.share(op)) for op in operators]
         comm = comm or hierarchy.petsc_comm
-        self.multigrid, self._work, self._left = None, None, False
+        self.multigrid, self._work, self._interrupted = None, None, False
         self.mat = self.operator.mat(comm)
         # PETSc would view the solver of every grid after every solve; once, on the target grid, is enough.
         self._view = "-ksp_view" if self.level == len(hierarchy.levels) - 1 else ""
-        self._made_of = hierarchy, comm
+        self._given = hierarchy, comm
         self._make()
 
     def _make(self):
-        hierarchy, comm = self._made_of
+        hierarchy, comm = self._given
         options = PETSc.Options()
         pc_type = options.getString("pc_type", "")
         if pc_type in _NEED_PARTS:
@@ -73,11 +73,8 @@ class LinearSolver:
                 ksp, levels[: self.level + 1], transfers[: self.level + 1], comm, len(levels)
             )
         # The grids of a nested iteration have fewer levels than the target grid may have been given.
-        forced = {"pc_mg_levels": str(len(self.multigrid.operators))} if self.multigrid else {}
-        with (
-            option_hidden("ksp_view"),
-            options_set(default_options() if self.multigrid else {}, forced),
-        ):
+        levels = {"pc_mg_levels": str(len(self.multigrid.operators))} if self.multigrid else {}
+        with options_set(default_options() if self.multigrid else {}, {"ksp_view": None, **levels}):
             ksp.setFromOptions()
             if self.multigrid:
                 self.multigrid.contact_changed()
@@ -92,8 +89,8 @@ class LinearSolver:
 
     def set_contact(self):
         """Take over the contact set that is in the operator's mask now. Collective."""
-        if self._left:
-            self._left = False
+        if self._interrupted:
+            self._interrupted = False
             self.multigrid.destroy()
             self._make()
         if self.multigrid:
@@ -157,7 +154,7 @@ class LinearSolver:
             if self.multigrid:
                 # Vectors are in it that are not its own, and that it would free: another one is made.
                 self.ksp.incRef()
-                self._left = True
+                self._interrupted = True
             raise
         if self._view:
             self.ksp.viewFromOptions(self._view)

@@ -136,19 +136,15 @@ class Transfer:
 
         On a periodic grid there is no rim.
         """
-        rows = self.fine.slabs.rows
-        first = rows.start // self.fy - 1
         wide = self._of_neighbours(coarse)
-        self._interpolate(wide, fine, rows, first if self.coarse.grid.periodic else max(first, 0))
-
-    def _interpolate(self, coarse, fine, rows, first):
-        """Interpolate to global fine rows `rows` from coarse rows that start at global row `first`."""
         if not fine.size:
             return
-        grid = self.coarse.grid
+        rows, grid = self.fine.slabs.rows, self.coarse.grid
+        first = rows.start // self.fy - 1  # of the coarse rows fetched
+        first = first if grid.periodic else max(first, 0)
         of_rows = _neighbours(rows.start, rows.stop, grid.ny, self.fy, grid.periodic, first)
         of_columns = _neighbours(0, self.fine.grid.nx, grid.nx, self.fx, grid.periodic)
-        _bilinear(coarse, fine, *of_rows, *of_columns, self.fx == 2)
+        _bilinear(wide, fine, *of_rows, *of_columns, self.fx == 2)
 
     # -- as PETSc's matrices -----------------------------------------------------------------------------
 

@@ -6,11 +6,12 @@ of p, and p = B w + mean pressure that of e.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from app.contact.history import Outcome
 from app.contact.iteration import CONVERGED, what_is_wrong
-from app.contact.kernels import gap_on
 from app.contact.state import Displacement
 from app.fast.iteration import PATIENCE, ROUNDING, NeedsSafeguard
 from app.primal import kernels
@@ -44,9 +45,9 @@ def primal_active_set(primal, solver, stop, history):
     NeedsSafeguard
         If it makes no progress.
     """
-    state, aim = primal.state, _SURE
+    state, aim = primal.state, _SURE  # share of the residual allowed that is asked of the solver
     best, fewest, since = float("inf"), float("inf"), 0
-    doubted = False
+    doubted = False  # whether a verification has failed
     primal.start(exact=stop.final)
     allowed = allowed_gap(primal, stop)
     history.start(state, solver)
@@ -58,7 +59,7 @@ def primal_active_set(primal, solver, stop, history):
         slight = _SLIGHT * aim * allowed
         # 4. p < 0 leaves C, e < 0 enters; A of a single cell is zero
         update = primal.exchange(solver, -slight / (state.operator.diagonal or 1.0), -slight)
-        update = update.with_residual(norm)
+        update = replace(update, residual=norm)
         history.add(state, solver, update, its, primal.approach)
         residual = norm / state.distance.norm()
         if wrong := what_is_wrong(failure, residual):
@@ -76,11 +77,13 @@ def primal_active_set(primal, solver, stop, history):
                 accept(primal, solver.scratch)
                 if stop.certified(state):
                     return Outcome(True, CONVERGED, k, residual)
+            # Not yet: aim lower, by as much as the product says that the carried residual was too small.
             reached = min(1.0, norm / goal) * aim
             aim = max(reached * min(0.5, _DOUBT * allowed / last), ROUNDING / stop.rtol)
             state.contact[...] = kept  # the free cells are as before
             state.depth = 0.0
-            if enough or doubted:  # what is carried along may have become inaccurate
+            # The second time, or for the certificate: what is carried along may have become inaccurate.
+            if enough or doubted:
                 primal.restore_mean(solver)
                 primal.refresh(exact=True)
             doubted = True
@@ -139,7 +142,7 @@ def verify(primal, found):
     state.operator.exact_displacement(found, state.u)
     if loading.prescribes_load:
         state.depth = 0.0
-        state.depth = _mean_gap_on_contact(state)
+        state.depth = state.mean_in_contact()
     else:
         state.approach = loading.approach
     return state.activate_penetrating()
@@ -150,9 +153,3 @@ def accept(primal, found):
     with primal.state.pressure as values:
         values[...] = found.reshape(-1)
     primal.state.u_is = Displacement.EXACT
-
-
-def _mean_gap_on_contact(state):
-    """Mean of e over C [mm]. Collective."""
-    sums = state.sum(gap_on(state.distance.b, state.u, state.contact, state.contact))
-    return float(sums[1] / max(sums[2], 1))

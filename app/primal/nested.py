@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from app.contact.full_multigrid import pairs, route, tell
-from app.contact.grid_errors import UNKNOWN, errors_from, numbers_on, pressure_difference
+from app.contact.grid_errors import estimated_errors, pressure_difference
 from app.contact.history import Outcome
 from app.contact.iteration import NO_CONTACT
 from app.contact.state import ContactState
@@ -93,11 +93,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
             difference = pressure_difference(comm, hierarchy.transfers[number], coarse_pressure, state)
         coarse = primal
     primal.destroy()
-    errors = UNKNOWN
-    if numbers:
-        errors = errors_from(
-            [*numbers, numbers_on(state, comm)], state.first_touch(), loading.prescribes_load
-        )
+    errors = estimated_errors(numbers, state, comm, loading.prescribes_load)
     return state, replace(outcome, discretisation_error=difference, grid_errors=errors)
 
 

@@ -13,6 +13,7 @@ from app.primal.cg import CarryingCG
 from app.primal.operator import InverseOperator
 from app.primal.two_grid import TwoGrid
 
+GUESSES = 8  # projected sweeps that guess the first contact set of a grid
 _COARSER = 2  # grids between one and that of the long waves in its preconditioner
 
 
@@ -23,6 +24,8 @@ class PrimalSolver(LinearSolver):
     ----------
     inverse : InverseOperator
     preconditioner : TwoGrid
+    rows_beside : Halo
+        As wide as the sweeps of a guess need.
 
     Raises
     ------
@@ -39,15 +42,9 @@ class PrimalSolver(LinearSolver):
         # At rest between solves: two fields in the operator's precision, one in double
         self.direction, self.product = self._cg.direction, self._cg.product
         self.scratch = self._cg.preconditioned
-        self._halos = {}
+        self.rows_beside = Halo(self.operator.slabs, self.operator.comm, GUESSES - 1)
         stencil.warm_up()
         kernels.warm_up(self.operator.dtype)
-
-    def rows_beside(self, width):
-        """Return the `Halo` of so many rows. Not collective."""
-        if width not in self._halos:
-            self._halos[width] = Halo(self.operator.slabs, self.operator.comm, width)
-        return self._halos[width]
 
     def improve(self, primal, allowed):
         """Let p vanish on the free cells, a little: w and p = B w.

@@ -9,8 +9,8 @@ from app.contact.grid_errors import numbers_on
 from app.contact.state import Displacement, Update
 from app.primal import kernels as loops
 from app.primal import stencil
+from app.primal.solver import GUESSES
 
-_GUESSES = 8  # projected sweeps that guess the first contact set of a grid
 _SHARE = 0.9  # of the preconditioned residual is taken along when captured cells are closed
 
 
@@ -135,8 +135,8 @@ class PrimalState:
         x, exact = solver.direction, solver.direction.dtype != np.float32
         if exact:
             x, before = np.empty(shape, np.float32), self.w.copy()
-        rows = solver.rows_beside(_GUESSES - 1)
-        stencil.sweep_projected(force, *rows(force), lowest, *rows(lowest), weights, _GUESSES, x)
+        rows = solver.rows_beside
+        stencil.sweep_projected(force, *rows(force), lowest, *rows(lowest), weights, GUESSES, x)
         loops.take(x, lowest, self.w, state.distance.b, state.contact)
         if self.loading.prescribes_load and not state.sum([np.count_nonzero(state.contact)])[0]:
             self._touch()

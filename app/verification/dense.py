@@ -179,7 +179,9 @@ class DenseProblem:
             e = h + u
             rounding = 1e-18 * abs(h).max() + 1e-16 * abs(u).max()
             wrong = contact & (p < -1e-15 * abs(p).max())
-            if not (self._singular and (~contact).sum() == 1):  # gaps have the mean of h: a single one is not negative
+            if not (
+                self._singular and (~contact).sum() == 1
+            ):  # gaps have the mean of h: a single one is not negative
                 wrong |= ~contact & (e < -rounding)
             if not wrong.any():
                 self._contact = contact

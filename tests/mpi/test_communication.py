@@ -10,10 +10,11 @@ from running import solve
 
 from app import ContactSolver
 from app.errors import FailedElsewhere, InputError
-from app.halfspace.communication import Communicator, Ranks, Team
+from app.halfspace.communication import Communicator, Team
 from app.halfspace.fetch import Fetch
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Grid, Slabs
+from app.halfspace.ranks import Ranks
 from app.halfspace.reductions import sums_and_minima
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
@@ -151,9 +152,9 @@ def test_sixteen_ranks(comm):
 def test_a_communicator_counts_what_is_sent(comm):
     counted = Communicator(comm)
     rows = np.ones((3, 4), np.float32)
-    requests = [counted.Isend(rows, 1 - comm.rank), counted.Isend(rows, MPI.PROC_NULL)]
+    request = counted.Isend(rows, 1 - comm.rank)
     counted.Recv(np.empty_like(rows), 1 - comm.rank)
-    MPI.Request.Waitall(requests)
+    request.Wait()
     counted.Alltoallv([np.ones(2), [1, 1]], [np.empty(2), [1, 1]])
     assert counted.allreduce(1) == 2
     found = counted.traffic

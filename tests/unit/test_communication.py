@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from app.halfspace.communication import aligned, worth
 from app.halfspace.grid import Grid, Slabs
+from app.halfspace.ranks import aligned, worth
 
 
 def balance(slabs):

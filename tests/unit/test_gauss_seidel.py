@@ -1,5 +1,7 @@
 """Gauss-Seidel sweeps: those of the scalar double loop, for any grid, kernel and contact set."""
 
+import tracemalloc
+
 import numba
 import numpy as np
 import processes
@@ -188,25 +190,19 @@ def test_energy_decreases_for_any_damping_between_0_and_2(omega):
     assert energies[-1] > -0.5 * b[mask] @ np.linalg.solve(A, b[mask])
 
 
-def test_single_precision():
-    grid = GRIDS["prime"]
-    mask, r = random_problem(grid)
-    for backward in (False, True):
-        expected = sweep(make(grid), r, mask, 0.8, backward)
-        found = sweep(make(grid, dtype=np.float32), r, mask, 0.8, backward)
-        assert 1e-12 < np.abs(found - expected).max() / np.abs(expected).max() < 1e-5
-
-
 @pytest.mark.parametrize("shape", [(256, 256), (300, 500), (512, 512)])
 def test_holds_less_than_four_fields(shape):
     ny, nx = shape
-    memory = []
-    for dtype in (float, np.float32):
-        relaxation = make(Grid(nx, ny, 0.1, 0.1), dtype=dtype)
-        sweep(relaxation, np.ones(shape), np.ones(shape, bool), 0.8)
-        memory.append(relaxation.memory)
-    assert 1 <= memory[0] / (8 * nx * ny) <= 5
-    assert memory[1] < 0.6 * memory[0]
+    r, mask = np.ones(shape), np.ones(shape, bool)
+    sweep(make(Grid(nx, ny, 0.1, 0.1)), r, mask, 0.8)  # what is compiled, and kept for any grid
+    relaxation = make(Grid(nx, ny, 0.1, 0.1))
+    tracemalloc.start()
+    try:
+        sweep(relaxation, r, mask, 0.8)
+        held = tracemalloc.get_traced_memory()[0]
+    finally:
+        tracemalloc.stop()
+    assert 1 <= held / (8 * nx * ny) <= 5
 
 
 def test_cost_in_products_grows_slowly():
@@ -240,8 +236,6 @@ def test_fields_of_a_wrong_shape_are_refused():
     mask = np.ones((4, 5), bool)
     with pytest.raises(ValueError, match=r"\(5, 4\).*\(4, 5\)"):
         relaxation.sweep(np.zeros((5, 4)), mask, 1.0, np.zeros((4, 5)))
-    with pytest.raises(ValueError, match="float16"):
-        make(Grid(5, 4, 1.0, 1.0), dtype=np.float16)
 
 
 def test_kernel_is_asked_for_in_small_pieces():

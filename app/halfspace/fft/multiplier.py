@@ -36,7 +36,6 @@ from app.halfspace.fft.transpose import ColumnGroup, deal_columns
 from app.halfspace.grid import Slabs
 from app.halfspace.reductions import sum_over
 
-_ROWS_AT_ONCE, _COLUMNS_AT_ONCE = ROWS, STRIP
 _NO_MASK, _NO_ROWS = np.zeros((0, 0), bool), np.zeros(0, bool)
 
 
@@ -48,31 +47,17 @@ class _Sequences:
         self._length, self._plans, self._fftw = length, {}, FFTW(np.dtype(self.data.real.dtype))
         self.execute = self._fftw.execute
 
-    def plans(self, count):
-        """Addresses of the plans for the first `count` sequences, there and back."""
-        if count not in self._plans:
-            part = self.data[:count]  # as fast as measured plans here, and deterministic
-            self._plans[count] = self._fftw.plans(part, part, self._length)
-        return self._plans[count]
+    def plans(self, few):
+        """Addresses of the plans for all of them, there and back, and for the `few` that a last batch may have."""
+        for count in (STRIP, few or STRIP):
+            if count not in self._plans:
+                part = self.data[:count]  # as fast as measured plans here, and deterministic
+                self._plans[count] = self._fftw.plans(part, part, self._length)
+        return self._plans[STRIP] + self._plans[few or STRIP]
 
 
 # Scratch of one transform after the other: rows and columns of all grids share what has the same length.
 _sequences = lru_cache(maxsize=128)(_Sequences)
-
-
-class _Batch:
-    """Sequences of some length, and the transforms of all of them, and of the `few` that a last batch may have.
-
-    Attributes
-    ----------
-    plans : tuple of int
-        Addresses: of all there and back, of few there and back.
-    """
-
-    def __init__(self, length, few, dtype):
-        self._sequences = _sequences(length, dtype)
-        self.data, self.execute = self._sequences.data, self._sequences.execute
-        self.plans = self._sequences.plans(STRIP) + self._sequences.plans(few or STRIP)
 
 
 @lru_cache(maxsize=64)
@@ -169,14 +154,13 @@ class EvenMultiplier:
             largest = max(group.to_receive for group in self._groups)
             self._received = _storage(largest, complex_type, workspace and workspace._received)
 
-        self._row_batch = _Batch(nx_fft, -(-self.slabs.local // 2) % STRIP, complex_type)
-        self._column_batches = [
-            _Batch(ny_fft, (group.mine.stop - group.mine.start) % STRIP, complex_type)
-            for group in self._groups
+        self._in_x, self._in_y = _sequences(nx_fft, complex_type), _sequences(ny_fft, complex_type)
+        self._row_plans = self._in_x.plans(-(-self.slabs.local // 2) % STRIP)
+        self._column_plans = [
+            self._in_y.plans((group.mine.stop - group.mine.start) % STRIP) for group in self._groups
         ]
-        self._column = self._column_batches[0].data
-        self._column_parts = self._column.view(self.dtype)
-        self._scratch = _scratch((_ROWS_AT_ONCE * columns,), complex_type)
+        self._column_parts = self._in_y.data.view(self.dtype)
+        self._scratch = _scratch((ROWS * columns,), complex_type)
         warm_up(self.dtype)
 
     def use(self, spectra, key, make):
@@ -218,8 +202,8 @@ class EvenMultiplier:
         ]
         in_x = _storage(mine.local * (half_x + 1), self.dtype, self._transformed)
         pieces = [piece for group in groups for piece in group.pieces(in_x)]
-        for start in range(mine.rows.start, mine.rows.stop, _ROWS_AT_ONCE):
-            stop = min(start + _ROWS_AT_ONCE, mine.rows.stop)
+        for start in range(mine.rows.start, mine.rows.stop, ROWS):
+            stop = min(start + ROWS, mine.rows.stop)
             block = np.zeros((stop - start, half_x + 1), self.dtype)
             block[:, :columns] = kernel_rows(slice(start, stop))[:, :columns]
             block = transform_even(block, nx_fft)
@@ -230,8 +214,8 @@ class EvenMultiplier:
         for group in groups:
             count = group.mine.stop - group.mine.start
             dealt = group.deal(self.comm, group.part(in_x), np.empty(group.to_receive, self.dtype))
-            for first in range(0, count, _COLUMNS_AT_ONCE):
-                last = min(first + _COLUMNS_AT_ONCE, count)
+            for first in range(0, count, STRIP):
+                last = min(first + STRIP, count)
                 column = np.zeros((last - first, half_y + 1), self.dtype)
                 for strips, (a, b) in zip(dealt, group.row_ranges, strict=True):
                     column[:, a:b] = strip_view(strips, b - a, first, last).T
@@ -251,8 +235,8 @@ class EvenMultiplier:
         mine = np.concatenate([np.arange(g.mine.start, g.mine.stop) for g in self._groups])
         rows = np.arange(self.periods[0] // 2 + 1)
         spectrum = np.empty((mine.size, rows.size), self.dtype)
-        for start in range(0, mine.size, _ROWS_AT_ONCE):
-            spectrum[start : start + _ROWS_AT_ONCE] = symbol(mine[start : start + _ROWS_AT_ONCE], rows)
+        for start in range(0, mine.size, ROWS):
+            spectrum[start : start + ROWS] = symbol(mine[start : start + ROWS], rows)
         self._take(spectrum)
 
     def _take(self, spectrum):
@@ -306,8 +290,8 @@ class EvenMultiplier:
             self._spectrum,
             self._transformed,
             self._received,
-            self._row_batch.data,
-            self._column,
+            self._in_x.data,
+            self._in_y.data,
             self._scratch,
         )
         return sum(a.nbytes for a in arrays if a is not None)
@@ -348,21 +332,21 @@ class EvenMultiplier:
         if self.rest is not None:
             known = self.rest.sum_of(self.rest.collect(p, inside)) if collected is None else collected
             self.rest.multiply(known)
-        batch, scale, done = self._row_batch, self.dtype.type(scale), 0
-        strips = batch.data, self._scratch, self._transformed, self._edges, batch.execute
-        rows_to_strips(p, inside, rows, *strips, *batch.plans[::2])
-        for group, part, batch in zip(self._groups, self._parts, self._column_batches, strict=True):
+        scale, done = self.dtype.type(scale), 0
+        strips = self._in_x.data, self._scratch, self._transformed, self._edges, self._in_x.execute
+        rows_to_strips(p, inside, rows, *strips, *self._row_plans[::2])
+        for group, part, plans in zip(self._groups, self._parts, self._column_plans, strict=True):
             count = group.mine.stop - group.mine.start
             own = part if self.comm is None else group.deal(self.comm, part, self._received)[group.rank]
             convolve_columns(
                 own, own if self._received is None else self._received, group.places, group.heights, group.rank,
-                self._column, self._column_parts, self._spectrum[done : done + count], scale,
-                batch.execute, *batch.plans,
+                self._in_y.data, self._column_parts, self._spectrum[done : done + count], scale,
+                self._in_y.execute, *plans,
             )  # fmt: skip
             if self.comm is not None:
                 group.give_back(self.comm, part, self._received)
             done += count
-        strips_to_rows(out, inside, rows, *strips, *self._row_batch.plans[1::2])
+        strips_to_rows(out, inside, rows, *strips, *self._row_plans[1::2])
         if self.rest is not None:
             self.rest.add(out, inside)
 

@@ -33,7 +33,6 @@ from functools import cache
 
 import numpy as np
 
-from app.halfspace.fft.fftw import FFTW
 from app.halfspace.fft.lengths import transform_length
 from app.halfspace.grid import Slabs
 from app.halfspace.sweeps.kernels import LANES, TILE, solve_leaf, transfer
@@ -60,33 +59,25 @@ class GaussSeidel:
         Distribution of the rows; default: all here.
     comm : mpi4py communicator, optional
         Ranks that share the grid; default: this one alone.
-    dtype : numpy real type
-        float64, or float32 for half the memory at single precision.
     periodic : bool
         The kernel has the periods nx and ny.
 
-    Raises
-    ------
-    ValueError
-        For any other `dtype`.
+    Attributes
+    ----------
+    defect, correction : ndarray, shape (local rows, nx)
+        For whoever sweeps to work in.
     """
 
-    def __init__(self, quadrant_rows, grid_shape, slabs=None, comm=None, dtype=float, periodic=False):
+    def __init__(self, quadrant_rows, grid_shape, slabs=None, comm=None, periodic=False):
         self.shape = ny, nx = grid_shape
         self.slabs = slabs or Slabs(ny)
         self.comm = comm if comm is not None and comm.size > 1 else None
-        self.dtype = np.dtype(dtype)
-        FFTW(self.dtype)  # which knows what there is
         self._quadrant_rows, self._periodic, self._tables = quadrant_rows, periodic, None
         self._diagonal = float(quadrant_rows(slice(0, 1), 1)[0, 0])
         self._solves = self.comm is None or comm.rank == 0
         self._width = 0  # columns to sweep over
         self._flops = self._sweeps = 0
-
-    @property
-    def memory(self):
-        """Bytes held on this rank."""
-        return self._tables.memory if self._tables else 0
+        self.defect, self.correction = (np.zeros((self.slabs.local, nx)) for _ in range(2))
 
     def begin(self):
         """Forget how wide contact has been: it rounds differently. Not collective."""
@@ -189,7 +180,7 @@ class GaussSeidel:
         if width > 0 and (self._tables is None or self._width != self._tables.shape[1]):
             period = self._periodic and self._width == nx
             self._tables = None
-            self._tables = Tables(self._quadrant_rows, (ny, self._width), self.comm, self.dtype, period)
+            self._tables = Tables(self._quadrant_rows, (ny, self._width), self.comm, period)
         prepared = self._tables.shape[1] if cells else 0
         start = int(np.clip(first - (prepared - width) // 2, 0, nx - prepared))
         occupied = np.concatenate([part[:-3] for part in parts]).astype(bool)
@@ -235,9 +226,9 @@ class GaussSeidel:
         """Solve leaf m."""
         tables, step = self._tables, -1 if backward else 1
         fields = [np.ascontiguousarray(field[::step, ::step]) for field in (r, mask, d)]
-        weight = self.dtype.type(omega / self._diagonal)
+        weight = omega / self._diagonal
         tables.invert_triangle(weight)
-        ring = tables.ring.view(self.dtype)
+        ring = tables.ring.view(float)
         given = tables.chunks[0] if added else 0
         solve_leaf(
             ring, m % 2, given, tables.near, tables.reach, filled, tables.rows, *fields, column, weight

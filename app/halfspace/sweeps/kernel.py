@@ -31,8 +31,6 @@ class KernelInX:
         ``(ny, nx)`` of the grid.
     comm : mpi4py communicator or None
         Ranks that share the work; None: this one alone.
-    dtype : numpy real type
-        What is below its rounding is nothing.
     periodic : bool
         K has the period nx: then that is Nx, if it is even.
 
@@ -44,14 +42,14 @@ class KernelInX:
         Last lag at which any frequency from this one on is more than the rounding of the largest.
     """
 
-    def __init__(self, quadrant_rows, shape, comm=None, dtype=float, periodic=False):
+    def __init__(self, quadrant_rows, shape, comm=None, periodic=False):
         self._quadrant_rows, self._comm = quadrant_rows, comm
         self._ny, self._nx = ny, nx = shape
         self._exact = periodic and nx % 2 == 0
         room = quick_length(2 * nx - 1 + int(_MARGIN * nx), even=True)
         self.length = nx if self._exact else transform_length(nx) if nx <= _SMALL else room
         self.frequencies = self.length // 2 + 1
-        rounding = np.finfo(dtype).eps / 2
+        rounding = np.finfo(float).eps / 2
         steps = np.cumsum(np.kaiser(max(self.length - 2 * nx + 2, 1), -np.log(rounding)))
         self._share = 1 - steps[: max(self.frequencies - nx, 0)] / steps[-1]  # of K itself, from offset nx on
 

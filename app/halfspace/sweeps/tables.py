@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 from mpi4py_fft import fftw
 from scipy.fft import rfft
@@ -26,7 +24,7 @@ class Tables:
 
     Parameters
     ----------
-    quadrant_rows, comm, dtype
+    quadrant_rows, comm
         See `app.halfspace.sweeps.gauss_seidel.GaussSeidel`.
     shape : (int, int)
         ``(ny, nx)``: all rows of the grid, but only as many columns as are swept over.
@@ -56,15 +54,13 @@ class Tables:
         For each level spectra of the kernel, plans, and work space.
     """
 
-    def __init__(self, quadrant_rows, shape, comm, dtype, periodic):
+    def __init__(self, quadrant_rows, shape, comm, periodic):
         self.shape = ny, nx = shape
-        self.dtype = np.dtype(dtype)
-        self._complex = np.result_type(self.dtype, np.complex64)
-        self._fftw = FFTW(self.dtype)
+        self._fftw = FFTW(np.dtype(float))
         size, rank = (1, 0) if comm is None else (comm.size, comm.rank)
         rows = self.leaf_rows = -(-min(ny, LEAF_ROWS[size > 1]) // TILE) * TILE
         self.leaves = -(-ny // rows)
-        kernel = KernelInX(quadrant_rows, shape, comm, self.dtype, periodic)
+        kernel = KernelInX(quadrant_rows, shape, comm, periodic)
         self.length, self.frequencies = kernel.length, kernel.frequencies
         chunks = -(-self.frequencies // LANES)
         self.reach = kernel.reach[::LANES]
@@ -83,30 +79,24 @@ class Tables:
             near[:, : self.frequencies] = kernel.rows(0, 2 * rows)
             self.rows = self._prepare_rows(quadrant_rows(slice(0, 1), nx)[0], near[:TILE])
             near = near.reshape(-1, chunks, LANES).transpose(1, 0, 2)
-            self.near = np.repeat(near, 2, axis=2).astype(self.dtype, order="C").reshape(-1)  # for Re and Im
-            self.ring = np.zeros((2, chunks, rows, LANES), self._complex)
-        self.stored = np.zeros((self.leaves, last - self.first, rows, LANES), self._complex)
+            self.near = np.repeat(near, 2, axis=2).reshape(-1)  # for Re and Im
+            self.ring = np.zeros((2, chunks, rows, LANES), complex)
+        self.stored = np.zeros((self.leaves, last - self.first, rows, LANES), complex)
         self.transfers = self._prepare_transfers(kernel)
         self._weight = None
 
-    @property
-    def memory(self):
-        """Bytes held on this rank."""
-        arrays = [self.near, self.ring, self.stored, *(self.rows or ()), *itertools.chain(*self.transfers)]
-        return sum({a.ctypes.data: a.nbytes for a in arrays if isinstance(a, np.ndarray)}.values())
-
     def _with_spectrum(self, length):
         """Real array of this length and, in the same memory, its spectrum."""
-        spectrum = fftw.aligned(length // 2 + 1, dtype=self._complex)
+        spectrum = fftw.aligned(length // 2 + 1, dtype=complex)
         spectrum[...] = 0
-        return spectrum.view(self.dtype), spectrum
+        return spectrum.view(float), spectrum
 
     def _prepare_rows(self, first_row, close):
         """Plans, kernel and work space for single rows."""
         nx, length = self.shape[1], self.length
         cells, _ = self._with_spectrum(length)
         solved, _ = self._with_spectrum(length)
-        tile = fftw.aligned((TILE, close.shape[1]), dtype=self._complex)
+        tile = fftw.aligned((TILE, close.shape[1]), dtype=complex)
         tile[...] = 0
         plans = [
             (self._fftw.plans(solved[None], row, length)[0], self._fftw.plans(cells[None], row, length)[1])
@@ -123,20 +113,19 @@ class Tables:
             runs = [n << k for k in range(nx.bit_length()) for n in (256, 384) if n << k >= 2 * SHORTEST_RUN]
             lengths += runs[: np.searchsorted(runs, 2 * nx) + 1]
         starts = np.cumsum([0] + [n // 2 + 1 for n in lengths])
-        spectra = np.concatenate([*spectra, np.zeros(starts[-1] - starts[levels])]).astype(self._complex)
+        spectra = np.concatenate([*spectra, np.zeros(starts[-1] - starts[levels], complex)])
         work, work_spectrum = self._with_spectrum(max(lengths, default=2))
         part_plans = [self._fftw.plans(work[None], work_spectrum[None], n) for n in lengths]
-        within = first_row.astype(self.dtype)
         return Rows(
             execute=self._fftw.execute,
             plans=np.array(plans, np.int64),
             cells=cells,
             solved=solved,
-            tile=tile.view(self.dtype),
-            close=np.repeat(close, 2, axis=1).astype(self.dtype),
+            tile=tile.view(float),
+            close=np.repeat(close, 2, axis=1),
             contact=np.zeros(nx, np.int64),
-            kernel=within,
-            reverse=within[::-1].copy(),
+            kernel=first_row,
+            reverse=first_row[::-1].copy(),
             segment=segment,
             levels=levels,
             lengths=np.array(lengths, np.int64),
@@ -168,13 +157,13 @@ class Tables:
         for level, chunks in enumerate(self.chunks[:-1]):
             length = rows << level + 1
             own = min(max(chunks - self.first, 0), self.stored.shape[1])
-            far = np.zeros((own, LANES, length // 2 + 1), self._complex)
+            far = np.zeros((own, LANES, length // 2 + 1), complex)
             part = columns[: own * LANES, rows : rows + length]
             far.reshape(-1, far.shape[2])[: len(part)] = rfft(part, length) / length
             batch = LANES
             while batch > 1 and batch * length > _BATCH:
                 batch //= 2
-            cells, spectrum = (fftw.aligned((batch, length), dtype=self._complex) for _ in range(2))
+            cells, spectrum = (fftw.aligned((batch, length), dtype=complex) for _ in range(2))
             cells[...] = spectrum[...] = 0
             plans = self._fftw.plans(cells, spectrum, length)
             transfers.append((far, self._fftw.execute, *plans, cells, spectrum))
