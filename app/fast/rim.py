@@ -16,7 +16,8 @@ Both are the same sweep over a list of cells, ``x += t (source - N x - x)``. Onl
 to `k` away from contact (diagonal steps count one): in step i the layers 1 to i, since a value further out is zero
 still, or without influence any more.
 
-On several ranks the k rows beside a slab are swept along: so fields are exchanged once, not in every step.
+On several ranks fields are exchanged once, not in every step. What is wrong without the rows beside a slab is wrong
+in its outermost k rows only: these are taken from a *strip* of 3 k rows, of which k are the neighbour's.
 """
 
 from __future__ import annotations
@@ -46,12 +47,21 @@ def chebyshev_steps(steps, low, high):
 
 
 class _Cells(NamedTuple):
-    """Cells that take part, as indices into the rows that are swept."""
+    """Cells that take part, as indices into rows that are swept."""
 
     band: np.ndarray  # from layer 1 outwards
     sizes: np.ndarray  # of it up to each layer
     inner: np.ndarray  # beside the band in contact, and one behind those
     rim: int  # how many of them are beside it
+
+
+class _Part(NamedTuple):
+    """Rows that are swept together, counted from the first of the slab: itself, or a strip across one of its ends."""
+
+    first: int
+    end: int
+    wanted: slice  # rows of the slab that it is swept for
+    cells: _Cells
 
 
 class RimExtension:
@@ -88,14 +98,14 @@ class RimExtension:
         if not 0 <= steps <= MAX_STEPS:
             raise ValueError(f"rim extension: {steps} steps; 0 to {MAX_STEPS} are possible")
         alone = comm is None or comm.size == 1
-        if (rows + 2 * steps * (not alone)) * nx > np.iinfo(np.int32).max:
+        if (rows + 2 * steps) * nx > np.iinfo(np.int32).max:
             raise ValueError(f"rim extension: {rows} x {nx} cells on a rank need more than 32 bits")
         self.shape, self.steps = (rows, nx), steps
         self._around, self._wrapped = periodic, periodic and alone and rows > 0  # in x; in y without help
         self._halo = None if alone else Halo(slabs, comm, steps, periodic)
         self._halo_of_contact = None if alone else Halo(slabs, comm, steps + 2, periodic)
         self._workspace = _NOTHING if workspace is None else workspace
-        self._cells = None
+        self._parts = []
         self.rows = np.zeros(rows, bool)
         self._weights, self._lengths = (0.0, 0.0, 0.0), np.ones(steps)
 
@@ -133,7 +143,7 @@ class RimExtension:
             return
         before, after = self._halo_of_contact(mask) if self._halo_of_contact else (mask[:0], mask[:0])
         mask = np.vstack([before, mask, after]) if len(before) + len(after) else mask
-        self._cells, self._rooms = None, {}  # they are made anew
+        self._parts, self._rooms = [], {}  # they are made anew
         around = len(mask) + 2, mask.shape[1] + 2
         spread, kinds, found = self._room(
             (around, np.uint8), (mask.shape, np.uint8), (mask.size + 1, np.int32)
@@ -148,12 +158,17 @@ class RimExtension:
             self._dilate(spread, mask, kinds)
         # In `kinds` free cells are 0, layer i is steps + 1 - i, contact steps + 1; beside the band two more, and one
         # behind those: they get -N_co s_o, and are zero while it is formed.
-        first = len(before)
-        last = first + len(self.rows)
-        np.any(kinds[first:last], axis=1, out=self.rows)
-        swept = kinds[max(first - self.steps, 0) : last + self.steps]
-        self._first, self._height = min(first, self.steps), len(swept)
-        self._cells = self._list(swept, found)
+        beside, rows, k = len(before), len(self.rows), self.steps
+        np.any(kinds[beside : beside + rows], axis=1, out=self.rows)
+        low, high, spans = -min(beside, k), rows + min(len(after), k), [(0, rows, slice(0, rows))]
+        if len(before):
+            spans.append((low, min(2 * k, high), slice(0, min(k, rows))))
+        if len(after):
+            spans.append((max(rows - 2 * k, low), high, slice(max(rows - k, 0), rows)))
+        self._parts = [
+            _Part(first, end, wanted, self._list(kinds[beside + first : beside + end], found))
+            for first, end, wanted in spans
+        ]
 
     def _list(self, kinds, found):
         """List the cells of each kind; `found` has room for all of them. Not collective."""
@@ -187,50 +202,55 @@ class RimExtension:
             On entry the residual on the contact set and zero elsewhere; on exit extended over the band. A ValueError
             if its shape is another one, or it is not C-contiguous.
         """
-        if self._takes_part(x):
-            field, cells, (*_, new) = self._with_rows_beside(x), self._cells, self._room_for(x.dtype)
+        for field, cells, (*_, new) in self._swept(x):
             band = cells.band, cells.sizes
             rim_kernels.extend(field, self._wrapped, self._around, *band, self._weights, self._lengths, new)
-            self._take_back(field, x)
 
     def restrict(self, x):
         """Apply E^T in place: to any field; on exit it is anything outside the contact set.
 
         Collective. Arguments and errors as of `extend`.
         """
-        if self._takes_part(x):
-            field, (_, *room) = self._with_rows_beside(x), self._room_for(x.dtype)
+        for field, cells, room in self._swept(x):
             how = self._weights, self._lengths
-            rim_kernels.restrict(field, self._wrapped, self._around, *self._cells, *how, *room)
-            self._take_back(field, x)
+            rim_kernels.restrict(field, self._wrapped, self._around, *cells, *how, *room)
 
-    def _takes_part(self, x):
-        """Whether there is something to do; a ValueError if `x` is no field of these rows."""
+    def _swept(self, x):
+        """Give for each part rows to be swept, their cells and room; what strips come to is put into x at the end.
+
+        Collective. A ValueError if `x` is no field of these rows.
+        """
         if x.shape != self.shape or not x.flags.c_contiguous:
             raise ValueError(f"rim extension: a C-contiguous field of shape {self.shape} is needed")
-        return self.steps > 0
+        if not self.steps:
+            return
+        before, after = self._halo(x) if self._halo else (x[:0], x[:0])
+        fields = [x, *(self._strip(part, before, x, after) for part in self._parts[1:])]
+        for field, part, room in zip(fields, self._parts, self._rooms_for(x.dtype), strict=True):
+            yield field, part.cells, room
+        for field, part in zip(fields[1:], self._parts[1:], strict=True):
+            x[part.wanted] = field[part.wanted.start - part.first : part.wanted.stop - part.first]
 
-    def _with_rows_beside(self, x):
-        """Rows that are swept: x itself on one rank, on several a copy with the rows beside it. Collective."""
-        if self._halo is None:
-            return x
-        before, after = self._halo(x)
-        return np.concatenate([before, x, after], out=self._room_for(x.dtype)[0])
+    @staticmethod
+    def _strip(part, before, x, after):
+        """Return the rows of a part, of which some are beside x. Not collective."""
+        above = before[min(part.first, 0) + len(before) :]
+        return np.concatenate([above, x[max(part.first, 0) : part.end], after[: max(part.end - len(x), 0)]])
 
-    def _take_back(self, field, x):
-        if field is not x:
-            x[...] = field[self._first : self._first + len(x)]
-
-    def _room_for(self, dtype):
-        """Arrays for the rows that are swept, what is on the inner cells and on the band, and for new values.
+    def _rooms_for(self, dtype):
+        """For each part arrays for what is on its inner cells and on its band, and for new values.
 
         Found once for a contact set.
         """
         if dtype not in self._rooms:
-            cells = self._cells
-            sizes = cells.inner.size, cells.band.size, max(cells.band.size, cells.rim)
-            swept = (self._height if self._halo else 0, self.shape[1])
-            self._rooms[dtype] = self._room((swept, dtype), *((size, dtype) for size in sizes))
+            self._rooms[dtype] = [
+                self._room(
+                    (cells.inner.size, dtype),
+                    (cells.band.size, dtype),
+                    (max(cells.band.size, cells.rim), dtype),
+                )
+                for *_, cells in self._parts
+            ]
         return self._rooms[dtype]
 
     def _dilate(self, spread, of, kinds):
