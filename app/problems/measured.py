@@ -153,10 +153,12 @@ class Surface:
         Raises
         ------
         InputError
-            If the cells do not resolve them, the patch is shorter, or nothing is left between them.
+            If the cells do not resolve them, the patch is shorter, nothing is left between them, or it is filtered.
         """
         if s_filter is None and l_filter is None:
             return self
+        if self._rest is not None:
+            raise InputError(f"surface file {self.file}: is filtered already")
         check_order(s_filter, l_filter)
         self.check_grid(grid)
         ny, nx, cell = self.crop[3] - self.crop[2], self.crop[1] - self.crop[0], self.cell(grid)

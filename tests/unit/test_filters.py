@@ -191,4 +191,6 @@ def test_a_spacing_known_to_the_grid_only(saved):
     known = read_surface(saved / "s.npy", "nm", spacing=(5e-4, 1.25e-3), s_filter=5e-3)
     np.testing.assert_allclose(filtered.heights(), known.heights(), atol=1e-15)
     assert surface.s_filter is None and surface.filtered(grid) is surface
+    with pytest.raises(InputError, match="filtered already"):
+        filtered.filtered(grid, l_filter=0.02)
     ContactProblem(grid, Material.from_contact_modulus(1.0), surfaces=[filtered])
