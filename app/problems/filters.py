@@ -102,7 +102,7 @@ def band_pass(heights, s_filter, l_filter, cell, periodic=False):
     >>> bool(np.allclose(rest, wave / 2))
     True
     """
-    check_fits(16.0 * heights.size, f"a filter of {heights.shape[1]} x {heights.shape[0]} heights")
+    check_fits(25.0 * heights.size, f"a filter of {heights.shape[1]} x {heights.shape[0]} heights")
     if s_filter:
         heights = _low_pass(heights, s_filter, cell, periodic)
     if l_filter:
