@@ -82,6 +82,8 @@ GEOMETRY_OPTIONS = [
     Option("surface_level", choice(*LEVELS), "none", "what is taken off measured heights"),
     Option("surface_crop", cells, None, "i0,i1,j0,j1: columns i0 to i1 - 1 and rows j0 to j1 - 1 of them only"),
     Option("surface_missing", choice(*MISSING), "hole", "missing points (NaN): no contact there, or filled"),
+    Option("surface_s_filter", positive, None, "measured waves shorter than this, as of noise, are taken off [mm]"),
+    Option("surface_l_filter", positive, None, "measured waves longer than this, as of waviness, are taken off [mm]"),
     Option("gap_file", word, REQUIRED, "distance (ny, nx): .npy, .npz, .h5[:/dataset] or text; NaN: no contact"),
     Option("problem_type", word, REQUIRED, "python: module.Name or file.py:Name, a Problem or a function of x and y"),
 ]  # fmt: skip
@@ -129,6 +131,8 @@ def make_problem(options, texts, comm):
     measured = _measured(options)
     grid = _grid(options, name, shape, measured, material, periodic)
     check_cells(grid)
+    if measured:
+        measured = [surface.filtered(grid, *_filters(options)) for surface in measured]
     slabs, own = Slabs.over(comm, grid.ny), OptionReader((), {})
     check_share(grid, slabs.local * grid.nx)
     rows = slabs.rows
@@ -212,11 +216,13 @@ def _shape(name, options):
 
 def _measured(options):
     """Measured surfaces, each on the cells that -grid asks for."""
+    from app.problems.filters import check_order
     from app.problems.measured import read_surface
 
     found = []
     for name in ("surface_file", "surface_file2"):
         if options[name]:
+            check_order(*_filters(options))
             surface = read_surface(
                 options[name], options["surface_unit"], options["surface_level"], options["surface_crop"],
                 options["surface_missing"], options["surface_height_unit"], options["surface_orient"] or (),
@@ -226,6 +232,11 @@ def _measured(options):
                 surface = surface.averaged(options["grid"][::-1])
             found.append(surface)
     return found
+
+
+def _filters(options):
+    """Nesting indices of S-filter and L-filter, or None."""
+    return options["surface_s_filter"], options["surface_l_filter"]
 
 
 def _grid(options, name, shape, measured, material, periodic):

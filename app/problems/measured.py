@@ -1,4 +1,4 @@
-"""Measured surfaces: heights in a file, in their own unit, levelled, cropped, with missing points.
+"""Measured surfaces: heights in a file, in their own unit, cropped, with missing points, levelled, filtered.
 
 A height map is read in runs of rows, and each rank keeps its own rows only; what is found in all of it (level, missing
 points) every rank finds for itself, in the same order, so that it is the same on any number of ranks.
@@ -14,6 +14,7 @@ import numpy as np
 
 from app.errors import InputError
 from app.halfspace.grid import Grid
+from app.problems.filters import band_pass, check_cells, check_order
 from app.problems.height_file import TURNS, HeightArray, HeightFile, turned
 from app.problems.moments import LEVELS, Moments, centred
 from app.problems.problem import real_numbers
@@ -46,13 +47,15 @@ class Surface:
     rms_height : float
         About the mean of the heights in the file that are not missing, before levelling [mm].
     rms_level : float
-        About their best plane [mm].
+        About their best plane, after filters [mm].
     steps : tuple of float
-        Root mean square of the steps from cell to cell of the file in x and in y, about that plane [mm].
+        Root mean square of the steps from cell to cell of the file in x and in y, about that plane, after filters [mm].
     missing_points : int
         Of the file, within the crop.
     notes : tuple of str
         What a user should look at twice.
+    s_filter, l_filter : float or None
+        Nesting indices of what was filtered, see `filtered` [mm].
     """
 
     file: str
@@ -72,6 +75,9 @@ class Surface:
     _coefficients: dict = field(repr=False)  # powers of x, y, from -1 to 1 over the crop -> [mm]
     _filled: tuple = field(repr=False)  # rows, columns of the crop, values [mm]
     _averaged: tuple = (1, 1)
+    s_filter: float | None = None
+    l_filter: float | None = None
+    _rest: np.ndarray | None = field(default=None, repr=False)  # what filters left of the crop [mm]
 
     sampled = measured = True
 
@@ -128,6 +134,40 @@ class Surface:
             _averaged=(before[0] * fy, before[1] * fx),
         )
 
+    def filtered(self, grid, s_filter=None, l_filter=None):
+        """The same without waves shorter than one length and longer than another, see `app.problems.filters`.
+
+        Not collective: every rank filters all of it, and keeps it.
+
+        Parameters
+        ----------
+        grid : Grid
+            That of this surface; whether it is periodic counts.
+        s_filter, l_filter : float, optional
+            Nesting indices of S-filter and L-filter, of which half passes [mm].
+
+        Returns
+        -------
+        Surface
+
+        Raises
+        ------
+        InputError
+            If the cells do not resolve them, the patch is shorter, nothing is left between them, or it is filtered.
+        """
+        if s_filter is None and l_filter is None:
+            return self
+        if self._rest is not None:
+            raise InputError(f"surface file {self.file}: is filtered already")
+        check_order(s_filter, l_filter)
+        self.check_grid(grid)
+        ny, nx, cell = self.crop[3] - self.crop[2], self.crop[1] - self.crop[0], self.cell(grid)
+        check_cells(self.file, s_filter, l_filter, (ny, nx), cell)
+        rest = band_pass(self._levelled(0, ny), s_filter, l_filter, cell, bool(grid.periodic))
+        moments = Moments(self.file, lambda *rows: rest[slice(*rows)], (ny, nx))
+        found = {"rms_level": moments.tilt()[1], "steps": moments.steps}
+        return replace(self, s_filter=s_filter, l_filter=l_filter, **found, _rest=rest, _source=None)
+
     def cell(self, grid):
         """Size dx, dy of a cell of the file, where `grid` is that of this surface [mm]. Not collective."""
         return grid.dx / self._averaged[1], grid.dy / self._averaged[0]
@@ -140,9 +180,11 @@ class Surface:
         """What was read, in a line for people to compare with what they know. Not collective."""
         nx, ny = self.crop[1] - self.crop[0], self.crop[3] - self.crop[2]
         turned = f" after {','.join(self.orient)}" if self.orient else ""
+        filters = (("S", self.s_filter), ("L", self.l_filter))
+        filtered = "".join(f", {name}-filtered at {in_words(index)}" for name, index in filters if index)
         return (
             f"{nx} x {ny} heights in {self.unit}, cells of {in_words(*self.cell(grid))}, patch of "
-            f"{in_words(grid.nx * grid.dx, grid.ny * grid.dy)}; about the best plane: rms height "
+            f"{in_words(grid.nx * grid.dx, grid.ny * grid.dy)}{filtered}; about the best plane: rms height "
             f"{in_words(self.rms_level)}, rms slope {self.rms_slope(grid):.2g}; rows along x, the first "
             f"at the smallest y{turned}"
         )
@@ -187,10 +229,14 @@ class Surface:
             "surface_missing": self.missing,
             "surface_crop": list(self.crop),
             "surface_orient": ",".join(self.orient),
+            **({"surface_s_filter": self.s_filter} if self.s_filter else {}),
+            **({"surface_l_filter": self.l_filter} if self.l_filter else {}),
         }
 
     def _levelled(self, start, stop):
         """Rows of the crop, before averaging [mm]."""
+        if self._rest is not None:
+            return self._rest[start:stop].copy()
         values = _cropped(self._source, self.crop, start, stop)
         values *= UNITS[self.unit]
         j, i, heights = self._filled
@@ -212,6 +258,9 @@ def read_surface(
     orient=(),
     skip=0,
     spacing=None,
+    s_filter=None,
+    l_filter=None,
+    periodic=False,
 ):
     """Read measured heights.
 
@@ -240,6 +289,12 @@ def read_surface(
         Lines at the head of a text to leave out.
     spacing : pair of float, optional
         Size dx, dy of a cell before it is turned [mm], where the file does not say; else `Surface.grid` needs a domain.
+    s_filter, l_filter : float, optional
+        Nesting indices (cut-off wavelengths) of Gaussian filters [mm], which come last: waves shorter than `s_filter`
+        are taken off as noise, those longer than `l_filter` as waviness. Where only `Surface.grid` knows the spacing,
+        `Surface.filtered` does it.
+    periodic : bool
+        Whether filters go around, as on a periodic patch.
 
     Returns
     -------
@@ -248,7 +303,8 @@ def read_surface(
     Raises
     ------
     InputError
-        If it cannot be read, its unit is not known or not what the file says, or the crop lies outside.
+        If it cannot be read, its unit is not known or not what the file says, the crop lies outside, or a filter does
+        not fit to its cells.
 
     Examples
     --------
@@ -261,6 +317,7 @@ def read_surface(
     >>> surface.grid(domain=(0, 0.6, 0, 0.4)).dx
     0.01
     """
+    check_order(s_filter, l_filter)
     unit, height_unit = (name and (unit_named(name) or name) for name in (unit, height_unit))
     for name, value, allowed in (
         ("level", level, LEVELS),
@@ -287,6 +344,7 @@ def read_surface(
     crop = _checked_crop(source, crop)
     scale = UNITS[unit]
     ny, nx = crop[3] - crop[2], crop[1] - crop[0]
+    check_cells(source.file, s_filter, l_filter, (ny, nx), sides)
     moments = Moments(source.file, lambda *rows: scale * _cropped(source, crop, *rows), (ny, nx))
     holes = nx * ny - int(moments.count)
     notes, filled = [], (np.zeros(0, int), np.zeros(0, int), np.zeros(0))
@@ -307,7 +365,7 @@ def read_surface(
             f"surface file {source.file}: is tilted by {rise:.3g} mm over the patch, its rms height about the best "
             f"plane is {rms:.3g} mm; level it by -surface_level plane (in Python level=) if that is the instrument's"
         )
-    return Surface(
+    surface = Surface(
         file=source.file,
         unit=unit,
         shape=(ny, nx),
@@ -325,6 +383,7 @@ def read_surface(
         _coefficients=moments.fit(level),
         _filled=filled,
     )
+    return surface.filtered(surface.grid(periodic=periodic), s_filter, l_filter) if sides else surface
 
 
 def _agreed_units(source, unit, height_unit):

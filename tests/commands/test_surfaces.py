@@ -50,6 +50,7 @@ def test_the_same_answer_on_any_number_of_ranks(cli, tmp_path, ranks):
     done = cli(
         "-problem", "sphere", "-sphere_radius", 2, "-surface_file", tmp_path / "s.npy", "-surface_unit", "nm",
         "-surface_level", "quadratic", "-surface_missing", "fill", "-domain", "-0.08,0.08,-0.1,0.1",
+        "-surface_s_filter", 0.025, "-surface_l_filter", 0.15,
         "-young", "210e3,3e3", "-poisson", "0.3,0.35", "-load", 0.05, "-lcp_rtol", 1e-10,
         "-output", tmp_path / "out.h5", ranks=ranks,
     )  # fmt: skip
@@ -60,6 +61,7 @@ def test_the_same_answer_on_any_number_of_ranks(cli, tmp_path, ranks):
     assert facts["surface_level"] == "quadratic" and list(facts["young"]) == [210e3, 3e3]
     surface = read_surface(tmp_path / "s.npy", "nm", "quadratic", missing="fill")
     grid, pair = surface.grid((-0.08, 0.08, -0.1, 0.1)), Material.pair((210e3, 3e3), (0.3, 0.35))
+    surface = surface.filtered(grid, 0.025, 0.15)
     alone = solve(
         ContactProblem(grid, pair, Sphere(2.0), surfaces=[surface]), load=0.05, comm=MPI.COMM_SELF,
         options={"lcp_rtol": 1e-10},

@@ -1,0 +1,154 @@
+"""Areal Gaussian filters of measured heights, ISO 16610-61, as the S-filter and the L-filter of ISO 25178.
+
+The weights of a nesting index (cut-off wavelength) c are exp(-pi (r/(alpha c))^2), alpha = sqrt(ln 2/pi): of a wave of
+length c half passes, of one of length l the share 2^-(c/l)^2. At the rim of a free patch, and where points are missing,
+they are divided by the sum of those that meet a point, which is Gaussian regression of order zero (ISO 16610-71).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.errors import InputError
+from app.memory import check_fits
+from app.units import in_words
+
+_REACH = 1.25  # nesting indices, beyond which weights are below 3e-10 of the largest
+_RUN = 1 << 18  # numbers that are transformed together
+
+
+def check_order(s_filter, l_filter):
+    """Refuse nesting indices that are no lengths, or leave nothing between them. Not collective."""
+    for name, index in (("s", s_filter), ("l", l_filter)):
+        if index is not None and not (np.isscalar(index) and np.isreal(index) and 0 < index < np.inf):
+            raise InputError(
+                f"surface {name}_filter {index!r}: needed: a positive number, its wavelength [mm]"
+            )
+    if s_filter and l_filter and s_filter >= l_filter:
+        raise InputError(
+            f"surface s_filter {s_filter:g} and l_filter {l_filter:g}: leave no waves between them; needed: the "
+            "S-filter's wavelength, that of noise, below the L-filter's, that of waviness [mm]"
+        )
+
+
+def check_cells(file, s_filter, l_filter, shape, cell):
+    """Refuse nesting indices that cells do not resolve, or that are longer than the patch.
+
+    Not collective. Of a side that is one cell wide nothing is asked: nothing is filtered across it.
+
+    Parameters
+    ----------
+    file : str
+        For the message.
+    s_filter, l_filter : float or None
+        [mm].
+    shape : tuple of int
+        ny, nx.
+    cell : tuple of float or None
+        dx, dy [mm]; None: nobody has said.
+
+    Raises
+    ------
+    InputError
+    """
+    if s_filter is l_filter is None:
+        return
+    if cell is None:
+        raise InputError(
+            f"spacing= of read_surface is missing: surface file {file} does not say its spacing, which filters need; "
+            "or filter by Surface.filtered, on a grid"
+        )
+    sides = [(n, width) for n, width in zip(shape[::-1], cell, strict=True) if n > 1]
+    if not sides:
+        raise InputError(f"surface file {file}: is one cell: nothing to filter")
+    least, most = 2 * max(width for _, width in sides), min(n * width for n, width in sides)
+    for name, index in (("s", s_filter), ("l", l_filter)):
+        if index is not None and not least * (1 - 1e-9) <= index <= most * (1 + 1e-9):
+            raise InputError(
+                f"surface {name}_filter {index:g} mm: not allowed for surface file {file}; allowed: {least:.4g} to "
+                f"{most:.4g} mm, from two of its cells ({in_words(*cell)}) to its shorter side"
+            )
+
+
+def band_pass(heights, s_filter, l_filter, cell, periodic=False):
+    """Heights without waves shorter than the S-filter's and longer than the L-filter's, half of which remain.
+
+    Not collective.
+
+    Parameters
+    ----------
+    heights : ndarray, shape (ny, nx)
+        Overwritten; NaN: missing, which counts for nothing and stays.
+    s_filter, l_filter : float or None
+        Nesting indices, in the unit of `cell`; None: not filtered.
+    cell : tuple of float
+        dx, dy.
+    periodic : bool
+        Whether the heights go on beyond each side at the other one.
+
+    Returns
+    -------
+    ndarray, shape (ny, nx)
+
+    Raises
+    ------
+    ValueError
+        If there is too little memory.
+
+    Examples
+    --------
+    >>> wave = np.cos(2 * np.pi * np.arange(40) / 20)[None, :]
+    >>> rest = band_pass(wave.copy(), None, 20.0, (1.0, 1.0), periodic=True)
+    >>> bool(np.allclose(rest, wave / 2))
+    True
+    """
+    check_fits(25.0 * heights.size, f"a filter of {heights.shape[1]} x {heights.shape[0]} heights")
+    if s_filter:
+        heights = _low_pass(heights, s_filter, cell, periodic)
+    if l_filter:
+        heights -= _low_pass(heights.copy(), l_filter, cell, periodic)
+    return heights
+
+
+def _low_pass(heights, index, cell, periodic):
+    """Weighted means of the heights, which are overwritten."""
+    missing = np.isnan(heights)
+    middle = np.mean(heights, where=~missing)  # so that large offsets cost no digits
+    heights -= middle
+    heights[missing] = 0.0
+    axes = [(axis, index / cell[1 - axis]) for axis in (0, 1) if heights.shape[axis] > 1]
+    for axis, cells in axes:
+        _smooth(heights, axis, cells, periodic)
+    if missing.any():
+        weights = 1.0 - missing
+        for axis, cells in axes:
+            _smooth(weights, axis, cells, periodic)
+        weights[missing] = np.nan
+        heights /= weights
+    elif not periodic:
+        for axis, cells in axes:  # the sum of weights is a product
+            line = np.ones((heights.shape[0], 1) if axis == 0 else (1, heights.shape[1]))
+            _smooth(line, axis, cells, periodic)
+            heights /= line
+    heights += middle
+    return heights
+
+
+def _smooth(values, axis, cells, periodic):
+    """Convolve with the weights of an index, in cells, in place; on a free patch nothing lies beyond the sides."""
+    from scipy.fft import irfft, next_fast_len, rfft  # takes a while to load
+
+    n, width = values.shape[axis], cells * np.sqrt(np.log(2) / np.pi)
+    reach = int(np.ceil(_REACH * cells))
+    if not periodic:
+        reach = min(reach, n - 1)
+    size = n if periodic else next_fast_len(n + reach, real=True)
+    places = np.arange(-reach, reach + 1)
+    weights = np.exp(-np.pi * (places / width) ** 2)
+    kernel = np.bincount(places % size, weights / weights.sum(), minlength=size)  # periodic: images add up
+    passed = rfft(kernel).real  # even
+    run = max(1, _RUN // size)
+    lines = np.moveaxis(values, axis, 1)
+    for start in range(0, len(lines), run):
+        part = lines[start : start + run]
+        part[...] = irfft(rfft(part, size) * passed, size)[:, :n]

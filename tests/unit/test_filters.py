@@ -1,0 +1,196 @@
+"""S-filter and L-filter: what passes, what is kept, edges, holes, and what is refused."""
+
+import h5py
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from app import ContactProblem, Material, read_surface
+from app.commands.problem_options import PROBLEM_OPTIONS, make_problem
+from app.errors import InputError
+from app.options import OptionReader
+from app.problems.filters import band_pass
+
+NX, NY = 120, 72
+CELL = 0.5, 1.25  # sides of 60 and 90
+X, Y = CELL[0] * np.arange(NX), CELL[1] * np.arange(NY)[:, None]
+ROUGH = np.random.default_rng(3).normal(size=(NY, NX))
+
+
+def share(filtered, wave):
+    """Of a wave that is left, and the largest height beside it."""
+    left = float(np.vdot(filtered, wave) / np.vdot(wave, wave))
+    return left, np.abs(filtered - left * wave).max()
+
+
+@pytest.mark.parametrize("direction", ["x", "y", "both"])
+@pytest.mark.parametrize("ratio", [0.5, 1, 2])
+def test_a_wave_passes_as_the_standard_says(direction, ratio):
+    """2^-(index/length)^2 of a wave in any direction: 1/2, at twice the index 2^-1/4, at half of it 2^-4."""
+    lengths = {"x": (15, np.inf), "y": (np.inf, 15), "both": (15, 30)}[direction]
+    length = 1 / np.hypot(*np.reciprocal(np.array(lengths, float)))
+    wave = np.cos(2 * np.pi * (X / lengths[0] + Y / lengths[1]) + 0.3)
+    low = band_pass(wave.copy(), length / ratio, None, CELL, periodic=True)
+    assert share(low, wave) == pytest.approx((2 ** -(ratio**-2), 0), abs=1e-5)
+    high = band_pass(wave.copy(), None, length / ratio, CELL, periodic=True)
+    assert share(high, wave) == pytest.approx((1 - 2 ** -(ratio**-2), 0), abs=1e-5)
+
+
+def test_far_from_the_sides_a_free_patch_passes_the_same():
+    wave = np.cos(2 * np.pi * X / 6) + 0 * Y
+    low = band_pass(wave.copy(), 6.0, None, CELL)
+    np.testing.assert_allclose(low[:, 16:-16], wave[:, 16:-16] / 2, atol=1e-6)
+
+
+def test_both_filters_leave_what_lies_between():
+    """Noise, form of interest and waviness put together come apart again."""
+    waves = {length: np.cos(2 * np.pi * X / length) + 0 * Y for length in (2.5, 12, 60)}
+    waves |= {length: np.sin(2 * np.pi * Y / length) + 0 * X for length in (5, 18, 90)}
+    left = band_pass(sum(waves.values()), 8.0, 40.0, CELL, periodic=True)
+    passed = {length: share(left, wave)[0] for length, wave in waves.items()}
+    for length in waves:
+        expected = 2 ** -((8 / length) ** 2) * (1 - 2 ** -((40 / length) ** 2))
+        assert passed[length] == pytest.approx(expected, abs=1e-6)
+    assert passed[2.5] < 1e-3 and passed[90] < 0.13 and min(passed[12], passed[18]) > 0.7
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+@pytest.mark.parametrize("holes", [False, True])
+def test_constants_are_kept_to_the_sides_and_holes_stay(periodic, holes):
+    heights = np.full((NY, NX), 1e6)
+    if holes:
+        heights[10:40, 20:90], heights[0, 0], heights[30, 50] = np.nan, np.nan, 1e6
+    low = band_pass(heights.copy(), 9.0, None, CELL, periodic)
+    np.testing.assert_array_equal(low, heights)
+    high = band_pass(heights.copy(), None, 9.0, CELL, periodic)
+    np.testing.assert_array_equal(high, 0 * heights)
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+def test_weights_are_those_of_the_points_that_are_there(periodic):
+    """By the sum itself, at sides, corners and beside holes."""
+    index, heights = 12.0, np.where(ROUGH > 1, np.nan, ROUGH)
+    low = band_pass(heights.copy(), index, None, CELL, periodic)
+    np.testing.assert_array_equal(np.isnan(low), np.isnan(heights))
+    for j, i in np.argwhere(~np.isnan(heights))[:: NX * 3 + 1]:
+        dx, dy = X - X[i], Y - Y[j]
+        if periodic:
+            dx, dy = (d - side * np.round(d / side) for d, side in ((dx, 60), (dy, 90)))
+        weights = np.exp(-(np.log(2) ** -1) * (np.pi / index) ** 2 * (dx**2 + dy**2)) * ~np.isnan(heights)
+        assert low[j, i] == pytest.approx(np.nansum(weights * heights) / weights.sum(), abs=1e-8)
+
+
+def test_a_periodic_patch_has_no_sides():
+    moved = np.roll(band_pass(ROUGH.copy(), 4.0, 30.0, CELL, periodic=True), (7, 11), (0, 1))
+    np.testing.assert_allclose(
+        band_pass(np.roll(ROUGH, (7, 11), (0, 1)), 4.0, 30.0, CELL, periodic=True), moved, atol=1e-12
+    )
+
+
+def test_a_profile_is_filtered_along_itself():
+    np.testing.assert_allclose(
+        band_pass(ROUGH[:1].copy(), 4.0, None, CELL),
+        band_pass(np.tile(ROUGH[0], (5, 1)), 4.0, None, CELL)[:1],
+        atol=1e-12,
+    )
+
+
+@pytest.fixture
+def saved(tmp_path):
+    with h5py.File(tmp_path / "s.h5", "w") as file:
+        file["heights"] = np.where(ROUGH > 2.5, np.nan, ROUGH + 0.1 * X)
+        file["heights"].attrs.update(unit="nm", spacing=CELL, spacing_unit="um")
+    np.save(tmp_path / "s.npy", ROUGH)
+    return tmp_path
+
+
+def made(path, **texts):
+    given = {"problem": "rough", "contact_modulus": "1", "surface_file": str(path), **texts}
+    return make_problem(OptionReader(PROBLEM_OPTIONS, given), given, MPI.COMM_SELF)[0]
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+@pytest.mark.parametrize("missing", ["hole", "fill"])
+def test_options_and_python_do_the_same_after_crop_missing_points_and_level(saved, missing, periodic):
+    how = {"level": "plane", "crop": (0, 100, 2, 72), "missing": missing}
+    texts = {"surface_level": "plane", "surface_crop": "0,100,2,72", "surface_missing": missing}
+    problem = made(
+        saved / "s.h5",
+        surface_s_filter="0.005",
+        surface_l_filter="0.02",
+        periodic=str(periodic).lower(),
+        **texts,
+    )
+    filters = {"s_filter": 5e-3, "l_filter": 0.02, "periodic": periodic}
+    surface = read_surface(saved / "s.h5", **how, **filters)
+    np.testing.assert_array_equal(-problem.shape_on(problem.grid), surface.heights())
+    np.testing.assert_array_equal(surface.heights(slice(3, 9)), surface.heights()[3:9])
+    before = read_surface(saved / "s.h5", **how).heights()
+    cell = tuple(1e-3 * side for side in CELL)
+    np.testing.assert_allclose(surface.heights(), band_pass(before, 5e-3, 0.02, cell, periodic), atol=1e-15)
+    facts = problem.describe()
+    assert (facts["surface_s_filter"], facts["surface_l_filter"]) == (5e-3, 0.02)
+    assert "S-filtered at 5 um, L-filtered at 20 um; about the best plane" in facts["surface_read"]
+    assert surface.rms_level == pytest.approx(np.nanstd(surface.heights()), rel=1e-2)
+    assert surface.rms_slope(problem.grid) < 0.2 * read_surface(saved / "s.h5", **how).rms_slope(problem.grid)
+
+
+def test_cells_are_averaged_after_filters_of_the_files_own(saved):
+    texts = {"surface_unit": "nm", "domain": "0,0.06,0,0.09", "surface_s_filter": "0.004"}
+    fine, coarse = made(saved / "s.npy", **texts), made(saved / "s.npy", grid="60,36", **texts)
+    blocks = fine.shape_on(fine.grid).reshape(36, 2, 60, 2).mean(axis=(1, 3))
+    np.testing.assert_allclose(coarse.shape_on(coarse.grid), blocks, atol=1e-18)
+
+
+@pytest.mark.parametrize(
+    ("filters", "message"),
+    [
+        ({"s_filter": "0"}, "-surface_s_filter 0: not allowed; allowed: a positive number"),
+        ({"l_filter": "-1"}, "-surface_l_filter -1: not allowed; allowed: a positive number"),
+        ({"s_filter": "0.02", "l_filter": "0.02"}, "s_filter 0.02 and l_filter 0.02: leave no waves between"),
+        ({"s_filter": "0.0024"}, "s_filter 0.0024 mm: not allowed .*; allowed: 0.0025 to 0.06 mm"),
+        ({"l_filter": "0.07"}, "l_filter 0.07 mm: not allowed .*; allowed: 0.0025 to 0.06 mm"),
+    ],
+)
+def test_refused(saved, filters, message):
+    with pytest.raises(InputError, match=message):
+        made(saved / "s.h5", **{f"surface_{name}": text for name, text in filters.items()})
+    if "not allowed; allowed" not in message:
+        with pytest.raises(InputError, match=message):
+            read_surface(saved / "s.h5", **{name: float(text) for name, text in filters.items()})
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        ({"s_filter": 0}, "s_filter 0: needed: a positive number"),
+        ({"l_filter": np.nan}, "l_filter nan: needed: a positive number"),
+        ({"s_filter": "5 um"}, "s_filter '5 um': needed: a positive number"),
+        ({"s_filter": (1, 2)}, r"s_filter \(1, 2\): needed: a positive number"),
+        ({"s_filter": 0.01}, "spacing= of read_surface is missing"),
+        ({"s_filter": 0.01, "spacing": (1e-3, 1e-3), "crop": (3, 4, 5, 6)}, "one cell: nothing to filter"),
+    ],
+)
+def test_refused_in_python(how, message):
+    with pytest.raises(InputError, match=message):
+        read_surface(ROUGH, "nm", **how)
+
+
+def test_without_a_measured_surface_they_have_no_effect(saved):
+    given = {"problem": "sphere", "sphere_radius": "1", "contact_modulus": "1"}
+    given |= {"domain": "-1,1,-1,1", "grid": "8", "surface_s_filter": "0.1"}
+    reader = OptionReader(PROBLEM_OPTIONS, given)
+    make_problem(reader, given, MPI.COMM_SELF)
+    assert reader.unused() == ["surface_s_filter"]
+
+
+def test_a_spacing_known_to_the_grid_only(saved):
+    surface = read_surface(saved / "s.npy", "nm")
+    grid = surface.grid((0, 0.06, 0, 0.09))
+    filtered = surface.filtered(grid, s_filter=5e-3)
+    known = read_surface(saved / "s.npy", "nm", spacing=(5e-4, 1.25e-3), s_filter=5e-3)
+    np.testing.assert_allclose(filtered.heights(), known.heights(), atol=1e-15)
+    assert surface.s_filter is None and surface.filtered(grid) is surface
+    with pytest.raises(InputError, match="filtered already"):
+        filtered.filtered(grid, l_filter=0.02)
+    ContactProblem(grid, Material.from_contact_modulus(1.0), surfaces=[filtered])
