@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from app.contact.history import Listener
 from app.contact.reference_solvers import REFERENCE_SOLVERS
 from app.contact.stopping import StoppingTest
 from app.errors import InputError, agree
@@ -35,7 +36,7 @@ def check_kind(name, given, kind, what):
         raise InputError(f"{name}: is {type(given).__name__}; needed: {what}")
 
 
-def choose(problem, method, options, prefix):
+def choose(problem, method, options, prefix, listeners):
     """Settings of a method for a problem, if it can be had on this machine; see `ContactSolver`. Not collective.
 
     Raises
@@ -44,6 +45,9 @@ def choose(problem, method, options, prefix):
     """
     check_kind("problem", problem, Problem, "a ContactProblem")
     check_kind("method", method, str | Mapping | None, "the name of a method file, or a mapping")
+    check_kind("listeners", listeners, Sequence, "a sequence of app.Listener")
+    for listener in listeners:
+        check_kind("listeners", listener, Listener, "objects of a class made from app.Listener")
     grid, texts = problem.grid, as_texts(options or {}) | global_options(prefix)
     check_compiler()
     check_cells(grid)
