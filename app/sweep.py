@@ -68,7 +68,11 @@ def _main(argv):
         "--ranks", type=count, default=1, metavar="P", help="MPI ranks of each run; default: 1"
     )
     parser.add_argument("--timeout", type=seconds, metavar="S", help="stop a run after S seconds")
-    parser.add_argument("--resume", action="store_true", help="keep what an earlier call has finished; what was refused is tried again")
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="keep what an earlier call has finished; what was refused is tried again",
+    )
     parser.add_argument(
         "--keep", action="store_true", help="keep the result files, for a table out.csv in out.runs/"
     )

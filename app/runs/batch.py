@@ -10,7 +10,10 @@ from app.errors import InputError
 from app.runs.processes import Processes, perform
 from app.runs.run import OUTCOME, WHERE_KNOWN
 
-FINISHED = (0, 3)  # exit statuses of app.solve: there is an answer, as good as it gets. What is refused depends on more
+FINISHED = (
+    0,
+    3,
+)  # exit statuses of app.solve: there is an answer, as good as it gets. What is refused depends on more
 # than a key knows (memory, packages, what code opens), and costs a start; any other is a crash, worth another try
 
 
