@@ -282,6 +282,16 @@ def read_surface(
             )
     except (ValueError, OSError) as error:
         raise InputError(str(error)) from None
+    return surface_of(source, unit, level, crop, missing, height_unit, orient, spacing)
+
+
+def surface_of(
+    source, unit=None, level="none", crop=None, missing="hole", height_unit=None, orient=(), spacing=None
+):
+    """Surface of a `HeightFile` or `HeightArray` that is turned already; all else as of `read_surface`.
+
+    Not collective.
+    """
     unit, lateral = _agreed_units(source, unit, height_unit)
     sides = _agreed_spacing(source, lateral, spacing, orient)
     crop = _checked_crop(source, crop)
