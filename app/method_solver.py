@@ -21,7 +21,15 @@ from app.method import METHOD_OPTIONS, PART_OPTIONS, global_options, settings
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.options import as_texts, unknown_options
-from app.petsc import OptionDatabase, Resources, as_raised, check_cells, error_message, help_text
+from app.petsc import (
+    OptionDatabase,
+    Resources,
+    as_raised,
+    check_cells,
+    error_message,
+    free_forgotten,
+    help_text,
+)
 from app.problems.problem import Problem
 from app.strategy import check_compiler
 
@@ -102,7 +110,12 @@ def make_solver(hierarchy, chosen):
     try:
         return agree(hierarchy.comm, _solver, hierarchy, chosen)
     except InputError as error:
-        raise InputError(f"solver options: {error}") from None
+        refusal = f"solver options: {error}"
+    # Now, not while the error holds what the refused solver has made; PETSc keeps that, and communicators for it.
+    level = hierarchy.levels[hierarchy.finest_whole]
+    for comm in [hierarchy.petsc_comm, *[level.petsc_comm] * level.active]:
+        free_forgotten(comm)
+    raise InputError(refusal)
 
 
 def _solver(hierarchy, chosen):
