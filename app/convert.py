@@ -67,8 +67,6 @@ def _main(argv):
     arguments = parser.parse_args(argv)
     from app.output.files import check_output_path
     from app.problems.height_file import turned
-    from app.problems.moments import Moments
-    from app.units import UNITS
 
     path = arguments.file
     if not Path(str(path).partition(":/")[0]).is_file():
@@ -78,16 +76,15 @@ def _main(argv):
         heights, facts = _read(path, arguments.channel, arguments.skip)
         facts = _settle(facts, arguments, path)
         heights, facts["spacing"] = turned(heights, facts["spacing"], arguments.orient)
-        scale = facts["factor"] * UNITS[facts["unit"]]
-        Moments(path, lambda i, j: scale * heights[i:j], heights.shape)  # refuses what no solve would read
+        heights *= facts["factor"]
+        summary, doubts = _summary(heights, facts, path)  # refuses what no solve would read
     except (ValueError, OSError) as error:
         raise InputError(one_line(error)) from None
     try:
         _write(arguments.output, heights, facts, path)
     except OSError as error:
         raise InputError(f"-o {arguments.output}: cannot be written: {one_line(error)}") from None
-    summary, doubts = _summary(arguments.output)
-    print(summary)
+    print(f"{arguments.output}: {summary}")
     if doubts:
         print(f"warning: {doubts}", file=sys.stderr)
     return 0
@@ -229,7 +226,6 @@ def _write(output, heights, facts, path):
     from app import __version__
     from app.output.files import whole_hdf5
 
-    heights *= facts["factor"]
     source = Path(str(path).partition(":/")[0])
     with whole_hdf5(output) as file:
         dataset = file.create_dataset("heights", data=heights)
@@ -246,15 +242,20 @@ def _checksum(path):
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _summary(output):
+def _summary(heights, facts, path):
     """What a solve will read, and what is doubtful in it."""
     from app.notes import doubt
-    from app.problems.measured import read_surface
+    from app.problems.height_file import HeightArray
+    from app.problems.measured import surface_of
 
-    surface = read_surface(output)
+    source = HeightArray(heights)
+    source.file, source.unit = str(path), facts["unit"]
+    source.spacing, source.lateral = facts["spacing"], facts["spacing_unit"]
+    surface = surface_of(source)
     grid = surface.grid()
-    missing = 100 * surface.missing_points / (surface.shape[0] * surface.shape[1])
-    return f"{output}: {surface.understood(grid)}; {missing:.3g}% missing", doubt(surface, grid)
+    return f"{surface.understood(grid)}; {100 * surface.missing_points / heights.size:.3g}% missing", doubt(
+        surface, grid
+    )
 
 
 if __name__ == "__main__":

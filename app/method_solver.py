@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.compiled import check_compiler
+from app.contact.history import Listener
 from app.contact.reference_solvers import REFERENCE_SOLVERS
 from app.contact.stopping import StoppingTest
 from app.errors import InputError, agree
@@ -21,7 +22,15 @@ from app.method import METHOD_OPTIONS, PART_OPTIONS, global_options, settings
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.options import as_texts, unknown_options
-from app.petsc import OptionDatabase, Resources, as_raised, check_cells, error_message, help_text
+from app.petsc import (
+    OptionDatabase,
+    Resources,
+    as_raised,
+    check_cells,
+    error_message,
+    free_forgotten,
+    help_text,
+)
 from app.problems.problem import Problem
 
 # Options that PETSc looks up only while solving, or never marks as used, ...
@@ -35,7 +44,7 @@ def check_kind(name, given, kind, what):
         raise InputError(f"{name}: is {type(given).__name__}; needed: {what}")
 
 
-def choose(problem, method, options, prefix):
+def choose(problem, method, options, prefix, listeners):
     """Settings of a method for a problem, if it can be had on this machine; see `ContactSolver`. Not collective.
 
     Raises
@@ -44,6 +53,9 @@ def choose(problem, method, options, prefix):
     """
     check_kind("problem", problem, Problem, "a ContactProblem")
     check_kind("method", method, str | Mapping | None, "the name of a method file, or a mapping")
+    check_kind("listeners", listeners, Sequence, "a sequence of app.Listener")
+    for listener in listeners:
+        check_kind("listeners", listener, Listener, "objects of a class made from app.Listener")
     grid, texts = problem.grid, as_texts(options or {}) | global_options(prefix)
     check_compiler()
     check_cells(grid)
@@ -98,7 +110,12 @@ def make_solver(hierarchy, chosen):
     try:
         return agree(hierarchy.comm, _solver, hierarchy, chosen)
     except InputError as error:
-        raise InputError(f"solver options: {error}") from None
+        refusal = f"solver options: {error}"
+    # Now, not while the error holds what the refused solver has made; PETSc keeps that, and communicators for it.
+    level = hierarchy.levels[hierarchy.finest_whole]
+    for comm in [hierarchy.petsc_comm, *[level.petsc_comm] * level.active]:
+        free_forgotten(comm)
+    raise InputError(refusal)
 
 
 def _solver(hierarchy, chosen):

@@ -78,13 +78,16 @@ def _forget_last_exception():
         seen.add(id(error))
         traceback.clear_frames(error.__traceback__)
         error = error.__cause__ or error.__context__
-    _free_forgotten()
+    free_forgotten()
 
 
-def _free_forgotten():
-    """Free what Python has forgotten, as of a solve that was interrupted: PETSc keeps it until somebody asks."""
+def free_forgotten(comm=PETSc.COMM_SELF):
+    """Free what Python has forgotten, as of a solve that was interrupted: PETSc keeps it until somebody asks.
+
+    Collective over the PETSc communicator `comm`, whose ranks wait for each other.
+    """
     with suppress(AttributeError):  # a petsc4py that frees at once
-        PETSc.garbage_cleanup(PETSc.COMM_SELF)
+        PETSc.garbage_cleanup(comm)
 
 
 # Python ignores the signal of a pipe that nobody reads any more, and raises; PETSc has begun to abort.
@@ -378,7 +381,7 @@ class Resources:
             return
         while self._parts:
             self._parts.pop().destroy()
-        _free_forgotten()
+        free_forgotten()
         if self.comm is not None:
             self.comm.Free()
             self.comm = None

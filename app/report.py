@@ -239,15 +239,15 @@ def path_section(result, pictures):
 
 
 def stress_section(result, below):
-    """Largest stress below the surface; `below` is None where Poisson's ratio is not known."""
+    """Largest stresses below the surface; `below` is None where Poisson's ratio is not known."""
     if below is None:
         text = "Poisson's ratio is not known, so the stresses are not (--poisson gives it)."
         return Section("stress", "Below the surface", [text])
     found = subsurface.survey(below, along="x")
-    text = subsurface.summary(found.hottest, result, below.nu)
-    text = text[0].upper() + " ".join(text[1:].split()) + "."
+    texts = subsurface.summary(found.hottest, found.sheared, result, below.nu)
+    texts = [text[0].upper() + " ".join(text[1:].split()) + "." for text in texts]
     picture = page.png(subsurface.picture(result, found))
-    return Section("stress", "Below the surface", [text], pictures={"stress": picture})
+    return Section("stress", "Below the surface", texts, pictures={"stress": picture})
 
 
 def web_page(result, poisson_ratio=None, body=None, with_stress=True):

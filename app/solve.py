@@ -22,7 +22,7 @@ def main(given):
 
     from app import compiled
     from app.commands import monitor
-    from app.commands.load_path import run_path, which
+    from app.commands.load_path import run_path
     from app.commands.problem_options import Request, help_text, suggesting
     from app.commands.report import along, grids, report
     from app.refinement import refine
@@ -89,7 +89,7 @@ def main(given):
         facts["stiffness"] = stiffness
     notes = solution.notes
     if steps:
-        notes = [f"{which(at, len(path))}: {note}" for note, at in path.notes.values()]
+        notes = path.notes
         facts["notes"] = "\n".join(notes)
     if request.output:
         save(solution, request.output, steps)

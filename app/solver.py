@@ -132,12 +132,13 @@ class ContactSolver:
             raise InputError("comm: this rank is none of its ranks; only those may make a solver")
         self._resources, self._distances = Resources(), []
         self._finalizer = weakref.finalize(self, one_at_a_time(self._resources.free))
-        self.problem, self.listeners = problem, list(listeners)
+        self.problem = problem
         self._outer_comm = ending.share(comm)
         self.comm = self._resources.comm = Communicator(self._outer_comm.Dup())
         self.hierarchy = self._solver = None
         try:
-            self.settings = chosen = agree(self.comm, choose, problem, method, options, prefix)
+            self.settings = chosen = agree(self.comm, choose, problem, method, options, prefix, listeners)
+            self.listeners = list(listeners)
             grid = problem.grid
             # Processors may round differently.
             sizes = [f"{size:.6g}" for size in (grid.dx, grid.dy, problem.material.compliance)]

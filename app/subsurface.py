@@ -1,10 +1,10 @@
 """Stress below a contact: ``python -m app.subsurface RESULT.h5 [--poisson NU] [-o DIR]``, or `stress` from Python.
 
-The command finds the largest von Mises stress and prints it. With -o it writes DIR/subsurface.png, the von Mises stress
-on a vertical section and the stresses on the line through that point (or through ``--at``), and DIR/subsurface.h5: all
-six components, the von Mises stress and the largest shear stress on the section along x and on the one along y, on the
-line, and on the horizontal planes asked for by ``--planes``, [N/mm2], compression negative. Exit status 0, or 2 with
-one line on standard error. Runs on one rank.
+The command finds the largest von Mises stress and the largest shear stress, and prints them. With -o it writes
+DIR/subsurface.png, the von Mises stress on a vertical section and the stresses on the line through its largest (or
+through ``--at``), and DIR/subsurface.h5: all six components, the von Mises stress and the largest shear stress on the
+section along x and on the one along y, on the line, and on the horizontal planes asked for by ``--planes``, [N/mm2],
+compression negative. Exit status 0, or 2 with one line on standard error. Runs on one rank.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def stress(solution, poisson_ratio=None, body=None):
     Returns
     -------
     SubsurfaceStress
-        Has `plane`, `section`, `line` and `maximum`.
+        Has `plane`, `section`, `line`, `maximum` and `maxima`.
 
     Raises
     ------
@@ -112,10 +112,10 @@ def survey(below, depths=64, at=None, deepest=None, along="xy"):
     Returns
     -------
     SimpleNamespace
-        `hottest` (where the stress is largest), `at` (the largest of the line), `depths`, `section_x`, `section_y`
-        (6, depths, nx or ny) or None, `line` (6, depths).
+        `hottest` (where the von Mises stress is largest), `sheared` (where the shear stress is), `at` (the largest of
+        the line), `depths`, `section_x`, `section_y` (6, depths, nx or ny) or None, `line` (6, depths).
     """
-    hottest = below.maximum()
+    hottest, sheared = below.maxima()
     x, y = at or (hottest.x, hottest.y)
     cell = max(below.grid.dx, below.grid.dy)
     depths = np.linspace(0.0, deepest or max(_DEEP * hottest.depth, 4 * cell), depths)
@@ -128,6 +128,7 @@ def survey(below, depths=64, at=None, deepest=None, along="xy"):
     along_y = below.section(depths, x=x) if "y" in along else None
     return SimpleNamespace(
         hottest=hottest,
+        sheared=sheared,
         at=here,
         depths=depths,
         section_x=along_x,
@@ -147,15 +148,16 @@ def picture(result, found, along="x"):
 def write(path, result, found, planes):
     """HDF5 file of a survey and of some planes (depth -> stress); whole or not at all. Not collective."""
     with whole_hdf5(path) as file:
-        at, hottest = found.at, found.hottest
+        at = found.at
         for name, values in (("x", result.x), ("y", result.y), ("depth", found.depths)):
             file[name] = values
             file[name].attrs["unit"] = "mm"
             file[name].make_scale(name)
-        file.attrs.update(
-            poisson_ratio=found.poisson_ratio, x=at.x, y=at.y, max_von_mises=hottest.von_mises,
-            max_von_mises_x=hottest.x, max_von_mises_y=hottest.y, max_von_mises_depth=hottest.depth,
-        )  # fmt: skip
+        file.attrs.update(poisson_ratio=found.poisson_ratio, x=at.x, y=at.y)
+        for name, there in (("von_mises", found.hottest), ("max_shear", found.sheared)):
+            largest = f"max_{name.removeprefix('max_')}"
+            file.attrs[largest] = getattr(there, name)
+            file.attrs.update({f"{largest}_{where}": getattr(there, where) for where in ("x", "y", "depth")})
         groups = {
             "section_x": (found.section_x, ("depth", "x")),
             "section_y": (found.section_y, ("depth", "y")),
@@ -228,19 +230,25 @@ def _arguments(argv):
     return arguments
 
 
-def summary(hottest, result, poisson_ratio):
-    """What was found, in a line or two. Not collective."""
-    unit = length_unit(hottest.depth or float(np.ptp(result.x)))
+def summary(hottest, sheared, result, poisson_ratio):
+    """What was found, a text of two lines for each of `SubsurfaceStress.maxima`. Not collective."""
     highest = float(np.nanmax(result.pressure))
-    share = f", {hottest.von_mises / highest:.3g} of the maximum pressure" if highest > 0 else ""
     each = np.atleast_1d(result.attributes.get("poisson", ()))
     of = (
         [f" (body {k})" for k, nu in enumerate(each, 1) if nu == poisson_ratio] if len(set(each)) == 2 else []
     )
-    return (
-        f"largest von Mises stress {hottest.von_mises:.6g} N/mm2{share}, for nu = {poisson_ratio:g}{''.join(of)}\n"
-        f"  at x = {hottest.x:.6g} mm, y = {hottest.y:.6g} mm, depth {hottest.depth * unit.per_mm:.4g} {unit.name}"
-    )
+    texts = []
+    for name, value, there in (
+        ("von Mises", hottest.von_mises, hottest),
+        ("shear", sheared.max_shear, sheared),
+    ):
+        unit = length_unit(there.depth or float(np.ptp(result.x)))
+        share = f", {value / highest:.3g} of the maximum pressure" if highest > 0 else ""
+        texts.append(
+            f"largest {name} stress {value:.6g} N/mm2{share}, for nu = {poisson_ratio:g}{''.join(of)}\n"
+            f"  at x = {there.x:.6g} mm, y = {there.y:.6g} mm, depth {there.depth * unit.per_mm:.4g} {unit.name}"
+        )
+    return texts
 
 
 def main(argv=None):
@@ -250,7 +258,7 @@ def main(argv=None):
         result = read_result(arguments.result)
         below = stress(result, arguments.poisson, arguments.body)
         if arguments.output is None:
-            streams.say(summary(below.maximum(), result, below.nu))
+            streams.say("\n".join(summary(*below.maxima(), result, below.nu)))
             return 0
         names = [arguments.output / f"subsurface.{kind}" for kind in ("h5", arguments.format)]
         try:
@@ -264,7 +272,7 @@ def main(argv=None):
     except (ValueError, MemoryError) as error:
         streams.complain(f"error: {one_line(error)}")
         return 2
-    streams.say("\n".join([summary(found.hottest, result, below.nu), *map(str, names)]))
+    streams.say("\n".join([*summary(found.hottest, found.sheared, result, below.nu), *map(str, names)]))
     return 0
 
 

@@ -18,7 +18,7 @@ Each combination is a process of its own (under mpiexec with ``--ranks`` above 1
 the program refuses it, diverges or crashes: then `exit_status` and `message` say so. The result files give
 `worst_negative_gap` [mm], `worst_negative_pressure` [N/mm2] and `complementarity`, max |p e| / (max p max |h|).
 What is finished is kept in ``out.runs.jsonl`` beside the table; ``--resume`` goes on from there, as far as options,
-the files they name, and the program are the same.
+the files they name, and the program are the same; what was refused, or crashed, is tried again.
 
 Exit status: 0 all runs solved; 3 some are not, as the table says; 2 all are refused, or bad input before any run; 130
 interrupted, with a table of what is finished.
@@ -68,7 +68,11 @@ def _main(argv):
         "--ranks", type=count, default=1, metavar="P", help="MPI ranks of each run; default: 1"
     )
     parser.add_argument("--timeout", type=seconds, metavar="S", help="stop a run after S seconds")
-    parser.add_argument("--resume", action="store_true", help="keep what an earlier call has finished")
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="keep what an earlier call has finished; what was refused is tried again",
+    )
     parser.add_argument(
         "--keep", action="store_true", help="keep the result files, for a table out.csv in out.runs/"
     )

@@ -25,6 +25,9 @@ OPTIONS = [
     Option("resume", flag, False, "path: go on after the steps that an interrupted run has finished"),
 ]  # fmt: skip
 _NO_MATTER = ("output", "path_csv", "path_fields", "resume", "lcp_monitor")  # to what a row says
+_NUMBER = re.compile(
+    r"(?<![\w./])\d+(\.\d+)?(e[+-]?\d+)?(?![\w/]|\.\w)"
+)  # none of those within names of files
 _SHOWN = {"load": " N", "approach": " mm", "contact_fraction": "", "max_pressure": " N/mm2"}
 
 
@@ -114,6 +117,7 @@ def run_path(wanted, solver, stiffness, save):
     Returns
     -------
     path : LoadPath
+        With ``notes``, those of all steps.
     solution : Solution
         Of the last step.
     done : callable
@@ -128,11 +132,12 @@ def run_path(wanted, solver, stiffness, save):
     path = solver.path(stiffness=stiffness, rows=rows, **{wanted.kind: wanted.numbers})
     if rows:
         say(f"{len(rows)} of {len(path)} steps are done already")
-    path.notes = {}
+    told = {}
 
     def remember(step, lines):
-        for line in lines:
-            path.notes.setdefault(re.sub(r"[\d.]+", "", line), (line, []))[1].append(step)
+        kinds = [_NUMBER.sub("#", line) for line in lines]
+        for k, line in enumerate(lines):  # two of a kind, of two surfaces, say, stay two
+            told.setdefault((kinds[k], kinds[:k].count(kinds[k])), []).append((step, line))
 
     for step, lines in enumerate(notes[: len(path) - 1], 1):  # the last step is solved in any case
         remember(step, lines)
@@ -150,7 +155,16 @@ def run_path(wanted, solver, stiffness, save):
     except BaseException:  # Ctrl-C above all
         book.tell_kept(len(path))
         raise
+    path.notes = [f"{which([step for step, _ in at], len(path))}: {_ranged(at)}" for at in told.values()]
     return path, solution, book.close
+
+
+def _ranged(at):
+    """Notes (step, line) that differ in numbers only as one, with ranges in place of those."""
+    columns = zip(*([found[0] for found in _NUMBER.finditer(line)] for _, line in at), strict=True)
+    ends = ((min(column, key=float), max(column, key=float)) for column in columns)
+    ranges = (low if float(low) == float(high) else f"{low} to {high}" for low, high in ends)
+    return _NUMBER.sub(lambda _: next(ranges), at[0][1])
 
 
 class _Book:
@@ -257,10 +271,9 @@ def which(steps, count):
 
     Examples
     --------
-    >>> which([1, 2, 3, 7], 8), which([4], 8), which([1, 2], 2), which([1, 1], 1)
+    >>> which([1, 2, 3, 7], 8), which([4], 8), which([1, 2], 2), which([1], 1)
     ('steps 1 to 3, 7', 'step 4', 'all steps', 'step 1')
     """
-    steps = sorted(set(steps))  # one may have two such notes
     if len(steps) == count > 1:
         return "all steps"
     ends = [k for k in range(len(steps)) if steps[k : k + 2] != [steps[k], steps[k] + 1]]

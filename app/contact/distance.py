@@ -99,7 +99,12 @@ class UndeformedDistance:
     @property
     def approach(self):
         """delta [mm]. Not collective."""
-        return self.reference + self.depth
+        return self.approach_at(self.depth)
+
+    def approach_at(self, depth):
+        """Return the approach at a depth, 0 where the two parts cancel but for their rounding [mm]. Not collective."""
+        approach = float(self.reference + depth)
+        return approach if abs(approach) > 4 * np.spacing(max(abs(self.reference), abs(depth))) else 0.0
 
     @property
     def deviation(self):

@@ -325,7 +325,7 @@ def prescribe(grid, distance, **given):
         return PrescribedLoad(value if kind == "load" else value * grid.area)
     # On a periodic patch displacements have no mean: mean(gap) = mean(undeformed distance) - approach.
     holes = grid.n - distance.statistics.cells
-    mean = float(distance.reference + distance.statistics.mean)
+    mean = distance.approach_at(distance.statistics.mean)
     if kind == "mean_gap":
         _check_mean_gap(value, grid, holes)
         return PrescribedApproach(mean - value)

@@ -104,6 +104,14 @@ class _ReferenceSolver:
         for part in (self.mat, self._h):
             part.destroy()
 
+    def _configure(self, solver):
+        """Have PETSc's solver read the options. Collective."""
+        try:
+            solver.setFromOptions()
+        except BaseException:
+            self.destroy()  # which PETSc's calls back, a circle that nobody would open
+            raise
+
     def _unless_given(self, **tolerances):
         """Those tolerances that the user has not given."""
         options = PETSc.Options()
@@ -163,7 +171,7 @@ class Tao(_ReferenceSolver):
         self.tao.setHessian(lambda tao, x, hessian, pre: None, self.mat)
         self.tao.setMaximumIterations(stop.max_it)
         self.tao.setMonitor(self._monitor)
-        self.tao.setFromOptions()
+        self._configure(self.tao)
         self.inner = 0
         ksp = self.tao.getKSP()  # of the type that was chosen; some have none
         if ksp.handle:
@@ -222,7 +230,7 @@ class SnesVI(_ReferenceSolver):
         ksp.setTolerances(rtol=1e-8)
         # PETSc's own default is a pressure of 1e-8, whatever the units.
         with options_set({"snes_vi_zero_tolerance": "0"}, {}):
-            self.snes.setFromOptions()
+            self._configure(self.snes)
 
     @property
     def iterations(self):

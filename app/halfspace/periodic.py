@@ -46,7 +46,7 @@ def influence_symbol(grid, compliance, columns, rows):
     compliance : float
         (1 - nu) / (pi G) = 1 / (pi E*) [mm2/N].
     columns, rows : ndarray of int
-        Frequencies in x, from 0 to nx // 2, and in y, from 0 to ny // 2.
+        Frequencies in x, from 0 to nx // 2, and in y, from 0 to ny // 2; of ``love`` also floats between them.
 
     Returns
     -------
@@ -79,13 +79,35 @@ def _love(grid, columns, rows):
             part = np.sinc(x * grid.dx / (2 * np.pi))[:, None] * np.sinc(y * grid.dy / (2 * np.pi))
             total += np.divide(part * erfc(q / (2 * alpha)), q, out=np.zeros_like(q), where=q > 0)
     near = _short_range(grid.dx, grid.dy, alpha)
-    in_y, in_x = (
-        np.cos(q[:, None] * d * np.arange(n)) * np.where(np.arange(n) > 0, 2.0, 1.0)
-        for q, d, n in ((qy, grid.dy, near.shape[0]), (qx, grid.dx, near.shape[1]))
-    )
-    total += in_x @ near.T @ in_y.T / (2 * np.pi)
+    # Long cells have thousands of neighbours across, and ten along.
+    if grid.dx > grid.dy:
+        short = _cosines(columns, grid.nx, near.shape[1]) @ even_sums(near.T, grid.ny, rows)
+    else:
+        short = (_cosines(rows, grid.ny, near.shape[0]) @ even_sums(near, grid.nx, columns)).T
+    total += short / (2 * np.pi)
     total[np.ix_(np.asarray(columns) == 0, np.asarray(rows) == 0)] = 0.0
     return total
+
+
+def _cosines(frequencies, period, count):
+    """Waves at offsets 0, 1, ... of both signs, shape (frequencies, count)."""
+    offsets = np.arange(count)
+    return np.cos(2 * np.pi / period * np.outer(frequencies, offsets)) * np.where(offsets > 0, 2.0, 1.0)
+
+
+def even_sums(near, period, frequencies):
+    """Sums of near times waves along axis 1, whose offsets are 0, 1, ... of both signs, as many as there are.
+
+    Not collective. Of whole frequencies, 0 to period // 2, by an FFT.
+    """
+    if frequencies.dtype.kind == "f":
+        return near @ _cosines(frequencies, period, near.shape[1]).T
+    offsets = np.arange(near.shape[1])
+    place = folded(offsets, period)
+    met = np.where((offsets > 0) & ((place == 0) | (2 * place == period)), 2.0, 1.0)  # by both signs
+    samples = np.zeros((near.shape[0], period // 2 + 1))
+    np.add.at(samples, (slice(None), place), met * near)
+    return transform_even(samples, period)[:, frequencies]
 
 
 def _aliases(q, step, alpha):

@@ -3,57 +3,37 @@
 z points into the body; both bodies of a contact see the same pressure, each from its own side and with its own nu.
 Young's modulus does not count. Compression is negative, as usual for stresses: sigma_zz = -p at z = 0.
 
-- On a periodic patch, wave by wave: with q = (qx, qy), n = q / |q| and s = |q| z, p_q exp(i q x) makes
-
-      xx  -p (nx^2 (1 - s) + 2 nu ny^2) e^-s      xy  -p nx ny (1 - s - 2 nu) e^-s
-      yy  -p (ny^2 (1 - s) + 2 nu nx^2) e^-s      xz  i p nx s e^-s
-      zz  -p (1 + s) e^-s                         yz  i p ny s e^-s
-
-  The mean pressure squeezes a body that cannot expand sideways: xx = yy = -nu / (1 - nu) p. With the symbol ``love``
-  the same waves are meant: deeper than a cell the two do not differ.
-- On a free patch, cell by cell: the stress below a uniformly loaded rectangle in closed form (Love 1929), summed up by
-  FFTs long enough that nothing comes around. So there are no images at any distance, and the answer is exact for a
-  pressure that is constant on cells.
+How it is summed up: `stress_sums`.
 
 Only cells from the first to the last that carry pressure are summed over. A plane takes some twenty arrays of the cells
 of the patch and the loaded ones together, a section those of a few rows.
-
-References
-----------
-A. E. H. Love, Phil. Trans. R. Soc. A 228 (1929) 377. K. L. Johnson, Contact Mechanics, 1985, Sec. 3.2 and 13.2.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import atan2, log, pi, sqrt
 from numbers import Real
 
 import numpy as np
-import scipy.fft
 from scipy.optimize import minimize_scalar
 
-from app.compiled import njit
 from app.errors import InputError
-from app.halfspace.periodic import frequencies
+from app.halfspace.stress_sums import Cells, Waves
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
-_ODD_X, _ODD_Y = (3, 4), (3, 5)  # components that change sign with x, with y
 _STARTS = 3  # cells below which the depth is refined
-_ROWS = 64  # of a kernel at a time
 _SMOOTH = 8  # cells: the search goes on with larger ones from twice this depth on
-_ON_EDGE = 1e-9  # of a cell: a point so near is on the edge
 _FINEST = 0.25  # of a cell: first depth below the surface that is looked at
 
 
 @dataclass(frozen=True)
 class Hottest:
-    """Where the von Mises stress is largest.
+    """Where a stress is largest: that of von Mises, or the shear stress.
 
     Attributes
     ----------
-    von_mises : float
-        [N/mm2]
+    von_mises, max_shear : float
+        There [N/mm2].
     x, y, depth : float
         [mm]
     stress : ndarray, shape (6,), [N/mm2]
@@ -65,6 +45,11 @@ class Hottest:
     y: float
     depth: float
     stress: np.ndarray
+
+    @property
+    def max_shear(self):
+        """See the class."""
+        return float(max_shear(self.stress))
 
 
 def von_mises(stress):
@@ -79,6 +64,15 @@ def max_shear(stress):
     tensors = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=-1).reshape(*np.shape(xx), 3, 3)
     principal = np.linalg.eigvalsh(tensors)
     return (principal[..., 2] - principal[..., 0]) / 2
+
+
+def _shear_where_large(stress):
+    """`max_shear` where it can be largest, else 0: it is 1/2 to 1/sqrt(3) of the von Mises stress."""
+    mises = von_mises(stress)
+    there = mises >= 0.86 * mises.max()
+    shear = np.zeros_like(mises)
+    shear[there] = max_shear(stress[:, there])
+    return shear
 
 
 class SubsurfaceStress:
@@ -115,7 +109,7 @@ class SubsurfaceStress:
         if not 0 <= poisson_ratio <= 0.5:
             raise InputError(f"Poisson ratio {poisson_ratio:g}: must be from 0 to 0.5")
         self.grid, self.nu = grid, float(poisson_ratio)
-        self._below = _Waves(pressure, grid, self.nu) if grid.periodic else _Cells(pressure, grid, self.nu)
+        self._below = Waves(pressure, grid, self.nu) if grid.periodic else Cells(pressure, grid, self.nu)
 
     def plane(self, depth):
         """Stress on a horizontal plane below the cell centres.
@@ -168,32 +162,47 @@ class SubsurfaceStress:
         Hottest
             At the surface without pressure.
         """
-        depths, found = self.depths_to_search(), []
+        return self._search(von_mises)[0]
+
+    def maxima(self):
+        """Find the largest von Mises stress and the largest shear stress, in one search; see `maximum`.
+
+        Returns
+        -------
+        Hottest, Hottest
+        """
+        return self._search(von_mises, _shear_where_large)
+
+    def _search(self, *measures):
+        """Where each of some measures of the stress is largest."""
+        depths, found = self.depths_to_search(), [[] for _ in measures]
         below, grid = self._below, self.grid
         for level, depth in enumerate(depths):
             while depth > 2 * _SMOOTH * max(grid.dx, grid.dy) and (halved := _halved(below.pressure, grid)):
                 pressure, grid = halved
                 below = type(below)(pressure, grid, self.nu)
-            plane = von_mises(below.plane(depth))
-            found += [(plane[cell], level, grid.x()[cell[1]], grid.y()[cell[0]]) for cell in _peaks(plane)]
-        found.sort(key=lambda peak: -peak[0])
-        candidates = [self._refined(float(x), float(y), depths, level) for _, level, x, y in found[:_STARTS]]
-        return max(candidates, key=lambda here: here.von_mises)
+            stress = below.plane(depth)
+            for measure, peaks in zip(measures, found, strict=True):
+                field = measure(stress)
+                peaks += [(field[j, i], level, grid.x()[i], grid.y()[j]) for j, i in _peaks(field)]
+        return [self._refined(measure, peaks, depths) for measure, peaks in zip(measures, found, strict=True)]
 
-    def _refined(self, x, y, depths, level):
-        """Largest stress below a point, near a depth of the search."""
+    def _refined(self, measure, peaks, depths):
+        """Largest of a measure below the highest peaks of the search, near their depths."""
         looked_at = {}
 
-        def deficit(depth):
-            looked_at[depth] = self._below.point(depth, x, y)
-            return -float(von_mises(looked_at[depth]))
+        def deficit(depth, x, y):
+            looked_at[x, y, depth] = self._below.point(depth, x, y)
+            return -float(measure(looked_at[x, y, depth]))
 
-        low, high = depths[max(level - 1, 0)], depths[min(level + 1, len(depths) - 1)]
-        deficit(float(depths[level]))
-        if high > 0:
-            minimize_scalar(deficit, bounds=(low, high), method="bounded", options={"xatol": 2e-3 * high})
-        depth, stress = max(looked_at.items(), key=lambda item: von_mises(item[1]))
-        return Hottest(float(von_mises(stress)), x, y, float(depth), stress)
+        for _, level, x, y in sorted(peaks, key=lambda peak: -peak[0])[:_STARTS]:
+            low, high = depths[max(level - 1, 0)], depths[min(level + 1, len(depths) - 1)]
+            deficit(depths[level], x, y)
+            if high > 0:
+                how = {"method": "bounded", "options": {"xatol": 2e-3 * high}}
+                minimize_scalar(deficit, args=(x, y), bounds=(low, high), **how)
+        place, stress = max(looked_at.items(), key=lambda item: measure(item[1]))
+        return Hottest(float(von_mises(stress)), *map(float, place), stress)
 
 
 def _checked(depth):
@@ -221,219 +230,3 @@ def _halved(pressure, grid):
     ny, nx = grid.ny // fy, grid.nx // fx
     joined = pressure.reshape(ny, fy, nx, fx).mean(axis=(1, 3))
     return joined, replace(grid, nx=nx, ny=ny, dx=fx * grid.dx, dy=fy * grid.dy)
-
-
-# -- periodic patches ------------------------------------------------------------------------------------------
-
-
-class _Waves:
-    """Below a periodic patch."""
-
-    def __init__(self, pressure, grid, nu):
-        self.grid, self.nu, self.pressure = grid, nu, pressure
-        self.extent = grid.nx * grid.dx, grid.ny * grid.dy
-        self._transform = scipy.fft.rfft2(pressure, norm="forward")
-        qx, qy = frequencies(grid, np.arange(grid.nx // 2 + 1), scipy.fft.fftfreq(grid.ny, 1 / grid.ny))
-        self._q = np.hypot(qx, qy[:, None])
-        nowhere = np.zeros_like(self._q)
-        self._direction = [
-            np.divide(np.broadcast_to(k, self._q.shape), self._q, out=nowhere.copy(), where=self._q > 0)
-            for k in (qx, qy[:, None])
-        ]
-        # A sawtooth has no slope in the cell centres, and no direction in y.
-        self._odd = [np.where(2 * np.arange(grid.nx // 2 + 1) == grid.nx, 0.0, 1.0),
-                     np.where(2 * np.arange(grid.ny) == grid.ny, 0.0, 1.0)[:, None]]  # fmt: skip
-
-    def _waves(self, depth):
-        """Transforms of the components, one after the other."""
-        s, (nx, ny), (odd_x, odd_y) = self._q * depth, self._direction, self._odd
-        p = self._transform * np.exp(-s)
-        sideways = 2 * self.nu
-        mean = -self.nu / (1 - self.nu) * self._transform[0, 0]
-        for along, across in ((nx, ny), (ny, nx)):
-            field = -p * (along**2 * (1 - s) + sideways * across**2)
-            field[0, 0] = mean
-            yield field
-        yield -p * (1 + s)
-        yield -p * nx * ny * (1 - s - sideways) * odd_x * odd_y
-        yield 1j * p * nx * s * odd_x
-        yield 1j * p * ny * s * odd_y
-
-    def plane(self, depth):
-        return np.stack([scipy.fft.irfft2(w, self.grid.shape, norm="forward") for w in self._waves(depth)])
-
-    def _phase_y(self, y):
-        rows = scipy.fft.fftfreq(self.grid.ny, 1 / self.grid.ny)
-        return np.exp(2j * np.pi * rows * (y - self.grid.y()[0]) / self.extent[1])
-
-    def row(self, depth, x, y):
-        grid = self.grid
-        if y is not None:
-            phase = self._phase_y(y)
-            return np.stack([scipy.fft.irfft(phase @ w, grid.nx, norm="forward") for w in self._waves(depth)])
-        phase = self._phase_x(x)
-        return np.stack([scipy.fft.ifft(w @ phase, norm="forward").real for w in self._waves(depth)])
-
-    def _phase_x(self, x):
-        """Of waves of which a real field keeps half."""
-        columns = np.arange(self.grid.nx // 2 + 1)
-        twice = np.where((columns == 0) | (2 * columns == self.grid.nx), 1.0, 2.0)
-        return twice * np.exp(2j * np.pi * columns * (x - self.grid.x()[0]) / self.extent[0])
-
-    def point(self, depth, x, y):
-        in_x, in_y = self._phase_x(x), self._phase_y(y)
-        return np.array([(in_y @ w @ in_x).real for w in self._waves(depth)])
-
-
-# -- free patches ----------------------------------------------------------------------------------------------
-
-
-class _Cells:
-    """Below a patch that is alone on its half-space."""
-
-    def __init__(self, pressure, grid, nu):
-        self.grid, self.nu, self.pressure = grid, nu, pressure
-        loaded = [np.flatnonzero(pressure.any(axis=axis)) for axis in (1, 0)]
-        rows, columns = (slice(k[0], k[-1] + 1) if k.size else slice(0, 1) for k in loaded)
-        self._loaded = np.ascontiguousarray(pressure[rows, columns])
-        self._x, self._y = grid.x()[columns], grid.y()[rows]
-        self._first = rows.start, columns.start
-        ny, nx = self._loaded.shape
-        self.extent = nx * grid.dx, ny * grid.dy
-
-    def plane(self, depth):
-        grid, (rows, columns) = self.grid, self._loaded.shape
-        # Offsets from the last loaded cell to the first of the patch, up to those from the first to the last.
-        lengths = grid.ny + rows - 1, grid.nx + columns - 1
-        padded = [scipy.fft.next_fast_len(n, real=True) for n in lengths]
-        mirror_y, mirror_x = (
-            _Mirror(1 - first - loaded, length)
-            for first, loaded, length in zip(self._first, (rows, columns), lengths, strict=True)
-        )
-        corners = np.empty((6, mirror_y.edges, mirror_x.edges))
-        _corners(mirror_x.edge(grid.dx), mirror_y.edge(grid.dy), depth, self.nu, corners)
-        transform = scipy.fft.rfft2(self._loaded, padded)
-        out = np.empty((6, *grid.shape))
-        for k, field in enumerate(out):
-            kernel = mirror_y.difference(mirror_x.difference(corners[k], 1, k in _ODD_X), 0, k in _ODD_Y)
-            whole = scipy.fft.irfft2(scipy.fft.rfft2(kernel, padded) * transform, padded)
-            field[...] = whole[rows - 1 : rows - 1 + grid.ny, columns - 1 : columns - 1 + grid.nx]
-        return out
-
-    def row(self, depth, x, y):
-        if y is not None:
-            return self._along(depth, self._loaded, y - self._y, 1)
-        return self._along(depth, self._loaded.T, x - self._x, 0)
-
-    def _along(self, depth, pressure, across, axis):
-        """Stress on a row of points along an axis of fields: sum over loaded rows of one-dimensional convolutions."""
-        grid, loaded = self.grid, pressure.shape[1]
-        steps, count = (grid.dy, grid.dx), grid.shape[axis] + loaded - 1
-        padded = scipy.fft.next_fast_len(count, real=True)
-        mirror = _Mirror(1 - self._first[axis] - loaded, count)
-        edges = _edges(across, steps[1 - axis])
-        transform = scipy.fft.rfft(pressure, padded)
-        sums = np.zeros((6, padded // 2 + 1), complex)
-        for first in range(0, len(across), _ROWS):
-            sides = edges[first : first + _ROWS + 1]
-            if axis:
-                corners = np.empty((6, len(sides), mirror.edges))
-                _corners(mirror.edge(steps[1]), sides, depth, self.nu, corners)
-            else:
-                corners = np.empty((6, mirror.edges, len(sides)))
-                _corners(sides, mirror.edge(steps[0]), depth, self.nu, corners)
-                corners = corners.transpose(0, 2, 1)
-            for k, part in enumerate(corners):
-                kernel = mirror.difference(-np.diff(part, axis=0), 1, k in (_ODD_X if axis else _ODD_Y))
-                sums[k] += np.einsum(
-                    "jk,jk->k", scipy.fft.rfft(kernel, padded), transform[first : first + _ROWS]
-                )
-        return scipy.fft.irfft(sums, padded)[:, loaded - 1 : count]
-
-    def point(self, depth, x, y):
-        edges = _edges(x - self._x, self.grid.dx), _edges(y - self._y, self.grid.dy)
-        return _at_point(self._loaded, *edges, depth, self.nu)
-
-
-def _edges(offsets, step):
-    """Offsets of a point from the edges of cells, from those to their centres; neighbours share one [mm].
-
-    At the surface stresses jump from cell to cell: a point on an edge, but for rounding, gets the mean.
-    """
-    edges = np.append(offsets + step / 2, offsets[-1] - step / 2)
-    edges[np.abs(edges) < _ON_EDGE * step] = 0.0
-    return edges
-
-
-class _Mirror:
-    """Offsets `first`, `first` + 1, ... of cells in a direction: positive edges tell of all."""
-
-    def __init__(self, first, count):
-        edge = np.arange(first - 1, first + count)  # number m is at (m + 1/2) cells
-        self._index, self._negative = np.where(edge < 0, -edge - 1, edge), edge < 0
-        self.edges = int(self._index.max()) + 1
-
-    def edge(self, step):
-        """Positive edges [mm]."""
-        return (np.arange(self.edges) + 0.5) * step
-
-    def difference(self, corners, axis, odd):
-        """Differences between the edges of each cell; `odd`: the kernel changes sign, so its integral does not."""
-        whole = corners.take(self._index, axis)
-        if not odd:
-            sign = np.where(self._negative, -1.0, 1.0)
-            whole *= sign if axis else sign[:, None]
-        return np.diff(whole, axis=axis)
-
-
-@njit()
-def _corner(x, y, z, nu):
-    """Integral over a quarter plane: of 2 pi times the stress that a unit force makes at an offset."""
-    xx, yy, zz = x * x, y * y, z * z
-    r = sqrt(xx + yy + zz)
-    if r == 0.0:
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    # V: potential of a uniform layer, 1/r; chi: that of log(z + r), Love's names. Derivatives of both, integrated.
-    v_z = -atan2(x * y, z * r)
-    in_x, in_y = xx + zz, yy + zz
-    v_xx = -x * y / (in_x * r) if in_x > 0.0 else 0.0
-    v_yy = -x * y / (in_y * r) if in_y > 0.0 else 0.0
-    v_xz = -z * y / (in_x * r) if in_x > 0.0 else 0.0
-    v_yz = -z * x / (in_y * r) if in_y > 0.0 else 0.0
-    bulge = x * y * (xx + yy) / (r + z)  # x y (r - z), without cancellation
-    chi_xx, chi_yy = atan2(bulge, xx * r + z * yy), atan2(bulge, yy * r + z * xx)
-    rest = 1.0 - 2.0 * nu
-    return (
-        2.0 * nu * v_z - rest * chi_xx - z * v_xx,
-        2.0 * nu * v_z - rest * chi_yy - z * v_yy,
-        v_z + z * (v_xx + v_yy),
-        -rest * log(z + r) - z / r,
-        -z * v_xz,
-        -z * v_yz,
-    )
-
-
-@njit()
-def _corners(x, y, z, nu, out):
-    for j in range(y.size):
-        for i in range(x.size):
-            parts = _corner(x[i], y[j], z, nu)
-            for k in range(6):
-                out[k, j, i] = parts[k] / (2.0 * pi)
-
-
-@njit()
-def _at_point(pressure, x, y, z, nu):
-    """Sum over the loaded cells, at offsets x, y from their edges."""
-    total = np.zeros(6)
-    for j in range(pressure.shape[0]):
-        for i in range(pressure.shape[1]):
-            if pressure[j, i] == 0.0:
-                continue
-            a = _corner(x[i], y[j], z, nu)
-            b = _corner(x[i + 1], y[j + 1], z, nu)
-            c = _corner(x[i], y[j + 1], z, nu)
-            d = _corner(x[i + 1], y[j], z, nu)
-            for k in range(6):
-                total[k] += pressure[j, i] / (2.0 * pi) * (a[k] + b[k] - c[k] - d[k])
-    return total

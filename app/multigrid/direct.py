@@ -20,9 +20,12 @@ def stored_matrix(operator):
     """Dense A of a grid of at most `LARGEST_DIRECT` cells on one rank; without rows on the others. Not collective."""
     grid = operator.grid
     if not solves_directly(operator):
+        what = f"a coarsest grid of {grid.nx} x {grid.ny} cells is"
+        if grid.n > LARGEST_DIRECT:
+            raise ValueError(f"{what} too large for a direct solve; allowed: {LARGEST_DIRECT} cells in all")
         raise ValueError(
-            f"a coarsest grid of {grid.nx} x {grid.ny} cells is too large for a direct "
-            f"solve; allowed: {LARGEST_DIRECT} cells in all, on one rank (-lcp_cells_per_rank)"
+            f"{what} on {operator.slabs.size} ranks, a direct solve is on one; allowed: a larger -lcp_cells_per_rank, "
+            "or more -pc_mg_levels"
         )
     if not operator.active:
         return np.empty((0, 0))

@@ -1,11 +1,13 @@
-"""Heights in a file: their units, the way their rows and columns lie, points x, y, z as a map."""
+"""Heights in a file: units, how rows and columns lie, points x, y, z as a map; what the file and options say together."""
 
 from __future__ import annotations
 
 import re
+from operator import index
 
 import numpy as np
 
+from app.errors import InputError
 from app.problems.array_file import ArrayFile
 from app.problems.points import gridded, looks_like_points
 from app.units import UNITS, unit_named
@@ -119,3 +121,67 @@ class HeightFile(ArrayFile):
                 f"surface file {self.file}: {key} {self.attributes[key]!r}; allowed: {', '.join(UNITS)}"
             )
         return unit
+
+
+def agreed_units(source, unit, height_unit):
+    """Unit of the heights and that of the spacing, from the file or from options, which must not say another one.
+
+    Not collective.
+    """
+    given = height_unit or unit
+    if source.unit is None and given is None:
+        raise InputError(
+            f"-surface_unit (in Python unit=) is missing: surface file {source.file} does not say the unit of its "
+            f"heights; "
+            f"allowed: {', '.join(UNITS)}"
+        )
+    if source.unit and given and given != source.unit:
+        option = "-surface_height_unit" if height_unit else "-surface_unit"
+        raise InputError(f"{option} {given}: surface file {source.file} says {source.unit}")
+    lateral = source.lateral or source.unit or unit
+    if source.spacing and lateral is None:
+        raise InputError(
+            f"-surface_unit (in Python unit=) is missing: surface file {source.file} does not say the unit of its x "
+            f"and y, and -surface_height_unit (height_unit=) is of z alone; allowed: {', '.join(UNITS)}"
+        )
+    return source.unit or given, lateral
+
+
+def agreed_spacing(source, lateral, given, orient):
+    """Size of a cell, from the file or given [mm], or None. Not collective."""
+    if source.spacing:
+        if given is not None:
+            raise InputError(f"spacing: surface file {source.file} says it itself")
+        return tuple(UNITS[lateral] * side for side in source.spacing)
+    if given is None:
+        return None
+    try:
+        dx, dy = map(float, given)
+    except (TypeError, ValueError):
+        dx = dy = 0.0
+    if not (0 < dx < np.inf and 0 < dy < np.inf):
+        raise InputError(f"spacing {given!r}: needed: two positive numbers dx, dy [mm]")
+    return turned(np.empty((0, 0)), (dx, dy), orient)[1]
+
+
+def checked_crop(source, crop):
+    """Columns i0 to i1 - 1 and rows j0 to j1 - 1: those asked for, or all. Not collective."""
+    ny, nx = source.shape
+    if crop is None:
+        return 0, nx, 0, ny
+    try:
+        i0, i1, j0, j1 = crop = tuple(map(index, crop))
+    except (TypeError, ValueError):
+        raise InputError(f"surface crop {crop!r}: needed: four whole numbers i0, i1, j0, j1") from None
+    if not (0 <= i0 < i1 <= nx and 0 <= j0 < j1 <= ny):
+        raise InputError(
+            f"surface crop {i0},{i1},{j0},{j1}: not allowed; surface file {source.file} has columns 0,{nx} and rows "
+            f"0,{ny}: needed: i0 < i1 and j0 < j1 within them"
+        )
+    return crop
+
+
+def cropped(source, crop, start, stop):
+    """Rows start to stop - 1 of the crop, in the file's unit. Not collective."""
+    i0, i1, j0, _ = crop
+    return np.ascontiguousarray(source.rows(slice(j0 + start, j0 + stop))[:, i0:i1])

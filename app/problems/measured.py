@@ -8,14 +8,21 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field, replace
-from operator import index
 
 import numpy as np
 
 from app.errors import InputError
 from app.halfspace.grid import Grid
 from app.problems.filters import band_pass, check_cells, check_order
-from app.problems.height_file import TURNS, HeightArray, HeightFile, turned
+from app.problems.height_file import (
+    TURNS,
+    HeightArray,
+    HeightFile,
+    agreed_spacing,
+    agreed_units,
+    checked_crop,
+    cropped,
+)
 from app.problems.moments import LEVELS, Moments, centred
 from app.problems.problem import real_numbers
 from app.units import UNITS, in_words, unit_named
@@ -237,7 +244,7 @@ class Surface:
         """Rows of the crop, before averaging [mm]."""
         if self._rest is not None:
             return self._rest[start:stop].copy()
-        values = _cropped(self._source, self.crop, start, stop)
+        values = cropped(self._source, self.crop, start, stop)
         values *= UNITS[self.unit]
         j, i, heights = self._filled
         here = slice(*np.searchsorted(j, (start, stop)))
@@ -339,17 +346,30 @@ def read_surface(
             )
     except (ValueError, OSError) as error:
         raise InputError(str(error)) from None
-    unit, lateral = _agreed_units(source, unit, height_unit)
-    sides = _agreed_spacing(source, lateral, spacing, orient)
-    crop = _checked_crop(source, crop)
+    surface = surface_of(source, unit, level, crop, missing, height_unit, orient, spacing)
+    check_cells(surface.file, s_filter, l_filter, surface.shape, surface.spacing)
+    return (
+        surface.filtered(surface.grid(periodic=periodic), s_filter, l_filter) if surface.spacing else surface
+    )
+
+
+def surface_of(
+    source, unit=None, level="none", crop=None, missing="hole", height_unit=None, orient=(), spacing=None
+):
+    """Surface of a `HeightFile` or `HeightArray` that is turned already; all else as of `read_surface`.
+
+    Not collective.
+    """
+    unit, lateral = agreed_units(source, unit, height_unit)
+    sides = agreed_spacing(source, lateral, spacing, orient)
+    crop = checked_crop(source, crop)
     scale = UNITS[unit]
     ny, nx = crop[3] - crop[2], crop[1] - crop[0]
-    check_cells(source.file, s_filter, l_filter, (ny, nx), sides)
-    moments = Moments(source.file, lambda *rows: scale * _cropped(source, crop, *rows), (ny, nx))
+    moments = Moments(source.file, lambda *rows: scale * cropped(source, crop, *rows), (ny, nx))
     holes = nx * ny - int(moments.count)
     notes, filled = [], (np.zeros(0, int), np.zeros(0, int), np.zeros(0))
     if holes and missing == "fill":
-        values = _cropped(source, crop, 0, ny)
+        values = cropped(source, crop, 0, ny)
         values *= scale
         from app.problems.fill import harmonic_fill  # sparse solvers take a while to load
 
@@ -365,7 +385,7 @@ def read_surface(
             f"surface file {source.file}: is tilted by {rise:.3g} mm over the patch, its rms height about the best "
             f"plane is {rms:.3g} mm; level it by -surface_level plane (in Python level=) if that is the instrument's"
         )
-    surface = Surface(
+    return Surface(
         file=source.file,
         unit=unit,
         shape=(ny, nx),
@@ -383,64 +403,3 @@ def read_surface(
         _coefficients=moments.fit(level),
         _filled=filled,
     )
-    return surface.filtered(surface.grid(periodic=periodic), s_filter, l_filter) if sides else surface
-
-
-def _agreed_units(source, unit, height_unit):
-    """Unit of the heights and that of the spacing, from the file or from options, which must not say another one."""
-    given = height_unit or unit
-    if source.unit is None and given is None:
-        raise InputError(
-            f"-surface_unit (in Python unit=) is missing: surface file {source.file} does not say the unit of its "
-            f"heights; "
-            f"allowed: {', '.join(UNITS)}"
-        )
-    if source.unit and given and given != source.unit:
-        option = "-surface_height_unit" if height_unit else "-surface_unit"
-        raise InputError(f"{option} {given}: surface file {source.file} says {source.unit}")
-    lateral = source.lateral or source.unit or unit
-    if source.spacing and lateral is None:
-        raise InputError(
-            f"-surface_unit (in Python unit=) is missing: surface file {source.file} does not say the unit of its x "
-            f"and y, and -surface_height_unit (height_unit=) is of z alone; allowed: {', '.join(UNITS)}"
-        )
-    return source.unit or given, lateral
-
-
-def _agreed_spacing(source, lateral, given, orient):
-    """Size of a cell, from the file or given [mm], or None."""
-    if source.spacing:
-        if given is not None:
-            raise InputError(f"spacing: surface file {source.file} says it itself")
-        return tuple(UNITS[lateral] * side for side in source.spacing)
-    if given is None:
-        return None
-    try:
-        dx, dy = map(float, given)
-    except (TypeError, ValueError):
-        dx = dy = 0.0
-    if not (0 < dx < np.inf and 0 < dy < np.inf):
-        raise InputError(f"spacing {given!r}: needed: two positive numbers dx, dy [mm]")
-    return turned(np.empty((0, 0)), (dx, dy), orient)[1]
-
-
-def _checked_crop(source, crop):
-    ny, nx = source.shape
-    if crop is None:
-        return 0, nx, 0, ny
-    try:
-        i0, i1, j0, j1 = crop = tuple(map(index, crop))
-    except (TypeError, ValueError):
-        raise InputError(f"surface crop {crop!r}: needed: four whole numbers i0, i1, j0, j1") from None
-    if not (0 <= i0 < i1 <= nx and 0 <= j0 < j1 <= ny):
-        raise InputError(
-            f"surface crop {i0},{i1},{j0},{j1}: not allowed; surface file {source.file} has columns 0,{nx} and rows "
-            f"0,{ny}: needed: i0 < i1 and j0 < j1 within them"
-        )
-    return crop
-
-
-def _cropped(source, crop, start, stop):
-    """Rows start to stop - 1 of the crop, in the file's unit."""
-    i0, i1, j0, _ = crop
-    return np.ascontiguousarray(source.rows(slice(j0 + start, j0 + stop))[:, i0:i1])

@@ -10,11 +10,15 @@ from app.errors import InputError
 from app.runs.processes import Processes, perform
 from app.runs.run import OUTCOME, WHERE_KNOWN
 
-REASONED = (0, 2, 3)  # exit statuses of app.solve; any other is a crash, and worth another try
+FINISHED = (
+    0,
+    3,
+)  # exit statuses of app.solve: there is an answer, as good as it gets. What is refused depends on more
+# than a key knows (memory, packages, what code opens), and costs a start; any other is a crash, worth another try
 
 
 def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None, description="runs"):
-    """Perform runs, several at a time; those that are in the journal count as done.
+    """Perform runs, several at a time; those that are in the journal with an answer count as done.
 
     Parameters
     ----------
@@ -45,7 +49,7 @@ def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None,
     todo = {}
     for key, run in zip(keys, runs, strict=True):
         status = journal.outcomes.get(key, {}).get("exit_status")
-        if status not in REASONED or (keep and status != 2 and not files[key].is_file()):
+        if status not in FINISHED or (keep and not files[key].is_file()):
             journal.outcomes.pop(key, None)
             todo[key] = run
     try:

@@ -71,7 +71,7 @@ FAILING = (
     + """
 import time
 from mpi4py import MPI
-from app import ending
+from app import Listener, ending
 from app.fast.circulant import Circulant
 rank, shared, sound = MPI.COMM_WORLD.rank, {"lcp_cells_per_rank": 64}, Circulant.precondition
 def fails(self, *arguments):
@@ -87,7 +87,7 @@ def fails(self, *arguments):
         "Circulant.precondition = fails if rank == 1 else sound\n"
         "with ContactSolver(problem, options=shared) as solver:\n    solver.solve(load=10.0)",
         "solve(problem, load=10.0)\nif rank == 1:\n    fails(None)\nsolve(problem, load=10.0)",
-        "ContactSolver(problem, listeners=[None] * rank).solve(load=10.0)",
+        "Listener.start = fails\nContactSolver(problem, listeners=[Listener()] * rank).solve(load=10.0)",
     ],
     ids=["in the solver", "between two solves", "in a listener"],
 )

@@ -150,13 +150,18 @@ def test_subsurface_does_not_take_the_place_of_its_result(path, tmp_path, capsys
 def test_subsurface_writes_sections_line_and_planes(path, made, tmp_path, capsys):
     folder = tmp_path / "below"
     assert subsurface.main([str(path), "-o", str(folder), "--planes", "0.5,2", "--depths", "40"]) == 0
-    assert "largest von Mises stress" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert re.findall("largest (.*) stress .* of the maximum pressure.*\n  at x = .* depth", said) == [
+        "von Mises",
+        "shear",
+    ]
     assert (folder / "subsurface.png").read_bytes().startswith(b"\x89PNG")
     with h5py.File(folder / "subsurface.h5") as file:
         assert 0.55 < file.attrs["max_von_mises"] / MAX_PRESSURE < 0.68
         assert file["section_x/sigma_xx"].shape == (40, 64) and file["section_y/sigma_xy"].shape == (40, 48)
         assert file["plane_1"].attrs["depth"] == 2 and file["plane_1/von_mises"].shape == (48, 64)
         shear, mises = (file[f"plane_1/{name}"][()] for name in ("max_shear", "von_mises"))
+        assert 0.28 < file.attrs["max_shear"] / MAX_PRESSURE < 0.34 and file.attrs["max_shear_depth"] > 0
         assert (mises / 2 <= shear * 1.0001).all() and (shear <= 1.0001 * mises / 3**0.5).all()
         assert file["section_x/sigma_zz"].dims[0][0].name == "/depth"
         depth = file["depth"][()]

@@ -2,6 +2,7 @@
 
 import hashlib
 from subprocess import CompletedProcess
+from unittest import mock
 
 import h5py
 import numpy as np
@@ -12,6 +13,7 @@ from processes import run
 from app import ContactProblem, Material, Sphere, read_surface, solve
 from app.convert import instruments_python, main
 from app.output.result import read_result
+from app.problems.moments import Moments
 
 HEIGHTS = np.random.default_rng(4).normal(size=(20, 16)).round(3)
 SDF = """aISO-1.0
@@ -93,6 +95,19 @@ def test_arrays_of_an_archive_are_converted_as_they_lie(convert, tmp_path):
         surface = read_surface(tmp_path / "s.h5")
         np.testing.assert_allclose(surface.heights(), 1e-3 * heights, rtol=1e-12)
         assert surface.spacing == (0.002, 0.003)
+
+
+def test_what_is_said_is_what_a_solve_will_read_and_is_computed_once(convert, tmp_path):
+    heights = HEIGHTS[:, :15] + np.arange(15)
+    heights[3, 4] = np.nan
+    np.save(tmp_path / "s.npy", heights)
+    options = ("--unit", "nm", "--spacing", "0.002,0.003", "--orient", "transpose,flip_x")
+    with mock.patch("app.problems.measured.Moments", wraps=Moments) as moments:
+        done = convert(tmp_path / "s.npy", "-o", tmp_path / "s.h5", *options)
+    assert moments.call_count == 1
+    surface = read_surface(tmp_path / "s.h5")
+    understood = surface.understood(surface.grid())
+    assert done.stdout == f"{tmp_path / 's.h5'}: {understood}; {100 / heights.size:.3g}% missing\n"
 
 
 def test_what_no_solve_would_read_takes_nobodys_place(convert, tmp_path):

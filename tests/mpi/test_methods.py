@@ -6,6 +6,8 @@ from cases import APPROACH, hertz, punch
 from mpi4py import MPI
 from running import solve
 
+from app.errors import InputError
+
 # Few cells on a rank, so that several levels are distributed; double precision to compare digits.
 SHARED = {"lcp_cells_per_rank": 32, "lcp_precision": "double"}
 
@@ -32,3 +34,10 @@ def test_load_on_two_ranks(comm, method):
     assert by_load.operator_applications <= 1.5 * by_approach.operator_applications
     assert by_load.load == pytest.approx(by_approach.load, rel=1e-12)
     assert by_load.approach == pytest.approx(0.1, abs=1e-6)
+
+
+@pytest.mark.mpi(2)
+def test_a_refused_coarsest_grid_is_told_by_its_cells_or_by_its_ranks(comm):
+    for levels, message in ((1, "64 x 64 cells is too large"), (3, "16 x 16 cells is on 2 ranks")):
+        with pytest.raises(InputError, match=f"a coarsest grid of {message}"):
+            solve(hertz(64), APPROACH, "mg_v11", pc_mg_levels=levels, lcp_cells_per_rank=1)

@@ -18,7 +18,7 @@ from app.halfspace import influence
 from app.halfspace.grid import Grid
 from app.halfspace.influence import influence_quadrant
 from app.halfspace.operator import InfluenceOperator
-from app.halfspace.periodic import influence_symbol
+from app.halfspace.periodic import even_sums, influence_symbol
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.transfer import Transfer
 
@@ -202,3 +202,13 @@ def test_the_energy_is_that_of_the_cells_there_are():
     p, u = operator.mask.astype(float), np.empty(operator.local_shape)
     operator.displacement(p, u)
     assert (energy, cells) == (np.vdot(p, u), 12) != before
+
+
+@pytest.mark.parametrize("period", [1, 2, 3, 8, 9])
+def test_sums_of_waves_over_more_offsets_than_a_period_has(period):
+    near, k = np.random.default_rng(1).normal(size=(2, 21)), np.arange(period // 2 + 1)
+    offsets = np.arange(-20, 21)
+    waves = np.cos(2 * np.pi / period * np.outer(offsets, k))
+    for frequencies in (k, k.astype(float), k[::-1]):
+        expected = near[:, abs(offsets)] @ waves[:, frequencies.astype(int)]
+        np.testing.assert_allclose(even_sums(near, period, frequencies), expected, rtol=0, atol=1e-12)

@@ -17,6 +17,7 @@ from app.contact.distance import UndeformedDistance
 from app.contact.grid_errors import GridNumbers, errors_from
 from app.contact.history import Listener
 from app.contact.state import ContactState
+from app.errors import InputError
 from app.fast.iteration import IN_CONTACT, ROUNDING, InexactStop
 from app.fast.lift import lift
 from app.fast.solver import TrackingSolver
@@ -116,6 +117,15 @@ def test_listeners_hear_of_every_iteration():
     with ContactSolver(hertz(12), "norm", listeners=[hears]) as solver:
         found = solver.solve(APPROACH)
     assert hears.told == ["start", *found.history["iteration"], "end"]
+
+
+@pytest.mark.parametrize("listeners", [[print], [Hears], [None], Hears(), 3])
+def test_what_is_no_listener_is_refused_before_any_work(listeners):
+    with (
+        mock.patch("app.solver.make_hierarchy", side_effect=AssertionError),
+        pytest.raises(InputError, match="^listeners: is .*; needed: .*app.Listener$"),
+    ):
+        ContactSolver(hertz(12), listeners=listeners)
 
 
 def test_each_solve_has_a_bar_of_its_own():

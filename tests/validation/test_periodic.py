@@ -120,6 +120,22 @@ def test_full_contact_is_found_in_two_products(method, symbol):
         )
 
 
+@pytest.mark.parametrize("height", [1e-12, 1e-5, 1.3, 3.7])
+@pytest.mark.parametrize("n", [12, 24])
+def test_what_is_nothing_but_rounding_is_0_and_what_is_little_is_not(n, height):
+    """Gaps about 0 mm: full contact is at approach 0."""
+    grid, material = Grid.from_domain(n, n, (0, 1, 0, 1), periodic=True), Material.from_contact_modulus(1e5)
+    x, y = np.meshgrid(grid.x(), grid.y())
+    gap = height * (np.cos(2 * np.pi * x + 0.3) + np.cos(2 * np.pi * y) ** 2 - 0.5)
+    with ContactSolver(ContactProblem(grid, material, gap)) as solver:
+        for loading in ({"mean_gap": 0}, {"approach": 0}, {"mean_pressure": 1e8 * height}):
+            found = solver.solve(**loading)
+            assert found.contact.all() and found.approach == found.mean_gap == 0
+        found = solver.solve(mean_gap=1e-8 * height)
+        assert found.approach == pytest.approx(-1e-8 * height, rel=1e-6, abs=0)
+        assert found.mean_gap == pytest.approx(1e-8 * height, rel=1e-6, abs=0)
+
+
 @each_method
 def test_flat_bodies_touch_everywhere_or_carry_an_even_pressure(method):
     grid, material = Grid(6, 8, 1.0, 1.0), Material(1.0, 0.0)

@@ -38,8 +38,12 @@ def test_search_finds_what_looking_everywhere_finds(periodic):
         r2 = ((x - rng.uniform(2, 8)) ** 2 + (y - rng.uniform(2, 6)) ** 2) / a**2
         pressure += rng.uniform(0.5, 1.0) * np.sqrt(np.maximum(1 - r2, 0))
     below = SubsurfaceStress(pressure, grid, 0.3)
-    most = max(von_mises(below.plane(depth)).max() for depth in np.geomspace(0.02, 4, 60))
-    assert below.maximum().von_mises == pytest.approx(most, rel=2e-3)
+    planes = [below.plane(depth) for depth in np.geomspace(0.02, 4, 60)]
+    hottest, sheared = below.maxima()
+    assert hottest.von_mises == pytest.approx(max(von_mises(plane).max() for plane in planes), rel=2e-3)
+    assert sheared.max_shear == pytest.approx(max(max_shear(plane).max() for plane in planes), rel=2e-3)
+    assert max_shear(below.line([sheared.depth], sheared.x, sheared.y)[:, 0]) == sheared.max_shear
+    assert below.maximum().von_mises == hottest.von_mises
 
 
 def test_below_the_centre_of_a_sphere_the_error_falls_with_the_square_of_the_cell():
@@ -160,8 +164,8 @@ def test_the_largest_shear_stress_is_johnson_s():
 
 def test_without_pressure_there_is_no_stress():
     grid = Grid(4, 4, 1.0, 1.0)
-    hottest = SubsurfaceStress(np.zeros((4, 4)), grid, 0.3).maximum()
-    assert hottest.von_mises == 0
+    hottest, sheared = SubsurfaceStress(np.zeros((4, 4)), grid, 0.3).maxima()
+    assert hottest.von_mises == sheared.max_shear == 0
 
 
 @pytest.mark.parametrize(
