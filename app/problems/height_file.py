@@ -1,4 +1,4 @@
-"""Heights in a file: units, how rows and columns lie, points x, y, z as a map; what the file and options say together."""
+"""Heights in a file: units, how rows and columns lie, points x, y, z as a map; what file and options say together."""
 
 from __future__ import annotations
 
