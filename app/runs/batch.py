@@ -10,11 +10,9 @@ from app.errors import InputError
 from app.runs.processes import Processes, perform
 from app.runs.run import OUTCOME, WHERE_KNOWN
 
-FINISHED = (
-    0,
-    3,
-)  # exit statuses of app.solve: there is an answer, as good as it gets. What is refused depends on more
-# than a key knows (memory, packages, what code opens), and costs a start; any other is a crash, worth another try
+# Exit statuses of app.solve with an answer, as good as it gets. What is refused depends on more than a key knows
+# (memory, packages, what code opens), and costs a start; any other is a crash, and worth another try.
+FINISHED = (0, 3)
 
 
 def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None, description="runs"):
