@@ -17,7 +17,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import erf, erfc
+from scipy.special import erf, erfc, zeta
 
 from app.halfspace.fft.multiplier import transform_even
 from app.halfspace.love import love_coefficients
@@ -68,9 +68,12 @@ def _love(grid, columns, rows):
     """Transform of the integral of 1/rho over a cell and all its images, over 2 pi.
 
     By Ewald's method: what is long of 1/rho as a sum over all waves that look alike in cell centres, what is short of
-    it as a sum over cells near by.
+    it as a sum over cells near by. One cell and its images are an endless strip, whose waves are summed up at once.
     """
     qx, qy = frequencies(grid, columns, rows)
+    if 1 in grid.shape:
+        along, across = _of_strips(qx, grid.dx)[:, None], _of_strips(qy, grid.dy)
+        return np.where(qx[:, None] > 0, along, across)
     alpha = _SPLITTING / max(grid.dx, grid.dy)
     total = np.zeros((len(columns), len(rows)))
     for x in _aliases(qx, grid.dx, alpha):
@@ -108,6 +111,14 @@ def even_sums(near, period, frequencies):
     samples = np.zeros((near.shape[0], period // 2 + 1))
     np.add.at(samples, (slice(None), place), met * near)
     return transform_even(samples, period)[:, frequencies]
+
+
+def _of_strips(q, width):
+    """Sum of sinc(k width / 2) / |k| over all k that look like q in the middle of strips; 0 at 0."""
+    place = np.where(q > 0, q * width / (2 * np.pi), 0.5)  # up to that
+    ends = zeta(2, place / 2) + zeta(2, (1 - place) / 2)
+    middle = zeta(2, (1 + place) / 2) + zeta(2, 1 - place / 2)
+    return np.where(q > 0, width * np.sin(np.pi * place) * (ends - middle) / (8 * np.pi**2), 0.0)
 
 
 def _aliases(q, step, alpha):

@@ -86,6 +86,18 @@ def test_love_is_the_sum_over_all_images(nx, ny, dx, dy):
     assert errors[-1] < 1e-6 and errors[1] < 0.1 * errors[0] and errors[2] < 0.1 * errors[1], errors
 
 
+@pytest.mark.parametrize(("n", "step"), [(8, 0.01), (13, 0.7), (200, 0.1), (1, 2.0)])
+def test_love_on_strips_is_what_cells_along_them_make_of_waves_across(n, step):
+    """However many cells a strip is cut into; their influence is summed up in another way."""
+    whole = np.arange(n // 2 + 1)
+    strips, cut = (
+        influence_symbol(Grid(nx, n, 3.0 / nx, step, periodic="love"), 1.0, [0], whole) for nx in (1, 4)
+    )
+    np.testing.assert_allclose(strips, cut, rtol=1e-12)
+    turned = influence_symbol(Grid(n, 1, step, 3.0, periodic="love"), 1.0, whole, [0])
+    np.testing.assert_allclose(turned, strips.T, rtol=1e-15)
+
+
 def test_the_kernel_of_a_sweep_is_computed_once():
     operator = InfluenceOperator(Grid(64, 200, 1.0, 1.0, periodic="spectral"), 1.0)
     with mock.patch.object(influence, "periodic_quadrant", wraps=influence.periodic_quadrant) as compute:
