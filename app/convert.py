@@ -129,6 +129,7 @@ def _read(path, channel, skip):
     if suffix in (*_PLAIN, *_TEXT) and not channel:
         try:
             source = HeightFile(path, skip)
+            source.refuse_coordinates()
         except ValueError as error:
             if suffix in _PLAIN or skip or not instruments_python():
                 raise

@@ -15,6 +15,9 @@ from app.units import UNITS, unit_named
 # At the head of Gwyddion's ASCII export: the size of the map, and the unit of its heights.
 _SAID = re.compile(r"#\s*(Width|Height|Value units):\s*([\d.,eE+-]*)\s*(\S+)\s*")
 
+_FEW = 8  # heights in a row, that may go by equal steps by chance
+_EVEN, _UNEVEN = 0.1, 0.5  # by how much steps differ, in the largest: of printed coordinates, of heights
+
 TURNS = {
     "transpose": lambda rows: rows.T,
     "flip_x": lambda rows: rows[:, ::-1],
@@ -27,6 +30,17 @@ def turned(rows, spacing, orient):
     for turn in orient:
         rows = TURNS[turn](rows)
     return rows, spacing[::-1] if spacing and orient.count("transpose") % 2 else spacing
+
+
+def _is_even(rows):
+    """Whether the first row goes by equal steps, its corner apart, and the second does not."""
+    if min(rows.shape) < _FEW:
+        return False
+    steps = np.diff(rows[:3, 1:])
+    spread, largest = np.ptp(steps, axis=1), np.abs(steps).max(axis=1)
+    # A plane is even in the second row, too; heights that are tapered at the rim are less uneven there.
+    uneven = spread[1] >= _UNEVEN * max(largest[1], spread[2]) and spread[1] > 0
+    return bool(uneven and largest[0] > 0 and spread[0] <= _EVEN * largest[0])
 
 
 class HeightArray:
@@ -94,6 +108,22 @@ class HeightFile(ArrayFile):
                 ) from None
         if orient:
             self._rows, self.spacing = turned(self._rows[...], self.spacing, orient)
+
+    def refuse_coordinates(self):
+        """Refuse a text whose first row or column goes by equal steps, as x and y do, not heights.
+
+        Not collective. A tilted plane is none: it does so in the second one, too.
+        """
+        if not self.is_text or self.spacing:
+            return
+        row, column = (int(_is_even(rows)) for rows in (self._rows, self._rows.T))
+        if row or column:
+            (ny, nx), what = self.shape, " and ".join(["row"] * row + ["column"] * column)
+            raise ValueError(
+                f"surface file {self.file}: the first {what} goes by equal steps: coordinates, no heights; leave "
+                f"them out in the file or by -surface_crop {column},{nx},{row},{ny} (in Python crop=), "
+                f"or keep them by 0,{nx},0,{ny}"
+            )
 
     def _read_head(self):
         """Take unit and spacing from comments as Gwyddion writes them; whether there is a spacing."""

@@ -340,6 +340,8 @@ def read_surface(
     try:
         if isinstance(path, str | os.PathLike):
             source = HeightFile(path, skip, orient)
+            if crop is None:
+                source.refuse_coordinates()
         else:
             source = HeightArray(
                 real_numbers("surface", path, "a file name, or an array of real numbers"), orient

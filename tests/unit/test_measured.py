@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from app import ContactProblem, Material, Sphere, read_surface
 from app.commands.problem_options import PROBLEM_OPTIONS, make_problem
+from app.convert import main as convert
 from app.errors import InputError
 from app.notes import doubt
 from app.options import OptionReader
@@ -150,6 +151,44 @@ def test_crop_comes_first(saved):
     np.save(path := saved(HEIGHTS).replace("s.npy", "part.npy"), HEIGHTS[1:9, 2:12])
     np.testing.assert_array_equal(whole.heights(), read_surface(path, "um", "plane").heights())
     assert whole.shape == (8, 10) and whole.crop == (2, 12, 1, 9)
+
+
+UNEVEN = np.random.default_rng(5).standard_normal((20, 30)).cumsum(axis=0).cumsum(axis=1)
+ALONG, UP = np.arange(30) / 3, np.arange(20)[:, None] / 7
+
+
+@pytest.mark.parametrize("head", ["row", "column", "row and column"])
+def test_coordinates_at_the_rim_are_no_heights(tmp_path, head):
+    column, row = (int(what in head) for what in ("column", "row"))
+    table = np.hstack([UP, UNEVEN]) if column else UNEVEN
+    table = np.vstack([np.append(np.zeros(column), ALONG), table]) if row else table
+    np.savetxt(path := tmp_path / "s.txt", table, fmt="%.4g")
+    ny, nx = table.shape
+    with pytest.raises(
+        InputError, match=f"first {head} goes by equal .* -surface_crop {column},{nx},{row},{ny} "
+    ):
+        read_surface(path, "um")
+    assert convert([str(path), "-o", str(tmp_path / "s.h5"), "--unit", "um", "--spacing", "1,1"]) == 2
+    left = read_surface(path, "um", crop=(column, nx, row, ny)).heights()
+    np.testing.assert_allclose(left, 1e-3 * UNEVEN, rtol=1e-3)
+    assert read_surface(path, "um", crop=(0, nx, 0, ny)).shape == table.shape
+
+
+@pytest.mark.parametrize(
+    "heights",
+    [
+        ALONG + UP,
+        UNEVEN,
+        UNEVEN + 100 * UP,
+        (ALONG - 5) ** 2 + UP,
+        np.maximum(0, 9 - (ALONG - 5) ** 2 - (UP - 1) ** 2) + UP,
+        UP + 1e-2 * UNEVEN * np.outer(np.hanning(20), np.hanning(30)),
+    ],
+    ids=["plane", "rough", "tilted", "cylinder", "cap on a plane", "tapered to a plane"],
+)
+def test_heights_are_no_coordinates(tmp_path, heights):
+    np.savetxt(path := tmp_path / "s.txt", heights, fmt="%.4g")
+    assert read_surface(path, "um").shape == heights.shape
 
 
 def test_filled_points_are_harmonic(saved):
