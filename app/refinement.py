@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import NamedTuple
 
 from app.contact.grid_errors import GridErrors, GridNumbers, errors_from
@@ -104,8 +105,8 @@ def _has_room(solver, grid):
 
 def check(problem, until):
     """Refuse what cannot be refined. Not collective."""
-    if not 0 < until < 1:
-        raise InputError(f"refine until {until:g}: allowed: a relative error above 0 and below 1")
+    if not (isinstance(until, Real) and 0 < until < 1):
+        raise InputError(f"refine until {until}: allowed: a relative error above 0 and below 1")
     if not problem.refinable:
         raise InputError(
             f"problem {problem.name}: its undeformed distance is known on its own grid only, there is no finer one; "

@@ -120,7 +120,7 @@ class HeightFile(ArrayFile):
         if row or column:
             (ny, nx), what = self.shape, " and ".join(["row"] * row + ["column"] * column)
             raise ValueError(
-                f"surface file {self.file}: the first {what} goes by equal steps: coordinates, no heights; leave "
+                f"surface file {self.file}: the first {what}: equal steps, as of coordinates, not of heights; leave "
                 f"them out in the file or by -surface_crop {column},{nx},{row},{ny} (in Python crop=), "
                 f"or keep them by 0,{nx},0,{ny}"
             )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field, replace
+from numbers import Integral
 
 import numpy as np
 
@@ -290,8 +291,9 @@ def read_surface(
         What becomes of missing points (NaN): "hole", contact is impossible there, or "fill" by a harmonic function.
     height_unit : str, optional
         Of the heights alone, where x and y of points are in `unit`.
-    orient : sequence of str
-        How rows and columns are turned before all else, one after the other: transpose, flip_x, flip_y.
+    orient : sequence of str, or str
+        How rows and columns are turned before all else, one after the other: transpose, flip_x, flip_y, or a text of
+        these with commas between.
     skip : int
         Lines at the head of a text to leave out.
     spacing : pair of float, optional
@@ -326,6 +328,9 @@ def read_surface(
     """
     check_order(s_filter, l_filter)
     unit, height_unit = (name and (unit_named(name) or name) for name in (unit, height_unit))
+    orient = orient.split(",") if isinstance(orient, str) else tuple(orient or ())
+    if not (isinstance(skip, Integral) and skip >= 0):
+        raise InputError(f"surface skip {skip!r}: needed: a number of lines, from 0")
     for name, value, allowed in (
         ("level", level, LEVELS),
         ("missing", missing, MISSING),

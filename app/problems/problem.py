@@ -87,11 +87,11 @@ def real_numbers(what, values, needed="an array of real numbers, or a function o
     Raises
     ------
     InputError
-        Of texts or complex numbers, too, which numpy would turn into real ones.
+        Of texts, complex numbers and None, too, which numpy would turn into real ones.
     """
     try:
         found = np.asanyarray(values)
-        if found.dtype.kind in "biufO":
+        if found.dtype.kind in "biufO" and values is not None:
             return np.asarray(np.ma.filled(found.astype(float), np.nan))
     except (TypeError, ValueError):
         pass

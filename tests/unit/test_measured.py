@@ -88,13 +88,16 @@ def test_an_array_is_read_as_its_file(saved):
     [
         (HEIGHTS[0], {}, r"shape \(15,\); needed: \(ny, nx\)"),
         (HEIGHTS + 1j, {}, "a file name, or an array of real numbers"),
-        (None, {}, "or a file name"),
+        (None, {}, "a file name, or an array of real numbers"),
         (HEIGHTS, {"unit": None}, r"in Python unit=\) is missing"),
         (HEIGHTS, {"spacing": 0.1}, "two positive numbers dx, dy"),
         (HEIGHTS, {"spacing": (0.1, 0)}, "two positive numbers dx, dy"),
         (HEIGHTS, {"crop": (0, 3, 0)}, "four whole numbers i0, i1, j0, j1"),
         (HEIGHTS, {"crop": (0, 3, 0, 2.5)}, "four whole numbers i0, i1, j0, j1"),
         (HEIGHTS, {"crop": 3}, "four whole numbers i0, i1, j0, j1"),
+        (HEIGHTS, {"skip": -1}, "surface skip -1: .* a number of lines"),
+        (HEIGHTS, {"skip": "2"}, "surface skip '2': .* a number of lines"),
+        (HEIGHTS, {"orient": "flip_z"}, "surface orient flip_z: not allowed"),
     ],
 )
 def test_arrays_of_no_use(given, how, message):
@@ -165,7 +168,7 @@ def test_coordinates_at_the_rim_are_no_heights(tmp_path, head):
     np.savetxt(path := tmp_path / "s.txt", table, fmt="%.4g")
     ny, nx = table.shape
     with pytest.raises(
-        InputError, match=f"first {head} goes by equal .* -surface_crop {column},{nx},{row},{ny} "
+        InputError, match=f"first {head}: equal steps, .* -surface_crop {column},{nx},{row},{ny} "
     ):
         read_surface(path, "um")
     assert convert([str(path), "-o", str(tmp_path / "s.h5"), "--unit", "um", "--spacing", "1,1"]) == 2
@@ -328,6 +331,14 @@ def test_orientation_turns_rows_columns_and_spacing(saved, name, orient):
     if surface.spacing:
         turned = orient.count("transpose") % 2
         assert surface.spacing == pytest.approx((1e-3 * DY, 1e-3 * DX) if turned else (1e-3 * DX, 1e-3 * DY))
+
+
+def test_orientation_is_told_as_on_the_command_line_too():
+    by_text, by_names = (
+        read_surface(HEIGHTS, "um", orient=orient) for orient in ("transpose,flip_y", ("transpose", "flip_y"))
+    )
+    np.testing.assert_array_equal(by_text.heights(), by_names.heights())
+    assert by_text.orient == by_names.orient and read_surface(HEIGHTS, "um", orient=None).orient == ()
 
 
 def test_a_part_of_a_map_with_more_cells_than_petsc_can_number(tmp_path):
