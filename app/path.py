@@ -209,7 +209,9 @@ class LoadPath:
                 path, [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
             )
         except (OSError, ValueError) as error:
-            raise InputError(f"{path}: cannot be written: {error}") from None
+            raise InputError(
+                f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}"
+            ) from None
 
 
 def _as_numbers(kind, numbers):

@@ -106,8 +106,8 @@ class SubsurfaceStress:
             raise InputError(f"pressure: has shape {pressure.shape}; the grid needs (ny, nx) = {grid.shape}")
         if not np.isfinite(pressure).all():
             raise InputError("pressure: not finite everywhere; a run that diverged has no stresses")
-        if not 0 <= poisson_ratio <= 0.5:
-            raise InputError(f"Poisson ratio {poisson_ratio:g}: must be from 0 to 0.5")
+        if not (isinstance(poisson_ratio, Real) and 0 <= poisson_ratio <= 0.5):
+            raise InputError(f"Poisson ratio {poisson_ratio}: must be from 0 to 0.5")
         self.grid, self.nu = grid, float(poisson_ratio)
         self._below = Waves(pressure, grid, self.nu) if grid.periodic else Cells(pressure, grid, self.nu)
 

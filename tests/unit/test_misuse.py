@@ -11,6 +11,7 @@ import pytest
 import app
 from app import ContactProblem, ContactSolver, Grid, Material, SelfAffineSurface, Sphere, read_result, solve
 from app.errors import InputError
+from app.halfspace.stress import SubsurfaceStress
 from app.options import Option, OptionReader, domain, series
 from app.problems.problem import Problem
 from app.problems.statistics import roughness
@@ -63,6 +64,7 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
         ("communicator", lambda: ContactSolver(BALL, comm=3)),
         ("finite", lambda: roughness(np.ma.masked_greater(HEIGHTS, 5e-4), 0.1, 0.1)),
         ("no such file", lambda: read_result("nothing.h5")),
+        ("from 0 to 0.5", lambda: SubsurfaceStress(HEIGHTS, GRID, "0.3")),
     ],
 )
 def test_is_refused_in_a_line(message, wrong):

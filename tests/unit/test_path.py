@@ -75,6 +75,8 @@ def test_what_a_path_cannot_do_it_says(tmp_path):
             list(path)
     with pytest.raises(InputError, match=r"must end in .csv; .*steps=path.table"):
         path.save(tmp_path / "path.h5")
+    with pytest.raises(InputError, match=r"none/path.csv: cannot be written: No such file or directory$"):
+        path.save(tmp_path / "none/path.csv")
     assert not list(tmp_path.iterdir())
 
 
