@@ -9,7 +9,17 @@ import numpy as np
 import pytest
 
 import app
-from app import ContactProblem, ContactSolver, Grid, Material, SelfAffineSurface, Sphere, read_result, solve
+from app import (
+    ContactProblem,
+    ContactSolver,
+    Grid,
+    Material,
+    SelfAffineSurface,
+    Sphere,
+    read_result,
+    refine,
+    solve,
+)
 from app.errors import InputError
 from app.halfspace.stress import SubsurfaceStress
 from app.options import Option, OptionReader, domain, series
