@@ -129,12 +129,12 @@ def _read(path, channel, skip):
     if suffix in (*_PLAIN, *_TEXT) and not channel:
         try:
             source = HeightFile(path, skip)
-            source.refuse_coordinates()
         except ValueError as error:
             if suffix in _PLAIN or skip or not instruments_python():
                 raise
             refusal = error
         else:
+            source.refuse_coordinates()
             facts = {"unit": source.unit, "spacing": source.spacing, "spacing_unit": source.lateral}
             return source.rows(), {**facts, "format": suffix[1:], "channel": ""}
     elif skip:
