@@ -85,8 +85,8 @@ def _main(argv):
     except OSError as error:
         raise InputError(f"-o {arguments.output}: cannot be written: {one_line(error)}") from None
     print(f"{arguments.output}: {summary}")
-    if doubts:
-        print(f"warning: {doubts}", file=sys.stderr)
+    for note in doubts:
+        print(f"warning: {note}", file=sys.stderr)
     return 0
 
 
@@ -245,7 +245,7 @@ def _checksum(path):
 
 def _summary(heights, facts, path):
     """What a solve will read, and what is doubtful in it."""
-    from app.notes import doubt
+    from app.notes import doubt, spiked
     from app.problems.height_file import HeightArray
     from app.problems.measured import surface_of
 
@@ -254,9 +254,8 @@ def _summary(heights, facts, path):
     source.spacing, source.lateral = facts["spacing"], facts["spacing_unit"]
     surface = surface_of(source)
     grid = surface.grid()
-    return f"{surface.understood(grid)}; {100 * surface.missing_points / heights.size:.3g}% missing", doubt(
-        surface, grid
-    )
+    doubts = [note for note in (doubt(surface, grid), spiked(surface)) if note]
+    return f"{surface.understood(grid)}; {100 * surface.missing_points / heights.size:.3g}% missing", doubts
 
 
 if __name__ == "__main__":

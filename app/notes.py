@@ -13,6 +13,7 @@ SOFTEST, HARDEST = 1e-3, 1.5e6  # of moduli [N/mm2]: soft gels, and diamond, whi
 STEEP = 0.5  # rms slope, beyond which a body is no half-space
 FLAT = 2e-4  # rms slope of measured heights, below which heights or spacing may be in another unit ...
 COARSE, COARSE_FLAT = 0.05, 5e-3  # ... and the same where cells are as wide as this [mm]
+SPIKE = 12.0  # rms steps by which a point may stand above all beside it: of Gaussian noise, however long, it is five
 TALL = 0.1  # rms height over the shorter side of the patch: with wrong units, or slopes that are steep anyway
 SQUARISH = 0.2  # of measured cells that are meant to be square, perhaps: logarithm of their sides' ratio
 SEAM = 3.0  # steps where a periodic patch repeats, in those from cell to cell, that do not look like the surface's
@@ -48,6 +49,7 @@ def notes_on(state, problem, contact, roughness):
     measured = [surface for surface in getattr(problem, "surfaces", ()) if is_measured(surface)]
     doubts = [note for surface in measured if (note := doubt(surface, grid))]
     found += doubts
+    found += [note for surface in measured if (note := spiked(surface))]
     if roughness.rms_slope > STEEP and not doubts:
         found.append(f"the rms slope is {roughness.rms_slope:.2g}: the theory is for slopes below {STEEP:g}")
     if measured and min(grid.nx, grid.ny) > 1:
@@ -120,6 +122,18 @@ def doubt(surface, grid):
         return None
     what = f"surface file {surface.file}: is {what}"
     return f"{what}; are heights and spacing in the units said? {surface.understood(grid)}"
+
+
+def spiked(surface):
+    """Note on a point of a measured surface that stands out of all beside it; None: no one does. Not collective."""
+    height, steps, row, column = surface.spike
+    if steps <= SPIKE:
+        return None
+    return (
+        f"surface file {surface.file}: has spikes: the point in row {row}, column {column} stands {in_words(height)} "
+        f"above all beside it, {steps:.0f} times the rms step from cell to cell; they carry the load: take "
+        "them out first"
+    )
 
 
 def _step_at_the_sides(state):

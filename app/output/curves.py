@@ -28,6 +28,7 @@ from app.units import length_unit
 
 _BINS_PER_DECADE = 8
 _STRESS_MAP = "magma_r"
+_MOST_MAXIMA = 12  # of stress side by side, whose contours are still told apart
 
 
 @styled
@@ -157,6 +158,13 @@ def spectrum_figure(result):
     return figure
 
 
+def _maxima(mises, depths, depth):
+    """How many maxima stand side by side at a depth."""
+    row = mises[np.abs(depths - depth).argmin()]
+    inner = row[1:-1]
+    return np.count_nonzero((inner > row[:-2]) & (inner >= row[2:]) & (inner > 0.1 * row.max()))
+
+
 @styled
 def stress_figure(along, centres, depths, section, line, hottest, heading):
     """Von Mises stress on a section through the most stressed point, and stresses on the line through it.
@@ -179,14 +187,21 @@ def stress_figure(along, centres, depths, section, line, hottest, heading):
     x, z = centres * unit.per_mm, depths * deep.per_mm
     mises = von_mises(section)
     image = left.pcolormesh(x, z, mises, cmap=_STRESS_MAP, shading="nearest", vmin=0, rasterized=True)
-    if np.ptp(mises) > 0 and min(mises.shape) > 1:
+    if np.ptp(mises) > 0 and min(mises.shape) > 1 and _maxima(mises, depths, hottest.depth) <= _MOST_MAXIMA:
         left.contour(x, z, mises, levels=8, colors="white", linewidths=0.6)
     bar = figure.colorbar(image, ax=left, pad=0.02, aspect=25)
     bar.set_label("von Mises stress  [N/mm²]")
     at = (hottest.x if along == "x" else hottest.y) * unit.per_mm
     deepest = f"{hottest.von_mises:.4g} N/mm² at depth {hottest.depth * deep.per_mm:.3g} {deep.name}"
     left.plot(
-        at, hottest.depth * deep.per_mm, "+", color=GREEN, markersize=12, markeredgewidth=2, label=deepest
+        at,
+        hottest.depth * deep.per_mm,
+        "+",
+        color=GREEN,
+        markersize=12,
+        markeredgewidth=2,
+        label=deepest,
+        clip_on=False,
     )
     left.legend(loc="lower right", facecolor="white", frameon=True, framealpha=0.85)
     left.set(xlabel=f"{along}  [{unit.name}]", ylabel=f"depth z  [{deep.name}]", ylim=(z[-1], 0))

@@ -122,7 +122,7 @@ def _curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True))
         axes.text(
             0.5,
             0.5,
-            f"no {y.partition('_by_')[0].replace('_', ' ')}",
+            f"no {y.replace('_', ' ')}",
             ha="center",
             va="center",
             transform=axes.transAxes,
@@ -145,6 +145,7 @@ def _draw_fraction(axes, paths):
     for path, found in zip(paths, corrected, strict=True):
         if found is not None:
             axes.plot(found[0] * path.relative, found[1], "x", color="0.4", zorder=1)
+    log_axis(axes.yaxis, [drawn[1], *(found[1] for found in corrected if found is not None)])
     x = np.geomspace(drawn[0].min(), drawn[0].max() * 1.0001, 200)
     axes.plot(x, persson_fraction(x), color="0.3", linestyle=DASHED, label="Persson")
     bgt = bush_gibson_thomas_fraction(x)
@@ -187,16 +188,37 @@ def _draw_gap(axes, paths):
         axes.set(xlabel=f"mean gap  [{unit.name}]", ylabel=_RELATIVE)
 
 
-def _stiffness_of(paths):
-    """Name of the column: the exact one where all have it."""
-    exact = all(path.positive("load", "stiffness") is not None for path in paths)
-    return "stiffness" if exact else "stiffness_by_differences"
+def _draw_stiffness_against(axes, paths, x, scale=lambda path: (1.0, 1.0)):
+    """Each path's exact stiffness where it is known, else that by differences, which coarse steps make rough."""
+    exact = [path.positive("load", "stiffness") is not None for path in paths]
+    paths = [
+        path if known else path._replace(columns=_by_differences(path.columns))
+        for path, known in zip(paths, exact, strict=True)
+    ]
+    if _curves(axes, paths, x, "stiffness", scale) is None:
+        return False
+    others = [path.name for path, known in zip(paths, exact, strict=True) if not known]
+    names = ", ".join(others) if len(others) < 4 else f"{len(others)} of {len(paths)} paths"
+    of = f"\nby differences: {names}" if any(exact) and others else ""
+    axes.set(ylabel=f"stiffness dF/dδ  [N/mm]{of}")
+    return True
+
+
+def _by_differences(columns):
+    columns = {name: column for name, column in columns.items() if name != "stiffness"}
+    if "stiffness_by_differences" in columns:
+        columns["stiffness"] = columns["stiffness_by_differences"]
+    return columns
 
 
 def _draw_stiffness(axes, paths):
-    name = _stiffness_of(paths)
-    if _curves(axes, paths, "mean_pressure", name, lambda path: (path.relative, 1.0)) is not None:
-        axes.set(xlabel=_RELATIVE, ylabel="stiffness dF/dδ  [N/mm]")
+    if _draw_stiffness_against(axes, paths, "mean_pressure", lambda path: (path.relative, 1.0)):
+        axes.set(xlabel=_RELATIVE)
+
+
+def _draw_smooth_stiffness(axes, paths):
+    if _draw_stiffness_against(axes, paths, "load"):
+        axes.set(xlabel="load F  [N]")
 
 
 def _against_approach(name, label):
@@ -213,8 +235,7 @@ def _against_approach(name, label):
 
 def _against_load(name, label):
     def draw(axes, paths):
-        column = _stiffness_of(paths) if name == "stiffness" else name
-        if _curves(axes, paths, "load", column) is not None:
+        if _curves(axes, paths, "load", name) is not None:
             axes.set(xlabel="load F  [N]", ylabel=label)
 
     return draw
@@ -225,7 +246,7 @@ _SMOOTH = (
     _against_approach("load", "load F  [N]"),
     _against_load("max_pressure", "maximum pressure  [N/mm²]"),
     _against_load("contact_area", "contact area  [mm²]"),
-    _against_load("stiffness", "stiffness dF/dδ  [N/mm]"),
+    _draw_smooth_stiffness,
 )
 
 

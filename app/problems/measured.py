@@ -58,6 +58,9 @@ class Surface:
         About their best plane, after filters [mm].
     steps : tuple of float
         Root mean square of the steps from cell to cell of the file in x and in y, about that plane, after filters [mm].
+    spike : tuple
+        How high the point that stands out most does above the highest of its four neighbours [mm], how many rms steps
+        that is, its row and column; before filters, which only smear it.
     missing_points : int
         Of the file, within the crop.
     notes : tuple of str
@@ -77,6 +80,7 @@ class Surface:
     rms_height: float
     rms_level: float
     steps: tuple
+    spike: tuple
     missing_points: int
     notes: tuple
     _source: object = field(repr=False)
@@ -201,7 +205,8 @@ class Surface:
         """Refuse a grid whose cells are not the surface's. Not collective."""
         if grid.shape != self.shape:
             raise InputError(
-                f"surface file {self.file}: has {self.shape[1]} x {self.shape[0]} cells, the grid {grid.nx} x {grid.ny}"
+                f"surface file {self.file}: has {self.shape[1]} x {self.shape[0]} cells, the grid {grid.nx} x "
+                f"{grid.ny}; needed: the same cells, of two files, too: nothing is interpolated"
             )
         if self.spacing and not np.allclose((grid.dx, grid.dy), self.spacing, rtol=1e-6, atol=0):
             raise InputError(
@@ -209,6 +214,12 @@ class Surface:
                 f"{grid.ny * self.spacing[1]:.7g} mm; "
                 f"the domain is {grid.nx * grid.dx:.7g} x {grid.ny * grid.dy:.7g} mm"
             )
+
+    def __str__(self):
+        if self.spacing is None:
+            ny, nx = self.shape
+            return f"surface file {self.file}: {nx} x {ny} heights in {self.unit}, in cells of a size it does not say"
+        return f"surface file {self.file}: {self.understood(self.grid())}"
 
     def heights(self, rows=slice(None)):
         """Heights of some rows, peaks positive, shape (rows, nx) [mm]; NaN: missing. Not collective."""
@@ -386,7 +397,7 @@ def surface_of(
             f"surface file {source.file}: {holes} of {nx * ny} points are missing: cells without any cannot touch; "
             "fill them by -surface_missing fill (in Python missing=)"
         )
-    rise, rms = moments.tilt()
+    (height, times, row, column), (rise, rms) = moments.spike(), moments.tilt()
     if level in ("none", "mean") and rise > _TILTED * rms > 0:
         notes.append(
             f"surface file {source.file}: is tilted by {rise:.3g} mm over the patch, its rms height about the best "
@@ -404,6 +415,7 @@ def surface_of(
         rms_height=moments.rms,
         rms_level=rms,
         steps=moments.steps,
+        spike=(height, times, crop[2] + row, crop[0] + column),
         missing_points=holes,
         notes=tuple(notes),
         _source=source,

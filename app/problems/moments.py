@@ -43,13 +43,17 @@ class Moments:
         self._name, self.shape, self.reference = name, shape, None
         self._steps = np.zeros((2, 3))  # along x, y: how many, their sum and that of their squares
         ny, nx = shape
-        x, y, run, before = centred(nx), centred(ny), max(1, _RUN // nx), np.full((1, nx), np.nan)
+        self._spike = (0.0, 0, 0)  # height above the highest of its four neighbours [mm], row, column
+        x, y, run, beyond = centred(nx), centred(ny), max(1, _RUN // nx), np.full((1, nx), np.nan)
+        held = beyond  # the last rows of the run before, one beside whose neighbours are not all known yet
         for start in range(0, ny, run):
             z = rows(start, min(start + run, ny))
             self._add(z, x, y[start : start + run], start)
             self._add_steps(0, np.diff(z, axis=1))
-            self._add_steps(1, np.diff(np.vstack([before, z]), axis=0))
-            before = z[-1:]
+            self._add_steps(1, np.diff(np.vstack([held[-1:], z]), axis=0))
+            block = np.vstack([held, z, *([beyond] if start + run >= ny else [])])
+            self._find_spike(block, start - len(held) + 1)
+            held = block[-2:]
         if not self.count:
             raise InputError(f"surface file {name}: all points are missing (NaN)")
 
@@ -76,6 +80,19 @@ class Moments:
         known = steps[np.isfinite(steps)]
         self._steps[along] += known.size, known.sum(), known @ known
 
+    def _find_spike(self, z, first):
+        """Look through all rows but the first and the last, neighbours only; `first`: number of the second."""
+        inner = z[1:-1]
+        if not inner.size:
+            return
+        above = np.fmin(inner - z[:-2], inner - z[2:])  # fmin: missing neighbours do not count
+        across = np.diff(inner, axis=1)
+        above[:, 1:] = np.fmin(above[:, 1:], across)
+        above[:, :-1] = np.fmin(above[:, :-1], -across)
+        j, i = np.unravel_index(np.nan_to_num(above).argmax(), above.shape)
+        if above[j, i] > self._spike[0]:
+            self._spike = float(above[j, i]), first + int(j), int(i)
+
     @property
     def count(self):
         """Points that are there."""
@@ -95,6 +112,12 @@ class Moments:
         with np.errstate(invalid="ignore"):
             mean = (squares - 2 * plane * total) / count + plane**2
         return tuple(float(step) for step in np.sqrt(np.maximum(mean, 0.0)))
+
+    def spike(self):
+        """How high the point that stands out most does above all beside it [mm], in rms steps; its row and column."""
+        height, row, column = self._spike
+        step = max((step for step in self.steps if step > 0), default=np.inf)
+        return height, height / step, row, column
 
     def tilt(self):
         """Rise of the best plane from side to side, and the standard deviation about it [mm]."""

@@ -10,6 +10,7 @@ from results import made_up_result, with_attributes
 
 from app.halfspace.connected import connected_sets
 from app.halfspace.grid import Grid
+from app.halfspace.stress import Hottest
 from app.output import curves, figures, maps, paths, style
 from app.plot import analytic_reference
 from app.reference.rough import persson_fraction
@@ -258,6 +259,39 @@ def test_path_of_a_smooth_body_has_no_theory_of_rough_surfaces(result):
     for attributes in (result.attributes, result.attributes | rough):
         figure = paths.path_figure([paths.path_of(replace(result, attributes=attributes))])
         assert figure.axes[0].get_ylabel() == "load F  [N]"
+
+
+def test_each_path_shows_its_exact_stiffness_whatever_the_others_know():
+    p = np.geomspace(1, 100, 5)
+    known = {"load": p, "approach": p, "mean_pressure": p, "contact_fraction": 1e-3 * p}
+    exact = paths.Path(known | {"stiffness": 2 * p, "stiffness_by_differences": p}, "exact", scale=1e4)
+    other = paths.Path(known | {"stiffness_by_differences": 3 * p}, "other", scale=1e4)
+    for shaped in (False, True):
+        drawn = paths.path_figure([one._replace(shaped=shaped) for one in (exact, other)]).axes[3]
+        assert drawn.lines[0].get_ydata() == pytest.approx(2 * p)
+        assert drawn.lines[1].get_ydata() == pytest.approx(3 * p)
+        assert drawn.get_ylabel().endswith("by differences: other")
+    alone = paths.path_figure([other]).axes[3]
+    assert "differences" not in alone.get_ylabel() and alone.lines[0].get_ydata() == pytest.approx(3 * p)
+
+
+def test_corrected_fractions_are_within_the_picture():
+    p = np.geomspace(1, 100, 5)
+    columns = {"load": p, "mean_pressure": p, "contact_fraction": 1e-4 * p}
+    columns["contact_fraction_corrected"] = columns["contact_fraction"] / 5
+    fraction = paths.path_figure([paths.Path(columns, "", scale=1e4)]).axes[0]
+    assert fraction.get_ylim()[0] < columns["contact_fraction_corrected"].min()
+
+
+def test_contours_of_stress_are_drawn_where_they_can_be_told_apart():
+    x, z = np.linspace(-1, 1, 201), np.linspace(0, 1, 21)
+    hottest = Hottest(1.0, 0.0, 0.0, 0.5, np.zeros(6))
+    for waves, drawn in ((1, True), (40, False)):
+        section = np.zeros((6, 21, 201))
+        section[2] = -np.exp(-((z[:, None] - 0.5) ** 2)) * np.cos(np.pi * waves * x / 2) ** 2
+        figure = curves.stress_figure("x", x, z, section, section[:, :, 100], hottest, "")
+        collections = [type(one).__name__ for one in figure.axes[0].collections]
+        assert (collections != ["QuadMesh"]) == drawn
 
 
 def test_path_without_roughness_is_drawn_by_load_and_approach():

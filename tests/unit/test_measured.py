@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app import ContactProblem, Material, Sphere, read_surface
+from app import ContactProblem, Material, Sphere, read_surface, solve
 from app.commands.problem_options import PROBLEM_OPTIONS, make_problem
 from app.convert import main as convert
 from app.errors import InputError
-from app.notes import doubt
+from app.notes import doubt, spiked
 from app.options import OptionReader
+from app.problems import moments
 from app.problems.points import gridded
 
 NY, NX = 12, 15
@@ -385,6 +386,52 @@ def test_rms_slope_is_that_about_the_best_plane(saved, holes):
     averaged = surface.averaged((90, 60))
     assert averaged.rms_slope(averaged.grid((0, 600 * DX, 0, 900 * DY))) == pytest.approx(
         surface.rms_slope(grid)
+    )
+
+
+@pytest.mark.parametrize("run", [1, 3, 4, 12])
+def test_the_point_that_stands_out_most_is_found_whatever_is_read_at_a_time(monkeypatch, run):
+    heights = HEIGHTS.copy()
+    heights[np.random.default_rng(3).random(heights.shape) < 0.2] = np.nan
+    j, i = np.indices(heights.shape) + 1
+    beyond = np.pad(heights, 1, constant_values=np.nan)
+    beside = np.fmax.reduce([beyond[j + dj, i + di] for dj, di in ((1, 0), (-1, 0), (0, 1), (0, -1))])
+    expected = np.nanmax(heights - beside)
+    monkeypatch.setattr(moments, "_RUN", run * NX)
+    found, _, row, column = read_surface(heights, "mm").spike
+    assert found == pytest.approx(expected) and (heights - beside)[row, column] == pytest.approx(expected)
+    crop = (column, NX, row, NY)  # numbers are those of the whole file
+    assert read_surface(heights, "mm", crop=crop).spike[2:] == (row, column)
+
+
+def test_spikes_are_told_and_surfaces_are_not(saved):
+    rng = np.random.default_rng(2)
+    noise = rng.normal(size=(200, 300))
+    smooth = np.cumsum(np.cumsum(noise, axis=0), axis=1)
+    edge = np.where(np.indices(noise.shape)[1] > 150, 50.0, 0.0) + 0.01 * noise
+    for heights in (noise, smooth, edge, np.zeros((200, 300)), noise[:1], noise[:1, :1]):
+        assert spiked(read_surface(heights, "um")) is None
+    noise[120, 30] += 100
+    noise[120, 31] = np.nan
+    surface = read_surface(noise, "um", spacing=(0.001, 0.001))
+    assert "row 120, column 30 stands 101 um above all beside it" in spiked(surface)
+    filtered = surface.filtered(surface.grid(), s_filter=0.005)
+    assert spiked(filtered) == spiked(surface)  # smeared, but still there
+    assert spiked(read_surface(-noise, "um")) is None  # pits carry nothing
+    found = solve(
+        ContactProblem(surface.grid(), Material.from_contact_modulus(1e3), surfaces=[surface]), load=0.01
+    )
+    assert sum("has spikes" in note for note in found.notes) == 1
+
+
+def test_a_surface_is_printed_as_it_was_understood(saved):
+    path = saved(HEIGHTS, "s.h5")
+    text = str(read_surface(path))
+    assert text.startswith(
+        f"surface file {path}: 15 x 12 heights in um, cells of 0.4 x 0.5 um, patch of 6 x 6 um"
+    )
+    assert str(read_surface(HEIGHTS, "um")).endswith(
+        "15 x 12 heights in um, in cells of a size it does not say"
     )
 
 
