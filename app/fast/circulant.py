@@ -56,7 +56,7 @@ def circulant_of(operator, exact=True):
     if kind not in known:
         place = operator.grid, operator.compliance, operator.slabs, operator.comm, operator.dtype
         make = _periodic_inverse if periodic else partial(circulant_inverse, exact=exact)
-        known[kind] = make(*place, workspace=operator.storage_of_product, spectra=operator.spectra)
+        known[kind] = make(*place, workspace=operator.storage, spectra=operator.spectra)
     return known[kind]
 
 

@@ -90,7 +90,7 @@ class Kept:
     def _free(self, operator):
         if operator in self._solvers:
             self._solvers.pop(operator).destroy()
-        operator.free_solvers()
+        operator.free()
 
     def destroy(self):
         """Free everything. Collective."""

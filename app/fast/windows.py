@@ -60,7 +60,7 @@ class VerificationProduct:
         The last product, on all cells, if it is not forgotten.
     """
 
-    count = 0  # its products are those of the target grid's operator
+    count = flops = 0  # its products are those of the target grid's operator
 
     def __init__(self, target, scatter, inner):
         self._target, self._scatter, self._inner = target, scatter, inner

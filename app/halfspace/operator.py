@@ -25,7 +25,7 @@ from app.halfspace.reductions import sum_over
 
 _FORWARD, _BACKWARD = 1 | 4, 2 | 8  # MatSORType: the "local" kinds mean the same here, see `SOR`
 _ZERO_GUESS = 16
-_PRODUCTS = "product", "exact_product", "inverse_product"
+_PRODUCTS = "product", "exact_product", "inverse_product"  # attributes, there when they are made
 _mult_event = PETSc.Log.Event("InfluenceMult")
 _sweep_event = PETSc.Log.Event("InfluenceSOR")
 transpose.exchange_event = PETSc.Log.Event("InfluenceAlltoall")
@@ -48,16 +48,17 @@ class InfluenceOperator:
     exact_product : optional
         Whose ``apply(p, u)`` is the last word, if not that of a double precision product on this grid.
     workspace : InfluenceOperator, optional
-        One whose products are at rest while those of this one are computed, so that they can share storage.
+        That of the target grid, if it is another one: its products are at rest while those of this one are computed.
     spectra : Spectra, optional
         Of products and preconditioners, to be kept when those are freed.
 
     Notes
     -----
-    A product by FFT works in an array that holds anything between products, and is lent meanwhile: `storage` to other
-    products on this grid; `storage_of_product`, that of the iteration's own product, to its preconditioner. Where that
-    is in single precision the double precision one has more; as nobody asks for that one during the iteration, the
-    rest holds vectors of the Krylov method (`scratch_beside_product`).
+    A product by FFT works in an array that holds anything between products. The largest, of the double precision
+    product of the target grid, is lent to all others (`storage`): from its first byte on to products and
+    preconditioners, of which one works at a time. What the iteration's product, in single precision or on fewer cells,
+    leaves of it holds vectors of the Krylov method (`scratch_beside_product`): during the iteration nobody asks for
+    the double precision product.
 
     Attributes
     ----------
@@ -92,8 +93,7 @@ class InfluenceOperator:
         self._workspace = workspace
         if exact_product is not None:
             self.exact_product = exact_product
-        # Whether what `product` says must be checked by the exact one.
-        self.needs_verification = exact_product is not None or self.dtype != np.float64
+        self._verified_elsewhere = exact_product is not None
         self.circulants = {}  # made by the preconditioner of that name when they are first used here
         self.local_shape = (self.slabs.local, grid.nx)
         self.mask = np.zeros(self.local_shape, bool)
@@ -101,9 +101,13 @@ class InfluenceOperator:
         self._spent = 0.0  # products of objects that are gone
         self.contact_number = 0
         self._energy = None, None  # of a contact set, by its number
-        self._relaxation = None
 
     # -- products, made when first asked for ---------------------------------------------------------------
+
+    @property
+    def needs_verification(self):
+        """Whether what `product` says must be checked by the exact one. Not collective."""
+        return self._verified_elsewhere or self.dtype != np.float64
 
     def prepare(self, *products):
         """Make "product", "exact_product" now. Collective."""
@@ -131,20 +135,12 @@ class InfluenceOperator:
 
     @property
     def storage(self):
-        """A convolution whose working storage other transforms on this grid may use, if there is one already."""
-        made = vars(self)
-        products = (made.get("exact_product"), made.get("product"))  # the largest first
-        here = next((product for product in products if isinstance(product, EvenMultiplier)), None)
-        return (self._workspace and self._workspace.storage) or here
-
-    @property
-    def storage_of_product(self):
-        """As `storage`, but only what the product itself works on: the rest may be lent. Not collective."""
-        product = vars(self).get("product")
-        return product if isinstance(product, EvenMultiplier) else self.storage
+        """The product in whose working storage other transforms may work, if it has been made. Not collective."""
+        exact = vars(self._workspace or self).get("exact_product")
+        return exact if isinstance(exact, EvenMultiplier) else None
 
     def scratch_beside_product(self, *types):
-        """Fields to be worked on while no exact product is computed: in storage that this alone uses.
+        """Fields to be worked on while no exact product is computed, in what `product` leaves of the `storage`.
 
         Collective when first asked for.
 
@@ -155,13 +151,13 @@ class InfluenceOperator:
         Returns
         -------
         list of ndarray, shape `local_shape`, or None
-            One for each type; they hold anything. None where there is not enough storage any more.
+            One for each type; they hold anything. None where not enough is left.
         """
-        exact, fields, spare = vars(self._workspace or self).get("exact_product"), [], np.zeros(0, np.uint8)
-        if isinstance(exact, EvenMultiplier) and isinstance(self.product, EvenMultiplier):
-            spare = exact.working_storage[self.product.working_storage.size :]
+        fields, spare = [], np.zeros(0, np.uint8)
+        if self.storage is not None and isinstance(self.product, EvenMultiplier):
+            spare = self.storage.working_storage[self.product.working_storage.size :]
         for dtype in types:
-            left = spare.size - int(np.prod(self.local_shape)) * np.dtype(dtype).itemsize
+            left = spare.size - self.mask.size * np.dtype(dtype).itemsize
             fields.append(spare[left:].view(dtype).reshape(self.local_shape) if left >= 0 else None)
             spare = spare[:left] if left >= 0 else spare
         return fields
@@ -222,39 +218,31 @@ class InfluenceOperator:
         if self.dtype == np.float64:
             yield
             return
-        kept = self.dtype, self.needs_verification, vars(self).pop("product", None), self.circulants
+        dtype, circulants, product = self.dtype, self.circulants, vars(self).pop("product", None)
         self.dtype, self.circulants = np.dtype(np.float64), {}
-        self.needs_verification = not isinstance(self.exact_product, EvenMultiplier)
         try:
             yield
         finally:
             self._free("product")
-            self.dtype, self.needs_verification, product, self.circulants = kept
+            self.dtype, self.circulants = dtype, circulants
             if product is not None:
                 self.product = product
-
-    def free_solvers(self):
-        """Free what only solvers need: preconditioner, sweeps, all products but the exact one. Not collective."""
-        self._free("product", sweeps=True)
-        self.needs_verification = False
 
     def free_exact_product(self):
         """Free the exact product. Not collective."""
         self._free("exact_product", circulants=False)
 
     def free(self):
-        """Free all products and sweeps. Not collective."""
-        self._free(*_PRODUCTS, sweeps=True)
+        """Free all products, preconditioners and sweeps. Not collective."""
+        self._free(*_PRODUCTS, "relaxation")
 
-    def _free(self, *products, circulants=True, sweeps=False):
-        """Free some of what has been made; what it computed stays counted."""
+    def _free(self, *made, circulants=True):
+        """Free what has been made by some names; what it computed stays counted."""
         before = self.equivalent_products
-        for name in products:
+        for name in made:
             vars(self).pop(name, None)
         if circulants:
             self.circulants.clear()
-        if sweeps:
-            self._relaxation = None
         self._spent += before - self.equivalent_products
 
     # -- numpy side --------------------------------------------------------------------------------------
@@ -264,16 +252,15 @@ class InfluenceOperator:
 
         `collected`: see `EvenMultiplier.apply`.
         """
-        known = {} if collected is None else {"collected": collected}
         with _mult_event:
-            self.product.apply(p, u, **known)
+            self.product.apply(p, u, collected=collected)
             PETSc.Log.logFlops(self.product.flops)
 
     def exact_displacement(self, p, u):
         """Compute u = A p in double precision whatever that of the other products. Collective."""
         with _mult_event:
             self.exact_product.apply(p, u)
-            PETSc.Log.logFlops(getattr(self.exact_product, "flops", 0))  # a window's is counted by its grid
+            PETSc.Log.logFlops(self.exact_product.flops)
 
     def energy_of_contact(self):
         """p.Ap for p = 1 on C and 0 elsewhere [mm / (N/mm2)], and the cells of C; one product per set. Collective."""
@@ -334,20 +321,18 @@ class InfluenceOperator:
                 p += d
                 self.sweeps += 1
 
-    @property
+    @cached_property
     def relaxation(self):
-        """The sweeps on this grid, on a rank that has rows of it; made when first needed."""
-        if self._relaxation is None:
-            from app.halfspace.sweeps.gauss_seidel import GaussSeidel
+        """The sweeps on this grid, on a rank that has rows of it. Collective when first asked for."""
+        from app.halfspace.sweeps.gauss_seidel import GaussSeidel
 
-            rows, period = quadrant_rows(self.grid, self.compliance), bool(self.grid.periodic)
-            self._relaxation = GaussSeidel(rows, self.grid.shape, self.slabs, self.comm, periodic=period)
-        return self._relaxation
+        rows, period = quadrant_rows(self.grid, self.compliance), bool(self.grid.periodic)
+        return GaussSeidel(rows, self.grid.shape, self.slabs, self.comm, periodic=period)
 
     def begin(self):
         """Let nothing that an earlier solve has done be seen in the next one. Not collective."""
-        if self._relaxation is not None:
-            self._relaxation.begin()
+        if "relaxation" in vars(self):
+            self.relaxation.begin()
 
     @property
     def equivalent_products(self):
@@ -357,8 +342,8 @@ class InfluenceOperator:
         total = self._spent + sum(product.count for product in products.values())
         if self.circulants:
             total += sum(circulant.points for circulant in self.circulants.values()) / self._padded
-        if self._relaxation:
-            total += self.sweeps * self._relaxation.products_per_sweep
+        if "relaxation" in made:
+            total += self.sweeps * self.relaxation.products_per_sweep
         return total
 
     @cached_property
