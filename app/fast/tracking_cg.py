@@ -15,6 +15,7 @@ from math import sqrt
 import numpy as np
 from petsc4py import PETSc
 
+from app.halfspace.operator import vec_of
 from app.halfspace.reductions import add_row, any_order, span_of, sum_over
 
 _DIGITS = 1e-8  # so much may be left of r.r before it is summed anew
@@ -188,7 +189,7 @@ class TrackingCG(KspContext):
 
     displacement = first_norm = None
     residual = 0.0
-    _residual = _preconditioned = _r = _d = _lent = None
+    _z = _r = _d = None
 
     def setUp(self, ksp):
         """Make the work arrays: z and q, never needed at the same time, are one; d is in the operator's precision."""
@@ -197,15 +198,14 @@ class TrackingCG(KspContext):
         shape = operator.local_shape
         work, self._lent = operator.scratch_beside_product(np.float64, operator.dtype)
         self.work = np.zeros(shape) if work is None else work  # at rest between solves
-        scratch = self.work.reshape(-1)
-        self._preconditioned = PETSc.Vec().createWithArray(scratch, comm=mat.getComm())
-        self.product = scratch.view(operator.dtype)[: scratch.size].reshape(shape)  # q = A d
+        self._z = vec_of(self.work, operator)
+        self.product = self.work.reshape(-1).view(operator.dtype)[: self.work.size].reshape(shape)  # q = A d
         self._spans = np.zeros((shape[0], 2), np.int64)
         warm_up(operator.dtype)
 
     @property
     def direction(self):
-        """d."""
+        """d, at rest between solves."""
         if self._lent is not None:
             return self._lent
         if self._d is None:
@@ -213,22 +213,19 @@ class TrackingCG(KspContext):
         return self._d
 
     def rest(self):
-        """Free r and d until they are needed. Collective."""
-        if self._residual is not None:
-            self._residual.destroy()
-        self._residual = self._r = self._d = None
+        """Free r and d until they are needed. Not collective."""
+        self._r = self._d = None
 
     def solve(self, ksp, b, x):
         """Improve x."""
         operator = self._operator
-        precondition, z = self._preconditioner(ksp.getPC())
-        contact, spans, u = operator.mask, self._spans, self.displacement
-        r, d, q = self._r, self.direction, self.product
-        u = np.empty((0, r.shape[1])) if u is None else u
-        norm = self._first_residual(ksp, b, x)
+        precondition, r, z = self._preconditioner(ksp.getPC())
+        contact, spans, d, q = operator.mask, self._spans, self.direction, self.product
+        norm = self._start(ksp, b, x, r)
+        u = np.empty((0, r.shape[1])) if self.displacement is None else self.displacement
         d[...] = 0  # outside the new spans too
         squares = summed = norm**2
-        iteration, max_it, previous, nodes = 0, ksp.getTolerances()[3], 0.0, None
+        iteration, max_it, previous, nodes = 0, ksp.getTolerances()[3], 0.0, 0.0
         reason = self._report(ksp, 0, norm)
         while not reason and iteration < max_it:
             precondition()
@@ -236,8 +233,7 @@ class TrackingCG(KspContext):
             beta = rz / previous if previous else 0.0
             _direction(d, z, d.dtype.type(beta), contact, spans)
             operator.products += 1
-            if collected is not None:
-                nodes = collected if nodes is None else collected + beta * nodes  # as d is made of z
+            nodes = None if collected is None else collected + beta * nodes  # as d is made of z
             operator.displacement(d, q, nodes)
             dq, rd, qr, qq = self._sum(_dots(d, q, r, contact, spans))
             if not dq > 0:
@@ -246,8 +242,6 @@ class TrackingCG(KspContext):
             alpha = rd / dq
             with x as solution:
                 here = _advance(solution.reshape(r.shape), r, u, d, q, contact, spans, alpha)
-            if self._residual is not None:
-                self._residual.stateIncrease()
             squares += alpha * (alpha * qq - 2 * qr)  # exactly, but for cancellation
             if not squares > _DIGITS * summed:
                 summed = squares = self._sum([here])[0]
@@ -269,38 +263,40 @@ class TrackingCG(KspContext):
         return sums[0], sums[1:].reshape(mine.shape)
 
     def _preconditioner(self, pc):
-        """Make r; what computes z from it, and z: in the operator's precision, if the PC has `precondition` for it."""
+        """What computes z from r; r; z. In the operator's precision, if the PC has `precondition` for it, else Vecs."""
         context = pc.getPythonContext() if pc.getType() == "python" else None
-        known = hasattr(context, "precondition")
+        precondition = getattr(context, "precondition", None)
         if self._r is None:
-            self._r = np.zeros(self._operator.local_shape, self._operator.dtype if known else float)
-        if known:
-            return partial(context.precondition, self._r, self.product), self.product
-        if self._residual is None:
-            self._residual = PETSc.Vec().createWithArray(self._r.reshape(-1), comm=self._operator.petsc_comm)
-        return partial(pc.apply, self._residual, self._preconditioned), self.work
+            self._r = np.zeros(self._operator.local_shape, self._operator.dtype if precondition else float)
+        if precondition:
+            return partial(precondition, self._r, self.product), self._r, self.product
+        residual = vec_of(self._r, self._operator)
 
-    def _first_residual(self, ksp, b, x):
-        u, product = self.displacement, self._preconditioned
+        def apply():
+            residual.stateIncrease()
+            pc.apply(residual, self._z)
+
+        return apply, self._r, self.work
+
+    def _start(self, ksp, b, x, r):
+        """r = b - u; return its norm. Without `displacement` u is A x for the initial guess, and not kept."""
+        u, known, self.first_norm = self.displacement, self.first_norm, None
         if u is None:
+            u = self.work
             if ksp.getInitialGuessNonzero():
-                ksp.getOperators()[0].mult(x, product)
+                ksp.getOperators()[0].mult(x, self._z)
             else:
                 x.set(0)
-                product.set(0)
-            u = self.work
-        squares = _first_residual(self._read(b), u, self._operator.mask, self._spans, self._r)
-        if self._residual is not None:
-            self._residual.stateIncrease()
-        known, self.first_norm = self.first_norm, None
+                u[...] = 0
+        squares = _first_residual(self._read(b), u, self._operator.mask, self._spans, r)
         return sqrt(self._sum([squares])[0]) if known is None else known
 
     def destroy(self, ksp):
         """Free the work vectors."""
         self.rest()
-        if self._preconditioned is not None:
-            self._preconditioned.destroy()
-        self._preconditioned = self._lent = self.work = self.product = None  # storage of others
+        if self._z is not None:
+            self._z.destroy()
+        self._z = self._lent = self.work = self.product = None  # storage of others
 
     def view(self, ksp, viewer):
         """Describe the solver for -ksp_view."""
