@@ -94,13 +94,13 @@ def _prove(state):
     penetrates = np.empty(len(b), bool)
     largest, sums = _survey(b, u, p, admissible, smallest, penetrates)
     sums, lowest = sums_and_minima(state.comm, sums, -largest)
-    largest = np.maximum(-lowest, [0, 0, -np.inf, 0, 0, 0])
-    most, penetration, minus_smallest, product, highest, deepest = (float(value) for value in largest)
-    energy, defect, to_p, moved, of_p, of_u = sums
+    most, penetration, deepest, tension, product, highest = (-lowest).tolist()
+    of_u, energy, defect, to_p, moved, of_p = sums
     if state.grid.periodic:
         gap, energy = _closing(state, energy)
     else:
-        gap = float(min(defect + _lifting(state, most, energy, penetrates), to_p + moved / (2 * smallest)))
+        lifted = defect + _lifting(state, most, energy, penetrates)
+        gap = float(min(lifted, to_p + moved / (2 * smallest)))  # either bound holds
     gap = max(gap, 0.0)
     lost = np.sqrt(state.operator.diagonal * of_p) + np.sqrt(of_u / smallest)
     astray = state.distance.rounding * np.sqrt(state.distance.statistics.cells / smallest)
@@ -108,8 +108,8 @@ def _prove(state):
     return Certificate(
         duality_gap=gap * state.grid.cell_area,
         error_bound=float(error / np.sqrt(energy)) if energy > 0 else np.inf if gap > 0 else 0.0,
-        largest_penetration=max(penetration, 0.0) + 0.0,
-        smallest_pressure=0.0 - minus_smallest,
+        largest_penetration=penetration + 0.0,
+        smallest_pressure=0.0 - tension,
         complementarity=product / (highest * deepest) if highest * deepest > 0 else 0.0,
     )
 
@@ -147,10 +147,10 @@ def _closing(state, energy):
     energy = max(energy, np.finfo(float).eps * state.operator.diagonal * squares)
     field = np.empty(state.u.shape) if state.work is None else state.work
     moved = (*fields, diagonal, factor, constant, (factor - 1) * elsewhere + constant)
-    rough = inverse.norm() * state.sum([_moves(*moved, field)])[0] / 2
+    rough = inverse.norm() * state.sum([_move(*moved, field)[0]])[0] / 2
     if gap + rough > _NEGLIGIBLE**2 * energy / 2:
         inverse.apply(field, field)
-        rough = state.sum([_moves_times(*moved, field)])[0] / 2
+        rough = state.sum([_move(*moved, field)[1]])[0] / 2
     return float(gap + rough), float(energy)
 
 
@@ -179,44 +179,26 @@ def _gaps(b, u, p, admissible, diagonal):
 
 
 @any_order
-def _moves_row(b, u, p, admissible, diagonal, factor, constant, elsewhere, out):
-    squares = 0.0
+def _move_row(b, u, p, admissible, diagonal, factor, constant, elsewhere, field):
+    squares, product = 0.0, 0.0
     for i in range(b.size):
         e = u[i] - b[i]
         w = factor * max(e - p[i] / diagonal, 0.0) + constant - e if admissible[i] else elsewhere
-        out[i] = w
         squares += w * w
-    return squares
+        product += w * field[i]
+        field[i] = w
+    return squares, product
 
 
 @njit()
-def _moves(b, u, p, admissible, diagonal, factor, constant, elsewhere, out):
-    """out = w, what e moves by to the gap that is to be reached; return w.w."""
-    squares = 0.0
+def _move(b, u, p, admissible, diagonal, factor, constant, elsewhere, field):
+    """field = w, what e moves by to the gap that is to be reached; return w.w, and w.field for the field there was."""
+    squares, product = 0.0, 0.0
     for j in range(b.shape[0]):
-        squares += _moves_row(b[j], u[j], p[j], admissible[j], diagonal, factor, constant, elsewhere, out[j])
-    return squares
-
-
-@any_order
-def _moves_times_row(b, u, p, admissible, diagonal, factor, constant, elsewhere, field):
-    total = 0.0
-    for i in range(b.size):
-        e = u[i] - b[i]
-        w = factor * max(e - p[i] / diagonal, 0.0) + constant - e if admissible[i] else elsewhere
-        total += w * field[i]
-    return total
-
-
-@njit()
-def _moves_times(b, u, p, admissible, diagonal, factor, constant, elsewhere, field):
-    """w.field, for w as of `_moves`."""
-    total = 0.0
-    for j in range(b.shape[0]):
-        total += _moves_times_row(
-            b[j], u[j], p[j], admissible[j], diagonal, factor, constant, elsewhere, field[j]
-        )
-    return total
+        row = _move_row(b[j], u[j], p[j], admissible[j], diagonal, factor, constant, elsewhere, field[j])
+        squares += row[0]
+        product += row[1]
+    return squares, product
 
 
 @any_order
@@ -259,9 +241,12 @@ def _lift_row(b, u, admissible):
     return lift
 
 
+_NOTHING = (0.0,) * 8  # what `_survey_row` finds where there is no pressure and no overlap
+
+
 @njit()
 def _survey(b, u, p, admissible, smallest, penetrates):
-    """Largest of -e / u, -e, -p, |p e|, p, |h|; sums of p u, p e, p g, w w, p p, u u.
+    """Largest of -e / u, -e, |h|, -p, |p e|, p; sums of u u, p u, p e, p g, w w, p p.
 
     h and e are zero in inadmissible cells; g and w by the smallest eigenvalue. Most rows have gaps and no pressure: a
     glance is enough. `penetrates` is told which rows have e < 0.
@@ -271,13 +256,12 @@ def _survey(b, u, p, admissible, smallest, penetrates):
         penetration, deepest, highest, of_u = _glance_row(b[j], u[j], p[j], admissible[j])
         penetrates[j] = penetration > 0
         lift = _lift_row(b[j], u[j], admissible[j]) if penetration > 0 else 0.0
-        tension = product = most = energy = defect = to_p = moved = of_p = 0.0
+        row = _NOTHING
         if not (penetration <= 0 and highest <= 0):
             row = _survey_row(b[j], u[j], p[j], admissible[j], smallest)
-            tension, product, most, energy, defect, to_p, moved, of_p = row
-        for k, value in enumerate((lift, penetration, tension, product, most, deepest)):
+        for k, value in enumerate((lift, penetration, deepest) + row[:3]):
             largest[k] = max(largest[k], value)
-        for k, value in enumerate((energy, defect, to_p, moved, of_p, of_u)):
+        for k, value in enumerate((of_u,) + row[3:]):
             sums[k] += value
     return largest, sums
 
@@ -308,7 +292,5 @@ def warm_up(periodic=False):
     _survey(fixed, field, fixed, mask, 1.0, rows)
     _lift(fixed, field, mask, np.zeros(1), rows)
     if periodic:
-        moved = fixed, field, fixed, mask, 1.0
-        _gaps(*moved)
-        for loop in (_moves, _moves_times):
-            loop(*moved, 1.0, 0.0, 0.0, field)
+        _gaps(fixed, field, fixed, mask, 1.0)
+        _move(fixed, field, fixed, mask, 1.0, 1.0, 0.0, 0.0, field)
