@@ -69,7 +69,7 @@ _FALLING = 0.7  # share of a difference that the next one is at most, of a numbe
 
 
 def numbers_on(state, comm, load=None, depth=None):
-    """Numbers of a ContactState, or CoarseSolution; with a better load and depth, if known.
+    """Numbers of a ContactState; with a better load and depth, if known.
 
     Collective over `comm`, all ranks that want to know.
     """

@@ -55,7 +55,7 @@ def nested_iteration(
             state.depth = loading.predict(coarse.depth)
             if nested:
                 _prolong(stage, beta, lifted)
-                stage.keep_coarse_pressure()
+                coarse_pressure, stage.coarse = stage.coarse.p, None
             else:
                 state.start_from_interpenetration()
             coarse.destroy()
@@ -72,11 +72,11 @@ def nested_iteration(
         facts = outcome, found, numbers
         outcome, found, numbers = tell(hierarchy, following, state, loading, *facts)
         if nested and target and not first:
-            difference = pressure_difference(comm, stage.transfer, stage.coarse_pressure, state)
+            difference = pressure_difference(comm, stage.transfer, coarse_pressure, state)
         stage.close()
         if target and stage.windowed:
             coarse = None  # the window's arrays go
-            state, complete = stage.on_all_cells(outcome, loading.prescribes_load)
+            state, complete = stage.on_all_cells(outcome.converged)
             if not complete:
                 rest = solve_on(hierarchy, number, state, loading, stop, history, False, kept)
                 outcome = rest.after(outcome)
