@@ -138,8 +138,8 @@ def tell(hierarchy, following, state, loading, *facts):
         These.
     """
     if hierarchy.joined(state.operator, following):
-        depth, known, facts = hierarchy.comm.bcast((state.depth, loading.known(), facts))
+        depth, known, facts = hierarchy.comm.bcast((state.depth, loading.known, facts))
         if not state.operator.active:
-            loading.take(known)
+            loading.known = known
             state.depth = depth
     return facts

@@ -9,7 +9,7 @@ Where that does not converge, the root search over solved problems does on any g
 
 When what is called: on the first grid of all `first_solve`, or `resume` from a solution; on each grid `begin`, in each
 active set iteration `update`, between u = A p and (4.b), and on the target, when (5.1) holds, `settle`; after a grid
-`solved`, and before the next one `predict`. `known` and `take` tell ranks that join. `search` is for where this fails.
+`solved`, and before the next one `predict`. `known` is told to ranks that join. `search` is for where this fails.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from math import sqrt
 
 import numpy as np
 
+from app.contact.history import Outcome
 from app.errors import InputError
 from app.options import LARGEST
 
@@ -38,6 +39,7 @@ class PrescribedApproach:
     """The approach is given [mm]."""
 
     prescribes_load = False
+    known = None  # nothing is found out that other ranks would have to be told
 
     def __init__(self, approach):
         self.approach = float(approach)
@@ -63,12 +65,6 @@ class PrescribedApproach:
     def predict(self, depth):
         """Return the depth to begin with on the next finer grid, after this one [mm]. Not collective."""
         return depth
-
-    def known(self):
-        """Return what has been found out, for `take` on other ranks. Not collective."""
-
-    def take(self, known):
-        """Take over what another rank has found out. Not collective."""
 
     def begin(self, state):
         """Prepare the iteration on a grid. Not collective."""
@@ -129,15 +125,15 @@ class PrescribedLoad:
         from scipy.optimize import brentq  # a tenth of the start of a solve
 
         touching = state.first_touch()
-        loads, solved, outcomes = {touching: 0.0}, [], []
+        loads, outcome = {touching: 0.0}, Outcome(True, "")  # by depth; of all solves, the reason being the last one's
 
         def lacks(depth):
             """What the load lacks, in the power that makes a sphere's linear in the depth."""
+            nonlocal outcome
             if depth not in loads:
                 state.depth = depth
-                solved.append(depth)
-                outcomes.append(solve(PrescribedApproach(state.approach)))
-                if not outcomes[-1].converged:
+                outcome = solve(PrescribedApproach(state.approach)).after(outcome)
+                if not outcome.converged:
                     raise _SearchOver
                 loads[depth] = state.load
                 if abs(loads[depth] - self.load) <= rtol * self.load:
@@ -158,7 +154,7 @@ class PrescribedLoad:
                 low, high = max(touching, low - max(2 * (high - low), least)), low
             # A periodic patch may be in contact everywhere before it carries the load: nothing is beyond that.
             root = brentq(lacks, low, high, xtol=rtol * (high - touching)) if lacks(high) >= 0 else high
-            if solved[-1] != root:
+            if state.depth != root:  # the last one solved
                 loads.pop(root, None)
                 lacks(root)
         except _SearchOver:
@@ -166,9 +162,6 @@ class PrescribedLoad:
         nearest = sorted(loads.items(), key=lambda point: abs(point[1] - self.load))[:2]
         (d1, f1), (d2, f2) = nearest[0], nearest[-1]  # the same one if the first solve has failed
         self.slope = (f2 - f1) / (d2 - d1) if f2 != f1 else stiffness_of_patch(state)
-        outcome = outcomes[0]
-        for later in outcomes[1:]:
-            outcome = later.after(outcome)
         return outcome
 
     def _guess(self, state, touching):
@@ -208,12 +201,13 @@ class PrescribedLoad:
         """Hear of the depth that a grid has ended with [mm]. Not collective."""
         self._found.append(depth)
 
+    @property
     def known(self):
-        """Return what has been found out, for `take` on other ranks. Not collective."""
+        """What has been found out, for other ranks to take over. Not collective."""
         return self.slope, self._found
 
-    def take(self, known):
-        """Take over what another rank has found out. Not collective."""
+    @known.setter
+    def known(self, known):
         self.slope, self._found = known
 
     def predict(self, depth):
