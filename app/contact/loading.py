@@ -125,7 +125,8 @@ class PrescribedLoad:
         from scipy.optimize import brentq  # a tenth of the start of a solve
 
         touching = state.first_touch()
-        loads, outcome = {touching: 0.0}, Outcome(True, "")  # by depth; of all solves, the reason being the last one's
+        loads = {touching: 0.0}  # by depth
+        outcome = Outcome(True, "")  # of all solves
 
         def lacks(depth):
             """What the load lacks, in the power that makes a sphere's linear in the depth."""

@@ -6,8 +6,6 @@ of p, and p = B w + mean pressure that of e.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from app.contact.history import Outcome
@@ -45,8 +43,8 @@ def primal_active_set(primal, solver, stop, history):
     NeedsSafeguard
         If it makes no progress.
     """
-    state, aim = primal.state, _SURE  # share of the residual allowed that is asked of the solver
-    best, fewest, since = float("inf"), float("inf"), 0
+    state, best, fewest, since = primal.state, float("inf"), float("inf"), 0
+    aim = _SURE  # share of the residual allowed that is asked of the solver
     doubted = False  # whether a verification has failed
     primal.start(exact=stop.final)
     allowed = allowed_gap(primal, stop)
@@ -55,43 +53,39 @@ def primal_active_set(primal, solver, stop, history):
     for k in range(1, stop.max_it + 1):
         goal = aim * allowed * np.sqrt(primal.cells)
         its, failure, norm = solver.improve(primal, goal)  # 2. and 3. p = 0 on the free cells, a little
-        near = norm <= goal * (1 + 1e-6)
-        slight = _SLIGHT * aim * allowed
+        near, slight = norm <= goal * (1 + 1e-6), _SLIGHT * aim * allowed
         # 4. p < 0 leaves C, e < 0 enters; A of a single cell is zero
-        update = primal.exchange(solver, -slight / (state.operator.diagonal or 1.0), -slight)
-        update = replace(update, residual=norm)
+        update = primal.exchange(solver, -slight / (state.operator.diagonal or 1.0), -slight, norm)
         history.add(state, solver, update, its, primal.approach)
         residual = norm / state.distance.norm()
         if wrong := what_is_wrong(failure, residual):
             raise NeedsSafeguard(Outcome(False, wrong, k, residual))
-        changed = update.changed
-        if near and not stop.final and changed <= _LOOSE * primal.cells:
+        if near and not stop.final and update.changed <= _LOOSE * primal.cells:
             return Outcome(True, CONVERGED, k, residual)
-        if near and not changed:
+        if near and not update.changed:  # 5. and 6. by a product in double precision
             kept = state.contact.copy()
-            update = verify(primal, solver.scratch)
-            residual = update.residual / state.distance.norm()
-            last = update.residual / np.sqrt(max(update.cells, 1))
-            enough = last <= allowed
-            if enough:
+            verified = verify(primal, solver.scratch)
+            residual = verified.residual / state.distance.norm()
+            error = verified.residual / np.sqrt(max(verified.cells, 1))
+            if error <= allowed:
                 accept(primal, solver.scratch)
                 if stop.certified(state):
                     return Outcome(True, CONVERGED, k, residual)
             # Not yet: aim lower, by as much as the product says that the carried residual was too small.
             reached = min(1.0, norm / goal) * aim
-            aim = max(reached * min(0.5, _DOUBT * allowed / last), ROUNDING / stop.rtol)
+            aim = max(reached * min(0.5, _DOUBT * allowed / error), ROUNDING / stop.rtol)
             state.contact[...] = kept  # the free cells are as before
             state.depth = 0.0
             # The second time, or for the certificate: what is carried along may have become inaccurate.
-            if enough or doubted:
+            if error <= allowed or doubted:
                 primal.restore_mean(solver)
                 primal.refresh(exact=True)
             doubted = True
         elif update.added:
             primal.close(solver)
         since += 1
-        if norm < 0.5 * best or changed < fewest:
-            best, fewest, since = min(norm, best), min(changed, fewest), 0
+        if norm < 0.5 * best or update.changed < fewest:
+            best, fewest, since = min(norm, best), min(update.changed, fewest), 0
         if since >= PATIENCE:
             raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)

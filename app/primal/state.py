@@ -151,8 +151,8 @@ class PrimalState:
         gap = np.where(state.admissible, self.w - state.distance.b, np.inf)
         state.contact[...] = gap <= state.minimum([gap.min(initial=np.inf)])[0]
 
-    def exchange(self, solver, tension, overlap):
-        """Cells with p < tension are released, others with e < overlap captured; return the Update.
+    def exchange(self, solver, tension, overlap, residual):
+        """Cells with p < tension are released, others with e < overlap captured; return the Update of a residual.
 
         Collective. The system must have a solution: under a load something stays in contact, under an approach below
         that of full contact something stays open.
@@ -174,7 +174,7 @@ class PrimalState:
             cells, released = cells - opened, released + opened
         if captured or released:
             self._contact_changed(solver)
-        return Update(cells, captured, released, residual=float("nan"))
+        return Update(cells, captured, released, residual)
 
     def _open_least(self):
         """Open the cells with the least pressure, which becomes zero; return how many. Collective."""

@@ -364,7 +364,7 @@ def test_every_step_keeps_p_and_the_loading(steps, loading, holes):
             state.contact & (state.p < 0),
             ~state.contact & state.admissible & (primal.w < state.distance.b),
         )
-        update = primal.exchange(solver, 0.0, 0.0)
+        update = primal.exchange(solver, 0.0, 0.0, 0.0)
         assert (state.contact == (old & ~wrong[0]) | wrong[1]).all()
         assert (update.cells, update.added, update.released) == (
             state.contact.sum(),
@@ -384,7 +384,7 @@ def test_under_a_load_something_stays_in_contact(steps):
     with primal.state.pressure as values:
         values[...] = -1.0
     primal.w += 1.0
-    update = primal.exchange(solver, 0.0, 0.0)
+    update = primal.exchange(solver, 0.0, 0.0, 0.0)
     assert (update.cells, update.changed) == (before.sum(), 0)
     assert (primal.state.contact == before).all() and (primal.inverse.mask == ~before).all()
 
