@@ -49,7 +49,7 @@ class TrackingSolver(LinearSolver):
             )
         self._cg, self._large = context, is_large(self.operator.grid)
 
-    def improve(self, state, allowed, norm=None):
+    def improve(self, state, allowed, norm):
         """Step 3, inexactly: p towards (2.11) on C, u = A p along with it.
 
         Collective.
@@ -59,8 +59,8 @@ class TrackingSolver(LinearSolver):
         state : ContactState
         allowed : float
             Norm of the residual that is small enough [mm].
-        norm : float, optional
-            That of the residual now, if it is known [mm].
+        norm : float
+            That of the residual now [mm].
 
         Returns
         -------
@@ -71,7 +71,7 @@ class TrackingSolver(LinearSolver):
             Its norm [mm].
         """
         enough = self._enough(allowed)
-        if None not in (norm, enough) and norm <= enough:
+        if enough is not None and norm <= enough:
             return 0, "", norm
         if self._large:
             self.operator.forget_elsewhere()

@@ -182,7 +182,7 @@ class Stage:
 
 
 def _choose(boxes, coarse, margin, possible, transfer):
-    """Window of the coarser grid around its contact; None if leaving cells out does not pay.
+    """Window of the coarser grid around its contact, in the one that was worked on; None if that does not pay.
 
     Not collective.
 
@@ -196,20 +196,17 @@ def _choose(boxes, coarse, margin, possible, transfer):
         Of the finer grid, around all cells where contact is possible.
     transfer : Transfer
     """
-    outer, contact, window = coarse.window, boxes.contact, None
-    if contact is not None:
-        possible = possible.coarsen(transfer.factors)
-        rows = _widen(contact.y0 + outer.y0, contact.y1 + outer.y0, margin, possible.y0, possible.y1)
-        columns = _widen(contact.x0 + outer.x0, contact.x1 + outer.x0, margin, possible.x0, possible.x1)
-        box = Window(*rows, *columns)
-        box = box.join(boxes.predicted) if boxes.predicted else box
-        window = Window(
-            *_fill(box.y0, box.y1, outer.y0, outer.y1), *_fill(box.x0, box.x1, outer.x0, outer.x1)
-        )
-    some = window is not None and window.n > 0
-    if outer == whole(coarse.patch):
-        return window if some and window.n <= _MOST * outer.n else None
-    return window if some else outer
+    outer, contact = coarse.window, boxes.contact
+    otherwise, most = (None, _MOST) if outer == whole(coarse.patch) else (outer, 1.0)
+    if contact is None:
+        return otherwise
+    possible = possible.coarsen(transfer.factors)
+    rows = _widen(contact.y0 + outer.y0, contact.y1 + outer.y0, margin, possible.y0, possible.y1)
+    columns = _widen(contact.x0 + outer.x0, contact.x1 + outer.x0, margin, possible.x0, possible.x1)
+    box = Window(*rows, *columns)
+    box = box.join(boxes.predicted) if boxes.predicted else box
+    window = Window(*_fill(box.y0, box.y1, outer.y0, outer.y1), *_fill(box.x0, box.x1, outer.x0, outer.x1))
+    return window if 0 < window.n <= most * outer.n else otherwise
 
 
 def _widen(first, last, margin, lowest, highest):

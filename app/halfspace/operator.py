@@ -47,8 +47,8 @@ class InfluenceOperator:
         Precision of the products (PETSc's vectors are always float64); small grids have a stored matrix in double.
     exact_product : optional
         Whose ``apply(p, u)`` is the last word, if not that of a double precision product on this grid.
-    workspace : InfluenceOperator, optional
-        That of the target grid, if it is another one: its products are at rest while those of this one are computed.
+    target : InfluenceOperator, optional
+        Of the target grid, if that is another one: its products are at rest while those of this one are computed.
     spectra : Spectra, optional
         Of products and preconditioners, to be kept when those are freed.
 
@@ -81,7 +81,7 @@ class InfluenceOperator:
         comm=None,
         dtype=np.float64,
         exact_product=None,
-        workspace=None,
+        target=None,
         spectra=None,
     ):
         self.grid, self.compliance, self.spectra = grid, compliance, spectra
@@ -90,7 +90,7 @@ class InfluenceOperator:
         self.active = self.slabs.active
         self._dense = grid.n <= DenseProduct.largest and self.slabs.size == 1
         self.dtype = np.dtype(np.float64 if self._dense else dtype)
-        self._workspace = workspace
+        self._target = target
         if exact_product is not None:
             self.exact_product = exact_product
         self._verified_elsewhere = exact_product is not None
@@ -136,7 +136,7 @@ class InfluenceOperator:
     @property
     def storage(self):
         """The product in whose working storage other transforms may work, if it has been made. Not collective."""
-        exact = vars(self._workspace or self).get("exact_product")
+        exact = vars(self._target or self).get("exact_product")
         return exact if isinstance(exact, EvenMultiplier) else None
 
     def scratch_beside_product(self, *types):

@@ -153,7 +153,7 @@ class Hierarchy:
         for level, size in zip(grids, sizes, strict=True):
             slabs, few = self.ranks.deal(level, size)
             target = operators[0] if operators else None
-            operators.append(InfluenceOperator(level, compliance, slabs, few, dtype, workspace=target))
+            operators.append(InfluenceOperator(level, compliance, slabs, few, dtype, target=target))
         transfers = [
             Transfer(fine, coarse, between, self.comm)
             for (fine, coarse), between in zip(pairwise(operators), factors, strict=True)
