@@ -94,12 +94,12 @@ def _prove(state):
     penetrates = np.empty(len(b), bool)
     largest, sums = _survey(b, u, p, admissible, smallest, penetrates)
     sums, lowest = sums_and_minima(state.comm, sums, -largest)
-    most, penetration, deepest, tension, product, highest = (-lowest).tolist()
+    lift, penetration, deepest, tension, product, highest = (-lowest).tolist()
     of_u, energy, defect, to_p, moved, of_p = sums
     if state.grid.periodic:
         gap, energy = _closing(state, energy)
     else:
-        lifted = defect + _lifting(state, most, energy, penetrates)
+        lifted = defect + _lifting(state, lift, energy, penetrates)
         gap = float(min(lifted, to_p + moved / (2 * smallest)))  # either bound holds
     gap = max(gap, 0.0)
     lost = np.sqrt(state.operator.diagonal * of_p) + np.sqrt(of_u / smallest)

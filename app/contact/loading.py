@@ -94,7 +94,7 @@ class PrescribedLoad:
     def __init__(self, load):
         self.load = float(load)
         self.slope = 0.0  # S [N/mm]
-        self._before = None
+        self._before = None  # depth [mm] and load to be expected there [N], where the approach was moved last
         self._found = []  # depths of the grids solved so far [mm]
 
     def first_solve(self, state, solve):
@@ -233,23 +233,23 @@ class PrescribedLoad:
         rms, mean, cells, load = state.gap_on_contact()
         if not cells:
             state.first_contact()
-        here = state.depth, load - self.slope * mean
+        depth, expected = state.depth, load - self.slope * mean
         if self._before:
-            moved = here[0] - self._before[0]
+            moved = depth - self._before[0]
             if abs(moved) > TRUSTED * rms:
-                slope = (here[1] - self._before[1]) / moved
+                slope = (expected - self._before[1]) / moved
                 self.slope = min(max(slope, self.slope / TRUSTED), TRUSTED * self.slope)
             self._before = None
         if least := least_stiffness(state):
             self.slope = min(max(self.slope, least), TRUSTED * least)
-        lacks = (self.load - here[1]) / self.slope
+        lacks = (self.load - expected) / self.slope
         if abs(lacks) <= BLAMED * rms:
             return 0.0
         # Towards full contact the slope grows without bound; before first touch there is no load.
-        depth, lowest = min(state.depth + lacks, (state.depth + state.highest) / 2), state.distance.lowest
-        state.depth = depth if depth >= lowest else (state.depth + lowest) / 2
-        self._before = here
-        return abs(state.depth - here[0])
+        there, lowest = min(depth + lacks, (depth + state.highest) / 2), state.distance.lowest
+        state.depth = there if there >= lowest else (depth + lowest) / 2
+        self._before = depth, expected
+        return abs(state.depth - depth)
 
     def settle(self, state, update):
         """Make the load exact by a factor, and the approach what the gap in contact then says. Collective; u is A p.

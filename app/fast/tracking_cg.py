@@ -185,6 +185,8 @@ class TrackingCG(KspContext):
         Norm of the residual on entry, if it is known. Set by the caller, for one solve.
     residual : float
         Norm of the residual after the last solve.
+    work, direction, product : ndarray, shape (local rows, nx)
+        z; d and q in the operator's precision, q in the place of z. To be used by others between solves.
     """
 
     displacement = first_norm = None
@@ -197,7 +199,7 @@ class TrackingCG(KspContext):
         self._operator = operator = mat.getPythonContext()
         shape = operator.local_shape
         work, self._lent = operator.scratch_beside_product(np.float64, operator.dtype)
-        self.work = np.zeros(shape) if work is None else work  # at rest between solves
+        self.work = np.zeros(shape) if work is None else work
         self._z = vec_of(self.work, operator)
         self.product = self.work.reshape(-1).view(operator.dtype)[: self.work.size].reshape(shape)  # q = A d
         self._spans = np.zeros((shape[0], 2), np.int64)
@@ -205,7 +207,7 @@ class TrackingCG(KspContext):
 
     @property
     def direction(self):
-        """d, at rest between solves."""
+        """d: lent, or made when it is needed and freed by `rest`. Not collective."""
         if self._lent is not None:
             return self._lent
         if self._d is None:

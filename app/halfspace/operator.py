@@ -188,14 +188,13 @@ class InfluenceOperator:
         return BoxProduct if BoxProduct.suits(self.grid, dtype) else Convolution
 
     def _convolution(self, dtype):
+        of, place = (self.grid, self.compliance), (self.slabs, self.comm, dtype, self.storage)
         kind = self._kind(dtype)
         if kind is PeriodicProduct:
-            symbol = partial(influence_symbol, self.grid, self.compliance)
-            return PeriodicProduct(symbol, self.grid.shape, self.slabs, self.comm, dtype, self.storage)
+            return kind(partial(influence_symbol, *of), self.grid.shape, *place)
         if kind is BoxProduct:
-            return kind(self.grid, self.compliance, self.slabs, self.comm, dtype, self.storage, self.spectra)
-        quadrant = quadrant_rows(self.grid, self.compliance)
-        return kind(quadrant, self.grid.shape, self.slabs, self.comm, dtype, self.storage, self.spectra)
+            return kind(*of, *place, self.spectra)
+        return kind(quadrant_rows(*of), self.grid.shape, *place, self.spectra)
 
     # -- set-up ------------------------------------------------------------------------------------------
 
