@@ -31,7 +31,7 @@ from mpi4py import MPI
 from app import ContactProblem, ContactSolver, Grid
 from app.fast import nested
 from app.fast.multilevel import MultilevelInverse
-from app.fast.verification import VerificationProduct
+from app.fast.verification_product import VerificationProduct
 from app.halfspace import ranks as sharing
 from app.halfspace.communication import Communicator, Traffic
 from app.halfspace.fetch import Fetch

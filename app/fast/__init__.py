@@ -9,7 +9,8 @@ On each grid, from the coarsest to the target (`nested`):
    stencils on several grids (`multilevel`), of the residual continued over the rim of contact (`rim`). The predictor
    lets cells in by the displacement to come.
 3. *Enough.* A coarse grid is left as soon as its residual is small against h on C. The target grid is left by one
-   product in double precision on all cells (`verification`); it decides (5.1), and with it the certificate must hold.
+   product in double precision on all cells; it decides (5.1), and with it the certificate must hold. For a window
+   all ranks make it (`verification_product`).
 4. *Load.* A prescribed load moves the approach along the way (`app.contact.loading`).
 5. *Safeguard.* Where the residual stagnates, `safeguard` takes over: slower, with a proof of convergence.
 

@@ -19,7 +19,7 @@ from scipy.fft import next_fast_len
 
 from app.contact.distance import UndeformedDistance
 from app.contact.state import ContactState, Displacement
-from app.fast.verification import VerificationProduct
+from app.fast.verification_product import VerificationProduct
 from app.halfspace.operator import InfluenceOperator
 from app.halfspace.window import Scatter, Window, bounding_boxes, whole
 from app.multigrid.transfer import Transfer

@@ -16,7 +16,7 @@ from app.fast import solver as tracking
 from app.fast.circulant import Circulant, circulant_of
 from app.fast.rim import RimExtension
 from app.fast.solver import TrackingSolver
-from app.fast.verification import VerificationProduct
+from app.fast.verification_product import VerificationProduct
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.operator import InfluenceOperator
 from app.petsc import OptionDatabase
