@@ -257,7 +257,7 @@ def _survey(b, u, p, admissible, smallest, penetrates):
         penetrates[j] = penetration > 0
         lift = _lift_row(b[j], u[j], admissible[j]) if penetration > 0 else 0.0
         row = _NOTHING
-        if not (penetration <= 0 and highest <= 0):
+        if not (penetration <= 0 and highest <= 0):  # or NaN
             row = _survey_row(b[j], u[j], p[j], admissible[j], smallest)
         for k, value in enumerate((lift, penetration, deepest) + row[:3]):
             largest[k] = max(largest[k], value)

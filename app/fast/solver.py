@@ -84,7 +84,7 @@ class TrackingSolver(LinearSolver):
         return iterations, failure, self._cg.residual
 
     def rest(self):
-        """Free what only the next contact set needs, if that is much: others need memory now. Collective."""
+        """Free what only the next contact set needs, if that is much: others need memory now. Not collective."""
         if self._large:
             self._cg.rest()
 
