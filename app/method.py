@@ -55,6 +55,7 @@ METHOD_OPTIONS = [
     Option("lcp_beta", from_zero, 0.003, "nested: start set after prolongation by copy, eq. (4.1)"),
     Option("lcp_coarsest", count, 4, "directions of up to this many cells are not coarsened"),
     Option("lcp_cells_per_rank", _cells, 0, "at least, of coarser grids and windows; 0: by latency and rate"),
+    Option("lcp_shared_memory", flag, True, "ranks on one machine send nothing for transforms: they share memory"),
     Option("lcp_precision", choice("double", "single"), "double", "fast, primal: of products, verified in double"),
 ]  # fmt: skip
 # Read by the preconditioners themselves, as -pc_* are.
@@ -72,7 +73,9 @@ _PRIMAL_TOO = ("lcp_coarse_rtol", "lcp_precision")
 _ONLY_NESTED = ("lcp_prolongation", "lcp_beta", "lcp_window", "lcp_coarse_rtol")
 _ACTIVE_SET = ("active_set", "fast", "primal")
 # What Settings have by the names of the options.
-_AS_GIVEN = "nested rtol error_bound max_it coarse_rtol predictor window beta coarsest cells_per_rank".split()
+_AS_GIVEN = """
+    nested rtol error_bound max_it coarse_rtol predictor window beta coarsest cells_per_rank shared_memory
+""".split()
 _NEED_ENTRIES = ("hypre", "hmg", "kaczmarz", "redistribute")  # PETSc's preconditioners that crash without
 
 
@@ -92,6 +95,7 @@ class Settings:
     beta: float
     coarsest: int
     cells_per_rank: int
+    shared_memory: bool
     single: bool
     texts: dict
     warnings: tuple = ()

@@ -52,7 +52,14 @@ class Communicator(MPI.Intracomm):
         The same one, not another with its ranks.
     traffic : Traffic, optional
         Where to count.
+
+    Attributes
+    ----------
+    shares_memory : bool
+        Whether ranks of one machine may, see `app.halfspace.storage`.
     """
+
+    shares_memory = True
 
     def __new__(cls, comm=None, traffic=None):  # noqa: D102
         self = super().__new__(cls, comm)
@@ -124,6 +131,9 @@ class Communicator(MPI.Intracomm):
         group = self.Get_group()
         few = group.Incl(ranks)
         made = Communicator(self.plain().Create_group(few, ranks[-1]), self.traffic)
+        made.shares_memory = self.shares_memory
+        if vars(self).get("near") == self.size:
+            made.near = made.size
         group.Free()
         few.Free()
         return made
@@ -132,6 +142,11 @@ class Communicator(MPI.Intracomm):
         """Count and send an array."""
         self.traffic.count(1, rows.nbytes)
         return super().Isend(rows, dest, tag)
+
+    def meet(self):
+        """Count and wait for all, who read and write shared memory: an all-to-all that sends nothing. Collective."""
+        self.traffic.all_to_alls += 1
+        self.Barrier()
 
     def Alltoallv(self, sent, received):
         """Count and exchange parts ``[array, counts]`` or ``[array, (counts, places)]``; own parts should be empty."""

@@ -86,6 +86,7 @@ def team_for(comm, grid, settings):
     InputError
         If there is too little memory on some machine.
     """
+    comm.shares_memory = settings.shared_memory
     team = Team(comm, worth_solving(grid, comm, settings.cells_per_rank))
     try:
         team.told(check_room, team.comm, grid, settings)

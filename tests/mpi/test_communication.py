@@ -54,13 +54,17 @@ def test_first_ranks_have_a_communicator_and_others_do_not(comm):
 
 
 @pytest.mark.mpi(2, 3)
+@pytest.mark.parametrize("shared", [False, True])
 @pytest.mark.parametrize(("n", "levels"), [(48, 0), (192, 1), (324, 2)])
-def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(comm, n, levels):
+def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(comm, n, levels, shared):
     """And two exchanges of rows with neighbours for the extension over the rim, two for each level with a stencil.
 
-    The largest grid's product is one in a box, whose images take no reduction of their own.
+    The largest grid's product is one in a box, whose images take no reduction of their own. In memory that ranks share
+    an exchange sends nothing.
     """
-    hierarchy = Hierarchy(hertz(n).grid, 1.0, comm, cells_per_rank=10**6, dtype=np.float32)
+    counted = Communicator(comm)
+    counted.shares_memory = shared
+    hierarchy = Hierarchy(hertz(n).grid, 1.0, counted, cells_per_rank=10**6, dtype=np.float32)
     operator, traffic = hierarchy.target, hierarchy.comm.traffic
     counts = {}
     options = {
@@ -90,7 +94,8 @@ def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(c
     neighbours = 2 - (comm.rank == 0) - (comm.rank == comm.size - 1)
     assert step.small_collectives == 2 * 2
     assert step.all_to_alls == 2 * 4
-    assert step.messages == 2 * (4 * (comm.size - 1) + (2 + 2 * levels) * neighbours)
+    sent = 0 if shared else 4 * (comm.size - 1)
+    assert step.messages == 2 * (sent + (2 + 2 * levels) * neighbours)
     hierarchy.destroy()
 
 
@@ -231,7 +236,8 @@ def test_a_replay_sends_what_ranks_send(comm):
     first_two.Free()
     problem, approach = recorded_problem(160)
     for cells in (512, 4000):
-        with ContactSolver(problem, "fast", {"lcp_cells_per_rank": cells}, comm) as solver:
+        options = {"lcp_cells_per_rank": cells, "lcp_shared_memory": "false"}
+        with ContactSolver(problem, "fast", options, comm) as solver:
             real = solver.solve(approach=approach).traffic
         replayed = Replay(recorded, comm.size, cells=cells).traffic
         assert (replayed.messages, replayed.all_to_alls) == (real.messages, real.all_to_alls)

@@ -10,8 +10,9 @@ Fields are padded with zeros to the periods ``Ny x Nx``. The transform conventio
 - *Real even spectrum*: the kernel K is even in both directions, so its spectrum is real and even: (Nx/2+1)(Ny/2+1)
   doubles, about n for periods of twice the field. With the x-transformed rows (2 n) a product needs 3 n doubles and
   nothing else of size n.
-- *Distributed*: rows live in slabs, columns are dealt to the ranks (`transpose`); one all-to-all each way. Large
-  transfers go in several column groups, so that the receive buffer stays a fraction of n.
+- *Distributed*: rows live in slabs, columns are dealt to the ranks (`transpose`); one all-to-all each way, in which
+  ranks that share memory send nothing. Large transfers go in several column groups, so that the receive buffer stays a
+  fraction of n.
 """
 
 from __future__ import annotations
@@ -32,9 +33,10 @@ from app.halfspace.fft.strips import (
     strip_view,
     strips_to_rows,
 )
-from app.halfspace.fft.transpose import ColumnGroup, deal_columns
+from app.halfspace.fft.transpose import ColumnGroup, Exchange, SentExchange, SharedExchange, deal_columns
 from app.halfspace.grid import Slabs
 from app.halfspace.reductions import sum_over
+from app.halfspace.storage import storage_for
 
 _NO_MASK, _NO_ROWS = np.zeros((0, 0), bool), np.zeros(0, bool)
 
@@ -118,7 +120,7 @@ class EvenMultiplier:
     slabs : Slabs, optional
         Distribution of the rows; default: all here.
     comm : mpi4py communicator, optional
-        Ranks that share the grid; default: this one alone.
+        Ranks that share the grid; default: this one alone. Those of a `Communicator` may share memory, too.
     dtype : numpy real type
         float64, or float32 for half the time and memory at single precision.
     workspace : EvenMultiplier, optional
@@ -145,14 +147,12 @@ class EvenMultiplier:
         self._spectrum = None
         self._inverse_scale = 1.0 / (float(periods[0]) * periods[1]) ** 2
 
+        sizes = [columns * rows * complex_type.itemsize for rows in self.slabs.counts]
+        self._storage = storage_for(sizes, self.slabs.rank, self.comm, workspace and workspace._storage)
         size = columns * self.slabs.local
-        self._transformed = _storage(size, complex_type, workspace and workspace._transformed)
+        self._transformed = np.ndarray(size, complex_type, self._storage.own)
         self._edges = np.array([0, *(edge for group in self._groups for edge in group.edges[1:])])
-        self._parts = [group.part(self._transformed) for group in self._groups]
-        self._received = None
-        if self.comm is not None:
-            largest = max(group.to_receive for group in self._groups)
-            self._received = _storage(largest, complex_type, workspace and workspace._received)
+        self._exchange = self._exchange_of(self._groups)
 
         self._in_x, self._in_y = _sequences(nx_fft, complex_type), _sequences(ny_fft, complex_type)
         self._row_plans = self._in_x.plans(-(-self.slabs.local // 2) % STRIP)
@@ -162,6 +162,13 @@ class EvenMultiplier:
         self._column_parts = self._in_y.data.view(self.dtype)
         self._scratch = _scratch((ROWS * columns,), complex_type)
         warm_up(self.dtype)
+
+    def _exchange_of(self, groups):
+        if self.comm is None:
+            return Exchange(groups, self._transformed)
+        if self._storage.all is None:
+            return SentExchange(groups, self._transformed, self.comm)
+        return SharedExchange(groups, self._transformed, self.comm, self._storage)
 
     def use(self, spectra, key, make):
         """Take a spectrum from those that are known, or ``make()`` and keep it. Collective if that is.
@@ -200,7 +207,9 @@ class EvenMultiplier:
             ColumnGroup(of_fields.edges[0], of_fields.edges[-1], mine.size, mine.rank, mine.counts)
             for of_fields in self._groups
         ]
-        in_x = _storage(mine.local * (half_x + 1), self.dtype, self._transformed)
+        in_x = self._transformed.view(self.dtype)
+        if in_x.size < mine.local * (half_x + 1):
+            in_x = np.zeros(mine.local * (half_x + 1), self.dtype)
         pieces = [piece for group in groups for piece in group.pieces(in_x)]
         for start in range(mine.rows.start, mine.rows.stop, ROWS):
             stop = min(start + ROWS, mine.rows.stop)
@@ -289,12 +298,11 @@ class EvenMultiplier:
         arrays = (
             self._spectrum,
             self._transformed,
-            self._received,
             self._in_x.data,
             self._in_y.data,
             self._scratch,
         )
-        return sum(a.nbytes for a in arrays if a is not None)
+        return self._exchange.memory + sum(a.nbytes for a in arrays if a is not None)
 
     @cached_property
     def flops(self):
@@ -335,27 +343,21 @@ class EvenMultiplier:
         scale, done = self.dtype.type(scale), 0
         strips = self._in_x.data, self._scratch, self._transformed, self._edges, self._in_x.execute
         rows_to_strips(p, inside, rows, *strips, *self._row_plans[::2])
-        for group, part, plans in zip(self._groups, self._parts, self._column_plans, strict=True):
-            count = group.mine.stop - group.mine.start
-            own = part if self.comm is None else group.deal(self.comm, part, self._received)[group.rank]
+        exchange = self._exchange
+        exchange.begin()
+        for k, (columns, plans) in enumerate(zip(exchange.columns, self._column_plans, strict=True)):
+            count = self._groups[k].mine.stop - self._groups[k].mine.start
+            exchange.take(k)
             convolve_columns(
-                own, own if self._received is None else self._received, group.places, group.heights, group.rank,
-                self._in_y.data, self._column_parts, self._spectrum[done : done + count], scale,
+                *columns, self._in_y.data, self._column_parts, self._spectrum[done : done + count], scale,
                 self._in_y.execute, *plans,
             )  # fmt: skip
-            if self.comm is not None:
-                group.give_back(self.comm, part, self._received)
+            exchange.give_back(k)
             done += count
+        exchange.end()
         strips_to_rows(out, inside, rows, *strips, *self._row_plans[1::2])
         if self.rest is not None:
             self.rest.add(out, inside)
-
-
-def _storage(size, dtype, shared=None):
-    """Numbers, in the storage of another array if that is large enough."""
-    if shared is not None and shared.nbytes >= size * np.dtype(dtype).itemsize:
-        return np.ndarray(size, dtype, shared.data)
-    return np.zeros(size, dtype)
 
 
 def transform_even(samples, period):

@@ -1,4 +1,7 @@
-"""The all-to-all between slabs of rows and columns dealt to the ranks, a group of columns at a time."""
+"""The all-to-all between slabs of rows and columns dealt to the ranks, a group of columns at a time.
+
+Ranks that share memory (`app.halfspace.storage`) send nothing: each works on its columns where the others keep them.
+"""
 
 from __future__ import annotations
 
@@ -63,6 +66,11 @@ class ColumnGroup:
         """What is dealt, in the array of all groups."""
         return transformed[self._rows * self.edges[0] : self._rows * self.edges[-1]]
 
+    def own(self, part):
+        """What this rank has of its own columns."""
+        first = self._rows * (self.mine.start - self.edges[0])
+        return part[first : first + self._rows * self._columns]
+
     def pieces(self, transformed):
         """First column of each rank, one past its last, and the strips that are sent to it."""
         return [
@@ -71,20 +79,109 @@ class ColumnGroup:
 
     def deal(self, comm, part, received):
         """Get the columns of this rank: the strips with the rows of rank q, for each rank q. Collective."""
-        first = self._rows * (self.mine.start - self.edges[0])
-        own = part[first : first + self._rows * self._columns]
+        own = self.own(part)
         if comm is None:
             return [own]
-        with exchange_event:
-            comm.Alltoallv([part, self._by_column], [received, self._by_row])
+        self.fetch(comm, part, received)
         spans = zip(*self._by_row, strict=True)
         return [
             own if rank == self.rank else received[start : start + count]
             for rank, (count, start) in enumerate(spans)
         ]
 
+    def fetch(self, comm, part, received):
+        """Receive what others have of the columns of this rank. Collective."""
+        with exchange_event:
+            comm.Alltoallv([part, self._by_column], [received, self._by_row])
+
     def give_back(self, comm, part, received):
-        """Send back what `deal` got. Collective."""
-        if comm is not None:
-            with exchange_event:
-                comm.Alltoallv([received, self._by_row], [part, self._by_column])
+        """Send back what `fetch` got. Collective."""
+        with exchange_event:
+            comm.Alltoallv([received, self._by_row], [part, self._by_column])
+
+
+class Exchange:
+    """The columns of this rank, in between rows of a product and rows again. Of one rank, which has all rows.
+
+    Collective. In turn: `begin`, for each group `take`, work on its `columns`, `give_back`; `end`.
+
+    Parameters
+    ----------
+    groups : list of ColumnGroup
+    transformed : ndarray of complex
+        Strips of the rows here.
+
+    Attributes
+    ----------
+    columns : list of tuple
+        Of each group what `app.halfspace.fft.strips.convolve_columns` works on.
+    memory : int
+        Bytes beside those of the rows.
+    """
+
+    memory = 0
+
+    def __init__(self, groups, transformed):
+        self._groups, self._parts = groups, [group.part(transformed) for group in groups]
+        self.columns = [
+            (own, *self._others(own, group), group.heights, group.rank)
+            for group, own in (
+                (group, group.own(part)) for group, part in zip(groups, self._parts, strict=True)
+            )
+        ]
+
+    def _others(self, own, group):
+        return own, group.places
+
+    def begin(self):
+        """The rows are there."""
+
+    def take(self, k):
+        """Get the columns of group k."""
+
+    def give_back(self, k):
+        """Their rows are to be where they were."""
+
+    def end(self):
+        """All rows are wanted."""
+
+
+class SentExchange(Exchange):
+    """Columns are sent, and sent back."""
+
+    def __init__(self, groups, transformed, comm):
+        self._comm = comm
+        self._received = np.zeros(max(group.to_receive for group in groups), transformed.dtype)
+        self.memory = self._received.nbytes
+        super().__init__(groups, transformed)
+
+    def _others(self, own, group):
+        return self._received, group.places
+
+    def take(self, k):
+        """See `Exchange.take`."""
+        self._groups[k].fetch(self._comm, self._parts[k], self._received)
+
+    def give_back(self, k):
+        """See `Exchange.give_back`."""
+        self._groups[k].give_back(self._comm, self._parts[k], self._received)
+
+
+class SharedExchange(Exchange):
+    """Columns stay in the memory of all ranks; these wait for each other before and after."""
+
+    def __init__(self, groups, transformed, comm, storage):
+        self._comm = comm
+        self._all = storage.all.view(transformed.dtype)
+        self._starts = storage.starts[: comm.size] // transformed.itemsize
+        super().__init__(groups, transformed)
+
+    def _others(self, own, group):
+        return self._all, self._starts + group.heights * group.mine.start
+
+    def begin(self):
+        """See `Exchange.begin`."""
+        with exchange_event:
+            self._comm.meet()
+
+    end = begin

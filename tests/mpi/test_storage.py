@@ -1,0 +1,125 @@
+"""Working storage that ranks share: the same products, without messages, and nothing that stays behind."""
+
+import os
+
+import numpy as np
+import pytest
+from cases import APPROACH, punch
+from operators import BOXED, GRIDS, PERIODIC, make_convolution, random_field
+from running import solve
+
+from app import ContactSolver
+from app.halfspace import storage
+from app.halfspace.communication import Communicator
+from app.halfspace.fft.multiplier import EvenMultiplier
+from app.halfspace.storage import Storage, storage_for
+
+SHAPES = {"one row": GRIDS["one row"], "odd": GRIDS["odd"], "many groups": GRIDS["many groups"], "box": BOXED}
+
+
+def counting(comm, shared=True):
+    counted = Communicator(comm)
+    counted.shares_memory = shared
+    return counted
+
+
+@pytest.mark.mpi(2, 3, 5)
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("grid", [*SHAPES.values(), *PERIODIC.values()], ids=[*SHAPES, *PERIODIC])
+def test_products_are_the_same_to_the_last_bit(comm, grid, dtype):
+    found = []
+    for shared in (False, True):
+        counted = counting(comm, shared)
+        product = make_convolution(counted, grid, dtype=dtype)
+        for field in (random_field(grid, 1), random_field(grid, 2)):
+            p = field[product.slabs.rows].astype(dtype)
+            before, u = counted.traffic.copy(), np.empty_like(p)
+            product.apply(p, u)
+            mask = p > 0
+            product.apply(p, p, mask)
+            found.append((u, p))
+        sent = counted.traffic.since(before)
+        assert (sent.message_bytes == 0) == shared
+        counted.shares_memory = False  # what is lent is shared all the same
+        other = product.in_precision(np.float32)
+        assert (product._storage.all is not None) == (other._storage.all is not None) == shared
+    half = len(found) // 2
+    for one, other in zip(found[:half], found[half:], strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.mpi(3)
+def test_a_few_ranks_work_in_what_all_share(comm):
+    """As a window of the target grid does."""
+    counted = counting(comm)
+    lender = make_convolution(counted, BOXED)
+    small, first = GRIDS["odd"], counted.first(2) if comm.rank < 2 else None
+    if first is not None:
+        p = random_field(small, 3)
+        sent = make_convolution(counting(first, False), small)
+        rows = sent.slabs.rows
+        lent = EvenMultiplier(small.shape, sent.periods, sent.slabs, first, workspace=lender)
+        lent._spectrum = sent._spectrum
+        assert lent._storage is lender._storage
+        found = np.empty((2, *p[rows].shape))
+        for product, u in zip((sent, lent), found, strict=True):
+            product.apply(p[rows], u)
+        np.testing.assert_array_equal(*found)
+        first.Free()
+    comm.Barrier()
+
+
+@pytest.mark.mpi(2, 3)
+@pytest.mark.parametrize("what", ["memfd_create", "open", "readlink", "mmap"])
+def test_ranks_that_may_not_share_send(comm, what, monkeypatch):
+    """If one is forbidden to, all do."""
+
+    def forbidden(*_arguments):
+        raise PermissionError(what)
+
+    if comm.rank == (0 if what == "memfd_create" else comm.size - 1):
+        owner = {"mmap": storage.mmap, "readlink": storage.Path}.get(what, os)
+        monkeypatch.setattr(owner, what, forbidden)
+    found = Storage([100] * comm.size, comm.rank, counting(comm))
+    assert found.all is None
+    assert found.own.size == 100
+    alone = Storage([100], 0, None)
+    assert alone.all is None
+
+
+@pytest.mark.mpi(2, 3)
+def test_everybody_sees_what_another_writes(comm):
+    counted = counting(comm)
+    sizes = [5000 * rank for rank in range(comm.size)]
+    here = Storage(sizes, comm.rank, counted)
+    assert here.own.size == sizes[comm.rank]
+    here.own[...] = comm.rank
+    counted.meet()
+    for rank, (start, size) in enumerate(zip(here.starts, sizes, strict=False)):
+        assert (here.all[start : start + size] == rank).all()
+    assert storage_for(sizes, comm.rank, counted, here) is here
+    larger = storage_for([5001] * comm.size, comm.rank, counted, here)
+    assert larger is not here  # on rank 2 of 3, too, where there is enough
+    assert not larger.own.any()
+
+
+@pytest.mark.mpi(2, 3)
+def test_a_solve_is_the_same_and_sends_less(comm):
+    found = [solve(punch(160), APPROACH, "fast", lcp_shared_memory=shared) for shared in ("false", "true")]
+    sent, shared = found
+    np.testing.assert_array_equal(shared.pressure, sent.pressure)
+    assert shared.traffic.messages < 0.8 * sent.traffic.messages
+    assert shared.traffic.message_bytes < 0.3 * sent.traffic.message_bytes
+
+
+@pytest.mark.mpi(2)
+def test_solvers_that_are_gone_leave_no_memory(comm):
+    def open_files():
+        return len(os.listdir("/proc/self/fd"))
+
+    counts = []
+    for _ in range(4):
+        with ContactSolver(punch(160), "fast") as solver:
+            solver.solve(approach=APPROACH)
+        counts.append(open_files())
+    assert counts[-1] == counts[1]
