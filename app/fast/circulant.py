@@ -25,6 +25,7 @@ from app.fast.multilevel import circulant_inverse
 from app.fast.rim import RimExtension, load_extension
 from app.fast.symbol import centre
 from app.halfspace.fft.multiplier import EvenMultiplier
+from app.halfspace.operator import InfluenceOperator, context_of
 from app.halfspace.periodic import influence_symbol
 
 _event = PETSc.Log.Event("CirculantPC")
@@ -105,7 +106,7 @@ class Circulant:
 
     def setUp(self, pc):
         """Find the operator; what depends on the grid alone is made once, though PETSc calls for every contact set."""
-        operator = pc.getOperators()[1].getPythonContext()
+        operator = context_of(pc.getOperators()[1], InfluenceOperator, "Circulant")
         if operator is self.operator:
             return
         self.operator = operator

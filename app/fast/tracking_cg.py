@@ -15,7 +15,7 @@ from math import sqrt
 import numpy as np
 from petsc4py import PETSc
 
-from app.halfspace.operator import vec_of
+from app.halfspace.operator import InfluenceOperator, context_of, vec_of
 from app.halfspace.reductions import add_row, any_order, span_of, sum_over
 
 _DIGITS = 1e-8  # so much may be left of r.r before it is summed anew
@@ -196,7 +196,7 @@ class TrackingCG(KspContext):
     def setUp(self, ksp):
         """Make the work arrays: z and q, never needed at the same time, are one; d is in the operator's precision."""
         mat = ksp.getOperators()[0]
-        self._operator = operator = mat.getPythonContext()
+        self._operator = operator = context_of(mat, InfluenceOperator, "TrackingCG")
         shape = operator.local_shape
         work, self._lent = operator.scratch_beside_product(np.float64, operator.dtype)
         self.work = np.zeros(shape) if work is None else work

@@ -14,6 +14,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from app.errors import InputError
 from app.halfspace.fft import transpose
 from app.halfspace.fft.lengths import transform_length
 from app.halfspace.fft.multiplier import EvenMultiplier
@@ -365,6 +366,21 @@ class InfluenceOperator:
 def petsc_comm(comm):
     """PETSc's communicator of an mpi4py communicator; None: this rank alone. Not collective."""
     return PETSc.COMM_SELF if comm is None else PETSc.Comm(MPI.Intracomm(comm))
+
+
+def context_of(mat, kind, who):
+    """Return the context of a Mat, for a solver that works on one kind of operator only. Not collective.
+
+    Raises
+    ------
+    InputError
+        If it is another one: of -lcp_type primal or not, or the assembled one of the coarsest grid of -pc_type mg.
+    """
+    context = mat.getPythonContext() if mat.getType() == "python" else None
+    if not isinstance(context, kind):
+        here = "an assembled matrix" if context is None else f"an {type(context).__name__}"
+        raise InputError(f"{who}: needs an {kind.__name__}; this system has {here}")
+    return context
 
 
 def vec_of(field, operator):

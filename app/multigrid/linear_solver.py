@@ -81,6 +81,10 @@ class LinearSolver:
             if ksp.getNormType() == PETSc.KSP.NormType.NONE:
                 ksp.setTolerances(rtol=0, atol=0)  # otherwise PETSc spends a product on a norm nobody reads
             ksp.setUp()
+            if (
+                self.multigrid
+            ):  # what cannot be had is refused now, not by the rank that has the coarsest grid in a cycle
+                ksp.getPC().getMGCoarseSolve().getPC().setUpOnBlocks()
         rtol, atol, _, max_it = ksp.getTolerances()
         for name, value, allowed in (("rtol", rtol, 0), ("atol", atol, 0), ("max_it", max_it, 1)):
             if not (math.isfinite(value) and value >= allowed):

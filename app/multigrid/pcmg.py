@@ -113,7 +113,8 @@ class Multigrid:
             )
             raise ValueError(f"-pc_type mg: the grid {grid.nx},{grid.ny} cannot be halved; allowed: {needs}")
         self.operators, self.transfers = operators[-wanted:], transfers[-wanted:]
-        self.coarse = MaskedMatrix(self.operators[0], comm)
+        # PETSc's only level is a smoother, as it has options of one: it works on the grid's own operator.
+        self.coarse = MaskedMatrix(self.operators[0], comm) if wanted > 1 else None
         pc = ksp.getPC()
         pc.setType(PETSc.PC.Type.MG)
         pc.setMGLevels(wanted)
@@ -131,7 +132,7 @@ class Multigrid:
                 mat = self.operators[l].mat(comm)
                 self._level_mats.append(mat)
             pc.getMGSmoother(l).setOperators(mat)
-        pc.getMGCoarseSolve().setOperators(self.coarse.mat)
+        pc.getMGCoarseSolve().setOperators(self.coarse.mat if self.coarse else ksp.getOperators()[0])
 
     def contact_changed(self):
         """Sec. 4.2, 3: restrict the contact set of the finest grid to all others. Collective."""
@@ -141,7 +142,8 @@ class Multigrid:
             operator.mask_changed()
         for mat in self._level_mats:
             mat.stateIncrease()
-        self.coarse.update(self._energy_of_constant())
+        if self.coarse:
+            self.coarse.update(self._energy_of_constant())
 
     def _energy_of_constant(self):
         """p.Ap for p = 1 on C of a periodic patch, as the coarsest grid should see it; 0 on a free one. Collective.
@@ -150,14 +152,15 @@ class Multigrid:
         would be much too large, or infinite.
         """
         fine, coarse = self.operators[-1], self.operators[0]
-        if not fine.grid.periodic or fine is coarse:
+        if not fine.grid.periodic:
             return 0.0
         energy = max(fine.energy_of_contact()[0], fine.diagonal)  # that of one open cell, at the least
         return energy * coarse.grid.n / fine.grid.n
 
     def destroy(self):
         """Free the Mats made here. Collective."""
-        self.coarse.destroy()
+        if self.coarse:
+            self.coarse.destroy()
         for mat in (*self._transfer_mats, *self._level_mats):
             mat.destroy()
 

@@ -17,7 +17,9 @@ from petsc4py import PETSc
 
 from app.compiled import njit
 from app.fast.tracking_cg import KspContext
+from app.halfspace.operator import context_of
 from app.halfspace.reductions import any_order
+from app.primal.operator import InverseOperator
 
 
 @any_order
@@ -126,7 +128,7 @@ class CarryingCG(KspContext):
         if ksp.getNormType() != PETSc.KSP.NormType.PRECONDITIONED:
             raise ValueError("-ksp_norm_type: -lcp_type primal needs preconditioned")
         mat = ksp.getOperators()[0]
-        self._operator = operator = mat.getPythonContext()
+        self._operator = operator = context_of(mat, InverseOperator, "CarryingCG")
         shape = operator.local_shape
         self.preconditioned = np.zeros(shape)
         self._z = PETSc.Vec().createWithArray(self.preconditioned.reshape(-1), comm=mat.getComm())

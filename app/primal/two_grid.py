@@ -9,8 +9,10 @@ from app.fast.rim import chebyshev_steps
 from app.halfspace.fetch import Fetch
 from app.halfspace.grid import Slabs
 from app.halfspace.halo import Halo
+from app.halfspace.operator import context_of
 from app.halfspace.reductions import sum_over
 from app.primal import stencil
+from app.primal.operator import InverseOperator
 
 _event = PETSc.Log.Event("TwoGridPC")
 _CONSTANT = 0.125  # of the longest wave's compliance, over the share of contact: that of the constant
@@ -40,7 +42,7 @@ class TwoGrid:
 
     def setUp(self, pc):
         """Make what depends on the grid alone, though PETSc calls for every contact set."""
-        operator = pc.getOperators()[1].getPythonContext()
+        operator = context_of(pc.getOperators()[1], InverseOperator, "TwoGrid")
         if operator is self.operator:
             return
         self.operator = operator

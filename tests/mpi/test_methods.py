@@ -38,6 +38,45 @@ def test_load_on_two_ranks(comm, method):
 
 @pytest.mark.mpi(2)
 def test_a_refused_coarsest_grid_is_told_by_its_cells_or_by_its_ranks(comm):
-    for levels, message in ((1, "64 x 64 cells is too large"), (3, "16 x 16 cells is on 2 ranks")):
+    for n, levels, message in (
+        (128, 2, "64 x 64 cells is too large"),
+        (64, 3, "16 x 16 cells is on 2 ranks"),
+    ):
         with pytest.raises(InputError, match=f"a coarsest grid of {message}"):
-            solve(hertz(64), APPROACH, "mg_v11", pc_mg_levels=levels, lcp_cells_per_rank=1)
+            solve(hertz(n), APPROACH, "mg_v11", pc_mg_levels=levels, lcp_cells_per_rank=1)
+
+
+@pytest.mark.mpi(1, 2)
+@pytest.mark.parametrize("method", ["fmg_v11", "fmg_fft"])
+def test_multigrid_with_one_level_is_its_smoother(comm, method):
+    """No grid is too large for it, and no matrix is assembled."""
+    one_level = solve(hertz(96), APPROACH, method, pc_mg_levels=1, lcp_max_it=300)
+    assert one_level.converged
+    assert one_level.iterations > 2 * solve(hertz(96), APPROACH, method).iterations
+
+
+@pytest.mark.mpi(1, 2)
+@pytest.mark.parametrize(
+    ("who", "options"),
+    [
+        (
+            "Circulant",
+            {"mg_coarse_pc_type": "python", "mg_coarse_pc_python_type": "app.fast.circulant.Circulant"},
+        ),
+        (
+            "Circulant",
+            {
+                "mg_coarse_sub_pc_type": "python",
+                "mg_coarse_sub_pc_python_type": "app.fast.circulant.Circulant",
+            },
+        ),
+        (
+            "TrackingCG",
+            {"mg_coarse_ksp_type": "python", "mg_coarse_ksp_python_type": "app.fast.tracking_cg.TrackingCG"},
+        ),
+        ("TwoGrid", {"pc_type": "python", "pc_python_type": "app.primal.two_grid.TwoGrid"}),
+    ],
+)
+def test_our_solvers_refuse_systems_that_are_not_theirs(comm, who, options):
+    with pytest.raises(InputError, match=f"{who}: needs an In"):
+        solve(hertz(32), APPROACH, "fmg_v11", **options)
