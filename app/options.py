@@ -22,8 +22,6 @@ LARGEST = 1e50  # and 1 / LARGEST the smallest number besides 0: neither squares
 REQUIRED = object()
 # The program's option files: inside of an installed package, beside app/ in a checkout.
 FILES = next(filter(Path.is_dir, (path / "petsc_options" for path in Path(__file__).parents)))
-# Old name -> name of today, of options that were renamed in this release.
-ALIASES = {"lcp_foresight": "lcp_predictor"}
 
 
 def option_file(path):
@@ -179,46 +177,6 @@ def _text(value):
     if isinstance(value, tuple | list | np.ndarray):
         return ",".join(map(_text, value))
     return "" if value is None else str(value)
-
-
-def renamed(texts, aliases=None):
-    """Give options the names of today.
-
-    Parameters
-    ----------
-    texts : mapping of str to str
-    aliases : mapping of str to str, optional
-        Default: `ALIASES`.
-
-    Returns
-    -------
-    texts : dict of str to str
-    warnings : list of str
-        A line for every old name.
-
-    Raises
-    ------
-    InputError
-        If an option is given by both names.
-
-    Examples
-    --------
-    >>> renamed({"force": "7", "grid": "8"}, {"force": "load"})
-    ({'load': '7', 'grid': '8'}, ['-force is called -load now; the old name works in this release only'])
-    """
-    aliases = ALIASES if aliases is None else aliases
-    for old, new in aliases.items():
-        if old in texts and new in texts:
-            raise InputError(f"-{old} is called -{new} now: only one of both is allowed")
-    old = [name for name in texts if name in aliases]
-    return {aliases.get(name, name): text for name, text in texts.items()}, [
-        renaming(name, aliases) for name in old
-    ]
-
-
-def renaming(old, aliases=None):
-    """Say in one line how an option is called now."""
-    return f"-{old} is called -{(aliases or ALIASES)[old]} now; the old name works in this release only"
 
 
 def nearest(name, known):

@@ -14,12 +14,12 @@ from __future__ import annotations
 import os
 import re
 import shlex
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from app.commands.option_text import OPTION_FILES, bare, is_option, look_into, look_over_yaml
 from app.errors import InputError
-from app.options import ALIASES, option_file, renaming
+from app.options import option_file
 
 COMMAND_LINE = "on the command line"
 
@@ -253,19 +253,14 @@ class _Reader:
 
     def given(self):
         """Return what was found."""
-        used = set().union(*(place.names for place in self._places))
-        old = sorted(used & ALIASES.keys())
-        texts = _read(self._steps, aliases={name: ALIASES[name] for name in old})
+        texts = _read(self._steps)
         of_petsc = {name: text for name, text in texts.items() if _OF_PETSC.fullmatch(name)}
         return Given(
             texts={name: text for name, text in texts.items() if name not in of_petsc},
-            places=[
-                replace(place, texts={ALIASES.get(name, name): text for name, text in place.texts.items()})
-                for place in self._places
-            ],
+            places=self._places,
             files=self._files,
             of_petsc=of_petsc,
-            warnings=[renaming(name) for name in old] + list(self._overridden()),
+            warnings=list(self._overridden()),
         )
 
     def _overridden(self):
@@ -278,15 +273,13 @@ class _Reader:
                     yield f"-{name} {place.texts[name]}: {last.file} comes later and says {last.texts[name]}"
 
 
-def _read(steps, description="", aliases=()):
+def _read(steps, description=""):
     """Let PETSc read options and option files; name -> text of what it has then."""
     from petsc4py import PETSc
 
     from app.petsc import OptionDatabase, error_message
 
     database = OptionDatabase()
-    for old in aliases:
-        database.alias(old, aliases[old])
     for name, text, *where in steps:
         try:
             if name.lower() in OPTION_FILES:
