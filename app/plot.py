@@ -13,8 +13,8 @@ import sys
 from pathlib import Path
 
 from app.commands import streams
-from app.commands.arguments import Parser
-from app.errors import InputError, one_line
+from app.commands.arguments import Parser, check_folder, run, writing
+from app.errors import InputError
 from app.output import curves, figures, paths, style
 from app.output.result import read_result
 from app.reference.hertz import EllipticHertz
@@ -126,10 +126,7 @@ def _arguments(argv):
         raise InputError(f"--dpi {arguments.dpi}: must be from 20 to 1200")
     first = arguments.files[0]
     arguments.output = arguments.output or (first.parent if arguments.files[1:] else first.with_suffix(""))
-    if arguments.output.exists() and not arguments.output.is_dir():
-        raise InputError(f"-o {arguments.output}: exists and is not a folder")
-    if not arguments.output.parent.is_dir():
-        raise InputError(f"-o {arguments.output}: folder {arguments.output.parent} does not exist")
+    check_folder(arguments.output)
     arguments.names = _names(arguments.files)
     return arguments
 
@@ -181,19 +178,16 @@ def _draw_all(arguments):
 
 def main(argv=None):
     """Run the command and return its exit status."""
-    try:
-        arguments = _arguments(argv)
-        try:
-            drawn = _draw_all(arguments)
-        except OSError as error:
-            raise ValueError(f"-o {arguments.output}: cannot be written to: {error.strerror}") from None
-    except (ValueError, MemoryError) as error:
-        streams.complain(f"error: {one_line(error)}")
-        return 2
+    return run(_main, argv)
+
+
+def _main(argv):
+    arguments = _arguments(argv)
+    with writing(arguments.output):
+        drawn = _draw_all(arguments)
     streams.say("\n".join(map(str, drawn)))
     return 0
 
 
 if __name__ == "__main__":
-    streams.repair()
     sys.exit(main())

@@ -23,7 +23,7 @@ import time
 from pathlib import Path
 
 from app import __version__
-from app.commands.arguments import Parser, check_folder, count, interruptible
+from app.commands.arguments import Parser, check_folder, count, run
 from app.errors import InputError
 from app.output.files import whole_file
 from app.output.style import save_figure
@@ -48,7 +48,7 @@ GROUPS = {
 
 def main(argv=None):
     """Run the command and return its exit status."""
-    return interruptible(_main, argv)
+    return run(_main, argv)
 
 
 def _main(argv):

@@ -29,7 +29,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from app.commands.arguments import Parser, check_ranks, count, interruptible, seconds
+from app.commands.arguments import Parser, check_ranks, count, positive, run
 from app.output.files import check_output_path
 from app.output.table import text, write_table
 from app.runs.batch import rows_of, run_all
@@ -50,7 +50,7 @@ _MOST_NAMED = 4  # runs that say the same
 
 def main(argv=None):
     """Run the command and return its exit status."""
-    return interruptible(_main, argv)
+    return run(_main, argv)
 
 
 def _main(argv):
@@ -67,7 +67,7 @@ def _main(argv):
     parser.add_argument(
         "--ranks", type=count, default=1, metavar="P", help="MPI ranks of each run; default: 1"
     )
-    parser.add_argument("--timeout", type=seconds, metavar="S", help="stop a run after S seconds")
+    parser.add_argument("--timeout", type=positive, metavar="S", help="stop a run after S seconds")
     parser.add_argument(
         "--resume",
         action="store_true",

@@ -14,7 +14,7 @@ import sys
 import time
 from pathlib import Path
 
-from app.commands.arguments import Parser, check_folder, check_ranks, interruptible
+from app.commands.arguments import Parser, check_folder, check_ranks, run
 from app.errors import InputError
 from app.output.files import whole_file
 from app.output.style import save_figure
@@ -22,7 +22,7 @@ from app.output.style import save_figure
 
 def main(argv=None):
     """Run the command and return its exit status."""
-    return interruptible(_main, argv)
+    return run(_main, argv)
 
 
 def _main(argv):
