@@ -155,7 +155,7 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
                 for case, outcome in outcomes.items()
             ]
             write_table(folder / "runs" / f"{item.name}.csv", rows)
-    _dump(folder / "tables.json", _in_order(tables, ["source", *ITEMS]))
+    _dump(folder / "tables.json", {name: tables[name] for name in ("source", *ITEMS) if name in tables})
     _dump(folder / "report.json", rest)
     numbers = {name: _without_title(data) for name, data in tables.items() if name != "source"}
     pictures = {
@@ -190,10 +190,6 @@ def _reading_order():
 
 def _without_title(data):
     return {key: value for key, value in data.items() if key != "what"}
-
-
-def _in_order(mapping, order):
-    return {name: mapping[name] for name in order if name in mapping}
 
 
 def _read(path):
