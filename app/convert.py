@@ -24,13 +24,13 @@ from pathlib import Path
 from app import units
 from app.commands.arguments import Parser, argument, run, writing
 from app.errors import InputError
-from app.options import LARGEST, integer, pair_of_reals, some_of
+from app.options import integer, pair_of_reals, some_of
 from app.problems.height_file import TURNS
 
 ENVIRONMENT = "ELASTIC_CONTACT_SURFACES"  # path of a Python that has SurfaceTopography, if not the one below
 _PLAIN = (".npy", ".npz", ".h5", ".hdf5")  # read here
 _TEXT = (".txt", ".csv", ".dat", ".xyz", ".asc")  # read here, if they are nothing but numbers
-_spacing = pair_of_reals("DX,DY, two positive numbers [mm]", above=0, highest=LARGEST)
+_spacing = pair_of_reals("DX,DY, two positive numbers [mm]", above=0)
 _line_count = integer(0, "a whole number from 0")
 _OTHER_UNITS = {"pm": 1e-3, "Å": 0.1, "A": 0.1}  # of instruments [nm]
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import os
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -221,20 +222,20 @@ def unknown_options(names, known, files=None, what="unknown"):
 # ------------------------------------------------------------------------------------------------- kinds
 
 
-def _real(text, lowest=-np.inf, above=-np.inf, highest=np.inf, allowed="a finite number"):
+def _real(text, lowest=-np.inf, above=-np.inf, highest=sys.float_info.max, allowed="a finite number"):
     try:
         value = float(text)
     except ValueError:
         raise ValueError(allowed) from None
-    if not (np.isfinite(value) and lowest <= value <= highest and value > above):
+    if not (lowest <= value <= highest and value > above):
         raise ValueError(allowed)
-    if value and not 1 / LARGEST <= abs(value) <= LARGEST:
+    if 0 < abs(value) < 1 / LARGEST or LARGEST < abs(value) < np.inf:
         raise ValueError(f"{allowed}, of size {1 / LARGEST:g} to {LARGEST:g}")
     return value
 
 
 def real(allowed="a finite number", **limits):
-    """Kind: one finite real number within limits."""
+    """Kind: one real number within limits; inf is one if it is the highest."""
     return partial(_real, allowed=allowed, **limits)
 
 
@@ -314,17 +315,14 @@ def pair(allowed, highest=np.inf):
     return parse
 
 
-def pair_of_reals(allowed, lowest=-np.inf, above=-np.inf, highest=np.inf, nonzero=False):
-    """Kind: two real numbers within limits; inf is one unless a highest is given."""
+def pair_of_reals(allowed, nonzero=False, **limits):
+    """Kind: two real numbers within limits, see `real`."""
 
     def parse(text):
-        first, second = _numbers(float, text, allowed, 2)
-        for value in (first, second):
-            size = abs(value)
-            fits = lowest <= value <= highest and value > above and not (nonzero and not value)
-            if not fits or (value and not size >= 1 / LARGEST) or LARGEST < size < np.inf:
-                raise ValueError(allowed)
-        return first, second
+        numbers = _numbers(real(allowed, **limits), text, allowed, 2)
+        if nonzero and 0 in numbers:
+            raise ValueError(allowed)
+        return tuple(numbers)
 
     return parse
 

@@ -19,14 +19,14 @@ from app.commands import streams
 from app.commands.arguments import Parser, argument, check_folder, count, run, writing
 from app.errors import InputError
 from app.halfspace.stress import COMPONENTS, Hottest, SubsurfaceStress, max_shear, von_mises
-from app.options import LARGEST, pair_of_reals, real
+from app.options import pair_of_reals, real
 from app.output import curves, figures, style
 from app.output.files import check_output_path, whole_hdf5
 from app.output.result import read_result
 from app.units import length_unit
 
 _DEEP = 4.0  # sections reach to so many times the depth of the largest stress
-_point = pair_of_reals("X,Y, two finite numbers [mm]", lowest=-LARGEST, highest=LARGEST)
+_point = pair_of_reals("X,Y, two finite numbers [mm]")
 _depth = real("one positive number [mm]", above=0)
 _each_depth = real("numbers from 0 [mm], with commas between", lowest=0)
 

@@ -227,14 +227,14 @@ class _Reader:
             else:
                 if name.lower() == "-options_string_yaml":
                     look_over_yaml(text or "", description)
-                own.append((name, text))
+                own.append((name, text, description))
             self._steps.append((name, text, description))
         self._words(own, description)
 
     def _words(self, own, description):
         """Take words that stand together."""
         if own:
-            self._places.append(Place(description, _read(own, description)))
+            self._places.append(Place(description, _read(own)))
 
     def _file(self, flag, path, inside):
         """Take an option file, after those it includes."""
@@ -244,7 +244,7 @@ class _Reader:
         for inner_flag, inner in looked.nested:
             self._file(inner_flag, inner, (*inside, looked.identity))
         included = set().union(*(place.names for place in self._places[before:]))
-        texts = _read([(flag, path)], f"option file {path}")
+        texts = _read([(flag, path, "")])
         own = {name: text for name, text in texts.items() if name not in included - looked.mentioned}
         place = Place(f"in {path}", own, path)
         _refuse_what_is_too_late(place)
@@ -273,14 +273,14 @@ class _Reader:
                     yield f"-{name} {place.texts[name]}: {last.file} comes later and says {last.texts[name]}"
 
 
-def _read(steps, description=""):
-    """Let PETSc read options and option files; name -> text of what it has then."""
+def _read(steps):
+    """Let PETSc read options and option files, (name, text, where it stands); name -> text of what it has then."""
     from petsc4py import PETSc
 
     from app.petsc import OptionDatabase, error_message
 
     database = OptionDatabase()
-    for name, text, *where in steps:
+    for name, text, where in steps:
         try:
             if name.lower() in OPTION_FILES:
                 database.insert(f'{name} "{text}"')
@@ -291,7 +291,7 @@ def _read(steps, description=""):
             else:
                 database.set(name.removeprefix("-"), text or "")
         except PETSc.Error as error:
-            place = f"option file {text}" if name.lower() in OPTION_FILES else (*where, description)[0]
+            place = f"option file {text}" if name.lower() in OPTION_FILES else where
             raise InputError(f"{place}: {error_message(error)}") from None
     found = {name.lower(): text for name, text in database.unasked().items()}
     with database.active() as options:
