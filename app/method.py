@@ -17,7 +17,6 @@ nothing is refused, unless it is a file's and something later took its meaning: 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 from petsc4py import PETSc
 
@@ -27,7 +26,6 @@ from app.options import (
     FILES,
     Option,
     OptionReader,
-    as_line,
     as_texts,
     choice,
     count,
@@ -103,11 +101,6 @@ class Settings:
     warnings: tuple = ()
     stages: tuple = ()  # name of a file, and all that files have said when it ends: without what overrides it later
     of_files: tuple = ()  # names that nothing but files has set
-
-    @cached_property
-    def summary(self):
-        """All options as one text, as they would be written on a command line."""
-        return as_line(self.texts)
 
 
 def method_file(name):
@@ -273,15 +266,3 @@ def _refuse_what_crashes(strategy, texts):
             raise InputError(
                 f"-{name} {text}: works with active_set and fast only, not with -lcp_type {strategy}"
             )
-
-
-def global_options(prefix):
-    """Options of PETSc's global database that begin with a prefix, without it. Not collective."""
-    if not prefix:
-        return {}
-    database = PETSc.Options()
-    return {
-        name.removeprefix(prefix): database.getString(name, "")
-        for name in database.getAll()
-        if name.startswith(prefix)
-    }
