@@ -22,6 +22,7 @@ import tempfile
 from pathlib import Path
 
 from app import units
+from app.commands import streams
 from app.commands.arguments import Parser, argument, run, writing
 from app.errors import InputError
 from app.options import integer, pair_of_reals, some_of
@@ -96,9 +97,9 @@ def _main(argv):
     summary, doubts = _summary(heights, facts, path)  # refuses what no solve would read
     with writing(arguments.output):
         _write(arguments.output, heights, facts, path)
-    print(f"{arguments.output}: {summary}")
+    streams.say(f"{arguments.output}: {summary}")
     for note in doubts:
-        print(f"warning: {note}", file=sys.stderr)
+        streams.complain(f"warning: {note}")
     return 0
 
 

@@ -23,6 +23,7 @@ import time
 from pathlib import Path
 
 from app import __version__
+from app.commands import streams
 from app.commands.arguments import Parser, check_folder, count, run
 from app.errors import InputError
 from app.output.files import whole_file
@@ -94,7 +95,7 @@ def _main(argv):
         for data in (tables, *rest.values()):
             data.pop(name, None)
         (folder / f"{name}.png").unlink(missing_ok=True)
-        print(f"{name}: left out, because a run failed: {message}", file=sys.stderr)
+        streams.complain(f"{name}: left out, because a run failed: {message}")
     done = [item for item in items if all(map(_usable, found[item.name].values()))]
     _write(folder, tables, rest, done, plans, found, arguments.quick, time.perf_counter() - started)
     return 130 if interrupted else int(bool(failures))
@@ -132,13 +133,13 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
         result = item.evaluate(outcomes)
         if item.kind == "figure":
             save_figure(result, folder / f"{item.name}.png", dpi=130)
-            print(f"{item.name}  {item.title}: {folder / item.name}.png")
+            streams.say(f"{item.name}  {item.title}: {folder / item.name}.png")
         elif item.kind == "table":
             tables[item.name] = {"what": item.title, **result}
-            print(report.table_section(item, result).text())
+            streams.say(report.table_section(item, result).text())
         else:
             studies[item.name] = result
-            print(report.study_section(item, result).text())
+            streams.say(report.study_section(item, result).text())
         made[item.name] = {"version": __version__, "date": today, "quick": quick, "runs": len(outcomes)}
         if item.kind == "figure":
             continue  # its runs are those of a table or study, or traces
@@ -167,7 +168,7 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
     if any(entry["quick"] for entry in made.values()):
         facts["note:"] = "some items were made with --quick, on small grids only"
     _put(folder / "report.html", report.web_page(sections, facts))
-    print(f"report: {folder / 'report.html'} ({seconds:.0f} s)")
+    streams.say(f"report: {folder / 'report.html'} ({seconds:.0f} s)")
 
 
 def check(outcomes):

@@ -29,6 +29,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from app.commands import streams
 from app.commands.arguments import Parser, check_ranks, count, positive, run
 from app.output.files import check_output_path
 from app.output.table import text, write_table
@@ -95,13 +96,13 @@ def _main(argv):
     if rows or not output.exists():  # interrupted before the first: a table of before stays, like the journal
         write_table(output, rows, columns)
     shown = [*varied, "exit_status", *_SHOWN]
-    print(text(rows, shown, {name: ".4g" for name in _SHOWN}), end="")
+    streams.say(text(rows, shown, {name: ".4g" for name in _SHOWN}).rstrip("\n"))
     for line in _messages(rows, varied):
-        print(line)
+        streams.say(line)
     statuses = [row["exit_status"] for row in rows]
     solved = statuses.count(0)
     going_on = "; interrupted: --resume goes on after them" if interrupted and rows else ""
-    print(f"{len(rows)} of {len(runs)} runs in {output}; {solved} of {len(rows)} solved{going_on}")
+    streams.say(f"{len(rows)} of {len(runs)} runs in {output}; {solved} of {len(rows)} solved{going_on}")
     if interrupted:
         return 130
     if solved == len(rows):

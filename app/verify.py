@@ -14,6 +14,7 @@ import sys
 import time
 from pathlib import Path
 
+from app.commands import streams
 from app.commands.arguments import Parser, check_folder, check_ranks, run
 from app.errors import InputError
 from app.output.files import whole_file
@@ -59,7 +60,7 @@ def _main(argv):
         temporary.write_text(text, encoding="utf-8")
     failed = sum(len(result.failed) for result in results)
     verdict = f"{failed} limits are not kept" if failed else "all limits are kept"
-    print(f"{given.output / 'verification.md'}: {verdict}")
+    streams.say(f"{given.output / 'verification.md'}: {verdict}")
     return int(failed > 0)
 
 
@@ -69,9 +70,9 @@ def _run(check, quick):
 
     started = time.perf_counter()
     result = Result(check, tuple(check.measure(quick)), time.perf_counter() - started)
-    print(f"{result.verdict}  {check.name}: {result.judged} limits, {result.seconds:.1f} s", flush=True)
+    streams.say(f"{result.verdict}  {check.name}: {result.judged} limits, {result.seconds:.1f} s")
     for figure in result.failed:
-        print(f"      {figure.what}: {figure.value:.3g}, has to be {figure.limit}", flush=True)
+        streams.say(f"      {figure.what}: {figure.value:.3g}, has to be {figure.limit}")
     return result
 
 
