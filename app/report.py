@@ -18,7 +18,7 @@ from app import subsurface
 from app.commands import streams
 from app.commands.arguments import Parser, run, writing
 from app.output import figures, page
-from app.output.files import check_output_path, whole_file
+from app.output.files import check_output_path, write_text
 from app.output.result import read_result
 from app.plot import PICTURES, pictures_of
 from app.units import length_unit, resolved
@@ -318,8 +318,8 @@ def _main(argv):
     check_output_path(output, [arguments.result], "-o", (".html", ".htm"))
     result = read_result(arguments.result)
     text = web_page(result, arguments.poisson, arguments.body, not arguments.no_stress)
-    with writing(output), whole_file(output) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    with writing(output):
+        write_text(output, text)
     streams.say(str(output))
     return 0
 

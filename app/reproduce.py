@@ -26,7 +26,7 @@ from app import __version__
 from app.commands import streams
 from app.commands.arguments import Parser, check_folder, count, run
 from app.errors import InputError
-from app.output.files import whole_file
+from app.output.files import write_text
 from app.output.style import save_figure
 from app.output.table import write_table
 from app.reproduction import report
@@ -163,11 +163,11 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
         name: (folder / f"{name}.png").read_bytes() for name in ITEMS if (folder / f"{name}.png").is_file()
     }
     sections = report.sections(_reading_order(), numbers, studies, pictures, checks)
-    _put(folder / "tables.md", report.markdown_page(sections))
+    write_text(folder / "tables.md", report.markdown_page(sections))
     facts = {"version": __version__, "date": today}
     if any(entry["quick"] for entry in made.values()):
         facts["note:"] = "some items were made with --quick, on small grids only"
-    _put(folder / "report.html", report.web_page(sections, facts))
+    write_text(folder / "report.html", report.web_page(sections, facts))
     streams.say(f"report: {folder / 'report.html'} ({seconds:.0f} s)")
 
 
@@ -201,12 +201,7 @@ def _read(path):
 
 
 def _dump(path, data):
-    _put(path, json.dumps(data, indent=1) + "\n")
-
-
-def _put(path, content):
-    with whole_file(path) as temporary:
-        temporary.write_text(content, encoding="utf-8")
+    write_text(path, json.dumps(data, indent=1) + "\n")
 
 
 if __name__ == "__main__":

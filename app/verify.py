@@ -17,7 +17,7 @@ from pathlib import Path
 from app.commands import streams
 from app.commands.arguments import Parser, check_folder, check_ranks, run
 from app.errors import InputError
-from app.output.files import whole_file
+from app.output.files import write_text
 from app.output.style import save_figure
 
 
@@ -56,8 +56,7 @@ def _main(argv):
             save_figure(picture, given.output / name, dpi=100)
     arguments = "".join(f" --only {name}" for name in given.only or ()) + " --quick" * given.quick
     text = document(results, arguments, [name for name, picture in pictures.items() if picture is not None])
-    with whole_file(given.output / "verification.md") as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(given.output / "verification.md", text)
     failed = sum(len(result.failed) for result in results)
     verdict = f"{failed} limits are not kept" if failed else "all limits are kept"
     streams.say(f"{given.output / 'verification.md'}: {verdict}")
