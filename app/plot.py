@@ -88,18 +88,16 @@ def _read(file):
     return paths.read_csv(file) if file.suffix.lower() == ".csv" else read_result(file)
 
 
-def _draw_table(columns, file, stem, kind, dpi):
-    """Picture of a table."""
+def _draw_table(columns, file, folder, kind, dpi):
+    """Write the picture of a table and return its path."""
     if "exit_status" in columns:
         figure = paths.sweep_figure(columns, file.stem)
         if figure is None:
             raise ValueError(
                 f"table {file}: nothing to draw: no option with two numbers or more, or nothing measured"
             )
-        return _save(figure, stem.with_name(f"sweep.{kind}"), dpi)
-    return _save(
-        paths.path_figure([paths.path_of_csv(columns)], file.stem), stem.with_name(f"path.{kind}"), dpi
-    )
+        return _save(figure, folder / f"sweep.{kind}", dpi)
+    return _save(paths.path_figure([paths.path_of_csv(columns)], file.stem), folder / f"path.{kind}", dpi)
 
 
 def _arguments(argv):
@@ -153,7 +151,7 @@ def _draw_all(arguments):
     kind, dpi, several = arguments.format, arguments.dpi, len(arguments.files) > 1
     for file in arguments.files[1:]:
         _read(file)  # what cannot be read is told before anything is drawn
-    arguments_of, drawn = [], []
+    along, drawn = [], []
     for file, name in zip(arguments.files, arguments.names, strict=True):
         data = _read(file)
         folder = arguments.output / name if several else arguments.output
@@ -161,7 +159,7 @@ def _draw_all(arguments):
         folder.mkdir(exist_ok=True)
         if isinstance(data, dict):
             path = None if "exit_status" in data else paths.path_of_csv(data, name)
-            drawn.append(_draw_table(data, file, folder / file.name, kind, dpi))
+            drawn.append(_draw_table(data, file, folder, kind, dpi))
         else:
             path = paths.path_of(data, name)
             made = draw(data, folder, kind, dpi, arguments.only or PICTURES)
@@ -170,9 +168,9 @@ def _draw_all(arguments):
                     f"--only {', '.join(arguments.only)}: result file {file} has nothing of it to draw"
                 )
             drawn += made
-        arguments_of += [path] if path else []
-    if len(arguments_of) > 1:
-        drawn.append(_save(paths.path_figure(arguments_of), arguments.output / f"paths.{kind}", dpi))
+        along += [path] if path else []
+    if len(along) > 1:
+        drawn.append(_save(paths.path_figure(along), arguments.output / f"paths.{kind}", dpi))
     return drawn
 
 
