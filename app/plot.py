@@ -65,7 +65,7 @@ PICTURES = {
 }
 
 
-def pictures_of(result, names=PICTURES):
+def pictures_of(result, names):
     """Pictures of a result, those that there are of these names: name -> figure, made when asked for."""
     reference = analytic_reference(result)
     for name in names:
@@ -176,7 +176,7 @@ def _draw_all(arguments):
 
 def main(argv=None):
     """Run the command and return its exit status."""
-    return run(_main, argv)
+    return run(_main, argv, told=ValueError)
 
 
 def _main(argv):

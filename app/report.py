@@ -301,7 +301,7 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
 
 def main(argv=None):
     """Run the command and return its exit status."""
-    return run(_main, argv)
+    return run(_main, argv, told=ValueError)
 
 
 def _main(argv):

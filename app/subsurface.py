@@ -248,7 +248,7 @@ def summary(hottest, sheared, result, poisson_ratio):
 
 def main(argv=None):
     """Run the command and return its exit status."""
-    return run(_main, argv)
+    return run(_main, argv, told=ValueError)
 
 
 def _main(argv):

@@ -66,16 +66,16 @@ def writing(output):
         raise InputError(f"-o {output}: cannot be written: {error.strerror or one_line(error)}") from None
 
 
-def run(main, argv=None):
+def run(main, argv, told=InputError):
     """Call a command's ``main(argv)`` so that SIGTERM ends it like Ctrl-C; return its exit status.
 
-    As in `app.errors.agree` ValueError, OSError and MemoryError are the user's to hear of.
+    OSError, MemoryError and what is `told` are the user's to hear of: ValueError where files of others are read.
     """
     streams.repair()
     previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         return main(argv)
-    except (ValueError, OSError, MemoryError) as error:
+    except (told, OSError, MemoryError) as error:
         streams.complain(f"error: {one_line(error)}")
         return 2
     except KeyboardInterrupt:
