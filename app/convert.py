@@ -13,7 +13,6 @@ Root attributes: ``source`` (file name), ``sha256`` (of it), ``format``, ``chann
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import os
@@ -22,12 +21,18 @@ import sys
 import tempfile
 from pathlib import Path
 
-from app.commands.arguments import Parser, interruptible
-from app.errors import InputError, one_line
+from app import units
+from app.commands import streams
+from app.commands.arguments import Parser, argument, run, writing
+from app.errors import InputError
+from app.options import integer, pair_of_reals, some_of
+from app.problems.height_file import TURNS
 
 ENVIRONMENT = "ELASTIC_CONTACT_SURFACES"  # path of a Python that has SurfaceTopography, if not the one below
 _PLAIN = (".npy", ".npz", ".h5", ".hdf5")  # read here
 _TEXT = (".txt", ".csv", ".dat", ".xyz", ".asc")  # read here, if they are nothing but numbers
+_spacing = pair_of_reals("DX,DY, two positive numbers [mm]", above=0)
+_line_count = integer(0, "a whole number from 0")
 _OTHER_UNITS = {"pm": 1e-3, "Å": 0.1, "A": 0.1}  # of instruments [nm]
 
 
@@ -40,7 +45,7 @@ def instruments_python():
 
 def main(argv=None):
     """Run the command and return its exit status."""
-    return interruptible(_main, argv)
+    return run(_main, argv, told=ValueError)
 
 
 def _main(argv):
@@ -52,17 +57,30 @@ def _main(argv):
         "-o", "--output", type=Path, required=True, metavar="SURFACE.h5", help="file to write"
     )
     parser.add_argument("--channel", default="", help="name or number of a channel, where there are several")
-    parser.add_argument("--unit", help="m, mm, um or nm: where the file does not say")
-    parser.add_argument("--height-unit", help="of the heights alone, where points x, y have another one")
     parser.add_argument(
-        "--skip", type=_count, default=0, metavar="N", help="lines at the head of a text to leave out"
+        "--unit", type=argument(units.unit), help="m, mm, um or nm: where the file does not say"
     )
     parser.add_argument(
-        "--orient", type=_turns, default=(), metavar="HOW",
+        "--height-unit",
+        type=argument(units.unit),
+        help="of the heights alone, where points x, y have another one",
+    )
+    parser.add_argument(
+        "--skip",
+        type=argument(_line_count),
+        default=0,
+        metavar="N",
+        help="lines at the head of a text to leave out",
+    )
+    parser.add_argument(
+        "--orient", type=argument(some_of(*TURNS)), default=(), metavar="HOW",
         help="how rows and columns are turned: transpose, flip_x, flip_y, or some of them with commas between",
     )  # fmt: skip
     parser.add_argument(
-        "--spacing", type=_spacing, metavar="DX,DY", help="size of a cell [mm], where the file does not say"
+        "--spacing",
+        type=argument(_spacing),
+        metavar="DX,DY",
+        help="size of a cell [mm], where the file does not say",
     )
     arguments = parser.parse_args(argv)
     from app.output.files import check_output_path
@@ -71,49 +89,18 @@ def _main(argv):
     path = arguments.file
     if not Path(str(path).partition(":/")[0]).is_file():
         raise InputError(f"surface file {path}: {'not a file' if path.exists() else 'no such file'}")
-    try:
-        check_output_path(arguments.output, [path, str(path).partition(":/")[0]], "-o")
-        heights, facts = _read(path, arguments.channel, arguments.skip)
-        facts = _settle(facts, arguments, path)
-        heights, facts["spacing"] = turned(heights, facts["spacing"], arguments.orient)
-        heights *= facts["factor"]
-        summary, doubts = _summary(heights, facts, path)  # refuses what no solve would read
-    except (ValueError, OSError) as error:
-        raise InputError(one_line(error)) from None
-    try:
+    check_output_path(arguments.output, [path, str(path).partition(":/")[0]], "-o")
+    heights, facts = _read(path, arguments.channel, arguments.skip)
+    facts = _settle(facts, arguments, path)
+    heights, facts["spacing"] = turned(heights, facts["spacing"], arguments.orient)
+    heights *= facts["factor"]
+    summary, doubts = _summary(heights, facts, path)  # refuses what no solve would read
+    with writing(arguments.output):
         _write(arguments.output, heights, facts, path)
-    except OSError as error:
-        raise InputError(f"-o {arguments.output}: cannot be written: {one_line(error)}") from None
-    print(f"{arguments.output}: {summary}")
+    streams.say(f"{arguments.output}: {summary}")
     for note in doubts:
-        print(f"warning: {note}", file=sys.stderr)
+        streams.complain(f"warning: {note}")
     return 0
-
-
-def _count(text):
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text}: not allowed; allowed: a whole number from 0")
-    return int(text)
-
-
-def _turns(text):
-    from app.problems.height_file import TURNS
-
-    if not set(found := tuple(text.split(","))) <= TURNS.keys():
-        raise argparse.ArgumentTypeError(
-            f"{text}: not allowed; allowed, with commas between: {', '.join(TURNS)}"
-        )
-    return found
-
-
-def _spacing(text):
-    try:
-        dx, dy = (float(part) for part in text.split(","))
-    except ValueError:
-        dx = dy = 0.0
-    if not (0 < dx < float("inf") and 0 < dy < float("inf")):
-        raise argparse.ArgumentTypeError(f"{text}: not allowed; allowed: DX,DY, two positive numbers [mm]")
-    return [dx, dy]
 
 
 def _read(path, channel, skip):
@@ -179,25 +166,20 @@ def _read_instruments(path, channel):
 
 def _settle(facts, arguments, path):
     """Unit and spacing, each from the file or from the command line, not from both."""
-    from app.units import UNITS, unit_named
-
     unit, factor = facts["unit"], 1.0
     if unit in _OTHER_UNITS:
         unit, factor = "nm", _OTHER_UNITS[unit]
     elif unit is not None:
-        unit = unit_named(unit)
-    options = {"--height-unit": arguments.height_unit, "--unit": arguments.unit}
-    for option, given in options.items():
-        if given is not None and not unit_named(given):
-            raise InputError(f"{option} {given}: not allowed; allowed: {', '.join(UNITS)}")
-    options = {option: given and unit_named(given) for option, given in options.items()}
-    option, given = next(((option, given) for option, given in options.items() if given), ("--unit", None))
+        unit = units.unit_named(unit)
+    option, given = "--height-unit", arguments.height_unit
+    if not given:
+        option, given = "--unit", arguments.unit
     if unit is None and given is None:
         said = f"says {facts['unit']}, which is no length" if facts["unit"] else "does not say it"
-        raise InputError(f"--unit is missing: surface file {path} {said}; allowed: {', '.join(UNITS)}")
+        raise InputError(f"--unit is missing: surface file {path} {said}; allowed: {', '.join(units.UNITS)}")
     if unit and given and unit != given:
         raise InputError(f"{option} {given}: surface file {path} says {unit}")
-    spacing, lateral = facts["spacing"], facts.get("spacing_unit") or unit or options["--unit"]
+    spacing, lateral = facts["spacing"], facts.get("spacing_unit") or unit or arguments.unit
     if spacing is not None and lateral is None:
         raise InputError(f"--unit is missing: surface file {path} does not say the unit of its x and y")
     if spacing is None and arguments.spacing is None:

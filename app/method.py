@@ -1,7 +1,9 @@
 """How a problem is solved, from options: the method file, the options of this table, and PETSc's for the KSP.
 
 A method is a file of options, ``petsc_options/NAME.opts``. Without one, and without a -ksp_type or -pc_type, it is the
-default, `DEFAULT`. The strategies (-lcp_type) are
+default, `DEFAULT`; of several the last one counts, as a whole. Options beside it override. What is asked for and can do
+nothing is refused, unless it is a file's and something later took its meaning: here what is in the table, in
+`app.method_solver` what PETSc reads. The strategies (-lcp_type) are
 
 ==============  ======================================================================================
 ``active_set``  the paper's: `app.contact`, around any KSP
@@ -14,17 +16,16 @@ default, `DEFAULT`. The strategies (-lcp_type) are
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 
 from petsc4py import PETSc
 
 from app.errors import InputError
+from app.old_names import in_words_of_today
 from app.options import (
     FILES,
     Option,
     OptionReader,
-    as_line,
     as_texts,
     choice,
     count,
@@ -32,7 +33,6 @@ from app.options import (
     from_zero,
     integer,
     real,
-    renamed,
     unknown_options,
 )
 from app.petsc import OptionDatabase, error_message
@@ -40,10 +40,11 @@ from app.petsc import OptionDatabase, error_message
 DEFAULT, PERIODIC = "fast", "primal"
 
 _tolerance = real("a number above 0 and below 1", above=0, highest=1 - 1e-9)
-_share = real("a number from 0 to 1", lowest=0, highest=1)
 _cells = integer(0, "a whole number from 0")
+_ACTIVE_SET = ("active_set", "fast", "primal")
+_STRATEGIES = (*_ACTIVE_SET, "tao", "snesvi")
 METHOD_OPTIONS = [
-    Option("lcp_type", choice("active_set", "fast", "primal", "tao", "snesvi"), "active_set", "strategy"),
+    Option("lcp_type", choice(*_STRATEGIES), "active_set", "strategy"),
     Option("lcp_nested", flag, False, "nested iteration (FMG): solve on coarser grids first"),
     Option("lcp_rtol", _tolerance, 1e-6, "accepted ||r|| / ||h||, eq. (5.1); fast: also 100 times it, h on C alone"),
     Option("lcp_error_bound", _tolerance, 0.01, "proved error (energy norm) up to which a solution counts as solved"),
@@ -63,15 +64,18 @@ PART_OPTIONS = [
     Option("pc_circulant_extend", _cells, 0, "Circulant: cells by which the residual is extended over the rim"),
     Option("pc_two_grid_sweeps", count, 3, "TwoGrid: sweeps before and after the coarser grid, at most 50"),
 ]  # fmt: skip
-GONE = {
-    "lcp_merge": "tighter contact sets (-ksp_rtol) do what it did",
-    "lcp_replicate": "-lcp_cells_per_rank says how many cells a rank gets at least",
-    "lcp_cheap": "a larger -lcp_rtol does what it did, with a certificate",
+_TABLE = {option.name: option for option in METHOD_OPTIONS}
+_WORKS_WITH = {  # strategies in which an option has an effect, where that is not in all
+    "lcp_nested": _ACTIVE_SET,
+    "lcp_coarsest": _ACTIVE_SET,
+    "lcp_prolongation": ("active_set", "fast"),
+    "lcp_beta": ("active_set", "fast"),
+    "lcp_coarse_rtol": ("fast", "primal"),
+    "lcp_precision": ("fast", "primal"),
+    "lcp_predictor": ("fast",),
+    "lcp_window": ("fast",),
 }
-_ONLY_FAST = ("lcp_coarse_rtol", "lcp_predictor", "lcp_window", "lcp_precision")
-_PRIMAL_TOO = ("lcp_coarse_rtol", "lcp_precision")
 _ONLY_NESTED = ("lcp_prolongation", "lcp_beta", "lcp_window", "lcp_coarse_rtol")
-_ACTIVE_SET = ("active_set", "fast", "primal")
 # What Settings have by the names of the options.
 _AS_GIVEN = """
     nested rtol error_bound max_it coarse_rtol predictor window beta coarsest cells_per_rank shared_memory
@@ -100,14 +104,7 @@ class Settings:
     texts: dict
     warnings: tuple = ()
     stages: tuple = ()  # name of a file, and all that files have said when it ends: without what overrides it later
-    of_files: frozenset = field(
-        default=frozenset(), repr=False
-    )  # names that nothing but files has set; in any order
-
-    @cached_property
-    def summary(self):
-        """All options as one text, as they would be written on a command line."""
-        return as_line(self.texts)
+    of_files: tuple = ()  # names that nothing but files has set
 
 
 def method_file(name):
@@ -162,37 +159,27 @@ def settings(method=None, options=None, periodic=False):
         If an option is not allowed, or has no effect with the others. What a file says may be idle if something later
         has overridden it.
     """
-    given, warnings = renamed(as_texts(options or {}))
+    given, warnings = in_words_of_today(as_texts(options or {}))
     if isinstance(method, str):
-        files = {method: read_method_file(method)}
-    else:
-        files = {name: as_texts(texts, f"method {name!r}") for name, texts in (method or {}).items()}
-    for texts in (given, *files.values()):
-        for name in GONE.keys() & texts.keys():
-            del texts[name]
-            warnings.append(f"-{name} is gone and ignored: {GONE[name]}")
+        method = {method: read_method_file(method)}
+    files = {}
+    for name, texts in (method or {}).items():
+        files[name], more = in_words_of_today(as_texts(texts, f"method {name!r}"))
+        warnings += more
     warnings += _give_way(files, given)
     said = {name: text for texts in (*files.values(), given) for name, text in texts.items()}
     default = PERIODIC if periodic else DEFAULT
-    chosen = isinstance(method, str) or said.keys() & {"ksp_type", "pc_type"}
-    if not chosen and said.get("lcp_type", default) == default:
+    if not said.keys() & {"ksp_type", "pc_type"} and said.get("lcp_type", default) == default:
         files = {default: read_method_file(default), **files}
     stages, texts = [], {}
     for name in files:
         texts = texts | files[name]
         stages.append((name, texts))
-    of_files = texts.keys() - given.keys()
-    texts = _with_type(texts | given)
-    idle = _idle(texts)
-    for name in sorted(idle):
-        if name in of_files and any(
-            name in found and name not in _idle(_with_type(found)) for _, found in stages
-        ):
-            del texts[name]  # overridden
-        else:
-            raise InputError(
-                f"-{name} {texts[name]}".rstrip() + f": has no effect here; allowed with {idle[name]}"
-            )
+    of_files = tuple(sorted(texts.keys() - given.keys()))
+    texts = texts | given
+    if unknown := {name for name in texts if name.startswith("lcp_")} - _TABLE.keys():
+        raise InputError(unknown_options(unknown, _TABLE))
+    texts = _without_idle(texts, of_files, stages)
     reader = OptionReader(METHOD_OPTIONS, texts)
     strategy = reader["lcp_type"]
     if strategy == (DEFAULT if periodic else PERIODIC):
@@ -209,7 +196,7 @@ def settings(method=None, options=None, periodic=False):
         texts=texts,
         warnings=tuple(warnings),
         stages=tuple(stages),
-        of_files=frozenset(of_files),
+        of_files=of_files,
     )
 
 
@@ -220,7 +207,7 @@ def _give_way(files, given):
     """
     warnings, wanted, kept = [], given.get("lcp_type"), None
     for name in reversed(list(files)):
-        texts = _with_type(files[name])
+        texts = files[name]
         if "lcp_type" not in texts and not {"ksp_type", "pc_type"} <= texts.keys():
             continue
         other = wanted is not None and texts.get("lcp_type", "active_set") != wanted
@@ -232,37 +219,35 @@ def _give_way(files, given):
     return warnings[::-1]
 
 
-def _with_type(texts):
-    """Texts with the strategy that option files of the first edition mean."""
-    if "lcp_type" not in texts and texts.get("ksp_python_type", "").endswith(".TrackingCG"):
-        return texts | {"lcp_type": "fast"}
-    return texts
+def _without_idle(texts, of_files, stages):
+    """Texts without what files say that something later keeps from having an effect; refuse what else has none."""
+    left = dict(texts)
+    for name, needed in sorted(_idle(texts).items()):
+        overridden = name in of_files and any(name in told and name not in _idle(told) for _, told in stages)
+        if not overridden:
+            raise InputError(
+                f"-{name} {texts[name]}".rstrip() + f": has no effect here; allowed with {needed}"
+            )
+        del left[name]
+    return left
 
 
 def _idle(texts):
-    """Options of the table without effect beside the others, and what they need: name -> text.
+    """Options that ask for something and can do nothing beside the others, and what they need: name -> text.
 
     Raises
     ------
     InputError
-        If an option is not known, or its value not allowed.
+        If a value is not allowed.
     """
-    known = [option.name for option in METHOD_OPTIONS]
-    if unknown := sorted({name for name in texts if name.startswith("lcp_")} - set(known)):
-        raise InputError(unknown_options(unknown, known))
-    reader = OptionReader(METHOD_OPTIONS, texts)
-    strategy, nested = reader["lcp_type"], reader["lcp_nested"]
-    idle = {}
-    for name in texts.keys() & set(known):
-        of_both = strategy == "primal" and name in _PRIMAL_TOO
-        neutral = reader[name] == _neutral(name)
-        if strategy not in _ACTIVE_SET and name in ("lcp_nested", "lcp_coarsest", *_ONLY_FAST, *_ONLY_NESTED):
-            idle[name] = "-lcp_type active_set or fast only"
-        elif strategy != "fast" and not of_both and name in _ONLY_FAST and not neutral:
-            idle[name] = "-lcp_type fast only"
-        elif strategy == "primal" and name in ("lcp_beta", "lcp_prolongation"):
-            idle[name] = "-lcp_type active_set or fast only"
-        elif not nested and name in _ONLY_NESTED and not neutral:
+    reader, idle = OptionReader(METHOD_OPTIONS, texts), {}
+    for name in texts.keys() & _TABLE.keys():
+        strategies = _WORKS_WITH.get(name, _STRATEGIES)
+        if reader[name] == _TABLE[name].default:
+            continue
+        if reader["lcp_type"] not in strategies:
+            idle[name] = f"-lcp_type {' or '.join(strategies)} only"
+        elif name in _ONLY_NESTED and not reader["lcp_nested"]:
             idle[name] = "-lcp_nested only"
         elif name == "lcp_beta" and reader["lcp_prolongation"] == "lift":
             idle[name] = "-lcp_prolongation copy only"
@@ -285,19 +270,3 @@ def _refuse_what_crashes(strategy, texts):
             raise InputError(
                 f"-{name} {text}: works with active_set and fast only, not with -lcp_type {strategy}"
             )
-
-
-def _neutral(name):
-    return next(option.default for option in METHOD_OPTIONS if option.name == name)
-
-
-def global_options(prefix):
-    """Options of PETSc's global database that begin with a prefix, without it. Not collective."""
-    if not prefix:
-        return {}
-    database = PETSc.Options()
-    return {
-        name.removeprefix(prefix): database.getString(name, "")
-        for name in database.getAll()
-        if name.startswith(prefix)
-    }

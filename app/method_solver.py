@@ -18,7 +18,7 @@ from app.errors import InputError, agree
 from app.fast.solver import TrackingSolver
 from app.halfspace.communication import Communicator
 from app.halfspace.grid import Grid
-from app.method import METHOD_OPTIONS, PART_OPTIONS, global_options, settings
+from app.method import METHOD_OPTIONS, PART_OPTIONS, settings
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.options import as_texts, unknown_options
@@ -56,12 +56,24 @@ def choose(problem, method, options, prefix, listeners):
     check_kind("listeners", listeners, Sequence, "a sequence of app.Listener")
     for listener in listeners:
         check_kind("listeners", listener, Listener, "objects of a class made from app.Listener")
-    grid, texts = problem.grid, as_texts(options or {}) | global_options(prefix)
+    grid, texts = problem.grid, as_texts(options or {}) | _global_options(prefix)
     check_compiler()
     check_cells(grid)
     if dashed := [name for name in texts if name.startswith("-")]:
         raise InputError(f"options: {', '.join(dashed)}: needed: names without the dash")
     return settings(method, texts, bool(grid.periodic))
+
+
+def _global_options(prefix):
+    """Options of PETSc's global database that begin with a prefix, without it."""
+    if not prefix:
+        return {}
+    database = PETSc.Options()
+    return {
+        name.removeprefix(prefix): database.getString(name, "")
+        for name in database.getAll()
+        if name.startswith(prefix)
+    }
 
 
 def make_hierarchy(grid, compliance, comm, chosen):

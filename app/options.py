@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import os
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -22,8 +23,6 @@ LARGEST = 1e50  # and 1 / LARGEST the smallest number besides 0: neither squares
 REQUIRED = object()
 # The program's option files: inside of an installed package, beside app/ in a checkout.
 FILES = next(filter(Path.is_dir, (path / "petsc_options" for path in Path(__file__).parents)))
-# Old name -> name of today, of options that were renamed in this release.
-ALIASES = {"lcp_foresight": "lcp_predictor"}
 
 
 def option_file(path):
@@ -181,46 +180,6 @@ def _text(value):
     return "" if value is None else str(value)
 
 
-def renamed(texts, aliases=None):
-    """Give options the names of today.
-
-    Parameters
-    ----------
-    texts : mapping of str to str
-    aliases : mapping of str to str, optional
-        Default: `ALIASES`.
-
-    Returns
-    -------
-    texts : dict of str to str
-    warnings : list of str
-        A line for every old name.
-
-    Raises
-    ------
-    InputError
-        If an option is given by both names.
-
-    Examples
-    --------
-    >>> renamed({"force": "7", "grid": "8"}, {"force": "load"})
-    ({'load': '7', 'grid': '8'}, ['-force is called -load now; the old name works in this release only'])
-    """
-    aliases = ALIASES if aliases is None else aliases
-    for old, new in aliases.items():
-        if old in texts and new in texts:
-            raise InputError(f"-{old} is called -{new} now: only one of both is allowed")
-    old = [name for name in texts if name in aliases]
-    return {aliases.get(name, name): text for name, text in texts.items()}, [
-        renaming(name, aliases) for name in old
-    ]
-
-
-def renaming(old, aliases=None):
-    """Say in one line how an option is called now."""
-    return f"-{old} is called -{(aliases or ALIASES)[old]} now; the old name works in this release only"
-
-
 def nearest(name, known):
     """The known name that differs by two letters at most, of a short name by a quarter; None if there is none.
 
@@ -263,20 +222,20 @@ def unknown_options(names, known, files=None, what="unknown"):
 # ------------------------------------------------------------------------------------------------- kinds
 
 
-def _real(text, lowest=-np.inf, above=-np.inf, highest=np.inf, allowed="a finite number"):
+def _real(text, lowest=-np.inf, above=-np.inf, highest=sys.float_info.max, allowed="a finite number"):
     try:
         value = float(text)
     except ValueError:
         raise ValueError(allowed) from None
-    if not (np.isfinite(value) and lowest <= value <= highest and value > above):
+    if not (lowest <= value <= highest and value > above):
         raise ValueError(allowed)
-    if value and not 1 / LARGEST <= abs(value) <= LARGEST:
+    if 0 < abs(value) < 1 / LARGEST or LARGEST < abs(value) < np.inf:
         raise ValueError(f"{allowed}, of size {1 / LARGEST:g} to {LARGEST:g}")
     return value
 
 
 def real(allowed="a finite number", **limits):
-    """Kind: one finite real number within limits."""
+    """Kind: one real number within limits; inf is one if it is the highest."""
     return partial(_real, allowed=allowed, **limits)
 
 
@@ -356,17 +315,14 @@ def pair(allowed, highest=np.inf):
     return parse
 
 
-def pair_of_reals(allowed, lowest=-np.inf, above=-np.inf, highest=np.inf, nonzero=False):
-    """Kind: two real numbers within limits; inf is one unless a highest is given."""
+def pair_of_reals(allowed, nonzero=False, **limits):
+    """Kind: two real numbers within limits, see `real`."""
 
     def parse(text):
-        first, second = _numbers(float, text, allowed, 2)
-        for value in (first, second):
-            size = abs(value)
-            fits = lowest <= value <= highest and value > above and not (nonzero and not value)
-            if not fits or (value and not size >= 1 / LARGEST) or LARGEST < size < np.inf:
-                raise ValueError(allowed)
-        return first, second
+        numbers = _numbers(real(allowed, **limits), text, allowed, 2)
+        if nonzero and 0 in numbers:
+            raise ValueError(allowed)
+        return tuple(numbers)
 
     return parse
 

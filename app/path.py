@@ -112,9 +112,6 @@ class LoadPath:
     def __getstate__(self):
         return self.__dict__ | {"_solver": None, "_steps": None}
 
-    def __setstate__(self, state):
-        self.__dict__.update(state)
-
     def __len__(self):
         return len(self.numbers)
 

@@ -51,7 +51,6 @@ def _library():
         "PetscOptionsSetValue": [_Handle, _Text, _Text],
         "PetscOptionsClearValue": [_Handle, _Text],
         "PetscOptionsInsertStringYAML": [_Handle, _Text],
-        "PetscOptionsSetAlias": [_Handle, _Text, _Text],
         "PetscOptionsHelpPrintedCreate": [ctypes.POINTER(_Handle)],
         "PetscOptionsHelpPrintedDestroy": [ctypes.POINTER(_Handle)],
         "MatRestrict": [_Handle, _Handle, _Handle],
@@ -166,10 +165,6 @@ class OptionDatabase:
     def insert_yaml(self, text):
         """Let PETSc read options from a text in YAML; raises as `insert` does."""
         _call("PetscOptionsInsertStringYAML", self._handle, text.encode())
-
-    def alias(self, old, new):
-        """Let options that are set from now on by an old name go by a new one."""
-        _call("PetscOptionsSetAlias", self._handle, f"-{old}".encode(), f"-{new}".encode())
 
     @contextmanager
     def active(self):

@@ -13,8 +13,8 @@ import sys
 from pathlib import Path
 
 from app.commands import streams
-from app.commands.arguments import Parser
-from app.errors import InputError, one_line
+from app.commands.arguments import Parser, check_folder, run, writing
+from app.errors import InputError
 from app.output import curves, figures, paths, style
 from app.output.result import read_result
 from app.reference.hertz import EllipticHertz
@@ -65,7 +65,7 @@ PICTURES = {
 }
 
 
-def pictures_of(result, names=PICTURES):
+def pictures_of(result, names):
     """Pictures of a result, those that there are of these names: name -> figure, made when asked for."""
     reference = analytic_reference(result)
     for name in names:
@@ -88,18 +88,16 @@ def _read(file):
     return paths.read_csv(file) if file.suffix.lower() == ".csv" else read_result(file)
 
 
-def _draw_table(columns, file, stem, kind, dpi):
-    """Picture of a table."""
+def _draw_table(columns, file, folder, kind, dpi):
+    """Write the picture of a table and return its path."""
     if "exit_status" in columns:
         figure = paths.sweep_figure(columns, file.stem)
         if figure is None:
             raise ValueError(
                 f"table {file}: nothing to draw: no option with two numbers or more, or nothing measured"
             )
-        return _save(figure, stem.with_name(f"sweep.{kind}"), dpi)
-    return _save(
-        paths.path_figure([paths.path_of_csv(columns)], file.stem), stem.with_name(f"path.{kind}"), dpi
-    )
+        return _save(figure, folder / f"sweep.{kind}", dpi)
+    return _save(paths.path_figure([paths.path_of_csv(columns)], file.stem), folder / f"path.{kind}", dpi)
 
 
 def _arguments(argv):
@@ -126,10 +124,7 @@ def _arguments(argv):
         raise InputError(f"--dpi {arguments.dpi}: must be from 20 to 1200")
     first = arguments.files[0]
     arguments.output = arguments.output or (first.parent if arguments.files[1:] else first.with_suffix(""))
-    if arguments.output.exists() and not arguments.output.is_dir():
-        raise InputError(f"-o {arguments.output}: exists and is not a folder")
-    if not arguments.output.parent.is_dir():
-        raise InputError(f"-o {arguments.output}: folder {arguments.output.parent} does not exist")
+    check_folder(arguments.output)
     arguments.names = _names(arguments.files)
     return arguments
 
@@ -156,7 +151,7 @@ def _draw_all(arguments):
     kind, dpi, several = arguments.format, arguments.dpi, len(arguments.files) > 1
     for file in arguments.files[1:]:
         _read(file)  # what cannot be read is told before anything is drawn
-    arguments_of, drawn = [], []
+    along, drawn = [], []
     for file, name in zip(arguments.files, arguments.names, strict=True):
         data = _read(file)
         folder = arguments.output / name if several else arguments.output
@@ -164,7 +159,7 @@ def _draw_all(arguments):
         folder.mkdir(exist_ok=True)
         if isinstance(data, dict):
             path = None if "exit_status" in data else paths.path_of_csv(data, name)
-            drawn.append(_draw_table(data, file, folder / file.name, kind, dpi))
+            drawn.append(_draw_table(data, file, folder, kind, dpi))
         else:
             path = paths.path_of(data, name)
             made = draw(data, folder, kind, dpi, arguments.only or PICTURES)
@@ -173,27 +168,24 @@ def _draw_all(arguments):
                     f"--only {', '.join(arguments.only)}: result file {file} has nothing of it to draw"
                 )
             drawn += made
-        arguments_of += [path] if path else []
-    if len(arguments_of) > 1:
-        drawn.append(_save(paths.path_figure(arguments_of), arguments.output / f"paths.{kind}", dpi))
+        along += [path] if path else []
+    if len(along) > 1:
+        drawn.append(_save(paths.path_figure(along), arguments.output / f"paths.{kind}", dpi))
     return drawn
 
 
 def main(argv=None):
     """Run the command and return its exit status."""
-    try:
-        arguments = _arguments(argv)
-        try:
-            drawn = _draw_all(arguments)
-        except OSError as error:
-            raise ValueError(f"-o {arguments.output}: cannot be written to: {error.strerror}") from None
-    except (ValueError, MemoryError) as error:
-        streams.complain(f"error: {one_line(error)}")
-        return 2
+    return run(_main, argv, told=ValueError)
+
+
+def _main(argv):
+    arguments = _arguments(argv)
+    with writing(arguments.output):
+        drawn = _draw_all(arguments)
     streams.say("\n".join(map(str, drawn)))
     return 0
 
 
 if __name__ == "__main__":
-    streams.repair()
     sys.exit(main())

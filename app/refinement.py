@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from numbers import Real
 from typing import NamedTuple
 
@@ -89,7 +90,9 @@ def refine(
             reached = solution.converged and errors.largest <= until
             last = 4 * grid.n > most_cells or not _has_room(solver, grid.refine())
             if reached or not solution.converged or last:
-                exact = solver.stiffness(solution) if stiffness else float("nan")
+                if stiffness:
+                    solution = replace(solution, stiffness=solver.stiffness(solution))
+                exact = solution.stiffness if stiffness else float("nan")
                 return Refinement(solution, errors, reached, exact, rows)
         problem = problem.on(grid.refine())
 

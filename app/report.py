@@ -16,10 +16,9 @@ import numpy as np
 
 from app import subsurface
 from app.commands import streams
-from app.commands.arguments import Parser
-from app.errors import InputError, one_line
+from app.commands.arguments import Parser, run, writing
 from app.output import figures, page
-from app.output.files import check_output_path, whole_file
+from app.output.files import check_output_path, write_text
 from app.output.result import read_result
 from app.plot import PICTURES, pictures_of
 from app.units import length_unit, resolved
@@ -302,6 +301,10 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
 
 def main(argv=None):
     """Run the command and return its exit status."""
+    return run(_main, argv, told=ValueError)
+
+
+def _main(argv):
     parser = Parser(prog="python -m app.report", description="Tell all about a result in one web page.")
     parser.add_argument("result", type=Path, metavar="RESULT.h5", help="result file of app.solve")
     parser.add_argument("-o", "--output", type=Path, metavar="F.html", help="default: RESULT.html")
@@ -310,24 +313,16 @@ def main(argv=None):
         "--body", type=int, choices=(1, 2), help="whose stress, where the result knows both bodies"
     )
     parser.add_argument("--no-stress", action="store_true", help="do not look below the surface; saves time")
-    try:
-        arguments = parser.parse_args(argv)
-        output = arguments.output or arguments.result.with_suffix(".html")
-        check_output_path(output, [arguments.result], "-o", (".html", ".htm"))
-        result = read_result(arguments.result)
-        text = web_page(result, arguments.poisson, arguments.body, not arguments.no_stress)
-        try:
-            with whole_file(output) as temporary:
-                temporary.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise InputError(f"-o {output}: cannot be written: {error.strerror}") from None
-    except (ValueError, MemoryError) as error:
-        streams.complain(f"error: {one_line(error)}")
-        return 2
+    arguments = parser.parse_args(argv)
+    output = arguments.output or arguments.result.with_suffix(".html")
+    check_output_path(output, [arguments.result], "-o", (".html", ".htm"))
+    result = read_result(arguments.result)
+    text = web_page(result, arguments.poisson, arguments.body, not arguments.no_stress)
+    with writing(output):
+        write_text(output, text)
     streams.say(str(output))
     return 0
 
 
 if __name__ == "__main__":
-    streams.repair()
     sys.exit(main())

@@ -23,9 +23,10 @@ import time
 from pathlib import Path
 
 from app import __version__
-from app.commands.arguments import Parser, check_folder, count, interruptible
+from app.commands import streams
+from app.commands.arguments import Parser, check_folder, count, run
 from app.errors import InputError
-from app.output.files import whole_file
+from app.output.files import write_text
 from app.output.style import save_figure
 from app.output.table import write_table
 from app.reproduction import report
@@ -48,7 +49,7 @@ GROUPS = {
 
 def main(argv=None):
     """Run the command and return its exit status."""
-    return interruptible(_main, argv)
+    return run(_main, argv)
 
 
 def _main(argv):
@@ -94,7 +95,7 @@ def _main(argv):
         for data in (tables, *rest.values()):
             data.pop(name, None)
         (folder / f"{name}.png").unlink(missing_ok=True)
-        print(f"{name}: left out, because a run failed: {message}", file=sys.stderr)
+        streams.complain(f"{name}: left out, because a run failed: {message}")
     done = [item for item in items if all(map(_usable, found[item.name].values()))]
     _write(folder, tables, rest, done, plans, found, arguments.quick, time.perf_counter() - started)
     return 130 if interrupted else int(bool(failures))
@@ -132,13 +133,13 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
         result = item.evaluate(outcomes)
         if item.kind == "figure":
             save_figure(result, folder / f"{item.name}.png", dpi=130)
-            print(f"{item.name}  {item.title}: {folder / item.name}.png")
+            streams.say(f"{item.name}  {item.title}: {folder / item.name}.png")
         elif item.kind == "table":
             tables[item.name] = {"what": item.title, **result}
-            print(report.table_section(item, result).text())
+            streams.say(report.table_section(item, result).text())
         else:
             studies[item.name] = result
-            print(report.study_section(item, result).text())
+            streams.say(report.study_section(item, result).text())
         made[item.name] = {"version": __version__, "date": today, "quick": quick, "runs": len(outcomes)}
         if item.kind == "figure":
             continue  # its runs are those of a table or study, or traces
@@ -155,19 +156,19 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
                 for case, outcome in outcomes.items()
             ]
             write_table(folder / "runs" / f"{item.name}.csv", rows)
-    _dump(folder / "tables.json", _in_order(tables, ["source", *ITEMS]))
+    _dump(folder / "tables.json", {name: tables[name] for name in ("source", *ITEMS) if name in tables})
     _dump(folder / "report.json", rest)
     numbers = {name: _without_title(data) for name, data in tables.items() if name != "source"}
     pictures = {
         name: (folder / f"{name}.png").read_bytes() for name in ITEMS if (folder / f"{name}.png").is_file()
     }
     sections = report.sections(_reading_order(), numbers, studies, pictures, checks)
-    _put(folder / "tables.md", report.markdown_page(sections))
+    write_text(folder / "tables.md", report.markdown_page(sections))
     facts = {"version": __version__, "date": today}
     if any(entry["quick"] for entry in made.values()):
         facts["note:"] = "some items were made with --quick, on small grids only"
-    _put(folder / "report.html", report.web_page(sections, facts))
-    print(f"report: {folder / 'report.html'} ({seconds:.0f} s)")
+    write_text(folder / "report.html", report.web_page(sections, facts))
+    streams.say(f"report: {folder / 'report.html'} ({seconds:.0f} s)")
 
 
 def check(outcomes):
@@ -192,10 +193,6 @@ def _without_title(data):
     return {key: value for key, value in data.items() if key != "what"}
 
 
-def _in_order(mapping, order):
-    return {name: mapping[name] for name in order if name in mapping}
-
-
 def _read(path):
     try:
         return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
@@ -204,12 +201,7 @@ def _read(path):
 
 
 def _dump(path, data):
-    _put(path, json.dumps(data, indent=1) + "\n")
-
-
-def _put(path, content):
-    with whole_file(path) as temporary:
-        temporary.write_text(content, encoding="utf-8")
+    write_text(path, json.dumps(data, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ def main(given):
     import shlex
     import time
     import warnings
+    from dataclasses import replace
 
     from mpi4py import MPI
     from petsc4py import PETSc
@@ -56,49 +57,43 @@ def main(given):
             more = {**facts, "options": options, "peak_memory": session.peak_memory()}
             solution.save(file, steps, **more)
 
-    done, steps, status = None, None, 0
+    said, steps, done, status = "", None, None, 0
     with PETSc.Log.Stage("Solve"), warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of what the report says: not converged
-        if solver is None:
+        if request.refine_until:
             listeners = monitor.listeners(request.wants_monitor, 1e-6)
             refined = refine(
                 request.problem, request.refine_until, request.refine_max, request.method, request.options,
                 listeners=listeners, stiffness=request.stiffness, **request.loading,
             )  # fmt: skip
-            solution, stiffness = refined.solution, refined.stiffness
+            solution, notes, status = refined.solution, refined.solution.notes, 0 if refined.reached else 3
             facts |= refined.errors._asdict()
-            status = 0 if refined.reached else 3
+            said = grids(refined, request.refine_until)
+        elif request.path:
+            with solver:
+                path, solution, done = run_path(request.path, solver, request.stiffness, save)
+            steps, notes, status = path.table, path.notes, 0 if path.converged else 3
+            facts |= {
+                "notes": "\n".join(notes),
+                "path_operator_applications": path.operator_applications,
+                "path_seconds": path.solve_seconds,
+            }
+            said = along(path, request.path)
         else:
             with solver:
-                if request.path:
-                    path, solution, done = run_path(request.path, solver, request.stiffness, save)
-                    steps, status = path.table, 0 if path.converged else 3
-                    facts |= {
-                        "path_operator_applications": path.operator_applications,
-                        "path_seconds": path.solve_seconds,
-                    }
-                else:
-                    solution = solver.solve(**request.loading)
-                stiffness = solution.stiffness
-                if request.stiffness and stiffness is None:
-                    stiffness = solver.stiffness(solution)
+                solution = solver.solve(**request.loading)
+                if request.stiffness:
+                    solution = replace(solution, stiffness=solver.stiffness(solution))
+            notes = solution.notes
     with PETSc.Log.Stage("Output"):
         patches = solution.contact_patches()
     facts |= {"contact_patches": len(patches), "largest_patch": float(patches.max(initial=0.0))}
-    if request.stiffness:
-        facts["stiffness"] = stiffness
-    notes = solution.notes
-    if steps:
-        notes = path.notes
-        facts["notes"] = "\n".join(notes)
     if request.output:
         save(solution, request.output, steps)
     if done:
         done()
-    if solver is None:
-        session.say(grids(refined, request.refine_until))
-    if steps:
-        session.say(along(path, request.path))
+    if said:
+        session.say(said)
     session.say(report(solution.attributes | facts, solution.grid, request.output))
     for line in notes:
         session.warn(line)

@@ -46,6 +46,7 @@ from app.method_solver import (
 )
 from app.multigrid.hierarchy import team_for
 from app.notes import notes_on
+from app.options import as_line
 from app.path import LoadPath
 from app.petsc import Resources, mpi_comm, one_at_a_time
 from app.solution import Solution
@@ -210,11 +211,6 @@ class ContactSolver:
     def ksp(self):
         """KSP of the target grid, or None."""
         return getattr(self._solver, "ksp", None)
-
-    @property
-    def options_text(self):
-        """All options, as they would be written on a command line."""
-        return self.settings.summary
 
     # -- solve -------------------------------------------------------------------------------------------
 
@@ -425,7 +421,7 @@ class ContactSolver:
             problem=self.problem.describe()
             | analytic_values(self.problem, approach, prescribed)
             | theories(self.problem, found.mean_pressure, self._roughness.rms_slope),
-            options=self.settings.summary,
+            options=as_line(self.settings.texts),
             notes=(*self.settings.warnings, *notes),
             solve_seconds=seconds,
             setup_seconds=self.setup_seconds,

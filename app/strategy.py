@@ -72,7 +72,6 @@ class Strategy:
             If `start` does not fit, or PETSc finds that the chosen solvers do not go together.
         """
         chosen, hierarchy = self._settings, self._hierarchy
-        arguments, last = (hierarchy, self._distances, loading), len(hierarchy.levels) - 1
         if start is not None:
             self.check(start)
         for level in hierarchy.levels:
@@ -80,35 +79,44 @@ class Strategy:
         stop = StoppingTest(chosen.rtol, chosen.max_it)
         if hierarchy.target.grid.periodic:
             state = ContactState(hierarchy.target, self._distances[-1])
-            if outcome := FullContact(last).solve(state, loading, stop, history):
+            if outcome := FullContact(len(hierarchy.levels) - 1).solve(state, loading, stop, history):
                 return state, outcome
             state.destroy()
             del state
         if chosen.strategy in REFERENCE_SOLVERS:
             return self._by_petsc(loading, history)
-        if chosen.strategy in ("fast", "primal"):
-            stop = InexactStop(
-                chosen.rtol, chosen.max_it, True, chosen.coarse_rtol, chosen.predictor, chosen.error_bound
-            )
-        if chosen.strategy == "primal":
-            from app.primal.nested import primal_iteration
+        if chosen.strategy == "active_set":
+            return self._by_active_set(loading, stop, history, start)
+        stop = InexactStop(
+            chosen.rtol, chosen.max_it, True, chosen.coarse_rtol, chosen.predictor, chosen.error_bound
+        )
+        if chosen.strategy == "fast":
+            return self._fast(loading, stop, history, start)
+        from app.primal.nested import primal_iteration
 
-            return primal_iteration(
-                *arguments, stop, history, chosen.nested, target_solver=self._solver, start=start
-            )
+        return primal_iteration(
+            hierarchy, self._distances, loading, stop, history, chosen.nested, self._solver, start=start
+        )
+
+    def _by_active_set(self, loading, stop, history, start):
         if start is not None:
             state = self._started_from(start, loading)
-            if chosen.strategy == "fast":
-                return state, solve_on(
-                    hierarchy, last, state, loading, stop, history, first=False, kept=self._kept
-                )
             return state, active_set_or_search(state, self._solver, loading, stop, history)
-        arguments += stop, history, chosen.nested, chosen.beta
-        if chosen.strategy == "fast":
-            return nested_iteration(*arguments, chosen.lifted, self._coarse_minimum, self._kept)
+        chosen = self._settings
+        prolong = lift.lift if chosen.lifted else None
         return full_multigrid(
-            *arguments, prolong=lift.lift if chosen.lifted else None, target_solver=self._solver
-        )
+            self._hierarchy, self._distances, loading, stop, history, chosen.nested, chosen.beta, prolong, self._solver
+        )  # fmt: skip
+
+    def _fast(self, loading, stop, history, start):
+        chosen, hierarchy, kept = self._settings, self._hierarchy, self._kept
+        if start is not None:
+            state, last = self._started_from(start, loading), len(hierarchy.levels) - 1
+            return state, solve_on(hierarchy, last, state, loading, stop, history, first=False, kept=kept)
+        return nested_iteration(
+            hierarchy, self._distances, loading, stop, history, chosen.nested, chosen.beta, chosen.lifted,
+            self._coarse_minimum, kept,
+        )  # fmt: skip
 
     def _by_petsc(self, loading, history):
         state = ContactState(self._hierarchy.target, self._distances[-1])

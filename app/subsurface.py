@@ -9,7 +9,6 @@ compression negative. Exit status 0, or 2 with one line on standard error. Runs 
 
 from __future__ import annotations
 
-import math
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,15 +16,23 @@ from types import SimpleNamespace
 import numpy as np
 
 from app.commands import streams
-from app.commands.arguments import Parser, count
-from app.errors import InputError, one_line
+from app.commands.arguments import Parser, argument, check_folder, count, run, writing
+from app.errors import InputError
 from app.halfspace.stress import COMPONENTS, Hottest, SubsurfaceStress, max_shear, von_mises
+from app.options import pair_of_reals, real
 from app.output import curves, figures, style
 from app.output.files import check_output_path, whole_hdf5
 from app.output.result import read_result
 from app.units import length_unit
 
 _DEEP = 4.0  # sections reach to so many times the depth of the largest stress
+_point = pair_of_reals("X,Y, two finite numbers [mm]")
+_depth = real("one positive number [mm]", above=0)
+_each_depth = real("numbers from 0 [mm], with commas between", lowest=0)
+
+
+def _depths(text):
+    return tuple(map(_each_depth, text.split(",")))
 
 
 def stress(solution, poisson_ratio=None, body=None):
@@ -176,18 +183,6 @@ def write(path, result, found, planes):
                     dimension.attach_scale(file[axis])
 
 
-def _numbers(option, text, least=None):
-    try:
-        values = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise InputError(f"{option} {text}: not allowed; allowed: numbers [mm], parted by commas") from None
-    if not all(math.isfinite(v) and (least is None or v >= least) for v in values):
-        raise InputError(
-            f"{option} {text}: not allowed; allowed: finite numbers{'' if least is None else f' from {least:g}'}"
-        )
-    return values
-
-
 def _arguments(argv):
     parser = Parser(prog="python -m app.subsurface", description="Stress below the contact of a result file.")
     parser.add_argument("result", type=Path, metavar="RESULT.h5", help="result file of app.solve")
@@ -199,34 +194,34 @@ def _arguments(argv):
     )
     parser.add_argument("--body", type=int, choices=(1, 2), help="where the result knows both bodies")
     parser.add_argument(
-        "--at", metavar="X,Y", help="sections go through here [mm]; default: the largest stress"
+        "--at",
+        type=argument(_point),
+        metavar="X,Y",
+        help="sections go through here [mm]; default: the largest stress",
     )
     parser.add_argument(
         "--section", choices=("x", "y"), default="x", help="direction of the picture's; default: x"
     )
     parser.add_argument("--depths", type=count, default=64, metavar="N", help="number of depths; default: 64")
     parser.add_argument(
-        "--deepest", metavar="Z", help="last depth [mm]; default: 4 times that of the largest stress"
+        "--deepest",
+        type=argument(_depth),
+        metavar="Z",
+        help="last depth [mm]; default: 4 times that of the largest stress",
     )
-    parser.add_argument("--planes", metavar="Z1,Z2", help="depths of horizontal planes [mm]")
+    parser.add_argument(
+        "--planes",
+        type=argument(_depths),
+        default=(),
+        metavar="Z1,Z2",
+        help="depths of horizontal planes [mm]",
+    )
     parser.add_argument("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")
     arguments = parser.parse_args(argv)
-    arguments.at = _numbers("--at", arguments.at) if arguments.at else None
-    if arguments.at and len(arguments.at) != 2:
-        raise InputError("--at: allowed: X,Y [mm]")
-    if arguments.deepest is not None:
-        deepest, *more = _numbers("--deepest", arguments.deepest, 0)
-        if more or not deepest:
-            raise InputError(f"--deepest {arguments.deepest}: not allowed; allowed: one positive number [mm]")
-        arguments.deepest = deepest
-    arguments.planes = _numbers("--planes", arguments.planes, 0) if arguments.planes else ()
-    folder = arguments.output
-    if folder is None and (arguments.planes or arguments.at or arguments.deepest):
+    if arguments.output is not None:
+        check_folder(arguments.output)
+    elif arguments.planes or arguments.at or arguments.deepest:
         raise InputError("--at, --planes, --deepest: have no effect without -o DIR")
-    if folder is not None and folder.exists() and not folder.is_dir():
-        raise InputError(f"-o {folder}: exists and is not a folder")
-    if folder is not None and not folder.parent.is_dir():
-        raise InputError(f"-o {folder}: folder {folder.parent} does not exist")
     return arguments
 
 
@@ -253,29 +248,26 @@ def summary(hottest, sheared, result, poisson_ratio):
 
 def main(argv=None):
     """Run the command and return its exit status."""
-    try:
-        arguments = _arguments(argv)
-        result = read_result(arguments.result)
-        below = stress(result, arguments.poisson, arguments.body)
-        if arguments.output is None:
-            streams.say("\n".join(summary(*below.maxima(), result, below.nu)))
-            return 0
-        names = [arguments.output / f"subsurface.{kind}" for kind in ("h5", arguments.format)]
-        try:
-            arguments.output.mkdir(exist_ok=True)
-            check_output_path(names[0], [arguments.result], "-o")
-            found = survey(below, arguments.depths, arguments.at, arguments.deepest)
-            write(names[0], result, found, {depth: below.plane(depth) for depth in arguments.planes})
-            style.save_figure(picture(result, found, arguments.section), names[1])
-        except OSError as error:
-            raise InputError(f"-o {arguments.output}: cannot be written to: {error.strerror}") from None
-    except (ValueError, MemoryError) as error:
-        streams.complain(f"error: {one_line(error)}")
-        return 2
+    return run(_main, argv, told=ValueError)
+
+
+def _main(argv):
+    arguments = _arguments(argv)
+    result = read_result(arguments.result)
+    below = stress(result, arguments.poisson, arguments.body)
+    if arguments.output is None:
+        streams.say("\n".join(summary(*below.maxima(), result, below.nu)))
+        return 0
+    names = [arguments.output / f"subsurface.{kind}" for kind in ("h5", arguments.format)]
+    with writing(arguments.output):
+        arguments.output.mkdir(exist_ok=True)
+        check_output_path(names[0], [arguments.result], "-o")
+        found = survey(below, arguments.depths, arguments.at, arguments.deepest)
+        write(names[0], result, found, {depth: below.plane(depth) for depth in arguments.planes})
+        style.save_figure(picture(result, found, arguments.section), names[1])
     streams.say("\n".join([*summary(found.hottest, found.sheared, result, below.nu), *map(str, names)]))
     return 0
 
 
 if __name__ == "__main__":
-    streams.repair()
     sys.exit(main())

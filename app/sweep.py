@@ -29,7 +29,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from app.commands.arguments import Parser, check_ranks, count, interruptible, seconds
+from app.commands import streams
+from app.commands.arguments import Parser, check_ranks, count, positive, run
 from app.output.files import check_output_path
 from app.output.table import text, write_table
 from app.runs.batch import rows_of, run_all
@@ -50,7 +51,7 @@ _MOST_NAMED = 4  # runs that say the same
 
 def main(argv=None):
     """Run the command and return its exit status."""
-    return interruptible(_main, argv)
+    return run(_main, argv)
 
 
 def _main(argv):
@@ -67,7 +68,7 @@ def _main(argv):
     parser.add_argument(
         "--ranks", type=count, default=1, metavar="P", help="MPI ranks of each run; default: 1"
     )
-    parser.add_argument("--timeout", type=seconds, metavar="S", help="stop a run after S seconds")
+    parser.add_argument("--timeout", type=positive, metavar="S", help="stop a run after S seconds")
     parser.add_argument(
         "--resume",
         action="store_true",
@@ -95,13 +96,13 @@ def _main(argv):
     if rows or not output.exists():  # interrupted before the first: a table of before stays, like the journal
         write_table(output, rows, columns)
     shown = [*varied, "exit_status", *_SHOWN]
-    print(text(rows, shown, {name: ".4g" for name in _SHOWN}), end="")
+    streams.say(text(rows, shown, {name: ".4g" for name in _SHOWN}).rstrip("\n"))
     for line in _messages(rows, varied):
-        print(line)
+        streams.say(line)
     statuses = [row["exit_status"] for row in rows]
     solved = statuses.count(0)
     going_on = "; interrupted: --resume goes on after them" if interrupted and rows else ""
-    print(f"{len(rows)} of {len(runs)} runs in {output}; {solved} of {len(rows)} solved{going_on}")
+    streams.say(f"{len(rows)} of {len(runs)} runs in {output}; {solved} of {len(rows)} solved{going_on}")
     if interrupted:
         return 130
     if solved == len(rows):

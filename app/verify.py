@@ -14,15 +14,16 @@ import sys
 import time
 from pathlib import Path
 
-from app.commands.arguments import Parser, check_folder, check_ranks, interruptible
+from app.commands import streams
+from app.commands.arguments import Parser, check_folder, check_ranks, run
 from app.errors import InputError
-from app.output.files import whole_file
+from app.output.files import write_text
 from app.output.style import save_figure
 
 
 def main(argv=None):
     """Run the command and return its exit status."""
-    return interruptible(_main, argv)
+    return run(_main, argv)
 
 
 def _main(argv):
@@ -55,11 +56,10 @@ def _main(argv):
             save_figure(picture, given.output / name, dpi=100)
     arguments = "".join(f" --only {name}" for name in given.only or ()) + " --quick" * given.quick
     text = document(results, arguments, [name for name, picture in pictures.items() if picture is not None])
-    with whole_file(given.output / "verification.md") as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(given.output / "verification.md", text)
     failed = sum(len(result.failed) for result in results)
     verdict = f"{failed} limits are not kept" if failed else "all limits are kept"
-    print(f"{given.output / 'verification.md'}: {verdict}")
+    streams.say(f"{given.output / 'verification.md'}: {verdict}")
     return int(failed > 0)
 
 
@@ -69,9 +69,9 @@ def _run(check, quick):
 
     started = time.perf_counter()
     result = Result(check, tuple(check.measure(quick)), time.perf_counter() - started)
-    print(f"{result.verdict}  {check.name}: {result.judged} limits, {result.seconds:.1f} s", flush=True)
+    streams.say(f"{result.verdict}  {check.name}: {result.judged} limits, {result.seconds:.1f} s")
     for figure in result.failed:
-        print(f"      {figure.what}: {figure.value:.3g}, has to be {figure.limit}", flush=True)
+        streams.say(f"      {figure.what}: {figure.value:.3g}, has to be {figure.limit}")
     return result
 
 

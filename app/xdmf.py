@@ -11,28 +11,25 @@ import sys
 from pathlib import Path
 
 from app.commands import streams
-from app.commands.arguments import Parser
-from app.errors import one_line
+from app.commands.arguments import Parser, run
 from app.output.xdmf import write_xdmf
 
 
 def main(argv=None):
     """Run the command and return its exit status."""
+    return run(_main, argv, told=ValueError)
+
+
+def _main(argv):
     parser = Parser(prog="python -m app.xdmf", description="Tell ParaView what is in result files.")
     parser.add_argument("results", type=Path, nargs="+", metavar="RESULT.h5", help="in the order of time")
     parser.add_argument(
         "-o", "--output", type=Path, metavar="F.xdmf", help="default: beside the first result"
     )
-    try:
-        arguments = parser.parse_args(argv)
-        path = write_xdmf(arguments.results, arguments.output)
-    except (ValueError, OSError) as error:
-        streams.complain(f"error: {one_line(error)}")
-        return 2
-    streams.say(str(path))
+    arguments = parser.parse_args(argv)
+    streams.say(str(write_xdmf(arguments.results, arguments.output)))
     return 0
 
 
 if __name__ == "__main__":
-    streams.repair()
     sys.exit(main())

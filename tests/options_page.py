@@ -11,8 +11,9 @@ from pathlib import Path
 from app.commands import arguments, load_path
 from app.commands.geometry import GEOMETRY_OPTIONS, MATERIAL_OPTIONS
 from app.commands.problem_options import LOADING, PROBLEM_OPTIONS
-from app.method import GONE, METHOD_OPTIONS, PART_OPTIONS, read_method_file
-from app.options import ALIASES, REQUIRED
+from app.method import METHOD_OPTIONS, PART_OPTIONS, read_method_file
+from app.old_names import GONE, RENAMED
+from app.options import REQUIRED
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "options.md"
@@ -178,7 +179,7 @@ def page():
     parts.append(f"\n## Method\n\n{_METHOD.strip()}\n\n{options_table(METHOD_OPTIONS, DEFAULT_METHODS)}")
     old = [
         f"- `-{name}` is called `-{new}` now; the old name works in this release."
-        for name, new in ALIASES.items()
+        for name, new in RENAMED.items()
     ]
     old += [f"- `-{name}` is gone and ignored with a note: {why}." for name, why in GONE.items()]
     parts.append("\n" + "\n".join(old) + "\n")

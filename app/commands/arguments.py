@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import math
 import os
 import re
 import shutil
 import signal
-import sys
+from contextlib import contextmanager
 
+from app import options
+from app.commands import streams
 from app.errors import InputError, one_line
 
 
@@ -21,26 +22,23 @@ class Parser(argparse.ArgumentParser):
         self._negative_number_matcher = re.compile(r"-\.?\d")
 
     def error(self, message):
-        """Raise InputError."""
-        raise InputError(message)
+        """Raise InputError; what `argument` says reads as of an option: ``--jobs 0: not allowed; allowed: ...``."""
+        raise InputError(re.sub("^argument (-[^:]*): (?=.*: not allowed; )", r"\1 ", message))
 
 
-def count(text):
-    """Kind of a command line argument: a whole number of at least 1."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text}: not allowed; allowed: a whole number of at least 1")
-    return int(text)
+def argument(kind):
+    """Kind of a command line argument by that of an option, as of `app.options`."""
+
+    def parse(text):
+        try:
+            return kind(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(f"{text}: not allowed; allowed: {error}") from None
+
+    return parse
 
 
-def seconds(text):
-    """Kind of a command line argument: a positive number."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text}: not allowed; allowed: a positive number")
-    return value
+count, positive = argument(options.count), argument(options.positive)
 
 
 def check_ranks(ranks):
@@ -59,13 +57,26 @@ def check_folder(folder):
         raise InputError(f"-o {folder}: cannot be written to")
 
 
-def interruptible(main, argv=None):
-    """Call a command's ``main(argv)`` so that SIGTERM ends it like Ctrl-C; return its exit status."""
+@contextmanager
+def writing(output):
+    """Tell of what is given by -o that it cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"-o {output}: cannot be written: {error.strerror or one_line(error)}") from None
+
+
+def run(main, argv, told=InputError):
+    """Call a command's ``main(argv)`` so that SIGTERM ends it like Ctrl-C; return its exit status.
+
+    OSError, MemoryError and what is `told` are the user's to hear of: ValueError where files of others are read.
+    """
+    streams.repair()
     previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         return main(argv)
-    except InputError as error:
-        print(f"error: {one_line(error)}", file=sys.stderr)
+    except (told, OSError, MemoryError) as error:
+        streams.complain(f"error: {one_line(error)}")
         return 2
     except KeyboardInterrupt:
         return 130

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -123,40 +122,43 @@ def run_path(wanted, solver, stiffness, save):
     done : callable
         To be called when everything is written: the journal is not needed any more.
     """
+    from tqdm import tqdm
+
     for number in wanted.numbers:  # before a file is touched
         solver.check(**{wanted.kind: number})
-    first = solver.comm.rank == 0
-    book = _Book()
-    agree(solver.comm, lambda: first and book.open(wanted, solver))
+    book = agree(solver.comm, _Book, wanted, solver)
     rows, notes = solver.comm.bcast((book.rows, book.notes))
     path = solver.path(stiffness=stiffness, rows=rows, **{wanted.kind: wanted.numbers})
     if rows:
         say(f"{len(rows)} of {len(path)} steps are done already")
-    told = {}
-
-    def remember(step, lines):
-        kinds = [_NUMBER.sub("#", line) for line in lines]
-        for k, line in enumerate(lines):  # two of a kind, of two surfaces, say, stay two
-            told.setdefault((kinds[k], kinds[:k].count(kinds[k])), []).append((step, line))
-
-    for step, lines in enumerate(notes[: len(path) - 1], 1):  # the last step is solved in any case
-        remember(step, lines)
+    notes = notes[: len(path) - 1]  # the last step is solved in any case
+    unseen = True if solver.comm.rank else None  # None: where nobody looks
     try:
-        with _progress(path, len(rows)) as shown:
+        with tqdm(total=len(path), initial=len(rows), desc="path", unit="step", disable=unseen) as bar:
             for solution in path:
                 row = path.rows[-1]
                 if wanted.fields:
                     save(solution, wanted.of_step(row["step"]))
-                remember(row["step"], solution.notes)
+                notes.append(solution.notes)
                 agree(solver.comm, book.add, row, solution.notes)
-                shown(row)
+                _show(row, bar)
         if wanted.csv:
             agree(solver.comm, path.save, wanted.csv)
     except BaseException:  # Ctrl-C above all
         book.tell_kept(len(path))
         raise
-    path.notes = [f"{which([step for step, _ in at], len(path))}: {_ranged(at)}" for at in told.values()]
+    path.notes = _of_all_steps(notes)
     return path, solution, book.close
+
+
+def _of_all_steps(notes):
+    """Notes of each step as notes that name the steps."""
+    told = {}
+    for step, lines in enumerate(notes, 1):
+        kinds = [_NUMBER.sub("#", line) for line in lines]
+        for k, line in enumerate(lines):  # two of a kind, of two surfaces, say, stay two
+            told.setdefault((kinds[k], kinds[:k].count(kinds[k])), []).append((step, line))
+    return [f"{which([step for step, _ in at], len(notes))}: {_ranged(at)}" for at in told.values()]
 
 
 def _ranged(at):
@@ -168,16 +170,14 @@ def _ranged(at):
 
 
 class _Book:
-    """The journal of a path; before it is opened, and without a file, it remembers nothing."""
+    """The journal of a path, on rank 0; elsewhere, and without a file, it remembers nothing."""
 
-    def __init__(self):
-        self.rows, self.notes, self._journal = [], [], None  # of the steps done before
-
-    def open(self, wanted, solver):
+    def __init__(self, wanted, solver):
         from app.runs.journal import Journal
 
+        self.rows, self.notes, self._journal = [], [], None  # of the steps done before
         self._path = wanted.journal
-        if not self._path:
+        if solver.comm.rank or not self._path:
             return
         what = {"what": _identity(wanted, solver)}
         self._journal = Journal(self._path, wanted.resume)
@@ -235,35 +235,15 @@ def _identity(wanted, solver):
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
 
-class _progress:
-    """A bar on a terminal, else a line for each step. Only rank 0 shows anything."""
-
-    def __init__(self, path, done):
-        self._steps, self._bar = len(path), None
-        from mpi4py import MPI
-
-        if MPI.COMM_WORLD.rank == 0 and sys.stderr.isatty():
-            from tqdm import tqdm
-
-            self._bar = tqdm(total=self._steps, initial=done, desc="path", unit="step")
-
-    def __enter__(self):
-        return self._show
-
-    def __exit__(self, *error):
-        if self._bar is not None:
-            self._bar.close()
-
-    def _show(self, row):
-        numbers = ", ".join(
-            f"{name.replace('_', ' ')} {row[name]:.6g}{unit}" for name, unit in _SHOWN.items()
-        )
-        failed = "" if row["converged"] else ", NOT CONVERGED"
-        if self._bar is None:
-            say(f"step {row['step']} of {self._steps}: {numbers}{failed}")
-        else:
-            self._bar.set_postfix_str(f"{numbers}{failed}", refresh=False)
-            self._bar.update(row["step"] - self._bar.n)
+def _show(row, bar):
+    """Tell of a step by the bar on a terminal, else in a line."""
+    numbers = ", ".join(f"{name.replace('_', ' ')} {row[name]:.6g}{unit}" for name, unit in _SHOWN.items())
+    failed = "" if row["converged"] else ", NOT CONVERGED"
+    if bar.disable:
+        say(f"step {row['step']} of {bar.total}: {numbers}{failed}")
+    else:
+        bar.set_postfix_str(f"{numbers}{failed}", refresh=False)
+        bar.update(row["step"] - bar.n)
 
 
 def which(steps, count):

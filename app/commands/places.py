@@ -14,12 +14,12 @@ from __future__ import annotations
 import os
 import re
 import shlex
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from app.commands.option_text import OPTION_FILES, bare, is_option, look_into, look_over_yaml
 from app.errors import InputError
-from app.options import ALIASES, option_file, renaming
+from app.options import option_file
 
 COMMAND_LINE = "on the command line"
 
@@ -227,14 +227,14 @@ class _Reader:
             else:
                 if name.lower() == "-options_string_yaml":
                     look_over_yaml(text or "", description)
-                own.append((name, text))
+                own.append((name, text, description))
             self._steps.append((name, text, description))
         self._words(own, description)
 
     def _words(self, own, description):
         """Take words that stand together."""
         if own:
-            self._places.append(Place(description, _read(own, description)))
+            self._places.append(Place(description, _read(own)))
 
     def _file(self, flag, path, inside):
         """Take an option file, after those it includes."""
@@ -244,7 +244,7 @@ class _Reader:
         for inner_flag, inner in looked.nested:
             self._file(inner_flag, inner, (*inside, looked.identity))
         included = set().union(*(place.names for place in self._places[before:]))
-        texts = _read([(flag, path)], f"option file {path}")
+        texts = _read([(flag, path, "")])
         own = {name: text for name, text in texts.items() if name not in included - looked.mentioned}
         place = Place(f"in {path}", own, path)
         _refuse_what_is_too_late(place)
@@ -253,19 +253,14 @@ class _Reader:
 
     def given(self):
         """Return what was found."""
-        used = set().union(*(place.names for place in self._places))
-        old = sorted(used & ALIASES.keys())
-        texts = _read(self._steps, aliases={name: ALIASES[name] for name in old})
+        texts = _read(self._steps)
         of_petsc = {name: text for name, text in texts.items() if _OF_PETSC.fullmatch(name)}
         return Given(
             texts={name: text for name, text in texts.items() if name not in of_petsc},
-            places=[
-                replace(place, texts={ALIASES.get(name, name): text for name, text in place.texts.items()})
-                for place in self._places
-            ],
+            places=self._places,
             files=self._files,
             of_petsc=of_petsc,
-            warnings=[renaming(name) for name in old] + list(self._overridden()),
+            warnings=list(self._overridden()),
         )
 
     def _overridden(self):
@@ -278,16 +273,14 @@ class _Reader:
                     yield f"-{name} {place.texts[name]}: {last.file} comes later and says {last.texts[name]}"
 
 
-def _read(steps, description="", aliases=()):
-    """Let PETSc read options and option files; name -> text of what it has then."""
+def _read(steps):
+    """Let PETSc read options and option files, (name, text, where it stands); name -> text of what it has then."""
     from petsc4py import PETSc
 
     from app.petsc import OptionDatabase, error_message
 
     database = OptionDatabase()
-    for old in aliases:
-        database.alias(old, aliases[old])
-    for name, text, *where in steps:
+    for name, text, where in steps:
         try:
             if name.lower() in OPTION_FILES:
                 database.insert(f'{name} "{text}"')
@@ -298,7 +291,7 @@ def _read(steps, description="", aliases=()):
             else:
                 database.set(name.removeprefix("-"), text or "")
         except PETSc.Error as error:
-            place = f"option file {text}" if name.lower() in OPTION_FILES else (*where, description)[0]
+            place = f"option file {text}" if name.lower() in OPTION_FILES else where
             raise InputError(f"{place}: {error_message(error)}") from None
     found = {name.lower(): text for name, text in database.unasked().items()}
     with database.active() as options:

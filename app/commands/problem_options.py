@@ -8,7 +8,8 @@ from contextlib import contextmanager
 from app.commands import load_path
 from app.commands.geometry import ALTERNATIVES, FILES, GEOMETRY_OPTIONS, MATERIAL_OPTIONS, make_problem
 from app.errors import InputError, agree, check_alike
-from app.method import GONE, METHOD_OPTIONS, PART_OPTIONS
+from app.method import METHOD_OPTIONS, PART_OPTIONS
+from app.old_names import NAMES
 from app.options import (
     Option,
     OptionReader,
@@ -148,7 +149,7 @@ def suggesting(texts):
 def _unknown(texts, own=frozenset()):
     """Names of the options of the tables, and others that are neither a problem's `own` nor look like a solver's."""
     known = [option.name for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)]
-    others = texts.keys() - own - GONE.keys() - set(known)
+    others = texts.keys() - own - NAMES - set(known)
     return known, [name for name in others if name.startswith("lcp_") or not _OF_SOLVERS.search(name)]
 
 

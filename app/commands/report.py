@@ -24,28 +24,23 @@ def report(facts, grid, output=None):
         Where the result was written.
     """
     state = "solved" if facts["converged"] else "NOT CONVERGED"
-    lines = [
-        f"{facts['problem']} {grid.nx} x {grid.ny}: {state} ({facts['reason']})",
-        f"approach {facts['approach']:.8g} mm, load {facts['load']:.8g} N, "
-        f"maximum pressure {facts['max_pressure']:.8g} N/mm2",
-        _elastic(facts),
-        _contact(facts, grid),
-    ]
-    for number in ("2", ""):
+    lines = [f"{facts['problem']} {grid.nx} x {grid.ny}: {state} ({facts['reason']})"]
+    for number in ("", "2"):
         if f"surface_read{number}" in facts:
             read = facts[f"surface_read{number}"]
-            lines.insert(1, f"surface file {facts[f'surface_file{number}']}: {read}")
-    if "body1_radii" in facts:
-        lines.insert(
-            2,
-            f"relative radii {facts['hertz_rx']:.6g} and {facts['hertz_ry']:.6g} mm, "
-            f"x at {facts['hertz_axes_angle']:.4g} degrees to body 1's first axis",
-        )
+            lines.append(f"surface file {facts[f'surface_file{number}']}: {read}")
+    lines.append(
+        f"approach {facts['approach']:.8g} mm, load {facts['load']:.8g} N, "
+        f"maximum pressure {facts['max_pressure']:.8g} N/mm2"
+    )
     if facts.get("periodic"):
-        lines.insert(
-            2, f"mean pressure {facts['mean_pressure']:.8g} N/mm2, mean gap {facts['mean_gap']:.8g} mm"
+        lines.append(f"mean pressure {facts['mean_pressure']:.8g} N/mm2, mean gap {facts['mean_gap']:.8g} mm")
+    if "body1_radii" in facts:
+        lines.append(
+            f"relative radii {facts['hertz_rx']:.6g} and {facts['hertz_ry']:.6g} mm, "
+            f"x at {facts['hertz_axes_angle']:.4g} degrees to body 1's first axis"
         )
-    lines += _more(facts, grid)
+    lines += [_elastic(facts), _contact(facts, grid), *_more(facts, grid)]
     ranks = _count(facts["ranks"], "rank")
     if facts["solving_ranks"] < facts["ranks"]:
         ranks = f"{facts['solving_ranks']} of {ranks}"

@@ -143,6 +143,12 @@ def whole_file(path):
         raise
 
 
+def write_text(path, text):
+    """Write a text (UTF-8), whole or not at all. Not collective."""
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
 @contextmanager
 def whole_hdf5(path):
     """Yield an HDF5 file in memory that is written to `path` when the block succeeds. Not collective.

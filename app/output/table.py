@@ -14,7 +14,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from app.output.files import whole_file, whole_hdf5
+from app.output.files import whole_hdf5, write_text
 
 
 def markdown(rows, columns=None, formats=None):
@@ -82,8 +82,7 @@ def write_table(path, rows, columns=None):
         raise ValueError(f"table {path}: the name must end in one of {', '.join(kinds)}")
     render = kinds[kind]
     if render is not None:
-        with whole_file(path) as temporary:
-            temporary.write_text(render(rows, columns), encoding="utf-8")
+        write_text(path, render(rows, columns))
         return
     with whole_hdf5(path) as file:
         for key in columns or _keys(rows):

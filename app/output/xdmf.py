@@ -17,7 +17,7 @@ import h5py
 import numpy as np
 
 from app.errors import one_line
-from app.output.files import whole_file
+from app.output.files import write_text
 from app.output.result import AXES, FIELDS, read_dataset
 
 _HEAD = '<?xml version="1.0"?>\n<Xdmf Version="3.0">\n<Domain>\n'
@@ -57,8 +57,7 @@ def write_xdmf(results, path=None):
     body = "".join(grid(float(time)) for (_, grid), time in zip(grids, times, strict=True))
     if len(grids) > 1:
         body = f'<Grid Name="steps" GridType="Collection" CollectionType="Temporal">\n{body}</Grid>\n'
-    with whole_file(path) as temporary:
-        temporary.write_text(_HEAD + body + _TAIL, encoding="utf-8")
+    write_text(path, _HEAD + body + _TAIL)
     return path
 
 

@@ -90,7 +90,7 @@ CASES = {
         [*DEFAULT, "-lcp_type", "snesvi", "-pc_type", "mg"], "-pc_type mg: works with active_set and fast only"
     ),
     "preconditioner of another solver": (
-        [*DEFAULT, "-lcp_type", "snesvi", "-pc_type", "python", "-pc_python_type", "app.multigrid.circulant.Circulant"],
+        [*DEFAULT, "-lcp_type", "snesvi", "-pc_type", "python", "-pc_python_type", "app.fast.circulant.Circulant"],
         "works with active_set and fast only",
     ),
     "solver without bounds": (

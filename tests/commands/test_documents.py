@@ -9,6 +9,7 @@ from documents import PAGES, ROOT, anchors, files_named, links, options_named
 
 from app.commands.problem_options import PROBLEM_OPTIONS
 from app.method import METHOD_OPTIONS, PART_OPTIONS, method_file
+from app.old_names import NAMES
 
 DOCS = ROOT / "docs"
 TEXT = {page: page.read_text(encoding="utf-8") for page in PAGES}
@@ -23,10 +24,7 @@ OTHERS = {
     "skip_petscrc",
     "help",
     "cone_slope",
-    "lcp_foresight",
-    "lcp_merge",
-    "lcp_cheap",
-    "lcp_replicate",
+    *NAMES,
 }
 PETSCS = re.compile(r"(ksp|pc|mg_levels|mg_coarse|log|malloc|objects)_\w*")
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

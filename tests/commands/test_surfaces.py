@@ -130,7 +130,7 @@ def test_converted_with_a_head_turned_and_doubted(convert, tmp_path):
     refused = convert(tmp_path / "s.csv", "-o", tmp_path / "s.h5", "--orient", "mirror")
     assert (
         refused.returncode == 2
-        and "allowed, with commas between: transpose, flip_x, flip_y" in refused.stderr
+        and "allowed: with commas between: transpose, flip_x, flip_y" in refused.stderr
     )
 
 

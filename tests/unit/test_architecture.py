@@ -12,7 +12,6 @@ TABLE = re.findall(
     r"^\| (\d) \| (`.*?`) \|", (ROOT / "docs/architecture.md").read_text(encoding="utf-8"), re.MULTILINE
 )
 FLOOR = {room: int(floor) for floor, rooms in TABLE for room in re.findall(r"`(\w+)`", rooms)}
-POINT_UP = {"multigrid/circulant.py", "multigrid/krylov.py"}  # for old option files
 MODULES = sorted(path.relative_to(ROOT / "app").as_posix() for path in (ROOT / "app").rglob("*.py"))
 
 
@@ -41,7 +40,7 @@ def test_every_room_is_in_the_table():
     assert {room_of(module) for module in MODULES} - {"__init__"} == FLOOR.keys()
 
 
-@pytest.mark.parametrize("module", [m for m in MODULES if m != "__init__.py" and m not in POINT_UP])
+@pytest.mark.parametrize("module", [m for m in MODULES if m != "__init__.py"])
 def test_module_knows_only_what_lies_below(module):
     here = FLOOR[room_of(module)]
     above = {room for room in known_to(module) if FLOOR[room] > here}
@@ -50,7 +49,7 @@ def test_module_knows_only_what_lies_below(module):
 
 def test_rooms_of_a_floor_make_no_circle():
     graph = {room: set() for room in FLOOR}
-    for module in set(MODULES) - POINT_UP - {"__init__.py"}:
+    for module in set(MODULES) - {"__init__.py"}:
         graph[room_of(module)] |= known_to(module) - {room_of(module)}
     TopologicalSorter(graph).prepare()  # raises CycleError
 
@@ -58,7 +57,7 @@ def test_rooms_of_a_floor_make_no_circle():
 def test_modules_make_no_circle():
     """Neither do imports inside of functions: who needs them is not built on what it is needed by."""
     graph = {}
-    for module in set(MODULES) - POINT_UP - {"__init__.py"}:
+    for module in set(MODULES) - {"__init__.py"}:
         tree = ast.parse((ROOT / "app" / module).read_text(encoding="utf-8"))
         imported = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module]
         names = {node.module for node in imported} | {

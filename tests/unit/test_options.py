@@ -1,4 +1,4 @@
-"""Tables of options: which values are allowed, who asked for what, names of yesterday."""
+"""Tables of options: which values are allowed, who asked for what."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from app.commands.problem_options import PROBLEM_OPTIONS
 from app.errors import InputError
 from app.method import METHOD_OPTIONS
-from app.options import REQUIRED, Option, OptionReader, as_texts, real, renamed
+from app.options import REQUIRED, Option, OptionReader, as_texts, real
 
 TABLE = [*PROBLEM_OPTIONS, *METHOD_OPTIONS]
 
@@ -92,13 +92,3 @@ def test_values_of_python_are_read_like_texts():
     reader = OptionReader(TABLE, values)
     assert [reader[name] for name in values] == [(-1, 1.5, 0, 2), True, (8, 4), 1e-8]
     assert as_texts({"lcp_rtol": 0.1 + 0.2})["lcp_rtol"] == "0.30000000000000004"
-
-
-def test_names_of_yesterday_are_renamed_with_a_warning_each():
-    aliases = {"force": "load", "depth": "approach"}
-    texts, warnings = renamed({"force": "7", "grid": "8"}, aliases)
-    assert texts == {"load": "7", "grid": "8"}
-    assert len(warnings) == 1 and "-force" in warnings[0] and "-load" in warnings[0]
-    assert renamed({"load": "7"}, aliases) == ({"load": "7"}, [])
-    with pytest.raises(InputError, match="-depth is called -approach now"):
-        renamed({"depth": "1", "approach": "2"}, aliases)

@@ -374,19 +374,3 @@ def test_two_ways_in_one_place_are_refused(read, files):
         InputError, match="both -contact_modulus and -poisson_ratio are given in both.opts: exactly one"
     ):
         settle(read("-options_file both.opts"))
-
-
-# ------------------------------------------------------------------------------------ names of yesterday
-
-
-def test_old_names_keep_their_place_and_warn_once(read, files, monkeypatch):
-    monkeypatch.setitem(places.ALIASES, "force", "load")
-    monkeypatch.setitem(places.ALIASES, "width", "size")
-    files(old__opts="-force 1\n", new__opts="-load 2\n-approach 1\n")
-    assert read("-options_file new.opts -force 3").texts == {"load": "3", "approach": "1"}
-    assert read("-options_file old.opts -load 3").texts == {"load": "3"}
-    given = read("-options_file old.opts -Force 4", PETSC_OPTIONS="-approach 5")
-    assert given.texts == {"load": "4", "approach": "5"}
-    assert len(given.warnings) == 1 and "-force is called -load now" in given.warnings[0]
-    assert loading(given, settle(given)) == ("load", 4)
-    assert read("-load 1").warnings == []

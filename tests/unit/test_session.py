@@ -1,10 +1,14 @@
-"""How a command starts MPI."""
+"""How a command starts MPI, and how those without it end."""
 
 import os
+import signal
+from importlib import import_module
+from unittest import mock
 
 import pytest
 
 from app.commands import session
+from app.errors import InputError
 
 ONE_HOST = {"OMPI_COMM_WORLD_SIZE": "4", "OMPI_COMM_WORLD_LOCAL_SIZE": "4"}
 
@@ -42,3 +46,21 @@ def test_the_environment_comes_back(monkeypatch):
         assert os.environ["CONTACT_NEW"] == "2"
         raise KeyError
     assert dict(os.environ) == before
+
+
+@pytest.mark.parametrize("name", "convert plot report reproduce subsurface sweep verify xdmf".split())
+@pytest.mark.parametrize(
+    ("error", "status", "line"),
+    [
+        (KeyboardInterrupt, 130, ""),
+        (InputError("no\nway"), 2, "error: no way\n"),
+        (OSError(28, "No space left on device"), 2, "error: [Errno 28] No space left on device\n"),
+        (MemoryError("17 GiB"), 2, "error: 17 GiB\n"),
+    ],
+)
+def test_commands_of_the_shell_end_alike(name, error, status, line, monkeypatch, capsys):
+    command, before = import_module(f"app.{name}"), signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr(command, "_main", mock.Mock(side_effect=error))
+    assert command.main([]) == status
+    assert capsys.readouterr().err == line
+    assert signal.getsignal(signal.SIGTERM) == before

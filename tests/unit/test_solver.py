@@ -17,7 +17,7 @@ from running import assert_solves_lcp
 from app import ContactProblem, ContactSolver, Grid, Material, Solution, read_result, solve
 from app.errors import InputError
 from app.halfspace.fft.multiplier import EvenMultiplier
-from app.method import read_method_file
+from app.method import METHOD_OPTIONS, read_method_file
 
 METHODS = {
     "fast": (None, {}),
@@ -445,6 +445,13 @@ def test_what_a_file_says_may_be_overridden(case):
     assert found.load == pytest.approx(solve(hertz(24), APPROACH).load, rel=1e-4)
     gone = [note for note in found.notes if "gives way to" in note]
     assert len(gone) == ("strategy" in case or "by a file" in case)
+
+
+@pytest.mark.parametrize("kind", ["active_set", "fast", "tao"])
+def test_an_option_at_its_default_asks_for_nothing(kind):
+    defaults = {option.name: option.default for option in METHOD_OPTIONS} | {"lcp_type": kind}
+    with ContactSolver(hertz(8), options=defaults) as solver:
+        assert solver.settings.strategy == kind
 
 
 def test_residual_of_the_reference_solvers_is_that_of_the_paper():
