@@ -2,9 +2,9 @@
 
 The weights of a nesting index (cut-off wavelength) c are exp(-pi (r/(alpha c))^2), alpha = sqrt(ln 2/pi): of a wave of
 length c half passes, of one of length l the share 2^-(c/l)^2. On a free patch they weigh the points of a least squares
-plane around each point, Gaussian regression of order one (as in ISO 16610-31 and -71): far from the rim and from missing
-points it goes through the weighted mean; near them planes are kept, as by the retained moments of ISO 16610-28. On a
-periodic patch, which has no rim, the mean of the points that are there is taken (order zero).
+plane around each point, Gaussian regression of order one (as in ISO 16610-31 and -71): far from the rim and from
+missing points it goes through the weighted mean; near them planes are kept, as by the retained moments of ISO 16610-28.
+On a periodic patch, which has no rim, the mean of the points that are there is taken (order zero).
 """
 
 from __future__ import annotations

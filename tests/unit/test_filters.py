@@ -219,3 +219,21 @@ def test_a_spacing_known_to_the_grid_only(saved):
     with pytest.raises(InputError, match="filtered already"):
         filtered.filtered(grid, l_filter=0.02)
     ContactProblem(grid, Material.from_contact_modulus(1.0), surfaces=[filtered])
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+def test_a_surface_and_its_problem_are_both_periodic_or_neither(saved, periodic):
+    """Filters that went around took heights of one side off the other one; a periodic symbol is the problem's own."""
+    steel, how = Material.from_contact_modulus(1.0), {"level": "plane", "periodic": periodic}
+    plain = read_surface(saved / "s.h5", **how)
+    surface = read_surface(saved / "s.h5", **how, l_filter=0.03)
+    assert bool(surface.grid().periodic) is bool(plain.grid().periodic) is periodic
+    assert "L-filtered at 30 um" in str(surface)
+    kinds = ("free", "periodic")[:: -1 if periodic else 1]
+    message = f"read for a {kinds[0]} patch, this one is {kinds[1]}; needed: the same periodic="
+    with pytest.raises(InputError, match=message):
+        ContactProblem(read_surface(saved / "s.h5").grid(periodic=not periodic), steel, surfaces=[surface])
+    for right in (plain, surface):
+        ContactProblem(right.grid(), steel, surfaces=[right], periodic="love" if periodic else False)
+    if not periodic:  # nobody has said so
+        ContactProblem(plain.grid(), steel, surfaces=[plain], periodic=True)
