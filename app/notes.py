@@ -15,7 +15,7 @@ FLAT = 2e-4  # rms slope of measured heights, below which heights or spacing may
 COARSE, COARSE_FLAT = 0.05, 5e-3  # ... and the same where cells are as wide as this [mm]
 SPIKE = 12.0  # rms steps by which a point may stand above all beside it: of Gaussian noise, however long, it is five
 TALL = 0.1  # rms height over the shorter side of the patch: with wrong units, or slopes that are steep anyway
-SQUARISH = 0.2  # of measured cells that are meant to be square, perhaps: logarithm of their sides' ratio
+SQUARISH = 0.2  # of cells by a domain that are meant to be square, perhaps: logarithm of their sides' ratio
 SEAM = 3.0  # steps where a periodic patch repeats, in those from cell to cell, that do not look like the surface's
 FEW_CELLS = 10  # of contact, fewer of which do not show its shape
 LARGE_PATCH = 100  # cells of a patch that is meant to show one
@@ -52,7 +52,7 @@ def notes_on(state, problem, contact, roughness):
     found += [note for surface in measured if (note := spiked(surface))]
     if roughness.rms_slope > STEEP and not doubts:
         found.append(f"the rms slope is {roughness.rms_slope:.2g}: the theory is for slopes below {STEEP:g}")
-    if measured and min(grid.nx, grid.ny) > 1:
+    if any(surface.spacing is None for surface in measured) and min(grid.nx, grid.ny) > 1:
         shape = np.log(grid.dx / grid.dy)
         exchanged = abs(shape + 2 * np.log(grid.nx / grid.ny)) < 1e-3  # sides of the patch
         if abs(shape) > 1e-3 and (exchanged or abs(shape) < SQUARISH):

@@ -7,10 +7,14 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from app.contact.certificate import Certificate
+from app.contact.grid_errors import GridErrors
 from app.errors import InputError
 from app.halfspace.communication import Traffic
 from app.halfspace.grid import Grid, Slabs
 from app.output.contact_fields import OF_SOLUTION, ContactFields
+
+# Attributes that who saves may know better: those of a whole run, and errors from more grids.
+OF_RUN = {"command_line", "notes", "options", "setup_seconds", "stiffness", *GridErrors._fields}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -229,14 +233,15 @@ class Solution(ContactFields):
         steps : mapping of str to ndarray, shape (steps,), optional
             Table of the load path that ended here, `app.path.LoadPath.table`; the group ``path`` of the file.
         **attributes
-            More root attributes, or others than those of `attributes`; arrays of the shape of `pressure` are more
-            fields, which `app.read_result` has in ``extra``.
+            More root attributes; arrays of the shape of `pressure` are more fields, which `app.read_result` has in
+            ``extra``. Of those that are there `OF_RUN` may be others.
 
         Raises
         ------
         InputError
-            If it cannot be written, or a field has the name of another one.
+            If it cannot be written, or a name is the result's own.
         """
+        from app.output.result import Result
         from app.output.write import ByRows, write_result
         from app.path import UNITS
 
@@ -248,13 +253,13 @@ class Solution(ContactFields):
             "undeformed_distance": h,
             "contact": self.contact.view(np.uint8),
         }
+        facts = self.attributes
+        own = {*facts, *OF_SOLUTION, *Result.__dataclass_fields__} - OF_RUN
+        for name in sorted(own & attributes.keys()):
+            raise InputError(f"result file {path}: {name} is there already; allowed: another name")
         more = {name: value for name, value in attributes.items() if np.shape(value) == u.shape}
-        for name in more.keys() & {*fields, "x", "y", "history", "path"}:
-            raise InputError(
-                f"result file {path}: {name} is there already; allowed: another name for a field"
-            )
         fields |= more
-        facts = self.attributes | {name: value for name, value in attributes.items() if name not in more}
+        facts |= {name: value for name, value in attributes.items() if name not in more}
         try:
             write_result(
                 path, self.comm, self.slabs, fields, self.x, self.grid.y(), facts, self.history, UNITS, steps

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import h5py
@@ -118,6 +118,18 @@ def _plan(slabs, fields, x, y, attributes, history, units, steps):
             raise InputError(
                 f"history column {name}: shape {column.shape}, type {column.dtype}; level has {shape}"
             )
+    if steps is not None and not isinstance(steps, Mapping):
+        raise InputError(f"steps: {type(steps).__name__}; needed: columns by name, the table of a load path")
+    steps = {name: np.asarray(values) for name, values in (steps or {}).items()}
+    for name, column in steps.items():
+        if (
+            column.ndim != 1
+            or len({len(column), *map(np.size, steps.values())}) > 1
+            or column.dtype.kind not in "biuf"
+        ):
+            raise InputError(
+                f"steps: column {name}: shape {column.shape}, type {column.dtype}; needed: a number for each step"
+            )
     types = {name: np.dtype(FIELDS.get(name) or _rows_of(values).dtype) for name, values in fields.items()}
     for name, dtype in types.items():
         if dtype.kind not in "biuf":
@@ -128,7 +140,7 @@ def _plan(slabs, fields, x, y, attributes, history, units, steps):
         "axes": axes,
         "attributes": dict(attributes),
         "history": columns,
-        "path": {name: np.asarray(values) for name, values in (steps or {}).items()},
+        "path": steps,
     }
 
 

@@ -1,8 +1,10 @@
 """Areal Gaussian filters of measured heights, ISO 16610-61, as the S-filter and the L-filter of ISO 25178.
 
 The weights of a nesting index (cut-off wavelength) c are exp(-pi (r/(alpha c))^2), alpha = sqrt(ln 2/pi): of a wave of
-length c half passes, of one of length l the share 2^-(c/l)^2. At the rim of a free patch, and where points are missing,
-they are divided by the sum of those that meet a point, which is Gaussian regression of order zero (ISO 16610-71).
+length c half passes, of one of length l the share 2^-(c/l)^2. On a free patch they weigh the points of a least squares
+plane around each point, Gaussian regression of order one (as in ISO 16610-31 and -71): far from the rim and from
+missing points it goes through the weighted mean; near them planes are kept, as by the retained moments of ISO 16610-28.
+On a periodic patch, which has no rim, the mean of the points that are there is taken (order zero).
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from app.units import in_words
 
 _REACH = 1.25  # nesting indices, beyond which weights are below 3e-10 of the largest
 _RUN = 1 << 18  # numbers that are transformed together
+_ON_A_LINE = 1e-10  # spread of weighted points across a line, in squared widths, that is round-off
 
 
 def check_order(s_filter, l_filter):
@@ -102,7 +105,7 @@ def band_pass(heights, s_filter, l_filter, cell, periodic=False):
     >>> bool(np.allclose(rest, wave / 2))
     True
     """
-    check_fits(25.0 * heights.size, f"a filter of {heights.shape[1]} x {heights.shape[0]} heights")
+    check_fits(80.0 * heights.size, f"a filter of {heights.shape[1]} x {heights.shape[0]} heights")
     if s_filter:
         heights = _low_pass(heights, s_filter, cell, periodic)
     if l_filter:
@@ -111,31 +114,64 @@ def band_pass(heights, s_filter, l_filter, cell, periodic=False):
 
 
 def _low_pass(heights, index, cell, periodic):
-    """Weighted means of the heights, which are overwritten."""
+    """Smooth the heights in place: sums over rows first, then over some columns at a time."""
     missing = np.isnan(heights)
     middle = np.mean(heights, where=~missing)  # so that large offsets cost no digits
     heights -= middle
     heights[missing] = 0.0
-    axes = [(axis, index / cell[1 - axis]) for axis in (0, 1) if heights.shape[axis] > 1]
-    for axis, cells in axes:
-        _smooth(heights, axis, cells, periodic)
-    if missing.any():
-        weights = 1.0 - missing
-        for axis, cells in axes:
-            _smooth(weights, axis, cells, periodic)
-        weights[missing] = np.nan
-        heights /= weights
-    elif not periodic:
-        for axis, cells in axes:  # the sum of weights is a product
-            line = np.ones((heights.shape[0], 1) if axis == 0 else (1, heights.shape[1]))
-            _smooth(line, axis, cells, periodic)
-            heights /= line
+    ny, nx = heights.shape
+
+    def smoothed(values, axis, power):
+        values = values.copy()
+        if heights.shape[axis] > 1:
+            _smooth(values, axis, index / cell[1 - axis], periodic, power)
+        elif power:
+            values[...] = 0.0
+        return values
+
+    powers = range(1 if periodic else 3)
+    # Where no point is missing a row stands for all: sums of weights are products.
+    known = 1.0 - missing if missing.any() else np.ones((1, nx))
+    weights, sums = [smoothed(known, 1, i) for i in powers], [smoothed(heights, 1, i) for i in powers[:2]]
+    column = [smoothed(np.ones((ny, 1)), 0, j) for j in powers]
+    width = max(1, _RUN // ny)
+    for start in range(0, nx, width):
+
+        def moment(rows, i, j, here=slice(start, start + width)):
+            """Sums over columns of what was summed over rows, with powers i and j of the distances in x and y."""
+            values = rows[i][:, here]
+            return column[j] * values if len(values) == 1 else smoothed(values, 0, j)
+
+        heights[:, start : start + width] = _fitted(moment, weights, sums, periodic)
+    heights[missing] = np.nan
     heights += middle
     return heights
 
 
-def _smooth(values, axis, cells, periodic):
-    """Convolve with the weights of an index, in cells, in place; on a free patch nothing lies beyond the sides."""
+def _fitted(moment, weights, sums, periodic):
+    """Weighted means, or values at the points themselves of the planes that fit best, from moments."""
+    weight = moment(weights, 0, 0)
+    with np.errstate(all="ignore"):  # far from all points
+        mean = moment(sums, 0, 0) / weight
+        if periodic:
+            return mean
+        dx, dy = moment(weights, 1, 0) / weight, moment(weights, 0, 1) / weight
+        centres = dx * dx, dx * dy, dy * dy
+        xx, xy, yy = (moment(weights, 2 - j, j) / weight - centres[j] for j in range(3))
+        x, y = moment(sums, 1, 0) / weight - dx * mean, moment(sums, 0, 1) / weight - dy * mean
+
+        def slope(product, square):
+            return np.divide(product, square, out=np.zeros_like(weight), where=square * weight > _ON_A_LINE)
+
+        turn = slope(xy, xx)  # what is left in y beside x
+        return mean - dx * slope(x, xx) - (dy - turn * dx) * slope(y - turn * x, yy - turn * xy)
+
+
+def _smooth(values, axis, cells, periodic, power=0):
+    """Convolve with the weights of an index, in cells, in place; on a free patch nothing lies beyond the sides.
+
+    The weights are multiplied by a power of the distance, in widths; which way it counts does not matter.
+    """
     from scipy.fft import irfft, next_fast_len, rfft  # takes a while to load
 
     n, width = values.shape[axis], cells * np.sqrt(np.log(2) / np.pi)
@@ -145,8 +181,8 @@ def _smooth(values, axis, cells, periodic):
     size = n if periodic else next_fast_len(n + reach, real=True)
     places = np.arange(-reach, reach + 1)
     weights = np.exp(-np.pi * (places / width) ** 2)
-    kernel = np.bincount(places % size, weights / weights.sum(), minlength=size)  # periodic: images add up
-    passed = rfft(kernel).real  # even
+    weights *= (places / width) ** power / weights.sum()
+    passed = rfft(np.bincount(places % size, weights, minlength=size))  # periodic: images add up
     run = max(1, _RUN // size)
     lines = np.moveaxis(values, axis, 1)
     for start in range(0, len(lines), run):

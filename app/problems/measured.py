@@ -67,6 +67,8 @@ class Surface:
         What a user should look at twice.
     s_filter, l_filter : float or None
         Nesting indices of what was filtered, see `filtered` [mm].
+    periodic : bool
+        Whether it was read, or filtered, for a periodic patch.
     """
 
     file: str
@@ -89,14 +91,15 @@ class Surface:
     _averaged: tuple = (1, 1)
     s_filter: float | None = None
     l_filter: float | None = None
+    periodic: bool = False
     _rest: np.ndarray | None = field(default=None, repr=False)  # what filters left of the crop [mm]
 
     sampled = measured = True
 
-    def grid(self, domain=None, periodic=False):
+    def grid(self, domain=None, periodic=None):
         """Grid of its cells; its patch lies about the origin, or where `domain` says [mm].
 
-        Not collective.
+        Not collective. It repeats for ever where `periodic` says so, by default as the surface was read.
 
         Raises
         ------
@@ -112,7 +115,7 @@ class Surface:
                 )
             lx, ly = nx * self.spacing[0], ny * self.spacing[1]
             domain = -lx / 2, lx / 2, -ly / 2, ly / 2
-        grid = Grid.from_domain(nx, ny, domain, periodic)
+        grid = Grid.from_domain(nx, ny, domain, self.periodic if periodic is None else periodic)
         self.check_grid(grid)
         return grid
 
@@ -178,7 +181,8 @@ class Surface:
         rest = band_pass(self._levelled(0, ny), s_filter, l_filter, cell, bool(grid.periodic))
         moments = Moments(self.file, lambda *rows: rest[slice(*rows)], (ny, nx))
         found = {"rms_level": moments.tilt()[1], "steps": moments.steps}
-        return replace(self, s_filter=s_filter, l_filter=l_filter, **found, _rest=rest, _source=None)
+        found |= {"s_filter": s_filter, "l_filter": l_filter, "periodic": bool(grid.periodic)}
+        return replace(self, **found, _rest=rest, _source=None)
 
     def cell(self, grid):
         """Size dx, dy of a cell of the file, where `grid` is that of this surface [mm]. Not collective."""
@@ -202,7 +206,7 @@ class Surface:
         )
 
     def check_grid(self, grid):
-        """Refuse a grid whose cells are not the surface's. Not collective."""
+        """Refuse a grid whose cells are not the surface's, or that filters were not made for. Not collective."""
         if grid.shape != self.shape:
             raise InputError(
                 f"surface file {self.file}: has {self.shape[1]} x {self.shape[0]} cells, the grid {grid.nx} x "
@@ -213,6 +217,12 @@ class Surface:
                 f"surface file {self.file}: says that its patch is {grid.nx * self.spacing[0]:.7g} x "
                 f"{grid.ny * self.spacing[1]:.7g} mm; "
                 f"the domain is {grid.nx * grid.dx:.7g} x {grid.ny * grid.dy:.7g} mm"
+            )
+        if bool(grid.periodic) != self.periodic and (self.periodic or self._rest is not None):
+            kinds = "free", "periodic"
+            raise InputError(
+                f"surface file {self.file}: was read for a {kinds[self.periodic]} patch, this one is "
+                f"{kinds[not self.periodic]}; needed: the same periodic= of read_surface and of the problem"
             )
 
     def __str__(self):
@@ -314,7 +324,7 @@ def read_surface(
         are taken off as noise, those longer than `l_filter` as waviness. Where only `Surface.grid` knows the spacing,
         `Surface.filtered` does it.
     periodic : bool
-        Whether filters go around, as on a periodic patch.
+        Whether the patch repeats for ever, so that filters go around; `Surface.grid` does then, too.
 
     Returns
     -------
@@ -365,10 +375,9 @@ def read_surface(
     except (ValueError, OSError) as error:
         raise InputError(str(error)) from None
     surface = surface_of(source, unit, level, crop, missing, height_unit, orient, spacing)
+    surface = replace(surface, periodic=bool(periodic))
     check_cells(surface.file, s_filter, l_filter, surface.shape, surface.spacing)
-    return (
-        surface.filtered(surface.grid(periodic=periodic), s_filter, l_filter) if surface.spacing else surface
-    )
+    return surface.filtered(surface.grid(), s_filter, l_filter) if surface.spacing else surface
 
 
 def surface_of(

@@ -66,9 +66,30 @@ def test_constants_are_kept_to_the_sides_and_holes_stay(periodic, holes):
     np.testing.assert_array_equal(high, 0 * heights)
 
 
+@pytest.mark.parametrize("index", [9.0, 30.0])
+def test_planes_are_kept_to_the_sides_and_beside_holes(index):
+    """To round-off, where points lie on a line or alone, too."""
+    plane = 1e3 + 3 * X - 7 * Y
+    for there in (np.ones((NY, NX), bool), ROUGH < 0.5, ROUGH > 2):
+        heights = np.where(there, plane, np.nan)
+        np.testing.assert_allclose(band_pass(heights.copy(), index, None, CELL), heights, atol=1e-11)
+    heights = np.full((NY, NX), np.nan)
+    for here in (np.s_[10:30, 40], np.s_[50, 60:90], (np.arange(40, 60), np.arange(20, 40)), np.s_[5, 100]):
+        heights[here] = plane[here]
+    np.testing.assert_allclose(band_pass(heights.copy(), index, None, CELL), heights, atol=1e-4)
+
+
+def test_a_curved_form_is_taken_off_at_the_rim_as_in_the_middle():
+    """A paraboloid loses all but a constant in the middle, and hardly less at the rim: its slope there goes, too."""
+    bowl = 1e-3 * ((X - 30) ** 2 + (Y - 45) ** 2)
+    left = band_pass(bowl.copy(), None, 12.0, CELL)
+    middle, rim = left[NY // 2, NX // 2], np.r_[left[0], left[-1], left[:, 0], left[:, -1]]
+    assert np.abs(rim - middle).max() < 2.5 * np.abs(middle) < 0.02 * np.ptp(bowl)
+
+
 @pytest.mark.parametrize("periodic", [False, True])
 def test_weights_are_those_of_the_points_that_are_there(periodic):
-    """By the sum itself, at sides, corners and beside holes."""
+    """By the sums themselves, at sides, corners and beside holes: a plane on a free patch, a mean on a periodic one."""
     index, heights = 12.0, np.where(ROUGH > 1, np.nan, ROUGH)
     low = band_pass(heights.copy(), index, None, CELL, periodic)
     np.testing.assert_array_equal(np.isnan(low), np.isnan(heights))
@@ -76,8 +97,12 @@ def test_weights_are_those_of_the_points_that_are_there(periodic):
         dx, dy = X - X[i], Y - Y[j]
         if periodic:
             dx, dy = (d - side * np.round(d / side) for d, side in ((dx, 60), (dy, 90)))
-        weights = np.exp(-(np.log(2) ** -1) * (np.pi / index) ** 2 * (dx**2 + dy**2)) * ~np.isnan(heights)
-        assert low[j, i] == pytest.approx(np.nansum(weights * heights) / weights.sum(), abs=1e-8)
+        weights = np.exp(-(np.log(2) ** -1) * (np.pi / index) ** 2 * (dx**2 + dy**2))
+        weights = weights[there := ~np.isnan(heights)]
+        columns = [np.broadcast_to(d, heights.shape)[there] for d in ((1.0,) if periodic else (1.0, dx, dy))]
+        matrix = np.transpose(columns)
+        best = np.linalg.solve(matrix.T @ (weights[:, None] * matrix), matrix.T @ (weights * heights[there]))
+        assert low[j, i] == pytest.approx(best[0], abs=1e-8)
 
 
 def test_a_periodic_patch_has_no_sides():
@@ -194,3 +219,21 @@ def test_a_spacing_known_to_the_grid_only(saved):
     with pytest.raises(InputError, match="filtered already"):
         filtered.filtered(grid, l_filter=0.02)
     ContactProblem(grid, Material.from_contact_modulus(1.0), surfaces=[filtered])
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+def test_a_surface_and_its_problem_are_both_periodic_or_neither(saved, periodic):
+    """Filters that went around took heights of one side off the other one; a periodic symbol is the problem's own."""
+    steel, how = Material.from_contact_modulus(1.0), {"level": "plane", "periodic": periodic}
+    plain = read_surface(saved / "s.h5", **how)
+    surface = read_surface(saved / "s.h5", **how, l_filter=0.03)
+    assert bool(surface.grid().periodic) is bool(plain.grid().periodic) is periodic
+    assert "L-filtered at 30 um" in str(surface)
+    kinds = ("free", "periodic")[:: -1 if periodic else 1]
+    message = f"read for a {kinds[0]} patch, this one is {kinds[1]}; needed: the same periodic="
+    with pytest.raises(InputError, match=message):
+        ContactProblem(read_surface(saved / "s.h5").grid(periodic=not periodic), steel, surfaces=[surface])
+    for right in (plain, surface):
+        ContactProblem(right.grid(), steel, surfaces=[right], periodic="love" if periodic else False)
+    if not periodic:  # nobody has said so
+        ContactProblem(plain.grid(), steel, surfaces=[plain], periodic=True)

@@ -72,6 +72,9 @@ def test_sides_of_a_measured_patch_that_may_be_exchanged(tmp_path, domain, messa
     found = notes(None, -1e-3, surface.grid(domain), surfaces=[surface])
     assert [message for note in found if "exchanged" in note] == [message] * bool(message)
     assert any(message in note for note in found) if message else True
+    spacing = (domain[1] / 32, domain[3] / 24)
+    surface = read_surface(tmp_path / "s.npy", "um", spacing=spacing)  # known, not worked out of a patch
+    assert not any("square" in note for note in notes(None, -1e-3, surface.grid(), surfaces=[surface]))
 
 
 def test_micrometres_taken_for_millimetres():

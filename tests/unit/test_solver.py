@@ -18,6 +18,7 @@ from app import ContactProblem, ContactSolver, Grid, Material, Solution, read_re
 from app.errors import InputError
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.method import METHOD_OPTIONS, read_method_file
+from app.solution import OF_RUN
 
 METHODS = {
     "fast": (None, {}),
@@ -288,9 +289,21 @@ def test_a_file_has_fields_of_ones_own_beside_its_own_ones(tmp_path):
     saved = read_result(tmp_path / "found.h5")
     np.testing.assert_array_equal(saved.extra["wear"], wear)
     assert saved.attributes["passes"] == 3
-    for name in ("pressure", "history"):
-        with pytest.raises(InputError, match=f"{name} is there already"):
-            found.save(tmp_path / "other.h5", **{name: wear})
+    for name in (*found.attributes, "pressure", "x", "history", "units", "message"):
+        if name in OF_RUN:
+            continue
+        for value in (wear, 3):
+            with pytest.raises(InputError, match=f"{name} is there already; allowed: another name"):
+                found.save(tmp_path / "other.h5", **{name: value})
+    columns = {"load": [1.0, 2.0], "approach": [1.0]}
+    for steps, message in (
+        (3, "steps: int; needed: columns by name"),
+        ({"load": 1.0}, r"steps: column load: shape \(\), type float64; needed: a number for each step"),
+        ({"load": ["a"]}, "column load: .*; needed: a number for each step"),
+        (columns, r"column load: shape \(2,\), .*; needed: a number for each step"),
+    ):
+        with pytest.raises(InputError, match=message):
+            found.save(tmp_path / "other.h5", steps)
     assert not (tmp_path / "other.h5").exists()
 
 
