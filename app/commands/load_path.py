@@ -27,6 +27,7 @@ _NO_MATTER = ("output", "path_csv", "path_fields", "resume", "lcp_monitor")  # t
 _NUMBER = re.compile(
     r"(?<![\w./])\d+(\.\d+)?(e[+-]?\d+)?(?![\w/]|\.\w)"
 )  # none of those within names of files
+_PLURAL = re.compile(r"(# \w+?)s\b")  # of what there are some
 _SHOWN = {"load": " N", "approach": " mm", "contact_fraction": "", "max_pressure": " N/mm2"}
 
 
@@ -155,18 +156,19 @@ def _of_all_steps(notes):
     """Notes of each step as notes that name the steps."""
     told = {}
     for step, lines in enumerate(notes, 1):
-        kinds = [_NUMBER.sub("#", line) for line in lines]
+        kinds = [_PLURAL.sub(r"\1", _NUMBER.sub("#", line)) for line in lines]
         for k, line in enumerate(lines):  # two of a kind, of two surfaces, say, stay two
             told.setdefault((kinds[k], kinds[:k].count(kinds[k])), []).append((step, line))
     return [f"{which([step for step, _ in at], len(notes))}: {_ranged(at)}" for at in told.values()]
 
 
 def _ranged(at):
-    """Notes (step, line) that differ in numbers only as one, with ranges in place of those."""
+    """Notes (step, line) that differ in numbers only as one, with ranges in place of those, in the plural if any is."""
     columns = zip(*([found[0] for found in _NUMBER.finditer(line)] for _, line in at), strict=True)
     ends = ((min(column, key=float), max(column, key=float)) for column in columns)
     ranges = (low if float(low) == float(high) else f"{low} to {high}" for low, high in ends)
-    return _NUMBER.sub(lambda _: next(ranges), at[0][1])
+    text = max((line for _, line in at), key=lambda line: len(_NUMBER.sub("#", line)))
+    return _NUMBER.sub(lambda _: next(ranges), text)
 
 
 class _Book:

@@ -61,7 +61,10 @@ def active_set(state, solver, loading, stop, history):
             update = loading.settle(state, update) if stop.final else update
             if not update.changed and stop(state, update.residual):
                 return Outcome(True, CONVERGED, k, residual)
-    return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
+    more = "more by -lcp_max_it, or the default method, which has a safeguard"
+    return Outcome(
+        False, f"{stop.max_it} active set iterations were not enough: {more}", stop.max_it, residual
+    )
 
 
 def active_set_or_search(state, solver, loading, stop, history):

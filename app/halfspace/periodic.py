@@ -19,13 +19,15 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import erf, erfc, zeta
 
+from app.halfspace.even_polynomials import nodes, polynomials
 from app.halfspace.fft.multiplier import transform_even
+from app.halfspace.grid import runs
 from app.halfspace.love import love_coefficients
 
 # Ewald's splitting of 1/rho: beyond so many lengths erfc(rho) / rho, and beyond so many waves erfc(q / 2) / q, vanish.
 _RANGE = 6.2
 _SPLITTING = 0.7  # lengths in the longer side of a cell
-_BLOCK = 2**20  # points of quadrature at a time
+_TERMS = 48  # even polynomials that leave nothing but rounding of what is smooth, over its range
 
 
 def frequencies(grid, columns, rows):
@@ -130,26 +132,37 @@ def _aliases(q, step, alpha):
 @lru_cache(maxsize=64)
 def _short_range(dx, dy, alpha):
     """Integral of erfc(alpha rho) / rho over cells near by, at non-negative offsets (j, i)."""
+    if dx < dy:
+        return _short_range(dy, dx, alpha).T
     rows, columns = (int(np.ceil(_RANGE / (alpha * d) + 0.5)) + 1 for d in (dy, dx))
     whole = love_coefficients((dx, dy), 1.0, np.arange(rows), columns)
-    (x, weights_x), (y, weights_y) = (_nodes(d, alpha, n) for n, d in ((columns, dx), (rows, dy)))
-    step = max(1, _BLOCK // (x.size * y.shape[1]))
-    for first in range(0, rows, step):  # long cells have many neighbours
-        rho = np.hypot(x[None, :, None, :], y[first : first + step, None, :, None])
-        smooth = erf(alpha * rho) / np.where(rho > 0, rho, 1.0)
-        smooth[rho == 0] = 2 * alpha / np.sqrt(np.pi)
-        whole[first : first + step] -= np.einsum("jikl,k,l->ji", smooth, weights_y, weights_x)
+    if rows <= _TERMS:
+        return whole - _smooth_range(dx, dy, alpha, np.arange(rows), columns)
+    # Long cells have many neighbours across: what is smooth is known from few of them.
+    few = _smooth_range(dx, dy, alpha, (rows - 1) * nodes(_TERMS), columns)
+    few = np.linalg.solve(polynomials(nodes(_TERMS), _TERMS), few)
+    for part in runs(rows, _TERMS, 1 << 20):
+        whole[part] -= polynomials(np.arange(part.start, part.stop) / (rows - 1), _TERMS) @ few
     return whole
 
 
-def _nodes(side, alpha, cells):
-    """Nodes of Gauss's quadrature in so many cells in a row, shape (cells, nodes), and weights [mm].
+def _smooth_range(dx, dy, alpha, rows, columns):
+    """Integral of erf(alpha rho) / rho over cells, at offsets `rows` and 0, 1, ... columns - 1."""
+    (x, weights_x), (y, weights_y) = _nodes(dx, alpha, np.arange(columns)), _nodes(dy, alpha, rows)
+    rho = np.hypot(x[None, :, None, :], y[:, None, :, None])
+    smooth = erf(alpha * rho) / np.where(rho > 0, rho, 1.0)
+    smooth[rho == 0] = 2 * alpha / np.sqrt(np.pi)
+    return np.einsum("jikl,k,l->ji", smooth, weights_y, weights_x)
+
+
+def _nodes(side, alpha, offsets):
+    """Nodes of Gauss's quadrature in cells at some offsets, shape (cells, nodes), and weights [mm].
 
     What is integrated is smooth over 1 / alpha: in short cells a few nodes leave nothing but rounding.
     """
     count = 24 if alpha * side > 0.2 else 8 if alpha * side > 0.02 else 4
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    return (np.arange(cells)[:, None] + 0.5 * nodes) * side, weights * side / 2
+    places, weights = np.polynomial.legendre.leggauss(count)
+    return (offsets[:, None] + 0.5 * places) * side, weights * side / 2
 
 
 def periodic_quadrant(grid, compliance):

@@ -17,6 +17,7 @@ _SAID = re.compile(r"#\s*(Width|Height|Value units):\s*([\d.,eE+-]*)\s*(\S+)\s*"
 
 _FEW = 8  # heights in a row, that may go by equal steps by chance
 _EVEN, _UNEVEN = 0.1, 0.5  # by how much steps differ, in the largest: of printed coordinates, of heights
+_OTHER = 0.01  # by which slopes of two rows differ, in the largest step, that are not of one plane
 
 TURNS = {
     "transpose": lambda rows: rows.T,
@@ -33,14 +34,19 @@ def turned(rows, spacing, orient):
 
 
 def _is_even(rows):
-    """Whether the first row goes by equal steps, its corner apart, and the second does not."""
+    """Whether the first row goes by equal steps, its corner apart, and the next ones do not, or by other ones."""
     if min(rows.shape) < _FEW:
         return False
     steps = np.diff(rows[:3, 1:])
-    spread, largest = np.ptp(steps, axis=1), np.abs(steps).max(axis=1)
+    spread, largest, mean = np.ptp(steps, axis=1), np.abs(steps).max(axis=1), steps.mean(axis=1)
+    if not (largest[0] > 0 and spread[0] <= _EVEN * largest[0]):
+        return False
     # A plane is even in the second row, too; heights that are tapered at the rim are less uneven there.
     uneven = spread[1] >= _UNEVEN * max(largest[1], spread[2]) and spread[1] > 0
-    return bool(uneven and largest[0] > 0 and spread[0] <= _EVEN * largest[0])
+    # Tilted heights are nearly even; but a row of theirs has the slope of the next one, but for roughness or a twist.
+    other, next_one = np.abs(np.diff(mean))
+    another = other > max(*spread[1:], 10 * next_one, _OTHER * largest[:2].max())
+    return bool(uneven or (largest[1] > 0 and another))
 
 
 class HeightArray:

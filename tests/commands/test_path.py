@@ -92,6 +92,14 @@ def test_a_note_tells_all_of_its_numbers(cli_here, tmp_path):
     assert 0.2 < low < 1 < high
 
 
+def test_notes_of_one_and_of_many_are_one(cli_here):
+    """A cell at first, cells later; said in the plural."""
+    words = "-problem sphere -sphere_radius 10 -contact_modulus 1e3 -domain -1,1,-1,1 -grid 63"
+    done = cli_here(*words.split(), "-load_path", "1e-5,2e-5,2e-2")
+    [note] = [line for line in done.stderr.splitlines() if "finer grid" in line]
+    assert re.search(r": contact is 1 to \d cells only: ", note)
+
+
 def test_a_step_without_the_file_asked_for_is_not_done(cli_here, tmp_path):
     (tmp_path / "a_0003.h5").mkdir()
     assert cli_here(*PATH, "-path_fields", "-output", tmp_path / "a.h5").returncode == 2

@@ -161,12 +161,15 @@ UNEVEN = np.random.default_rng(5).standard_normal((20, 30)).cumsum(axis=0).cumsu
 ALONG, UP = np.arange(30) / 3, np.arange(20)[:, None] / 7
 
 
+@pytest.mark.parametrize("tilt", [0, 3, 1000])
 @pytest.mark.parametrize("head", ["row", "column", "row and column"])
-def test_coordinates_at_the_rim_are_no_heights(tmp_path, head):
+def test_coordinates_at_the_rim_are_no_heights(tmp_path, head, tilt):
+    """Nor where the heights beside them go by nearly equal steps, too."""
     column, row = (int(what in head) for what in ("column", "row"))
-    table = np.hstack([UP, UNEVEN]) if column else UNEVEN
+    heights = UNEVEN + tilt * (7 * ALONG - 5 * UP)
+    table = np.hstack([UP, heights]) if column else heights
     table = np.vstack([np.append(np.zeros(column), ALONG), table]) if row else table
-    np.savetxt(path := tmp_path / "s.txt", table, fmt="%.4g")
+    np.savetxt(path := tmp_path / "s.txt", table, fmt="%.6g")
     ny, nx = table.shape
     with pytest.raises(
         InputError, match=f"first {head}: equal steps, .* -surface_crop {column},{nx},{row},{ny} "
@@ -174,7 +177,7 @@ def test_coordinates_at_the_rim_are_no_heights(tmp_path, head):
         read_surface(path, "um")
     assert convert([str(path), "-o", str(tmp_path / "s.h5"), "--unit", "um", "--spacing", "1,1"]) == 2
     left = read_surface(path, "um", crop=(column, nx, row, ny)).heights()
-    np.testing.assert_allclose(left, 1e-3 * UNEVEN, rtol=1e-3)
+    np.testing.assert_allclose(left, 1e-3 * heights, rtol=1e-5)
     assert read_surface(path, "um", crop=(0, nx, 0, ny)).shape == table.shape
 
 
@@ -184,11 +187,22 @@ def test_coordinates_at_the_rim_are_no_heights(tmp_path, head):
         ALONG + UP,
         UNEVEN,
         UNEVEN + 100 * UP,
+        UNEVEN + 1000 * ALONG,
+        ALONG * UP + ALONG,
         (ALONG - 5) ** 2 + UP,
         np.maximum(0, 9 - (ALONG - 5) ** 2 - (UP - 1) ** 2) + UP,
         UP + 1e-2 * UNEVEN * np.outer(np.hanning(20), np.hanning(30)),
     ],
-    ids=["plane", "rough", "tilted", "cylinder", "cap on a plane", "tapered to a plane"],
+    ids=[
+        "plane",
+        "rough",
+        "tilted",
+        "tilted along rows",
+        "twisted",
+        "cylinder",
+        "cap on a plane",
+        "tapered to a plane",
+    ],
 )
 def test_heights_are_no_coordinates(tmp_path, heights):
     np.savetxt(path := tmp_path / "s.txt", heights, fmt="%.4g")

@@ -6,6 +6,7 @@ import numpy as np
 import periodic
 import pytest
 import scipy.fft
+import scipy.special
 from mpi4py import MPI
 from operators import DOUBLE, PERIODIC, STEEL, matrix_of, random_field
 
@@ -18,7 +19,7 @@ from app.halfspace import influence
 from app.halfspace.grid import Grid
 from app.halfspace.influence import influence_quadrant
 from app.halfspace.operator import InfluenceOperator
-from app.halfspace.periodic import even_sums, influence_symbol
+from app.halfspace.periodic import _short_range, even_sums, influence_symbol
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.transfer import Transfer
 
@@ -63,6 +64,26 @@ def test_the_inverse_is_one_but_for_the_mean(grid):
         1, rel=1e-10
     )
     assert operator.diagonal == pytest.approx(matrix_of(grid)[0, 0], rel=1e-14)
+
+
+@pytest.mark.parametrize("side", [0.5, 0.1, 0.003])
+def test_what_is_short_of_a_cell_is_so_however_long_it_is(side):
+    """The integral itself, away from the singularity, and nothing beyond the range; long in y as in x."""
+    alpha = 0.7
+    near = _short_range(1.0, side, alpha)
+    np.testing.assert_array_equal(_short_range(side, 1.0, alpha), near.T)
+    t, weights = np.polynomial.legendre.leggauss(60)
+    for j, i in (
+        (int(0.4 / side), 1),
+        (int(1.7 / side), 0),
+        (int(2.9 / side), 2),
+        (1, 3),
+        (len(near) - 1, 0),
+    ):
+        rho = np.hypot(i + t / 2, side * (j + t[:, None] / 2))
+        found = weights @ (scipy.special.erfc(alpha * rho) / rho) @ weights * side / 4
+        assert near[j, i] == pytest.approx(found, rel=1e-9, abs=1e-12 * near[0, 0])
+    assert np.abs(near[-1]).max() < 1e-12 * near[0, 0]
 
 
 @pytest.mark.parametrize(("nx", "ny", "dx", "dy"), [(8, 6, 0.5, 0.5), (5, 6, 0.3, 0.4)])
