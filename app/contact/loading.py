@@ -29,6 +29,7 @@ TRUSTED = 3.0
 BLAMED = 0.25  # of the rms residual: by so much the approach that the load asks for may be wrong
 LOADINGS = {"approach": "mm", "load": "N", "mean_pressure": "N/mm2", "mean_gap": "mm"}
 ROUNDING = 1e-12  # of an approach, for full contact
+_SECANTS = 2  # meet a load as a rule, before scipy.optimize is needed, which takes as long to load as a small solve
 
 
 class _SearchOver(Exception):
@@ -122,8 +123,6 @@ class PrescribedLoad:
         Outcome
             Of all solves; not converged if one is not.
         """
-        from scipy.optimize import brentq  # a tenth of the start of a solve
-
         touching = state.first_touch()
         loads = {touching: 0.0}  # by depth
         outcome = Outcome(True, "")  # of all solves
@@ -154,7 +153,7 @@ class PrescribedLoad:
             while lacks(low) > 0:
                 low, high = max(touching, low - max(2 * (high - low), least)), low
             # A periodic patch may be in contact everywhere before it carries the load: nothing is beyond that.
-            root = brentq(lacks, low, high, xtol=rtol * (high - touching)) if lacks(high) >= 0 else high
+            root = _root(lacks, low, high, rtol * (high - touching)) if lacks(high) >= 0 else high
             if state.depth != root:  # the last one solved
                 loads.pop(root, None)
                 lacks(root)
@@ -270,6 +269,17 @@ class PrescribedLoad:
             return replace(update, added=1)  # there must be contact: go on
         state.depth += state.gap_on_contact()[1]
         return state.activate_penetrating().after(update)
+
+
+def _root(function, low, high, xtol):
+    """Where a growing function is zero, between two points of which it is below and above. As collective as it is."""
+    for _ in range(_SECANTS):
+        a, b = function(low), function(high)
+        middle = low - a * (high - low) / (b - a)
+        low, high = (low, middle) if function(middle) > 0 else (middle, high)
+    from scipy.optimize import brentq
+
+    return brentq(function, low, high, xtol=xtol)
 
 
 def least_stiffness(state):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from cases import APPROACH, hertz, punch, self_affine
 from mpi4py import MPI
+from processes import run
 from running import assert_solves_lcp, solve
 
 from app import ContactProblem, ContactSolver, Grid, Material
@@ -95,6 +96,17 @@ def test_a_load_to_two_percent_takes_few_solves(exact, share):
     assert PrescribedLoad(load).search(exact.state, exact.solve, rtol=0.02).converged
     assert exact.state.load == pytest.approx(load, rel=0.02)
     assert len(exact.approaches) <= 5
+
+
+def test_who_prescribes_a_load_waits_for_no_library():
+    """scipy.optimize takes as long to load as 512 x 512 cells to solve."""
+    script = (
+        "import sys; from app import *;"
+        "ball = ContactProblem(Grid.from_domain(64, 64, (-1, 1, -1, 1)), Material(1e5, 0.3), Sphere(10));"
+        "print(solve(ball, load=100).converged, 'scipy.optimize' in sys.modules)"
+    )
+    done = run("-c", script)
+    assert done.stdout.split() == ["True", "False"], done.stderr
 
 
 def test_systems_of_sets_in_turn_are_solved(exact):
