@@ -29,9 +29,7 @@ TRUSTED = 3.0
 BLAMED = 0.25  # of the rms residual: by so much the approach that the load asks for may be wrong
 LOADINGS = {"approach": "mm", "load": "N", "mean_pressure": "N/mm2", "mean_gap": "mm"}
 ROUNDING = 1e-12  # of an approach, for full contact
-_SECANTS = (
-    2  # meet a load as a rule, before scipy.optimize is needed, which takes as long to load as a small solve
-)
+_SECANTS = 2  # meet a load as a rule; scipy.optimize, for the rest, takes as long to load as a small solve
 
 
 class _SearchOver(Exception):
