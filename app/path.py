@@ -139,13 +139,11 @@ class LoadPath:
             yield solution
 
     def _row(self, step, solution):
-        patches = solution.contact_patches()
         row = {
             "step": step + 1,
             **{name: getattr(solution, name) for name in COLUMNS},
             **{name: solution.problem[name] for name in (*THEORIES, *ANALYTIC) if name in solution.problem},
-            "contact_patches": len(patches),
-            "largest_patch": float(patches[0]) if len(patches) else 0.0,
+            **solution.count_patches(),
         }
         if self._exact:
             row["stiffness"] = solution.stiffness

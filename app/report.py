@@ -115,7 +115,7 @@ def _is_number(value):
 def numbers_section(result):
     """What came out."""
     grid = result.grid
-    values = result.attributes | {"contact_patches": len(result.contact_patches())}
+    values = result.attributes | result.count_patches()
     for name, cell in (("pressure_centre_x", grid.dx), ("pressure_centre_y", grid.dy)):
         if name in values:
             values[name] = resolved(values[name], cell)

@@ -15,6 +15,7 @@ from app.output.contact_fields import OF_SOLUTION, ContactFields
 
 # Attributes that who saves may know better: those of a whole run, and errors from more grids.
 OF_RUN = {"command_line", "notes", "options", "setup_seconds", "stiffness", *GridErrors._fields}
+_OF_FILE = {"contact_patches", "largest_patch"}  # are counted for it, if nobody has
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -253,8 +254,8 @@ class Solution(ContactFields):
             "undeformed_distance": h,
             "contact": self.contact.view(np.uint8),
         }
-        facts = self.attributes
-        own = {*facts, *OF_SOLUTION, *Result.__dataclass_fields__} - OF_RUN
+        facts = self.attributes | ({} if attributes.keys() >= _OF_FILE else self.count_patches())
+        own = {*facts, *OF_SOLUTION, *Result.__dataclass_fields__} - OF_RUN - _OF_FILE
         for name in sorted(own & attributes.keys()):
             raise InputError(f"result file {path}: {name} is there already; allowed: another name")
         more = {name: value for name, value in attributes.items() if np.shape(value) == u.shape}

@@ -86,8 +86,7 @@ def main(given):
                     solution = replace(solution, stiffness=solver.stiffness(solution))
             notes = solution.notes
     with PETSc.Log.Stage("Output"):
-        patches = solution.contact_patches()
-    facts |= {"contact_patches": len(patches), "largest_patch": float(patches.max(initial=0.0))}
+        facts |= solution.count_patches()
     if request.output:
         save(solution, request.output, steps)
     if done:

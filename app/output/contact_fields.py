@@ -38,6 +38,11 @@ class ContactFields:
         _, cells = connected_sets(self.contact == 1, bool(self.grid.periodic), self.slabs, self.comm)
         return np.sort(cells)[::-1] * self.grid.cell_area
 
+    def count_patches(self):
+        """How many patches of contact there are, and the area of the largest [mm2], as results have them. Collective."""
+        areas = self.contact_patches()
+        return {"contact_patches": len(areas), "largest_patch": float(areas.max(initial=0.0))}
+
     def distribution(self, name, bins=100, logarithmic=False):
         """Distribution of the pressure over the cells in contact, or of the gap over those that are open.
 

@@ -135,6 +135,11 @@ def test_a_result_read_is_as_good_as_the_solution(tmp_path):
         assert getattr(saved, name) == getattr(found, name)
     assert (*saved.grid.shape, saved.grid.dx, saved.grid.y0) == pytest.approx((*GRID.shape, GRID.dx, GRID.y0))
     assert saved.contact_patches() == pytest.approx(found.contact_patches())
+    assert saved.attributes.keys() - found.attributes.keys() == {"contact_patches", "largest_patch"}
+    assert (saved.attributes["contact_patches"], saved.largest_patch) == (
+        1,
+        pytest.approx(found.contact_area),
+    )
     for name in ("pressure", "gap"):
         for one, other in zip(saved.distribution(name), found.distribution(name), strict=True):
             np.testing.assert_array_equal(one, other)
