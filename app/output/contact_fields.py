@@ -39,7 +39,7 @@ class ContactFields:
         return np.sort(cells)[::-1] * self.grid.cell_area
 
     def count_patches(self):
-        """How many patches of contact there are, and the area of the largest [mm2], as results have them. Collective."""
+        """Number of patches of contact, and area of the largest [mm2], as results have them. Collective."""
         areas = self.contact_patches()
         return {"contact_patches": len(areas), "largest_patch": float(areas.max(initial=0.0))}
 
