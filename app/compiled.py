@@ -17,9 +17,13 @@ import numba
 from llvmlite.binding import parse_bitcode
 from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
+from numba.core.runtime import rtsys
 
 from app.errors import InputError
 
+_KNOWN = (
+    (0, 56) <= numba.version_info.short <= (0, 68)
+)  # its inside; any other release loads in its own way, slower
 tell = None  # a command's: called once, when something has to be compiled or waited for
 
 
@@ -73,12 +77,13 @@ def _load_to_run(cache, signature, context):
 
     That is numba's knowledge of all types and functions, and the intermediate code of this one.
     """
-    with suppress(AttributeError):  # should numba change: then in full
-        codegen = context.codegen()
-        if codegen._library_class is JITCodeLibrary:
-            codegen._library_class = _Library
-        return cache._load_overload(signature, context)
-    return cache.load_overload(signature, context)
+    if not _KNOWN:
+        return cache.load_overload(signature, context)
+    codegen = context.codegen()
+    if codegen._library_class is JITCodeLibrary:
+        codegen._library_class = _Library
+    rtsys.initialize(context)  # memory for arrays; from numba 0.57 on left to what is not loaded here
+    return cache._load_overload(signature, context)
 
 
 class _Library(JITCodeLibrary):
@@ -117,11 +122,11 @@ def _no_environments(result):
 
     They would all be imported with it. Only a function that Python objects occur in asks for them.
     """
-    kind, name = type(result), "_find_referenced_environments"
-    find = getattr(kind, name, None)
-    if find is None:  # should numba change: then with them
+    if not _KNOWN:
         yield
         return
+    kind, name = type(result), "_find_referenced_environments"
+    find = getattr(kind, name)
     setattr(kind, name, lambda self: [found for found in find(self) if found.consts])
     try:
         yield

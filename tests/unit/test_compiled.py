@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import numba
+import pytest
 
 from app import compiled
 
@@ -35,6 +36,20 @@ def rows(a):
     return b
 """
 
+ARRAYS = """
+import numpy as np
+
+from app.compiled import njit
+
+
+@njit()
+def total(n):
+    numbers = np.empty(n)
+    for k in range(n):
+        numbers[k] = k
+    return numbers.sum()
+"""
+
 
 def test_a_loaded_loop_is_machine_code_until_another_is_made_of_it(tmp_path, monkeypatch):
     (tmp_path / "loops_of_a_test.py").write_text(LOOPS)
@@ -58,6 +73,24 @@ def test_a_loaded_loop_is_machine_code_until_another_is_made_of_it(tmp_path, mon
 
     assert one_more(1.5) == 4
     assert code._shared_module is not None
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_loaded_loop_finds_memory_for_its_arrays(tmp_path, known):
+    """In a process that compiles nothing; and what is loaded of a release of numba whose inside nobody knows."""
+    (tmp_path / "loops_of_a_test.py").write_text(ARRAYS)
+    program = (
+        f"from app import compiled; compiled._KNOWN = {known}\n"
+        "import loops_of_a_test as loops\n"
+        "print(loops.total(5), *loops.total.stats.cache_hits.values())\n"
+        "print(*{isinstance(found.library, compiled._Library) for found in loops.total.overloads.values()})"
+    )
+    environment = dict(os.environ, PYTHONPATH=os.pathsep.join((str(tmp_path), str(ROOT))))
+    for hits in ([], ["1"]):
+        said = subprocess.run(
+            [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+        )
+        assert said.stdout.split() == ["10.0", *hits, str(known)]
 
 
 def test_a_loaded_loop_brings_no_module_that_it_was_made_from(tmp_path):
