@@ -3,11 +3,13 @@
 from functools import cache, partial
 
 import numpy as np
+from petsc4py import PETSc
 
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.influence import Material, dense_matrix, influence_quadrant
 from app.halfspace.periodic import influence_symbol
 from app.halfspace.product import BoxProduct, Convolution, PeriodicProduct
+from app.petsc import restricts_by_transpose
 
 STEEL = Material(82000.0, 0.28).compliance
 GRIDS = {
@@ -60,6 +62,12 @@ def make_convolution(comm, grid, block=1, dtype=np.float64):
         return BoxProduct(grid, STEEL, slabs_of(comm, grid, block), comm, dtype)
     quadrant = partial(influence_quadrant, grid, STEEL)
     return Convolution(quadrant, grid.shape, slabs_of(comm, grid, block), comm, dtype)
+
+
+def restriction_mat(transfer, comm):
+    """The Mat of its restriction, coarse x fine, whichever way round PETSc wants it."""
+    mat = transfer.restriction_mat(comm)
+    return PETSc.Mat().createTranspose(mat) if restricts_by_transpose() else mat
 
 
 def mat_times(mat, values):

@@ -36,6 +36,12 @@ def run(*command, ranks=None, timeout=60, env=None, cwd=None, program=sys.execut
     return subprocess.CompletedProcess(line, process.returncode, out, err)
 
 
+def on_two_hosts(folders, *command, **how):
+    """Run ``python command`` on two ranks, each in a folder of its own, as if they were on two hosts; see `run`."""
+    script = 'if [ "$OMPI_COMM_WORLD_RANK" = 0 ]; then cd "$1"; else cd "$2"; fi; shift 2; exec "$@"'
+    return run("-c", script, "sh", *folders, sys.executable, *command, ranks=2, program="sh", **how)
+
+
 def solve_arguments(*methods):
     """Arguments of python for app.solve with these option files of the project."""
     files = [argument for name in methods for argument in ("-options_file", str(OPTIONS / f"{name}.opts"))]

@@ -38,8 +38,8 @@ class TrackingSolver(LinearSolver):
         If the KSP is another one.
     """
 
-    def __init__(self, hierarchy, level=-1, comm=None, operator=None):
-        super().__init__(hierarchy, level, comm, operator)
+    def _make(self):
+        super()._make()
         context = self.ksp.getPythonContext() if self.ksp.getType() == "python" else None
         if not isinstance(context, TrackingCG):
             self.destroy()

@@ -95,7 +95,10 @@ class LinearSolver:
         """Take over the contact set that is in the operator's mask now. Collective."""
         if self._interrupted:
             self._interrupted = False
-            self.multigrid.destroy()
+            (self.multigrid or self.ksp).destroy()
+            if self._work is not None:
+                self._work.destroy()
+                self._work = None
             self._make()
         if self.multigrid:
             self.multigrid.contact_changed()
@@ -155,10 +158,9 @@ class LinearSolver:
         try:
             self.ksp.solve(b, x)
         except BaseException:
+            self._interrupted = True  # vectors stay locked: another KSP is made
             if self.multigrid:
-                # Vectors are in it that are not its own, and that it would free: another one is made.
-                self.ksp.incRef()
-                self._interrupted = True
+                self.ksp.incRef()  # vectors are in it that are not its own, and that it would free
             raise
         if self._view:
             self.ksp.viewFromOptions(self._view)

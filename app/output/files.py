@@ -10,7 +10,7 @@ import itertools
 import os
 import re
 import socket
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
@@ -114,10 +114,11 @@ def fingerprint(path):
 
 def _target(path):
     """Where a path leads: a symbolic link stays, and what it names is replaced."""
-    try:
-        return path.resolve() if path.is_symlink() else path.absolute()
-    except RuntimeError:
-        raise InputError(f"{path}: the symbolic link leads to itself") from None
+    with suppress(RuntimeError):  # Python before 3.13, of a circle
+        target = path.resolve() if path.is_symlink() else path.absolute()
+        if not target.is_symlink():
+            return target
+    raise InputError(f"{path}: the symbolic link leads to itself")
 
 
 def _same_file(one, other):

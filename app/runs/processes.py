@@ -12,7 +12,11 @@ import threading
 from app.runs.run import ROOT
 
 # Ranks of several runs must not be bound to the same cores; a run without mpiexec needs no daemon of its own.
-_OPEN_MPI = {"OMPI_MCA_hwloc_base_binding_policy": "none", "OMPI_MCA_ess_singleton_isolated": "1"}
+_OPEN_MPI = {
+    "OMPI_MCA_hwloc_base_binding_policy": "none",
+    "PRTE_MCA_hwloc_default_binding_policy": "none",  # Open MPI 5
+    "OMPI_MCA_ess_singleton_isolated": "1",
+}
 
 
 class Processes:

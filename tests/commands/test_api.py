@@ -36,7 +36,8 @@ PROGRAMS = {
     "in the middle": "solver = ContactSolver(problem)\nimport sys\nsys.exit()",
     "PETSc first": (
         "solver = ContactSolver(problem)\nsolver.solve(load=10.0)\n"
-        "from petsc4py import PETSc\nassert PETSc.Options().getAll() == {'ksp_rtol': '0.5'}, PETSc.Options().getAll()"
+        "from petsc4py import PETSc\nleft = PETSc.Options().getAll()\n"
+        "assert left == {'ksp_rtol': '0.5', 'options_left': 'no'}, left"
     ),
 }
 
@@ -46,7 +47,7 @@ PROGRAMS = {
 def test_a_solver_that_is_not_closed_ends_without_a_crash(name, ranks, tmp_path):
     program = tmp_path / "program.py"
     start = (
-        "import petsc4py, sys\npetsc4py.init(['program', '-ksp_rtol', '0.5'])\n"
+        "import petsc4py, sys\npetsc4py.init('program -ksp_rtol 0.5 -options_left no'.split())\n"
         if name == "PETSc first"
         else ""
     )
@@ -179,7 +180,7 @@ def test_a_pipe_that_nobody_reads_any_more(tmp_path):
     assert started.stdout.readline() == b"line\n"
     started.stdout.close()
     assert b"BrokenPipeError" in started.stderr.read().splitlines()[-1]
-    assert started.wait() == 1
+    assert started.wait() in (1, 120)  # Python 3.13 says that it could not write the rest
 
 
 def test_word_of_five_lines(tmp_path):

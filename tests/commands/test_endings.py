@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from processes import TESTS, run, solve_arguments
+from processes import TESTS, on_two_hosts, run, solve_arguments
 
 from app.output.result import read_result
 
@@ -122,13 +122,8 @@ def test_files_need_to_be_on_the_first_host_only(tmp_path):
     (folders[0] / ".petscrc").write_text("-approach 0.1\n")
 
     def solve_on_two_hosts(file):
-        command = ["mpiexec"]
-        for folder in folders:
-            command += ["-n", "1", "-wdir", str(folder), sys.executable, *solve_arguments("hertz", "norm")]
-            command += ["-options_file", file, "-output", str(tmp_path / "out.h5"), ":"]
-        return subprocess.run(
-            command[:-1], capture_output=True, text=True, timeout=LIMIT, cwd=tmp_path, env={**os.environ}
-        )
+        arguments = "-options_file", file, "-output", tmp_path / "out.h5"
+        return on_two_hosts(folders, *solve_arguments("hertz", "norm"), *arguments, timeout=LIMIT)
 
     done = solve_on_two_hosts("first.opts")
     assert (done.returncode, done.stderr) == (0, "")

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 from cases import hertz
-from processes import TESTS, run, solve_arguments
+from processes import TESTS, on_two_hosts, run, solve_arguments
 from results import full_disk
 
 from app import ContactSolver, convert, plot, report, subsurface, xdmf
@@ -185,13 +185,8 @@ def test_input_that_hosts_see_differently(second, tmp_path):
     np.save(folders[0] / "gap.npy", gap)
     if second is not None:
         np.save(folders[1] / "gap.npy", gap[::-1] if isinstance(second, str) else np.ones(second))
-    command = ["mpiexec"]
-    for folder in folders:
-        command += ["-n", "1", "-wdir", str(folder), sys.executable, "-m", "app.solve", *GAP]
-        command += ["-gap_file", "gap.npy", "-output", str(tmp_path / "out.h5"), ":"]
-    done = subprocess.run(
-        command[:-1], capture_output=True, text=True, timeout=LIMIT, cwd=tmp_path, env=environment()
-    )
+    command = "-m", "app.solve", *GAP, "-gap_file", "gap.npy", "-output", tmp_path / "out.h5"
+    done = on_two_hosts(folders, *command, timeout=LIMIT)
     errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
     assert (done.returncode, len(errors)) == (2, 1), done.stderr
     assert ("no such file" if second is None else "not the same on all ranks") in errors[0]

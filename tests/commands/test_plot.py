@@ -56,7 +56,7 @@ def test_without_a_folder_pictures_lie_beside_the_file_and_only_some_are_drawn(p
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["RESULT", "-o", "DIR", "--only", "contour"], "choose from 'contact', 'pressure'"),
+        (["RESULT", "-o", "DIR", "--only", "contour"], "invalid choice: 'contour'"),
         (["absent.h5", "-o", "DIR"], "absent.h5: no such file"),
         ([__file__, "-o", "DIR"], "not a readable HDF5 file"),
         (["RESULT", "-o", "DIR", "--format", "bmp"], "bmp"),

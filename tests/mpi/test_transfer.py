@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 from mpi4py import MPI
-from operators import mat_times
+from operators import mat_times, restriction_mat
 from petsc4py import PETSc
 
 from app.halfspace.grid import Grid
 from app.multigrid.hierarchy import Hierarchy
+from app.multigrid.transfer import Transfer
 
 GRIDS = [
     Grid(32, 32, 1.0, 1.0),
@@ -46,14 +47,14 @@ def assert_same_as_alone(comm, here, alone, seed):
         getattr(here, name)(field[coarse_rows].copy(), found)
         np.testing.assert_array_equal(found, expected[rows], err_msg=name)
 
-    for name, field, given, wanted in (
-        ("restriction_mat", defect, rows, coarse_rows),
-        ("interpolation_mat", pressure, coarse_rows, rows),
+    for make, field, given, wanted in (
+        (restriction_mat, defect, rows, coarse_rows),
+        (Transfer.interpolation_mat, pressure, coarse_rows, rows),
     ):
-        mats = getattr(here, name)(PETSc.Comm(comm)), getattr(alone, name)(PETSc.COMM_SELF)
+        mats = make(here, PETSc.Comm(comm)), make(alone, PETSc.COMM_SELF)
         found, expected = mat_times(mats[0], field[given]), mat_times(mats[1], field)
-        expected = expected.reshape(fine if name == "interpolation_mat" else coarse)[wanted]
-        np.testing.assert_array_equal(found, expected.reshape(-1), err_msg=name)
+        expected = expected.reshape(coarse if make is restriction_mat else fine)[wanted]
+        np.testing.assert_array_equal(found, expected.reshape(-1), err_msg=make.__name__)
         for mat in mats:
             mat.destroy()
 

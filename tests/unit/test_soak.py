@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from petsc4py import PETSc
 from processes import TESTS, run
 
 
@@ -16,5 +17,6 @@ def test_memory_objects_and_communicators_stay_flat(rounds):
     assert told["solves"] == (rounds - 2) * 19
     assert before.pop("memory") > after.pop("memory") - 4  # MiB; one solve holds 1 and more
     assert before == after
-    assert before["petsc"] >= 2  # a vector that is kept, and the viewer that tells
+    if PETSc.Sys.getVersion() < (3, 22):
+        assert before["petsc"] >= 2  # a vector that is kept, and the viewer that tells
     assert told["garbage"] == 0  # bytes of arrays that only a collection of garbage would free

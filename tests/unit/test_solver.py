@@ -36,12 +36,16 @@ def solver_of(method, problem=None, **options):
     return ContactSolver(problem or punch(24), name, own | options)
 
 
-def assert_same(found, expected):
-    """To the last bit."""
-    assert (found.load, found.approach) == (expected.load, expected.approach)
+def assert_same(found, expected, rounding=0.0):
+    """To the last bit, or but for what an approach on the way has rounded of the distances."""
+    assert (found.load, found.approach) == pytest.approx(
+        (expected.load, expected.approach), rel=rounding, abs=0
+    )
     assert found.iterations == expected.iterations
     for name in ("pressure", "displacement", "undeformed_distance", "contact"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+        field = getattr(expected, name)
+        atol = rounding * np.nanmax(field)
+        np.testing.assert_allclose(getattr(found, name), field, rtol=0, atol=atol)
 
 
 def copy_of(solution):
@@ -79,7 +83,7 @@ def test_solving_twice_is_solving_in_two_solvers(method):
     with solver_of(method) as once, solver_of(method) as again:
         expected = once.solve(approach=0.1)
         again.solve(approach=-0.15)
-        assert_same(again.solve(approach=0.1), expected)
+        assert_same(again.solve(approach=0.1), expected, rounding=1e-9)
         assert_same(once.solve(approach=0.1), expected)
 
 
@@ -105,7 +109,7 @@ def test_solvers_of_different_methods_are_alive_at_once():
     for approach in (-0.1, 0.1):
         found = {method: solver.solve(approach=approach) for method, solver in solvers.items()}
     for method in METHODS:
-        assert_same(found[method], expected[method])
+        assert_same(found[method], expected[method], rounding=1e-9)
     for method in ("fmg", "tao", "fast", "norm", "snesvi", "mg"):  # not in the order they were made
         solvers.pop(method).close()
         for other in solvers.values():

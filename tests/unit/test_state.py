@@ -122,8 +122,8 @@ def test_activation_by_the_expected_displacement(state):
 
 
 def test_two_updates_add_up():
-    first, second = Update(5, 2, 1, 0.3), Update(7, 3, 1, 0.1)
-    assert second.after(first) == Update(7, 5, 2, 0.1)
+    first, second = Update(5, 2, 1, 0.3, 0.4, 5.0), Update(7, 3, 1, 0.1, 0.2, 6.0)
+    assert second.after(first) == Update(7, 5, 2, 0.1, 0.2, 6.0)
 
 
 def test_first_contact_is_the_nearest_cell(state):

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from mpi4py import MPI
-from operators import mat_times
+from operators import mat_times, restriction_mat
 from petsc4py import PETSc
 
 from app.halfspace.grid import Grid, Slabs
@@ -160,7 +160,7 @@ def test_as_matrices_of_petsc(shape, factors):
     transfer.fine.mask[...] = some_cells(shape)
     transfer.restrict_contact()
     fine, coarse = field(shape), field(transfer.coarse.grid.shape, 3)
-    restriction = transfer.restriction_mat(PETSc.COMM_SELF)
+    restriction = restriction_mat(transfer, PETSc.COMM_SELF)
     interpolation = transfer.interpolation_mat(PETSc.COMM_SELF)
     assert restriction.getSize() == interpolation.getSize()[::-1] == (coarse.size, fine.size)
 
