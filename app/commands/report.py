@@ -38,7 +38,7 @@ def report(facts, grid, output=None):
     if "body1_radii" in facts:
         lines.append(
             f"relative radii {facts['hertz_rx']:.6g} and {facts['hertz_ry']:.6g} mm, "
-            f"x at {facts['hertz_axes_angle']:.4g} degrees to body 1's first axis"
+            f"x at {resolved(facts['hertz_axes_angle'], 0.01):.4g} degrees to body 1's first axis"
         )
     lines += [_elastic(facts), _contact(facts, grid), *_more(facts, grid)]
     ranks = _count(facts["ranks"], "rank")
@@ -103,7 +103,7 @@ def _more(facts, grid):
     if facts["semi_axis_major"] == facts["semi_axis_major"]:
         lines.append(
             f"ellipse of the contact: semi-axes {facts['semi_axis_major']:.6g} and {facts['semi_axis_minor']:.6g} mm, "
-            f"the longer at {facts['major_axis_angle']:.4g} degrees from x; centre of pressure "
+            f"the longer at {resolved(facts['major_axis_angle'], 0.01):.4g} degrees from x; centre of pressure "
             f"({resolved(facts['pressure_centre_x'], grid.dx):.6g}, "
             f"{resolved(facts['pressure_centre_y'], grid.dy):.6g}) mm"
         )
@@ -117,7 +117,7 @@ def _more(facts, grid):
         and abs(facts[name] - known) > 1e-12 * abs(known)
     ]
     if analytic:
-        lines.append(f"Hertz's formulas, and how far off this is: {', '.join(analytic)}")
+        lines.append(f"analytic solution, and how far off this is: {', '.join(analytic)}")
     errors = [
         f"{_words(name)} {_error(facts[f'{name}_error'])}"
         for name in _WITH_ERROR

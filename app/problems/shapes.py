@@ -258,7 +258,7 @@ class FlatPunch(Shape):
 
     def check_grid(self, grid):
         """Refuse a patch without a cell under the punch."""
-        if not (self.distance(grid.x()[None, :], grid.y()[:, None]) == 0).any():
+        if np.isnan(self.distance(np.abs(grid.x()).min(), np.abs(grid.y()).min())):
             raise InputError(
                 f"punch diameter {self.diameter:g}: no cell centre of the patch lies under the punch"
             )
