@@ -33,6 +33,11 @@ def _require_positive(**lengths):
             raise InputError(f"{name} = {value!r}: must be a number, positive and finite")
 
 
+def _exact(solution, *of, approach=None, load=None):
+    """Analytic solution of a kind, by approach or load."""
+    return solution.from_approach(*of, approach) if load is None else solution.from_load(*of, load)
+
+
 class Shape:
     """What shapes have in common."""
 
@@ -132,13 +137,11 @@ class Paraboloid(Shape):
         """Undeformed distance in points [mm]."""
         return x**2 / (2 * self.rx) + y**2 / (2 * self.ry)
 
-    def analytic(self, contact_modulus, *, approach=None, load=None):
+    def analytic(self, contact_modulus, **loading):
         """See `Shape.analytic`: Hertz's."""
         from app.reference.hertz import EllipticHertz
 
-        if load is None:
-            return EllipticHertz.from_approach(self.rx, self.ry, contact_modulus, approach)
-        return EllipticHertz.from_load(self.rx, self.ry, contact_modulus, load)
+        return _exact(EllipticHertz, self.rx, self.ry, contact_modulus, **loading)
 
     def describe(self):
         """See `Shape.describe`."""
@@ -222,13 +225,11 @@ class Cone(Shape):
         """Undeformed distance in points [mm]."""
         return self.slope * np.hypot(x, y)
 
-    def analytic(self, contact_modulus, *, approach=None, load=None):
+    def analytic(self, contact_modulus, **loading):
         """See `Shape.analytic`: Love's."""
         from app.reference.axisymmetric import Cone as Exact
 
-        if load is None:
-            return Exact.from_approach(self.slope, contact_modulus, approach)
-        return Exact.from_load(self.slope, contact_modulus, load)
+        return _exact(Exact, self.slope, contact_modulus, **loading)
 
     def describe(self):
         """See `Shape.describe`."""
@@ -263,13 +264,11 @@ class FlatPunch(Shape):
                 f"punch diameter {self.diameter:g}: no cell centre of the patch lies under the punch"
             )
 
-    def analytic(self, contact_modulus, *, approach=None, load=None):
+    def analytic(self, contact_modulus, **loading):
         """See `Shape.analytic`: Boussinesq's."""
         from app.reference.axisymmetric import FlatCircularPunch
 
-        if load is None:
-            return FlatCircularPunch.from_approach(self.diameter / 2, contact_modulus, approach)
-        return FlatCircularPunch.from_load(self.diameter / 2, contact_modulus, load)
+        return _exact(FlatCircularPunch, self.diameter / 2, contact_modulus, **loading)
 
     def describe(self):
         """See `Shape.describe`."""
