@@ -50,54 +50,37 @@ def main(argv=None):
 
 def _main(argv):
     parser = Parser(prog="python -m app.convert", description="Turn a measured surface into HDF5.")
-    parser.add_argument(
-        "file", type=Path, metavar="FILE", help="what an instrument wrote, .npy, .npz, .h5 or text"
-    )
-    parser.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="SURFACE.h5", help="file to write"
-    )
-    parser.add_argument("--channel", default="", help="name or number of a channel, where there are several")
-    parser.add_argument(
-        "--unit", type=argument(units.unit), help="m, mm, um or nm: where the file does not say"
-    )
-    parser.add_argument(
-        "--height-unit",
-        type=argument(units.unit),
-        help="of the heights alone, where points x, y have another one",
-    )
-    parser.add_argument(
-        "--skip",
-        type=argument(_line_count),
-        default=0,
-        metavar="N",
-        help="lines at the head of a text to leave out",
-    )
-    parser.add_argument(
-        "--orient", type=argument(some_of(*TURNS)), default=(), metavar="HOW",
-        help="how rows and columns are turned: transpose, flip_x, flip_y, or some of them with commas between",
-    )  # fmt: skip
-    parser.add_argument(
-        "--spacing",
-        type=argument(_spacing),
-        metavar="DX,DY",
-        help="size of a cell [mm], where the file does not say",
-    )
+    add, a_unit, elsewhere = parser.add_argument, argument(units.unit), "where the file does not say"
+    add("file", type=Path, metavar="FILE", help="what an instrument wrote, .npy, .npz, .h5 or text")
+    add("-o", "--output", type=Path, required=True, metavar="SURFACE.h5", help="file to write")
+    add("--channel", default="", help="name or number of a channel, where there are several")
+    add("--unit", type=a_unit, help=f"m, mm, um or nm: {elsewhere}")
+    add("--height-unit", type=a_unit, help="of the heights alone, where points x, y have another one")
+    how = "how rows and columns are turned: transpose, flip_x, flip_y, or some of them with commas between"
+    lines = "lines at the head of a text to leave out"
+    add("--skip", type=argument(_line_count), default=0, metavar="N", help=lines)
+    add("--orient", type=argument(some_of(*TURNS)), default=(), metavar="HOW", help=how)
+    add("--spacing", type=argument(_spacing), metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
     arguments = parser.parse_args(argv)
     from app.output.files import check_output_path
 
-    path = arguments.file
-    if not Path(str(path).partition(":/")[0]).is_file():
+    path, file = arguments.file, _without_dataset(arguments.file)
+    if not file.is_file():
         raise InputError(f"surface file {path}: {'not a file' if path.exists() else 'no such file'}")
-    check_output_path(arguments.output, [path, str(path).partition(":/")[0]], "-o")
+    check_output_path(arguments.output, [path, file], "-o")
     source, origin = _read(path, arguments)
     _settle(source, arguments)
     summary, doubts = _summary(source)  # refuses what no solve would read
     with writing(arguments.output):
-        _write(arguments.output, source, path, origin)
+        _write(arguments.output, source, {**origin, "source": file.name, "sha256": _checksum(file)})
     streams.say(f"{arguments.output}: {summary}")
     for note in doubts:
         streams.complain(f"warning: {note}")
     return 0
+
+
+def _without_dataset(path):
+    return Path(str(path).partition(":/")[0])
 
 
 def _read(path, arguments):
@@ -106,7 +89,7 @@ def _read(path, arguments):
     from app.problems.points import looks_like_points
 
     channel, skip = arguments.channel, arguments.skip
-    suffix, refusal = Path(str(path).partition(":/")[0]).suffix.lower(), None
+    suffix, refusal = _without_dataset(path).suffix.lower(), None
     if channel and suffix in (".npy", ".npz"):
         raise InputError(
             f"--channel {channel}: an array of a .npz is named as {path}:/{channel}, a .npy has one only"
@@ -195,19 +178,19 @@ def _settle(source, arguments):
         source.spacing, source.lateral = turned_spacing(arguments.spacing, arguments.orient), "mm"
 
 
-def _write(output, source, path, origin):
+def _write(output, source, origin):
     import numpy as np
 
     from app import __version__
     from app.output.files import whole_hdf5
 
-    heights, file_read = source.rows(), Path(str(path).partition(":/")[0])
+    heights = source.rows()
     with whole_hdf5(output) as file:
         dataset = file.create_dataset("heights", data=heights)
-        dataset.attrs["unit"], dataset.attrs["spacing_unit"] = source.unit, source.lateral
-        dataset.attrs["spacing"] = np.asarray(source.spacing, float)
+        spacing = np.asarray(source.spacing, float)
+        dataset.attrs.update(unit=source.unit, spacing=spacing, spacing_unit=source.lateral)
         file["mask"] = np.isnan(heights).astype(np.uint8)
-        file.attrs.update(origin, source=file_read.name, sha256=_checksum(file_read), version=__version__)
+        file.attrs.update(origin, version=__version__)
 
 
 def _checksum(path):
