@@ -296,16 +296,10 @@ def _generated(options, name, grid, measured):
                 "neither -surface_rms_slope nor -surface_rms_height [mm] is given: exactly one is needed"
             )
         check_cut_off(grid, options["surface_cutoff"])  # before as many waves are made
-        found.append(
-            SelfAffineSurface(
-                options["surface_hurst"],
-                options["surface_rolloff"] or max(extent),
-                options["surface_cutoff"],
-                extent,
-                options["surface_seed"],
-                rms_slope=options["surface_rms_slope"],
-                rms_height=options["surface_rms_height"],
-                origin=(x0, y0),
-            )  # fmt: skip
-        )
+        surface = SelfAffineSurface(
+            options["surface_hurst"], options["surface_rolloff"] or max(extent), options["surface_cutoff"], extent,
+            options["surface_seed"], rms_slope=options["surface_rms_slope"], rms_height=options["surface_rms_height"],
+            origin=(x0, y0),
+        )  # fmt: skip
+        found.append(surface)
     return found

@@ -100,7 +100,7 @@ class Request:
         self.loading, self.path, self.refine_until = {kind: number}, None, options["refine_until"]
         if kind.endswith("_path"):
             self.loading = {}
-            words = kind.removesuffix("_path"), options, self.output, given.texts, inputs, given.files
+            words = kind.removesuffix("_path"), options, given, inputs
             self.path = agree(comm, load_path.PathRequest.of, *words)
             if self.refine_until:
                 raise InputError(f"-refine_until: of one loading only, not of -{kind}")
