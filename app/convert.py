@@ -88,32 +88,29 @@ def _read(path, arguments):
     from app.problems.height_file import HeightFile
     from app.problems.points import looks_like_points
 
-    channel, skip = arguments.channel, arguments.skip
-    suffix, refusal = _without_dataset(path).suffix.lower(), None
+    channel, skip, suffix = arguments.channel, arguments.skip, _without_dataset(path).suffix.lower()
     if channel and suffix in (".npy", ".npz"):
         raise InputError(
             f"--channel {channel}: an array of a .npz is named as {path}:/{channel}, a .npy has one only"
         )
-    if suffix in (*_PLAIN, *_TEXT) and not channel:
-        try:
-            source = HeightFile(path, skip, arguments.orient)
-        except ValueError as error:
-            if suffix in _PLAIN or skip or not instruments_python():
-                raise
-            refusal = error
-        else:
-            source.refuse_coordinates()
-            return source, {"format": suffix[1:], "channel": ""}
-    elif skip:
-        raise InputError(f"--skip {skip}: allowed of {', '.join(_TEXT)}")
+    if channel or suffix not in (*_PLAIN, *_TEXT):
+        if skip:
+            raise InputError(f"--skip {skip}: allowed of {', '.join(_TEXT)}")
+        return _of_instruments(path, *_read_instruments(path, channel), arguments)
     try:
-        heights, facts = _read_instruments(path, channel)
-        if refusal is None or not looks_like_points(heights.shape):  # points are no map of three columns
-            return _of_instruments(path, heights, facts, arguments)
-    except InputError:
-        if refusal is None:
+        source = HeightFile(path, skip, arguments.orient)
+    except ValueError:
+        if suffix in _PLAIN or skip or not instruments_python():
             raise
-    raise refusal from None  # what is wrong with it as text says more
+        try:
+            heights, facts = _read_instruments(path, channel)
+        except InputError:
+            heights = None
+        if heights is None or looks_like_points(heights.shape):  # points are no map of three columns
+            raise  # what is wrong with it as text says more
+        return _of_instruments(path, heights, facts, arguments)
+    source.refuse_coordinates()
+    return source, {"format": suffix[1:], "channel": ""}
 
 
 def _read_instruments(path, channel):

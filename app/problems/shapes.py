@@ -147,11 +147,9 @@ class Paraboloid(Shape):
         """See `Shape.describe`."""
         facts = {"hertz_rx": self.rx, "hertz_ry": self.ry}
         if self.bodies:
-            names = "body1_radii", "body2_radii", "body_angle", "hertz_axes_angle"
-            facts |= {
-                name: list(value) if isinstance(value, tuple) else value
-                for name, value in zip(names, self.bodies, strict=True)
-            }
+            radii1, radii2, angle, turn = self.bodies
+            facts |= {"body1_radii": list(radii1), "body2_radii": list(radii2)}
+            facts |= {"body_angle": angle, "hertz_axes_angle": turn}
         return facts
 
 

@@ -146,8 +146,12 @@ class WavySurface(_Function):
 
     def describe(self):
         """Numbers for the result file, by the names of the options. Not collective."""
-        facts = {name: getattr(self, name) for name in ("seed", "sigma", "decay")}
-        return {f"surface_{name}": value for name, value in {**facts, "modes": list(self.modes)}.items()}
+        return {
+            "surface_seed": self.seed,
+            "surface_sigma": self.sigma,
+            "surface_decay": self.decay,
+            "surface_modes": list(self.modes),
+        }
 
     @property
     def rms_height(self):
