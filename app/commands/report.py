@@ -69,11 +69,8 @@ def _elastic(facts):
     """Contact modulus, and what it was made from."""
     text = f"contact modulus E* {facts['contact_modulus']:.6g} N/mm2"
     if "young" in facts:
-        of_bodies = (
-            f"{name} {facts[key][0]:g} and {facts[key][1]:g}"
-            for name, key in (("E", "young"), ("nu", "poisson"))
-        )
-        text += f", of {', '.join(of_bodies)}"
+        (e1, e2), (nu1, nu2) = facts["young"], facts["poisson"]
+        text += f", of E {e1:g} and {e2:g}, nu {nu1:g} and {nu2:g}"
     if "shear_modulus" in facts:
         text += f" (combined G {facts['shear_modulus']:.6g} N/mm2, nu {facts['poisson_ratio']:.4g})"
     return text
@@ -95,11 +92,9 @@ def _contact(facts, grid):
 
 def _more(facts, grid):
     """Observables and errors, as far as they are known."""
-    lines = (
-        [f"mean pressure in contact {facts['mean_contact_pressure']:.6g} N/mm2"]
-        if facts["contact_cells"]
-        else []
-    )
+    lines = []
+    if facts["contact_cells"]:
+        lines.append(f"mean pressure in contact {facts['mean_contact_pressure']:.6g} N/mm2")
     if facts["semi_axis_major"] == facts["semi_axis_major"]:
         lines.append(
             f"ellipse of the contact: semi-axes {facts['semi_axis_major']:.6g} and {facts['semi_axis_minor']:.6g} mm, "
