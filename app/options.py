@@ -105,13 +105,13 @@ class OptionReader:
     """
 
     def __init__(self, table, texts):
-        self._table = {option.name: option for option in table}
+        self._table = {option.name.lower(): option for option in table}
         self._texts = as_texts(texts)
         self.asked = set()
 
     def given(self, *names):
         """Whether one of some options is set; does not count as asking for it."""
-        return any(name in self._texts for name in names)
+        return any(name.lower() in self._texts for name in names)
 
     def __getitem__(self, name):
         """Value of an option, or its default.
@@ -121,6 +121,7 @@ class OptionReader:
         InputError
             If it is needed and not given, or its text is not allowed.
         """
+        name = name.lower()
         option = self._table[name]
         self.asked.add(name)
         if name not in self._texts:

@@ -139,9 +139,7 @@ def make_problem(options, texts, comm):
     if name == "python":
         from app.problems import own as own_problems
 
-        kind = own_problems.find(options["problem_type"])
-        own = OptionReader(getattr(kind, "OPTIONS", ()), texts)
-        shape = own_problems.make(kind, options["problem_type"], grid, material, own)
+        shape, own = own_problems.make(options["problem_type"], grid, material, texts)
         own_problems.check(shape, options["problem_type"], rows)
     elif name != "file":
         from app.problems.shapes import check_strip
