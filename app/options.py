@@ -109,6 +109,11 @@ class OptionReader:
         self._texts = as_texts(texts)
         self.asked = set()
 
+    @property
+    def names(self):
+        """Names of the table's options."""
+        return list(self._table)
+
     def given(self, *names):
         """Whether one of some options is set; does not count as asking for it."""
         return any(name.lower() in self._texts for name in names)
