@@ -50,90 +50,67 @@ def main(argv=None):
 
 def _main(argv):
     parser = Parser(prog="python -m app.convert", description="Turn a measured surface into HDF5.")
-    parser.add_argument(
-        "file", type=Path, metavar="FILE", help="what an instrument wrote, .npy, .npz, .h5 or text"
-    )
-    parser.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="SURFACE.h5", help="file to write"
-    )
-    parser.add_argument("--channel", default="", help="name or number of a channel, where there are several")
-    parser.add_argument(
-        "--unit", type=argument(units.unit), help="m, mm, um or nm: where the file does not say"
-    )
-    parser.add_argument(
-        "--height-unit",
-        type=argument(units.unit),
-        help="of the heights alone, where points x, y have another one",
-    )
-    parser.add_argument(
-        "--skip",
-        type=argument(_line_count),
-        default=0,
-        metavar="N",
-        help="lines at the head of a text to leave out",
-    )
-    parser.add_argument(
-        "--orient", type=argument(some_of(*TURNS)), default=(), metavar="HOW",
-        help="how rows and columns are turned: transpose, flip_x, flip_y, or some of them with commas between",
-    )  # fmt: skip
-    parser.add_argument(
-        "--spacing",
-        type=argument(_spacing),
-        metavar="DX,DY",
-        help="size of a cell [mm], where the file does not say",
-    )
+    add, a_unit, elsewhere = parser.add_argument, argument(units.unit), "where the file does not say"
+    add("file", type=Path, metavar="FILE", help="what an instrument wrote, .npy, .npz, .h5 or text")
+    add("-o", "--output", type=Path, required=True, metavar="SURFACE.h5", help="file to write")
+    add("--channel", default="", help="name or number of a channel, where there are several")
+    add("--unit", type=a_unit, help=f"m, mm, um or nm: {elsewhere}")
+    add("--height-unit", type=a_unit, help="of the heights alone, where points x, y have another one")
+    how = "how rows and columns are turned: transpose, flip_x, flip_y, or some of them with commas between"
+    lines = "lines at the head of a text to leave out"
+    add("--skip", type=argument(_line_count), default=0, metavar="N", help=lines)
+    add("--orient", type=argument(some_of(*TURNS)), default=(), metavar="HOW", help=how)
+    add("--spacing", type=argument(_spacing), metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
     arguments = parser.parse_args(argv)
     from app.output.files import check_output_path
-    from app.problems.height_file import turned
 
-    path = arguments.file
-    if not Path(str(path).partition(":/")[0]).is_file():
+    path, file = arguments.file, _without_dataset(arguments.file)
+    if not file.is_file():
         raise InputError(f"surface file {path}: {'not a file' if path.exists() else 'no such file'}")
-    check_output_path(arguments.output, [path, str(path).partition(":/")[0]], "-o")
-    heights, facts = _read(path, arguments.channel, arguments.skip)
-    facts = _settle(facts, arguments, path)
-    heights, facts["spacing"] = turned(heights, facts["spacing"], arguments.orient)
-    heights *= facts["factor"]
-    summary, doubts = _summary(heights, facts, path)  # refuses what no solve would read
+    check_output_path(arguments.output, [path, file], "-o")
+    source, origin = _read(path, arguments)
+    _settle(source, arguments)
+    summary, doubts = _summary(source)  # refuses what no solve would read
     with writing(arguments.output):
-        _write(arguments.output, heights, facts, path)
+        _write(arguments.output, source, {**origin, "source": file.name, "sha256": _checksum(file)})
     streams.say(f"{arguments.output}: {summary}")
     for note in doubts:
         streams.complain(f"warning: {note}")
     return 0
 
 
-def _read(path, channel, skip):
-    """Heights (ny, nx), NaN where missing, and what the file says of them."""
+def _without_dataset(path):
+    return Path(str(path).partition(":/")[0])
+
+
+def _read(path, arguments):
+    """Heights, turned, and where they are from: format and channel."""
     from app.problems.height_file import HeightFile
     from app.problems.points import looks_like_points
 
-    suffix, refusal = Path(str(path).partition(":/")[0]).suffix.lower(), None
+    channel, skip, suffix = arguments.channel, arguments.skip, _without_dataset(path).suffix.lower()
     if channel and suffix in (".npy", ".npz"):
         raise InputError(
             f"--channel {channel}: an array of a .npz is named as {path}:/{channel}, a .npy has one only"
         )
-    if suffix in (*_PLAIN, *_TEXT) and not channel:
-        try:
-            source = HeightFile(path, skip)
-        except ValueError as error:
-            if suffix in _PLAIN or skip or not instruments_python():
-                raise
-            refusal = error
-        else:
-            source.refuse_coordinates()
-            facts = {"unit": source.unit, "spacing": source.spacing, "spacing_unit": source.lateral}
-            return source.rows(), {**facts, "format": suffix[1:], "channel": ""}
-    elif skip:
-        raise InputError(f"--skip {skip}: allowed of {', '.join(_TEXT)}")
+    if channel or suffix not in (*_PLAIN, *_TEXT):
+        if skip:
+            raise InputError(f"--skip {skip}: allowed of {', '.join(_TEXT)}")
+        return _of_instruments(path, *_read_instruments(path, channel), arguments)
     try:
-        heights, facts = _read_instruments(path, channel)
-        if refusal is None or not looks_like_points(heights.shape):  # points are no map of three columns
-            return heights, facts
-    except InputError:
-        if refusal is None:
+        source = HeightFile(path, skip, arguments.orient)
+    except ValueError:
+        if suffix in _PLAIN or skip or not instruments_python():
             raise
-    raise refusal from None  # what is wrong with it as text says more
+        try:
+            heights, facts = _read_instruments(path, channel)
+        except InputError:
+            heights = None
+        if heights is None or looks_like_points(heights.shape):  # points are no map of three columns
+            raise  # what is wrong with it as text says more
+        return _of_instruments(path, heights, facts, arguments)
+    source.refuse_coordinates()
+    return source, {"format": suffix[1:], "channel": ""}
 
 
 def _read_instruments(path, channel):
@@ -164,60 +141,53 @@ def _read_instruments(path, channel):
     return heights, facts
 
 
-def _settle(facts, arguments, path):
+def _of_instruments(path, heights, facts, arguments):
+    """What `_read` returns, in a unit of ours; one that is no length counts as not said."""
+    from app.problems.height_file import HeightArray
+
+    said = facts["unit"]
+    unit, factor = ("nm", _OTHER_UNITS[said]) if said in _OTHER_UNITS else (units.unit_named(said), 1.0)
+    if said and unit is None and not (arguments.unit or arguments.height_unit):
+        raise InputError(
+            f"--unit is missing: surface file {path} says {said}, which is no length; "
+            f"allowed: {', '.join(units.UNITS)}"
+        )
+    spacing = facts["spacing"] and [factor * side for side in facts["spacing"]]
+    source = HeightArray(factor * heights, arguments.orient, unit, spacing)
+    source.file = str(path)
+    return source, {name: facts[name] for name in ("format", "channel")}
+
+
+def _settle(source, arguments):
     """Unit and spacing, each from the file or from the command line, not from both."""
-    unit, factor = facts["unit"], 1.0
-    if unit in _OTHER_UNITS:
-        unit, factor = "nm", _OTHER_UNITS[unit]
-    elif unit is not None:
-        unit = units.unit_named(unit)
-    option, given = "--height-unit", arguments.height_unit
-    if not given:
-        option, given = "--unit", arguments.unit
-    if unit is None and given is None:
-        said = f"says {facts['unit']}, which is no length" if facts["unit"] else "does not say it"
-        raise InputError(f"--unit is missing: surface file {path} {said}; allowed: {', '.join(units.UNITS)}")
-    if unit and given and unit != given:
-        raise InputError(f"{option} {given}: surface file {path} says {unit}")
-    spacing, lateral = facts["spacing"], facts.get("spacing_unit") or unit or arguments.unit
-    if spacing is not None and lateral is None:
-        raise InputError(f"--unit is missing: surface file {path} does not say the unit of its x and y")
-    if spacing is None and arguments.spacing is None:
+    from app.problems.height_file import agreed_units, turned_spacing
+
+    names = "--unit", "--height-unit"
+    source.unit, source.lateral = agreed_units(source, arguments.unit, arguments.height_unit, names)
+    if source.spacing is None and arguments.spacing is None:
         raise InputError(
-            f"--spacing is missing: surface file {path} does not say the size DX,DY of its cells [mm]"
+            f"--spacing is missing: surface file {source.file} does not say the size DX,DY of its cells [mm]"
         )
-    if spacing is not None and arguments.spacing is not None:
-        raise InputError(
-            f"--spacing: surface file {path} says {spacing[0]:.7g} x {spacing[1]:.7g} {lateral} itself"
-        )
-    if spacing is None:
-        spacing, lateral = arguments.spacing, "mm"
-    elif facts["unit"] in _OTHER_UNITS:
-        spacing = [factor * side for side in spacing]
-    return {
-        **facts,
-        "unit": unit or given,
-        "spacing": tuple(spacing),
-        "spacing_unit": lateral,
-        "factor": factor,
-    }
+    if source.spacing and arguments.spacing:
+        told = " x ".join(f"{side:.7g}" for side in turned_spacing(source.spacing, arguments.orient))
+        raise InputError(f"--spacing: surface file {source.file} says {told} {source.lateral} itself")
+    if arguments.spacing:
+        source.spacing, source.lateral = turned_spacing(arguments.spacing, arguments.orient), "mm"
 
 
-def _write(output, heights, facts, path):
+def _write(output, source, origin):
     import numpy as np
 
     from app import __version__
     from app.output.files import whole_hdf5
 
-    source = Path(str(path).partition(":/")[0])
+    heights = source.rows()
     with whole_hdf5(output) as file:
         dataset = file.create_dataset("heights", data=heights)
-        dataset.attrs["unit"], dataset.attrs["spacing_unit"] = facts["unit"], facts["spacing_unit"]
-        dataset.attrs["spacing"] = np.asarray(facts["spacing"], float)
+        spacing = np.asarray(source.spacing, float)
+        dataset.attrs.update(unit=source.unit, spacing=spacing, spacing_unit=source.lateral)
         file["mask"] = np.isnan(heights).astype(np.uint8)
-        file.attrs["source"], file.attrs["sha256"] = source.name, _checksum(source)
-        file.attrs["format"], file.attrs["channel"] = facts["format"], facts["channel"]
-        file.attrs["version"] = __version__
+        file.attrs.update(origin, version=__version__)
 
 
 def _checksum(path):
@@ -225,19 +195,16 @@ def _checksum(path):
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _summary(heights, facts, path):
+def _summary(source):
     """What a solve will read, and what is doubtful in it."""
     from app.notes import doubt, spiked
-    from app.problems.height_file import HeightArray
     from app.problems.measured import surface_of
 
-    source = HeightArray(heights)
-    source.file, source.unit = str(path), facts["unit"]
-    source.spacing, source.lateral = facts["spacing"], facts["spacing_unit"]
     surface = surface_of(source)
     grid = surface.grid()
     doubts = [note for note in (doubt(surface, grid), spiked(surface)) if note]
-    return f"{surface.understood(grid)}; {100 * surface.missing_points / heights.size:.3g}% missing", doubts
+    missing = surface.missing_points / (grid.nx * grid.ny)
+    return f"{surface.understood(grid)}; {100 * missing:.3g}% missing", doubts
 
 
 if __name__ == "__main__":

@@ -28,6 +28,13 @@ def described(error):
     return name if text == name else f"{name}: {text}"
 
 
+def yaml_fault(error, content):
+    """Line of a text that is no YAML, and what is wrong there, to stand behind the text's name. Not collective."""
+    mark = getattr(error, "problem_mark", None)
+    line = f", line {min(mark.line + 1, len(content.splitlines()))}" if mark else ""
+    return f"{line}: {getattr(error, 'problem', None) or str(error).splitlines()[0]}"
+
+
 def agree(comm, function, *args, only_root=False):
     """Call ``function(*args)`` on every rank; if it fails on any, raise InputError on all.
 

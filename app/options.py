@@ -105,13 +105,18 @@ class OptionReader:
     """
 
     def __init__(self, table, texts):
-        self._table = {option.name: option for option in table}
+        self._table = {option.name.lower(): option for option in table}
         self._texts = as_texts(texts)
         self.asked = set()
 
-    def given(self, name):
-        """Whether the option is set; does not count as asking for it."""
-        return name in self._texts
+    @property
+    def names(self):
+        """Names of the table's options."""
+        return list(self._table)
+
+    def given(self, *names):
+        """Whether one of some options is set; does not count as asking for it."""
+        return any(name.lower() in self._texts for name in names)
 
     def __getitem__(self, name):
         """Value of an option, or its default.
@@ -121,6 +126,7 @@ class OptionReader:
         InputError
             If it is needed and not given, or its text is not allowed.
         """
+        name = name.lower()
         option = self._table[name]
         self.asked.add(name)
         if name not in self._texts:
@@ -239,24 +245,26 @@ def real(allowed="a finite number", **limits):
     return partial(_real, allowed=allowed, **limits)
 
 
-def _numbers(kind, text, allowed, count):
-    """Read so many parts with commas between, each by a function, such as `int`."""
+def _whole(text, allowed):
     try:
-        numbers = [kind(part) for part in text.split(",")]
+        return int(text)
     except ValueError:
         raise ValueError(allowed) from None
-    if len(numbers) != count:
+
+
+def _several(text, kind, count, allowed, fit):
+    """So many parts with commas between, each of a kind, that are allowed together."""
+    values = tuple(kind(part, allowed=allowed) for part in text.split(","))
+    if len(values) != count or not fit(*values):
         raise ValueError(allowed)
-    return numbers
+    return values
 
 
 def integer(lowest, allowed):
     """Kind: an integer, at least `lowest`."""
 
     def parse(text):
-        [value] = _numbers(int, text, allowed, 1)
-        if value < lowest:
-            raise ValueError(allowed)
+        [value] = _several(text, _whole, 1, allowed, lambda value: value >= lowest)
         return value
 
     return parse
@@ -307,9 +315,8 @@ def pair(allowed, highest=np.inf):
     """Kind: two whole numbers from 1 to a highest one, or one for both."""
 
     def parse(text):
-        numbers = _numbers(int, text, allowed, 2 if "," in text else 1)
-        if min(numbers) < 1 or max(numbers) > highest:
-            raise ValueError(allowed)
+        count = 2 if "," in text else 1
+        numbers = _several(text, _whole, count, allowed, lambda *n: 1 <= min(n) <= max(n) <= highest)
         return numbers[0], numbers[-1]
 
     return parse
@@ -317,23 +324,14 @@ def pair(allowed, highest=np.inf):
 
 def pair_of_reals(allowed, nonzero=False, **limits):
     """Kind: two real numbers within limits, see `real`."""
-
-    def parse(text):
-        numbers = _numbers(real(allowed, **limits), text, allowed, 2)
-        if nonzero and 0 in numbers:
-            raise ValueError(allowed)
-        return tuple(numbers)
-
-    return parse
+    kind = partial(_real, **limits)
+    return partial(_several, kind=kind, count=2, allowed=allowed, fit=lambda *n: not (nonzero and 0 in n))
 
 
 def cells(text):
     """Kind: ``i0,i1,j0,j1``, a range of columns and one of rows."""
     allowed = "i0,i1,j0,j1, whole numbers from 0 with i0 < i1 and j0 < j1"
-    i0, i1, j0, j1 = _numbers(int, text, allowed, 4)
-    if not (0 <= i0 < i1 and 0 <= j0 < j1):
-        raise ValueError(allowed)
-    return i0, i1, j0, j1
+    return _several(text, _whole, 4, allowed, lambda i0, i1, j0, j1: 0 <= i0 < i1 and 0 <= j0 < j1)
 
 
 def series(text):
@@ -360,10 +358,7 @@ def series(text):
 def domain(text):
     """Kind: ``x0,x1,y0,y1``."""
     allowed = "x0,x1,y0,y1 with x0 < x1 and y0 < y1 [mm]"
-    x0, x1, y0, y1 = (_real(part, allowed=allowed) for part in _numbers(str, text, allowed, 4))
-    if not (x0 < x1 and y0 < y1):
-        raise ValueError(allowed)
-    return x0, x1, y0, y1
+    return _several(text, _real, 4, allowed, lambda x0, x1, y0, y1: x0 < x1 and y0 < y1)
 
 
 positive = real("a positive number", above=0)

@@ -55,28 +55,18 @@ def main(argv=None):
 
 
 def _main(argv):
-    parser = Parser(
-        prog="python -m app.sweep", description="Run app.solve for every combination of option values."
-    )
-    parser.add_argument(
-        "sweep", type=Path, metavar="SWEEP.yml", help="what to vary; see petsc_options/sweeps/"
-    )
-    parser.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="TABLE", help=f"table: {' '.join(SUFFIXES)}"
-    )
-    parser.add_argument("--jobs", type=count, default=1, metavar="N", help="runs at a time; default: 1")
-    parser.add_argument(
-        "--ranks", type=count, default=1, metavar="P", help="MPI ranks of each run; default: 1"
-    )
-    parser.add_argument("--timeout", type=positive, metavar="S", help="stop a run after S seconds")
-    parser.add_argument(
-        "--resume",
-        action="store_true",
-        help="keep what an earlier call has finished; what was refused is tried again",
-    )
-    parser.add_argument(
-        "--keep", action="store_true", help="keep the result files, for a table out.csv in out.runs/"
-    )
+    what = "Run app.solve for every combination of option values."
+    parser = Parser(prog="python -m app.sweep", description=what)
+    table = f"table: {' '.join(SUFFIXES)}"
+    again = "keep what an earlier call has finished; what was refused is tried again"
+    add = parser.add_argument
+    add("sweep", type=Path, metavar="SWEEP.yml", help="what to vary; see petsc_options/sweeps/")
+    add("-o", "--output", type=Path, required=True, metavar="TABLE", help=table)
+    add("--jobs", type=count, default=1, metavar="N", help="runs at a time; default: 1")
+    add("--ranks", type=count, default=1, metavar="P", help="MPI ranks of each run; default: 1")
+    add("--timeout", type=positive, metavar="S", help="stop a run after S seconds")
+    add("--resume", action="store_true", help=again)
+    add("--keep", action="store_true", help="keep the result files, for a table out.csv in out.runs/")
     arguments = parser.parse_args(argv)
     output = arguments.output
     check_ranks(arguments.ranks)

@@ -139,9 +139,7 @@ def make_problem(options, texts, comm):
     if name == "python":
         from app.problems import own as own_problems
 
-        kind = own_problems.find(options["problem_type"])
-        own = OptionReader(getattr(kind, "OPTIONS", ()), texts)
-        shape = own_problems.make(kind, options["problem_type"], grid, material, own)
+        shape, own = own_problems.make(options["problem_type"], grid, material, texts)
         own_problems.check(shape, options["problem_type"], rows)
     elif name != "file":
         from app.problems.shapes import check_strip
@@ -161,9 +159,9 @@ def _material(options):
 
     if options.given("contact_modulus"):
         return Material.from_contact_modulus(options["contact_modulus"])
-    if options.given("young") or options.given("poisson"):
+    if options.given("young", "poisson"):
         return Material.pair(options["young"], options["poisson"])
-    if not (options.given("shear_modulus") or options.given("poisson_ratio")):
+    if not options.given("shear_modulus", "poisson_ratio"):
         raise InputError(
             "neither -contact_modulus [N/mm2], nor -young E1,E2 [N/mm2] with -poisson nu1,nu2, nor "
             "-shear_modulus [N/mm2] with -poisson_ratio is given: exactly one of these ways is needed"
@@ -202,11 +200,11 @@ def _shape(name, options):
         return shapes.Cone(options["cone_angle"])
     if name == "punch":
         return shapes.FlatPunch(options["punch_diameter"])
-    if any(options.given(other) for other in RADII[1]):
+    if options.given(*RADII[1]):
         return shapes.Paraboloid.between(
             options["body1_radii"], options["body2_radii"], options["body_angle"]
         )
-    if not any(options.given(other) for other in RADII[0]):
+    if not options.given(*RADII[0]):
         raise InputError(
             "neither -hertz_rx and -hertz_ry [mm] nor -body1_radii and -body2_radii [mm] is given: exactly one of "
             "the two ways is needed"
@@ -262,7 +260,7 @@ def _default_patch(options, shape, material, periodic):
     """Patch about the contact area that Hertz's theory gives for smooth bodies."""
     given = (f"{name}{path}" for path in ("", "_path") for name in ("approach", "load"))
     loading = next(filter(options.given, given), None)
-    rough = any(options.given(name) for name in (*_PAPERS, *_SELF_AFFINE))
+    rough = options.given(*_PAPERS, *_SELF_AFFINE)
     if periodic or rough or loading is None:
         raise InputError(
             "-domain is missing: x0,x1,y0,y1 [mm]; it follows from Hertz's theory only for smooth bodies on a free "
@@ -280,7 +278,7 @@ def _generated(options, name, grid, measured):
     """Random surfaces on a patch; if nothing else is rough, a punch has the paper's, and `rough` a self-affine one."""
     from app.problems.surfaces import SelfAffineSurface, WavySurface, check_cut_off
 
-    papers, self_affine = (any(options.given(one) for one in names) for names in (_PAPERS, _SELF_AFFINE))
+    papers, self_affine = options.given(*_PAPERS), options.given(*_SELF_AFFINE)
     if not (measured or papers or self_affine):
         papers, self_affine = name == "punch", name == "rough"
     x0, y0 = grid.x0, grid.y0
@@ -288,32 +286,18 @@ def _generated(options, name, grid, measured):
     extent = (extent[1] - x0, extent[3] - y0) if extent else (grid.nx * grid.dx, grid.ny * grid.dy)
     found = []
     if papers:
-        found.append(
-            WavySurface(
-                modes=options["surface_modes"],
-                decay=options["surface_decay"],
-                sigma=options["surface_sigma"],
-                seed=options["surface_seed"],
-                extent=extent,
-                origin=(x0, y0),
-            )  # fmt: skip
-        )
+        parameters = (options[f"surface_{name}"] for name in ("modes", "decay", "sigma", "seed"))
+        found.append(WavySurface(*parameters, extent, (x0, y0)))
     if self_affine:
-        if not any(options.given(one) for one in ROUGHNESS):
+        if not options.given(*ROUGHNESS):
             raise InputError(
                 "neither -surface_rms_slope nor -surface_rms_height [mm] is given: exactly one is needed"
             )
         check_cut_off(grid, options["surface_cutoff"])  # before as many waves are made
-        found.append(
-            SelfAffineSurface(
-                options["surface_hurst"],
-                options["surface_rolloff"] or max(extent),
-                options["surface_cutoff"],
-                extent,
-                options["surface_seed"],
-                origin=(x0, y0),
-                rms_slope=options["surface_rms_slope"],
-                rms_height=options["surface_rms_height"],
-            )  # fmt: skip
-        )
+        surface = SelfAffineSurface(
+            options["surface_hurst"], options["surface_rolloff"] or max(extent), options["surface_cutoff"], extent,
+            options["surface_seed"], rms_slope=options["surface_rms_slope"], rms_height=options["surface_rms_height"],
+            origin=(x0, y0),
+        )  # fmt: skip
+        found.append(surface)
     return found

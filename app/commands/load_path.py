@@ -45,7 +45,7 @@ class PathRequest:
     rows_depend_on: str  # options, as they would be written on a command line
 
     @classmethod
-    def of(cls, kind, options, output, texts, inputs, option_files):
+    def of(cls, kind, options, given, inputs):
         """Read the options of a path; its files must not take the place of what is read.
 
         Not collective.
@@ -55,19 +55,17 @@ class PathRequest:
         kind : str
             What is prescribed.
         options : OptionReader
-        output : str or None
-            Result file.
-        texts : mapping of str to str
-            All options.
-        inputs, option_files : list of str
-            Files that the problem, and options, are read from.
+        given : app.commands.places.Given
+            All options, and the files that they are read from.
+        inputs : list of str
+            Files that the problem is read from.
 
         Raises
         ------
         InputError
             If one is not allowed, or asks for what there is no place for.
         """
-        numbers, csv = tuple(options[f"{kind}_path"]), options["path_csv"]
+        numbers, output, csv = tuple(options[f"{kind}_path"]), options["output"], options["path_csv"]
         fields, resume = options["path_fields"], options["resume"]
         if fields and not output:
             raise InputError(
@@ -78,10 +76,10 @@ class PathRequest:
                 "-resume: what is finished is kept beside -output or -path_csv; neither is given"
             )
         csv = csv or (output and Path(output).with_suffix(".csv"))
-        kept = [*option_files, *inputs]
+        kept = [*given.files, *inputs]
         if csv:
             check_output_path(csv, kept, "path table", (".csv",))
-        depends = as_line({name: text for name, text in texts.items() if name not in _NO_MATTER})
+        depends = as_line({name: text for name, text in given.texts.items() if name not in _NO_MATTER})
         output, csv = output and Path(output), csv and Path(csv)
         request = cls(kind, numbers, output, csv, fields, resume, inputs, depends)
         if fields:

@@ -12,7 +12,7 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from app.errors import InputError
+from app.errors import InputError, yaml_fault
 from app.options import FILES
 
 OPTION_FILES = ("-options_file", "-options_file_yaml")
@@ -177,8 +177,5 @@ def look_over_yaml(content, where):
         for document in yaml.compose_all(content, getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
             look(document, "")
     except (yaml.YAMLError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f", line {min(mark.line + 1, len(content.splitlines()))}" if mark else ""
-        what = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise InputError(f"{where}{line}: {what}; {_YAML_FORM}") from None
+        raise InputError(f"{where}{yaml_fault(error, content)}; {_YAML_FORM}") from None
     return looked

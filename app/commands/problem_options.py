@@ -100,7 +100,7 @@ class Request:
         self.loading, self.path, self.refine_until = {kind: number}, None, options["refine_until"]
         if kind.endswith("_path"):
             self.loading = {}
-            words = kind.removesuffix("_path"), options, self.output, given.texts, inputs, given.files
+            words = kind.removesuffix("_path"), options, given, inputs
             self.path = agree(comm, load_path.PathRequest.of, *words)
             if self.refine_until:
                 raise InputError(f"-refine_until: of one loading only, not of -{kind}")
@@ -112,7 +112,7 @@ class Request:
         taken = {option.name for option in PROBLEM_OPTIONS} | own.asked
         self.method, self.options = given.files_and_words(given.texts.keys() - taken)
         _refuse_method(self.options)
-        known, unknown = _unknown(given.texts, own.asked)
+        known, unknown = _unknown(given.texts, own.names)
         if meant := [name for name in unknown if nearest(name, known)]:
             raise InputError(unknown_options(meant, known))
         self.options_text = as_line({name: given.texts[name] for name in given.texts.keys() & taken})
@@ -146,10 +146,10 @@ def suggesting(texts):
         raise InputError(f"{unknown_options(meant, known)}; {error}") from None
 
 
-def _unknown(texts, own=frozenset()):
-    """Names of the options of the tables, and others that are neither a problem's `own` nor look like a solver's."""
-    known = [option.name for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)]
-    others = texts.keys() - own - NAMES - set(known)
+def _unknown(texts, own=()):
+    """Names of the options of the tables and a problem's `own`, and others that do not look like a solver's."""
+    known = [*(option.name for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)), *own]
+    others = texts.keys() - NAMES - set(known)
     return known, [name for name in others if name.startswith("lcp_") or not _OF_SOLVERS.search(name)]
 
 

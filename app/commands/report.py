@@ -38,7 +38,7 @@ def report(facts, grid, output=None):
     if "body1_radii" in facts:
         lines.append(
             f"relative radii {facts['hertz_rx']:.6g} and {facts['hertz_ry']:.6g} mm, "
-            f"x at {facts['hertz_axes_angle']:.4g} degrees to body 1's first axis"
+            f"x at {resolved(facts['hertz_axes_angle'], 0.01):.4g} degrees to body 1's first axis"
         )
     lines += [_elastic(facts), _contact(facts, grid), *_more(facts, grid)]
     ranks = _count(facts["ranks"], "rank")
@@ -69,11 +69,8 @@ def _elastic(facts):
     """Contact modulus, and what it was made from."""
     text = f"contact modulus E* {facts['contact_modulus']:.6g} N/mm2"
     if "young" in facts:
-        of_bodies = (
-            f"{name} {facts[key][0]:g} and {facts[key][1]:g}"
-            for name, key in (("E", "young"), ("nu", "poisson"))
-        )
-        text += f", of {', '.join(of_bodies)}"
+        (e1, e2), (nu1, nu2) = facts["young"], facts["poisson"]
+        text += f", of E {e1:g} and {e2:g}, nu {nu1:g} and {nu2:g}"
     if "shear_modulus" in facts:
         text += f" (combined G {facts['shear_modulus']:.6g} N/mm2, nu {facts['poisson_ratio']:.4g})"
     return text
@@ -95,15 +92,13 @@ def _contact(facts, grid):
 
 def _more(facts, grid):
     """Observables and errors, as far as they are known."""
-    lines = (
-        [f"mean pressure in contact {facts['mean_contact_pressure']:.6g} N/mm2"]
-        if facts["contact_cells"]
-        else []
-    )
+    lines = []
+    if facts["contact_cells"]:
+        lines.append(f"mean pressure in contact {facts['mean_contact_pressure']:.6g} N/mm2")
     if facts["semi_axis_major"] == facts["semi_axis_major"]:
         lines.append(
             f"ellipse of the contact: semi-axes {facts['semi_axis_major']:.6g} and {facts['semi_axis_minor']:.6g} mm, "
-            f"the longer at {facts['major_axis_angle']:.4g} degrees from x; centre of pressure "
+            f"the longer at {resolved(facts['major_axis_angle'], 0.01):.4g} degrees from x; centre of pressure "
             f"({resolved(facts['pressure_centre_x'], grid.dx):.6g}, "
             f"{resolved(facts['pressure_centre_y'], grid.dy):.6g}) mm"
         )
@@ -117,7 +112,7 @@ def _more(facts, grid):
         and abs(facts[name] - known) > 1e-12 * abs(known)
     ]
     if analytic:
-        lines.append(f"Hertz's formulas, and how far off this is: {', '.join(analytic)}")
+        lines.append(f"analytic solution, and how far off this is: {', '.join(analytic)}")
     errors = [
         f"{_words(name)} {_error(facts[f'{name}_error'])}"
         for name in _WITH_ERROR

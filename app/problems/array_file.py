@@ -122,16 +122,12 @@ class ArrayFile:
     def _open_hdf5(self):
         import h5py
 
-        file = h5py.File(self.path, "r")
-        if self._dataset:
-            if not isinstance(file.get(self._dataset), h5py.Dataset):
-                raise ValueError(f"no dataset /{self._dataset}")
-            return self._dataset_of(file, self._dataset)
-        found = []
-        file.visititems(lambda key, item: found.append(key) if getattr(item, "ndim", 0) == 2 else None)
-        return self._dataset_of(file, self._only(found))
-
-    def _dataset_of(self, file, name):
+        file, name, found = h5py.File(self.path, "r"), self._dataset, []
+        if not name:
+            file.visititems(lambda key, item: found.append(key) if getattr(item, "ndim", 0) == 2 else None)
+            name = self._only(found)
+        if not isinstance(file.get(name), h5py.Dataset):
+            raise ValueError(f"no dataset /{name}")
         self.attributes = {key: value for key, value in file[name].attrs.items() if np.size(value)}
         return file[name]
 

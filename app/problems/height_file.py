@@ -15,6 +15,8 @@ from app.units import UNITS, unit_named
 # At the head of Gwyddion's ASCII export: the size of the map, and the unit of its heights.
 _SAID = re.compile(r"#\s*(Width|Height|Value units):\s*([\d.,eE+-]*)\s*(\S+)\s*")
 
+# What says the unit of heights and of points, and that of the heights alone.
+_UNIT_OPTIONS = "-surface_unit (in Python unit=)", "-surface_height_unit (height_unit=)"
 _FEW = 8  # heights in a row, that may go by equal steps by chance
 _EVEN, _UNEVEN = 0.1, 0.5  # by how much steps differ, in the largest: of printed coordinates, of heights
 _OTHER = 0.01  # by which slopes of two rows differ, in the largest step, that are not of one plane
@@ -26,11 +28,16 @@ TURNS = {
 }
 
 
-def turned(rows, spacing, orient):
-    """Rows and columns of an array, and their spacing dx, dy or None, after some `TURNS`. Not collective."""
+def turned(rows, orient):
+    """Rows and columns of an array after some `TURNS`. Not collective."""
     for turn in orient:
         rows = TURNS[turn](rows)
-    return rows, spacing[::-1] if spacing and orient.count("transpose") % 2 else spacing
+    return rows
+
+
+def turned_spacing(spacing, orient):
+    """Spacing dx, dy, or None, after some `TURNS`, or before them. Not collective."""
+    return spacing[::-1] if spacing and orient.count("transpose") % 2 else spacing
 
 
 def _is_even(rows):
@@ -50,12 +57,13 @@ def _is_even(rows):
 
 
 class HeightArray:
-    """Heights in memory, (ny, nx), as if they were a `HeightFile` that says neither unit nor spacing."""
+    """Heights in memory, (ny, nx), as if they were a `HeightFile`; see there."""
 
-    file, unit, lateral, spacing = "(array)", None, None, None
+    file, lateral = "(array)", None
 
-    def __init__(self, heights, orient=()):
-        self._rows, _ = turned(np.array(heights), None, orient)
+    def __init__(self, heights, orient=(), unit=None, spacing=None):
+        self._rows, self.unit = turned(np.array(heights), orient), unit
+        self.spacing = turned_spacing(spacing, orient)
         if self._rows.ndim != 2 or not self._rows.size:
             raise ValueError(
                 f"surface {self.file}: has shape {self._rows.shape}; needed: (ny, nx), or a file name"
@@ -112,8 +120,10 @@ class HeightFile(ArrayFile):
                     f"surface file {name}: its lines of 3 numbers are no points x, y, z of a grid: {error} "
                     "(a map of 3 columns can be given as .npy)"
                 ) from None
+        self._written, self._orient = self._rows, orient
         if orient:
-            self._rows, self.spacing = turned(self._rows[...], self.spacing, orient)
+            self._rows = turned(self._rows[...], orient)
+            self.spacing = turned_spacing(self.spacing, orient)
 
     def refuse_coordinates(self):
         """Refuse a text whose first row or column goes by equal steps, as x and y do, not heights.
@@ -122,13 +132,16 @@ class HeightFile(ArrayFile):
         """
         if not self.is_text or self.spacing:
             return
-        row, column = (int(_is_even(rows)) for rows in (self._rows, self._rows.T))
+        row, column = (int(_is_even(rows)) for rows in (self._written, self._written.T))
         if row or column:
             (ny, nx), what = self.shape, " and ".join(["row"] * row + ["column"] * column)
+            heights = np.zeros(self._written.shape, bool)
+            heights[row:, column:] = True
+            j, i = np.nonzero(turned(heights, self._orient))
             raise ValueError(
                 f"surface file {self.file}: the first {what}: equal steps, as of coordinates, not of heights; leave "
-                f"them out in the file or by -surface_crop {column},{nx},{row},{ny} (in Python crop=), "
-                f"or keep them by 0,{nx},0,{ny}"
+                f"them out in the file or by -surface_crop {i.min()},{i.max() + 1},{j.min()},{j.max() + 1} (in Python "
+                f"crop=), or keep them by 0,{nx},0,{ny}"
             )
 
     def _read_head(self):
@@ -159,26 +172,25 @@ class HeightFile(ArrayFile):
         return unit
 
 
-def agreed_units(source, unit, height_unit):
+def agreed_units(source, unit, height_unit, names=_UNIT_OPTIONS):
     """Unit of the heights and that of the spacing, from the file or from options, which must not say another one.
 
     Not collective.
     """
-    given = height_unit or unit
+    given, of_unit, of_height = height_unit or unit, *names
+    allowed = f"allowed: {', '.join(UNITS)}"
     if source.unit is None and given is None:
         raise InputError(
-            f"-surface_unit (in Python unit=) is missing: surface file {source.file} does not say the unit of its "
-            f"heights; "
-            f"allowed: {', '.join(UNITS)}"
+            f"{of_unit} is missing: surface file {source.file} does not say the unit of its heights; {allowed}"
         )
     if source.unit and given and given != source.unit:
-        option = "-surface_height_unit" if height_unit else "-surface_unit"
+        option = (of_height if height_unit else of_unit).partition(" ")[0]
         raise InputError(f"{option} {given}: surface file {source.file} says {source.unit}")
     lateral = source.lateral or source.unit or unit
     if source.spacing and lateral is None:
         raise InputError(
-            f"-surface_unit (in Python unit=) is missing: surface file {source.file} does not say the unit of its x "
-            f"and y, and -surface_height_unit (height_unit=) is of z alone; allowed: {', '.join(UNITS)}"
+            f"{of_unit} is missing: surface file {source.file} does not say the unit of its x and y, and {of_height} "
+            f"is of z alone; {allowed}"
         )
     return source.unit or given, lateral
 
@@ -197,7 +209,7 @@ def agreed_spacing(source, lateral, given, orient):
         dx = dy = 0.0
     if not (0 < dx < np.inf and 0 < dy < np.inf):
         raise InputError(f"spacing {given!r}: needed: two positive numbers dx, dy [mm]")
-    return turned(np.empty((0, 0)), (dx, dy), orient)[1]
+    return turned_spacing((dx, dy), orient)
 
 
 def checked_crop(source, crop):

@@ -251,16 +251,17 @@ class Surface:
 
     def describe(self):
         """Data for the result file, by the names of the options. Not collective."""
-        return {
+        facts = {
             "surface_file": self.file,
             "surface_unit": self.unit,
             "surface_level": self.level,
             "surface_missing": self.missing,
             "surface_crop": list(self.crop),
             "surface_orient": ",".join(self.orient),
-            **({"surface_s_filter": self.s_filter} if self.s_filter else {}),
-            **({"surface_l_filter": self.l_filter} if self.l_filter else {}),
+            "surface_s_filter": self.s_filter,
+            "surface_l_filter": self.l_filter,
         }
+        return {name: value for name, value in facts.items() if value is not None}
 
     def _levelled(self, start, stop):
         """Rows of the crop, before averaging [mm]."""

@@ -28,6 +28,7 @@ import traceback
 from pathlib import Path
 
 from app.errors import InputError, one_line
+from app.options import OptionReader
 from app.problems.given import ContactProblem
 from app.problems.problem import Problem, checked_shape
 
@@ -63,18 +64,22 @@ def find(name):
     return found
 
 
-def make(kind, name, grid, material, options):
-    """Make a problem from what `find` found.
+def make(name, grid, material, texts):
+    """Make the problem of a name, see `find`.
 
     Not collective.
 
     Parameters
     ----------
-    kind : callable or subclass of Problem
     name : str
-        For messages and the result file.
     grid : app.halfspace.grid.Grid
     material : app.halfspace.influence.Material
+    texts : mapping of str to str
+        All options, the problem's own among them.
+
+    Returns
+    -------
+    problem : Problem
     options : app.options.OptionReader
         Of the problem's own options.
 
@@ -83,6 +88,8 @@ def make(kind, name, grid, material, options):
     InputError
         If that fails.
     """
+    kind = find(name)
+    options = OptionReader(getattr(kind, "OPTIONS", ()), texts)
     if isinstance(kind, type):
         make_it = getattr(kind, "from_options", None)
         parts = (grid, material) if make_it is None else (grid, material, options)
@@ -93,7 +100,7 @@ def make(kind, name, grid, material, options):
         problem = ContactProblem(grid, material, kind)
     if not problem.name or problem.name == ContactProblem.name:
         object.__setattr__(problem, "name", name)
-    return problem
+    return problem, options
 
 
 def check(problem, name, rows):

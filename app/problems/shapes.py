@@ -33,6 +33,11 @@ def _require_positive(**lengths):
             raise InputError(f"{name} = {value!r}: must be a number, positive and finite")
 
 
+def _exact(solution, *of, approach=None, load=None):
+    """Analytic solution of a kind, by approach or load."""
+    return solution.from_approach(*of, approach) if load is None else solution.from_load(*of, load)
+
+
 class Shape:
     """What shapes have in common."""
 
@@ -132,23 +137,19 @@ class Paraboloid(Shape):
         """Undeformed distance in points [mm]."""
         return x**2 / (2 * self.rx) + y**2 / (2 * self.ry)
 
-    def analytic(self, contact_modulus, *, approach=None, load=None):
+    def analytic(self, contact_modulus, **loading):
         """See `Shape.analytic`: Hertz's."""
         from app.reference.hertz import EllipticHertz
 
-        if load is None:
-            return EllipticHertz.from_approach(self.rx, self.ry, contact_modulus, approach)
-        return EllipticHertz.from_load(self.rx, self.ry, contact_modulus, load)
+        return _exact(EllipticHertz, self.rx, self.ry, contact_modulus, **loading)
 
     def describe(self):
         """See `Shape.describe`."""
         facts = {"hertz_rx": self.rx, "hertz_ry": self.ry}
         if self.bodies:
-            names = "body1_radii", "body2_radii", "body_angle", "hertz_axes_angle"
-            facts |= {
-                name: list(value) if isinstance(value, tuple) else value
-                for name, value in zip(names, self.bodies, strict=True)
-            }
+            radii1, radii2, angle, turn = self.bodies
+            facts |= {"body1_radii": list(radii1), "body2_radii": list(radii2)}
+            facts |= {"body_angle": angle, "hertz_axes_angle": turn}
         return facts
 
 
@@ -222,13 +223,11 @@ class Cone(Shape):
         """Undeformed distance in points [mm]."""
         return self.slope * np.hypot(x, y)
 
-    def analytic(self, contact_modulus, *, approach=None, load=None):
+    def analytic(self, contact_modulus, **loading):
         """See `Shape.analytic`: Love's."""
         from app.reference.axisymmetric import Cone as Exact
 
-        if load is None:
-            return Exact.from_approach(self.slope, contact_modulus, approach)
-        return Exact.from_load(self.slope, contact_modulus, load)
+        return _exact(Exact, self.slope, contact_modulus, **loading)
 
     def describe(self):
         """See `Shape.describe`."""
@@ -258,18 +257,16 @@ class FlatPunch(Shape):
 
     def check_grid(self, grid):
         """Refuse a patch without a cell under the punch."""
-        if not (self.distance(grid.x()[None, :], grid.y()[:, None]) == 0).any():
+        if np.isnan(self.distance(np.abs(grid.x()).min(), np.abs(grid.y()).min())):
             raise InputError(
                 f"punch diameter {self.diameter:g}: no cell centre of the patch lies under the punch"
             )
 
-    def analytic(self, contact_modulus, *, approach=None, load=None):
+    def analytic(self, contact_modulus, **loading):
         """See `Shape.analytic`: Boussinesq's."""
         from app.reference.axisymmetric import FlatCircularPunch
 
-        if load is None:
-            return FlatCircularPunch.from_approach(self.diameter / 2, contact_modulus, approach)
-        return FlatCircularPunch.from_load(self.diameter / 2, contact_modulus, load)
+        return _exact(FlatCircularPunch, self.diameter / 2, contact_modulus, **loading)
 
     def describe(self):
         """See `Shape.describe`."""

@@ -120,14 +120,8 @@ def roughness(height, dx, dy):
     slope_y = np.sqrt(np.mean((np.diff(height, axis=0) / dy) ** 2))
     flat = np.ptp(height) == 0  # not rms_height: the mean of equal numbers may be off by round-off
     skewness, kurtosis = (np.nan if flat else np.mean((deviation / rms_height) ** k) for k in (3, 4))
-    return Roughness(
-        float(rms_height),
-        float(slope_x),
-        float(slope_y),
-        float(np.hypot(slope_x, slope_y)),
-        float(skewness),
-        float(kurtosis),
-    )
+    moments = rms_height, slope_x, slope_y, np.hypot(slope_x, slope_y), skewness, kurtosis
+    return Roughness(*map(float, moments))
 
 
 def radial_spectrum(height, dx, dy, window=False):

@@ -25,9 +25,11 @@ import numpy as np
 import scipy.fft
 
 from app.errors import InputError
+from app.memory import check_fits
 
 _BLOCK = 32768  # values that stay in cache while the terms of a sum are added
 _STRIP = 64  # columns or rows of a Fourier sum at a time
+_BYTES_PER_MODE = 88.0  # of what `WavySurface.height` takes beside the heights
 
 
 def _check_seed(seed):
@@ -92,8 +94,8 @@ class WavySurface(_Function):
 
     Raises
     ------
-    InputError
-        If a parameter is outside its range.
+    ValueError
+        If a parameter is outside its range, or there is too little memory for so many waves.
 
     References
     ----------
@@ -126,6 +128,8 @@ class WavySurface(_Function):
         _check_seed(self.seed)
         _check_lengths("extent", self.extent)
         _check_origin(self.origin)
+        m, n = self.modes
+        check_fits(_BYTES_PER_MODE * m * n, f"a surface of {m} x {n} modes")
 
     @cached_property
     def coefficients(self):
@@ -256,8 +260,8 @@ class SelfAffineSurface(_Function):
 
     Raises
     ------
-    InputError
-        If a parameter is outside its range, or no wave of the period lies between the wavelengths.
+    ValueError
+        If a parameter is outside its range, no wave of the period lies between the wavelengths, or too many do.
 
     Attributes
     ----------
@@ -309,6 +313,8 @@ class SelfAffineSurface(_Function):
 
         # A half-plane of integer wave vectors: k_x = 0 .. K_x and k_y = -K_y .. K_y.
         largest_x, largest_y = (int(l / shortest_wavelength * (1 + 1e-12)) for l in period)
+        waves = f"surface wavelengths: {period[0]:g} x {period[1]:g} mm down to {shortest_wavelength:g} mm"
+        check_fits(16.0 * (largest_x + 1) * (largest_y + 1), waves)
         self.wave_numbers = np.arange(largest_x + 1), np.arange(-largest_y, largest_y + 1)
         self.hurst, self.rolloff_wavelength = hurst, rolloff_wavelength
         self.shortest_wavelength, self.longest_wavelength = shortest_wavelength, longest_wavelength

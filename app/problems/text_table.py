@@ -28,6 +28,7 @@ _MARK = re.compile(r"\*+|-+|_+|n/?a|null|none|bad|void|missing|1\.#\w+", re.IGNO
 _NO_DATA = re.compile(r"\bno data\b", re.IGNORECASE)  # one more of them, in two words
 _PLAIN = frozenset("0123456789+-.,;eE \t")
 _COMMENTS = ("#", "%")
+_SIGNS = 8  # different numbers below 0, all before the first comma of two: by chance none stands behind one
 
 
 def read_table(lines, missing, skip=0, marks=False, how_to_skip=""):
@@ -148,12 +149,15 @@ def _refuse_if_decimal(lines):
     if any(len(row) % 2 for row in rows):
         return
     before, behind = ({entry.strip() for row in rows for entry in row[k::2]} for k in (0, 1))
+    powers = "e" in "".join(behind).lower() and "e" not in "".join(before).lower()
+    behind = {re.split("[eE]", entry)[0] for entry in behind}
     if not all(entry.isdigit() for entry in behind):
         return
     lengths = [{len(entry.lstrip("+-")) for entry in entries} for entries in (before, behind)]
     zeros = any(len(entry) > 1 and entry.startswith("0") for entry in behind) or "-0" in before
     alike = len(lengths[1]) == 1 and lengths[1] != {1} and lengths[0] != lengths[1]
-    if zeros or alike or before <= {"0", "+0"}:
+    signs = sum(entry.startswith("-") for entry in before) >= _SIGNS
+    if powers or signs or zeros or alike or before <= {"0", "+0"}:
         raise ValueError(
             f"line of {lines[0][:40]!r}: commas may separate numbers or begin their decimals; separate numbers by "
             "semicolons, tabs or blanks, or write decimal points"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import yaml
 
-from app.errors import InputError
+from app.errors import InputError, yaml_fault
 from app.options import option_file
 from app.runs.run import Run
 
@@ -51,58 +51,33 @@ def read_sweep(path):
         If it cannot be read or says something that is not allowed.
     """
     try:
-        content = yaml.load(Path(path).read_text(encoding="utf-8"), _Loader)
-        return _combine(content)
+        text = Path(path).read_text(encoding="utf-8")
+        return _combine(yaml.load(text, _Loader))
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"sweep {path}: {getattr(error, 'strerror', None) or error}") from None
-    except (yaml.YAMLError, InputError) as error:
+    except (yaml.YAMLError, RecursionError) as error:
+        raise InputError(f"sweep {path}{yaml_fault(error, text)}") from None
+    except InputError as error:
         raise InputError(f"sweep {path}: {error}") from None
 
 
 def _combine(content):
+    """Runs of all combinations of the axes, each a list of alternatives: labels, option files, options."""
     _mapping(content, "the file", _KEYS)
-    axes = []  # each a list of alternatives: ({column: label}, [files], {option: text})
     files = _sequence(content.get("option_files") or [], "option_files")
-    for entry in files:
-        entries = entry if isinstance(entry, list) else [entry]
-        names = [option_file(_scalar(name, "option_files")) for name in entries]
-        if not names:
-            raise InputError("option_files: the list is empty")
-        for name in names:
-            if not Path(name).is_file():
-                raise InputError(f"option_files: {name}: no such file")
-        stems = [Path(name).stem for name in names]
-        labels = [stem if stems.count(stem) == 1 else name for stem, name in zip(stems, names, strict=True)]
-        label = len(names) > 1
-        axes.append(
-            [
-                ({"option_files": told} if label else {}, [name], {})
-                for told, name in zip(labels, names, strict=True)
-            ]
-        )
-    seen = set()
-    options = _mapping(content.get("options") or {}, "options")
-    for name, values in options.items():
+    axes, seen = [_files(entry) for entry in files], set()
+    for name, values in _mapping(content.get("options") or {}, "options").items():
         values = _values(name, values, seen)
-        axes.append([_setting({name: value}, len(values) > 1) for value in values])
+        axes.append(_settings({name: values}, len(values) > 1))
     for group in _sequence(content.get("zip") or [], "zip"):
         lists = {name: _values(name, values, seen) for name, values in _mapping(group, "zip").items()}
-        lengths = {name: len(values) for name, values in lists.items()}
-        if len(set(lengths.values())) != 1:
-            told = ", ".join(f"{name} {length}" for name, length in lengths.items()) or "nothing"
+        if len({len(values) for values in lists.values()}) != 1:
+            told = ", ".join(f"{name} {len(values)}" for name, values in lists.items()) or "nothing"
             raise InputError(f"zip: lists of a group must be equally long; these have: {told}")
-        together = zip(*lists.values(), strict=True)
-        axes.append([_setting(dict(zip(lists, values, strict=True)), True) for values in together])
+        axes.append(_settings(lists, True))
     if not seen and not files:
         raise InputError("neither option_files nor options are given")
-    excluded = []
-    for entry in _sequence(content.get("exclude") or [], "exclude"):
-        for name in _mapping(entry, "exclude"):
-            if name not in seen:
-                raise InputError(f"exclude: {name} is not among the options")
-        excluded.append({name: _listed(values, f"exclude, {name}") for name, values in entry.items()})
-        if not entry:
-            raise InputError("exclude: an entry must name an option")
+    excluded = [_excluded(entry, seen) for entry in _sequence(content.get("exclude") or [], "exclude")]
     runs = [_merge(combination) for combination in itertools.product(*axes)]
     runs = [run for run in runs if not any(_matches(run, entry) for entry in excluded)]
     if not runs:
@@ -110,10 +85,39 @@ def _combine(content):
     return runs
 
 
-def _setting(options, label):
-    given = {name: value for name, value in options.items() if value != LEFT_OUT}
-    labels = {name: _number(given.get(name)) for name in options} if label else {}
-    return labels, [], given
+def _files(entry):
+    """Alternatives of an option file, or of a list of them."""
+    entries = entry if isinstance(entry, list) else [entry]
+    names = [option_file(_scalar(name, "option_files")) for name in entries]
+    if not names:
+        raise InputError("option_files: the list is empty")
+    for name in names:
+        if not Path(name).is_file():
+            raise InputError(f"option_files: {name}: no such file")
+    if len(names) == 1:
+        return [({}, names, {})]
+    stems = [Path(name).stem for name in names]
+    labels = [stem if stems.count(stem) == 1 else name for stem, name in zip(stems, names, strict=True)]
+    return [({"option_files": label}, [name], {}) for label, name in zip(labels, names, strict=True)]
+
+
+def _settings(lists, label):
+    """Alternatives of some options whose values are gone through together."""
+    axis = []
+    for values in zip(*lists.values(), strict=True):
+        given = {name: value for name, value in zip(lists, values, strict=True) if value != LEFT_OUT}
+        axis.append(({name: _number(given.get(name)) for name in lists} if label else {}, [], given))
+    return axis
+
+
+def _excluded(entry, seen):
+    """Name of an option -> values, combinations with all of which are left out."""
+    for name in _mapping(entry, "exclude"):
+        if name not in seen:
+            raise InputError(f"exclude: {name} is not among the options")
+    if not entry:
+        raise InputError("exclude: an entry must name an option")
+    return {name: _listed(values, f"exclude, {name}") for name, values in entry.items()}
 
 
 def _merge(combination):

@@ -248,6 +248,14 @@ def test_result_holds_what_was_printed_and_asked_for(cli, tmp_path):
     assert done.stdout.count("KSP Object: 2 MPI") == 1  # of the target grid, once
 
 
+def test_what_is_analytic_is_not_all_hertz_s_and_rounding_is_no_angle(cli_here):
+    patch = ("-grid", 8, "-domain", "-1.6,1.6,-1.2,1.2", "-contact_modulus", 1000, "-load", 1)
+    said = cli_here("-problem", "cone", "-cone_angle", 3, *patch).stdout
+    assert "analytic solution, and how far off this is: approach" in said and "Hertz" not in said
+    ellipse = ("-hertz_rx", 10, "-hertz_ry", 5, "-grid", 8, "-contact_modulus", 1000, "-load", 1)
+    assert "the longer at 0 degrees" in cli_here("-problem", "hertz", *ellipse).stdout
+
+
 def test_nothing_at_all_is_told_where_to_begin():
     done = run("-m", "app.solve")
     assert (done.returncode, done.stdout) == (2, "")

@@ -148,6 +148,34 @@ def test_format_of_an_instrument(convert, tmp_path):
     assert convert(tmp_path / "s.sdf", "-o", tmp_path / "s.h5", "--channel", "phase").returncode == 2
 
 
+@pytest.mark.parametrize(
+    ("said", "given", "message"),
+    [
+        ({"unit": "nm", "spacing": (2.0, 3.0)}, [], "in nm, cells of 3 x 2 nm,"),
+        ({"unit": "pm", "spacing": (2.0, 3.0)}, [], "in nm, cells of 0.003 x 0.002 nm,"),
+        ({"unit": "Å", "spacing": None}, ["--spacing", "2,3"], "in nm, cells of 3 x 2 mm,"),
+        ({"unit": None, "spacing": (2.0, 3.0)}, ["--unit", "um"], "in um, cells of 3 x 2 um,"),
+        ({"unit": "V", "spacing": (2.0, 3.0)}, ["--unit", "um"], "in um, cells of 3 x 2 um,"),
+        ({"unit": "V", "spacing": (2.0, 3.0)}, [], "--unit is missing: surface file s.sdf says V, which is no length"),
+        ({"unit": "pm", "spacing": None}, ["--unit", "um"], "--unit um: surface file s.sdf says nm"),
+        ({"unit": "m", "spacing": (2.0, 3.0)}, ["--spacing", "2,3"], "--spacing: surface file s.sdf says 2 x 3 m "),
+        ({"unit": None, "spacing": (2.0, 3.0)}, ["--height-unit", "nm"], "does not say the unit of its x and y"),
+    ],
+)  # fmt: skip
+def test_what_an_instrument_says_is_believed(convert, tmp_path, monkeypatch, said, given, message):
+    facts = {**said, "format": "sdf", "channel": "Z"}
+    monkeypatch.setattr("app.convert._read_instruments", lambda *_: (HEIGHTS.copy(), facts))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "s.sdf").write_text("anything")
+    done = convert("s.sdf", "-o", "s.h5", "--orient", "transpose", *given)
+    assert message in done.stdout + done.stderr
+    assert (done.returncode == 0) == (tmp_path / "s.h5").exists() == message.startswith("in ")
+    if done.returncode == 0:
+        surface, factor = read_surface("s.h5"), {"pm": 1e-3, "Å": 0.1}.get(said["unit"], 1.0)
+        scale = 1e-3 if surface.unit == "um" else 1e-6
+        np.testing.assert_allclose(surface.heights(), scale * factor * HEIGHTS.T, rtol=1e-12)
+
+
 @pytest.mark.parametrize("size", [0, 60])
 def test_what_is_refused_as_text_is_no_map_of_three_columns(convert, tmp_path, size):
     """Nor of none: SurfaceTopography, where it is installed, reads both."""

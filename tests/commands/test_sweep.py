@@ -102,7 +102,8 @@ def test_alternative_option_files_are_labelled_and_come_before_the_options(tmp_p
 
 BAD = {
     "options: [1, 2]": "mapping",
-    "options: {grid: 8": "line 1",
+    "options: {grid: 8": "line 1: expected ',' or '}'",
+    "[" * 3000: "recursion",
     "options: {grid: 8, grid: 16}": "grid is given twice",
     "options: {grid: 8}\nzip: [{grid: [1, 2]}]": "grid: is given twice",
     "options: {-grid: 8}": "without dash",

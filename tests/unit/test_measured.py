@@ -181,6 +181,17 @@ def test_coordinates_at_the_rim_are_no_heights(tmp_path, head, tilt):
     assert read_surface(path, "um", crop=(0, nx, 0, ny)).shape == table.shape
 
 
+@pytest.mark.parametrize("orient", ["flip_x", "flip_y", "transpose,flip_y"])
+def test_coordinates_are_told_whatever_side_they_are_turned_to(tmp_path, orient):
+    table = np.vstack([np.append(0, ALONG), np.hstack([UP, UNEVEN])])
+    np.savetxt(path := tmp_path / "s.txt", table, fmt="%.9g")
+    with pytest.raises(InputError, match="first row and column: equal steps") as refused:
+        read_surface(path, "um", orient=orient)
+    crop = re.search(r"-surface_crop ([\d,]+) ", str(refused.value))[1]
+    left = read_surface(path, "um", orient=orient, crop=[*map(int, crop.split(","))])
+    np.testing.assert_allclose(left.heights(), read_surface(UNEVEN, "um", orient=orient).heights(), rtol=1e-6)
+
+
 @pytest.mark.parametrize(
     "heights",
     [

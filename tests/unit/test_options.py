@@ -75,6 +75,13 @@ SMALL = (
 )
 
 
+def test_names_of_a_table_are_compared_without_regard_to_case():
+    """Those of a user's own problem, too."""
+    reader = OptionReader([Option("Own_Slope", real(), 1.0, "slope")], {"own_slope": 2})
+    assert reader.given("Own_Slope") and reader["Own_Slope"] == reader["own_slope"] == 2.0
+    assert not reader.unused() and reader.asked == {"own_slope"}
+
+
 def test_reader_tells_what_is_missing_and_what_nobody_asked_for():
     reader = OptionReader(SMALL, {"Size": 2, "SHIFT": "0.5", "ksp_rtol": "1"})
     assert reader.given("size") and not reader.given("force")

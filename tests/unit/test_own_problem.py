@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.commands.problem_options import PROBLEM_OPTIONS, make_problem
+from app.commands.places import Given
+from app.commands.problem_options import PROBLEM_OPTIONS, Request, make_problem
 from app.errors import InputError
 from app.options import OptionReader
 from app.problems.problem import checked_shape
@@ -158,3 +159,10 @@ def test_what_is_wrong_is_told_in_one_line(make, name, message):
         make(name)
     assert str(refusal.value).startswith(f"-problem_type {name}: ")
     assert "\n" not in str(refusal.value)
+
+
+def test_a_misspelt_option_of_its_own_is_told(make):
+    texts = {"problem": "python", "problem_type": "my_module.Cone", "cone_slope": "1", "cone_slpoe": "2"}
+    texts |= {"grid": "6,4", "domain": "-2,1,-1,1", "contact_modulus": "1", "load": "1"}
+    with pytest.raises(InputError, match=r"unknown option: -cone_slpoe \(did you mean -cone_slope\?\)"):
+        Request(Given(texts), MPI.COMM_SELF)

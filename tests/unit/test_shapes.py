@@ -128,6 +128,16 @@ def test_refused(texts, message):
         made(**texts)
 
 
+@pytest.mark.parametrize(("corner", "touches"), [(-1.0, True), (0.353, True), (0.354, False)])
+def test_a_punch_is_found_without_looking_at_all_cells(corner, touches):
+    punch, grid = FlatPunch(1.0), Grid.from_domain(10**6, 10**6, (corner, 2, corner, 2))
+    if touches:
+        punch.check_grid(grid)
+    else:
+        with pytest.raises(InputError, match="no cell centre"):
+            punch.check_grid(grid)
+
+
 def test_files_and_own_problems_take_surfaces_too(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     gap, heights = np.random.default_rng(3).random((2, 6, 8))

@@ -152,6 +152,7 @@ def test_wavy_heights_become_gaussian_with_many_modes():
         ({"seed": 1.5}, "seed"),
         ({"extent": (12.0, 0.0)}, "extent"),
         ({"origin": (np.nan, 0.0)}, "origin"),
+        ({"modes": (10**7, 10**7)}, "10000000 x 10000000 modes: needs .* of memory"),
     ],
 )
 def test_wavy_rejects(changes, message):
@@ -294,6 +295,7 @@ def test_self_affine_is_isotropic():
         ({"rms_height": -1.0}, "rms value"),
         ({"seed": -1}, "seed"),
         ({"rolloff_wavelength": 40.0, "shortest_wavelength": 30.0}, "no wave"),
+        ({"shortest_wavelength": 1e-9}, "down to 1e-09 mm: needs .* of memory"),
     ],
 )
 def test_self_affine_rejects(changes, message):

@@ -32,10 +32,10 @@ def test_all_ways_to_write_a_table_give_the_same_numbers(text):
 
 
 @pytest.mark.parametrize(
-    "text", ["1,2,3,4\n5,6,7,8", "100,2000\n5,64", "12,34,56\n78,90,12", "10,20\n30,-40"]
+    "text", ["1,2,3,4\n5,6,7,8", "100,2000\n5,64", "12,34,56\n78,90,12", "10,20\n30,-40", "2e3,1e3"]
 )
 def test_whole_numbers_between_commas_are_no_decimals(text):
-    expected = [[int(entry) for entry in line.split(",")] for line in text.splitlines()]
+    expected = [[float(entry) for entry in line.split(",")] for line in text.splitlines()]
     np.testing.assert_array_equal(read_table(text.splitlines(), "missing"), expected)
 
 
@@ -45,6 +45,8 @@ def test_whole_numbers_between_commas_are_no_decimals(text):
         ("0,12,0,34\n0,50,1,25", "commas may separate numbers or begin their decimals"),
         ("0,5,0,25\n0,1,0,3", "commas may separate numbers or begin their decimals"),
         ("10,5,3,05\n0,1,-2,3", "commas may separate numbers or begin their decimals"),
+        ("-2,3087e-02,1,5e-02", "commas may separate numbers or begin their decimals"),
+        ("-65,6,-41,3,-207,5\n-76,2,-74,3,-16,2\n-7,2,-4,3,16,2", "commas may separate numbers or begin"),
         ("0,12, 0,34", "commas with and without a blank behind"),
         ("1.234,5;2.345,6", "both points and commas"),
         ("1.234,5 2.345,6", "both points and commas"),
