@@ -47,7 +47,7 @@ def debug_library():
 def test_nothing_is_left_and_nothing_locked_is_written(ranks, tmp_path):
     library = debug_library()
     if library is None:
-        pytest.skip("no debug build of PETSc (Debian: libpetsc-real3.18-dbg)")
+        pytest.skip("no debug build of PETSc (run/setup --dev)")
     program = tmp_path / "program.py"
     program.write_text(PROGRAM)
     path = f"{library}:{os.environ.get('LD_LIBRARY_PATH', '')}"
