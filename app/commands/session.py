@@ -82,7 +82,12 @@ def for_mpi(environment):
     ranks, here = (environment.get(f"OMPI_COMM_WORLD_{size}") for size in ("SIZE", "LOCAL_SIZE"))
     launched = any(name.startswith(_LAUNCHERS) for name in environment)
     together = ranks == here if ranks else not launched
-    return chosen if together and not chosen.keys() & environment.keys() else {}
+    if environment.get("OMPI_VERSION", "").startswith(
+        "5"
+    ):  # it complains of networks whose speed it does not know
+        chosen["OMPI_MCA_btl_tcp_if_include"] = "lo"
+    said = chosen.keys() | {"OMPI_MCA_btl_tcp_if_exclude"}
+    return chosen if together and not said & environment.keys() else {}
 
 
 def _leave_removed_folder():

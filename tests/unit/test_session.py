@@ -25,6 +25,11 @@ ONE_HOST = {"OMPI_COMM_WORLD_SIZE": "4", "OMPI_COMM_WORLD_LOCAL_SIZE": "4"}
         ({"SLURM_JOB_ID": "17"}, True),  # the script of a job, without srun
         ({"OMPI_MCA_pml": "ucx"}, False),
         (ONE_HOST | {"OMPI_MCA_btl": "tcp,self"}, False),
+        (ONE_HOST | {"OMPI_VERSION": "5.0.7"}, True),
+        (
+            ONE_HOST | {"OMPI_MCA_btl_tcp_if_exclude": "docker0"},
+            False,
+        ),  # with another word Open MPI refuses it
     ],
 )
 def test_networks_are_looked_for_unless_all_ranks_are_on_this_host(environment, alone):
