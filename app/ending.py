@@ -48,6 +48,7 @@ def abort(status):
     """End the other ranks, which may wait for this one, and this one with them if there are any. Not collective."""
     flush()
     if MPI.COMM_WORLD.size > 1:
+        time.sleep(0.2)  # Open MPI 5 drops what it has not passed on yet
         MPI.COMM_WORLD.Abort(status)
 
 
