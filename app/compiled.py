@@ -21,9 +21,8 @@ from numba.core.runtime import rtsys
 
 from app.errors import InputError
 
-_KNOWN = (
-    (0, 56) <= numba.version_info.short <= (0, 68)
-)  # its inside; any other release loads in its own way, slower
+# Releases of numba with an inside as it is used here; any other loads in its own way, half a second slower.
+_KNOWN = (0, 56) <= numba.version_info.short <= (0, 68)
 tell = None  # a command's: called once, when something has to be compiled or waited for
 
 
