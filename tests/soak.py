@@ -77,7 +77,7 @@ def held():
     lowest = comm.py2f()
     comm.Free()
     resident = int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 2**20
-    ours = sum(type(thing).__module__.startswith("app.") for thing in gc.get_objects())
+    ours = sum(str(type(thing).__module__).startswith("app.") for thing in gc.get_objects())
     return {
         "memory": resident,
         "petsc": sum(int(made) - int(gone) for made, gone in counts),
