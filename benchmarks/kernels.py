@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 from mpi4py import MPI
 
-from app.fast.multilevel import circulant_inverse
+from app.fast.levels import circulant_inverse
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.influence import Material, influence_quadrant
 from app.halfspace.operator import InfluenceOperator

@@ -30,7 +30,7 @@ from mpi4py import MPI
 
 from app import ContactProblem, ContactSolver, Grid
 from app.fast import nested
-from app.fast.multilevel import MultilevelInverse
+from app.fast.multilevel import MultilevelOperator
 from app.fast.verification_product import VerificationProduct
 from app.halfspace import ranks as sharing
 from app.halfspace.communication import Communicator, Traffic
@@ -183,7 +183,7 @@ def recording():
             )
         wrap(EvenMultiplier, "apply", before=multiplied)
         wrap(EvenMultiplier, "set_kernel", before=set_kernel)
-        wrap(MultilevelInverse, "apply", before=by_stencils)
+        wrap(MultilevelOperator, "apply", before=by_stencils)
         wrap(nested, "tell", after=told)
         for name in ("apply", "end"):  # ranks outside of the window are called, and let go
             wrap(VerificationProduct, name, before=lambda v, *_: events.append(("told", v._inner.key, ALL)))

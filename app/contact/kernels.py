@@ -48,16 +48,36 @@ def release(p, contact, released):
 
 
 @any_order
-def _tension_row(p, contact, out):
+def _tension_row(p, contact):
+    total, negative = 0.0, 0.0
     for i in range(p.size):
-        out[i] = -p[i] if contact[i] & (p[i] < 0) else 0.0
+        total += p[i]
+        negative -= p[i] if contact[i] & (p[i] < 0) else 0.0
+    return total, negative
+
+
+@njit()
+def tension(p, contact):
+    """Sum of p, and of -p where p < 0 on C."""
+    total, negative = 0.0, 0.0
+    for j in range(p.shape[0]):
+        row = _tension_row(p[j], contact[j])
+        total += row[0]
+        negative += row[1]
+    return total, negative
 
 
 @any_order
-def tension(p, contact, out):
-    """out = -p where p < 0 on C, 0 elsewhere: the change of p that `release` will make."""
+def _add_release_row(p, contact, change):
+    for i in range(p.size):
+        change[i] -= p[i] if contact[i] & (p[i] < 0) else 0.0
+
+
+@any_order
+def add_release(p, contact, change):
+    """change -= p where p < 0 on C: what `release` will make of p, too."""
     for j in range(p.shape[0]):
-        _tension_row(p[j], contact[j], out[j])
+        _add_release_row(p[j], contact[j], change[j])
 
 
 @njit()
@@ -201,8 +221,9 @@ def warm_up():
     fixed.flags.writeable = False  # as Vecs are read
     defect(fixed, field, mask, field)
     release(field, mask, mask)
+    tension(fixed, mask)
     for change in (field, field.astype(np.float32)):
-        tension(fixed, mask, change)
+        add_release(fixed, mask, change)
     activate(fixed, field, fixed, mask, mask, mask, field)
     any_nonzero(mask)
     numbers(fixed, mask)

@@ -2,7 +2,7 @@
 
 On a periodic patch A is a circulant matrix itself, inverted by FFT. A free patch is continued periodically, at some
 distance from itself; on large grids its B is made of stencils on several grids and an FFT on the coarsest, in a third
-of the time (`multilevel`). With its eigenvalues 1 / lambda (`symbol`) it is positive definite; the periodic matrix of
+of the time (`levels`). With its eigenvalues 1 / lambda (`symbol`) it is positive definite; the periodic matrix of
 the zero-padded grid has negative ones, and is of no use.
 
 The residual may be extended over the rim of the contact set first, see `Circulant`. Usable wherever PETSc takes a PC,
@@ -20,8 +20,8 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.compiled import njit
-from app.fast import multilevel
-from app.fast.multilevel import circulant_inverse
+from app.fast import levels
+from app.fast.levels import circulant_inverse
 from app.fast.rim import RimExtension, load_extension
 from app.fast.symbol import centre
 from app.halfspace.fft.multiplier import EvenMultiplier
@@ -52,7 +52,7 @@ def circulant_of(operator, exact=True):
     """
     if not operator.active:
         return operator.product
-    known, periodic = operator.circulants, operator.grid.periodic
+    known, periodic = operator.multipliers, operator.grid.periodic
     kind = "exact" if exact or periodic else "apart"
     if kind not in known:
         place = operator.grid, operator.compliance, operator.slabs, operator.comm, operator.dtype
@@ -78,7 +78,7 @@ def _copy_on(x, contact, out):
 def warm_up(grid, dtype):
     """Prepare now what preconditioners on a free grid, and in windows of it, will need. Not collective."""
     centre(grid)
-    multilevel.warm_up(grid, dtype)
+    levels.warm_up(grid, dtype)
     _load_loops(dtype)
 
 

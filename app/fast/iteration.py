@@ -1,9 +1,10 @@
 """The active set iteration of the default method: contact sets solved a little, u = A p carried along.
 
-The same steps as `app.contact.iteration.active_set`, with four differences:
+The same steps as `app.contact.iteration.active_set`, with five differences:
 
 - *Inexact sets.* Each system is solved until its residual is smaller by the forcing term (``-ksp_rtol``) only.
-- *Carried displacement.* u follows p, so that step 4.b needs no product, and step 4.a one for what it changes.
+- *Carried displacement.* u follows p by its changes, which are multiplied by levels (`app.fast.levels`), nearly by A.
+- *Defect correction.* Where the residual has become so small that this counts, u is computed anew, by a product.
 - *Predictor.* Far from the solution cells enter C by the displacement to be expected when the residual is gone.
 - *Verification.* Nothing counts as solved before a product in double precision has said so. Where that is dear it is
   rehearsed: the same steps by the carried displacement, which costs nothing, must pass first.
@@ -28,6 +29,8 @@ IN_CONTACT = 100.0
 RELEASED = 0.01  # share of the load that may be released on a coarse grid without asking what that does to u
 ROUNDING = 1e-13  # of ||h|| on C: what it leaves of displacements there
 NEAR = 3.0  # times its tolerance may the approach to a load still be off on a coarse grid
+LEFT = 0.01  # share of a residual that changes of u by levels may leave; what is smaller is not to be trusted
+SINGLE = 1e-6  # of ||h|| on C: a smaller residual is not for single precision to compute
 PATIENCE = 8  # iterations that do not halve the residual: there is no progress
 
 
@@ -109,24 +112,35 @@ def inexact_active_set(state, solver, loading, stop, history):
     best, since, rehearsed = float("inf"), 0, False
     if not begin(state, solver, loading, history):
         return Outcome(not loading.prescribes_load, NO_CONTACT)
+    solver.begin()
     h_on_contact, norm, cells = state.on_contact()  # of C^k; later the last update knows
+    known = norm  # when u was computed last
     for k in range(1, stop.max_it + 1):
-        allowed, done = stop.allowed(state, h_on_contact), False
+        allowed, done, computed = stop.allowed(state, h_on_contact), False, False
+        enough = max(allowed, LEFT * known) if stop.final and solver.nearly else allowed
         solver.set_contact()  # 2. (2.11) on C^k
-        its, failure, norm = solver.improve(state, allowed, norm)  # 3. a little, u along with p
+        its, failure, norm = solver.improve(state, enough, norm)  # 3. a little
         tension = solver.tension(state) if norm <= allowed else None
         # The system is solved, and on the target grid next to no pressure is negative: is it the last contact set?
         ready = tension is not None and (not stop.final or tension.share <= stop.rtol)
+        if ready:
+            solver.carry(state)
         too_loose = ready and not stop.worth_verifying(state, h_on_contact)
         if ready and not stop.final:
             update, done = _leave_coarse(state, solver, tension, loading, NEAR * allowed / np.sqrt(cells))
         elif ready and not too_loose:
             update, done, rehearsed = _verify(state, solver, tension, loading, stop, not rehearsed)
+            computed = not rehearsed
         else:
             solver.release(state)  # (4.a), and u along with it
             loading.update(state)
-            expected = solver.predict(state, stop.predictor) if norm > allowed else None
+            expected = solver.predict(state, stop.predictor) if norm > enough else None
             update = state.activate_penetrating(expected)  # (4.b)
+            if computed := allowed < enough and update.residual <= enough:
+                update = _correct(state, loading, update, exact=allowed < SINGLE * h_on_contact)
+        if computed and solver.nearly:
+            solver.nearly = update.residual <= max(allowed, 0.5 * known)
+            best, known = known, update.residual
         history.add(state, solver, update, its)
         h_on_contact, cells, norm = update.h_on_contact, max(update.cells, 1), update.residual
         residual = update.residual / state.distance.norm()
@@ -144,6 +158,26 @@ def inexact_active_set(state, solver, loading, stop, history):
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
 
 
+def _correct(state, loading, update, exact):
+    """Compute u, and make 4.b by it. Collective.
+
+    Parameters
+    ----------
+    update : Update
+        By the u that was carried along.
+    exact : bool
+        In double precision.
+
+    Returns
+    -------
+    Update
+        Of both.
+    """
+    state.compute_displacement(exact)
+    loading.update(state)
+    return state.activate_penetrating().after(update)
+
+
 def _verify(state, solver, tension, loading, stop, rehearse):
     """Steps 4 to 6 on the target grid by a product in double precision, the load met exactly. Collective.
 
@@ -154,7 +188,7 @@ def _verify(state, solver, tension, loading, stop, rehearse):
     Update, bool, bool
         Of the contact set; whether the problem is solved; whether it was a rehearsal only.
     """
-    if rehearse and not tension.some and state.u_is is Displacement.CARRIED:
+    if rehearse and not tension.some and state.u_is is not Displacement.EXACT:
         loading.update(state)
         update = state.activate_penetrating()
         if not _solved(state, update, stop):

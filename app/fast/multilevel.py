@@ -1,97 +1,42 @@
-"""The inverse of A, continued periodically, in a third of the time of transforms: stencils, and a coarse grid.
+"""Additive multilevel operators: convolutions in a third of the time of transforms.
 
-    B = N + P B_H P^T
+    M = N + P M_H P^T
 
-An additive multilevel operator: `N` is a stencil of 5 x 5 cells, `P` linear interpolation between cell centres, `B_H`
-the same again on cells twice as large, and on the coarsest of these grids a product by FFT; `app.fast.symbol` has what
-they are. It differs from the inverse by less than CG could notice. Contact at one edge of the patch is no neighbour of
-that at the other: between them are some cells of the coarsest grid.
+`N` is a stencil of 5 x 5 cells, `P` linear interpolation between cell centres, `M_H` the same again on cells twice as
+large, and on the coarsest of these grids a product by FFT: multilevel multi-summation [1]_ of the lowest order.
+`app.fast.levels` has what is multiplied so.
 
 On several ranks a coarse row is where the first of its two fine ones is. Two rows beside a slab are exchanged, and a
 coarse one.
+
+References
+----------
+.. [1] A. Brandt, A.A. Lubrecht, Multilevel matrix multiplication and fast solution of integral equations, J. Comput.
+   Phys. 90 (1990) 348-370.
 """
 
 from __future__ import annotations
 
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
-from scipy.fft import next_fast_len
 
 from app.compiled import njit
-from app.fast.symbol import REACH, coarser, eigenvalues, mean_eigenvalue, stencils
-from app.halfspace.fft.lengths import quick_length
-from app.halfspace.fft.multiplier import EvenMultiplier
+from app.fast.symbol import REACH
 from app.halfspace.grid import Slabs
 from app.halfspace.halo import Halo, Parents
 from app.halfspace.reductions import any_order
 
-_LEAST = 128  # cells in both directions from which on stencils take less time than transforms
 _SHARE = 0.6  # operations of stencil and interpolation on a cell, in those of a transform and back
 
 
-def circulant_inverse(
-    grid, compliance, slabs=None, comm=None, dtype=np.float64, workspace=None, spectra=None, exact=True
-):
-    """The inverse of A on a free patch, continued periodically.
-
-    Collective over `comm`.
-
-    Parameters
-    ----------
-    grid, compliance, slabs, comm, dtype
-        See `InfluenceOperator`.
-    workspace : EvenMultiplier, optional
-        Whose working storage may be used.
-    spectra : Spectra, optional
-        See `EvenMultiplier.use`.
-    exact : bool
-        By transforms, and with as few free cells before the continuation as a length with small prime factors allows.
-        Else with some, so that contact at one edge is no neighbour of that at the other, and by levels but for small
-        grids.
-
-    Returns
-    -------
-    EvenMultiplier or MultilevelInverse
-    """
-    unit, number = 1 / (compliance * max(grid.dx, grid.dy)), 0 if exact else _levels(grid)
-    near = [unit * stencil for stencil in stencils(grid)[:number]] if number else []
-    shape, times = grid.shape, 2 ** len(near)
-    for _ in near:
-        shape = tuple(_coarse_cells(n) for n in shape)
-    apart = not exact and not near
-    periods = tuple(quick_length(n + 1) if apart else next_fast_len(n, real=True) for n in shape)
-    sides = [times * period * d for period, d in zip(periods, (grid.dy, grid.dx), strict=True)]
-
-    def symbol(columns, rows):
-        x, y = (index * 2 / (times * period) for index, period in ((columns, periods[1]), (rows, periods[0])))
-        found = eigenvalues(grid, compliance, x, y)
-        found[(x[:, None] == 0) & (y == 0)] = mean_eigenvalue(compliance, sides)
-        return coarser(1 / found, near, x, y)
-
-    def coarsest(shape, slabs):
-        inverse = EvenMultiplier(shape, periods, slabs, comm, dtype, workspace)
-        inverse.use(spectra, len(near), partial(inverse.set_spectrum, symbol))
-        return inverse
-
-    if near:
-        return MultilevelInverse(grid.shape, near, coarsest, slabs, comm, dtype)
-    return coarsest(shape, slabs)
-
-
-def _levels(grid):
-    """How many grids have a stencil."""
-    shortest = min(grid.shape)
-    return max(0, shortest.bit_length() - _LEAST.bit_length() + 1)
-
-
-def _coarse_cells(n):
-    """Of two cells each, with one before the first, and one behind the last or around it."""
+def coarse_cells(n):
+    """Of two cells each, with one before the first, and one behind the last or around it. Not collective."""
     return n // 2 + 2
 
 
-class MultilevelInverse:
-    """B on the rows of a rank.
+class MultilevelOperator:
+    """M on the rows of a rank.
 
     Collective over `comm`.
 
@@ -121,9 +66,9 @@ class MultilevelInverse:
         twice = np.where(np.arange(REACH + 1) > 0, 2.0, 1.0)
         self._stencil = np.ascontiguousarray((near[0] / np.outer(twice, twice)).T, dtype)  # [y, x]
         coarse = slabs.surround()
-        coarse_shape = coarse.ny, _coarse_cells(shape[1])
+        coarse_shape = coarse.ny, coarse_cells(shape[1])
         self._next = (
-            MultilevelInverse(coarse_shape, near[1:], coarsest, coarse, comm, dtype)
+            MultilevelOperator(coarse_shape, near[1:], coarsest, coarse, comm, dtype)
             if len(near) > 1
             else coarsest(coarse_shape, coarse)
         )
@@ -135,7 +80,7 @@ class MultilevelInverse:
         self._none = np.zeros((0, shape[1]), dtype)
         self._all = np.ones(slabs.local, bool)
         self.flops = 62 * slabs.local * shape[1] + self._next.flops
-        _load_loops(self.dtype)
+        load_loops(self.dtype)
 
     @property
     def points(self):
@@ -143,7 +88,7 @@ class MultilevelInverse:
         return self.count * _SHARE * self.shape[0] * self.shape[1] + self._next.points
 
     def apply(self, p, out, rows=None):
-        """Compute out = B p.
+        """Compute out = M p.
 
         Collective.
 
@@ -276,16 +221,9 @@ def _add_near(p, rows, before, after, stencil, coarse, first, first_coarse, out)
         _in_x(three[0], three[1], three[2], row, out[j])
 
 
-def warm_up(grid, dtype):
-    """Prepare now what B on a free grid, and in windows of it, will need. Not collective."""
-    if _levels(grid):
-        stencils(grid)
-        _load_loops(np.dtype(dtype))
-
-
 @cache
-def _load_loops(dtype):
-    """Load the compiled loops now, not in the first product."""
+def load_loops(dtype):
+    """Load the compiled loops now, not in the first product. Not collective."""
     low, rows, stencil = np.zeros((0, 0), dtype), np.zeros(0, bool), np.zeros((3, 3), dtype)
     for field in {np.dtype(float): np.zeros((0, 0)), dtype: low}.values():
         _restrict(field, rows, low, low, 0, 0, low)

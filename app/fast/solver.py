@@ -1,15 +1,18 @@
-"""The linear solver of the default method: a KSP that keeps u = A p while it improves p, and what that allows."""
+"""The linear solver of the default method: a KSP that starts from a known u = A p, and u carried along with p."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
+from petsc4py import PETSc
 
 from app.contact import kernels
 from app.contact.state import Displacement
+from app.fast.levels import influence_of
 from app.fast.tracking_cg import TrackingCG, add
 from app.multigrid.linear_solver import LinearSolver
+
+_event = PETSc.Log.Event("InfluenceByLevels")
 
 LARGEST_KEPT = 256 * 256  # cells; what larger grids hold is no longer than it is needed
 
@@ -29,8 +32,14 @@ class Tension(NamedTuple):
 class TrackingSolver(LinearSolver):
     """A `LinearSolver` whose KSP is TrackingCG; see there for the parameters.
 
-    An iteration calls `improve`, perhaps `tension`, `release`, perhaps `predict`. From `tension` to a `release` that is
-    given its result neither the pressure nor CG's direction may change. Nobody else is told of C before the next set.
+    An iteration calls `improve`; then perhaps `tension`; then `release`, or `carry`, or it computes u anew. After a
+    `release` it may `predict`. Nobody else is told of C before the next set.
+
+    Attributes
+    ----------
+    nearly : bool
+        Changes of u are computed by levels (`app.fast.levels`), where there are such and unless -lcp_defect_correction
+        is off. May be set to False, for this grid and solve.
 
     Raises
     ------
@@ -44,13 +53,18 @@ class TrackingSolver(LinearSolver):
         if not isinstance(context, TrackingCG):
             self.destroy()
             raise ValueError(
-                "-ksp_type: -lcp_type fast needs one that keeps the displacement: "
+                "-ksp_type: -lcp_type fast needs one that starts from a known displacement: "
                 "python with -ksp_python_type app.fast.tracking_cg.TrackingCG"
             )
-        self._cg, self._large = context, is_large(self.operator.grid)
+        self._cg, self._large, self._pending = context, is_large(self.operator.grid), False
+        self._by_levels = PETSc.Options().getBool("lcp_defect_correction", True)
+
+    def begin(self):
+        """Begin to solve on the grid. Collective."""
+        self.nearly, self._pending = self._by_levels and influence_of(self.operator) is not None, False
 
     def improve(self, state, allowed, norm):
-        """Step 3, inexactly: p towards (2.11) on C, u = A p along with it.
+        """Step 3, inexactly: p towards (2.11) on C. What that does to u is left to `release` or `carry`.
 
         Collective.
 
@@ -76,39 +90,54 @@ class TrackingSolver(LinearSolver):
         if self._large:
             self.operator.forget_elsewhere()
         self.ksp.setInitialGuessNonzero(True)
-        self._cg.displacement, self._cg.first_norm = state.u, norm
+        self._cg.displacement, self._cg.first_norm, self._cg.multiply = state.u, norm, self._multiply
         iterations, failure = self._run(state.rhs, state.pressure, allowed)
         self._cg.displacement = None  # not for longer than the state
         if iterations:
-            state.u_is = Displacement.CARRIED
+            self._pending, state.u_is = True, Displacement.STALE
         return iterations, failure, self._cg.residual
 
+    def _multiply(self, p, u):
+        """Compute u = A p, by levels if that will do."""
+        if not self.nearly:
+            return self.operator.displacement(p, u)
+        with _event:
+            influence_of(self.operator).apply(p, u)
+
     def rest(self):
-        """Free what only the next contact set needs, if that is much: others need memory now. Not collective."""
+        """Free what only the next contact set needs, if that is much: others need memory now. Not collective.
+
+        Who calls it computes u anew.
+        """
+        self._pending = False
         if self._large:
             self._cg.rest()
 
     def tension(self, state):
-        """Return the Tension; what releases it is left in CG's direction, for `release`. Collective."""
-        change = self._cg.direction
-        kernels.tension(state.p, state.contact, change)
-        total, negative = state.sum([state.p.sum(), change.sum(dtype=np.float64)])
+        """Return the Tension. Collective."""
+        total, negative = state.sum(kernels.tension(state.p, state.contact))
         return Tension(negative / total if total > 0 else float(negative), bool(negative))
 
     def release(self, state, tension=None):
-        """Step 4.a, and one product for what it changes in u; return how many cells left C. Collective.
+        """Step 4.a, and u along with it; return how many cells left C. Collective.
 
         `tension`: what `tension` has returned, if it was asked for.
         """
-        change = self._cg.direction
-        if tension is None:
-            kernels.tension(state.p, state.contact, change)
+        change = self._cg.change
+        if not self._pending:
+            change[...] = 0
+        kernels.add_release(state.p, state.contact, change)
         released = state.release_tensile(tension and tension.some)
-        if released:
-            state.operator.displacement(change, self._cg.product)
-            add(state.u, 1.0, self._cg.product)
-            state.u_is = Displacement.CARRIED
+        self._pending |= bool(released)
+        self.carry(state)
         return released
+
+    def carry(self, state):
+        """Add to u what the last `improve` has changed in it, unless that is done. Collective."""
+        if self._pending:
+            self._multiply(self._cg.change, self._cg.product)
+            add(state.u, 1.0, self._cg.product)
+            self._pending, state.u_is = False, Displacement.CARRIED
 
     def predict(self, state, factor):
         """Predict what the reduction of the residual will add to u beside C.

@@ -1,14 +1,14 @@
-"""Eigenvalues of the circulant that stands for A, and what a stencil can say of their inverse.
+"""Eigenvalues of the circulant that stands for A, and what stencils can say of them and of their inverse.
 
 A patch that is continued periodically has, but for its mean, the influence matrix of `app.halfspace.periodic`, with
 ``love``'s cells. In units of a cell, its eigenvalues depend on the aspect of the cell alone: all grids of a problem
 share what is found here. They are `sinc sinc / |q|`, which is that of a cell, and what its images in Fourier space
 add, which is smooth and interpolated.
 
-The inverse, about |q|, is smooth but for q = 0. So a stencil gives it for all but long waves; what is left is of long
-waves alone, and known on a grid twice as coarse; and so on:
+They, about 1 / |q|, and their inverse are smooth but for q = 0. So a stencil gives them for all but long waves; what is
+left is of long waves alone, and known on a grid twice as coarse; and so on:
 
-    g_0 = 1 / lambda,      g_l = n_l + 4 c^6 g_(l+1)(2 k),      c^6 = cos(kx / 2)^6 cos(ky / 2)^6,
+    g_0 = lambda or 1 / lambda,    g_l = n_l + 4 c^6 g_(l+1)(2 k),    c^6 = cos(kx / 2)^6 cos(ky / 2)^6,
 
 `n_l` a stencil of 5 x 5 cells, 4 c^6 what interpolation from the coarser grid and its transpose do to a wave.
 """
@@ -98,12 +98,18 @@ def centre(grid):
 @lru_cache(maxsize=16)
 def _centre(dx, dy):
     t = _samples()
-    quarter = _cosines(t, 2).T @ _inverse(dx, dy, t) @ _cosines(t, 2)
+    quarter = _cosines(t, 2).T @ _powers(dx, dy, t, -1) @ _cosines(t, 2)
     return quarter[np.ix_((1, 0, 1), (1, 0, 1))].T
 
 
-def stencils(grid):
+def stencils(grid, power=-1):
     """Fit the stencils of all levels on which they say enough. Not collective.
+
+    Parameters
+    ----------
+    grid : Grid
+    power : int
+        1: of A; -1: of its inverse.
 
     Returns
     -------
@@ -112,37 +118,67 @@ def stencils(grid):
         longer side is 1.
     """
     side = max(grid.dx, grid.dy)
-    return _stencils(grid.dx / side, grid.dy / side)
+    return _stencils(grid.dx / side, grid.dy / side, power)
 
 
-@lru_cache(maxsize=16)
-def _stencils(dx, dy):
+@lru_cache(maxsize=32)
+def _stencils(dx, dy, power):
     t, near = _samples(), []
     cosines = _cosines(t, REACH + 1)
     shapes = np.einsum("ia,jb->ijab", cosines, cosines)
     short = np.hypot(t[:, None], t) > _LONG
     for level in range(_MOST):
         waves = t / 2**level
-        inverse = _inverse(dx, dy, waves)
-        wanted = coarser(inverse, near, waves, waves)
-        weight = np.where(short, 1.0, 1e-3) / inverse
+        whole = _powers(dx, dy, waves, power)
+        wanted = coarser(whole, near, waves, waves)
+        weight = np.where(short, 1.0, 1e-3) / whole
         system = (weight[..., None, None] * shapes).reshape(t.size**2, -1)
         stencil, *_ = np.linalg.lstsq(system, (weight * wanted).reshape(-1), rcond=None)
         stencil = stencil.reshape(REACH + 1, REACH + 1)
-        wrong = (wanted - spectrum_of(stencil, t, t)) / inverse
+        wrong = (wanted - spectrum_of(stencil, t, t)) / whole
         if not np.abs(wrong[(t[:, None] > 0.5) | (t > 0.5)]).max() < _FIT:
             break
         near.append(stencil)
     return tuple(near)
 
 
+def left_near_by(grid, levels):
+    """What is left of A on the coarsest grid, less that grid's own influence coefficients. Not collective.
+
+    It is next to nothing far away, where only the load of a cell counts, not its shape.
+
+    Parameters
+    ----------
+    grid : Grid
+    levels : int
+        Stencils before it.
+
+    Returns
+    -------
+    ndarray, shape (offsets in y, offsets in x)
+        For unit compliance and cells (of the finest grid) whose longer side is 1.
+    """
+    side = max(grid.dx, grid.dy)
+    return _left_near_by(grid.dx / side, grid.dy / side, levels)
+
+
+@lru_cache(maxsize=32)
+def _left_near_by(dx, dy, levels):
+    t = _samples()
+    waves, cells = t / 2**levels, 2**levels
+    left = coarser(_powers(dx, dy, waves, 1), _stencils(dx, dy, 1)[:levels], waves, waves)
+    left -= cells * _powers(dx, dy, t, 1) / cells**2  # by cells so many times as large, of their mean pressure
+    cosines = _cosines(t, _SAMPLES // 4)
+    return (cosines.T @ left @ cosines).T / t.size**2
+
+
 def _samples():
     return (np.arange(_SAMPLES) + 0.5) / _SAMPLES
 
 
-def _inverse(dx, dy, t):
+def _powers(dx, dy, t, power):
     """g_0 at the wave numbers t in both directions."""
-    return 1 / (2 * np.pi * _eigenvalues(dx, dy, t, t))
+    return (2 * np.pi * _eigenvalues(dx, dy, t, t)) ** power
 
 
 def spectrum_of(stencil, x, y):
@@ -150,12 +186,12 @@ def spectrum_of(stencil, x, y):
     return _cosines(x, len(stencil)) @ stencil @ _cosines(y, len(stencil)).T
 
 
-def coarser(inverse, near, x, y):
+def coarser(whole, near, x, y):
     """What is left of g_0 on a coarser grid, if those before it have stencils. Not collective.
 
     Parameters
     ----------
-    inverse : ndarray, shape (x, y)
+    whole : ndarray, shape (x, y)
         g_0.
     near : sequence of ndarray
         n_0, n_1, ...; in units of g_0.
@@ -166,7 +202,7 @@ def coarser(inverse, near, x, y):
     -------
     ndarray, shape (x, y)
     """
-    left = inverse
+    left = whole
     for level, stencil in enumerate(near):
         a, b = x * 2**level, y * 2**level
         passed = np.cos(np.pi / 2 * a[:, None]) ** 6 * np.cos(np.pi / 2 * b) ** 6

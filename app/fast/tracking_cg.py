@@ -1,8 +1,8 @@
-"""Conjugate gradients that carry the displacement along.
+"""Conjugate gradients that start from a known displacement, and leave what they changed.
 
-The convolution computes A d on *all* cells although CG only needs it on C. `TrackingCG` keeps it: ``u += alpha A d``
-along with ``x += alpha d``, so that after the solve the displacement everywhere is known without another product, and
-neither the first residual nor the search for new contact costs one. Usable from options::
+The first residual is -(h + u), and u is there: it costs no product. What the solve adds to x is kept as `change`, in the
+operator's precision, for who wants to know what it adds to u. And the products may be nearly A's only (`multiply`).
+Usable from options::
 
     -ksp_type python -ksp_python_type app.fast.tracking_cg.TrackingCG -ksp_norm_type unpreconditioned
 """
@@ -88,15 +88,13 @@ def _first_residual(b, u, contact, spans, r):
 
 
 @any_order
-def _advance(p, r, u, d, q, contact, spans, alpha):
-    """p += alpha d, u += alpha q if there is one, and r -= alpha q on C; return r.r."""
+def _advance(change, r, d, q, contact, spans, alpha):
+    """change += alpha d, r -= alpha q on C; return r.r."""
     squares = 0.0
-    for j in range(p.shape[0]):
+    for j in range(r.shape[0]):
         span = slice(spans[j, 0], spans[j, 1])
-        add_row(p[j, span], alpha, d[j, span])
+        add_row(change[j, span], alpha, d[j, span])
         squares += _reduce_row(r[j, span], alpha, q[j, span], contact[j, span])
-        if u.shape[0]:
-            add_row(u[j], alpha, q[j])
     return squares
 
 
@@ -149,7 +147,7 @@ def warm_up(dtype):
     _dot(low, low, mask, spans)
     _direction(low, low, dtype.type(0), mask, spans)
     _dots(low, low, low, mask, spans)
-    _advance(field, low, field, low, low, mask, spans, 0.0)
+    _advance(low, low, low, low, mask, spans, 0.0)
     add(field, 0.0, low)
 
 
@@ -175,28 +173,33 @@ class KspContext:
 class TrackingCG(KspContext):
     """KSP context; its operator must be an `InfluenceOperator`. Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*.
 
-    As a KSP it solves C A C x = C b. With `displacement` it also keeps u = A x on all cells.
+    As a KSP it solves C A C x = C b.
 
     Attributes
     ----------
     displacement : ndarray, shape (local rows, nx), or None
-        u = A x on entry and on exit; set by the caller, who also says that x is the initial guess.
+        u = A x on entry; set by the caller, who also says that x is the initial guess.
     first_norm : float or None
         Norm of the residual on entry, if it is known. Set by the caller, for one solve.
+    multiply : callable
+        ``multiply(d, q)`` computes q = A d, or nearly so. To be replaced by the caller.
     residual : float
-        Norm of the residual after the last solve.
-    work, direction, product : ndarray, shape (local rows, nx)
-        z; d and q in the operator's precision, q in the place of z. To be used by others between solves.
+        Norm of the residual after the last solve, as these products have it.
+    change : ndarray, shape (local rows, nx)
+        What the last solve has added to x, in the operator's precision.
+    work, product : ndarray, shape (local rows, nx)
+        z, and in its place q, in the operator's precision. To be used by others between solves.
     """
 
     displacement = first_norm = None
     residual = 0.0
-    _z = _r = _d = None
+    _z = _r = _d = _change = None
 
     def setUp(self, ksp):
-        """Make the work arrays: z and q, never needed at the same time, are one; d is in the operator's precision."""
+        """Make the work arrays: z and q, never needed at the same time, are one."""
         mat = ksp.getOperators()[0]
         self._operator = operator = context_of(mat, InfluenceOperator, "TrackingCG")
+        self.multiply = operator.displacement
         shape = operator.local_shape
         work, self._lent = operator.scratch_beside_product(np.float64, operator.dtype)
         self.work = np.zeros(shape) if work is None else work
@@ -206,44 +209,41 @@ class TrackingCG(KspContext):
         warm_up(operator.dtype)
 
     @property
-    def direction(self):
-        """d: lent, or made when it is needed and freed by `rest`. Not collective."""
+    def change(self):
+        """What was added to x: in lent storage, or made when it is needed and freed by `rest`. Not collective."""
         if self._lent is not None:
             return self._lent
-        if self._d is None:
-            self._d = np.zeros(self._operator.local_shape, self._operator.dtype)
-        return self._d
+        if self._change is None:
+            self._change = np.zeros(self._operator.local_shape, self._operator.dtype)
+        return self._change
 
     def rest(self):
-        """Free r and d until they are needed. Not collective."""
-        self._r = self._d = None
+        """Free what is kept from one solve to the next, until it is needed. Not collective."""
+        self._r = self._d = self._change = None
 
     def solve(self, ksp, b, x):
         """Improve x."""
-        operator = self._operator
+        operator, multiply = self._operator, self.multiply
         precondition, r, z = self._preconditioner(ksp.getPC())
-        contact, spans, d, q = operator.mask, self._spans, self.direction, self.product
+        contact, spans, q, change = operator.mask, self._spans, self.product, self.change
+        d = self._room_for_d(z)
         norm = self._start(ksp, b, x, r)
-        u = np.empty((0, r.shape[1])) if self.displacement is None else self.displacement
-        d[...] = 0  # outside the new spans too
+        d[...] = change[...] = 0  # outside the new spans too
         squares = summed = norm**2
-        iteration, max_it, previous, nodes = 0, ksp.getTolerances()[3], 0.0, 0.0
+        iteration, max_it, previous = 0, ksp.getTolerances()[3], 0.0
         reason = self._report(ksp, 0, norm)
         while not reason and iteration < max_it:
             precondition()
-            rz, collected = self._dot_and_collected(r, z)
-            beta = rz / previous if previous else 0.0
-            _direction(d, z, d.dtype.type(beta), contact, spans)
+            rz = self._sum([_dot(r, z, contact, spans)])[0]
+            _direction(d, z, d.dtype.type(rz / previous if previous else 0.0), contact, spans)
             operator.products += 1
-            nodes = None if collected is None else collected + beta * nodes  # as d is made of z
-            operator.displacement(d, q, nodes)
+            multiply(d, q)
             dq, rd, qr, qq = self._sum(_dots(d, q, r, contact, spans))
             if not dq > 0:
                 reason = PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT
                 break
             alpha = rd / dq
-            with x as solution:
-                here = _advance(solution.reshape(r.shape), r, u, d, q, contact, spans, alpha)
+            here = _advance(change, r, d, q, contact, spans, alpha)
             squares += alpha * (alpha * qq - 2 * qr)  # exactly, but for cancellation
             if not squares > _DIGITS * summed:
                 summed = squares = self._sum([here])[0]
@@ -251,18 +251,19 @@ class TrackingCG(KspContext):
             norm = sqrt(max(squares, 0.0))
             iteration += 1
             reason = self._report(ksp, iteration, norm)
+        with x as solution:
+            add(solution.reshape(r.shape), 1.0, change)
         self.residual = norm
         ksp.setConvergedReason(reason or PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
 
-    def _dot_and_collected(self, r, z):
-        """r.z over C, and what all ranks collect of z there for images, if there are such: by one reduction."""
-        operator, dot = self._operator, _dot(r, z, self._operator.mask, self._spans)
-        rest = getattr(operator.product, "rest", None) if operator.comm is not None else None
-        if rest is None:
-            return self._sum([dot])[0], None
-        mine = rest.collect(z, operator.mask)
-        sums = self._sum(np.append(dot, mine))
-        return sums[0], sums[1:].reshape(mine.shape)
+    def _room_for_d(self, z):
+        """Beside q in the place of z, where these are in a lower precision than Vecs."""
+        halves = self.work.reshape(-1).view(self._operator.dtype)
+        if z is not self.work and halves.size > z.size:
+            return halves[z.size :].reshape(z.shape)
+        if self._d is None:
+            self._d = np.zeros(z.shape, self._operator.dtype)
+        return self._d
 
     def _preconditioner(self, pc):
         """What computes z from r; r; z. In the operator's precision, if the PC has `precondition` for it, else Vecs."""
@@ -298,9 +299,9 @@ class TrackingCG(KspContext):
         self.rest()
         if self._z is not None:
             self._z.destroy()
-        self._z = self._lent = self.work = self.product = None  # storage of others
+        self._z = self._lent = self.work = self.product = self.multiply = None  # storage of others
 
     def view(self, ksp, viewer):
         """Describe the solver for -ksp_view."""
         if viewer.getType() == PETSc.Viewer.Type.ASCII:
-            viewer.printfASCII("  conjugate gradients that keep the displacement of all cells up to date\n")
+            viewer.printfASCII("  conjugate gradients from a known displacement\n")

@@ -212,15 +212,21 @@ class Rest:
         """Bytes held on this rank."""
         return self._nodes.nbytes + self._spectrum.nbytes
 
-    def collect(self, p, mask):
-        """P^T p of these rows, on C if there is a mask (without: of size 0); to be summed over all ranks.
+    def multiply(self, p, mask):
+        """Compute S p, of p on C if there is a mask (without: of size 0), for `add`. Collective."""
+        nodes, rows, (step, width) = self._collect(p, mask), len(self._nodes), self._in_x.shape
+        if self._comm is not None:
+            self._comm.Allreduce(MPI.IN_PLACE, nodes)
+        waves = scipy.fft.rfft2(nodes, self._lengths)
+        with np.errstate(invalid="ignore", over="ignore"):  # who diverges is told by others
+            waves *= self._spectrum
+        nodes = scipy.fft.irfft2(waves, self._lengths)[self._first : self._first + rows, : self._counts[1]]
+        around = np.lib.stride_tricks.sliding_window_view(nodes, width, axis=1)
+        by_cells = self._nodes.reshape(rows, self._cells, step)
+        np.matmul(np.ascontiguousarray(around), self._in_x.T, out=by_cells)
 
-        Not collective.
-
-        Returns
-        -------
-        ndarray, shape (nodes in y, nodes in x)
-        """
+    def _collect(self, p, mask):
+        """P^T p of these rows, shape (nodes in y, nodes in x)."""
         rows, (step, width) = len(self._nodes), self._in_x.shape
         self._nodes[...] = 0
         _collect(p, mask, self._origin, self._in_y, self._nodes)
@@ -230,23 +236,6 @@ class Rest:
         for k in range(width):
             mine[:, k : k + self._cells] += of_cells[:, :, k]
         return nodes
-
-    def sum_of(self, nodes):
-        """Sum what the ranks have collected, in place. Collective."""
-        if self._comm is not None:
-            self._comm.Allreduce(MPI.IN_PLACE, nodes)
-        return nodes
-
-    def multiply(self, nodes):
-        """Compute S p, by what all have collected of p, for `add`. Not collective."""
-        rows, (step, width) = len(self._nodes), self._in_x.shape
-        waves = scipy.fft.rfft2(nodes.astype(self._nodes.dtype, copy=False), self._lengths)
-        with np.errstate(invalid="ignore", over="ignore"):  # who diverges is told by others
-            waves *= self._spectrum
-        nodes = scipy.fft.irfft2(waves, self._lengths)[self._first : self._first + rows, : self._counts[1]]
-        around = np.lib.stride_tricks.sliding_window_view(nodes, width, axis=1)
-        by_cells = self._nodes.reshape(rows, self._cells, step)
-        np.matmul(np.ascontiguousarray(around), self._in_x.T, out=by_cells)
 
     def add(self, out, mask):
         """Add it to a field, on C if there is a mask. Not collective."""

@@ -95,7 +95,7 @@ class InfluenceOperator:
         if exact_product is not None:
             self.exact_product = exact_product
         self._verified_elsewhere = exact_product is not None
-        self.circulants = {}  # made by the preconditioner of that name when they are first used here
+        self.multipliers = {}  # by name: the inverse of A and what stands for A, made by who uses them first
         self.local_shape = (self.slabs.local, grid.nx)
         self.mask = np.zeros(self.local_shape, bool)
         self.products = self.sweeps = 0
@@ -218,42 +218,39 @@ class InfluenceOperator:
         if self.dtype == np.float64:
             yield
             return
-        dtype, circulants, product = self.dtype, self.circulants, vars(self).pop("product", None)
-        self.dtype, self.circulants = np.dtype(np.float64), {}
+        dtype, multipliers, product = self.dtype, self.multipliers, vars(self).pop("product", None)
+        self.dtype, self.multipliers = np.dtype(np.float64), {}
         try:
             yield
         finally:
             self._free("product")
-            self.dtype, self.circulants = dtype, circulants
+            self.dtype, self.multipliers = dtype, multipliers
             if product is not None:
                 self.product = product
 
     def free_exact_product(self):
         """Free the exact product. Not collective."""
-        self._free("exact_product", circulants=False)
+        self._free("exact_product", multipliers=False)
 
     def free(self):
         """Free all products, preconditioners and sweeps. Not collective."""
         self._free(*_PRODUCTS, "relaxation")
 
-    def _free(self, *made, circulants=True):
+    def _free(self, *made, multipliers=True):
         """Free what has been made by some names; what it computed stays counted."""
         before = self.equivalent_products
         for name in made:
             vars(self).pop(name, None)
-        if circulants:
-            self.circulants.clear()
+        if multipliers:
+            self.multipliers.clear()
         self._spent += before - self.equivalent_products
 
     # -- numpy side --------------------------------------------------------------------------------------
 
-    def displacement(self, p, u, collected=None):
-        """Compute u = A p, (2.6) and (2.7), on all cells. Collective; arrays of shape `local_shape`.
-
-        `collected`: see `EvenMultiplier.apply`.
-        """
+    def displacement(self, p, u):
+        """Compute u = A p, (2.6) and (2.7), on all cells. Collective; arrays of shape `local_shape`."""
         with _mult_event:
-            self.product.apply(p, u, collected=collected)
+            self.product.apply(p, u)
             PETSc.Log.logFlops(self.product.flops)
 
     def exact_displacement(self, p, u):
@@ -340,8 +337,8 @@ class InfluenceOperator:
         made = vars(self)
         products = {id(made[name]): made[name] for name in _PRODUCTS if name in made}
         total = self._spent + sum(product.count for product in products.values())
-        if self.circulants:
-            total += sum(circulant.points for circulant in self.circulants.values()) / self._padded
+        if self.multipliers:
+            total += sum(multiplier.points for multiplier in self.multipliers.values()) / self._padded
         if "relaxation" in made:
             total += self.sweeps * self.relaxation.products_per_sweep
         return total

@@ -153,7 +153,7 @@ class DenseProduct:
         """Floating point operations of a product."""
         return 2 * self.matrix.size
 
-    def apply(self, p, out, mask=None, collected=None):
+    def apply(self, p, out, mask=None):
         """Compute out = A p, or out = C A C p; see `EvenMultiplier.apply`. Not collective."""
         self.count += 1
         if mask is None:
@@ -168,7 +168,7 @@ class NoRows:
     dtype, shape, periods = np.dtype(float), (0, 0), (0, 0)
     count = flops = 0
 
-    def apply(self, p, out, mask=None, rows=None, collected=None):
+    def apply(self, p, out, mask=None, rows=None):
         """Do nothing. Not collective; nor are the others."""
 
     apply_inverse = apply

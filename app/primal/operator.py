@@ -47,9 +47,9 @@ class InverseOperator:
         of = self.influence
         if self.dtype == np.float64:
             return of.inverse_product
-        if "inverse" not in of.circulants:  # which counts, and frees
-            of.circulants["inverse"] = of.product.inverse()
-        return of.circulants["inverse"]
+        if "inverse" not in of.multipliers:  # which counts, and frees
+            of.multipliers["inverse"] = of.product.inverse()
+        return of.multipliers["inverse"]
 
     def mat(self, comm):
         """Make a Mat with this context, the caller's to destroy. Collective over the PETSc communicator `comm`."""

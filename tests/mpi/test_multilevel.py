@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.fast.multilevel import circulant_inverse
+from app.fast.levels import circulant_inverse
 from app.halfspace.grid import Grid, Slabs
 
 SHAPES = [(128, 140), (257, 150), (150, 129)]

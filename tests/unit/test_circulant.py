@@ -6,7 +6,8 @@ from operators import GRIDS, PERIODIC, STEEL
 from petsc4py import PETSc
 
 from app.fast.circulant import Circulant, circulant_of
-from app.fast.multilevel import MultilevelInverse, circulant_inverse
+from app.fast.levels import circulant_inverse
+from app.fast.multilevel import MultilevelOperator
 from app.fast.symbol import eigenvalues, mean_eigenvalue
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Grid
@@ -145,7 +146,7 @@ def test_levels_are_as_good_as_transforms(ny, nx, aspect):
     """B by stencils is symmetric, and with the true inverse its eigenvalues lie within some percent of 1."""
     grid, rng = Grid(nx, ny, aspect, 1.0), np.random.default_rng(ny)
     inverse = circulant_inverse(grid, 1.0, exact=False)
-    assert isinstance(inverse, MultilevelInverse)
+    assert isinstance(inverse, MultilevelOperator)
     alike = EvenMultiplier(grid.shape, inverse.periods)  # by transforms, in the same box
     sides = [n * d for n, d in zip(inverse.periods, (grid.dy, grid.dx), strict=True)]
 

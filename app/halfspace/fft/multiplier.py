@@ -316,7 +316,7 @@ class EvenMultiplier:
         """Multiply p, continued by zeros, by the inverse of the periodic operator. Collective."""
         self.apply(p, out, scale=self._inverse_scale)
 
-    def apply(self, p, out, mask=None, rows=None, scale=0.0, collected=None):
+    def apply(self, p, out, mask=None, rows=None, scale=0.0):
         """Multiply p by the operator A of this object: out = A p, or out = C A C p.
 
         Collective.
@@ -332,14 +332,11 @@ class EvenMultiplier:
             The rows that are not zero in p and wanted in `out`; the others may hold anything afterwards.
         scale : float, optional
             If not 0, divide by the spectrum instead, and multiply by this.
-        collected : ndarray, optional
-            What all ranks have collected of p for `rest`, if that is known.
         """
         self.count += 1
         inside, rows = _NO_MASK if mask is None else mask, _NO_ROWS if rows is None else rows
         if self.rest is not None:
-            known = self.rest.sum_of(self.rest.collect(p, inside)) if collected is None else collected
-            self.rest.multiply(known)
+            self.rest.multiply(p, inside)
         scale, done = self.dtype.type(scale), 0
         strips = self._in_x.data, self._scratch, self._transformed, self._edges, self._in_x.execute
         rows_to_strips(p, inside, rows, *strips, *self._row_plans[::2])
