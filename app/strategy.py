@@ -88,8 +88,9 @@ class Strategy:
         if chosen.strategy == "active_set":
             return self._by_active_set(loading, stop, history, start)
         stop = InexactStop(
-            chosen.rtol, chosen.max_it, True, chosen.coarse_rtol, chosen.predictor, chosen.error_bound
-        )
+            chosen.rtol, chosen.max_it, True, chosen.coarse_rtol, chosen.predictor, chosen.error_bound,
+            chosen.defect_correction,
+        )  # fmt: skip
         if chosen.strategy == "fast":
             return self._fast(loading, stop, history, start)
         from app.primal.nested import primal_iteration

@@ -113,12 +113,9 @@ class Circulant:
         options = PETSc.Options(pc.getOptionsPrefix())
         steps, periodic = options.getInt("pc_circulant_extend", 0), bool(operator.grid.periodic)
         self.multiplier = circulant_of(operator, exact=False)
-        workspace = getattr(operator.product, "working_storage", None)
-        self.extension = RimExtension(
-            operator.local_shape, operator.slabs, operator.comm, steps, periodic, workspace
-        )
+        self.extension = RimExtension(operator.local_shape, operator.slabs, operator.comm, steps, periodic)
         self.extension.set_stencil(self.multiplier.centre() if periodic else centre(operator.grid))
-        self._contact, self._listed = -1, None  # number of the set that the extension knows, and its cells
+        self._contact = -1  # number of the set that the extension knows
         _load_loops(operator.dtype)
 
     def apply(self, pc, x, y):
@@ -150,17 +147,9 @@ class Circulant:
     def extend(self, r):
         """Continue a residual that is zero outside C over the rim, in place. Collective."""
         if self._contact != self.operator.contact_number:
-            self._list()
+            self.extension.set_contact(self.operator.mask)
+            self._contact = self.operator.contact_number
         self.extension.extend(r)
-
-    def _list(self):
-        """Tell the extension of another contact set, unless it has the same cells. Collective."""
-        mask = self.operator.mask
-        listed = np.packbits(mask).tobytes() if self.operator.comm is None else None
-        if listed is None or listed != self._listed:
-            self.extension.set_contact(mask)
-        self._listed = listed
-        self._contact = self.operator.contact_number
 
     applyTranspose = apply
 

@@ -29,7 +29,6 @@ IN_CONTACT = 100.0
 RELEASED = 0.01  # share of the load that may be released on a coarse grid without asking what that does to u
 ROUNDING = 1e-13  # of ||h|| on C: what it leaves of displacements there
 NEAR = 3.0  # times its tolerance may the approach to a load still be off on a coarse grid
-LEFT = 0.01  # share of a residual that changes of u by levels may leave; what is smaller is not to be trusted
 SINGLE = 1e-6  # of ||h|| on C: a smaller residual is not for single precision to compute
 PATIENCE = 8  # iterations that do not halve the residual: there is no progress
 
@@ -46,11 +45,14 @@ class InexactStop(StoppingTest):
         Factor on the expected change of u in (4.b).
     error_bound : float
         Proved error up to which the target grid counts as solved (`app.contact.certificate`).
+    defect_correction : float
+        Changes of u are multiplied by levels until so much is left of the residual that a product has told; 0: by FFT.
     """
 
     coarse_rtol: float = 0.0
     predictor: float = 0.0
     error_bound: float = float("inf")
+    defect_correction: float = 0.0
 
     def allowed(self, state, h_on_contact=None):
         """Largest norm of r on C that passes [mm]. Collective, unless ||h|| on C is given [mm].
@@ -112,12 +114,13 @@ def inexact_active_set(state, solver, loading, stop, history):
     best, since, rehearsed = float("inf"), 0, False
     if not begin(state, solver, loading, history):
         return Outcome(not loading.prescribes_load, NO_CONTACT)
-    solver.begin()
+    solver.begin(by_levels=stop.defect_correction > 0)
     h_on_contact, norm, cells = state.on_contact()  # of C^k; later the last update knows
     known = norm  # when u was computed last
     for k in range(1, stop.max_it + 1):
         allowed, done, computed = stop.allowed(state, h_on_contact), False, False
-        enough = max(allowed, LEFT * known) if stop.final and solver.nearly else allowed
+        # On coarse grids what levels leave is no worse than the grid itself.
+        enough = max(allowed, stop.defect_correction * known) if stop.final and solver.nearly else allowed
         solver.set_contact()  # 2. (2.11) on C^k
         its, failure, norm = solver.improve(state, enough, norm)  # 3. a little
         tension = solver.tension(state) if norm <= allowed else None
@@ -132,12 +135,13 @@ def inexact_active_set(state, solver, loading, stop, history):
             update, done, rehearsed = _verify(state, solver, tension, loading, stop, not rehearsed)
             computed = not rehearsed
         else:
-            solver.release(state)  # (4.a), and u along with it
+            computed = allowed < enough and norm <= enough
+            solver.release(state, carry=not computed)  # (4.a), and u along with it
+            if computed:
+                state.compute_displacement(exact=allowed < SINGLE * h_on_contact)
             loading.update(state)
-            expected = solver.predict(state, stop.predictor) if norm > enough else None
+            expected = solver.predict(state, stop.predictor) if norm > allowed else None
             update = state.activate_penetrating(expected)  # (4.b)
-            if computed := allowed < enough and update.residual <= enough:
-                update = _correct(state, loading, update, exact=allowed < SINGLE * h_on_contact)
         if computed and solver.nearly:
             solver.nearly = update.residual <= max(allowed, 0.5 * known)
             best, known = known, update.residual
@@ -156,26 +160,6 @@ def inexact_active_set(state, solver, loading, stop, history):
         if since >= PATIENCE:
             raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
-
-
-def _correct(state, loading, update, exact):
-    """Compute u, and make 4.b by it. Collective.
-
-    Parameters
-    ----------
-    update : Update
-        By the u that was carried along.
-    exact : bool
-        In double precision.
-
-    Returns
-    -------
-    Update
-        Of both.
-    """
-    state.compute_displacement(exact)
-    loading.update(state)
-    return state.activate_penetrating().after(update)
 
 
 def _verify(state, solver, tension, loading, stop, rehearse):

@@ -78,7 +78,9 @@ def circulant_inverse(
     return coarsest(shape, slabs)
 
 
-def influence_by_levels(grid, compliance, slabs=None, comm=None, dtype=np.float64, workspace=None, spectra=None):
+def influence_by_levels(
+    grid, compliance, slabs=None, comm=None, dtype=np.float64, workspace=None, spectra=None
+):
     """A on a free patch, nearly.
 
     Collective over `comm`.

@@ -38,8 +38,7 @@ class TrackingSolver(LinearSolver):
     Attributes
     ----------
     nearly : bool
-        Changes of u are computed by levels (`app.fast.levels`), where there are such and unless -lcp_defect_correction
-        is off. May be set to False, for this grid and solve.
+        Changes of u are computed by levels (`app.fast.levels`). May be set to False.
 
     Raises
     ------
@@ -57,11 +56,10 @@ class TrackingSolver(LinearSolver):
                 "python with -ksp_python_type app.fast.tracking_cg.TrackingCG"
             )
         self._cg, self._large, self._pending = context, is_large(self.operator.grid), False
-        self._by_levels = PETSc.Options().getBool("lcp_defect_correction", True)
 
-    def begin(self):
-        """Begin to solve on the grid. Collective."""
-        self.nearly, self._pending = self._by_levels and influence_of(self.operator) is not None, False
+    def begin(self, by_levels):
+        """Begin to solve on the grid, with changes of u by levels if it has such. Collective."""
+        self.nearly, self._pending = by_levels and influence_of(self.operator) is not None, False
 
     def improve(self, state, allowed, norm):
         """Step 3, inexactly: p towards (2.11) on C. What that does to u is left to `release` or `carry`.
@@ -118,17 +116,17 @@ class TrackingSolver(LinearSolver):
         total, negative = state.sum(kernels.tension(state.p, state.contact))
         return Tension(negative / total if total > 0 else float(negative), bool(negative))
 
-    def release(self, state, tension=None):
+    def release(self, state, tension=None, carry=True):
         """Step 4.a, and u along with it; return how many cells left C. Collective.
 
-        `tension`: what `tension` has returned, if it was asked for.
+        `tension`: what `tension` has returned, if it was asked for. `carry`: unless u is to be computed anew.
         """
         change = self._cg.change
         if not self._pending:
             change[...] = 0
         kernels.add_release(state.p, state.contact, change)
         released = state.release_tensile(tension and tension.some)
-        self._pending |= bool(released)
+        self._pending = carry and (self._pending or released > 0)
         self.carry(state)
         return released
 

@@ -1,7 +1,7 @@
 """Conjugate gradients that start from a known displacement, and leave what they changed.
 
-The first residual is -(h + u), and u is there: it costs no product. What the solve adds to x is kept as `change`, in the
-operator's precision, for who wants to know what it adds to u. And the products may be nearly A's only (`multiply`).
+The first residual is -(h + u), and u is there: it costs no product. What the solve adds to x is kept as `change`, for
+who wants to know what it adds to u. And what stands for A may be nearly A only (`multiply`).
 Usable from options::
 
     -ksp_type python -ksp_python_type app.fast.tracking_cg.TrackingCG -ksp_norm_type unpreconditioned

@@ -71,7 +71,7 @@ def test_more_nodes_for_a_cell_converge_as_they_should():
     errors = {}
     for step in (8, 4, 2, 1):
         rest, u = Rest(box, 1.0, (step, step), 6, Slabs(96), None, np.float64), np.zeros(grid.shape)
-        rest.multiply(rest.collect(p, NO_MASK))
+        rest.multiply(p, NO_MASK)
         rest.add(u, NO_MASK)
         errors[step] = u
     errors = {step: np.abs(errors[step] - errors[1]).max() for step in (8, 4, 2)}
@@ -85,7 +85,7 @@ def test_a_rank_without_rows_adds_nothing():
         Rest(box_of(grid, (60, 60)), 1.0, (1, 1), 6, Slabs(40, 50, 49), None, np.float64),
         np.zeros((0, 40)),
     )
-    rest.multiply(rest.sum_of(rest.collect(none, NO_MASK)))
+    rest.multiply(none, NO_MASK)
     rest.add(none, NO_MASK)
 
 

@@ -5,7 +5,7 @@ import pytest
 from operators import STENCIL
 from scipy.ndimage import binary_dilation, convolve
 
-from app.fast import rim_kernels
+from app.fast import rim
 from app.fast.circulant import circulant_of
 from app.fast.rim import RimExtension, chebyshev_steps
 from app.halfspace.grid import Grid
@@ -96,8 +96,8 @@ def test_both_operators_are_those_of_the_definition(shape, steps, dtype, atol, r
 
 def test_without_rows_no_memory_is_read(monkeypatch):
     """A rank beyond those of a level of PCMG; Python looks whether there is a last row."""
-    for name in ("extend", "restrict"):
-        monkeypatch.setattr(rim_kernels, name, getattr(rim_kernels, name).py_func)
+    for name in ("_extend", "_restrict"):
+        monkeypatch.setattr(rim, name, getattr(rim, name).py_func)
     extension = make(np.zeros((0, 5), bool), 3, periodic=True)
     extension.extend(np.zeros((0, 5)))
     extension.restrict(np.zeros((0, 5)))
@@ -155,7 +155,7 @@ def test_extended_residual_predicts_the_displacement_beside_contact(r, off):
     assert np.linalg.norm(predicted - change) < off * np.linalg.norm(change)
 
 
-def test_lists_follow_the_contact_set_and_weights_the_unit_of_the_stencil():
+def test_extension_follows_the_contact_set_and_weights_the_unit_of_the_stencil():
     first, second = np.random.default_rng(3).random((2, 17, 26)) < 0.3
     extension = make(first, 3, stencil=2.5 * np.array(STENCIL))
     extension.set_contact(second)

@@ -9,17 +9,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from cases import hertz, punch
-from petsc4py import PETSc
 
 from app import ContactProblem, ContactSolver, Grid, Material
 from app.fast import solver as tracking
-from app.fast.circulant import Circulant, circulant_of
-from app.fast.rim import RimExtension
+from app.fast.circulant import circulant_of
+from app.fast.levels import influence_of
 from app.fast.solver import TrackingSolver
 from app.fast.verification_product import VerificationProduct
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.operator import InfluenceOperator
-from app.petsc import OptionDatabase
 
 MAKES = re.compile(r"^(Vec|Mat|KSP|PC|IS)\.(create|duplicate|setFromOptions)|\.set_kernel$|\.set_spectrum$")
 
@@ -139,35 +137,6 @@ def test_a_small_grid_does_not_wait_for_python():
         assert len(calls_of(lambda: solver.solve(load=load))) < 3300
 
 
-def test_the_rim_of_a_set_that_comes_back_is_not_listed_again(monkeypatch):
-    """And what is extended is the same as with lists of its own."""
-    listed, plain = [], RimExtension.set_contact
-    monkeypatch.setattr(RimExtension, "set_contact", lambda *given: (listed.append(1), plain(*given))[1])
-    operator = InfluenceOperator(Grid(24, 20, 1.0, 1.0), 1.0)
-    mat, pc, context = operator.mat(PETSc.COMM_SELF), PETSc.PC().create(PETSc.COMM_SELF), Circulant()
-    with OptionDatabase({"pc_circulant_extend": "3"}).active():
-        pc.setOperators(mat)
-        pc.setType(PETSc.PC.Type.PYTHON)
-        pc.setPythonContext(context)
-        pc.setUp()
-    listed.clear()
-    found = []
-    rng = np.random.default_rng(1)
-    one, other = (rng.random(operator.local_shape) < share for share in (0.2, 0.5))
-    residual = rng.random(operator.local_shape)
-    for contact in (one, one, other, one):
-        operator.mask[...] = contact
-        operator.mask_changed()
-        found.append(residual * contact)
-        context.extend(found[-1])
-    assert len(listed) == 3
-    for again in (1, 3):
-        np.testing.assert_array_equal(found[again], found[0])
-    assert (found[2] != found[0]).any()
-    pc.destroy()
-    mat.destroy()
-
-
 def test_what_an_exact_product_has_computed_stays_counted():
     operator = InfluenceOperator(Grid(40, 40, 1.0, 1.0), 1.0, dtype=np.float32)
     p = np.ones(operator.local_shape)
@@ -186,8 +155,8 @@ def test_nobody_works_in_what_is_lent():
     for field in lent:
         field[...] = 7.0
     p = np.ones(operator.local_shape, np.float32)
-    for exact in (True, False):
-        circulant_of(operator, exact).apply(p, p)
+    for multiplier in (circulant_of(operator), circulant_of(operator, exact=False), influence_of(operator)):
+        multiplier.apply(p, p)
     assert all((field == 7.0).all() for field in lent)
 
 
