@@ -10,6 +10,7 @@ from running import solve
 
 from app import ContactSolver
 from app.errors import FailedElsewhere, InputError
+from app.fast.levels import influence_of
 from app.halfspace.communication import Communicator, Team
 from app.halfspace.fetch import Fetch
 from app.halfspace.fft.multiplier import EvenMultiplier
@@ -56,11 +57,14 @@ def test_first_ranks_have_a_communicator_and_others_do_not(comm):
 @pytest.mark.mpi(2, 3)
 @pytest.mark.parametrize("shared", [False, True])
 @pytest.mark.parametrize(("n", "levels"), [(48, 0), (192, 1), (324, 2)])
-def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(comm, n, levels, shared):
+@pytest.mark.parametrize("by_levels", [False, True])
+def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(
+    comm, n, levels, shared, by_levels
+):
     """And two exchanges of rows with neighbours for the extension over the rim, two for each level with a stencil.
 
-    The largest grid's product is one in a box, whose images take no reduction of their own. In memory that ranks share
-    an exchange sends nothing.
+    The largest grid's product, if it is not by levels, is one in a box, whose images take a reduction of their own. In
+    memory that ranks share an exchange sends nothing.
     """
     counted = Communicator(comm)
     counted.shares_memory = shared
@@ -79,6 +83,9 @@ def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(c
     for steps in (1, 3):  # so few that the norm needs no summing anew
         with options_set({}, options | {"ksp_max_it": str(steps)}):
             solver = LinearSolver(hierarchy)
+        nearly = influence_of(operator) if by_levels else None
+        if nearly is not None:
+            solver.ksp.getPythonContext().multiply = nearly.apply
         b = solver.mat.createVecRight()
         operator.mask[...] = True
         operator.mask[:, 40:] = False
@@ -92,10 +99,12 @@ def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(c
         solver.destroy()
     step = counts[3].since(counts[1])
     neighbours = 2 - (comm.rank == 0) - (comm.rank == comm.size - 1)
-    assert step.small_collectives == 2 * 2
+    in_box = levels == 2 and nearly is None
+    assert step.small_collectives == 2 * (2 + in_box)
     assert step.all_to_alls == 2 * 4
     sent = 0 if shared else 4 * (comm.size - 1)
-    assert step.messages == 2 * (sent + (2 + 2 * levels) * neighbours)
+    exchanges = 2 + 2 * levels * (1 + (nearly is not None))
+    assert step.messages == 2 * (sent + exchanges * neighbours)
     hierarchy.destroy()
 
 

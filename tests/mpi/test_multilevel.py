@@ -1,9 +1,11 @@
-"""The inverse by levels on several ranks against one."""
+"""The inverse by levels, and A, on several ranks against one."""
+
+from functools import partial
 
 import numpy as np
 import pytest
 
-from app.fast.levels import circulant_inverse
+from app.fast.levels import circulant_inverse, influence_by_levels
 from app.halfspace.grid import Grid, Slabs
 
 SHAPES = [(128, 140), (257, 150), (150, 129)]
@@ -13,7 +15,10 @@ SHAPES = [(128, 140), (257, 150), (150, 129)]
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("layout", ["even", "thin", "nothing at the ends"])
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-def test_each_rank_finds_its_rows(comm, shape, layout, dtype):
+@pytest.mark.parametrize(
+    "multiplier", [partial(circulant_inverse, exact=False), influence_by_levels], ids=["inverse", "influence"]
+)
+def test_each_rank_finds_its_rows(comm, shape, layout, dtype, multiplier):
     ny, nx = shape
     starts = {
         "even": Slabs(ny, comm.size).starts,
@@ -22,8 +27,8 @@ def test_each_rank_finds_its_rows(comm, shape, layout, dtype):
     }[layout]
     slabs = Slabs.starting(starts, comm.rank)
     grid = Grid(nx, ny, 0.1, 0.12)
-    alone = circulant_inverse(grid, 1.0, dtype=dtype, exact=False)
-    here = circulant_inverse(grid, 1.0, slabs, comm, dtype, exact=False)
+    alone = multiplier(grid, 1.0, dtype=dtype)
+    here = multiplier(grid, 1.0, slabs, comm, dtype)
     field = np.random.default_rng(1).normal(size=shape)
     expected, found = np.empty(shape), field[slabs.rows].copy()
     alone.apply(field, expected)
