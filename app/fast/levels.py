@@ -79,7 +79,7 @@ def circulant_inverse(
 
 
 def influence_by_levels(
-    grid, compliance, slabs=None, comm=None, dtype=np.float64, workspace=None, spectra=None
+    grid, compliance, slabs=None, comm=None, dtype=np.float64, workspace=None, spectra=None, other=None
 ):
     """A on a free patch, nearly.
 
@@ -89,6 +89,8 @@ def influence_by_levels(
     ----------
     grid, compliance, slabs, comm, dtype, workspace, spectra
         See `circulant_inverse`.
+    other : MultilevelOperator, optional
+        See there.
 
     Returns
     -------
@@ -114,7 +116,7 @@ def influence_by_levels(
         product.use(spectra, ("influence", len(near)), partial(product.set_kernel, kernel, *shape))
         return product
 
-    return MultilevelOperator(grid.shape, near, coarsest, slabs, comm, dtype)
+    return MultilevelOperator(grid.shape, near, coarsest, slabs, comm, dtype, other)
 
 
 def influence_of(operator):
@@ -124,7 +126,11 @@ def influence_of(operator):
     known = operator.multipliers
     if "influence" not in known:
         place = operator.grid, operator.compliance, operator.slabs, operator.comm, operator.dtype
-        nearly = influence_by_levels(*place, workspace=operator.storage, spectra=operator.spectra)
+        inverse = known.get("apart")
+        other = inverse if isinstance(inverse, MultilevelOperator) else None
+        nearly = influence_by_levels(
+            *place, workspace=operator.storage, spectra=operator.spectra, other=other
+        )
         if nearly is None:
             return None
         known["influence"] = nearly

@@ -50,6 +50,8 @@ class MultilevelOperator:
         ``coarsest(shape, slabs)`` makes the product on the coarsest grid.
     slabs, comm, dtype
         See `EvenMultiplier`.
+    other : MultilevelOperator, optional
+        One on the same grid, at rest whenever this works: its coarse fields are used.
 
     Attributes
     ----------
@@ -59,7 +61,7 @@ class MultilevelOperator:
         In y and x, in cells.
     """
 
-    def __init__(self, shape, near, coarsest, slabs=None, comm=None, dtype=np.float64):
+    def __init__(self, shape, near, coarsest, slabs=None, comm=None, dtype=np.float64, other=None):
         self.count, self.shape, self.dtype = 0, shape, np.dtype(dtype)
         self.slabs = slabs = slabs or Slabs(shape[0])
         self.comm = comm = comm if comm is not None and comm.size > 1 else None
@@ -67,14 +69,14 @@ class MultilevelOperator:
         self._stencil = np.ascontiguousarray((near[0] / np.outer(twice, twice)).T, dtype)  # [y, x]
         coarse = slabs.surround()
         coarse_shape = coarse.ny, coarse_cells(shape[1])
-        self._next = (
-            MultilevelOperator(coarse_shape, near[1:], coarsest, coarse, comm, dtype)
-            if len(near) > 1
-            else coarsest(coarse_shape, coarse)
-        )
+        if len(near) > 1:
+            below = other._next if other and isinstance(other._next, MultilevelOperator) else None
+            self._next = MultilevelOperator(coarse_shape, near[1:], coarsest, coarse, comm, dtype, below)
+        else:
+            self._next = coarsest(coarse_shape, coarse)
         self.periods = tuple(2 * period for period in self._next.periods)
         self._first, self._first_coarse = slabs.rows.start, coarse.rows.start
-        self._coarse = np.zeros((coarse.local, coarse_shape[1]), dtype)
+        self._coarse = np.zeros((coarse.local, coarse_shape[1]), dtype) if other is None else other._coarse
         self._halo = None if comm is None else Halo(slabs, comm, REACH, periodic=False)
         self._parents = Parents(slabs, comm)
         self._none = np.zeros((0, shape[1]), dtype)
