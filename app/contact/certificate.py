@@ -39,6 +39,7 @@ for digits that they have lost on far ways, which count as such a d.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -116,8 +117,9 @@ def _prove(state):
 
 def _lifting(state, most, energy, penetrates):
     """What the lifting of penetrations adds to the gap: the least for some t between 0 and `most`. Collective."""
-    shares = most * np.append(0.5 ** np.arange(_TRIALS), 0.0)
-    to_u, squares = state.sum(_lift(state.distance.b, state.u, state.admissible, shares, penetrates))
+    sums = state.sum(_lift(state.distance.b, state.u, state.admissible, most, _TRIALS, penetrates))
+    shares, (product, of_e, of_u) = most * np.append(0.5 ** np.arange(_TRIALS), 0.0), np.cumsum(sums, axis=1)
+    to_u, squares = product - shares * of_u, of_e + shares * (shares * of_u - 2 * product)
     grid, diagonal = state.patch, state.operator.diagonal
     to_u, squares = to_u / diagonal, squares / diagonal**2
     norm = _norm(grid, state.operator.compliance)
@@ -267,20 +269,26 @@ def _survey(b, u, p, admissible, smallest, penetrates):
 
 
 @njit()
-def _lift(b, u, admissible, shares, penetrates):
-    """Sums of w u and w w for ``w = max(-(e + t u), 0)`` where e < 0, for each share t; other rows are left out."""
-    sums = np.zeros((2, shares.size))
+def _lift(b, u, admissible, most, trials, penetrates):
+    """Sums of w u and w w for ``w = max(-(e + t u), 0)`` where e < 0, for t = most / 2^k; other rows are left out.
+
+    A cell counts from the first k on for which w is positive, in the last one for t = 0: so the cells of each first k
+    are summed.
+    """
+    sums = np.zeros((3, trials + 1))  # of -e u, e e, u u
     for j in range(b.shape[0]):
         if not penetrates[j]:
             continue
         for i in range(b.shape[1]):
-            e = u[j, i] - b[j, i]
+            value = u[j, i]
+            e = value - b[j, i]
             if e < 0 and admissible[j, i]:
-                for k in range(shares.size):
-                    w = -(e + shares[k] * u[j, i])
-                    if w > 0:
-                        sums[0, k] += w * u[j, i]
-                        sums[1, k] += w * w
+                first = 0
+                if most * value > -e:
+                    first = min(math.frexp(most * value / -e)[1], trials)
+                sums[0, first] -= e * value
+                sums[1, first] += e * e
+                sums[2, first] += value * value
     return sums
 
 
@@ -290,7 +298,7 @@ def warm_up(periodic=False):
     fixed = field.view()
     fixed.flags.writeable = False
     _survey(fixed, field, fixed, mask, 1.0, rows)
-    _lift(fixed, field, mask, np.zeros(1), rows)
+    _lift(fixed, field, mask, 0.0, 1, rows)
     if periodic:
         _gaps(fixed, field, fixed, mask, 1.0)
         _move(fixed, field, fixed, mask, 1.0, 1.0, 0.0, 0.0, field)
