@@ -27,6 +27,7 @@ APPROACHES = (0.00187, 0.0113, 0.0202, 0.037, 0.0899, 0.1768)
 LOADS = (0.0005, 0.02, 0.2, 1.0)
 
 DEVICES = {
+    "defect correction": {"lcp_defect_correction": 0},
     "lift": {"lcp_prolongation": "copy"},
     "predictor": {"lcp_predictor": 0},
     "rim extension, and with it the predictor": {"pc_circulant_extend": 0, "lcp_predictor": 0},
@@ -71,9 +72,11 @@ FREE = (
     Constant("lcp_window", "margin of windows, share of the extent of contact"),
     Constant("lcp_predictor", "share of the expected change of u that is believed"),
     Constant("pc_circulant_extend", "cells by which the residual is continued over the rim"),
+    Constant("lcp_defect_correction", "share of a residual that is left to the next product"),
     Constant("IN_CONTACT", "(5.1) with h on C alone and so many times rtol", "app.fast.iteration"),
     Constant("RELEASED", "share of the load released on a coarse grid without a product", "app.fast.iteration"),
     Constant("NEAR", "tolerances by which the approach to a load may be off on a coarse grid", "app.fast.iteration"),
+    Constant("SINGLE", "residual over h on C that is too small for single precision", "app.fast.iteration"),
     Constant("PATIENCE", "iterations without halving the residual, then the safeguard", "app.fast.iteration"),
     Constant("TRUSTED", "when a secant counts, and how far the slope may change at once", "app.contact.loading"),
     Constant("BLAMED", "of the rms residual: the approach may be off by it, unmoved", "app.contact.loading"),

@@ -59,7 +59,7 @@ class Displacement(IntEnum):
     """What u is."""
 
     STALE = 0  # not A p
-    CARRIED = 1  # A p, but for what single precision or the adding up of changes leaves
+    CARRIED = 1  # A p, but for what single precision, or changes that have been added up, leave
     EXACT = 2  # A p in double precision
 
 

@@ -4,10 +4,11 @@ On each grid, from the coarsest to the target (`nested`):
 
 1. *Start.* Pressure and contact set come from the coarser grid by `lift`; the grid is worked on in a window around
    contact (`windows`). The coarsest grid is solved directly.
-2. *Sets.* `iteration` repeats the steps of Sec. 4.1, each set solved a little by conjugate gradients that carry the
-   displacement along (`tracking_cg`). Preconditioner is the inverse of A, continued periodically (`circulant`), by
-   stencils on several grids (`multilevel`), of the residual continued over the rim of contact (`rim`). The predictor
-   lets cells in by the displacement to come.
+2. *Sets.* `iteration` repeats the steps of Sec. 4.1, each set solved a little by conjugate gradients that start from
+   the displacement there is (`tracking_cg`). Preconditioner is the inverse of A, continued periodically (`circulant`),
+   of the residual continued over the rim of contact (`rim`). What corrections of p do to u is computed by stencils on
+   several grids, and so is the preconditioner (`levels`); after some sets a product corrects what they leave. The
+   predictor lets cells in by the displacement to come.
 3. *Enough.* A coarse grid is left as soon as its residual is small against h on C. The target grid is left by one
    product in double precision on all cells; it decides (5.1), and with it the certificate must hold. For a window
    all ranks make it (`verification_product`).
@@ -16,8 +17,10 @@ On each grid, from the coarsest to the target (`nested`):
 
 Words of this room, and what the field calls it:
 
-- *Tracking.* The recurrence of CG's residual, kept up outside of C, too: A d is known on all cells, so u = A p follows
-  p for nothing.
+- *Defect correction.* To solve by an operator that is nearly A, again and again, for what the true residual still is.
+  Here the cheap one is A by levels, multilevel multi-summation of the lowest order, and true residuals cost a product.
+- *Carried.* A displacement that has followed p by the changes of p, not computed anew: it costs no product to ask
+  which cells penetrate.
 - *Lift.* Prolongation of the pressure by way of the displacement. Pressures have infinite slopes at the rim of contact
   and interpolate badly, displacements well; B, from displacement to pressure (Dirichlet to Neumann), leads back.
 - *Rim extension.* The inverse of A on C is a Schur complement of that on all cells, which is what the preconditioner
