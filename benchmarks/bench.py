@@ -108,9 +108,10 @@ The unit is one *plain product*: zero-padded `scipy.fft.rfft2`, multiply, `irfft
 measured in the same run (shortest of several). Times are ratios; seconds are for orientation only.
 """
 KERNELS = """\
-`product`: our own, in plain products; on P ranks, of the same plain product on one. `memory`: everything a product
-needs beyond its vectors, in doubles per cell. `circulant`: one preconditioner application, `sweep`: one exact
-Gauss-Seidel sweep on the Hertz and a rough contact set, both in units of our own product on one rank.
+`product`: our own, in plain products, and what stands for it in corrections, `by levels`, in single precision; on P
+ranks, of the same plain product on one. `memory`: everything a product needs beyond its vectors, in doubles per cell.
+`circulant`: one preconditioner application, `sweep`: one exact Gauss-Seidel sweep on the Hertz and a rough contact set,
+both in units of our own product on one rank.
 """
 SOLVES = """\
 Approach prescribed, to ||r|| / ||h|| = 1e-6. `plain`: solve time in plain products (set-up apart). `applications`:
@@ -150,6 +151,7 @@ def run_kernels(size, count, plain):
     row = {
         "product": f"{times['product'] / plain:.2f}",
         "single precision": f"{times['product32'] / plain:.2f}",
+        "by levels": f"{times['levels32'] / plain:.3f}",
         "memory": f"{times['memory']:.2f}",
     }
     for name in ("circulant", "sweep, Hertz", "sweep, rough"):

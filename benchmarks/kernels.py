@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 from mpi4py import MPI
 
-from app.fast.levels import circulant_inverse
+from app.fast.levels import circulant_inverse, influence_by_levels
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.influence import Material, influence_quadrant
 from app.halfspace.operator import InfluenceOperator
@@ -51,7 +51,9 @@ def main():
     if comm.size > 1:
         return
     product = InfluenceOperator(grid, *shared, np.float32).product
-    measure("product32", partial(product.apply, p, u))
+    low, of_low = p.astype(np.float32), u.astype(np.float32)
+    measure("product32", partial(product.apply, low, of_low))
+    measure("levels32", partial(influence_by_levels(grid, *shared, np.float32).apply, low, of_low))
     circulant = circulant_inverse(grid, compliance, slabs, comm, exact=False)
     measure("circulant", partial(circulant.apply, p, u))
     sweeps = GaussSeidel(quadrant, grid.shape, slabs, comm)
