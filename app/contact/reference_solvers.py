@@ -165,11 +165,15 @@ class Tao(_ReferenceSolver):
 
     def __init__(self, hierarchy, stop):
         super().__init__(hierarchy, stop)
+        self._make()
+
+    def _make(self):
+        self._interrupted = False
         self.tao = PETSc.TAO().create(self.comm)
         self.tao.setType(self.types[0])
         self.tao.setObjectiveGradient(self._objective, None)  # PETSc 3.18 never frees a vector given here
         self.tao.setHessian(lambda tao, x, hessian, pre: None, self.mat)
-        self.tao.setMaximumIterations(stop.max_it)
+        self.tao.setMaximumIterations(self.stop.max_it)
         self.tao.setMonitor(self._monitor)
         self._configure(self.tao)
         self.inner = 0
@@ -198,9 +202,16 @@ class Tao(_ReferenceSolver):
         return 0.5 * quadratic + x.dot(self._h)
 
     def _run(self, p, lower, upper, allowed):
+        if self._interrupted:
+            self.tao.destroy()
+            self._make()
         self.tao.setVariableBounds((lower, upper))
         self.tao.setTolerances(**self._unless_given(gatol=allowed, grtol=0, gttol=0))
-        self.tao.solve(p)
+        try:
+            self.tao.solve(p)
+        except BaseException:
+            self._interrupted = True  # vectors stay locked: another Tao is made
+            raise
         return f"TAO {self.tao.getType()}: {reason_names(TAO_REASONS)[self.tao.getConvergedReason()]}"
 
     def destroy(self):
