@@ -36,14 +36,15 @@ What each device gains, switched off by the option named: geometric means over 1
 punches, self-affine surfaces from 1% to 99% contact), operator applications by approach, and what it is good for
 beyond counts. docs/performance.md has them by load, too, and what happens if a constant is halved or doubled.
 
-===================  ==========================  ==============================================================
-device               off by                      applications without it, of 18.9 with all
-===================  ==========================  ==============================================================
-lift                 -lcp_prolongation copy      25.0
-predictor            -lcp_predictor 0            20.8
-rim extension        -pc_circulant_extend 0      25.5 (and no predictor)
-loose coarse grids   -lcp_coarse_rtol 1e-6       21.8
-windows              -lcp_window 0               20.7; most where contact is small in its patch
-single precision     -lcp_precision double       18.9; half the time of a product
-===================  ==========================  ==============================================================
+===================  =========================  ===============================================================
+device               off by                     applications without it, of 9.6 with all
+===================  =========================  ===============================================================
+defect correction    -lcp_defect_correction 0   20.1
+lift                 -lcp_prolongation copy     12.0
+predictor            -lcp_predictor 0           10.3
+rim extension        -pc_circulant_extend 0     12.2 (and no predictor)
+loose coarse grids   -lcp_coarse_rtol 1e-6      11.2
+windows              -lcp_window 0              10.4; most where contact is small in its patch
+single precision     -lcp_precision double      9.6; half the time of a product
+===================  =========================  ===============================================================
 """
