@@ -100,7 +100,9 @@ class TrackingSolver(LinearSolver):
         if not self.nearly:
             return self.operator.displacement(p, u)
         with _event:
-            influence_of(self.operator).apply(p, u)
+            nearly = influence_of(self.operator)
+            nearly.apply(p, u)
+            PETSc.Log.logFlops(nearly.flops)
 
     def rest(self):
         """Free what only the next contact set needs, if that is much: others need memory now. Not collective.
