@@ -18,7 +18,8 @@ from petsc4py import PETSc
 from app.halfspace.operator import InfluenceOperator, context_of, vec_of
 from app.halfspace.reductions import add_row, any_order, span_of, sum_over
 
-_DIGITS = 1e-8  # so much may be left of r.r before it is summed anew
+# So much may be left of r.r before it is summed anew, by the digits of r.
+_DIGITS = {np.dtype(np.float64): 1e-8, np.dtype(np.float32): 1e-6}
 
 # r and d vanish outside C; z and q need not. Rows are gone through from their first to their last cell of C.
 
@@ -229,7 +230,8 @@ class TrackingCG(KspContext):
         d = self._room_for_d(z)
         norm = self._start(ksp, b, x, r)
         d[...] = change[...] = 0  # outside the new spans too
-        squares = summed = norm**2
+        squares, digits = norm**2, _DIGITS[r.dtype]
+        summed = squares
         iteration, max_it, previous = 0, ksp.getTolerances()[3], 0.0
         reason = self._report(ksp, 0, norm)
         while not reason and iteration < max_it:
@@ -245,7 +247,7 @@ class TrackingCG(KspContext):
             alpha = rd / dq
             here = _advance(change, r, d, q, contact, spans, alpha)
             squares += alpha * (alpha * qq - 2 * qr)  # exactly, but for cancellation
-            if not squares > _DIGITS * summed:
+            if not squares > digits * summed:
                 summed = squares = self._sum([here])[0]
             previous = rz
             norm = sqrt(max(squares, 0.0))

@@ -240,3 +240,15 @@ def test_an_operator_that_is_not_positive_is_reported(make):
     system.cg.multiply = negative
     system.solve(rtol=1e-6)
     assert system.ksp.getConvergedReason() == PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT
+
+
+def test_the_norm_has_the_digits_of_the_residual(make):
+    """A known norm is in double precision, the residual of one cell rounded: what rounding leaves is no residual."""
+    system = make(dtype=np.float32, share=-1)
+    system.operator.mask[3, 4] = True
+    system.operator.mask_changed()
+    system.track()
+    system.set_right(np.full(GRID.shape, 0.1))
+    system.cg.first_norm = 0.1
+    assert system.solve(rtol=0.06)[-1] <= 1e-7
+    assert system.ksp.getIterationNumber() == 1
