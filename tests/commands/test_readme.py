@@ -7,7 +7,7 @@ import pytest
 from documents import ROOT, code_blocks, commands, run_blocks
 
 from app import __version__, subsurface
-from app.reference import Sphere
+from app.reference import EllipticHertz, Sphere
 
 
 def text_of(name):
@@ -53,6 +53,9 @@ def test_python_of_the_guide(tmp_path, monkeypatch, capsys):
     assert names["solution"].converged and names["solution"].load == pytest.approx(1000)
     assert len((tmp_path / "curve.csv").read_text().splitlines()) == 11
     assert names["result"].attributes["load"] == pytest.approx(100)
+    exact = EllipticHertz.from_load(460, 200, names["steel"].contact_modulus, 80e3)
+    assert names["depth"] == pytest.approx(exact.approach, rel=2e-3)
+    assert names["semi_axes"] == pytest.approx((exact.a, exact.b), rel=2e-2)
     assert names["again"].cycles == 3 and names["again"].extra["wear"].max() > 1e-4
     assert names["surface"].missing_points < 100  # few points of a random surface stand out
     assert len(capsys.readouterr().out.splitlines()) >= 12
