@@ -26,11 +26,11 @@ from app.commands import streams
 from app.commands.arguments import Parser, argument, run, writing
 from app.errors import InputError
 from app.options import integer, pair_of_reals, some_of
+from app.problems.array_file import TEXTS
 from app.problems.height_file import TURNS
 
 ENVIRONMENT = "ELASTIC_CONTACT_SURFACES"  # path of a Python that has SurfaceTopography, if not the one below
 _PLAIN = (".npy", ".npz", ".h5", ".hdf5")  # read here
-_TEXT = (".txt", ".csv", ".dat", ".xyz", ".asc")  # read here, if they are nothing but numbers
 _spacing = pair_of_reals("DX,DY, two positive numbers [mm]", above=0)
 _line_count = integer(0, "a whole number from 0")
 _OTHER_UNITS = {"pm": 1e-3, "Å": 0.1, "A": 0.1}  # of instruments [nm]
@@ -93,9 +93,9 @@ def _read(path, arguments):
         raise InputError(
             f"--channel {channel}: an array of a .npz is named as {path}:/{channel}, a .npy has one only"
         )
-    if channel or suffix not in (*_PLAIN, *_TEXT):
+    if channel or suffix not in (*_PLAIN, *TEXTS):
         if skip:
-            raise InputError(f"--skip {skip}: allowed of {', '.join(_TEXT)}")
+            raise InputError(f"--skip {skip}: allowed of {', '.join(TEXTS)}")
         return _of_instruments(path, *_read_instruments(path, channel), arguments)
     try:
         source = HeightFile(path, skip, arguments.orient)
@@ -118,7 +118,7 @@ def _read_instruments(path, channel):
     if python is None:
         raise InputError(
             f"surface file {path}: formats of instruments need SurfaceTopography: run/setup --surfaces installs it in "
-            f"an environment of its own; read without: {', '.join((*_PLAIN, *_TEXT))}"
+            f"an environment of its own; read without: {', '.join((*_PLAIN, *TEXTS))}"
         )
     import numpy as np
 

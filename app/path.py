@@ -215,7 +215,7 @@ def _as_numbers(kind, numbers):
     except (TypeError, ValueError):
         found = []
     if not found:
-        raise InputError(f"path: {kind}: needed: one number or more [{LOADINGS[kind]}]")
+        raise InputError(f"path: {kind}: needed: a list of one number or more [{LOADINGS[kind]}]")
     return found
 
 

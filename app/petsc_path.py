@@ -11,7 +11,8 @@ import sys
 
 DEBIAN = "/usr/lib/petscdir/petsc3.*/*-real"
 HOW_TO_GET = {
-    "petsc4py": "Debian: apt-get install python3-petsc4py-real; conda-forge: conda install petsc4py; "
+    "petsc4py": "Debian: apt-get install python3-petsc4py-real, for Debian's own python3 or a venv of it with "
+    "--system-site-packages; conda-forge: conda install petsc4py; "
     "elsewhere: pip install petsc petsc4py, which compiles PETSc (docs/install.md)",
     "h5py": "Debian: apt-get install python3-h5py-mpi; conda-forge: conda install 'h5py=*=mpi*'; "
     "elsewhere: pip install h5py, with which ranks write in turn (docs/install.md)",

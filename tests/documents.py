@@ -1,6 +1,7 @@
 """What the documents say, to be checked: code to be run, links, headings, options and files that are named."""
 
 import re
+import shlex
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -11,6 +12,14 @@ _FENCED = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
 def code_blocks(text, language="python"):
     """Blocks of a language in a Markdown text, in order."""
     return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+
+
+def commands(text):
+    """Words behind ``python -m`` of the commands that a Markdown text shows, fenced or indented, on one rank."""
+    indented = re.findall(r"(?:^ {4}\S.*\n)(?:^ {4}.*\n)*", _FENCED.sub("", text), re.MULTILINE)
+    blocks = "\n".join([*code_blocks(text, "sh"), *indented]).replace("\\\n", " ")
+    found = re.findall(r"^\s*(?:mpiexec -n 2 )?python -m (app\..*)$", blocks, re.MULTILINE)
+    return [shlex.split(line, comments=True) for line in found if "..." not in line]
 
 
 def run_blocks(blocks, names=None):

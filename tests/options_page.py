@@ -161,7 +161,7 @@ def commands():
 def command_table(parser):
     """A row for each argument of a command."""
     rows = []
-    for action in parser._actions[1:]:  # the first is --help
+    for action in parser._actions[2:]:  # after --help and --version
         names = " ".join(f"`{name}`" for name in action.option_strings)
         value = action.metavar or (
             "|".join(map(str, action.choices)) if action.choices else action.dest.upper()

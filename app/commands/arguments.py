@@ -9,7 +9,7 @@ import shutil
 import signal
 from contextlib import contextmanager
 
-from app import options
+from app import __version__, options
 from app.commands import streams
 from app.errors import InputError, one_line
 
@@ -19,6 +19,7 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, *arguments, **named):
         super().__init__(*arguments, **named)
+        self.add_argument("--version", action="version", version=__version__)
         self._negative_number_matcher = re.compile(r"-\.?\d")
 
     def error(self, message):

@@ -23,6 +23,7 @@ from importlib.util import find_spec
 from app import __version__
 from app.commands import streams
 from app.errors import FailedElsewhere, InputError, agree, described, one_line
+from app.petsc_path import HOW_TO_GET
 
 # Names that begin so are of somebody else than mpiexec of Open MPI who starts ranks: the number of hosts is not known.
 _LAUNCHERS = ("PMI", "SLURM_STEP", "PALS_", "FLUX_", "ALPS_", "JSM_")
@@ -38,7 +39,7 @@ def start(argv):
     Raises
     ------
     InputError
-        If options cannot be read, or PETSc does not accept those it needs at its start.
+        If options cannot be read, PETSc does not accept those it needs at its start, or petsc4py does not load.
     """
     folder_is_gone = _leave_removed_folder()
     if not {"", os.getcwd()} & set(sys.path):  # noqa: PTH109
@@ -60,6 +61,9 @@ def start(argv):
         try:
             petsc4py.init(words)
             from petsc4py import PETSc
+        except (ImportError, ValueError) as error:  # it is of another Python, numpy or MPI
+            place = petsc4py.__path__[0]
+            raise InputError(f"{place} does not load: {one_line(error)}. {HOW_TO_GET['petsc4py']}") from None
         except Exception:
             raise InputError(f"PETSc does not accept {' '.join(words[3:-1])}: {said()}") from None
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc would abort; see `streams.say`
@@ -200,6 +204,9 @@ def run(main, argv=None):
             f"error: {where}; . run/env brings the right Python, and run/mpi brings it to all hosts"
         )
         sys.exit(2)
+    if "--version" in (argv or sys.argv)[1:]:
+        streams.say(__version__)
+        sys.exit(0)
     status, complaint, trace = 0, None, ""
     argv = ["-help" if word in ("-h", "--help") else word for word in (sys.argv if argv is None else argv)]
     try:

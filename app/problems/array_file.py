@@ -16,6 +16,7 @@ from app.problems.text_table import read_table
 
 _STRANGE = 0.01  # share of characters beyond ASCII that texts of numbers do not reach
 _NEVER = [bytes([code]) for code in range(32) if code not in b"\t\n\v\f\r\x1a"]  # in no text
+TEXTS = (".txt", ".csv", ".dat", ".xyz", ".asc")  # names of texts; others may be of anything
 _BYTES_PER_BYTE = 40  # of memory, for a byte of text: a line is a list of texts, then of numbers
 
 
@@ -49,6 +50,7 @@ class ArrayFile:
     """
 
     what, missing, how_to_skip = "array file", "a missing value", ""  # for messages
+    elsewhere = ""  # where to go with what is no text by its name, nor is read as one
     marks = False  # whether texts may mark missing values in other ways than by nan
     preferred = ""  # dataset that is taken where there are several
 
@@ -73,7 +75,8 @@ class ArrayFile:
                 self._rows = self._open_hdf5()
         except (ValueError, OSError, EOFError, KeyError, RuntimeError, MemoryError) as error:
             # RuntimeError: a dataset that is linked to itself.
-            raise ValueError(f"{self.what} {name}: cannot be read: {one_line(error)}") from None
+            elsewhere = self.elsewhere if self.is_text and suffix not in TEXTS else ""
+            raise ValueError(f"{self.what} {name}: cannot be read: {elsewhere}{one_line(error)}") from None
         if self._rows.ndim != 2 or not all(self._rows.shape) or self._rows.dtype.kind not in "fiu":
             raise ValueError(
                 f"{self.what} {name}: holds {self._rows.dtype} of shape {self._rows.shape}; "

@@ -51,7 +51,7 @@ class _Values:
         if self.sampled:
             return np.array(self.given[rows], order="C")
         x, y = grid.x()[None, :], grid.y(rows)[:, None]
-        shape, values = (y.shape[0], grid.nx), real_numbers(self._what, self.given(x, y))
+        shape, values = (y.shape[0], grid.nx), real_numbers(self._what, self._called(x, y))
         try:
             values = np.array(np.broadcast_to(values, shape), order="C")
         except ValueError:
@@ -62,6 +62,15 @@ class _Values:
         return values
 
     heights_on = shape_on
+
+    def _called(self, x, y):
+        try:
+            return self.given(x, y)
+        except (TypeError, ValueError) as error:
+            if type(error) not in (TypeError, ValueError) or "array" not in str(error):
+                raise
+            advice = f"a {self._what} is asked with arrays x, y; np.vectorize(f) makes one of a function f of numbers"
+            raise type(error)(f"{error}; {advice}").with_traceback(error.__traceback__) from None
 
     def describe(self):
         """See `Problem.describe`."""

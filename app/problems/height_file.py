@@ -96,6 +96,7 @@ class HeightFile(ArrayFile):
     """
 
     what, missing, preferred, marks = "surface file", "missing points", "heights", True
+    elsewhere = "python -m app.convert FILE -o surface.h5 reads what instruments write; else: "
     how_to_skip = (
         "skip the {0} at the head by -surface_skip {1} (app.convert: --skip {1}), or begin them with #"
     )

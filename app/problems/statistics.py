@@ -80,7 +80,9 @@ class NormalPlot:
 def _finite(height):
     height = np.ma.filled(np.asanyarray(height, dtype=float), np.nan)
     if not np.isfinite(height).all():
-        raise InputError("heights must be finite; cut out a part without NaN")
+        raise InputError(
+            "heights must be finite; cut missing points out, or read_surface(..., missing='fill')"
+        )
     return height
 
 

@@ -111,7 +111,7 @@ def perform(run, output, processes, ranks=1, timeout=None):
     except subprocess.TimeoutExpired:
         return {"exit_status": 124, "message": f"stopped after {timeout:g} s"}
     lines = [line.strip() for line in errors.splitlines() if line.strip()]
-    outcome = {"exit_status": status, "message": " ".join(x for x in lines if x.startswith("warning: "))}
+    outcome = {"exit_status": status, "message": " | ".join(x for x in lines if x.startswith("warning: "))}
     if status in (0, 3) and output.is_file():
         try:
             outcome |= run.collect(output)

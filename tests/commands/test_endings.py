@@ -186,6 +186,17 @@ def test_python_without_mpi(solve):
     assert_ended(done, f"{sys.executable} has no mpi4py")
 
 
+def test_petsc4py_of_another_python(solve, tmp_path):
+    """As Debian's is in an environment with a newer numpy: the line says where it is and what is wrong with it."""
+    folder = tmp_path / "petsc4py"
+    folder.mkdir()
+    (folder / "__init__.py").write_text(
+        "def init(words):\n    raise ValueError('numpy.dtype size changed')\n"
+    )
+    done = solve("-problem", "hertz", PYTHONPATH=f"{tmp_path}:{TESTS.parent}")
+    assert_ended(done, f"{folder} does not load: numpy.dtype size changed. Debian: ")
+
+
 # ------------------------------------------------------------------------------------------------ streams
 
 

@@ -1,15 +1,13 @@
 """What README.md and pages of docs/ show is run; the version is the same everywhere."""
 
 import re
-import shlex
 
 import numpy as np
 import pytest
-from documents import ROOT, code_blocks, run_blocks
-from processes import run
+from documents import ROOT, code_blocks, commands, run_blocks
 
-from app import __version__
-from app.reference import Sphere
+from app import __version__, subsurface
+from app.reference import EllipticHertz, Sphere
 
 
 def text_of(name):
@@ -26,11 +24,21 @@ def test_first_problem_is_hertz_s(page):
     assert names["solution"].contact_area == pytest.approx(exact.contact_area, rel=1e-2)
 
 
-def test_first_command(tmp_path):
-    solve, _ = code_blocks(text_of("docs/index.md"), "sh")[0].replace("\\\n", " ").splitlines()
-    done = run(*shlex.split(solve)[1:], cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "ball.h5").is_file()
+SHOWN = [f"docs/{name}.md" for name in "index commands load-paths surfaces periodic command-line".split()]
+
+
+@pytest.mark.parametrize("page", ["README.md", *SHOWN])
+def test_solves_that_a_page_shows(page, tmp_path, cli_here):
+    (tmp_path / "results").mkdir()
+    (tmp_path / "petsc_options").symlink_to(ROOT / "petsc_options")
+    np.save(tmp_path / "gap.npy", np.hypot(*np.mgrid[-1:1:48j, -1:1:48j]) ** 2 / 10)
+    np.save(tmp_path / "heights.npy", np.random.default_rng(1).random((48, 50)))
+    shown = [words for words in commands(text_of(page)) if words[0] == "app.solve"]
+    assert shown
+    for _, *words in shown:
+        small = ["-grid", "64"] * any("fmg_v11" in word for word in words)  # seconds, on the page's grid
+        done = cli_here(*words, *small, cwd=tmp_path)
+        assert done.returncode == 0, (words, done.stderr)
 
 
 def test_python_of_the_guide(tmp_path, monkeypatch, capsys):
@@ -45,9 +53,17 @@ def test_python_of_the_guide(tmp_path, monkeypatch, capsys):
     assert names["solution"].converged and names["solution"].load == pytest.approx(1000)
     assert len((tmp_path / "curve.csv").read_text().splitlines()) == 11
     assert names["result"].attributes["load"] == pytest.approx(100)
+    exact = EllipticHertz.from_load(460, 200, names["steel"].contact_modulus, 80e3)
+    assert names["depth"] == pytest.approx(exact.approach, rel=2e-3)
+    assert names["semi_axes"] == pytest.approx((exact.a, exact.b), rel=2e-2)
     assert names["again"].cycles == 3 and names["again"].extra["wear"].max() > 1e-4
     assert names["surface"].missing_points < 100  # few points of a random surface stand out
     assert len(capsys.readouterr().out.splitlines()) >= 12
+    text = text_of("docs/results.md")  # goes on with the guide's file
+    run_blocks(code_blocks(text))
+    assert np.loadtxt("cells.txt").shape == (names["gap"].size, 4)
+    [[_, *words]] = commands(text)
+    assert subsurface.main(words) == 0
 
 
 def test_python_of_load_paths(tmp_path, monkeypatch):

@@ -163,11 +163,15 @@ def test_bad_command_line_is_one_line(tmp_path, capsys, monkeypatch, arguments, 
     assert err.startswith("error: ") and err.count("\n") == 1 and message in err
 
 
-def test_the_sweep_of_the_docs_is_read(tmp_path, monkeypatch):
+def test_the_sweep_of_the_docs_is_solved(tmp_path, monkeypatch, cli_here):
     """Two methods, grids and materials, three loadings, less one of them on one of the grids."""
     monkeypatch.chdir(tmp_path)
     text = (ROOT / "docs/commands.md").read_text().partition("```yaml\n")[2].partition("```")[0]
-    assert len(read_sweep(write(tmp_path, text))) == 2 * 2 * (2 * 3 - 1)
+    runs = read_sweep(write(tmp_path, text))
+    assert len(runs) == 2 * 2 * (2 * 3 - 1)
+    for run in runs:
+        done = cli_here(*run.arguments(), cwd=tmp_path)
+        assert done.returncode == 0, (run.arguments(), done.stderr)
 
 
 @pytest.mark.parametrize(

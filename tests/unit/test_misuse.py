@@ -1,5 +1,6 @@
 """What a program may hand over by mistake is refused in a line, or does what it says; nothing of it is overlooked."""
 
+import math
 import pickle
 import re
 from concurrent.futures import ThreadPoolExecutor
@@ -219,3 +220,10 @@ def test_options_of_other_solvers_are_not_taken_for_misspelt(name):
     with pytest.raises(InputError) as refused:
         ContactSolver(BALL, options={name: 1})
     assert str(refused.value) == f"unknown or unused option: -{name}"
+
+
+@pytest.mark.parametrize("number", [lambda x, y: x if x > y else y, lambda x, y: math.hypot(x, y)])
+def test_a_gap_of_numbers_is_told_how_to_take_arrays(number):
+    with pytest.raises((TypeError, ValueError), match=r"arrays x, y; np.vectorize\(f\)"):
+        ContactProblem(GRID, STEEL, number).shape_on(GRID)
+    assert ContactProblem(GRID, STEEL, np.vectorize(number)).shape_on(GRID).shape == GRID.shape

@@ -146,7 +146,7 @@ def test_class_reads_options_of_its_own(make):
         ("my_module.Cone", "-cone_slope is missing: height over radius"),
         ("my_module.Transposed", r"shape \(6, 4\); needed: .* = \(4, 6\)"),
         ("my_module.Complex", "needed: undeformed distances, an array of real numbers"),
-        ("my_module.scalar", r"ValueError: The truth value .* \(.*my_module.py, line 13\)"),
+        ("my_module.scalar", r"ValueError: The truth value .*np.vectorize.* \(.*my_module.py, line 13\)"),
         ("my_module.short", r"gap: .*\(3,\); needed: \(4, 6\)"),
         ("my_module.words", "gap: needed: an array of real numbers"),
         ("my_module.huge", "allowed: numbers up to"),

@@ -7,6 +7,7 @@ from unittest import mock
 
 import pytest
 
+from app import __version__
 from app.commands import session
 from app.errors import InputError
 
@@ -69,3 +70,13 @@ def test_commands_of_the_shell_end_alike(name, error, status, line, monkeypatch,
     assert command.main([]) == status
     assert capsys.readouterr().err == line
     assert signal.getsignal(signal.SIGTERM) == before
+
+
+@pytest.mark.parametrize("name", "solve convert plot report reproduce subsurface sweep verify xdmf".split())
+def test_every_command_tells_its_version(name, capsys):
+    with pytest.raises(SystemExit) as ended:
+        if name == "solve":
+            session.run(None, ["solve", "--version"])
+        else:
+            import_module(f"app.{name}").main(["--version"])
+    assert (ended.value.code, capsys.readouterr().out) == (0, f"{__version__}\n")

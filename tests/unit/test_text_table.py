@@ -81,6 +81,14 @@ def test_words_at_the_head_say_how_many_lines_to_skip(tmp_path, coding):
     assert surface.missing_points == 1
 
 
+@pytest.mark.parametrize(("name", "told"), [("scan.sdf", True), ("scan.x3p", True), ("scan.csv", False)])
+def test_instruments_files_are_sent_to_the_command_that_reads_them(tmp_path, name, told):
+    (tmp_path / name).write_bytes(b"PK\x03\x04\xff\xfe" if name.endswith("x3p") else b"aISO-1.0\n1 2\n")
+    with pytest.raises(InputError) as refused:
+        read_surface(tmp_path / name, "um")
+    assert ("app.convert FILE" in str(refused.value)) == told
+
+
 def test_lines_are_skipped_of_texts_only(tmp_path):
     np.save(tmp_path / "s.npy", VALUES)
     with pytest.raises(InputError, match="2 lines to skip: allowed of text"):
