@@ -136,21 +136,21 @@ class RimExtension:
             On entry the residual on the contact set and zero elsewhere; on exit extended over the rim. A ValueError
             if its shape is another one, or it is not C-contiguous.
         """
-        self._sweep(_extend, x)
+        self._sweep(x, back=False)
 
     def restrict(self, x):
         """Apply E^T in place: to any field; on exit it is anything outside the contact set.
 
         Collective. Arguments and errors as of `extend`.
         """
-        self._sweep(_restrict, x)
+        self._sweep(x, back=True)
 
-    def _sweep(self, loop, x):
+    def _sweep(self, x, back):
         if x.shape != self.shape or not x.flags.c_contiguous:
             raise ValueError(f"rim extension: a C-contiguous field of shape {self.shape} is needed")
         if self.steps:
             numbers = np.array(self._weights, x.dtype), self._lengths.astype(x.dtype)
-            loop(x, *self._beside(x), self._contact, self._away, self._periodic, *numbers)
+            _all_steps(x, *self._beside(x), self._contact, self._away, self._periodic, *numbers, back)
 
     def _beside(self, field):
         return self._halo(field) if self._halo else (field[:0], field[:0])
@@ -210,7 +210,6 @@ def _last_step_back(above, here, below, weights, b):
 
 @njit()
 def _row(j, before, x, after):
-    j -= len(before)
     if j < 0:
         return before[j + len(before)]
     return x[j] if j < len(x) else after[j - len(x)]
@@ -223,65 +222,37 @@ def _close(row, periodic):
 
 
 @njit()
-def _extend(x, before, after, contact, away, periodic, weights, lengths):
-    """All steps of E."""
-    nx, steps, rows = x.shape[1], lengths.size, len(contact)
-    rings = np.zeros((steps, 3, nx + 2), x.dtype)
+def _all_steps(x, before, after, contact, away, periodic, weights, lengths, back):
+    """E in place, or `back`, E^T."""
+    steps, rows = lengths.size, len(contact)
+    rings = np.zeros((steps, 3, x.shape[1] + 2), x.dtype)
     for first in range(rows + steps):
-        for k in range(steps + 1):
+        for k in range(min(first, steps) + 1):
             j = first - k
-            if j < 0:
-                break
-            some = j < rows and away[j] <= k
-            if k == steps:
-                if some and 0 <= j - len(before) < len(x):
-                    ring = rings[k - 1]
-                    around = ring[(j - 1) % 3], ring[j % 3], ring[(j + 1) % 3]
-                    _step(*around, contact[j], weights, lengths[k - 1], x[j - len(before)])
-                continue
-            row = rings[k, j % 3]
-            if not some:
+            inside = j < rows and away[j] <= (steps - k if back else k)
+            row = rings[k, j % 3] if k < steps else rings[0, 0]
+            if k < steps and not inside:
                 row[:] = 0
                 continue
-            if k == 0:
-                _copy(_row(j, before, x, after), row[1:-1])
-            else:
-                ring = rings[k - 1]
-                around = ring[(j - 1) % 3], ring[j % 3], ring[(j + 1) % 3]
-                _step(*around, contact[j], weights, lengths[k - 1], row[1:-1])
-            _close(row, periodic)
-
-
-@njit()
-def _restrict(x, before, after, contact, away, periodic, weights, lengths):
-    """All steps of E^T."""
-    nx, steps, rows = x.shape[1], lengths.size, len(contact)
-    rings = np.zeros((steps, 3, nx + 2), x.dtype)
-    for first in range(rows + steps):
-        for k in range(steps + 1):
-            j = first - k
-            if j < 0:
-                break
-            some = j < rows and away[j] <= steps - k
-            if k == steps:
-                if some and 0 <= j - len(before) < len(x):
-                    ring = rings[k - 1]
-                    _last_step_back(
-                        ring[(j - 1) % 3], ring[j % 3], ring[(j + 1) % 3], weights, x[j - len(before)]
-                    )
+            here = j - len(before)
+            if k == steps and not (inside and 0 <= here < len(x)):
                 continue
-            row = rings[k, j % 3]
-            if not some:
-                row[:] = 0
-                continue
-            b = _row(j, before, x, after)
+            b, out = _row(here, before, x, after), x[here] if k == steps else row[1:-1]
+            ring = rings[k - 1]
+            above, middle, below = ring[(j - 1) % 3], ring[j % 3], ring[(j + 1) % 3]
             if k == 0:
-                _first_step_back(b, contact[j], lengths[0], row[1:-1])
+                if back:
+                    _first_step_back(b, contact[j], lengths[0], out)
+                else:
+                    _copy(b, out)
+            elif not back:
+                _step(above, middle, below, contact[j], weights, lengths[k - 1], out)
+            elif k < steps:
+                _step_back(above, middle, below, b, contact[j], weights, lengths[k], out)
             else:
-                ring = rings[k - 1]
-                around = ring[(j - 1) % 3], ring[j % 3], ring[(j + 1) % 3]
-                _step_back(*around, b, contact[j], weights, lengths[k], row[1:-1])
-            _close(row, periodic)
+                _last_step_back(above, middle, below, weights, out)
+            if k < steps:
+                _close(row, periodic)
 
 
 @cache
