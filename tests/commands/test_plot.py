@@ -93,6 +93,15 @@ def test_several_files_have_a_folder_each_and_paths_are_drawn_together(path, tmp
         assert message in capsys.readouterr().err
 
 
+def test_what_cannot_be_drawn_leaves_no_folder(result, tmp_path, capsys):
+    lacking, out = tmp_path / "lacking.h5", tmp_path / "out"
+    write(lacking, MPI.COMM_SELF, Slabs(96), with_attributes(result, without=["hertz_rx"]))
+    assert main([str(lacking), "-o", str(out)]) == 2
+    assert "attribute hertz_rx is missing" in capsys.readouterr().err
+    assert main([str(lacking.rename(tmp_path / "no_path.h5")), "-o", str(out), "--only", "path"]) == 2
+    assert list(tmp_path.iterdir()) == [tmp_path / "no_path.h5"]
+
+
 def test_files_of_one_name_have_folders_that_tell_them_apart(path, tmp_path, capsys):
     """A path and its table, beside each other or in two folders; the same file twice is no use."""
     text, out = "load,approach,contact_area\n1,0.01,0.1\n2,0.02,0.2\n", tmp_path / "out"
