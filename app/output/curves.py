@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.halfspace.stress import max_shear, von_mises
-from app.output.figures import title
+from app.output.figures import number, title
 from app.output.maps import finite_pressure
 from app.output.style import (
     BLUE,
@@ -154,7 +154,7 @@ def spectrum_figure(result):
                 span, height, color=GREEN, linestyle=DASHED, label=f"slope {power:.2g}".replace("-", "−")
             )
     axes.set(xlabel=f"wave number q  [1/{unit.name}]", ylabel="power spectral density C  [mm⁴]")
-    axes.legend(loc="lower left")
+    axes.legend(loc="lower left", frameon=True, framealpha=1, edgecolor="none")  # lines end at it
     return figure
 
 
@@ -166,7 +166,7 @@ def _maxima(mises, depths, depth):
 
 
 @styled
-def stress_figure(along, centres, depths, section, line, hottest, heading):
+def stress_figure(along, centres, cell, depths, section, line, hottest, heading):
     """Von Mises stress on a section through the most stressed point, and stresses on the line through it.
 
     Parameters
@@ -175,6 +175,8 @@ def stress_figure(along, centres, depths, section, line, hottest, heading):
         "x" or "y".
     centres, depths : ndarray, [mm]
         Of the section; depths from 0 on.
+    cell : float
+        Side of a cell along the section [mm].
     section : ndarray, shape (6, depths, centres), [N/mm2]
     line : ndarray, shape (6, depths), [N/mm2]
     hottest : app.halfspace.stress.Hottest
@@ -186,24 +188,20 @@ def stress_figure(along, centres, depths, section, line, hottest, heading):
     deep = length_unit(depths[-1])
     x, z = centres * unit.per_mm, depths * deep.per_mm
     mises = von_mises(section)
-    image = left.pcolormesh(x, z, mises, cmap=_STRESS_MAP, shading="nearest", vmin=0, rasterized=True)
+    sides = (centres[0] + cell * (np.arange(centres.size + 1) - 0.5)) * unit.per_mm
+    between = np.concatenate([z[:1], (z[1:] + z[:-1]) / 2, z[-1:]])
+    colours = {"cmap": _STRESS_MAP, "vmin": 0, "vmax": mises.max() or 1.0}
+    image = left.pcolormesh(sides, between, mises, rasterized=True, **colours)
     if np.ptp(mises) > 0 and min(mises.shape) > 1 and _maxima(mises, depths, hottest.depth) <= _MOST_MAXIMA:
         left.contour(x, z, mises, levels=8, colors="white", linewidths=0.6)
     bar = figure.colorbar(image, ax=left, pad=0.02, aspect=25)
     bar.set_label("von Mises stress  [N/mm²]")
     at = (hottest.x if along == "x" else hottest.y) * unit.per_mm
-    deepest = f"{hottest.von_mises:.4g} N/mm² at depth {hottest.depth * deep.per_mm:.3g} {deep.name}"
-    left.plot(
-        at,
-        hottest.depth * deep.per_mm,
-        "+",
-        color=GREEN,
-        markersize=12,
-        markeredgewidth=2,
-        label=deepest,
-        clip_on=False,
-    )
-    left.legend(loc="lower right", facecolor="white", frameon=True, framealpha=0.85)
+    depth = hottest.depth * deep.per_mm
+    largest = f"{number(hottest.von_mises)} N/mm² at depth {depth:.3g} {deep.name}"
+    cross = {"color": GREEN, "markersize": 12, "markeredgewidth": 2, "clip_on": False}
+    left.plot(at, depth, "+", label=largest, **cross)
+    left.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2)
     left.set(xlabel=f"{along}  [{unit.name}]", ylabel=f"depth z  [{deep.name}]", ylim=(z[-1], 0))
     linear_ticks(left.xaxis, 6.0)
     for k, label, colour, style in (
@@ -215,5 +213,5 @@ def stress_figure(along, centres, depths, section, line, hottest, heading):
     right.axvline(0, color=GREY, linewidth=0.8, zorder=0)
     right.set(xlabel="stress  [N/mm²]", ylabel=f"depth z  [{deep.name}]", ylim=(z[-1], 0))
     linear_ticks(right.xaxis, 3.0)
-    right.legend(loc="best")
+    right.legend(loc="upper left", bbox_to_anchor=(1, 1))  # curves are everywhere
     return figure

@@ -201,11 +201,11 @@ def draw_residual(axes, result):
     residual = result.history["residual"]
     residual = np.where((residual > 0) & np.isfinite(residual), residual, np.nan)
     iterations = np.arange(1, residual.size + 1)
+    _mark_grids(axes, result, label=True)
     if not iterations.size:
         axes.text(0.5, 0.5, "no iterations", ha="center", va="center", transform=axes.transAxes)
         axes.set(yticks=[], xlabel="active set iteration", ylabel="residual  ‖r‖ / ‖h‖")
         return
-    _mark_grids(axes, result, label=True)
     for first, last in _runs(result.history["level"]):
         part = slice(first, last)
         axes.plot(iterations[part], residual[part], "o-", color=BLUE)
@@ -268,6 +268,6 @@ def _mark_grids(axes, result, label=False):
 def _grid_name(result, coarsenings):
     """Cells of the grid so many levels below the target grid."""
     grid = result.grid
-    for _ in range(coarsenings):
-        grid = grid.coarsen() or grid
+    while coarsenings and (coarser := grid.coarsen()):
+        grid, coarsenings = coarser, coarsenings - 1
     return f"{grid.nx} × {grid.ny}"

@@ -139,42 +139,42 @@ def _curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True))
 _RELATIVE = "p / (E* h′rms)"
 
 
+def _draw_shares(axes, paths, value):
+    """Draw ``value(x, contact fraction)`` of paths and theories against x = p / (E* h'rms); return those of paths."""
+    drawn, cross = [], {"color": "0.4", "marker": "x", "linestyle": "none", "zorder": 1}
+    for name in "contact_fraction", "contact_fraction_corrected":
+        label = "corrected for the stepped boundary"
+        for number, path in enumerate(paths):
+            found = path.positive("mean_pressure", name)
+            if found is None:
+                continue
+            x = found[0] * path.relative
+            drawn.append((x, value(x, found[1])))
+            if name == "contact_fraction":
+                axes.plot(*drawn[-1], **series(number), label=path.name or "computed")
+            else:
+                axes.plot(*drawn[-1], **cross, label=label)
+                label = None  # once
+    x, values = np.hstack(drawn)
+    log_axis(axes.xaxis, x)
+    span = np.geomspace(x.min(), x.max() * 1.0001, 200)
+    persson, bgt = persson_fraction(span), bush_gibson_thomas_fraction(span)
+    axes.plot(span, value(span, persson), color="0.3", linestyle=DASHED, label="Persson")
+    axes.plot(span, value(span, bgt), color="0.3", linestyle=DOTTED, label="Bush, Gibson, Thomas")
+    axes.set_xlabel(_RELATIVE)
+    return values
+
+
 def _draw_fraction(axes, paths):
-    drawn = _curves(axes, paths, "mean_pressure", "contact_fraction", lambda path: (path.relative, 1.0))
-    corrected = [path.positive("mean_pressure", "contact_fraction_corrected") for path in paths]
-    for path, found in zip(paths, corrected, strict=True):
-        if found is not None:
-            axes.plot(found[0] * path.relative, found[1], "x", color="0.4", zorder=1)
-    log_axis(axes.yaxis, [drawn[1], *(found[1] for found in corrected if found is not None)])
-    x = np.geomspace(drawn[0].min(), drawn[0].max() * 1.0001, 200)
-    axes.plot(x, persson_fraction(x), color="0.3", linestyle=DASHED, label="Persson")
-    bgt = bush_gibson_thomas_fraction(x)
-    axes.plot(x, bgt, color="0.3", linestyle=DOTTED, label="Bush, Gibson, Thomas")
-    axes.plot([], [], "x", color="0.4", label="corrected for the stepped boundary")
-    axes.set(xlabel=_RELATIVE, ylabel="contact fraction")
-    axes.legend(loc="best", fontsize=10)
+    log_axis(axes.yaxis, _draw_shares(axes, paths, lambda x, share: share))
+    axes.set_ylabel("contact fraction")
 
 
 def _draw_kappa(axes, paths):
-    highest = 0.0
-    for number, path in enumerate(paths):
-        p, share = path.positive("mean_pressure", "contact_fraction")
-        axes.plot(p * path.relative, share / (p * path.relative), **series(number))
-        found = path.positive("mean_pressure", "contact_fraction_corrected")
-        if found is not None:
-            x = found[0] * path.relative
-            axes.plot(x, found[1] / x, "x", color="0.4", zorder=1)
-        highest = max(highest, (share / (p * path.relative)).max())
-    x = np.concatenate(
-        [path.positive("mean_pressure", "contact_fraction")[0] * path.relative for path in paths]
-    )
-    span = np.geomspace(x.min(), x.max() * 1.0001, 200)
-    axes.plot(span, persson_fraction(span) / span, color="0.3", linestyle=DASHED)
-    axes.axhline(np.sqrt(2 * np.pi), color="0.3", linestyle=DOTTED)
-    log_axis(axes.xaxis, x)
-    axes.set(
-        xlabel=_RELATIVE, ylabel="κ = contact fraction · E* h′rms / p", ylim=(0, 1.1 * max(highest, 2.6))
-    )
+    highest = _draw_shares(axes, paths, lambda x, share: share / x).max()
+    axes.set(ylabel="κ = contact fraction · E* h′rms / p", ylim=(0, 1.1 * max(highest, 2.6)))
+    # For the panel beside this one, too: here is room below the curves.
+    axes.legend(loc="lower left", fontsize=10, ncol=1 if len(paths) < 5 else 2)
 
 
 def _draw_gap(axes, paths):

@@ -289,7 +289,7 @@ def test_contours_of_stress_are_drawn_where_they_can_be_told_apart():
     for waves, drawn in ((1, True), (40, False)):
         section = np.zeros((6, 21, 201))
         section[2] = -np.exp(-((z[:, None] - 0.5) ** 2)) * np.cos(np.pi * waves * x / 2) ** 2
-        figure = curves.stress_figure("x", x, z, section, section[:, :, 100], hottest, "")
+        figure = curves.stress_figure("x", x, x[1] - x[0], z, section, section[:, :, 100], hottest, "")
         collections = [type(one).__name__ for one in figure.axes[0].collections]
         assert (collections != ["QuadMesh"]) == drawn
 
