@@ -124,7 +124,9 @@ def _arguments(argv):
     if not 20 <= arguments.dpi <= 1200:
         raise InputError(f"--dpi {arguments.dpi}: must be from 20 to 1200")
     first = arguments.files[0]
-    arguments.output = arguments.output or (first.parent if arguments.files[1:] else first.with_suffix(""))
+    arguments.output = arguments.output or (
+        first.parent if arguments.files[1:] else first.parent / first.stem
+    )
     check_folder(arguments.output)
     arguments.names = _names(arguments.files)
     return arguments

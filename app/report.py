@@ -17,6 +17,7 @@ import numpy as np
 from app import subsurface
 from app.commands import streams
 from app.commands.arguments import Parser, run, writing
+from app.errors import InputError
 from app.output import figures, page
 from app.output.files import check_output_path, write_text
 from app.output.result import read_result
@@ -123,7 +124,9 @@ def numbers_section(result):
     for name, label, unit, meaning in _QUANTITIES:
         value, known = values.get(name), values.get(f"analytic_{name}")
         if _is_number(value):
-            differs = known and abs(value / known - 1) > 1e-12  # it is not what was prescribed
+            differs = (
+                _is_number(known) and known and abs(value / known - 1) > 1e-12
+            )  # it is not what was prescribed
             exact = f"{quantity(known, unit)} ({value / known - 1:+.1e})" if differs else ""
             found.append(
                 {"label": label, "value": quantity(value, unit), "analytic": exact, "meaning": meaning}
@@ -314,7 +317,9 @@ def _main(argv):
     )
     parser.add_argument("--no-stress", action="store_true", help="do not look below the surface; saves time")
     arguments = parser.parse_args(argv)
-    output = arguments.output or arguments.result.with_suffix(".html")
+    if arguments.no_stress and (arguments.poisson is not None or arguments.body):
+        raise InputError("--poisson, --body: have no effect with --no-stress")
+    output = arguments.output or arguments.result.parent / f"{arguments.result.stem}.html"
     check_output_path(output, [arguments.result], "-o", (".html", ".htm"))
     result = read_result(arguments.result)
     text = web_page(result, arguments.poisson, arguments.body, not arguments.no_stress)

@@ -223,8 +223,11 @@ def _arguments(argv):
     arguments = parser.parse_args(argv)
     if arguments.output is not None:
         check_folder(arguments.output)
-    elif arguments.planes or arguments.at or arguments.deepest:
-        raise InputError("--at, --planes, --deepest: have no effect without -o DIR")
+    else:
+        of_files = ("at", "section", "depths", "deepest", "planes", "format")
+        given = [f"--{name}" for name in of_files if getattr(arguments, name) != parser.get_default(name)]
+        if given:
+            raise InputError(f"{', '.join(given)}: no effect without -o DIR")
     return arguments
 
 

@@ -189,7 +189,8 @@ def stress_figure(along, centres, cell, depths, section, line, hottest, heading)
     x, z = centres * unit.per_mm, depths * deep.per_mm
     mises = von_mises(section)
     sides = (centres[0] + cell * (np.arange(centres.size + 1) - 0.5)) * unit.per_mm
-    between = np.concatenate([z[:1], (z[1:] + z[:-1]) / 2, z[-1:]])
+    bottom = z[-1] or 1.0
+    between = np.concatenate([z[:1], (z[1:] + z[:-1]) / 2, [bottom]])
     colours = {"cmap": _STRESS_MAP, "vmin": 0, "vmax": mises.max() or 1.0}
     image = left.pcolormesh(sides, between, mises, rasterized=True, **colours)
     if np.ptp(mises) > 0 and min(mises.shape) > 1 and _maxima(mises, depths, hottest.depth) <= _MOST_MAXIMA:
@@ -202,7 +203,7 @@ def stress_figure(along, centres, cell, depths, section, line, hottest, heading)
     cross = {"color": GREEN, "markersize": 12, "markeredgewidth": 2, "clip_on": False}
     left.plot(at, depth, "+", label=largest, **cross)
     left.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2)
-    left.set(xlabel=f"{along}  [{unit.name}]", ylabel=f"depth z  [{deep.name}]", ylim=(z[-1], 0))
+    left.set(xlabel=f"{along}  [{unit.name}]", ylabel=f"depth z  [{deep.name}]", ylim=(bottom, 0))
     linear_ticks(left.xaxis, 6.0)
     for k, label, colour, style in (
         (0, "σx", GREEN, "-."), (1, "σy", PURPLE, DOTTED), (2, "σz", BLUE, DASHED)
@@ -211,7 +212,7 @@ def stress_figure(along, centres, cell, depths, section, line, hottest, heading)
     right.plot(von_mises(line), z, color=ORANGE, label="von Mises")
     right.plot(max_shear(line), z, color="0.3", linestyle=DASHED, label="largest shear")
     right.axvline(0, color=GREY, linewidth=0.8, zorder=0)
-    right.set(xlabel="stress  [N/mm²]", ylabel=f"depth z  [{deep.name}]", ylim=(z[-1], 0))
+    right.set(xlabel="stress  [N/mm²]", ylabel=f"depth z  [{deep.name}]", ylim=(bottom, 0))
     linear_ticks(right.xaxis, 3.0)
     right.legend(loc="upper left", bbox_to_anchor=(1, 1))  # curves are everywhere
     return figure

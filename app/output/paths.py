@@ -262,7 +262,7 @@ def read_csv(path):
         If it is no such table.
     """
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets mark it
             rows = list(csv.DictReader(file, strict=True))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ValueError(f"table {path}: cannot be read: {error}") from None
@@ -271,6 +271,11 @@ def read_csv(path):
     columns = {name: [row[name] for row in rows] for name in rows[0]}
     if "exit_status" not in columns and not {"load", "approach"} <= columns.keys():
         raise ValueError(f"table {path}: neither a table of app.sweep nor a load path")
+    if (
+        "exit_status" not in columns
+        and path_of_csv(columns).positive("load", "approach", lowest=-np.inf) is None
+    ):
+        raise ValueError(f"table {path}: no step has numbers for load and approach")
     return columns
 
 

@@ -87,6 +87,9 @@ TEXTS = ("reason", "options", "command_line", "version", "notes", "problem", "pe
 NUMBERS = (  # beside the other `ATTRIBUTES`, where there are any
     "mean_pressure", "contact_area", "contact_modulus", "rms_slope", "rms_height", "mean_gap", "stiffness",
     "error_bound", "discretisation_error", "poisson_ratio", "periodic", "largest_penetration", "smallest_pressure",
+    "lcp_rtol", "shear_modulus", "hertz_rx", "hertz_ry", "surface_hurst", "surface_rolloff", "surface_cutoff",
+    "load_error", "approach_error", "max_pressure_error", "contact_area_error", "pressure_centre_x",
+    "pressure_centre_y",
 )  # fmt: skip
 PAIRS = ("young", "poisson", "cell_size")
 _LEAST = 1e-60  # mm, size of a cell, and 1 / mm: its powers are numbers

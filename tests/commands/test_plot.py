@@ -87,7 +87,13 @@ def test_several_files_have_a_folder_each_and_paths_are_drawn_together(path, tmp
     assert {str(out / name) for name in names} < set(capsys.readouterr().out.splitlines())
     assert (out / f"{path.stem}_h5" / "contact.png").exists()
     assert all((out / name).read_bytes().startswith(START["png"]) for name in names)
-    for text, message in (("a,b\n1,2\n", "neither a table"), ("grid,exit_status\n32,0\n", "nothing to draw")):
+    sweep.write_text("\ufeffload,approach\n1,2\n", encoding="utf-8")  # as spreadsheets write it
+    assert main([str(sweep), "-o", str(out), "--dpi", "30"]) == 0
+    for text, message in (
+        ("a,b\n1,2\n", "neither a table"),
+        ("grid,exit_status\n32,0\n", "nothing to draw"),
+        ("load,approach\na,b\n", "no step has numbers for load and approach"),
+    ):
         sweep.write_text(text)
         assert main([str(sweep), "-o", str(out)]) == 2
         assert message in capsys.readouterr().err
