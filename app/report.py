@@ -133,19 +133,11 @@ def numbers_section(result):
             )
     modulus, slope = (values.get(name, np.nan) for name in ("contact_modulus", "rms_slope"))
     for name, scale, label, meaning in (
-        (
-            "max_pressure",
-            modulus,
-            "maximum pressure over E*",
-            "far below 1 where bodies stay elastic and slopes small",
-        ),
-        (
-            "mean_pressure",
-            modulus * slope if "persson_fraction" in values else 0.0,
-            "mean pressure over E* times rms slope",
-            "what the contact fraction follows",
-        ),
-    ):
+        ("max_pressure", modulus, "maximum pressure over E*",
+         "far below 1 where bodies stay elastic and slopes small"),
+        ("mean_pressure", modulus * slope if "persson_fraction" in values else 0.0,
+         "mean pressure over E* times rms slope", "what the contact fraction follows"),
+    ):  # fmt: skip
         if _is_number(values.get(name)) and scale > 0:
             value = f"{values[name] / scale:.3g}"
             found.append({"label": label, "value": value, "analytic": "", "meaning": meaning})

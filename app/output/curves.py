@@ -21,6 +21,7 @@ from app.output.style import (
     linear_ticks,
     log_axis,
     new_figure,
+    say_instead,
     styled,
 )
 from app.problems.statistics import radial_spectrum
@@ -49,13 +50,11 @@ def _density(axes, values, label, unit):
     """Probability density by bins of equal width in the logarithm."""
     axes.set(xlabel=label, ylabel=f"probability density  {unit}")
     if not values.size:
-        return _nothing(axes)
-    low = np.quantile(
-        values, 20 / values.size if values.size > 100 else 0.0
-    )  # few are told by no bin of theirs
+        return say_instead(axes, "no values")
+    low = np.quantile(values, 20 / values.size if values.size > 100 else 0.0)  # few have no bin of theirs
     high = values.max()
     if not high > low * (1 + 1e-6):
-        return _nothing(axes, f"all of them {high:.4g} {label.partition('[')[2].rstrip(']')}")
+        return say_instead(axes, f"all of them {high:.4g} {label.partition('[')[2].rstrip(']')}")
     count = max(8, int(_BINS_PER_DECADE * np.log10(high / low)))
     edges = np.geomspace(low, high, count + 1)
     edges[0], edges[-1] = low, high
@@ -75,7 +74,7 @@ def _draw_patches(axes, result):
     unit = length_unit(np.sqrt(patches.max(initial=0.0)))
     axes.set(xlabel=f"area A of a patch  [{unit.name}²]", ylabel="patches of at least A")
     if len(patches) < 2:
-        return _nothing(axes, f"{len(patches)} patch{'es' * (len(patches) != 1)}")
+        return say_instead(axes, f"{len(patches)} patch{'es' * (len(patches) != 1)}")
     sizes, counts = np.unique(patches, return_counts=True)
     areas, larger = sizes * unit.per_mm**2, counts[::-1].cumsum()[::-1]
     axes.step(areas, larger, where="pre", color=BLUE)
@@ -83,11 +82,6 @@ def _draw_patches(axes, result):
     log_axis(axes.xaxis, areas)
     log_axis(axes.yaxis, larger)
     return None
-
-
-def _nothing(axes, why="no values"):
-    axes.text(0.5, 0.5, why, ha="center", va="center", transform=axes.transAxes)
-    axes.set(xticks=[], yticks=[])
 
 
 def rough_part(result):
@@ -134,10 +128,7 @@ def spectrum_figure(result):
     axes.plot(q[known], density[known], "-", color=BLUE, label="undeformed distance")
     log_axis(axes.xaxis, q)
     log_axis(axes.yaxis, density[known])
-    for name, label, line in (
-        ("surface_rolloff", "roll-off", DASHED),
-        ("surface_cutoff", "cut-off", DOTTED),
-    ):
+    for name, label, line in (("surface_rolloff", "roll-off", DASHED), ("surface_cutoff", "cut-off", DOTTED)):
         if values.get(name):
             at = 2 * np.pi / values[name] / unit.per_mm
             wave = length_unit(values[name])

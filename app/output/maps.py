@@ -128,9 +128,7 @@ class Canvas:
         share, b = block_mean(result.contact.astype(float), MOST_PIXELS)
         palette = np.array([to_rgb(colour) for colour in (PATCH_COLOURS if len(cells) > 1 else (BLUE,))])
         order = np.empty(len(cells), int)
-        order[np.argsort(-cells, kind="stable")] = np.arange(
-            len(cells)
-        )  # the largest patches differ in colour
+        order[np.argsort(-cells, kind="stable")] = np.arange(len(cells))  # the largest differ in colour
         index = np.concatenate([[0], order % len(palette)])[block_max(labels, b)]
         self.pixels(axes, np.dstack([palette[index], share]), b)
         possible = int(np.count_nonzero(~self.outside))
@@ -138,13 +136,8 @@ class Canvas:
         entries = [Patch(color=BLUE, label=text + (f", {len(cells)} patches" if len(cells) > 1 else ""))]
         if has_outside:
             entries.append(Patch(color=GREY, label="no contact possible"))
-        axes.legend(
-            handles=entries,
-            loc="lower left",
-            bbox_to_anchor=(0, 1),
-            ncol=1 + (self.width > 4),
-            borderaxespad=0.2,
-        )
+        columns = 1 + (self.width > 4)
+        axes.legend(handles=entries, loc="lower left", bbox_to_anchor=(0, 1), ncol=columns, borderaxespad=0.2)
 
     def pressure(self, axes):
         """Draw the pressure; no colour where it is zero."""

@@ -14,25 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.output.style import (
-    DASHED,
-    DOTTED,
-    log_axis,
-    new_figure,
-    series,
-    styled,
-)
+from app.output.style import DASHED, DOTTED, log_axis, new_figure, say_instead, series, styled
 from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction, persson_pressure
 from app.units import length_unit
 
-_MEASURED = (
-    "contact_fraction",
-    "max_pressure",
-    "load",
-    "operator_applications",
-    "work_units",
-    "solve_seconds",
-)
 _LABELS = {
     "contact_fraction": "contact fraction",
     "max_pressure": "maximum pressure  [N/mm²]",
@@ -119,16 +104,7 @@ def _curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True))
         axes.plot(*values, **series(number), label=path.name or "computed")
         drawn.append(values)
     if not drawn:
-        axes.text(
-            0.5,
-            0.5,
-            f"no {y.replace('_', ' ')}",
-            ha="center",
-            va="center",
-            transform=axes.transAxes,
-        )
-        axes.set(xticks=[], yticks=[])
-        return None
+        return say_instead(axes, f"no {y.replace('_', ' ')}")
     drawn = np.hstack(drawn)
     for axis, values, log in zip((axes.xaxis, axes.yaxis), drawn, logs, strict=True):
         if log:
@@ -317,7 +293,7 @@ def sweep_figure(columns, heading=""):
         name: len(set(values[np.isfinite(values)])) for name in varied for values in [numbers(columns[name])]
     }
     measured = [
-        name for name in (*_MEASURED, *(f"result_{n}" for n in _MEASURED)) if name in names[len(varied) :]
+        name for name in (*_LABELS, *(f"result_{n}" for n in _LABELS)) if name in names[len(varied) :]
     ]
     measured = [
         name for name in measured if np.unique(numbers(columns[name])).size > 1 and not _empty(columns, name)

@@ -191,11 +191,7 @@ def read_result(path):
             return _read_hdf5(file)
     except ValueError as error:
         raise InputError(f"result file {path}: {error}") from error
-    except (
-        OSError,
-        RuntimeError,
-        KeyError,
-    ) as error:  # KeyError, RuntimeError: links that lead nowhere or in a circle
+    except (OSError, RuntimeError, KeyError) as error:  # the last two: links that lead nowhere or in a circle
         raise InputError(f"result file {path}: not a readable HDF5 file ({one_line(error)})") from error
 
 
