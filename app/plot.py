@@ -74,11 +74,12 @@ def pictures_of(result, names):
 
 
 def draw(result, folder, kind="png", dpi=200, names=PICTURES):
-    """Write pictures of a result to an existing folder and return their paths."""
+    """Write pictures of a result to a folder and return their paths."""
     return [_save(figure, folder / f"{name}.{kind}", dpi) for name, figure in pictures_of(result, names)]
 
 
 def _save(figure, path, dpi):
+    path.parent.mkdir(parents=True, exist_ok=True)  # not before there is a picture
     style.save_figure(figure, path, dpi)
     return path
 
@@ -123,7 +124,9 @@ def _arguments(argv):
     if not 20 <= arguments.dpi <= 1200:
         raise InputError(f"--dpi {arguments.dpi}: must be from 20 to 1200")
     first = arguments.files[0]
-    arguments.output = arguments.output or (first.parent if arguments.files[1:] else first.with_suffix(""))
+    arguments.output = arguments.output or (
+        first.parent if arguments.files[1:] else first.parent / first.stem
+    )
     check_folder(arguments.output)
     arguments.names = _names(arguments.files)
     return arguments
@@ -155,8 +158,6 @@ def _draw_all(arguments):
     for file, name in zip(arguments.files, arguments.names, strict=True):
         data = _read(file)
         folder = arguments.output / name if several else arguments.output
-        folder.parent.mkdir(exist_ok=True)
-        folder.mkdir(exist_ok=True)
         if isinstance(data, dict):
             path = None if "exit_status" in data else paths.path_of_csv(data, name)
             drawn.append(_draw_table(data, file, folder, kind, dpi))

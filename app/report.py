@@ -17,6 +17,7 @@ import numpy as np
 from app import subsurface
 from app.commands import streams
 from app.commands.arguments import Parser, run, writing
+from app.errors import InputError
 from app.output import figures, page
 from app.output.files import check_output_path, write_text
 from app.output.result import read_result
@@ -123,26 +124,20 @@ def numbers_section(result):
     for name, label, unit, meaning in _QUANTITIES:
         value, known = values.get(name), values.get(f"analytic_{name}")
         if _is_number(value):
-            differs = known and abs(value / known - 1) > 1e-12  # it is not what was prescribed
+            differs = (
+                _is_number(known) and known and abs(value / known - 1) > 1e-12
+            )  # it is not what was prescribed
             exact = f"{quantity(known, unit)} ({value / known - 1:+.1e})" if differs else ""
             found.append(
                 {"label": label, "value": quantity(value, unit), "analytic": exact, "meaning": meaning}
             )
     modulus, slope = (values.get(name, np.nan) for name in ("contact_modulus", "rms_slope"))
     for name, scale, label, meaning in (
-        (
-            "max_pressure",
-            modulus,
-            "maximum pressure over E*",
-            "far below 1 where bodies stay elastic and slopes small",
-        ),
-        (
-            "mean_pressure",
-            modulus * slope if "persson_fraction" in values else 0.0,
-            "mean pressure over E* times rms slope",
-            "what the contact fraction follows",
-        ),
-    ):
+        ("max_pressure", modulus, "maximum pressure over E*",
+         "far below 1 where bodies stay elastic and slopes small"),
+        ("mean_pressure", modulus * slope if "persson_fraction" in values else 0.0,
+         "mean pressure over E* times rms slope", "what the contact fraction follows"),
+    ):  # fmt: skip
         if _is_number(values.get(name)) and scale > 0:
             value = f"{values[name] / scale:.3g}"
             found.append({"label": label, "value": value, "analytic": "", "meaning": meaning})
@@ -314,7 +309,9 @@ def _main(argv):
     )
     parser.add_argument("--no-stress", action="store_true", help="do not look below the surface; saves time")
     arguments = parser.parse_args(argv)
-    output = arguments.output or arguments.result.with_suffix(".html")
+    if arguments.no_stress and (arguments.poisson is not None or arguments.body):
+        raise InputError("--poisson, --body: have no effect with --no-stress")
+    output = arguments.output or arguments.result.parent / f"{arguments.result.stem}.html"
     check_output_path(output, [arguments.result], "-o", (".html", ".htm"))
     result = read_result(arguments.result)
     text = web_page(result, arguments.poisson, arguments.body, not arguments.no_stress)

@@ -147,9 +147,12 @@ def survey(below, depths=64, at=None, deepest=None, along="xy"):
 
 def picture(result, found, along="x"):
     """Figure of a survey. Not collective."""
-    centres, section = (result.x, found.section_x) if along == "x" else (result.y, found.section_y)
+    if along == "x":
+        of_section = result.x, result.grid.dx, found.depths, found.section_x
+    else:
+        of_section = result.y, result.grid.dy, found.depths, found.section_y
     heading = f"{figures.title(result)}, ν = {found.poisson_ratio:.3g}"
-    return curves.stress_figure(along, centres, found.depths, section, found.line, found.at, heading)
+    return curves.stress_figure(along, *of_section, found.line, found.at, heading)
 
 
 def write(path, result, found, planes):
@@ -220,8 +223,11 @@ def _arguments(argv):
     arguments = parser.parse_args(argv)
     if arguments.output is not None:
         check_folder(arguments.output)
-    elif arguments.planes or arguments.at or arguments.deepest:
-        raise InputError("--at, --planes, --deepest: have no effect without -o DIR")
+    else:
+        of_files = ("at", "section", "depths", "deepest", "planes", "format")
+        given = [f"--{name}" for name in of_files if getattr(arguments, name) != parser.get_default(name)]
+        if given:
+            raise InputError(f"{', '.join(given)}: no effect without -o DIR")
     return arguments
 
 
@@ -259,12 +265,15 @@ def _main(argv):
         streams.say("\n".join(summary(*below.maxima(), result, below.nu)))
         return 0
     names = [arguments.output / f"subsurface.{kind}" for kind in ("h5", arguments.format)]
+    if arguments.output.exists():
+        check_output_path(names[0], [arguments.result], "-o")
+    found = survey(below, arguments.depths, arguments.at, arguments.deepest)
+    planes = {depth: below.plane(depth) for depth in arguments.planes}
+    figure = picture(result, found, arguments.section)
     with writing(arguments.output):
         arguments.output.mkdir(exist_ok=True)
-        check_output_path(names[0], [arguments.result], "-o")
-        found = survey(below, arguments.depths, arguments.at, arguments.deepest)
-        write(names[0], result, found, {depth: below.plane(depth) for depth in arguments.planes})
-        style.save_figure(picture(result, found, arguments.section), names[1])
+        write(names[0], result, found, planes)
+        style.save_figure(figure, names[1])
     streams.say("\n".join([*summary(found.hottest, found.sheared, result, below.nu), *map(str, names)]))
     return 0
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from mpi4py import MPI
 
 
 class Fetch:
@@ -92,7 +91,8 @@ class Fetch:
             self._comm.Recv(parcel, rank)
             for place, rows in zip(places, np.split(parcel, ends[:-1]), strict=True):
                 found[place] = rows
-        MPI.Request.Waitall(requests)
+        for request in requests:
+            request.Wait()
         return found
 
 

@@ -15,10 +15,8 @@ from dataclasses import dataclass, replace
 from numbers import Real
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from app.errors import InputError
-from app.halfspace.stress_sums import Cells, Waves
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 _STARTS = 3  # cells below which the depth is refined
@@ -108,6 +106,9 @@ class SubsurfaceStress:
             raise InputError("pressure: not finite everywhere; a run that diverged has no stresses")
         if not (isinstance(poisson_ratio, Real) and 0 <= poisson_ratio <= 0.5):
             raise InputError(f"Poisson ratio {poisson_ratio}: must be from 0 to 0.5")
+        # Not before: who draws stresses need not wait for MPI, FFTs and numba.
+        from app.halfspace.stress_sums import Cells, Waves
+
         self.grid, self.nu = grid, float(poisson_ratio)
         self._below = Waves(pressure, grid, self.nu) if grid.periodic else Cells(pressure, grid, self.nu)
 
@@ -189,6 +190,8 @@ class SubsurfaceStress:
 
     def _refined(self, measure, peaks, depths):
         """Largest of a measure below the highest peaks of the search, near their depths."""
+        from scipy.optimize import minimize_scalar
+
         looked_at = {}
 
         def deficit(depth, x, y):

@@ -1,1 +1,1 @@
-"""Floor 2: what leaves the program: HDF5 results, pictures, tables."""
+"""What leaves the program: HDF5 results, pictures, tables."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.halfspace.stress import max_shear, von_mises
-from app.output.figures import title
+from app.output.figures import number, title
 from app.output.maps import finite_pressure
 from app.output.style import (
     BLUE,
@@ -21,6 +21,7 @@ from app.output.style import (
     linear_ticks,
     log_axis,
     new_figure,
+    say_instead,
     styled,
 )
 from app.problems.statistics import radial_spectrum
@@ -49,13 +50,11 @@ def _density(axes, values, label, unit):
     """Probability density by bins of equal width in the logarithm."""
     axes.set(xlabel=label, ylabel=f"probability density  {unit}")
     if not values.size:
-        return _nothing(axes)
-    low = np.quantile(
-        values, 20 / values.size if values.size > 100 else 0.0
-    )  # few are told by no bin of theirs
+        return say_instead(axes, "no values")
+    low = np.quantile(values, 20 / values.size if values.size > 100 else 0.0)  # few have no bin of theirs
     high = values.max()
     if not high > low * (1 + 1e-6):
-        return _nothing(axes, f"all of them {high:.4g} {label.partition('[')[2].rstrip(']')}")
+        return say_instead(axes, f"all of them {high:.4g} {label.partition('[')[2].rstrip(']')}")
     count = max(8, int(_BINS_PER_DECADE * np.log10(high / low)))
     edges = np.geomspace(low, high, count + 1)
     edges[0], edges[-1] = low, high
@@ -75,7 +74,7 @@ def _draw_patches(axes, result):
     unit = length_unit(np.sqrt(patches.max(initial=0.0)))
     axes.set(xlabel=f"area A of a patch  [{unit.name}²]", ylabel="patches of at least A")
     if len(patches) < 2:
-        return _nothing(axes, f"{len(patches)} patch{'es' * (len(patches) != 1)}")
+        return say_instead(axes, f"{len(patches)} patch{'es' * (len(patches) != 1)}")
     sizes, counts = np.unique(patches, return_counts=True)
     areas, larger = sizes * unit.per_mm**2, counts[::-1].cumsum()[::-1]
     axes.step(areas, larger, where="pre", color=BLUE)
@@ -83,11 +82,6 @@ def _draw_patches(axes, result):
     log_axis(axes.xaxis, areas)
     log_axis(axes.yaxis, larger)
     return None
-
-
-def _nothing(axes, why="no values"):
-    axes.text(0.5, 0.5, why, ha="center", va="center", transform=axes.transAxes)
-    axes.set(xticks=[], yticks=[])
 
 
 def rough_part(result):
@@ -134,10 +128,7 @@ def spectrum_figure(result):
     axes.plot(q[known], density[known], "-", color=BLUE, label="undeformed distance")
     log_axis(axes.xaxis, q)
     log_axis(axes.yaxis, density[known])
-    for name, label, line in (
-        ("surface_rolloff", "roll-off", DASHED),
-        ("surface_cutoff", "cut-off", DOTTED),
-    ):
+    for name, label, line in (("surface_rolloff", "roll-off", DASHED), ("surface_cutoff", "cut-off", DOTTED)):
         if values.get(name):
             at = 2 * np.pi / values[name] / unit.per_mm
             wave = length_unit(values[name])
@@ -154,7 +145,7 @@ def spectrum_figure(result):
                 span, height, color=GREEN, linestyle=DASHED, label=f"slope {power:.2g}".replace("-", "−")
             )
     axes.set(xlabel=f"wave number q  [1/{unit.name}]", ylabel="power spectral density C  [mm⁴]")
-    axes.legend(loc="lower left")
+    axes.legend(loc="lower left", frameon=True, framealpha=1, edgecolor="none")  # lines end at it
     return figure
 
 
@@ -166,7 +157,7 @@ def _maxima(mises, depths, depth):
 
 
 @styled
-def stress_figure(along, centres, depths, section, line, hottest, heading):
+def stress_figure(along, centres, cell, depths, section, line, hottest, heading):
     """Von Mises stress on a section through the most stressed point, and stresses on the line through it.
 
     Parameters
@@ -175,6 +166,8 @@ def stress_figure(along, centres, depths, section, line, hottest, heading):
         "x" or "y".
     centres, depths : ndarray, [mm]
         Of the section; depths from 0 on.
+    cell : float
+        Side of a cell along the section [mm].
     section : ndarray, shape (6, depths, centres), [N/mm2]
     line : ndarray, shape (6, depths), [N/mm2]
     hottest : app.halfspace.stress.Hottest
@@ -186,25 +179,22 @@ def stress_figure(along, centres, depths, section, line, hottest, heading):
     deep = length_unit(depths[-1])
     x, z = centres * unit.per_mm, depths * deep.per_mm
     mises = von_mises(section)
-    image = left.pcolormesh(x, z, mises, cmap=_STRESS_MAP, shading="nearest", vmin=0, rasterized=True)
+    sides = (centres[0] + cell * (np.arange(centres.size + 1) - 0.5)) * unit.per_mm
+    bottom = z[-1] or 1.0
+    between = np.concatenate([z[:1], (z[1:] + z[:-1]) / 2, [bottom]])
+    colours = {"cmap": _STRESS_MAP, "vmin": 0, "vmax": mises.max() or 1.0}
+    image = left.pcolormesh(sides, between, mises, rasterized=True, **colours)
     if np.ptp(mises) > 0 and min(mises.shape) > 1 and _maxima(mises, depths, hottest.depth) <= _MOST_MAXIMA:
         left.contour(x, z, mises, levels=8, colors="white", linewidths=0.6)
     bar = figure.colorbar(image, ax=left, pad=0.02, aspect=25)
     bar.set_label("von Mises stress  [N/mm²]")
     at = (hottest.x if along == "x" else hottest.y) * unit.per_mm
-    deepest = f"{hottest.von_mises:.4g} N/mm² at depth {hottest.depth * deep.per_mm:.3g} {deep.name}"
-    left.plot(
-        at,
-        hottest.depth * deep.per_mm,
-        "+",
-        color=GREEN,
-        markersize=12,
-        markeredgewidth=2,
-        label=deepest,
-        clip_on=False,
-    )
-    left.legend(loc="lower right", facecolor="white", frameon=True, framealpha=0.85)
-    left.set(xlabel=f"{along}  [{unit.name}]", ylabel=f"depth z  [{deep.name}]", ylim=(z[-1], 0))
+    depth = hottest.depth * deep.per_mm
+    largest = f"{number(hottest.von_mises)} N/mm² at depth {depth:.3g} {deep.name}"
+    cross = {"color": GREEN, "markersize": 12, "markeredgewidth": 2, "clip_on": False}
+    left.plot(at, depth, "+", label=largest, **cross)
+    left.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2)
+    left.set(xlabel=f"{along}  [{unit.name}]", ylabel=f"depth z  [{deep.name}]", ylim=(bottom, 0))
     linear_ticks(left.xaxis, 6.0)
     for k, label, colour, style in (
         (0, "σx", GREEN, "-."), (1, "σy", PURPLE, DOTTED), (2, "σz", BLUE, DASHED)
@@ -213,7 +203,7 @@ def stress_figure(along, centres, depths, section, line, hottest, heading):
     right.plot(von_mises(line), z, color=ORANGE, label="von Mises")
     right.plot(max_shear(line), z, color="0.3", linestyle=DASHED, label="largest shear")
     right.axvline(0, color=GREY, linewidth=0.8, zorder=0)
-    right.set(xlabel="stress  [N/mm²]", ylabel=f"depth z  [{deep.name}]", ylim=(z[-1], 0))
+    right.set(xlabel="stress  [N/mm²]", ylabel=f"depth z  [{deep.name}]", ylim=(bottom, 0))
     linear_ticks(right.xaxis, 3.0)
-    right.legend(loc="best")
+    right.legend(loc="upper left", bbox_to_anchor=(1, 1))  # curves are everywhere
     return figure

@@ -10,6 +10,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from app.output.maps import LENGTH_MAP, Canvas, finite_pressure, map_of
 from app.output.style import (
@@ -20,6 +21,7 @@ from app.output.style import (
     linear_ticks,
     log_axis,
     new_figure,
+    say_instead,
     styled,
 )
 from app.units import length_unit
@@ -201,9 +203,9 @@ def draw_residual(axes, result):
     residual = result.history["residual"]
     residual = np.where((residual > 0) & np.isfinite(residual), residual, np.nan)
     iterations = np.arange(1, residual.size + 1)
+    axes.set(xlabel="active set iteration", ylabel="residual  ‖r‖ / ‖h‖")
     if not iterations.size:
-        axes.text(0.5, 0.5, "no iterations", ha="center", va="center", transform=axes.transAxes)
-        axes.set(yticks=[], xlabel="active set iteration", ylabel="residual  ‖r‖ / ‖h‖")
+        say_instead(axes, "no iterations")
         return
     _mark_grids(axes, result, label=True)
     for first, last in _runs(result.history["level"]):
@@ -217,7 +219,6 @@ def draw_residual(axes, result):
         # Direct solves on the coarsest grid go down to round-off; that is not what the picture is about.
         shown = np.maximum(np.append(shown, tolerance), 1e-3 * tolerance)
     log_axis(axes.yaxis, shown)
-    axes.set(xlabel="active set iteration", ylabel="residual  ‖r‖ / ‖h‖")
 
 
 def _draw_cells(axes, result):
@@ -245,7 +246,7 @@ def _mark_grids(axes, result, label=False):
     """Shade every other grid of a nested iteration, and name the grids above the axes."""
     level = result.history["level"]
     runs = _runs(level)
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.xaxis.set_major_locator(MaxNLocator("auto", steps=[1, 2, 2.5, 5, 10], integer=True))
     axes.set_xlim(0.5, max(level.size, 2) + 0.5)
     if len(runs) < 2:
         return
@@ -268,6 +269,6 @@ def _mark_grids(axes, result, label=False):
 def _grid_name(result, coarsenings):
     """Cells of the grid so many levels below the target grid."""
     grid = result.grid
-    for _ in range(coarsenings):
-        grid = grid.coarsen() or grid
+    while coarsenings and (coarser := grid.coarsen()):
+        grid, coarsenings = coarser, coarsenings - 1
     return f"{grid.nx} × {grid.ny}"

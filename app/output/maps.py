@@ -21,6 +21,7 @@ MOST_PIXELS = 1024  # longer sides of an image are averaged down to this
 NARROWEST = 0.22  # side over side of a map; a narrower patch is stretched
 _WIDEST, _HIGHEST = 5.1, 6.4  # inches of a map
 _LOW = 2.2  # inches
+_CONSTANT = 1e-4  # of a length: what varies less is one colour
 _BAR = 0.18  # inches of a colour bar's width
 PATCH_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#5b4fa2", "#8c6d31", "#117733",
                  "#aa3377")  # fmt: skip
@@ -88,6 +89,7 @@ class Canvas:
         axes.set_box_aspect(self.height / self.width)
         linear_ticks(axes.xaxis, self.width)
         linear_ticks(axes.yaxis, self.height)
+        axes.ticklabel_format(axis="y", style="plain", useOffset=False)  # it would stand where the legend is
         for spine in axes.spines.values():
             spine.set_visible(True)
         return image
@@ -114,6 +116,8 @@ class Canvas:
             bar = axes.figure.colorbar(image, cax=place, extend=extend)
             linear_ticks(bar.ax.yaxis, self.height)
         bar.set_label(label)
+        if np.isnan(pixels).all():
+            bar.set_ticks([])
         bar.outline.set_linewidth(0.8)
 
     def contact(self, axes):
@@ -124,23 +128,16 @@ class Canvas:
         share, b = block_mean(result.contact.astype(float), MOST_PIXELS)
         palette = np.array([to_rgb(colour) for colour in (PATCH_COLOURS if len(cells) > 1 else (BLUE,))])
         order = np.empty(len(cells), int)
-        order[np.argsort(-cells, kind="stable")] = np.arange(
-            len(cells)
-        )  # the largest patches differ in colour
+        order[np.argsort(-cells, kind="stable")] = np.arange(len(cells))  # the largest differ in colour
         index = np.concatenate([[0], order % len(palette)])[block_max(labels, b)]
         self.pixels(axes, np.dstack([palette[index], share]), b)
         possible = int(np.count_nonzero(~self.outside))
-        text = f"contact: {result.attributes['contact_fraction']:.3g} of {possible} cells"
+        text = f"contact: {100 * result.attributes['contact_fraction']:.3g}% of {possible} cells"
         entries = [Patch(color=BLUE, label=text + (f", {len(cells)} patches" if len(cells) > 1 else ""))]
         if has_outside:
             entries.append(Patch(color=GREY, label="no contact possible"))
-        axes.legend(
-            handles=entries,
-            loc="lower left",
-            bbox_to_anchor=(0, 1),
-            ncol=1 + (self.width > 4),
-            borderaxespad=0.2,
-        )
+        columns = 1 + (self.width > 4)
+        axes.legend(handles=entries, loc="lower left", bbox_to_anchor=(0, 1), ncol=columns, borderaxespad=0.2)
 
     def pressure(self, axes):
         """Draw the pressure; no colour where it is zero."""
@@ -156,9 +153,12 @@ class Canvas:
 
     def length(self, axes, field, colours, label):
         """Draw a field of lengths [mm] in a unit of its own; ``{}`` in the label stands for it."""
-        known = np.abs(field[np.isfinite(field)])
-        unit = length_unit(float(known.max(initial=0.0)))
-        self.field(axes, field * unit.per_mm, colours, label.format(unit.name))
+        known = field[np.isfinite(field) & ~self.outside]
+        largest = float(np.abs(known).max(initial=0.0))
+        unit, limits = length_unit(largest), {}
+        if known.size and largest and np.ptp(known) < _CONSTANT * largest:
+            limits = {"vmin": 0.9 * known[0] * unit.per_mm, "vmax": 1.1 * known[0] * unit.per_mm}
+        self.field(axes, field * unit.per_mm, colours, label.format(unit.name), **limits)
 
 
 def finite_pressure(pressure):

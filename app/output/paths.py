@@ -14,25 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.output.style import (
-    DASHED,
-    DOTTED,
-    log_axis,
-    new_figure,
-    series,
-    styled,
-)
+from app.output.style import DASHED, DOTTED, log_axis, new_figure, say_instead, series, styled
 from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction, persson_pressure
 from app.units import length_unit
 
-_MEASURED = (
-    "contact_fraction",
-    "max_pressure",
-    "load",
-    "operator_applications",
-    "work_units",
-    "solve_seconds",
-)
 _LABELS = {
     "contact_fraction": "contact fraction",
     "max_pressure": "maximum pressure  [N/mm²]",
@@ -119,16 +104,7 @@ def _curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True))
         axes.plot(*values, **series(number), label=path.name or "computed")
         drawn.append(values)
     if not drawn:
-        axes.text(
-            0.5,
-            0.5,
-            f"no {y.replace('_', ' ')}",
-            ha="center",
-            va="center",
-            transform=axes.transAxes,
-        )
-        axes.set(xticks=[], yticks=[])
-        return None
+        return say_instead(axes, f"no {y.replace('_', ' ')}")
     drawn = np.hstack(drawn)
     for axis, values, log in zip((axes.xaxis, axes.yaxis), drawn, logs, strict=True):
         if log:
@@ -139,42 +115,42 @@ def _curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True))
 _RELATIVE = "p / (E* h′rms)"
 
 
+def _draw_shares(axes, paths, value):
+    """Draw ``value(x, contact fraction)`` of paths and theories against x = p / (E* h'rms); return those of paths."""
+    drawn, cross = [], {"color": "0.4", "marker": "x", "linestyle": "none", "zorder": 1}
+    for name in "contact_fraction", "contact_fraction_corrected":
+        label = "corrected for the stepped boundary"
+        for number, path in enumerate(paths):
+            found = path.positive("mean_pressure", name)
+            if found is None:
+                continue
+            x = found[0] * path.relative
+            drawn.append((x, value(x, found[1])))
+            if name == "contact_fraction":
+                axes.plot(*drawn[-1], **series(number), label=path.name or "computed")
+            else:
+                axes.plot(*drawn[-1], **cross, label=label)
+                label = None  # once
+    x, values = np.hstack(drawn)
+    log_axis(axes.xaxis, x)
+    span = np.geomspace(x.min(), x.max() * 1.0001, 200)
+    persson, bgt = persson_fraction(span), bush_gibson_thomas_fraction(span)
+    axes.plot(span, value(span, persson), color="0.3", linestyle=DASHED, label="Persson")
+    axes.plot(span, value(span, bgt), color="0.3", linestyle=DOTTED, label="Bush, Gibson, Thomas")
+    axes.set_xlabel(_RELATIVE)
+    return values
+
+
 def _draw_fraction(axes, paths):
-    drawn = _curves(axes, paths, "mean_pressure", "contact_fraction", lambda path: (path.relative, 1.0))
-    corrected = [path.positive("mean_pressure", "contact_fraction_corrected") for path in paths]
-    for path, found in zip(paths, corrected, strict=True):
-        if found is not None:
-            axes.plot(found[0] * path.relative, found[1], "x", color="0.4", zorder=1)
-    log_axis(axes.yaxis, [drawn[1], *(found[1] for found in corrected if found is not None)])
-    x = np.geomspace(drawn[0].min(), drawn[0].max() * 1.0001, 200)
-    axes.plot(x, persson_fraction(x), color="0.3", linestyle=DASHED, label="Persson")
-    bgt = bush_gibson_thomas_fraction(x)
-    axes.plot(x, bgt, color="0.3", linestyle=DOTTED, label="Bush, Gibson, Thomas")
-    axes.plot([], [], "x", color="0.4", label="corrected for the stepped boundary")
-    axes.set(xlabel=_RELATIVE, ylabel="contact fraction")
-    axes.legend(loc="best", fontsize=10)
+    log_axis(axes.yaxis, _draw_shares(axes, paths, lambda x, share: share))
+    axes.set_ylabel("contact fraction")
 
 
 def _draw_kappa(axes, paths):
-    highest = 0.0
-    for number, path in enumerate(paths):
-        p, share = path.positive("mean_pressure", "contact_fraction")
-        axes.plot(p * path.relative, share / (p * path.relative), **series(number))
-        found = path.positive("mean_pressure", "contact_fraction_corrected")
-        if found is not None:
-            x = found[0] * path.relative
-            axes.plot(x, found[1] / x, "x", color="0.4", zorder=1)
-        highest = max(highest, (share / (p * path.relative)).max())
-    x = np.concatenate(
-        [path.positive("mean_pressure", "contact_fraction")[0] * path.relative for path in paths]
-    )
-    span = np.geomspace(x.min(), x.max() * 1.0001, 200)
-    axes.plot(span, persson_fraction(span) / span, color="0.3", linestyle=DASHED)
-    axes.axhline(np.sqrt(2 * np.pi), color="0.3", linestyle=DOTTED)
-    log_axis(axes.xaxis, x)
-    axes.set(
-        xlabel=_RELATIVE, ylabel="κ = contact fraction · E* h′rms / p", ylim=(0, 1.1 * max(highest, 2.6))
-    )
+    highest = _draw_shares(axes, paths, lambda x, share: share / x).max()
+    axes.set(ylabel="κ = contact fraction · E* h′rms / p", ylim=(0, 1.1 * max(highest, 2.6)))
+    # For the panel beside this one, too: here is room below the curves.
+    axes.legend(loc="lower left", fontsize=10, ncol=1 if len(paths) < 5 else 2)
 
 
 def _draw_gap(axes, paths):
@@ -262,7 +238,7 @@ def read_csv(path):
         If it is no such table.
     """
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets mark it
             rows = list(csv.DictReader(file, strict=True))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ValueError(f"table {path}: cannot be read: {error}") from None
@@ -271,6 +247,11 @@ def read_csv(path):
     columns = {name: [row[name] for row in rows] for name in rows[0]}
     if "exit_status" not in columns and not {"load", "approach"} <= columns.keys():
         raise ValueError(f"table {path}: neither a table of app.sweep nor a load path")
+    if (
+        "exit_status" not in columns
+        and path_of_csv(columns).positive("load", "approach", lowest=-np.inf) is None
+    ):
+        raise ValueError(f"table {path}: no step has numbers for load and approach")
     return columns
 
 
@@ -312,7 +293,7 @@ def sweep_figure(columns, heading=""):
         name: len(set(values[np.isfinite(values)])) for name in varied for values in [numbers(columns[name])]
     }
     measured = [
-        name for name in (*_MEASURED, *(f"result_{n}" for n in _MEASURED)) if name in names[len(varied) :]
+        name for name in (*_LABELS, *(f"result_{n}" for n in _LABELS)) if name in names[len(varied) :]
     ]
     measured = [
         name for name in measured if np.unique(numbers(columns[name])).size > 1 and not _empty(columns, name)

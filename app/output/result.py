@@ -87,8 +87,13 @@ TEXTS = ("reason", "options", "command_line", "version", "notes", "problem", "pe
 NUMBERS = (  # beside the other `ATTRIBUTES`, where there are any
     "mean_pressure", "contact_area", "contact_modulus", "rms_slope", "rms_height", "mean_gap", "stiffness",
     "error_bound", "discretisation_error", "poisson_ratio", "periodic", "largest_penetration", "smallest_pressure",
+    "lcp_rtol", "shear_modulus", "hertz_rx", "hertz_ry", "surface_hurst", "surface_rolloff", "surface_cutoff",
+    "load_error", "approach_error", "max_pressure_error", "contact_area_error", "pressure_centre_x",
+    "pressure_centre_y",
 )  # fmt: skip
 PAIRS = ("young", "poisson", "cell_size")
+_LEAST = 1e-60  # mm, size of a cell, and 1 / mm: its powers are numbers
+_UNEVEN = 0.1  # of a cell: rounding of what lies far from zero
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -186,11 +191,7 @@ def read_result(path):
             return _read_hdf5(file)
     except ValueError as error:
         raise InputError(f"result file {path}: {error}") from error
-    except (
-        OSError,
-        RuntimeError,
-        KeyError,
-    ) as error:  # KeyError, RuntimeError: links that lead nowhere or in a circle
+    except (OSError, RuntimeError, KeyError) as error:  # the last two: links that lead nowhere or in a circle
         raise InputError(f"result file {path}: not a readable HDF5 file ({one_line(error)})") from error
 
 
@@ -206,6 +207,8 @@ def _read_hdf5(file):
     for name in FIELDS:
         if data[name].shape != shape:
             raise InputError(f"dataset {name}: shape {data[name].shape}, but y and x say {shape}")
+    if data["contact"].max() > 1:
+        raise InputError("dataset contact: has other values than 0 and 1")
     history = {name: read_dataset(file, f"history/{name}", dtype) for name, dtype in HISTORY.items()}
     history |= _columns(file, "history", history)
     extra = {
@@ -216,6 +219,8 @@ def _read_hdf5(file):
     }
     attributes = {name: _attribute(name, value) for name, value in file.attrs.items()}
     steps = _columns(file, "path")
+    if steps and not np.size(steps.get("load", ())):
+        raise InputError("path: has no loads")
     return Result(**data, attributes=attributes, history=history, extra=extra, units=units, path=steps)
 
 
@@ -244,7 +249,18 @@ def read_dataset(file, name, dtype=None):
     if name in AXES and (item.ndim != 1 or not item.size):
         raise InputError(f"dataset {name}: shape {item.shape} where one of cell centres is needed")
     check_fits(float(item.nbytes), f"dataset {name}")
-    return cast(f"dataset {name}", item[()], dtype or item.dtype)
+    values = cast(f"dataset {name}", item[()], dtype or item.dtype)
+    if name in AXES and not _are_centres(values):
+        raise InputError(f"dataset {name}: needed: finite cell centres [mm] that rise in equal steps")
+    return values
+
+
+def _are_centres(values):
+    if values.size == 1:
+        return np.isfinite(values[0])
+    with np.errstate(invalid="ignore", over="ignore"):
+        step = (values[-1] - values[0]) / (values.size - 1)
+        return _LEAST < step < 1 / _LEAST and np.abs(np.diff(values) - step).max() < _UNEVEN * step
 
 
 def _attribute(name, value):

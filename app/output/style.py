@@ -87,11 +87,7 @@ def log_axis(axis, values):
     """Logarithmic axis with at least three ticks that have numbers, whatever the positive `values` span."""
     axes = axis.axes
     in_x = axis is axes.xaxis
-    values = (
-        np.concatenate([np.ravel(v) for v in values])
-        if isinstance(values, list | tuple)
-        else np.ravel(values)
-    )
+    values = np.ravel(values)
     values = values[np.isfinite(values) & (values > 0)]
     low, high = (values.min(), values.max()) if values.size else (0.1, 1.0)
     if high < 2 * low:
@@ -122,6 +118,12 @@ def _number(value):
     factor, _, power = f"{value:e}".partition("e")
     times = "" if float(factor) == 1 else f"{float(factor):g}\\cdot "
     return f"${times}10^{{{int(power)}}}$"
+
+
+def say_instead(axes, why):
+    """Say in an empty panel why it is empty."""
+    axes.text(0.5, 0.5, why, ha="center", va="center", transform=axes.transAxes)
+    axes.set(xticks=[], yticks=[])
 
 
 @styled

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.colors import ListedColormap, LogNorm
+from scipy.special import ndtri
 
 from app.analysis import smoothers
 from app.halfspace.grid import Grid
@@ -102,12 +103,8 @@ def _figure6(outcomes):
     for i, error, c, (colour, marker, line) in zip(
         history.sweeps, history.errors, history.coefficients, _MARKERS, strict=True
     ):
-        style = {
-            "color": colour,
-            "marker": marker,
-            "linestyle": line,
-            "label": f"after {i} sweeps" if i else "start",
-        }
+        label = f"after {i} sweeps" if i else "start"
+        style = {"color": colour, "marker": marker, "linestyle": line, "label": label}
         left.plot(contact.grid.x(), np.abs(error), **style)
         right.plot(np.arange(1, contact.cells + 1), np.abs(c[order]), **style)
     left.set(xlabel="x  [mm]", ylabel=r"error $|p - p^i|\ /\ \max\,p$", ylim=(0, 1.9))
@@ -115,13 +112,8 @@ def _figure6(outcomes):
     # The mode that the first sweep removes would flatten all others.
     first = np.abs(history.coefficients[0, order[0]])
     right.set(xlabel="mode j", ylabel=r"coefficient $|c_j|$", ylim=(0, 1.6))
-    right.annotate(
-        f"mode 1 at the start: {first:.1f}",
-        (1, 1.6),
-        (2.5, 1.45),
-        arrowprops={"arrowstyle": "->"},
-        va="center",
-    )
+    arrow = {"arrowprops": {"arrowstyle": "->"}, "va": "center"}
+    right.annotate(f"mode 1 at the start: {first:.1f}", (1, 1.6), (2.5, 1.45), **arrow)
     right.legend(loc="center right", bbox_to_anchor=(1, 0.5))
     _letter([left, right], {"a": "error of Gauss–Seidel", "b": "in its eigenvectors"})
     return figure
@@ -136,15 +128,8 @@ def _figure7(outcomes):
         told = f"|λ| = {abs(pair.value):.2f}"
         if pair.coarse_vector is not None:
             coarse = pair.coarse_vector
-            axes.plot(
-                coarse.real,
-                coarse.imag,
-                "o",
-                color=BLUE,
-                markersize=10,
-                markerfacecolor="none",
-                label="16 cells",
-            )
+            circles = {"color": BLUE, "markersize": 10, "markerfacecolor": "none", "label": "16 cells"}
+            axes.plot(coarse.real, coarse.imag, "o", **circles)
             told += f", {abs(pair.coarse_value):.2f} on 16 cells"
         reach = 1.15 * np.abs(pair.vector).max()
         axes.set(xlabel="Re v", ylabel="Im v", xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
@@ -268,17 +253,9 @@ def _figure12(outcomes):
     axes.plot(
         heights[0.8].mean() + line * heights[0.8].std(), line, color=ORANGE, linestyle="--", label="Gaussian"
     )
-    probabilities = {
-        0.001: -3.0902,
-        0.02: -2.0537,
-        0.16: -0.9945,
-        0.5: 0.0,
-        0.84: 0.9945,
-        0.98: 2.0537,
-        0.999: 3.0902,
-    }
+    probabilities = [0.001, 0.02, 0.16, 0.5, 0.84, 0.98, 0.999]
     axes.set_box_aspect(10 / 12)
-    axes.set_yticks(list(probabilities.values()), [f"{p:g}" for p in probabilities])
+    axes.set_yticks(ndtri(probabilities), [f"{p:g}" for p in probabilities])
     axes.set(xlabel="height z  [mm]", ylabel="probability")
     axes.legend(loc="upper left")
     _letter(panels, {"a": "γ = 0.5", "b": "γ = 0.8", "c": "γ = 0.95", "d": "heights of (b), normal plot"})

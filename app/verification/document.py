@@ -176,7 +176,7 @@ def orders_picture(results):
                 panel.plot(*line.points, color=colour, marker=marker, ls=style, lw=1.2, ms=3.5, label=label)
                 label = None
         sizes = lines[0].points[0]
-        log_axis(panel.yaxis, [line.points[1] for line in lines])
+        log_axis(panel.yaxis, np.concatenate([line.points[1] for line in lines]))
         panel.set_xscale("log")
         panel.set_title(result.check.title)
         panel.set_xlabel("cells in a direction")

@@ -87,10 +87,25 @@ def test_several_files_have_a_folder_each_and_paths_are_drawn_together(path, tmp
     assert {str(out / name) for name in names} < set(capsys.readouterr().out.splitlines())
     assert (out / f"{path.stem}_h5" / "contact.png").exists()
     assert all((out / name).read_bytes().startswith(START["png"]) for name in names)
-    for text, message in (("a,b\n1,2\n", "neither a table"), ("grid,exit_status\n32,0\n", "nothing to draw")):
+    sweep.write_text("\ufeffload,approach\n1,2\n", encoding="utf-8")  # as spreadsheets write it
+    assert main([str(sweep), "-o", str(out), "--dpi", "30"]) == 0
+    for text, message in (
+        ("a,b\n1,2\n", "neither a table"),
+        ("grid,exit_status\n32,0\n", "nothing to draw"),
+        ("load,approach\na,b\n", "no step has numbers for load and approach"),
+    ):
         sweep.write_text(text)
         assert main([str(sweep), "-o", str(out)]) == 2
         assert message in capsys.readouterr().err
+
+
+def test_what_cannot_be_drawn_leaves_no_folder(result, tmp_path, capsys):
+    lacking, out = tmp_path / "lacking.h5", tmp_path / "out"
+    write(lacking, MPI.COMM_SELF, Slabs(96), with_attributes(result, without=["hertz_rx"]))
+    assert main([str(lacking), "-o", str(out)]) == 2
+    assert "attribute hertz_rx is missing" in capsys.readouterr().err
+    assert main([str(lacking.rename(tmp_path / "no_path.h5")), "-o", str(out), "--only", "path"]) == 2
+    assert list(tmp_path.iterdir()) == [tmp_path / "no_path.h5"]
 
 
 def test_files_of_one_name_have_folders_that_tell_them_apart(path, tmp_path, capsys):

@@ -118,6 +118,12 @@ def test_text_of_the_user_is_no_markup(made, undrawn):
         (subsurface, ["RESULT", "--poisson", "-1"], "Poisson ratio -1"),
         (subsurface, ["RESULT", "--body", "2"], "not those of the bodies"),
         (subsurface, ["RESULT", "--planes", "1"], "no effect without -o"),
+        (
+            subsurface,
+            ["RESULT", "--section", "y", "--depths", "9"],
+            "--section, --depths: no effect without -o",
+        ),
+        (report, ["RESULT", "--no-stress", "--poisson", "0.3"], "no effect with --no-stress"),
         (subsurface, ["RESULT", "-o", "TMP", "--planes", "1,-2"], "--planes 1,-2: not allowed"),
         (subsurface, ["RESULT", "-o", "TMP", "--at", "1"], "allowed: X,Y"),
         (subsurface, ["RESULT", "-o", "TMP", "--at", "-1,2,3"], "allowed: X,Y"),

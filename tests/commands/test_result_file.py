@@ -106,6 +106,35 @@ def test_reading_refuses_other_files(path, tmp_path):
         read_result(path)
 
 
+@pytest.mark.parametrize(
+    ("name", "values", "message"),
+    [
+        ("x", np.linspace(9, -9, 64), "x: needed: finite cell centres"),
+        ("x", np.zeros(64), "x: needed: finite cell centres"),
+        ("x", np.full(64, np.nan), "x: needed: finite cell centres"),
+        ("y", np.geomspace(1, 9, 48), "y: needed: finite cell centres"),
+        ("y", np.linspace(-1e200, 1e200, 48), "y: needed: finite cell centres"),
+        ("contact", np.full((48, 64), 2, np.uint8), "contact: has other values than 0 and 1"),
+        ("path/approach", np.zeros(3), "path: has no loads"),
+        ("path/load", np.zeros(0), "path: has no loads"),
+    ],
+)
+def test_reading_refuses_what_nobody_can_draw(path, name, values, message):
+    with h5py.File(path, "r+") as file:
+        if name in file:
+            del file[name]
+        file[name] = values
+    with pytest.raises(ValueError, match=f"{path.name}: .*{message}"):
+        read_result(path)
+
+
+def test_cell_centres_far_from_zero_are_read(path):
+    """Rounding makes steps of cells that lie far away unequal."""
+    with h5py.File(path, "r+") as file:
+        file["x"][...] = 1e6 + 1e-8 * np.arange(64)
+    assert read_result(path).x[0] == 1e6
+
+
 def fields_without(result, name, **changed):
     return {key: getattr(result, key) for key in FIELDS if key != name} | changed
 
@@ -187,7 +216,7 @@ def test_output_path_is_checked_early(tmp_path):
 
 
 def test_who_reads_a_result_waits_for_no_solver():
-    """Neither MPI nor PETSc nor the compiler are loaded."""
-    script = "import sys; import app.output.result; print(*{'mpi4py.MPI', 'petsc4py', 'numba'} & sys.modules.keys())"
-    done = run("-c", script)
+    """Neither MPI nor PETSc nor the compiler are loaded, nor by who draws it."""
+    slow = "{'mpi4py.MPI', 'petsc4py', 'numba'}"
+    done = run("-c", f"import sys; import app.plot, app.report; print(*{slow} & sys.modules.keys())")
     assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "", "")

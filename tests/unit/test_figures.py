@@ -289,9 +289,51 @@ def test_contours_of_stress_are_drawn_where_they_can_be_told_apart():
     for waves, drawn in ((1, True), (40, False)):
         section = np.zeros((6, 21, 201))
         section[2] = -np.exp(-((z[:, None] - 0.5) ** 2)) * np.cos(np.pi * waves * x / 2) ** 2
-        figure = curves.stress_figure("x", x, z, section, section[:, :, 100], hottest, "")
+        figure = curves.stress_figure("x", x, x[1] - x[0], z, section, section[:, :, 100], hottest, "")
         collections = [type(one).__name__ for one in figure.axes[0].collections]
         assert (collections != ["QuadMesh"]) == drawn
+
+
+def test_stress_below_a_single_column_has_its_width_and_the_legend_touches_no_curve():
+    z, section = np.linspace(0, 1, 21), np.zeros((6, 21, 1))
+    section[2, :, 0] = -1
+    hottest = Hottest(26395.0, 3.0, 0.0, 0.5, np.zeros(6))
+    figure = curves.stress_figure("x", np.array([3.0]), 2.0, z, section, section[:, :, 0], hottest, "")
+    left, right = figure.axes[:2]
+    assert left.get_xlim() == pytest.approx((2, 4)) and left.get_ylim() == (1, 0)
+    assert left.get_legend().get_texts()[0].get_text().startswith("26395 N/mm²")
+    figure.canvas.draw()
+    assert right.get_legend().get_window_extent().x0 >= right.bbox.x1
+
+
+def test_legend_of_rough_paths_touches_no_curve():
+    p = np.geomspace(1, 3000, 8)
+    columns = {
+        "load": p,
+        "mean_pressure": p,
+        "contact_fraction": 2.2e-4 * p,
+        "contact_fraction_corrected": 2e-4 * p,
+    }
+    figure = paths.path_figure([paths.Path(columns, "", scale=1e4)])
+    assert [axes.get_legend() is not None for axes in figure.axes] == [False, True, False, False]
+    figure.canvas.draw()
+    axes = figure.axes[1]
+    top = axes.get_legend().get_window_extent().y1
+    for line in axes.lines:
+        assert (axes.transData.transform(line.get_xydata())[:, 1] > top).all(), line.get_label()
+
+
+def test_a_displacement_constant_but_for_rounding_is_one_colour():
+    result = made_up_result(32, 24)
+    u = np.full_like(result.displacement, 2.6e-3) * (1 + 1e-9 * np.arange(32))
+    image = figures.deformation_figure(replace(result, displacement=u)).axes[0].images[-1]
+    assert image.get_clim() == pytest.approx((2.34, 2.86))
+
+
+def test_levels_beyond_the_coarsest_grid_are_named_like_it():
+    result = made_up_result(32, 24)
+    result.history["level"][0] = -(10**15)
+    assert figures.history_figure(result)
 
 
 def test_path_without_roughness_is_drawn_by_load_and_approach():
