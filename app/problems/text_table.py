@@ -25,6 +25,7 @@ import numpy as np
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
 _MARK = re.compile(r"\*+|-+|_+|n/?a|null|none|bad|void|missing|1\.#\w+", re.IGNORECASE)  # of missing points
+_NO_DATA_VALUE = re.compile(r"\s*nodata_value\s+([-+.\deE]+)", re.IGNORECASE)  # at the head of an ESRI grid
 _NO_DATA = re.compile(r"\bno data\b", re.IGNORECASE)  # one more of them, in two words
 _PLAIN = frozenset("0123456789+-.,;eE \t")
 _COMMENTS = ("#", "%")
@@ -45,7 +46,8 @@ def read_table(lines, missing, skip=0, marks=False, how_to_skip=""):
     skip : int
         Lines at the head that are none of the table.
     marks : bool
-        Whether entries like ``***``, and empty ones, are missing values (NaN).
+        Whether entries like ``***``, empty ones, and the number that a line ``NODATA_value`` at the head names, are
+        missing values (NaN).
     how_to_skip : str
         What a user may do about words at the head, ``{0}``: which lines, ``{1}``: how many; empty: nothing.
 
@@ -90,7 +92,10 @@ def read_table(lines, missing, skip=0, marks=False, how_to_skip=""):
             rows.append(np.array(row, float))
         except ValueError:
             rows.append(np.array([_value(entry, j, i, missing, marks) for i, entry in enumerate(row, 1)]))
-    return np.array(rows)
+    table = np.array(rows)
+    for said in filter(None, map(_NO_DATA_VALUE.match, lines[:skip] if marks else ())):
+        table[table == float(said[1])] = np.nan
+    return table
 
 
 def _refuse_words_at_the_head(numbered, marks, how_to_skip):

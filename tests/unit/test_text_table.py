@@ -105,3 +105,11 @@ def test_no_data_in_two_words_between_blanks():
     np.testing.assert_array_equal(
         read_table(["0 1 No Data", "0 2 0.5"], "missing", marks=True)[0], [0, 1, np.nan]
     )
+
+
+def test_the_head_of_an_esri_grid_says_which_number_is_none():
+    head = ["ncols 3", "nrows 2", "cellsize 0.5", "NODATA_value -9999"]
+    rows = ["1 -9999 2", "-9999.0 3 -99"]
+    expected = [[1, np.nan, 2], [np.nan, 3, -99]]
+    np.testing.assert_array_equal(read_table(head + rows, "missing", skip=4, marks=True), expected)
+    np.testing.assert_array_equal(read_table(head + rows, "missing", skip=4), np.nan_to_num(expected, nan=-9999))
