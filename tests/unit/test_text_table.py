@@ -112,4 +112,6 @@ def test_the_head_of_an_esri_grid_says_which_number_is_none():
     rows = ["1 -9999 2", "-9999.0 3 -99"]
     expected = [[1, np.nan, 2], [np.nan, 3, -99]]
     np.testing.assert_array_equal(read_table(head + rows, "missing", skip=4, marks=True), expected)
-    np.testing.assert_array_equal(read_table(head + rows, "missing", skip=4), np.nan_to_num(expected, nan=-9999))
+    np.testing.assert_array_equal(
+        read_table(head + rows, "missing", skip=4), np.nan_to_num(expected, nan=-9999)
+    )
