@@ -38,6 +38,7 @@ from app.halfspace.grid import Slabs
 from app.halfspace.reductions import sum_over
 from app.halfspace.storage import storage_for
 
+_COLUMNS = 128  # of a spectrum that are computed together: what they share is computed anew for the next ones
 _NO_MASK, _NO_ROWS = np.zeros((0, 0), bool), np.zeros(0, bool)
 
 
@@ -244,8 +245,8 @@ class EvenMultiplier:
         mine = np.concatenate([np.arange(g.mine.start, g.mine.stop) for g in self._groups])
         rows = np.arange(self.periods[0] // 2 + 1)
         spectrum = np.empty((mine.size, rows.size), self.dtype)
-        for start in range(0, mine.size, ROWS):
-            spectrum[start : start + ROWS] = symbol(mine[start : start + ROWS], rows)
+        for start in range(0, mine.size, _COLUMNS):
+            spectrum[start : start + _COLUMNS] = symbol(mine[start : start + _COLUMNS], rows)
         self._take(spectrum)
 
     def _take(self, spectrum):
