@@ -25,7 +25,7 @@ from app.compiled import njit
 from app.fast.symbol import REACH
 from app.halfspace.grid import Slabs
 from app.halfspace.halo import Halo, Parents
-from app.halfspace.reductions import any_order
+from app.halfspace.reductions import any_order, copy_row
 
 _SHARE = 0.6  # operations of stencil and interpolation on a cell, in those of a transform and back
 
@@ -117,12 +117,6 @@ class MultilevelOperator:
 
 
 @any_order
-def _copy(row, out):
-    for i in range(row.size):
-        out[i] = row[i]
-
-
-@any_order
 def _add_rows(a, b, c, d, out):
     """1, 3, 3, 1 of them."""
     for i in range(out.size):
@@ -172,13 +166,13 @@ def _take_row(j, p, rows, before, after, out):
     """Row j, counted from the first here, into the middle of `out`; whether there is one."""
     if 0 <= j < len(p):
         if rows[j]:
-            _copy(p[j], out)
+            copy_row(p[j], out)
             return True
     elif -len(before) <= j < 0:
-        _copy(before[len(before) + j], out)
+        copy_row(before[len(before) + j], out)
         return True
     elif 0 <= j - len(p) < len(after):
-        _copy(after[j - len(p)], out)
+        copy_row(after[j - len(p)], out)
         return True
     out[:] = 0
     return False

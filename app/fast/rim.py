@@ -26,7 +26,7 @@ import numpy as np
 from app.compiled import njit
 from app.halfspace.grid import Slabs
 from app.halfspace.halo import Halo
-from app.halfspace.reductions import any_order
+from app.halfspace.reductions import any_order, copy_row
 
 MAX_STEPS = 250
 _CYCLE = 8  # steps after which their lengths begin anew: more in one polynomial would spread rounding
@@ -74,16 +74,11 @@ class RimExtension:
             raise ValueError(f"rim extension: {steps} steps; 0 to {MAX_STEPS} are possible")
         self.shape, self.steps, self._periodic = shape, steps, periodic
         alone = comm is None or comm.size == 1
-        some = steps and not (alone and (not periodic or not shape[0]))
-        self._halo = (
-            Halo(Slabs(shape[0]) if alone else slabs, None if alone else comm, steps, periodic)
-            if some
-            else None
-        )
-        self._contact, self._away = (
-            np.zeros(shape, bool),
-            np.zeros(shape[0], np.int64),
-        )  # with the rows beside
+        self._halo = None
+        if steps and (not alone or (periodic and shape[0])):
+            self._halo = Halo(Slabs(shape[0]) if alone else slabs, None if alone else comm, steps, periodic)
+        # With the rows beside: the contact set, and rows from each to the next one with contact.
+        self._contact, self._away = np.zeros(shape, bool), np.zeros(shape[0], np.int64)
         self.rows = np.zeros(shape[0], bool)
         self._weights, self._lengths = (0.0, 0.0, 0.0), np.ones(steps)
 
@@ -161,24 +156,6 @@ class RimExtension:
 
 
 @any_order
-def _copy(row, out):
-    for i in range(row.size):
-        out[i] = row[i]
-
-
-@any_order
-def _step(above, here, below, contact, weights, length, out):
-    """A step of E."""
-    x, y, d = weights[0], weights[1], weights[2]
-    for i in range(contact.size):
-        value = here[i + 1]
-        beside = x * (here[i] + here[i + 2]) + y * (above[i + 1] + below[i + 1])
-        beside += d * ((above[i] + above[i + 2]) + (below[i] + below[i + 2]))
-        new = value - length * (beside + value)
-        out[i] = value if contact[i] else new
-
-
-@any_order
 def _first_step_back(b, contact, length, out):
     """The first step of E^T."""
     for i in range(contact.size):
@@ -187,20 +164,20 @@ def _first_step_back(b, contact, length, out):
 
 
 @any_order
-def _step_back(above, here, below, b, contact, weights, length, out):
-    """Another one."""
+def _step(above, here, below, source, contact, weights, length, out):
+    """Any other, and those of E, whose source is zero; what is in contact stays."""
     x, y, d = weights[0], weights[1], weights[2]
     for i in range(contact.size):
         value = here[i + 1]
         beside = x * (here[i] + here[i + 2]) + y * (above[i + 1] + below[i + 1])
         beside += d * ((above[i] + above[i + 2]) + (below[i] + below[i + 2]))
-        new = value + length * (b[i] - (beside + value))
-        out[i] = 0 if contact[i] else new
+        new = value + length * (source[i] - (beside + value))
+        out[i] = value if contact[i] else new
 
 
 @any_order
-def _last_step_back(above, here, below, weights, b):
-    """What is taken off b in the end."""
+def _take_off(above, here, below, weights, b):
+    """What comes after the steps of E^T: b - N s."""
     x, y, d = weights[0], weights[1], weights[2]
     for i in range(b.size):
         beside = x * (here[i] + here[i + 2]) + y * (above[i + 1] + below[i + 1])
@@ -222,37 +199,39 @@ def _close(row, periodic):
 
 
 @njit()
+def _around(ring, j):
+    return ring[(j - 1) % 3], ring[j % 3], ring[(j + 1) % 3]
+
+
+@njit()
 def _all_steps(x, before, after, contact, away, periodic, weights, lengths, back):
     """E in place, or `back`, E^T."""
     steps, rows = lengths.size, len(contact)
-    rings = np.zeros((steps, 3, x.shape[1] + 2), x.dtype)
+    rings, nothing = np.zeros((steps, 3, x.shape[1] + 2), x.dtype), np.zeros(x.shape[1], x.dtype)
     for first in range(rows + steps):
-        for k in range(min(first, steps) + 1):
+        for k in range(min(first + 1, steps)):
             j = first - k
-            inside = j < rows and away[j] <= (steps - k if back else k)
-            row = rings[k, j % 3] if k < steps else rings[0, 0]
-            if k < steps and not inside:
+            row = rings[k, j % 3]
+            if j >= rows or away[j] > (steps - k if back else k):
                 row[:] = 0
                 continue
-            here = j - len(before)
-            if k == steps and not (inside and 0 <= here < len(x)):
-                continue
-            b, out = _row(here, before, x, after), x[here] if k == steps else row[1:-1]
-            ring = rings[k - 1]
-            above, middle, below = ring[(j - 1) % 3], ring[j % 3], ring[(j + 1) % 3]
-            if k == 0:
-                if back:
-                    _first_step_back(b, contact[j], lengths[0], out)
-                else:
-                    _copy(b, out)
-            elif not back:
-                _step(above, middle, below, contact[j], weights, lengths[k - 1], out)
-            elif k < steps:
-                _step_back(above, middle, below, b, contact[j], weights, lengths[k], out)
+            source = _row(j - len(before), before, x, after) if back or k == 0 else nothing
+            if k > 0:
+                length = lengths[k if back else k - 1]
+                _step(*_around(rings[k - 1], j), source, contact[j], weights, length, row[1:-1])
+            elif back:
+                _first_step_back(source, contact[j], lengths[0], row[1:-1])
             else:
-                _last_step_back(above, middle, below, weights, out)
-            if k < steps:
-                _close(row, periodic)
+                copy_row(source, row[1:-1])
+            _close(row, periodic)
+        j = first - steps
+        here = j - len(before)
+        if not 0 <= here < len(x) or away[j] > (0 if back else steps):
+            continue
+        if back:
+            _take_off(*_around(rings[steps - 1], j), weights, x[here])
+        else:
+            _step(*_around(rings[steps - 1], j), nothing, contact[j], weights, lengths[steps - 1], x[here])
 
 
 @cache

@@ -21,6 +21,13 @@ def add_row(a, scale, b):
         a[i] += scale * b[i]
 
 
+@any_order
+def copy_row(row, out):
+    """out = row, whatever their types."""
+    for i in range(row.size):
+        out[i] = row[i]
+
+
 @njit()
 def span_of(row):
     """First place where a row of a mask is set, and one past the last; 0, 0 if it is nowhere."""
