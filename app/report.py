@@ -124,9 +124,8 @@ def numbers_section(result):
     for name, label, unit, meaning in _QUANTITIES:
         value, known = values.get(name), values.get(f"analytic_{name}")
         if _is_number(value):
-            differs = (
-                _is_number(known) and known and abs(value / known - 1) > 1e-12
-            )  # it is not what was prescribed
+            # It is not what was prescribed.
+            differs = _is_number(known) and known and abs(value / known - 1) > 1e-12
             exact = f"{quantity(known, unit)} ({value / known - 1:+.1e})" if differs else ""
             found.append(
                 {"label": label, "value": quantity(value, unit), "analytic": exact, "meaning": meaning}

@@ -167,9 +167,7 @@ def _left_near_by(dx, dy, levels):
     t = _samples()
     waves, cells = t / 2**levels, 2**levels
     left = coarser(_powers(dx, dy, waves, 1), _stencils(dx, dy, 1)[:levels], waves, waves)
-    left -= (
-        cells * _powers(dx, dy, t, 1) / cells**2
-    )  # by cells so many times as large, of their mean pressure
+    left -= _powers(dx, dy, t, 1) / cells  # by cells so many times as large, of their mean pressure
     cosines = _cosines(t, _SAMPLES // 4)
     return (cosines.T @ left @ cosines).T / t.size**2
 

@@ -214,7 +214,7 @@ class Rest:
 
     def multiply(self, p, mask):
         """Compute S p, of p on C if there is a mask (without: of size 0), for `add`. Collective."""
-        nodes, rows, (step, width) = self._collect(p, mask), len(self._nodes), self._in_x.shape
+        nodes, rows, (step, width) = self._collected(p, mask), len(self._nodes), self._in_x.shape
         if self._comm is not None:
             self._comm.Allreduce(MPI.IN_PLACE, nodes)
         waves = scipy.fft.rfft2(nodes, self._lengths)
@@ -225,7 +225,7 @@ class Rest:
         by_cells = self._nodes.reshape(rows, self._cells, step)
         np.matmul(np.ascontiguousarray(around), self._in_x.T, out=by_cells)
 
-    def _collect(self, p, mask):
+    def _collected(self, p, mask):
         """P^T p of these rows, shape (nodes in y, nodes in x)."""
         rows, (step, width) = len(self._nodes), self._in_x.shape
         self._nodes[...] = 0

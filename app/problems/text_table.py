@@ -25,7 +25,7 @@ import numpy as np
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
 _MARK = re.compile(r"\*+|-+|_+|n/?a|null|none|bad|void|missing|1\.#\w+", re.IGNORECASE)  # of missing points
-_NO_DATA_VALUE = re.compile(r"\s*nodata_value\s+([-+.\deE]+)", re.IGNORECASE)  # at the head of an ESRI grid
+_NO_DATA_VALUE = re.compile(r"\s*nodata_value\s+(\S+)", re.IGNORECASE)  # at the head of an ESRI grid
 _NO_DATA = re.compile(r"\bno data\b", re.IGNORECASE)  # one more of them, in two words
 _PLAIN = frozenset("0123456789+-.,;eE \t")
 _COMMENTS = ("#", "%")
@@ -93,8 +93,9 @@ def read_table(lines, missing, skip=0, marks=False, how_to_skip=""):
         except ValueError:
             rows.append(np.array([_value(entry, j, i, missing, marks) for i, entry in enumerate(row, 1)]))
     table = np.array(rows)
-    for said in filter(None, map(_NO_DATA_VALUE.match, lines[:skip] if marks else ())):
-        table[table == float(said[1])] = np.nan
+    for j, line in enumerate(lines[:skip] if marks else (), 1):
+        if said := _NO_DATA_VALUE.match(line):
+            table[table == _value(said[1], j, 2, missing, marks)] = np.nan
     return table
 
 

@@ -115,3 +115,5 @@ def test_the_head_of_an_esri_grid_says_which_number_is_none():
     np.testing.assert_array_equal(
         read_table(head + rows, "missing", skip=4), np.nan_to_num(expected, nan=-9999)
     )
+    with pytest.raises(ValueError, match="line 4, entry 2: '9e' is no number"):
+        read_table([*head[:3], "NODATA_value 9e", *rows], "missing", skip=4, marks=True)
