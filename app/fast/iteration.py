@@ -76,13 +76,12 @@ class InexactStop(StoppingTest):
             return True
         return estimate(state).error_bound <= self.error_bound
 
-    def worth_verifying(self, state, h_on_contact):
-        """Whether to spend the verification product now. Collective.
+    def says_little(self, state, h_on_contact):
+        """Whether (5.1) does: ||h|| on C [mm] is below 1% of ||h||. Collective.
 
-        Where ||h|| on C [mm] is below 1% of ||h||, (5.1) says little, and the certificate is asked first.
+        The certificate is asked before the verification product is spent then.
         """
-        light = self.final and IN_CONTACT * h_on_contact < state.distance.norm()
-        return self.certified(state) if light else True
+        return self.final and IN_CONTACT * h_on_contact < state.distance.norm()
 
     def tighter(self):
         """Return a test that asks for ten times as much. Not collective."""
@@ -126,9 +125,10 @@ def inexact_active_set(state, solver, loading, stop, history):
         tension = solver.tension(state) if norm <= allowed else None
         # The system is solved, and on the target grid next to no pressure is negative: is it the last contact set?
         ready = tension is not None and (not stop.final or tension.share <= stop.rtol)
-        if ready:
+        too_loose = False
+        if ready and stop.says_little(state, h_on_contact):
             solver.carry(state)
-        too_loose = ready and not stop.worth_verifying(state, h_on_contact)
+            too_loose = not stop.certified(state)
         if ready and not stop.final:
             update, done = _leave_coarse(state, solver, tension, loading, NEAR * allowed / np.sqrt(cells))
         elif ready and not too_loose:
@@ -173,6 +173,7 @@ def _verify(state, solver, tension, loading, stop, rehearse):
         Of the contact set; whether the problem is solved; whether it was a rehearsal only.
     """
     if rehearse and not tension.some and state.u_is is not Displacement.EXACT:
+        solver.carry(state)
         loading.update(state)
         update = state.activate_penetrating()
         if not _solved(state, update, stop):
@@ -198,7 +199,10 @@ def _leave_coarse(state, solver, tension, loading, near):
 
     What little the last release does to u is for the finer grid to find out, if the load is met but for `near` [mm].
     """
-    enough = tension.share <= RELEASED and loading.update(state) <= near
+    enough = tension.share <= RELEASED
+    if enough:
+        solver.carry(state)
+        enough = loading.update(state) <= near
     if enough:
         state.release_tensile(tension.some)  # (4.a)
     else:
