@@ -13,17 +13,23 @@ from app.halfspace.reductions import any_nonzero, any_order
 
 
 @any_order
-def _defect_row(b, u, contact, out):
+def _defect_row(b, u, contact, factor, out):
     for i in range(b.size):
-        r = b[i] - u[i]
+        r = factor * (b[i] - u[i])
         out[i] = r if contact[i] else 0.0
 
 
 @any_order
-def defect(b, u, contact, out):
-    """out = -(h + u) on C, 0 elsewhere."""
+def defect(b, u, contact, factor, out):
+    """out = -(h + u) on C, times a factor, 0 elsewhere."""
     for j in range(b.shape[0]):
-        _defect_row(b[j], u[j], contact[j], out[j])
+        _defect_row(b[j], u[j], contact[j], factor, out[j])
+
+
+@any_order
+def _count_release_row(p, contact, change):
+    for i in range(p.size):
+        change[i] -= p[i] if contact[i] & (p[i] < 0) else 0.0
 
 
 @any_order
@@ -39,10 +45,15 @@ def _release_row(p, contact, released):
 
 
 @njit()
-def release(p, contact, released):
-    """Take cells with p < 0 out of C, set p = 0 there, mark them; return their number."""
+def release(p, contact, released, change):
+    """Take cells with p < 0 out of C, set p = 0 there, mark them; return their number.
+
+    `change` (no rows: nobody asks) is told what is taken off p.
+    """
     count = 0
     for j in range(p.shape[0]):
+        if change.size:
+            _count_release_row(p[j], contact[j], change[j])
         count += _release_row(p[j], contact[j], released[j])
     return count
 
@@ -65,19 +76,6 @@ def tension(p, contact):
         total += row[0]
         negative += row[1]
     return total, negative
-
-
-@any_order
-def _add_release_row(p, contact, change):
-    for i in range(p.size):
-        change[i] -= p[i] if contact[i] & (p[i] < 0) else 0.0
-
-
-@any_order
-def add_release(p, contact, change):
-    """change -= p where p < 0 on C: what `release` will make of p, too."""
-    for j in range(p.shape[0]):
-        _add_release_row(p[j], contact[j], change[j])
 
 
 @njit()
@@ -219,12 +217,11 @@ def warm_up():
     field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
     fixed = field.view()
     fixed.flags.writeable = False  # as Vecs are read
-    defect(fixed, field, mask, field)
-    release(field, mask, mask)
     tension(fixed, mask)
-    for change in (field, field.astype(np.float32)):
-        add_release(fixed, mask, change)
-    activate(fixed, field, fixed, mask, mask, mask, field)
+    for low in (field, field.astype(np.float32)):
+        defect(fixed, field, mask, 1.0, low)
+        release(field, mask, mask, low)
+        activate(fixed, field, fixed, mask, mask, mask, low)
     any_nonzero(mask)
     numbers(fixed, mask)
     sum_squares(fixed, 0.0, mask)

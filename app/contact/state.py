@@ -51,7 +51,7 @@ class Update:
         return replace(self, added=first.added + self.added, released=first.released + self.released)
 
 
-_NO_PREDICTION = np.zeros((0, 0))
+_NOBODY = np.zeros((0, 0))
 _ROUND_OFF = 1e-10  # how near, relatively, the mean gap of a periodic patch comes to zero before full contact
 
 
@@ -230,7 +230,7 @@ class ContactState:
     def defect(self):
         """Sec. 4.1, step 2: (2.11) for the correction of p: the Vec ``right`` = -(h + u) on C. Not collective."""
         with self.right as values:
-            kernels.defect(self.distance.b, self.u, self.contact, values.reshape(self.u.shape))
+            kernels.defect(self.distance.b, self.u, self.contact, 1.0, values.reshape(self.u.shape))
         return self.right
 
     def add(self, correction):
@@ -239,12 +239,12 @@ class ContactState:
         self.u_is = Displacement.STALE
 
     @PETSc.Log.EventDecorator("ContactUpdate")
-    def release_tensile(self, some=None):
+    def release_tensile(self, some=None, change=_NOBODY):
         """(4.a): cells with p < 0 leave C, p = 0 there, for p >= 0 in (2.9). Return how many.
 
-        Collective, unless it is known whether there are some.
+        Collective, unless it is known whether there are some. `change`: a field to which is added what that does to p.
         """
-        cells = kernels.release(self.values, self.contact, self._released)
+        cells = kernels.release(self.values, self.contact, self._released, change)
         cells = int(self.sum([cells])[0]) if some is None else some
         if cells:
             self.u_is = Displacement.STALE
@@ -273,7 +273,7 @@ class ContactState:
             Since before `release_tensile`.
         """
         fields = self.distance.b, self.u, self.p, self.admissible, self.contact, self._released
-        expected = _NO_PREDICTION if expected is None else expected
+        expected = _NOBODY if expected is None else expected
         cells, added, lost, squares, h, total = self.sum(kernels.activate(*fields, expected))
         load = self.grid.cell_area * float(total)
         return Update(int(cells), int(added), int(lost), sqrt(squares), sqrt(h), load)

@@ -152,5 +152,8 @@ def _coarsest_shape(grid, near):
 
 def warm_up(grid, dtype):
     """Prepare now what a free grid, and windows of it, will need. Not collective."""
-    if _stencils(grid, -1) or _stencils(grid, 1):
+    of_influence = len(_stencils(grid, 1))
+    for levels in range(1, of_influence + 1):
+        left_near_by(grid, levels)
+    if of_influence or _stencils(grid, -1):
         load_loops(np.dtype(dtype))

@@ -126,8 +126,7 @@ class TrackingSolver(LinearSolver):
         change = self._cg.change
         if not self._pending:
             change[...] = 0
-        kernels.add_release(state.p, state.contact, change)
-        released = state.release_tensile(tension and tension.some)
+        released = state.release_tensile(tension and tension.some, change)
         self._pending = carry and (self._pending or released > 0)
         self.carry(state)
         return released
@@ -161,8 +160,7 @@ class TrackingSolver(LinearSolver):
         extend = getattr(pc.getPythonContext(), "extend", None) if pc.getType() == "python" else None
         if extend is None:
             return None
-        expected = self._cg.work
-        kernels.defect(state.distance.b, state.u, state.contact, expected)
+        expected = self._cg.product
+        kernels.defect(state.distance.b, state.u, state.contact, factor, expected)
         extend(expected)
-        expected *= factor
         return expected
