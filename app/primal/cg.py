@@ -11,6 +11,7 @@ preconditioner need not be quite symmetric. By options of -lcp_type primal only:
 from __future__ import annotations
 
 from functools import cache
+from math import sqrt
 
 import numpy as np
 from petsc4py import PETSc
@@ -23,24 +24,31 @@ from app.primal.operator import InverseOperator
 
 
 @any_order
-def _dots_row(d, q, p):
-    first, second = 0.0, 0.0
+def _dots_row(d, q, p, free):
+    dq, dp, pp, pq, qq = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(d.size):
         value = np.float64(d[i])
-        first += value * q[i]
-        second += value * p[i]
-    return first, second
+        dq += value * q[i]
+        dp += value * p[i]
+        inside, left = (np.float64(q[i]), p[i]) if free[i] else (0.0, 0.0)
+        pp += left * left
+        pq += left * inside
+        qq += inside * inside
+    return dq, dp, pp, pq, qq
 
 
 @njit()
-def _dots(d, q, p):
-    """d.q and d.p for a d that vanishes outside O."""
-    first, second = 0.0, 0.0
+def _dots(d, q, p, free):
+    """d.q and d.p for a d that vanishes outside O; p.p, p.q and q.q on O."""
+    dq, dp, pp, pq, qq = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(d.shape[0]):
-        here = _dots_row(d[j], q[j], p[j])
-        first += here[0]
-        second += here[1]
-    return first, second
+        here = _dots_row(d[j], q[j], p[j], free[j])
+        dq += here[0]
+        dp += here[1]
+        pp += here[2]
+        pq += here[3]
+        qq += here[4]
+    return dq, dp, pp, pq, qq
 
 
 @any_order
@@ -61,8 +69,9 @@ def _step(w, p, d, q, alpha):
 def _normed_row(z, q):
     squares, product = 0.0, 0.0
     for i in range(z.size):
-        squares += z[i] * z[i]
-        product += z[i] * q[i]
+        value = np.float64(z[i])
+        squares += value * value
+        product += value * q[i]
     return squares, product
 
 
@@ -94,20 +103,19 @@ def _direct(d, z, beta):
 def _warm_up(dtype):
     """Load the compiled loops now, not in the first iteration."""
     field = np.zeros((0, 0))
-    low, fixed = field.astype(dtype), field.view()
-    fixed.flags.writeable = False
-    _dots(low, low, field)
+    low = field.astype(dtype)
+    _dots(low, low, field, field.astype(bool))
     _step(field, field, low, low, 0.0)
-    _normed(fixed, low)
-    _direct(low, fixed, dtype.type(0))
+    _normed(low, low)
+    _direct(low, low, dtype.type(0))
 
 
 class CarryingCG(KspContext):
-    """KSP context; its operator must be an `InverseOperator`. Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*.
+    """KSP context; its operator must be an `InverseOperator`, its PC a `TwoGrid`.
 
-    Collective.
-
-    The preconditioner is applied to p as it is; it must look at the free cells only, and leave the others zero.
+    Collective. Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*. The preconditioner is applied to p as it is; it
+    looks at the free cells only, and leaves the others zero. It is not applied to what a contact set leaves by
+    -ksp_rtol: of that it is enough to know by how much p on the free cells is smaller.
 
     Attributes
     ----------
@@ -115,23 +123,22 @@ class CarryingCG(KspContext):
         p on entry and on exit; set by the caller. The initial guess is always taken for w.
     residual : float
         Norm of the preconditioned residual after the last solve [mm].
-    preconditioned : ndarray, shape (local rows, nx)
-        This, to be used by others between solves; so may `direction` and `product`.
+    scratch : ndarray, shape (local rows, nx)
+        To be used by others between solves, as may `direction` and `product`, in the operator's precision.
     """
 
     pressure = None
     residual = 0.0
-    _z = None
 
     def setUp(self, ksp):
-        """Make the work arrays: z, and in the operator's precision d and q."""
+        """Make the work arrays, in the operator's precision: z, in a place for doubles, d and q."""
         if ksp.getNormType() != PETSc.KSP.NormType.PRECONDITIONED:
             raise ValueError("-ksp_norm_type: -lcp_type primal needs preconditioned")
         mat = ksp.getOperators()[0]
         self._operator = operator = context_of(mat, InverseOperator, "CarryingCG")
         shape = operator.local_shape
-        self.preconditioned = np.zeros(shape)
-        self._z = PETSc.Vec().createWithArray(self.preconditioned.reshape(-1), comm=mat.getComm())
+        self.scratch = np.zeros(shape)
+        self._z = self.scratch.reshape(-1).view(operator.dtype)[: self.scratch.size].reshape(shape)
         self.direction = np.zeros(shape, operator.dtype)
         [lent] = operator.influence.scratch_beside_product(operator.dtype)
         self.product = np.zeros(shape, operator.dtype) if lent is None else lent
@@ -139,36 +146,40 @@ class CarryingCG(KspContext):
 
     def solve(self, ksp, b, x):
         """Improve x, which is w."""
-        operator, pc, d, q = self._operator, ksp.getPC(), self.direction, self.product
-        shape = operator.local_shape
+        operator, smooth = self._operator, ksp.getPC().getPythonContext().smooth
+        d, q, z, shape = self.direction, self.product, self._z, operator.local_shape
         iteration, max_it = 0, ksp.getTolerances()[3]
-        pc.apply(self.pressure, self._z)
-        beta, norm = 0.0, float(np.sqrt(self._sum(_normed(self._read(self._z), q))[0]))
+        smooth(self._pressure(), z)
+        beta, norm = 0.0, sqrt(self._sum(_normed(z, q))[0])
         d[...] = 0
         reason = self._report(ksp, 0, norm)
         while not reason and iteration < max_it:
-            _direct(d, self._read(self._z), d.dtype.type(beta))
+            _direct(d, z, d.dtype.type(beta))
             operator.products += 1
             operator.displacement(d, q)
             with self.pressure as pressure, x as displacement:
                 p, w = pressure.reshape(shape), displacement.reshape(shape)
-                dq, dp = self._sum(_dots(d, q, p))
+                dq, dp, pp, pq, qq = self._sum(_dots(d, q, p, operator.mask))
                 if not dq > 0:
                     reason = PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT
                     break
-                _step(w, p, d, q, -dp / dq)
-            pc.apply(self.pressure, self._z)
-            squares, zq = self._sum(_normed(self._read(self._z), q))
-            beta, norm = -zq / dq, float(np.sqrt(squares))
+                alpha = -dp / dq
+                _step(w, p, d, q, alpha)
             iteration += 1
+            left = (pp + alpha * (2 * pq + alpha * qq)) / pp if pp else 0.0  # of p.p on the free cells
+            about = norm * sqrt(max(left, 0.0))
+            if ksp.callConvergenceTest(iteration, about) == PETSc.KSP.ConvergedReason.CONVERGED_RTOL:
+                norm, reason = about, self._report(ksp, iteration, about)
+                break
+            smooth(self._pressure(), z)
+            squares, zq = self._sum(_normed(z, q))
+            beta, norm = -zq / dq, sqrt(squares)
             reason = self._report(ksp, iteration, norm)
         self.residual = norm
         ksp.setConvergedReason(reason or PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
 
-    def destroy(self, ksp):
-        """Free the work vector."""
-        if self._z is not None:
-            self._z.destroy()
+    def _pressure(self):
+        return self._read(self.pressure)
 
     def view(self, ksp, viewer):
         """Describe the solver for -ksp_view."""

@@ -107,7 +107,7 @@ def warm_up(dtype):
     fixed = field.view()
     fixed.flags.writeable = False
     exchange(fixed, field, fixed, cells, cells, 0.0, 0.0, cells)
-    close(field, fixed, cells, field, 0.0, field.astype(dtype))
+    close(field, fixed, cells, field.astype(dtype), 0.0, field.astype(dtype))
     guess_sources(fixed, field, fixed, cells, 0.0, low, low)
     take(low, low, field, fixed, cells)
     positive(fixed, cells, field)

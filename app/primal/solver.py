@@ -41,7 +41,7 @@ class PrimalSolver(LinearSolver):
         self._cg, self.preconditioner = self.ksp.getPythonContext(), self.ksp.getPC().getPythonContext()
         # At rest between solves: two fields in the operator's precision, one in double
         self.direction, self.product = self._cg.direction, self._cg.product
-        self.scratch = self._cg.preconditioned
+        self.scratch = self._cg.scratch
         self.rows_beside = Halo(self.operator.slabs, self.operator.comm, GUESSES - 1)
         stencil.warm_up()
         kernels.warm_up(self.operator.dtype)

@@ -187,7 +187,7 @@ class PrimalState:
     def close(self, solver):
         """The gap of cells just captured becomes zero; what that leaves to do elsewhere is begun with. Collective."""
         state = self.state
-        z, change = solver.scratch, solver.direction
+        z, change = solver.product, solver.direction
         solver.preconditioner.smooth(state.p, z)
         loops.close(self.w, state.distance.b, self._captured, z, -_SHARE, change)
         self._restore_mean_with(change, solver)

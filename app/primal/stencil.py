@@ -231,7 +231,7 @@ def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, shar
 
 @njit()
 def sweep_on(s, s_before, s_after, free, f_before, f_after, weights, shares, x, x_before, x_after, z):
-    """As `sweep_from_zero`, from x; the result is z, float64."""
+    """As `sweep_from_zero`, from x; the result is z, of float64 or float32."""
     rows, nx = s.shape
     if not rows:
         return
@@ -344,6 +344,7 @@ def warm_up():
         sweep_from_zero(
             s, field, field, cells, cells, cells, weights, np.ones(1, np.float32), low, field, 0, 1
         )
-        sweep_on(s, field, field, cells, cells, cells, weights, np.ones(1, np.float32), low, low, low, field)
+        for z in (low, field):
+            sweep_on(s, field, field, cells, cells, cells, weights, np.ones(1, np.float32), low, low, low, z)
     sweep_projected(low, low, low, low, low, low, weights, 1, low)
     add_interpolated(field, 0, 1, 1, cells, low)

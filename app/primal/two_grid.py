@@ -59,18 +59,19 @@ class TwoGrid:
 
     def apply(self, pc, x, y):
         """Compute y = M x."""
-        with _event, y as out:
+        with y as out:
             shape = self.operator.local_shape
             self.smooth(x.getArray(readonly=True).reshape(shape), out.reshape(shape))
 
     applyTranspose = apply
 
     def smooth(self, s, z):
-        """Compute z = M s on the free cells, zero elsewhere. Collective."""
+        """Compute z = M s on the free cells, zero elsewhere. Collective; z of float64 or float32."""
         self._look_at_contact()
-        self._apply(s, z)
+        with _event:
+            self._apply(s, z)
         if self.constrained:
-            total = sum_over(self.operator.comm, [z.sum()])[0]
+            total = sum_over(self.operator.comm, [z.sum(dtype=float)])[0]
             raised, of_raised = self._raised()
             share = total / of_raised if of_raised > 0 else 0.0
             self.multiplier = share / self.weights[0]
