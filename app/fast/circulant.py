@@ -138,18 +138,16 @@ class Circulant:
         """
         with _event:
             PETSc.Log.logFlops(self.multiplier.flops)
-            if z is not r:
-                z[...] = r
-            self.extend(z)
+            self.extend(r, z)
             self.multiplier.apply(z, z, rows=self.extension.rows)
             self.extension.restrict(z)
 
-    def extend(self, r):
-        """Continue a residual that is zero outside C over the rim, in place. Collective."""
+    def extend(self, r, out=None):
+        """Continue a residual that is zero outside C over the rim, see `RimExtension.extend`. Collective."""
         if self._contact != self.operator.contact_number:
             self.extension.set_contact(self.operator.mask)
             self._contact = self.operator.contact_number
-        self.extension.extend(r)
+        self.extension.extend(r, out)
 
     applyTranspose = apply
 

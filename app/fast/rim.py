@@ -122,30 +122,36 @@ class RimExtension:
         self._away = away
         np.less_equal(away[len(before) :][: len(mask)], self.steps, out=self.rows)
 
-    def extend(self, x):
-        """Apply E in place. Collective.
+    def extend(self, x, out=None):
+        """Apply E. Collective.
 
         Parameters
         ----------
         x : ndarray of float64 or float32, shape (local rows, nx), C-contiguous
-            On entry the residual on the contact set and zero elsewhere; on exit extended over the rim. A ValueError
-            if its shape is another one, or it is not C-contiguous.
+            The residual on the contact set, zero elsewhere. A ValueError if its shape is another one, or it is not
+            C-contiguous.
+        out : ndarray, as `x`, optional
+            The same, extended over the rim. Default: `x` itself.
         """
-        self._sweep(x, back=False)
+        out = x if out is None else out
+        if not self.steps and out is not x:
+            out[...] = x
+        self._sweep(x, out, back=False)
 
     def restrict(self, x):
         """Apply E^T in place: to any field; on exit it is anything outside the contact set.
 
-        Collective. Arguments and errors as of `extend`.
+        Collective. Errors as of `extend`.
         """
-        self._sweep(x, back=True)
+        self._sweep(x, x, back=True)
 
-    def _sweep(self, x, back):
-        if x.shape != self.shape or not x.flags.c_contiguous:
-            raise ValueError(f"rim extension: a C-contiguous field of shape {self.shape} is needed")
+    def _sweep(self, x, out, back):
+        for field in (x, out):
+            if field.shape != self.shape or not field.flags.c_contiguous:
+                raise ValueError(f"rim extension: a C-contiguous field of shape {self.shape} is needed")
         if self.steps:
             numbers = np.array(self._weights, x.dtype), self._lengths.astype(x.dtype)
-            _all_steps(x, *self._beside(x), self._contact, self._away, self._periodic, *numbers, back)
+            _all_steps(x, out, *self._beside(x), self._contact, self._away, self._periodic, *numbers, back)
 
     def _beside(self, field):
         return self._halo(field) if self._halo else (field[:0], field[:0])
@@ -204,8 +210,8 @@ def _around(ring, j):
 
 
 @njit()
-def _all_steps(x, before, after, contact, away, periodic, weights, lengths, back):
-    """E in place, or `back`, E^T."""
+def _all_steps(x, out, before, after, contact, away, periodic, weights, lengths, back):
+    """out = E x; or `back`, E^T in place."""
     steps, rows = lengths.size, len(contact)
     rings, nothing = np.zeros((steps, 3, x.shape[1] + 2), x.dtype), np.zeros(x.shape[1], x.dtype)
     for first in range(rows + steps):
@@ -226,12 +232,15 @@ def _all_steps(x, before, after, contact, away, periodic, weights, lengths, back
             _close(row, periodic)
         j = first - steps
         here = j - len(before)
-        if not 0 <= here < len(x) or away[j] > (0 if back else steps):
+        if not 0 <= here < len(x):
             continue
         if back:
-            _take_off(*_around(rings[steps - 1], j), weights, x[here])
+            if away[j] == 0:
+                _take_off(*_around(rings[steps - 1], j), weights, x[here])
+        elif away[j] > steps:
+            out[here] = 0
         else:
-            _step(*_around(rings[steps - 1], j), nothing, contact[j], weights, lengths[steps - 1], x[here])
+            _step(*_around(rings[steps - 1], j), nothing, contact[j], weights, lengths[steps - 1], out[here])
 
 
 @cache

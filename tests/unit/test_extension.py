@@ -89,6 +89,9 @@ def test_both_operators_are_those_of_the_definition(shape, steps, dtype, atol, r
         extension, b = make(contact, steps, periodic=rim == "wrap"), field(shape, dtype)
         r = b * contact
         found = apply(extension.extend, r), apply(extension.restrict, b)
+        beside = np.full_like(r, np.nan)
+        extension.extend(r, beside)
+        np.testing.assert_array_equal(beside, found[0])
         assert found[0].dtype == found[1].dtype == dtype
         np.testing.assert_allclose(found[0], extended(contact, steps, r, rim), rtol=0, atol=atol)
         np.testing.assert_allclose(found[1] * contact, restricted(contact, steps, b, rim), rtol=0, atol=atol)
