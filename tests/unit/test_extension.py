@@ -135,15 +135,15 @@ def test_many_steps_make_the_stencil_vanish_outside_contact():
 @pytest.mark.parametrize(
     ("r", "off"),
     [
-        (lambda x, y: 1 + 0 * x, 0.35),
-        (lambda x, y: x, 0.2),
-        (lambda x, y: np.cos(x / 3) * np.cos(y / 4), 0.2),
-        (lambda x, y: field(x.shape), 0.5),
+        (lambda x, y: 1 + 0 * x, 0.45),
+        (lambda x, y: x, 0.3),
+        (lambda x, y: np.cos(x / 3) * np.cos(y / 4), 0.3),
+        (lambda x, y: field(x.shape), 0.3),
     ],
     ids=["constant", "linear", "smooth", "noise"],
 )
 def test_extended_residual_predicts_the_displacement_beside_contact(r, off):
-    """A solve adds A z to u, with A z = r on C; beside C that is 1.3 E r, about (see -lcp_predictor)."""
+    """A solve adds A z to u, with A z = r on C; beside C that is E r, about (see -lcp_predictor)."""
     grid = Grid(32, 32, 1.0, 1.0)
     y, x = np.mgrid[:32, :32] - 15.5
     contact = x**2 + y**2 < 10**2
@@ -151,9 +151,9 @@ def test_extended_residual_predicts_the_displacement_beside_contact(r, off):
     inside = contact.reshape(-1)
     r = r(x, y) * contact
     change = matrix[:, inside] @ np.linalg.solve(matrix[np.ix_(inside, inside)], r[contact])
-    extension = make(contact, 3, circulant_of(InfluenceOperator(grid, 1.0)).centre())
+    extension = make(contact, 2, circulant_of(InfluenceOperator(grid, 1.0)).centre())
     beside = binary_dilation(contact) & ~contact
-    predicted, change = 1.3 * apply(extension.extend, r)[beside], change.reshape(contact.shape)[beside]
+    predicted, change = apply(extension.extend, r)[beside], change.reshape(contact.shape)[beside]
     assert np.linalg.norm(predicted - change) < off * np.linalg.norm(change)
 
 
