@@ -18,6 +18,7 @@ _LOOSE = 0.005  # share of the cells that may still change on a coarse grid
 _SLIGHT = 0.3  # of the error aimed at: so much overlap, or what tension displaces a cell by, is left alone
 _SURE = 0.3  # of the residual allowed is asked of the preconditioned one, which may be too small
 _DOUBT = 0.6  # of what a verification asks for is aimed at after it
+_LOWER = 0.1  # of what was reached is aimed at where the load is less than what was left on the free cells
 _FLAT = 1e-12  # of the root mean square height: deviation that is rounding
 _NO_PRESSURE = "the load is less than rounding leaves of the pressure"
 
@@ -65,15 +66,20 @@ def primal_active_set(primal, solver, stop, history):
         if near and not update.changed:  # 5. and 6. by a product in double precision
             kept = state.contact.copy()
             verified = verify(primal, solver.scratch)
-            residual = verified.residual / state.distance.norm()
-            error = verified.residual / np.sqrt(max(verified.cells, 1))
+            error, share = float("inf"), _LOWER
+            if verified:
+                residual = verified.residual / state.distance.norm()
+                error = verified.residual / np.sqrt(max(verified.cells, 1))
+                share = min(0.5, _DOUBT * allowed / error) if error > 0 else 0.5
             if error <= allowed:
                 accept(primal, solver.scratch)
                 if stop.certified(state):
                     return Outcome(True, CONVERGED, k, residual)
             # Not yet: aim lower, by as much as the product says that the carried residual was too small.
-            reached = min(1.0, norm / goal) * aim
-            aim = max(reached * min(0.5, _DOUBT * allowed / error), ROUNDING / stop.rtol)
+            reached, lowest = min(1.0, norm / goal) * aim, ROUNDING / stop.rtol
+            if not verified and aim <= lowest:
+                raise NeedsSafeguard(Outcome(False, _NO_PRESSURE, k, residual))
+            aim = max(share * reached, lowest)
             state.contact[...] = kept  # the free cells are as before
             state.depth = 0.0
             # The second time, or for the certificate: what is carried along may have become inaccurate.
@@ -120,18 +126,14 @@ def verify(primal, found):
 
     Returns
     -------
-    Update
-
-    Raises
-    ------
-    NeedsSafeguard
-        If there is none under a load.
+    Update, or None
+        If there is no pressure under a load, yet: what is left on the free cells is more.
     """
     state, loading = primal.state, primal.loading
     total = float(state.sum([kernels.positive(state.p, state.contact, found)])[0])
     if loading.prescribes_load:
         if not total > 0:
-            raise NeedsSafeguard(Outcome(False, _NO_PRESSURE))
+            return None
         found *= loading.load / (state.grid.cell_area * total)
     state.operator.exact_displacement(found, state.u)
     if loading.prescribes_load:
