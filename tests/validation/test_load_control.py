@@ -26,5 +26,14 @@ def test_a_load_costs_little_more_than_its_approach(size, spectrum, seed):
             assert by_load.fallbacks == by_approach.fallbacks == 0
             assert by_load.load == pytest.approx(load, rel=1e-12)
             ratios.append(by_load.operator_applications / max(by_approach.operator_applications, LIGHT))
-    assert max(ratios) <= 2
+    assert max(ratios) <= 1.6
     assert np.mean(ratios) <= 1.25
+
+
+def test_a_secant_of_two_residuals_is_not_believed():
+    """On the grid before the last one it says that the load falls with the approach: once 291 applications."""
+    grid = Grid.from_domain(512, 512, (0.0, 1.0, 0.0, 1.0))
+    height = SPECTRA[2].height(grid, 1)
+    with ContactSolver(ContactProblem(grid, MATERIAL, height.max() - height)) as solver:
+        solution = solver.solve(load=0.02 * MATERIAL.contact_modulus * SLOPE)
+    assert solution.converged and solution.fallbacks == 0 and solution.operator_applications <= 20
