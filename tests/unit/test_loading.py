@@ -201,11 +201,11 @@ def test_update_moves_the_approach_by_what_the_load_lacks(exact):
     right = state.distance.reference + 0.5 * spread(state)
     load = exact.load_at(right)
     loading = PrescribedLoad(2 * load)
-    loading.slope = 1000.0
+    loading.slope = 10 * load / spread(state)
     loading.begin(state)
     before = state.depth
     moved = loading.update(state)
-    assert moved == pytest.approx(load / 1000.0, rel=1e-6)
+    assert moved == pytest.approx(0.1 * spread(state), rel=1e-6)
     assert state.depth - before == pytest.approx(moved, rel=1e-9)
     # What the residual may be to blame for does not count.
     met = PrescribedLoad(load)
@@ -216,6 +216,19 @@ def test_update_moves_the_approach_by_what_the_load_lacks(exact):
     state.compute_displacement()
     assert met.update(state) == 0.0
     assert state.depth == before
+
+
+def test_the_slope_is_never_less_than_the_mean_one_since_first_touch(exact):
+    """Of the load, and so of the one that moves the approach."""
+    state = exact.state
+    touching, depths = state.first_touch(), np.array([0.2, 0.21, 0.5, 0.51]) * spread(state)
+    loads = np.array([exact.load_at(state.distance.reference + depth) for depth in depths])
+    slopes = np.diff(loads)[::2] / np.diff(depths)[::2]
+    assert (slopes >= 0.999 * loads[::2] / (depths[::2] - touching)).all()
+    loading = PrescribedLoad(1.1 * loads[-1])
+    loading.begin(state)
+    loading.slope = 1e-3 * loads[-1] / spread(state)
+    assert loading.update(state) <= 0.1001 * (depths[-1] - touching)
 
 
 def test_settled_load_is_exact_and_the_gap_in_contact_has_no_mean(exact):
