@@ -19,7 +19,7 @@ from app.fast.iteration import InexactStop
 from app.fast.kept import Kept
 from app.fast.nested import nested_iteration, solve_on
 from app.halfspace import product
-from app.multigrid import transfer
+from app.multigrid import direct, transfer
 from app.multigrid.hierarchy import Hierarchy
 from app.petsc import error_message
 from app.solution import Solution
@@ -165,7 +165,7 @@ def warm_up(settings, hierarchy):
     A rank that is needed on fine grids only has time for that now; later the others would wait for it.
     """
     grid, dtype = hierarchy.target.grid, np.dtype(hierarchy.dtype)
-    for module in (kernels, extent, measures, transfer):
+    for module in (kernels, extent, measures, transfer, direct):
         module.warm_up()
     certificate.warm_up(bool(grid.periodic))
     if settings.lifted:

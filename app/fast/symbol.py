@@ -71,9 +71,9 @@ def _eigenvalues(dx, dy, x, y):
 
 
 def _of_cell(dx, dy, x, y):
-    q = np.pi * np.hypot(x[:, None] / dx, y / dy)
-    cell = np.sinc(x / 2)[:, None] * np.sinc(y / 2)
-    return np.divide(cell, q, out=np.full_like(q, np.inf), where=q > 0)
+    cell = np.sinc(x / 2)[:, None] * (np.sinc(y / 2) / np.pi)
+    with np.errstate(divide="ignore"):
+        return cell / np.sqrt((x / dx)[:, None] ** 2 + (y / dy) ** 2)
 
 
 def _directly(dx, dy, x, y):
