@@ -37,6 +37,6 @@ def test_paths_are_the_same_on_any_number_of_ranks(comm):
                 tables.append(path.table | {"distribution": distributions[-1][1]})
         several, alone = tables
         for name in several.keys() - {"residual", "error_bound", "iterations", "major_axis_angle"}:
-            size = alone["load"].max() if name.startswith("moment") else 1e-3  # symmetric: next to none
+            size = alone["load"].max() if name.startswith("moment") else 1e-2  # symmetric: next to none
             scale = np.abs(alone[name]).max() + size
             assert several[name] == pytest.approx(alone[name], abs=1e-6 * scale, nan_ok=True), name
