@@ -13,7 +13,7 @@ from app.primal.cg import CarryingCG
 from app.primal.operator import InverseOperator
 from app.primal.two_grid import TwoGrid
 
-GUESSES = 8  # projected sweeps that guess the first contact set of a grid
+_GUESSES = 8  # projected sweeps that guess the first contact set of a grid
 _COARSER = 2  # grids between one and that of the long waves in its preconditioner
 
 
@@ -24,6 +24,8 @@ class PrimalSolver(LinearSolver):
     ----------
     inverse : InverseOperator
     preconditioner : TwoGrid
+    guesses : int
+        Sweeps of a guess.
     rows_beside : Halo
         As wide as the sweeps of a guess need.
 
@@ -42,7 +44,8 @@ class PrimalSolver(LinearSolver):
         # At rest between solves: two fields in the operator's precision, one in double
         self.direction, self.product = self._cg.direction, self._cg.product
         self.scratch = self._cg.scratch
-        self.rows_beside = Halo(self.operator.slabs, self.operator.comm, GUESSES - 1)
+        self.guesses = _GUESSES
+        self.rows_beside = Halo(self.operator.slabs, self.operator.comm, self.guesses - 1)
         stencil.warm_up()
         kernels.warm_up(self.operator.dtype)
 

@@ -9,7 +9,6 @@ from app.contact.grid_errors import numbers_on
 from app.contact.state import Displacement, Update
 from app.primal import kernels as loops
 from app.primal import stencil
-from app.primal.solver import GUESSES
 
 _SHARE = 0.9  # of the preconditioned residual is taken along when captured cells are closed
 
@@ -136,7 +135,7 @@ class PrimalState:
         if exact:
             x, before = np.empty(shape, np.float32), self.w.copy()
         rows = solver.rows_beside
-        stencil.sweep_projected(force, *rows(force), lowest, *rows(lowest), weights, GUESSES, x)
+        stencil.sweep_projected(force, *rows(force), lowest, *rows(lowest), weights, solver.guesses, x)
         loops.take(x, lowest, self.w, state.distance.b, state.contact)
         if self.loading.prescribes_load and not state.sum([np.count_nonzero(state.contact)])[0]:
             self._touch()
