@@ -1,7 +1,7 @@
 """The tables of docs/performance.md: the default method without a device, with a constant halved and doubled.
 
-    python -m benchmarks.devices              # free patches, 512 x 512 (half an hour)
-    python -m benchmarks.devices --periodic   # periodic ones, 256 x 256 (a quarter of an hour)
+    python -m benchmarks.devices              # free patches, 512 x 512 (three minutes)
+    python -m benchmarks.devices --periodic   # periodic ones, 256 x 256 (two minutes)
 
 Geometric means of operator applications. Counts do not vary, so others may use the machine meanwhile.
 """
