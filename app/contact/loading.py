@@ -96,7 +96,6 @@ class PrescribedLoad:
         self.load = float(load)
         self.slope = 0.0  # S [N/mm]
         self._before = None  # depth [mm] and load to be expected there [N], where the approach was moved last
-        self._touching = 0.0  # depth of first touch on the present grid [mm]
         self._found = []  # depths of the grids solved so far [mm]
 
     def first_solve(self, state, solve):
@@ -224,7 +223,6 @@ class PrescribedLoad:
         """Prepare the iteration on a grid. Collective."""
         self._before = None
         state.first_contact()
-        self._touching = state.first_touch()
 
     def update(self, state):
         """Move the approach by what the load lacks over the slope; return how far [mm]. Collective; u is A p.
@@ -236,7 +234,7 @@ class PrescribedLoad:
             state.first_contact()
         depth, expected = state.depth, load - self.slope * mean
         # Contact grows with the depth, and with it the slope: it is never less than the mean one since first touch.
-        beyond = depth - self._touching
+        beyond = depth - state.distance.lowest
         mean_slope = expected / beyond if beyond > 0 else 0.0
         if self._before:
             moved = depth - self._before[0]
