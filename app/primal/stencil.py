@@ -340,11 +340,9 @@ def warm_up():
     fixed, low = field.view(), field.astype(np.float32)
     fixed.flags.writeable = False
     weights = (0.0, *(np.float32(0),) * 3)
-    for s in (fixed, field):
-        sweep_from_zero(
-            s, field, field, cells, cells, cells, weights, np.ones(1, np.float32), low, field, 0, 1
-        )
-        for z in (low, field):
-            sweep_on(s, field, field, cells, cells, cells, weights, np.ones(1, np.float32), low, low, low, z)
+    one = np.ones(1, np.float32)
+    sweep_from_zero(fixed, field, field, cells, cells, cells, weights, one, low, field, 0, 1)
+    for z in (low, field):
+        sweep_on(fixed, field, field, cells, cells, cells, weights, one, low, low, low, z)
     sweep_projected(low, low, low, low, low, low, weights, 1, low)
     add_interpolated(field, 0, 1, 1, cells, low)

@@ -97,9 +97,9 @@ class TwoGrid:
         """What M makes of the pressure B_00 everywhere, and its sum, once for a contact set. Collective."""
         if self._answer is None:
             raised = np.empty(self.operator.local_shape)
-            self._apply(
-                np.full_like(raised, 1.0 / self.weights[0]), raised
-            )  # of any unit, 1 in single precision
+            even = np.full_like(raised, 1.0 / self.weights[0])  # of any unit, 1 in single precision
+            even.flags.writeable = False  # as pressures are
+            self._apply(even, raised)
             self._answer = raised, sum_over(self.operator.comm, [raised.sum()])[0]
         return self._answer
 
