@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numba
-from llvmlite.binding import parse_bitcode
+from llvmlite.binding import parse_bitcode, set_option
 from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.runtime import rtsys
@@ -23,6 +23,9 @@ from app.errors import InputError
 
 # Releases of numba with an inside as it is used here; any other loads in its own way, half a second slower.
 _KNOWN = (0, 56) <= numba.version_info.short <= (0, 68)
+# Whether rows overlap is asked at run time, and eight such questions are LLVM's limit for vector instructions: too few
+# for a loop that makes three rows of five.
+set_option("", "-runtime-memory-check-threshold=32")
 tell = None  # a command's: called once, when something has to be compiled or waited for
 
 

@@ -124,41 +124,48 @@ def _add_rows(a, b, c, d, out):
 
 
 @any_order
-def _halve(row, sixteenth, out):
-    """The same of cells; `row` is padded by 3 before."""
-    for i in range(out.size):
-        k = 2 * i
-        out[i] = sixteenth * (row[k] + row[k + 3] + 3 * (row[k + 1] + row[k + 2]))
+def _split(row, even, odd):
+    for i in range(even.size):
+        even[i] = row[2 * i]
+        odd[i] = row[2 * i + 1]
 
 
 @any_order
-def _mix(near, far, quarter, out):
+def _halve(even, odd, sixteenth, out):
+    """1, 3, 3, 1 of four cells each of a row that is padded by 3 before."""
     for i in range(out.size):
-        out[i] = quarter * (3 * near[i] + far[i])
+        out[i] = sixteenth * (even[i] + odd[i + 1] + 3 * (odd[i] + even[i + 1]))
 
 
 @any_order
-def _double(row, quarter, out):
-    """Linear interpolation between the centres of coarse cells, of which the first is before the patch."""
+def _double(row, sixteenth, out):
+    """A quarter of the linear interpolation between centres of coarse cells, of which the first is before the patch."""
     for i in range(out.size // 2):
         most = 3 * row[i + 1]
-        out[2 * i] = quarter * (most + row[i])
-        out[2 * i + 1] = quarter * (most + row[i + 2])
+        out[2 * i] = sixteenth * (most + row[i])
+        out[2 * i + 1] = sixteenth * (most + row[i + 2])
 
 
 @any_order
-def _in_y(rows, here, once, twice, out):
-    """A column of the stencil, in y: weights of this row, and of those once and twice removed."""
+def _in_y(rows, stencil, middle, once, twice):
+    """The columns of the stencil: the middle one, and those once and twice removed."""
     a, b, c, d, e = rows
-    for i in range(out.size):
-        out[i] = here * c[i] + once * (b[i] + d[i]) + twice * (a[i] + e[i])
+    here, here1, here2 = stencil[0, 0], stencil[0, 1], stencil[0, 2]
+    next0, next1, next2 = stencil[1, 0], stencil[1, 1], stencil[1, 2]
+    last0, last1, last2 = stencil[2, 0], stencil[2, 1], stencil[2, 2]
+    for i in range(c.size):
+        beside, beyond = b[i] + d[i], a[i] + e[i]
+        middle[i] = here * c[i] + next0 * beside + last0 * beyond
+        once[i] = here1 * c[i] + next1 * beside + last1 * beyond
+        twice[i] = here2 * c[i] + next2 * beside + last2 * beyond
 
 
 @any_order
-def _in_x(middle, once, twice, more, out):
-    """And in x, of padded rows."""
+def _in_x(middle, once, twice, near, far, out):
+    """Their sum, of padded rows, with what comes from the two coarse rows about this one."""
     for i in range(out.size):
-        out[i] = more[i] + middle[i + 2] + (once[i + 1] + once[i + 3]) + (twice[i] + twice[i + 4])
+        beside, beyond = once[i + 1] + once[i + 3], twice[i] + twice[i + 4]
+        out[i] = 3 * near[i] + far[i] + middle[i + 2] + beside + beyond
 
 
 @njit()
@@ -181,18 +188,19 @@ def _take_row(j, p, rows, before, after, out):
 @njit()
 def _restrict(p, rows, before, after, first, first_coarse, coarse):
     """coarse = P^T p; `first`: number of the first row here."""
-    width = 2 * coarse.shape[1] + 2
-    four, row = np.zeros((4, width), coarse.dtype), np.zeros(width, coarse.dtype)
+    half = coarse.shape[1] + 1
+    four, row = np.zeros((4, 2 * half), coarse.dtype), np.zeros(2 * half, coarse.dtype)
+    even, odd = np.empty(half, coarse.dtype), np.empty(half, coarse.dtype)
     sixteenth, nx = coarse.dtype.type(1 / 16), p.shape[1]
+    some = np.zeros(4, np.bool_)
     for j in range(len(coarse)):
-        some = False
-        for k in range(4):
-            some |= _take_row(
-                2 * (first_coarse + j) - 3 + k - first, p, rows, before, after, four[k, 3 : 3 + nx]
-            )
-        if some:
-            _add_rows(four[0], four[1], four[2], four[3], row)
-            _halve(row, sixteenth, coarse[j])
+        low = 2 * (first_coarse + j) - 3 - first
+        for k in range(low + 2 if j else low, low + 4):
+            some[k % 4] = _take_row(k, p, rows, before, after, four[k % 4, 3 : 3 + nx])
+        if some.any():
+            _add_rows(four[low % 4], four[(low + 1) % 4], four[(low + 2) % 4], four[(low + 3) % 4], row)
+            _split(row, even, odd)
+            _halve(even, odd, sixteenth, coarse[j])
         else:
             coarse[j] = 0
 
@@ -200,21 +208,21 @@ def _restrict(p, rows, before, after, first, first_coarse, coarse):
 @njit()
 def _add_near(p, rows, before, after, stencil, coarse, first, first_coarse, out):
     """out = N p + P coarse, where rows are wanted."""
-    nx, quarter = p.shape[1], coarse.dtype.type(1 / 4)
-    five, three = np.zeros((5, nx + 4), coarse.dtype), np.empty((3, nx + 4), coarse.dtype)
-    mixed, row = np.zeros(coarse.shape[1] + 1, coarse.dtype), np.zeros(nx + nx % 2, coarse.dtype)
+    nx, sixteenth = p.shape[1], coarse.dtype.type(1 / 16)
+    five, columns = np.zeros((5, nx + 4), coarse.dtype), np.empty((3, nx + 4), coarse.dtype)
+    doubled, done = np.empty((2, nx + nx % 2), coarse.dtype), -1
     for j in range(-4, len(p)):
         _take_row(j + 2, p, rows, before, after, five[(j + 2) % 5, 2 : 2 + nx])
         if j < 0 or not rows[j]:
             continue
         parent = (first + j) // 2 + 1 - first_coarse
         far = parent + 1 if (first + j) % 2 else parent - 1
-        _mix(coarse[parent], coarse[far], quarter, mixed[:-1])
-        _double(mixed, quarter, row)
+        for k in range(max(done + 1, min(parent, far)), max(parent, far) + 1):
+            _double(coarse[k], sixteenth, doubled[k % 2])
+            done = k
         around = five[(j - 2) % 5], five[(j - 1) % 5], five[j % 5], five[(j + 1) % 5], five[(j + 2) % 5]
-        for k in range(3):
-            _in_y(around, stencil[0, k], stencil[1, k], stencil[2, k], three[k])
-        _in_x(three[0], three[1], three[2], row, out[j])
+        _in_y(around, stencil, columns[0], columns[1], columns[2])
+        _in_x(columns[0], columns[1], columns[2], doubled[parent % 2], doubled[far % 2], out[j])
 
 
 @cache
