@@ -140,10 +140,12 @@ def _halve(even, odd, sixteenth, out):
 @any_order
 def _double(row, sixteenth, out):
     """A quarter of the linear interpolation between centres of coarse cells, of which the first is before the patch."""
-    for i in range(out.size // 2):
+    for i in range(row.size - 2):
         most = 3 * row[i + 1]
         out[2 * i] = sixteenth * (most + row[i])
         out[2 * i + 1] = sixteenth * (most + row[i + 2])
+    if out.size % 2:
+        out[-1] = sixteenth * (3 * row[-1] + row[-2])
 
 
 @any_order
@@ -210,7 +212,7 @@ def _add_near(p, rows, before, after, stencil, coarse, first, first_coarse, out)
     """out = N p + P coarse, where rows are wanted."""
     nx, sixteenth = p.shape[1], coarse.dtype.type(1 / 16)
     five, columns = np.zeros((5, nx + 4), coarse.dtype), np.empty((3, nx + 4), coarse.dtype)
-    doubled, done = np.empty((2, nx + nx % 2), coarse.dtype), -1
+    doubled, done = np.empty((2, nx), coarse.dtype), -1
     for j in range(-4, len(p)):
         _take_row(j + 2, p, rows, before, after, five[(j + 2) % 5, 2 : 2 + nx])
         if j < 0 or not rows[j]:

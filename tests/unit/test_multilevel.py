@@ -1,0 +1,47 @@
+"""M = N + P M_H P^T against matrices, on every shape; what is under no wanted row may hold anything."""
+
+import numpy as np
+import pytest
+
+from app.fast.multilevel import MultilevelOperator, coarse_cells
+
+
+class Same:
+    """M_H = 1."""
+
+    def __init__(self, shape, slabs):
+        self.periods, self.flops, self.points = shape, 0, 0
+
+    def apply(self, p, out):
+        out[...] = p
+
+
+def interpolation(n):
+    """Linear, between the centres of cells, of which the first coarse one is before the patch."""
+    matrix = np.zeros((n, coarse_cells(n)))
+    for i in range(n):
+        matrix[i, i // 2 + 1] = 0.75
+        matrix[i, i // 2 + 2 if i % 2 else i // 2] = 0.25
+    return matrix
+
+
+def near(n, reach, weights):
+    """The product with a stencil along a direction, zero beyond the patch."""
+    return sum(weights[abs(k)] * np.eye(n, k=k) for k in range(-reach, reach + 1))
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 3), (2, 2), (5, 7), (6, 8), (9, 4), (12, 13), (33, 70)])
+def test_it_is_a_stencil_and_interpolation_from_the_coarse_grid(shape, dtype):
+    rng = np.random.default_rng(3)
+    in_y, in_x = rng.random((2, 3))
+    twice = np.array([1.0, 2.0, 2.0])  # stencils are given as of a sum over waves
+    operator = MultilevelOperator(shape, [np.outer(in_x * twice, in_y * twice)], Same, dtype=dtype)
+    from_y, from_x = map(interpolation, shape)
+    for wanted in (np.ones(shape[0], bool), rng.random(shape[0]) < 0.5):
+        p = rng.standard_normal(shape) * wanted[:, None]
+        expected = near(shape[0], 2, in_y) @ p @ near(shape[1], 2, in_x)
+        expected += from_y @ (from_y.T @ p @ from_x) @ from_x.T
+        given = np.where(wanted[:, None], p, np.nan).astype(dtype)
+        operator.apply(given, given, wanted)
+        np.testing.assert_allclose(given[wanted], expected[wanted], rtol=0, atol=20 * np.finfo(dtype).eps)
