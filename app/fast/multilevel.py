@@ -109,8 +109,9 @@ class MultilevelOperator:
         coarse = self._coarse
         _restrict(p, rows, before, after, self._first, self._first_coarse, coarse)
         self._next.apply(coarse, coarse)
-        parents, first = self._parents(coarse), self._parents.first
-        _add_near(p, rows, before, after, self._stencil, parents, self._first, first, out)
+        above, below = self._parents(coarse)
+        parents = above, coarse, below
+        _add_near(p, rows, before, after, self._stencil, parents, self._first, self._parents.first, out)
 
 
 # Padded rows have REACH zeros at either end, so that nothing must be asked at the sides of the patch.
@@ -208,11 +209,20 @@ def _restrict(p, rows, before, after, first, first_coarse, coarse):
 
 
 @njit()
-def _add_near(p, rows, before, after, stencil, coarse, first, first_coarse, out):
-    """out = N p + P coarse, where rows are wanted."""
-    nx, sixteenth = p.shape[1], coarse.dtype.type(1 / 16)
-    five, columns = np.zeros((5, nx + 4), coarse.dtype), np.empty((3, nx + 4), coarse.dtype)
-    doubled, done = np.empty((2, nx), coarse.dtype), -1
+def _parent(k, above, coarse, below):
+    """Row k, counted from the first of those above."""
+    k -= len(above)
+    if k < 0:
+        return above[k + len(above)]
+    return coarse[k] if k < len(coarse) else below[k - len(coarse)]
+
+
+@njit()
+def _add_near(p, rows, before, after, stencil, parents, first, first_coarse, out):
+    """out = N p + P coarse, where rows are wanted; `parents`: the rows of coarse above, here and below."""
+    nx, dtype = p.shape[1], stencil.dtype
+    five, columns = np.zeros((5, nx + 4), dtype), np.empty((3, nx + 4), dtype)
+    sixteenth, doubled, done = dtype.type(1 / 16), np.empty((2, nx), dtype), -1
     for j in range(-4, len(p)):
         _take_row(j + 2, p, rows, before, after, five[(j + 2) % 5, 2 : 2 + nx])
         if j < 0 or not rows[j]:
@@ -220,7 +230,7 @@ def _add_near(p, rows, before, after, stencil, coarse, first, first_coarse, out)
         parent = (first + j) // 2 + 1 - first_coarse
         far = parent + 1 if (first + j) % 2 else parent - 1
         for k in range(max(done + 1, min(parent, far)), max(parent, far) + 1):
-            _double(coarse[k], sixteenth, doubled[k % 2])
+            _double(_parent(k, *parents), sixteenth, doubled[k % 2])
             done = k
         around = five[(j - 2) % 5], five[(j - 1) % 5], five[j % 5], five[(j + 1) % 5], five[(j + 2) % 5]
         _in_y(around, stencil, columns[0], columns[1], columns[2])
@@ -233,4 +243,4 @@ def load_loops(dtype):
     low, rows, stencil = np.zeros((0, 0), dtype), np.zeros(0, bool), np.zeros((3, 3), dtype)
     for field in {np.dtype(float): np.zeros((0, 0)), dtype: low}.values():
         _restrict(field, rows, low, low, 0, 0, low)
-        _add_near(field, rows, low, low, stencil, low, 0, 0, field)
+        _add_near(field, rows, low, low, stencil, (low, low, low), 0, 0, field)

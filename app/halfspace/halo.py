@@ -52,7 +52,7 @@ class Halo:
 
 
 class Parents:
-    """Fetches the coarse rows between which those of a slab lie.
+    """Fetches the coarse rows between which those of a slab lie, but for those that are here.
 
     Parameters
     ----------
@@ -63,19 +63,25 @@ class Parents:
     Attributes
     ----------
     first : int
-        Number of the first one.
+        Number of the first one, which may be here.
     """
 
     def __init__(self, slabs, comm):
         coarse = slabs.surround()
-        first, last = slabs.bounds(1 if comm is None else comm.size)
+        size, rank = (1, 0) if comm is None else (comm.size, slabs.rank)
+        (first, last), (begin, end) = slabs.bounds(size), coarse.bounds(size)
         low, high = first // 2, np.minimum((last - 1) // 2 + 3, coarse.ny)
-        self._fetch = Fetch(coarse, [(low, np.where(last > first, high, low))], comm)
-        self.first = int(low[0 if comm is None else slabs.rank])
+        some = last > first
+        self._fetch = Fetch(
+            coarse, [(np.where(some, low, begin), begin), (end, np.where(some, high, end))], comm
+        )
+        self.first = int(low[rank])
+        self._before = int(begin[rank] - low[rank]) if some[rank] else 0
 
     def __call__(self, field):
-        """Fetch them, shape (rows, columns). Collective."""
-        return self._fetch(field)
+        """Fetch those before and those after the rows here, shape (at most two, columns). Collective."""
+        rows = self._fetch(field)
+        return rows[: self._before], rows[self._before :]
 
 
 def row_before(field, periodic, slabs, comm, beyond):
