@@ -3,9 +3,9 @@
 The inverse, B, differs from that by transforms by less than CG could notice. Contact at one edge of the patch is no
 neighbour of that at the other: between them are some cells of the coarsest grid.
 
-A by levels (`influence_by_levels`) is wrong by about 1% on short waves and less on long ones, in two fifths of the time
-of a product in single precision: enough for corrections of the pressure, whose displacement the next product replaces
-(defect correction [1]_).
+A by levels (`influence_by_levels`) is wrong by about 1% on short waves and less on long ones, in a quarter to a third
+of the time of a product in single precision: enough for corrections of the pressure, whose displacement the next
+product replaces (defect correction [1]_).
 
 Where cells are long, stencils say little, and on small grids transforms are quick: there are none.
 

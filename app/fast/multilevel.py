@@ -1,4 +1,4 @@
-"""Additive multilevel operators: convolutions in a third of the time of transforms.
+"""Additive multilevel operators: convolutions in a third to a quarter of the time of transforms.
 
     M = N + P M_H P^T
 
