@@ -48,9 +48,11 @@ def connected_sets(cells, periodic=False, slabs=None, comm=None):
     if periodic and len(labels):
         pairs.append(np.stack([labels[:, 0], labels[:, -1]]))
     pairs = np.hstack(pairs) if pairs else np.zeros((2, 0), np.int64)
-    pairs = np.unique(pairs[:, (pairs > 0).all(axis=0)], axis=1) - 1
-    pairs = np.hstack(comm.allgather(pairs)) if comm else pairs
     parts = sum(counts)
+    one, other = pairs[:, (pairs > 0).all(axis=0)].astype(np.int64) - 1
+    # As whole numbers: in numpy's comparison of pairs an interrupt becomes a TypeError.
+    pairs = np.stack(np.divmod(np.unique(one * parts + other), max(parts, 1)))
+    pairs = np.hstack(comm.allgather(pairs)) if comm else pairs
     if not parts:
         return labels, np.zeros(0, np.int64)
     if not pairs.size:

@@ -1,5 +1,7 @@
 """Where load and contact are, patches, distributions, stiffness: by definition, and as Hertz has them."""
 
+import sys
+
 import numpy as np
 import pytest
 from cases import APPROACH, hertz
@@ -177,3 +179,31 @@ def test_the_share_of_contact_is_of_the_cells_where_it_is_possible(holes, whole)
     found = solve(ContactProblem(Grid(32, 32, 1.0, 1.0), Material.combined(80000, 0.3), gap), approach=0.1)
     assert found.contact_cells == 1
     assert f"1 cell, {100 / (1024 - holes):.4g}% {whole}\n" in report(found.attributes, found.grid)
+
+
+def test_an_interrupt_while_sets_are_told_apart_stays_one():
+    """At every call of a Python function below: numpy makes other exceptions of those that come while it compares."""
+    cells = np.random.default_rng(0).random((12, 12)) < 0.6
+    expected, calls = connected_sets(cells, True)[1], 0
+
+    def interrupted_at(place):
+        nonlocal calls
+        calls = 0
+
+        def interrupt(frame, event, arg):
+            nonlocal calls
+            calls += 1
+            if calls == place:
+                raise KeyboardInterrupt
+
+        before = sys.gettrace()
+        sys.settrace(interrupt)
+        try:
+            return connected_sets(cells, True)[1]
+        finally:
+            sys.settrace(before)
+
+    assert list(interrupted_at(None)) == list(expected) and calls > 10
+    for place in range(1, calls + 1):
+        with pytest.raises(KeyboardInterrupt):
+            interrupted_at(place)
