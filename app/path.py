@@ -222,7 +222,8 @@ def _as_numbers(kind, numbers):
 def _slope(x, y):
     """Slope of the parabola through each point and its neighbours; NaN where there is more than one y at an x.
 
-    At an end where that has the other sign, as after large steps of a load, the slope of the chord.
+    At an end where that has the other sign, as after large steps of a load, or where the chord has none, as before
+    first touch, the slope of the chord.
     """
     at, first, which = np.unique(x, return_index=True, return_inverse=True)
     one = y[first][which]
@@ -230,5 +231,5 @@ def _slope(x, y):
         return np.full(len(x), np.nan)
     with np.errstate(all="ignore"):
         chord, slope = (np.gradient(y[first], at, edge_order=k) for k in (1, min(2, len(at) - 1)))
-        slope = np.where(slope * chord < 0, chord, slope)[which]
+        slope = np.where((slope * chord < 0) | (chord == 0), chord, slope)[which]
     return np.where(np.isfinite(slope), slope, np.nan)

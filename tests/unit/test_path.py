@@ -48,6 +48,13 @@ def test_stiffness_by_differences_of_rough_surfaces_is_not_negative():
     assert slope[0] == pytest.approx(0.015 / np.log(4)) and (slope > 0).all()
 
 
+def test_stiffness_by_differences_is_zero_before_first_touch():
+    approach = np.array([-1.0, 0.0, 1.0])
+    slope = _slope(approach, np.maximum(approach, 0) ** 1.5)
+    assert slope[0] == 0 and (slope[1:] > 0).all()
+    assert _slope(approach, (approach + 1) ** 2) == pytest.approx([0, 2, 4])  # the parabola's own
+
+
 def test_every_step_has_its_stiffness_and_the_analytic_values(tmp_path):
     with ContactSolver(hertz(32)) as solver:
         path = solver.path(approach=[-1.0, 0.05, 0.1], stiffness=True)
