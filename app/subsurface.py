@@ -57,7 +57,7 @@ def stress(solution, poisson_ratio=None, body=None):
     Raises
     ------
     InputError
-        If Poisson's ratio is unknown or not allowed, or the solution has the rows of one rank only.
+        If Poisson's ratio is unknown or not allowed, or the solution is none, or has the rows of one rank only.
 
     Examples
     --------
@@ -68,6 +68,10 @@ def stress(solution, poisson_ratio=None, body=None):
     >>> round(hottest.depth, 1)  # 0.48 radii of the contact
     0.3
     """
+    if not hasattr(solution, "pressure"):
+        raise InputError(
+            f"stress: is {type(solution).__name__}; needed: a Solution, or read_result(FILE) of a result file"
+        )
     grid, facts = solution.grid, solution.attributes
     if poisson_ratio is None:
         poisson_ratio = known_poisson_ratio(facts, body)

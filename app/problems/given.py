@@ -124,12 +124,18 @@ class ContactProblem(Problem):
         for part, kind in (("grid", Grid), ("material", Material)):
             if not isinstance(getattr(self, part), kind):
                 raise InputError(f"{part}: {getattr(self, part)!r}; needed: a {kind.__name__}")
+        if np.ndim(self.periodic):
+            raise InputError(
+                f"periodic: is {type(self.periodic).__name__}; allowed: True, False, 'spectral', 'love'; "
+                "surfaces are given by name, surfaces=[...]"
+            )
         if self.periodic:
             object.__setattr__(self, "grid", replace(self.grid, periodic=self.periodic))
         try:
             object.__setattr__(self, "surfaces", () if self.surfaces is None else tuple(self.surfaces))
         except TypeError:
-            raise InputError(f"surfaces: {self.surfaces!r}; needed: a sequence of surfaces") from None
+            kind = type(self.surfaces).__name__
+            raise InputError(f"surfaces: is {kind}; needed: a sequence of surfaces, [...]") from None
         for what, part in (("gap", self.gap), *(("surface", part) for part in self.surfaces)):
             if isinstance(part, type):
                 raise InputError(

@@ -26,6 +26,7 @@ from app.halfspace.stress import SubsurfaceStress
 from app.options import Option, OptionReader, domain, series
 from app.problems.problem import Problem
 from app.problems.statistics import roughness
+from app.subsurface import stress
 
 STEEL = Material.from_contact_modulus(1e5)
 GRID = Grid.from_domain(8, 6, (-1, 1, -1, 1))
@@ -46,6 +47,9 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
         ("a relative error", lambda: refine(BALL, "0.1", load=1.0)),
         ("a Material", lambda: ContactProblem(GRID, 1e5, HEIGHTS)),
         ("surfaces: .*a sequence", lambda: ContactProblem(GRID, STEEL, surfaces=Sphere(10))),
+        ("periodic: .*surfaces=", lambda: ContactProblem(GRID, STEEL, Sphere(10), [HEIGHTS])),
+        ("periodic: .*surfaces=", lambda: ContactProblem(GRID, STEEL, Sphere(10), HEIGHTS)),
+        ("read_result", lambda: stress("ball.h5")),
         ("surface: .*Sphere\\(...\\)", lambda: ContactProblem(GRID, STEEL, surfaces=[Sphere])),
         ("shape \\(3, 3\\)", lambda: ContactProblem(GRID, STEEL, lambda x, y: np.eye(3)).shape_on(GRID)),
         ("whole numbers", lambda: Grid.from_domain(16.5, 12, (0, 1, 0, 1))),
