@@ -98,7 +98,12 @@ class ArrayFile:
             raise ValueError("it is an archive of arrays, not one array: its name should end in .npz")
         if not start.startswith(np.lib.format.MAGIC_PREFIX):
             raise ValueError("it is no .npy file")  # numpy takes whatever it does not know for a pickle
-        return np.load(self.path, mmap_mode="r", allow_pickle=False)
+        try:
+            return np.load(self.path, mmap_mode="r", allow_pickle=False)
+        except ValueError as error:
+            if "length is greater" not in str(error):  # of the map of the file than of the file
+                raise
+            raise ValueError("it ends before its array does") from None
 
     def _load_npz(self):
         try:

@@ -103,7 +103,7 @@ SQUARE = np.ones((8, 8))
         ("gap.npy", save_array(SQUARE.astype(bool)), "bool"),
         ("gap.npy", save_array(np.array([[1, None]], object)), "objects"),
         ("gap.npy", save_array(np.array([["a", "b"]])), "U1"),
-        ("gap.npy", save_part(save_array(SQUARE), 0.6), "cannot be read"),
+        ("gap.npy", save_part(save_array(SQUARE), 0.6), "cannot be read: it ends before"),
         ("gap.npy", save_part(save_array(SQUARE), 0.05), "cannot be read"),
         ("gap.npy", save_bytes(b""), "cannot be read"),
         ("gap.npy", save_archive, "archive"),
