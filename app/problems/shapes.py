@@ -109,10 +109,10 @@ class Paraboloid(Shape):
         Raises
         ------
         InputError
-            If the bodies are not curved apart in all directions.
+            If radii are not two numbers of each body, or the bodies are not curved apart in all directions.
         """
         for body, radii in ((1, radii1), (2, radii2)):
-            if len(radii) != 2 or not all(abs(radius) > 0 for radius in radii):
+            if np.shape(radii) != (2,) or not all(isinstance(r, Real) and abs(r) > 0 for r in radii):
                 raise InputError(
                     f"radii of body {body}: needed: two numbers, not 0; inf: straight; negative: concave"
                 )
