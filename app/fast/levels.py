@@ -47,9 +47,8 @@ def circulant_inverse(
     spectra : Spectra, optional
         See `EvenMultiplier.use`.
     exact : bool
-        By transforms, and with as few free cells before the continuation as a length with small prime factors allows.
-        Else with some, so that contact at one edge is no neighbour of that at the other, and by levels but for small
-        grids.
+        By transforms, and without free cells before the continuation: a displacement would jump to zero there. Else
+        with some, so that contact at one edge is no neighbour of that at the other, and by levels but for small grids.
 
     Returns
     -------
@@ -58,8 +57,10 @@ def circulant_inverse(
     unit = 1 / (compliance * max(grid.dx, grid.dy))
     near = [] if exact else [unit * stencil for stencil in _stencils(grid, -1)]
     times, shape = 2 ** len(near), _coarsest_shape(grid, near)
-    apart = not exact and not near
-    periods = tuple(quick_length(n + 1) if apart else next_fast_len(n, real=True) for n in shape)
+    if exact:
+        periods = shape
+    else:
+        periods = tuple(next_fast_len(n, real=True) if near else quick_length(n + 1) for n in shape)
     sides = [times * period * d for period, d in zip(periods, (grid.dy, grid.dx), strict=True)]
 
     def symbol(columns, rows):

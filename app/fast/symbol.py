@@ -27,7 +27,7 @@ REACH = 2  # of a stencil, cells in each direction
 _TERMS = 10  # even Chebyshev polynomials in a direction: rounding is left
 _SAMPLES = 48  # waves in a direction that a stencil is fitted to
 _LONG = 0.32  # share of the highest frequency up to which waves are long: they are left to coarser grids
-_FIT = 0.1  # by which a stencil may be wrong for the other ones
+_FIT = 0.2  # by which a stencil may be wrong for the other ones
 _MOST = 4  # stencils, at most
 _STRETCHED = 16.0  # ratio of the sides of a cell from which on interpolation has too many terms
 

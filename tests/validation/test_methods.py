@@ -5,7 +5,7 @@ from itertools import pairwise, product
 
 import numpy as np
 import pytest
-from cases import APPROACH, hertz, punch
+from cases import APPROACH, hertz, punch, self_affine
 from running import assert_solves_lcp, solve
 
 from app import ContactProblem
@@ -51,6 +51,15 @@ def test_rough_contact_by_full_multigrid(approach, method, most):
         assert_solves_lcp(solution)
         counts.append(solution.iterations)
     assert max(counts) <= most
+
+
+@pytest.mark.parametrize("approach", [0.012, 0.05])
+def test_no_number_of_cells_is_dear(approach):
+    """Large prime factors and little free space in the lengths of transforms cost no more steps than powers of two."""
+    usual, *others = (
+        solve(self_affine(n, 8), approach, "fast").inner_iterations for n in (256, 243, 254, 257, 262)
+    )
+    assert max(others) <= 1.4 * usual
 
 
 @pytest.mark.parametrize("kind", ["tao", "snesvi"])
