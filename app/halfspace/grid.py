@@ -6,8 +6,12 @@ array of shape ``(ny, nx)``. A rank owns a *slab*: consecutive whole rows.
 Coarsening joins 2 x 2 cells (Sec. 4.2). A direction with an odd number of cells gets one more coarse
 cell that sticks out of the patch by half; its missing children count as cells where contact is
 impossible. This is the same as padding the patch to a size that can be halved, without storing the
-padding. A direction of at most `coarsest` cells is not coarsened any further. A periodic patch cannot stick out: a
-direction with an odd number of cells is not halved there.
+padding. A direction of at most `coarsest` cells is not coarsened any further.
+
+A periodic patch cannot stick out. There the coarse cells of an odd direction are a little shorter than two fine ones,
+and as many as else: children and parents are numbered in the same way, and the last coarse cell has one child. The
+coarse grid begins half a fine cell later, so that no coarse cell lies further than that from the middle of its
+children.
 """
 
 from __future__ import annotations
@@ -139,18 +143,36 @@ class Grid:
 
     def coarsening(self, coarsest=4):
         """Factors ``(fy, fx)`` to the next coarser grid: 2, or 1 for a direction that is not halved. Not collective."""
-
-        def factor(n):
-            return 2 if n > coarsest and not (self.periodic and n % 2) else 1
-
-        return factor(self.ny), factor(self.nx)
+        return tuple(2 if n > coarsest else 1 for n in self.shape)
 
     def coarsen(self, coarsest=4):
         """Return the next coarser grid, or None if no direction can be halved. Not collective."""
         fy, fx = self.coarsening(coarsest)
         if fy == fx == 1:
             return None
-        return replace(self, nx=-(-self.nx // fx), ny=-(-self.ny // fy), dx=fx * self.dx, dy=fy * self.dy)
+        nx, dx, x0 = self._halved(self.nx, self.dx, self.x0) if fx == 2 else (self.nx, self.dx, self.x0)
+        ny, dy, y0 = self._halved(self.ny, self.dy, self.y0) if fy == 2 else (self.ny, self.dy, self.y0)
+        return replace(self, nx=nx, ny=ny, dx=dx, dy=dy, x0=x0, y0=y0)
+
+    def _halved(self, n, d, start):
+        cells = -(-n // 2)
+        if self.periodic and n % 2:
+            return cells, n * d / cells, start + d / 2
+        return cells, 2 * d, start
+
+    def places_in(self, coarse):
+        """Where the centres of cells are in a coarser grid: those of row j at ``a j + b`` rows of it from its first.
+
+        Not collective.
+
+        Returns
+        -------
+        (float, float), (float, float)
+            ``(a, b)`` in y, and in x.
+        """
+        in_y = (self.dy / coarse.dy, (self.y0 - coarse.y0 + (self.dy - coarse.dy) / 2) / coarse.dy)
+        in_x = (self.dx / coarse.dx, (self.x0 - coarse.x0 + (self.dx - coarse.dx) / 2) / coarse.dx)
+        return in_y, in_x
 
 
 def _cells(nx, ny):

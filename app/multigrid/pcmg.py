@@ -106,12 +106,9 @@ class Multigrid:
         wanted = min(wanted, len(operators))
         if most == 1:
             grid = operators[-1].grid
-            needs = (
-                "an even number of cells in x or y of a periodic patch"
-                if grid.periodic
-                else "at least 2 cells"
+            raise ValueError(
+                f"-pc_type mg: the grid {grid.nx},{grid.ny} cannot be halved; allowed: at least 2 cells"
             )
-            raise ValueError(f"-pc_type mg: the grid {grid.nx},{grid.ny} cannot be halved; allowed: {needs}")
         self.operators, self.transfers = operators[-wanted:], transfers[-wanted:]
         # PETSc's only level is a smoother, as it has options of one: it works on the grid's own operator.
         self.coarse = MaskedMatrix(self.operators[0], comm) if wanted > 1 else None

@@ -84,7 +84,7 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def restrict_defect(self, fine):
-        """Sec. 4.2, 3, formula 1: four-point average; children outside the patch count as zero. Collective."""
+        """Sec. 4.2, 3, formula 1: four-point average; children that are missing count as zero. Collective."""
         mine = np.zeros(self._local)
         _add_children(self._with_children(fine), mine, self.fy, self.fx)
         mine *= 1.0 / (self.fy * self.fx)
@@ -139,12 +139,14 @@ class Transfer:
         wide = self._of_neighbours(coarse)
         if not fine.size:
             return
-        rows, grid = self.fine.slabs.rows, self.coarse.grid
+        rows, grid, nx = self.fine.slabs.rows, self.coarse.grid, self.fine.grid.nx
         first = rows.start // self.fy - 1  # of the coarse rows fetched
         first = first if grid.periodic else max(first, 0)
-        of_rows = _neighbours(rows.start, rows.stop, grid.ny, self.fy, grid.periodic, first)
-        of_columns = _neighbours(0, self.fine.grid.nx, grid.nx, self.fx, grid.periodic)
-        _bilinear(wide, fine, *of_rows, *of_columns, self.fx == 2)
+        in_y, in_x = self.fine.grid.places_in(grid) if grid.periodic else (None, None)
+        of_rows = _neighbours(rows.start, rows.stop, grid.ny, self.fy, in_y, first)
+        of_columns = _neighbours(0, nx, grid.nx, self.fx, in_x)
+        halved = self.fx == 2 and not (grid.periodic and nx % 2)
+        _bilinear(wide, fine, *of_rows, *of_columns, halved)
 
     # -- as PETSc's matrices -----------------------------------------------------------------------------
 
@@ -222,24 +224,26 @@ def warm_up():
 
 
 @lru_cache(maxsize=64)
-def _neighbours(start, stop, count, factor, periodic, first=None):
+def _neighbours(start, stop, count, factor, place, first=None):
     """Coarse cells around some fine ones, and the weight of the first: 3/4 for the parent, 1/4 for the next one.
 
-    At the rim the two cells are the parent and the one inside, with weights 5/4 and -1/4. Over a period the next one
-    may be number -1 or `count`. They are counted from cell `first`; if that is None, over the period.
+    At the rim the two cells are the parent and the one inside, with weights 5/4 and -1/4. Over a period they are those
+    before and behind the centre, by `place` (`Grid.places_in`), and may be number -1 or `count`. They are counted from
+    cell `first`; if that is None, over the period.
     """
     index = np.arange(start, stop)
-    parent = other = index // factor
+    one = other = index // factor
     weight = np.ones(len(index))
-    if factor > 1 and count > 1:
+    if place is not None:
+        centre = place[0] * index + place[1]
+        one = np.floor(centre).astype(int)
+        other, weight = one + 1, 1.0 - (centre - one)
+    elif factor > 1 and count > 1:
         towards = np.where(index % 2, 1, -1)
-        other = parent + towards
-        inside = bool(periodic) | ((other >= 0) & (other < count))
-        other = np.where(inside, other, parent - towards)
+        inside = (one + towards >= 0) & (one + towards < count)
+        other = np.where(inside, one + towards, one - towards)
         weight = np.where(inside, 0.75, 1.25)
-    return (
-        (parent % count, other % count, weight) if first is None else (parent - first, other - first, weight)
-    )
+    return (one % count, other % count, weight) if first is None else (one - first, other - first, weight)
 
 
 def _transfer_mat(context, rows, columns, comm):

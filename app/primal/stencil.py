@@ -128,12 +128,15 @@ def _add_ones(row, scale, out):
 
 @njit()
 def _add_means(row, factor, scale, out):
+    full = row.size // factor
     if factor == 4:
-        _add_fours(row, scale, out)
+        _add_fours(row, scale, out[:full])
     elif factor == 2:
-        _add_twos(row, scale, out)
+        _add_twos(row, scale, out[:full])
     else:
-        _add_ones(row, scale, out)
+        _add_ones(row, scale, out[:full])
+    for i in range(factor * full, row.size):  # the last cell may have fewer
+        out[full] += scale * row[i]
 
 
 @any_order
@@ -165,7 +168,9 @@ def _add_inside(row, free, x):
 
 
 @njit()
-def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, shares, x, coarse, skipped, fy):
+def sweep_from_zero(
+    s, s_before, s_after, free, f_before, f_after, weights, shares, x, coarse, skipped, factors
+):
     """Sweeps ``x += share (s - B3 x) / B3_00`` on the free cells from x = 0; the mean of what is left in coarse cells.
 
     Parameters
@@ -180,12 +185,12 @@ def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, shar
         Of the sweeps.
     x : ndarray of float32, shape (rows, nx)
     coarse : ndarray of float64, shape (rows, nx / fx)
-        Becomes the mean of s - B3 x over B3_00, of its first and last row what is here; nothing is computed if it is
-        empty.
+        Becomes the sum of s - B3 x over B3_00 in each cell, over fy fx, of its first and last row what is here; nothing
+        is computed if it is empty.
     skipped : int
         How many rows of its first row lie before these.
-    fy : int
-        Rows of a coarse row.
+    factors : (int, int)
+        ``(fy, fx)``: rows and columns of a coarse cell.
     """
     rows, nx = s.shape
     if not rows:
@@ -196,9 +201,8 @@ def sweep_from_zero(s, s_before, s_after, free, f_before, f_after, weights, shar
     inside = np.empty((steps + 1, nx), np.float32)
     swept = np.zeros((steps + 1, 3, nx + 2), np.float32)
     left = np.empty(nx, np.float32)
-    if coarse.size:
-        fx = nx // coarse.shape[1]
-        coarse[...] = 0
+    fy, fx = factors
+    coarse[...] = 0
     high = rows + 2 * halo
     for t in range(high + steps + 1):
         if t < high:
@@ -306,30 +310,40 @@ def _mix_row(a, weight, b, out):
 
 
 @njit()
-def add_interpolated(coarse, skipped, fx, fy, free, x):
-    """x += the bilinear interpolation of `coarse` on the free cells; coarse rows are one more at either end.
+def _between(wide, place, row):
+    for i in range(row.size):
+        centre = place[0] * i + place[1]
+        before = int(np.floor(centre))
+        share = np.float32(centre - before)
+        row[i] = (np.float32(1) - share) * wide[before + 1] + share * wide[before + 2]
+
+
+@njit()
+def add_interpolated(coarse, places, free, x):
+    """x += the bilinear interpolation of `coarse` on the free cells.
 
     Parameters
     ----------
-    coarse : ndarray of float64, shape (rows + 2, nx / fx)
-    skipped : int
-        How many rows of the second lie before these.
+    coarse : ndarray of float64, shape (rows, nx / fx)
+        Those before and behind the centres of the rows here, and one more, perhaps.
+    places : (float, float), (float, float)
+        As of `Grid.places_in`, rows and columns counted from the first here.
     x : ndarray of float32, shape (rows, nx)
     """
-    columns = coarse.shape[1]
-    wide, row = np.empty(columns + 2, np.float32), np.empty(x.shape[1], np.float32)
+    in_y, in_x = places
+    wide, row = np.empty(coarse.shape[1] + 2, np.float32), np.empty(x.shape[1], np.float32)
     for j in range(x.shape[0]):
-        parent = (skipped + j) // fy
-        shift = (skipped + j - parent * fy + 0.5) / fy - 0.5  # from the parent's centre, in its size
-        other = parent + (1 if shift > 0 else -1)
-        _mix_row(coarse[parent + 1], 1 - abs(shift), coarse[other + 1], wide[1:-1])
+        centre = in_y[0] * j + in_y[1]
+        before = int(np.floor(centre))
+        share = centre - before
+        _mix_row(coarse[before], 1 - share, coarse[before + 1], wide[1:-1])
         _wrap(wide)
-        if fx == 4:
+        if in_x[0] == 0.25:
             _fours(wide, row)
-        elif fx == 2:
+        elif in_x[0] == 0.5:
             _twos(wide, row)
         else:
-            _copy_row(wide[1:-1], row)
+            _between(wide, in_x, row)
         _add_inside(row, free[j], x[j])
 
 
@@ -341,8 +355,8 @@ def warm_up():
     fixed.flags.writeable = False
     weights = (0.0, *(np.float32(0),) * 3)
     one = np.ones(1, np.float32)
-    sweep_from_zero(fixed, field, field, cells, cells, cells, weights, one, low, field, 0, 1)
+    sweep_from_zero(fixed, field, field, cells, cells, cells, weights, one, low, field, 0, (1, 1))
     for z in (low, field):
         sweep_on(fixed, field, field, cells, cells, cells, weights, one, low, low, low, z)
     sweep_projected(low, low, low, low, low, low, weights, 1, low)
-    add_interpolated(field, 0, 1, 1, cells, low)
+    add_interpolated(field, ((1.0, 0.0), (1.0, 0.0)), cells, low)

@@ -105,10 +105,10 @@ class TwoGrid:
 
     def _apply(self, s, z):
         free, x, waves = self.operator.mask, self._x, self._long_waves
-        left, skipped, fy = (waves.left, waves.skipped, waves.fy) if waves else (_NONE, 0, 1)
+        left, skipped, factors = (waves.left, waves.skipped, waves.factors) if waves else (_NONE, 0, (1, 1))
         beside = self._rows(s)
         stencil.sweep_from_zero(
-            s, *beside, free, *self._free, self.weights, self._shares, x, left, skipped, fy
+            s, *beside, free, *self._free, self.weights, self._shares, x, left, skipped, factors
         )
         if waves:
             waves.add(1.0 / self.weights[0], self._contact, free, x)
@@ -130,6 +130,14 @@ def _weights(centre, grid):
     return 1.0 / middle, *(np.float32(value / middle) for value in around)
 
 
+def _factor(n, coarse):
+    """Cells in a coarse one, a power of two, of so many that are made of n."""
+    factor = 1
+    while -(-n // factor) > coarse:
+        factor *= 2
+    return factor
+
+
 class _LongWaves:
     """A on a coarser grid, for what the sweeps leave.
 
@@ -139,17 +147,19 @@ class _LongWaves:
     def __init__(self, fine):
         self.fine, self.operator = fine, fine.coarser
         coarse = self.operator
-        self.fy, self.fx = fine.grid.ny // coarse.grid.ny, fine.grid.nx // coarse.grid.nx
-        made, comm = fine.slabs.coarsen(self.fy), fine.comm
+        self.factors = fy, _ = tuple(map(_factor, fine.grid.shape, coarse.grid.shape))
+        made, comm = fine.slabs.coarsen(fy), fine.comm
         ranks, rank = (1, 0) if comm is None else (comm.size, comm.rank)
         first, last = fine.slabs.bounds(ranks)
-        some, self.skipped = last > first, int(first[rank] % self.fy)
-        low, high = first // self.fy, np.where(some, -(-last // self.fy), first // self.fy)
+        some, self.skipped = last > first, int(first[rank] % fy)
+        low, high = first // fy, np.where(some, -(-last // fy), first // fy)
+        (ay, by), in_x = fine.grid.places_in(coarse.grid)
+        self._places = (ay, ay * first[rank] + by - (low[rank] - 1)), in_x
         self.left = np.empty((high[rank] - low[rank], coarse.grid.nx))
         self._to_coarse = Fetch(made, [coarse.slabs.bounds(ranks)], comm)
         self._with_neighbours = Fetch(coarse.slabs, [(low - some, high + some)], comm)
         # Of each coarse row, how many ranks begin inside; they follow the one that makes it.
-        inside = np.bincount(low[some & (first % self.fy > 0)], minlength=coarse.grid.ny)
+        inside = np.bincount(low[some & (first % fy > 0)], minlength=coarse.grid.ny)
         begin, end = made.bounds(ranks)
         number = np.where(end > begin, inside[end - 1], 0)
         following = np.arange(1, ranks + 1)
@@ -170,4 +180,4 @@ class _LongWaves:
         total = sum_over(coarse.comm, [left.sum()])[0]
         self._u += self._constant / contact * total / coarse.grid.n
         self._u *= scale
-        stencil.add_interpolated(self._with_neighbours(self._u), self.skipped, self.fx, self.fy, free, x)
+        stencil.add_interpolated(self._with_neighbours(self._u), self._places, free, x)

@@ -19,14 +19,19 @@ def test_any_number_of_ranks_finds_the_same(comm, method, options):
     assert_same_as_alone(comm, method, options)
 
 
+@pytest.mark.mpi(2, 3)
+def test_odd_numbers_of_cells(comm):
+    assert_same_as_alone(comm, "fmg_v11", {}, (23, 19))
+
+
 @pytest.mark.mpi(5)  # a slab of as many rows as a coarse cell, or none
 def test_so_do_more_ranks_than_coarse_rows(comm):
     assert_same_as_alone(comm, "fmg_v11", {"lcp_cells_per_rank": 1})
 
 
-def assert_same_as_alone(comm, method, options):
+def assert_same_as_alone(comm, method, options, cells=(24, 20)):
     """By approach, and by loads below and at full contact."""
-    problem = periodic.rough(24, 20, 1)
+    problem = periodic.rough(*cells, 1)
     options = {"lcp_rtol": 1e-9, "lcp_cells_per_rank": 8} | options
     least = solve(problem, problem.gap.mean(), method, comm=MPI.COMM_SELF, **options).load
     loadings = [(0.8 * problem.gap.mean(), None)]

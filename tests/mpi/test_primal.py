@@ -36,7 +36,7 @@ def test_rows_beside_a_slab_come_from_whoever_has_them(comm, dtype):
 
 @pytest.mark.mpi(2, 3, 5)
 @pytest.mark.parametrize("cells", [1, 10**6])
-@pytest.mark.parametrize("shape", [(32, 24), (12, 40), (9, 16), (8, 16)])
+@pytest.mark.parametrize("shape", [(32, 24), (12, 40), (9, 16), (8, 16), (33, 27), (13, 10)])
 def test_the_preconditioner_is_the_same_on_any_number_of_ranks(comm, shape, cells):
     """Wherever slabs begin, several of them inside of a row of the long waves' grid, too."""
     grid = Grid(shape[1], shape[0], 0.3, 0.2, periodic="spectral")

@@ -18,6 +18,7 @@ GRIDS = [
     Grid(9, 2, 1.0, 1.0),
     Grid(32, 40, 1.0, 1.0, periodic="spectral"),
     Grid(36, 7, 1.0, 0.5, periodic="spectral"),
+    Grid(27, 37, 1.0, 0.5, periodic="spectral"),
     Grid(3, 52, 1.0, 1.0, periodic="love"),
 ]
 CELLS = (1, 100, 10**6)  # a rank has at least: all grids are shared, but the smallest; only the larger; none

@@ -127,7 +127,7 @@ def test_the_kernel_of_a_sweep_is_computed_once():
     assert compute.call_count == 1
 
 
-def test_grids_are_halved_exactly_or_not_at_all():
+def test_odd_grids_are_halved_too():
     shapes = [
         [
             level.grid.shape
@@ -136,11 +136,43 @@ def test_grids_are_halved_exactly_or_not_at_all():
         for nx, ny in ((24, 40), (36, 7), (15, 7), (4, 4))
     ]
     assert shapes == [
-        [(5, 3), (10, 6), (20, 12), (40, 24)],
-        [(7, 9), (7, 18), (7, 36)],
-        [(7, 15)],
+        [(3, 3), (5, 3), (10, 6), (20, 12), (40, 24)],
+        [(4, 3), (4, 5), (4, 9), (4, 18), (7, 36)],
+        [(4, 4), (4, 8), (7, 15)],
         [(2, 2), (4, 4)],
     ]
+
+
+@pytest.mark.parametrize(("nx", "ny"), [(12, 8), (9, 8), (12, 7), (31, 3), (5, 1)])
+def test_a_coarser_grid_has_the_same_period_and_its_cells_lie_amid_their_children(nx, ny):
+    grid = Grid(nx, ny, 0.3, 2.0, 5.0, -1.0, "spectral")
+    coarse = grid.coarsen(1)
+    assert coarse.area == pytest.approx(grid.area)
+    for axis, (a, b) in zip("yx", grid.places_in(coarse), strict=True):
+        n, d = getattr(grid, f"n{axis}"), getattr(grid, f"d{axis}")
+        of, wide = getattr(coarse, axis)(), getattr(coarse, f"d{axis}")
+        fine = getattr(grid, axis)()
+        np.testing.assert_allclose(of[0] + wide * (a * np.arange(n) + b), fine, rtol=0, atol=1e-12 * n * d)
+        children = [fine[2 * j : 2 * j + 2].mean() for j in range(len(of))] if n > 1 else fine
+        assert abs(of - children).max() <= 0.5 * d * (n % 2) + 1e-12 * n * d
+
+
+@pytest.mark.parametrize("shape", [(31, 22), (46, 31), (33, 33)])
+def test_long_waves_survive_the_way_to_an_odd_grid_and_back(shape):
+    ny, nx = shape
+    fine = Grid(nx, ny, 1 / nx, 1 / ny, periodic="spectral")
+    coarse = fine.coarsen()
+    transfer = Transfer(InfluenceOperator(fine, 1.0), InfluenceOperator(coarse, 1.0), (2, 2))
+
+    def wave(grid):
+        return np.cos(2 * np.pi * grid.x() + 1)[None, :] + np.sin(2 * np.pi * grid.y() + 2)[:, None]
+
+    restricted, found = transfer.restrict_shape(wave(fine)), np.empty(shape)
+    off = np.pi * (1 / nx + 1 / ny)  # half a fine cell
+    np.testing.assert_allclose(restricted, wave(coarse), rtol=0, atol=off + 0.02)
+    transfer.interpolate(wave(coarse), found)
+    np.testing.assert_allclose(found, wave(fine), rtol=0, atol=0.1)  # between centres, there is no such error
+    assert transfer.restrict_defect(found).sum() == pytest.approx(found.sum() / 4)  # nothing is lost
 
 
 @pytest.mark.parametrize(("shape", "factors"), [((8, 6), (2, 2)), ((7, 12), (1, 2)), ((4, 2), (2, 2))])
@@ -196,7 +228,7 @@ def test_certificate_with_nothing_but_holes_and_contact():
 @pytest.mark.parametrize(
     ("method", "options", "match"),
     [
-        ("fmg_v11", {}, r"-pc_type mg: the grid 9,7 cannot be halved; allowed: an even number"),
+        ("fmg_v11", {"pc_mg_levels": "9"}, r"-pc_mg_levels 9: this grid allows 1 to 3"),
         (
             None,
             {"lcp_type": "fast"},

@@ -1,5 +1,6 @@
 """The primal form, piece by piece: sweeps against plain numpy, B, its preconditioner, the steps of the state."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -74,26 +75,28 @@ def test_sweeps_from_zero_are_richardsons_and_leave_the_means_of_the_residual(sh
     x = np.full(shape, np.nan, np.float32)
     for rows, before, after in slabs_of(shape, steps):
         beside = s[before], s[after], free[rows], free[before], free[after]
-        stencil.sweep_from_zero(s[rows], *beside, WEIGHTS, shares, x[rows], np.empty((0, 0)), 0, 1)
+        stencil.sweep_from_zero(s[rows], *beside, WEIGHTS, shares, x[rows], np.empty((0, 0)), 0, (1, 1))
     np.testing.assert_allclose(x, expected, rtol=0, atol=SINGLE * abs(expected).max())
     beside = [field[np.arange(-steps, 0) % len(s)] for field in (s, free)]
     beyond = [field[np.arange(steps) % len(s)] for field in (s, free)]
     for fy, fx in ((1, 1), (2, 2), (4, 4), (1, 4), (4, 1), (2, 4)):
-        if shape[0] % fy or shape[1] % fx:
-            continue
-        coarse = np.full((shape[0] // fy, shape[1] // fx), np.nan)
+        ny, nx = (-(-n // factor) for n, factor in zip(shape, (fy, fx), strict=True))
+        coarse = np.full((ny, nx), np.nan)
         outside = beside[0], beyond[0], free, beside[1], beyond[1]
-        stencil.sweep_from_zero(s, *outside, WEIGHTS, shares, x, coarse, 0, fy)
-        means = left.reshape(shape[0] // fy, fy, shape[1] // fx, fx).mean(axis=(1, 3))
+        stencil.sweep_from_zero(s, *outside, WEIGHTS, shares, x, coarse, 0, (fy, fx))
+        whole = np.zeros((ny * fy, nx * fx))  # the last coarse cells may have fewer children
+        whole[: shape[0], : shape[1]] = left
+        means = whole.reshape(ny, fy, nx, fx).mean(axis=(1, 3))
         np.testing.assert_allclose(coarse, means, rtol=0, atol=SINGLE * abs(source).max())
         total = np.zeros_like(means)
         for rows, before, after in slabs_of(
             shape, steps
         ):  # one of which begins inside of a coarse row, perhaps
             low, high = rows.start // fy, -(-rows.stop // fy)
-            part = np.full((high - low, shape[1] // fx), np.nan)
+            part = np.full((high - low, nx), np.nan)
             outside = s[before], s[after], free[rows], free[before], free[after]
-            stencil.sweep_from_zero(s[rows], *outside, WEIGHTS, shares, x[rows], part, rows.start % fy, fy)
+            place = rows.start % fy, (fy, fx)
+            stencil.sweep_from_zero(s[rows], *outside, WEIGHTS, shares, x[rows], part, *place)
             if rows.start < rows.stop:
                 total[low:high] += part
         np.testing.assert_allclose(total, means, rtol=0, atol=SINGLE * abs(source).max())
@@ -131,26 +134,44 @@ def test_projected_sweeps_stay_above_the_bound(shape, steps, more):
     assert (x >= low).all()
 
 
-def bilinear(n, factor):
-    """Matrix of the interpolation from n // factor cells to n, over the period."""
-    centre = (np.arange(n) + 0.5) / factor - 0.5
-    below, matrix = np.floor(centre).astype(int), np.zeros((n, n // factor))
-    np.add.at(matrix, (np.arange(n), below % (n // factor)), below + 1 - centre)
-    np.add.at(matrix, (np.arange(n), (below + 1) % (n // factor)), centre - below)
+def coarsened(grid, factors):
+    """A grid of cells so many times as large, powers of two."""
+    while max(factors) > 1:
+        halved = grid.coarsen(1)
+        halved = replace(
+            grid,
+            **{name: getattr(halved, name) for name in ("ny", "dy", "y0") if factors[0] > 1},
+            **{name: getattr(halved, name) for name in ("nx", "dx", "x0") if factors[1] > 1},
+        )
+        grid, factors = halved, tuple(max(factor // 2, 1) for factor in factors)
+    return grid
+
+
+def bilinear(places, n, count):
+    """Matrix of the interpolation from `count` cells to n, over the period."""
+    centre = places[0] * np.arange(n) + places[1]
+    below, matrix = np.floor(centre).astype(int), np.zeros((n, count))
+    np.add.at(matrix, (np.arange(n), below % count), below + 1 - centre)
+    np.add.at(matrix, (np.arange(n), (below + 1) % count), centre - below)
     return matrix
 
 
 @pytest.mark.parametrize("factors", [(1, 1), (2, 2), (4, 4), (1, 2), (4, 1), (2, 4)])
-@pytest.mark.parametrize("shape", [(8, 12), (4, 4), (4, 24)])
+@pytest.mark.parametrize("shape", [(8, 12), (4, 4), (4, 24), (7, 10), (6, 13)])
 def test_interpolation_is_bilinear(shape, factors):
-    (fy, fx), (start, free) = factors, fields(shape, 1)
-    coarse = fields((shape[0] // fy, shape[1] // fx), 2)[0]
+    (start, free), fy = fields(shape, 1), factors[0]
+    grid = Grid(shape[1], shape[0], 0.5, 2.0, periodic="spectral")
+    below = coarsened(grid, factors)
+    (ay, by), in_x = grid.places_in(below)
+    coarse = fields(below.shape, 2)[0]
     x = start.astype(np.float32)
     for rows, _, _ in slabs_of(shape, 0):
         low, high = rows.start // fy - 1, -(-rows.stop // fy) + 1
         around = coarse[np.arange(low, high) % len(coarse)]
-        stencil.add_interpolated(around, rows.start % fy, fx, fy, free[rows], x[rows])
-    expected = start + free * (bilinear(shape[0], fy) @ coarse @ bilinear(shape[1], fx).T)
+        places = (ay, ay * rows.start + by - low), in_x
+        stencil.add_interpolated(around, places, free[rows], x[rows])
+    expected = bilinear((ay, by), shape[0], below.ny) @ coarse @ bilinear(in_x, shape[1], below.nx).T
+    expected = start + free * expected
     np.testing.assert_allclose(x, expected, rtol=0, atol=SINGLE * abs(expected).max())
 
 
