@@ -17,6 +17,7 @@ import numba
 from llvmlite.binding import parse_bitcode, set_option
 from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
+from numba.core.options import DefaultOptions
 from numba.core.runtime import rtsys
 
 from app.errors import InputError
@@ -29,8 +30,14 @@ set_option("", "-runtime-memory-check-threshold=32")
 tell = None  # a command's: called once, when something has to be compiled or waited for
 
 
-def njit(**options):
-    """``numba.njit`` with the cache. Not collective."""
+def njit(makes_arrays=False, **options):
+    """``numba.njit`` with the cache, and without counting who refers to an array. Not collective.
+
+    Each row that a loop looks at is an array to numba, and to count them took half of the time on small grids. Arrays
+    live as long as the call, for the caller has them; so only functions that make some, or return one, need to count.
+    """
+    if hasattr(DefaultOptions, "_nrt"):  # should numba change: then all functions count
+        options["_nrt"] = makes_arrays
 
     def decorate(function):
         try:
@@ -39,7 +46,7 @@ def njit(**options):
             numba.config.CACHE_DIR = str(_own_folder())
             dispatcher = numba.njit(cache=True, **options)(function)
         with suppress(AttributeError):  # should numba change: then every rank compiles for itself
-            dispatcher._cache = _OneAtATime(dispatcher._cache)
+            dispatcher._cache = _OneAtATime(dispatcher._cache, makes_arrays)
         return dispatcher
 
     return decorate
@@ -139,8 +146,10 @@ def _no_environments(result):
 class _OneAtATime:
     """The cache of a function: who finds nothing in it compiles while the others wait, and they load it then."""
 
-    def __init__(self, cache):
+    def __init__(self, cache, makes_arrays):
         self._cache, self._lock = cache, None
+        key = cache._index_key  # which does not look at options
+        cache._index_key = lambda signature, codegen: (*key(signature, codegen), makes_arrays)
 
     def __getattr__(self, name):
         return getattr(self._cache, name)

@@ -92,8 +92,8 @@ def _prove(state):
     b, u, p, admissible = state.distance.b, state.u, state.p, state.admissible
     grid = state.patch
     smallest = 2 * state.operator.compliance / np.hypot(1 / grid.dx, 1 / grid.dy)  # eigenvalue
-    penetrates = np.empty(len(b), bool)
-    largest, sums = _survey(b, u, p, admissible, smallest, penetrates)
+    penetrates, largest, sums = np.empty(len(b), bool), np.full(6, -np.inf), np.zeros(6)
+    _survey(b, u, p, admissible, smallest, penetrates, largest, sums)
     sums, lowest = sums_and_minima(state.comm, sums, -largest)
     lift, penetration, deepest, tension, product, highest = (-lowest).tolist()
     of_u, energy, defect, to_p, moved, of_p = sums
@@ -117,7 +117,9 @@ def _prove(state):
 
 def _lifting(state, most, energy, penetrates):
     """What the lifting of penetrations adds to the gap: the least for some t between 0 and `most`. Collective."""
-    sums = state.sum(_lift(state.distance.b, state.u, state.admissible, most, _TRIALS, penetrates))
+    sums = np.zeros((3, _TRIALS + 1))  # of -e u, e e, u u
+    _lift(state.distance.b, state.u, state.admissible, most, penetrates, sums)
+    sums = state.sum(sums)
     shares, (product, of_e, of_u) = most * np.append(0.5 ** np.arange(_TRIALS), 0.0), np.cumsum(sums, axis=1)
     to_u, squares = product - shares * of_u, of_e + shares * (shares * of_u - 2 * product)
     grid, diagonal = state.patch, state.operator.diagonal
@@ -172,12 +174,14 @@ def _gaps_row(b, u, p, admissible, diagonal):
 @njit()
 def _gaps(b, u, p, admissible, diagonal):
     """Sums of the gap g that is to be reached, of g - e, of p g and p p."""
-    sums = np.zeros(4)
+    gaps, excess, to_p, squares = 0.0, 0.0, 0.0, 0.0
     for j in range(b.shape[0]):
         row = _gaps_row(b[j], u[j], p[j], admissible[j], diagonal)
-        for k in range(4):
-            sums[k] += row[k]
-    return sums
+        gaps += row[0]
+        excess += row[1]
+        to_p += row[2]
+        squares += row[3]
+    return gaps, excess, to_p, squares
 
 
 @any_order
@@ -247,13 +251,12 @@ _NOTHING = (0.0,) * 8  # what `_survey_row` finds where there is no pressure and
 
 
 @njit()
-def _survey(b, u, p, admissible, smallest, penetrates):
-    """Largest of -e / u, -e, |h|, -p, |p e|, p; sums of u u, p u, p e, p g, w w, p p.
+def _survey(b, u, p, admissible, smallest, penetrates, largest, sums):
+    """Largest of -e / u, -e, |h|, -p, |p e|, p; sums of u u, p u, p e, p g, w w, p p: added to what is there.
 
     h and e are zero in inadmissible cells; g and w by the smallest eigenvalue. Most rows have gaps and no pressure: a
     glance is enough. `penetrates` is told which rows have e < 0.
     """
-    largest, sums = np.full(6, -np.inf), np.zeros(6)
     for j in range(b.shape[0]):
         penetration, deepest, highest, of_u = _glance_row(b[j], u[j], p[j], admissible[j])
         penetrates[j] = penetration > 0
@@ -265,17 +268,16 @@ def _survey(b, u, p, admissible, smallest, penetrates):
             largest[k] = max(largest[k], value)
         for k, value in enumerate((of_u,) + row[3:]):
             sums[k] += value
-    return largest, sums
 
 
 @njit()
-def _lift(b, u, admissible, most, trials, penetrates):
+def _lift(b, u, admissible, most, penetrates, sums):
     """Sums of w u and w w for ``w = max(-(e + t u), 0)`` where e < 0, for t = most / 2^k; other rows are left out.
 
     A cell counts from the first k on for which w is positive, in the last one for t = 0: so the cells of each first k
-    are summed.
+    are summed: -e u, e e and u u of them.
     """
-    sums = np.zeros((3, trials + 1))  # of -e u, e e, u u
+    trials = sums.shape[1] - 1
     for j in range(b.shape[0]):
         if not penetrates[j]:
             continue
@@ -289,7 +291,6 @@ def _lift(b, u, admissible, most, trials, penetrates):
                 sums[0, first] -= e * value
                 sums[1, first] += e * e
                 sums[2, first] += value * value
-    return sums
 
 
 def warm_up(periodic=False):
@@ -297,8 +298,8 @@ def warm_up(periodic=False):
     field, mask, rows = np.zeros((0, 0)), np.zeros((0, 0), bool), np.zeros(0, bool)
     fixed = field.view()
     fixed.flags.writeable = False
-    _survey(fixed, field, fixed, mask, 1.0, rows)
-    _lift(fixed, field, mask, 0.0, 1, rows)
+    _survey(fixed, field, fixed, mask, 1.0, rows, np.zeros(6), np.zeros(6))
+    _lift(fixed, field, mask, 0.0, rows, np.zeros((3, 2)))
     if periodic:
         _gaps(fixed, field, fixed, mask, 1.0)
         _move(fixed, field, fixed, mask, 1.0, 1.0, 0.0, 0.0, field)

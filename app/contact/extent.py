@@ -44,7 +44,9 @@ def measure_extent(state):
         return _NOWHERE
     # About the middle of the patch, which may be far from the origin.
     x, y = grid.x0 + grid.nx * grid.dx / 2, grid.y0 + grid.ny * grid.dy / 2
-    sums = state.sum(_moments(state.p, state.contact, grid.x() - x, grid.y(rows) - y)).tolist()
+    sums = np.zeros(9)
+    _moments(state.p, state.contact, grid.x() - x, grid.y(rows) - y, sums)
+    sums = state.sum(sums).tolist()
     load, at_x, at_y, cells, sx, sy, sxx, syy, sxy = sums
     centre = (x + at_x / load, y + at_y / load) if load > 0 else (nan, nan)
     moments = grid.cell_area * (at_y + load * y), -grid.cell_area * (at_x + load * x)
@@ -75,19 +77,17 @@ def _moments_row(p, contact, x):
 
 
 @njit()
-def _moments(p, contact, x, y):
+def _moments(p, contact, x, y, sums):
     """Sums of p, p x, p y, and over C of 1, x, y, x x, y y, x y."""
-    sums = np.zeros(9)
     for j in range(y.size):
         load, at_x, cells, sx, sxx = _moments_row(p[j], contact[j], x)
         row = load, at_x, load * y[j], cells, sx, cells * y[j], sxx, cells * y[j] ** 2, sx * y[j]
         for k in range(9):
             sums[k] += row[k]
-    return sums
 
 
 def warm_up():
     """Load the compiled loops now, not after the first solve. Not collective."""
     fixed, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
     fixed.flags.writeable = False
-    _moments(fixed, mask, np.zeros(0), np.zeros(0))
+    _moments(fixed, mask, np.zeros(0), np.zeros(0), np.zeros(9))

@@ -121,14 +121,13 @@ def _sum_row(x):
 
 
 @njit()
-def activate(b, u, p, admissible, contact, released, expected):
+def activate(b, u, p, admissible, contact, released, expected, overlap):
     """Put cells outside C into it where h + u <= 0, u changed as expected (no rows: as it is); forget who was released.
 
     Return how many cells are in C, came, left since before `release`, the sums of squares of h + u and of h over the
-    new C, and the sum of p.
+    new C, and the sum of p. `overlap`: room for a row.
     """
     cells, added, lost, gaps, distances, total = 0, 0, 0, 0.0, 0.0, 0.0
-    overlap = np.empty(b.shape[1], np.bool_)
     for j in range(b.shape[0]):
         if not expected.size:
             _overlap_row(b[j], u[j], overlap)
@@ -221,7 +220,7 @@ def warm_up():
     for low in (field, field.astype(np.float32)):
         defect(fixed, field, mask, 1.0, low)
         release(field, mask, mask, low)
-        activate(fixed, field, fixed, mask, mask, mask, low)
+        activate(fixed, field, fixed, mask, mask, mask, low, np.zeros(0, bool))
     any_nonzero(mask)
     numbers(fixed, mask)
     sum_squares(fixed, 0.0, mask)

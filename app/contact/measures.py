@@ -170,20 +170,20 @@ def _squares_row(row, other):
 @njit()
 def _squared_differences(shape, before, periodic):
     """Sum of squares of the differences across faces in x and their number, the same in y; NaN left out."""
-    sums = np.zeros(4)
+    in_x, faces_x, in_y, faces_y = 0.0, 0, 0.0, 0
     for j in range(shape.shape[0]):
         row = shape[j]
         here = _squares_row(row[1:], row[:-1])
-        sums[0] += here[0]
-        sums[1] += here[1]
+        in_x += here[0]
+        faces_x += here[1]
         if periodic:
             here = _squares_row(row[:1], row[-1:])
-            sums[0] += here[0]
-            sums[1] += here[1]
+            in_x += here[0]
+            faces_x += here[1]
         here = _squares_row(row, shape[j - 1] if j else before)
-        sums[2] += here[0]
-        sums[3] += here[1]
-    return sums
+        in_y += here[0]
+        faces_y += here[1]
+    return in_x, faces_x, in_y, faces_y
 
 
 def warm_up():

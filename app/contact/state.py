@@ -273,8 +273,8 @@ class ContactState:
             Since before `release_tensile`.
         """
         fields = self.distance.b, self.u, self.p, self.admissible, self.contact, self._released
-        expected = _NOBODY if expected is None else expected
-        cells, added, lost, squares, h, total = self.sum(kernels.activate(*fields, expected))
+        expected, room = _NOBODY if expected is None else expected, np.empty(self.u.shape[1], bool)
+        cells, added, lost, squares, h, total = self.sum(kernels.activate(*fields, expected, room))
         load = self.grid.cell_area * float(total)
         return Update(int(cells), int(added), int(lost), sqrt(squares), sqrt(h), load)
 

@@ -81,6 +81,13 @@ class MultilevelOperator:
         self._parents = Parents(slabs, comm)
         self._none = np.zeros((0, shape[1]), dtype)
         self._all = np.ones(slabs.local, bool)
+        padded, half = shape[1] + 2 * REACH, coarse_shape[1] + 1
+        self._five = (
+            np.zeros((5, padded), dtype),
+            np.empty((3, padded), dtype),
+            np.empty((2, shape[1]), dtype),
+        )
+        self._four = np.zeros((5, 2 * half), dtype), np.empty((2, half), dtype)
         self.flops = 62 * slabs.local * shape[1] + self._next.flops
         load_loops(self.dtype)
 
@@ -107,21 +114,22 @@ class MultilevelOperator:
         if self._halo is not None:
             before, after = (beside.astype(self.dtype, copy=False) for beside in self._halo(p))
         coarse = self._coarse
-        _restrict(p, rows, before, after, self._first, self._first_coarse, coarse)
+        _restrict(p, rows, before, after, self._first, self._first_coarse, coarse, *self._four)
         self._next.apply(coarse, coarse)
         above, below = self._parents(coarse)
-        parents = above, coarse, below
-        _add_near(p, rows, before, after, self._stencil, parents, self._first, self._parents.first, out)
+        parents, firsts = (above, coarse, below), (self._first, self._parents.first)
+        _add_near(p, rows, before, after, self._stencil, parents, *firsts, out, *self._five)
 
 
-# Padded rows have REACH zeros at either end, so that nothing must be asked at the sides of the patch.
+# Padded rows have REACH zeros at either end, so that nothing must be asked at the sides of the patch. A factor 3 is of
+# the type of the rows: by a Python number single precision is multiplied in double.
 
 
 @any_order
-def _add_rows(a, b, c, d, out):
+def _add_rows(a, b, c, d, three, out):
     """1, 3, 3, 1 of them."""
     for i in range(out.size):
-        out[i] = a[i] + d[i] + 3 * (b[i] + c[i])
+        out[i] = a[i] + d[i] + three * (b[i] + c[i])
 
 
 @any_order
@@ -132,21 +140,21 @@ def _split(row, even, odd):
 
 
 @any_order
-def _halve(even, odd, sixteenth, out):
+def _halve(even, odd, sixteenth, three, out):
     """1, 3, 3, 1 of four cells each of a row that is padded by 3 before."""
     for i in range(out.size):
-        out[i] = sixteenth * (even[i] + odd[i + 1] + 3 * (odd[i] + even[i + 1]))
+        out[i] = sixteenth * (even[i] + odd[i + 1] + three * (odd[i] + even[i + 1]))
 
 
 @any_order
-def _double(row, sixteenth, out):
+def _double(row, sixteenth, three, out):
     """A quarter of the linear interpolation between centres of coarse cells, of which the first is before the patch."""
     for i in range(row.size - 2):
-        most = 3 * row[i + 1]
+        most = three * row[i + 1]
         out[2 * i] = sixteenth * (most + row[i])
         out[2 * i + 1] = sixteenth * (most + row[i + 2])
     if out.size % 2:
-        out[-1] = sixteenth * (3 * row[-1] + row[-2])
+        out[-1] = sixteenth * (three * row[-1] + row[-2])
 
 
 @any_order
@@ -164,11 +172,11 @@ def _in_y(rows, stencil, middle, once, twice):
 
 
 @any_order
-def _in_x(middle, once, twice, near, far, out):
+def _in_x(middle, once, twice, near, far, three, out):
     """Their sum, of padded rows, with what comes from the two coarse rows about this one."""
     for i in range(out.size):
         beside, beyond = once[i + 1] + once[i + 3], twice[i] + twice[i + 4]
-        out[i] = 3 * near[i] + far[i] + middle[i + 2] + beside + beyond
+        out[i] = three * near[i] + far[i] + middle[i + 2] + beside + beyond
 
 
 @njit()
@@ -189,40 +197,47 @@ def _take_row(j, p, rows, before, after, out):
 
 
 @njit()
-def _restrict(p, rows, before, after, first, first_coarse, coarse):
-    """coarse = P^T p; `first`: number of the first row here."""
-    half = coarse.shape[1] + 1
-    four, row = np.zeros((4, 2 * half), coarse.dtype), np.zeros(2 * half, coarse.dtype)
-    even, odd = np.empty(half, coarse.dtype), np.empty(half, coarse.dtype)
-    sixteenth, nx = coarse.dtype.type(1 / 16), p.shape[1]
-    some = np.zeros(4, np.bool_)
+def _restrict(p, rows, before, after, first, first_coarse, coarse, four, halves):
+    """coarse = P^T p; `first`: number of the first row here; `four`, `halves`: room for rows."""
+    kind, nx = coarse.dtype.type, p.shape[1]
+    sixteenth, three = kind(1 / 16), kind(3)
+    row, even, odd = four[4], halves[0], halves[1]
+    some = 0  # bits: which of the four rows are not zero
     for j in range(len(coarse)):
         low = 2 * (first_coarse + j) - 3 - first
         for k in range(low + 2 if j else low, low + 4):
-            some[k % 4] = _take_row(k, p, rows, before, after, four[k % 4, 3 : 3 + nx])
-        if some.any():
-            _add_rows(four[low % 4], four[(low + 1) % 4], four[(low + 2) % 4], four[(low + 3) % 4], row)
+            found = _take_row(k, p, rows, before, after, four[k % 4, 3 : 3 + nx])
+            some = (2 * some + found) & 15
+        if some:
+            _add_rows(
+                four[low % 4], four[(low + 1) % 4], four[(low + 2) % 4], four[(low + 3) % 4], three, row
+            )
             _split(row, even, odd)
-            _halve(even, odd, sixteenth, coarse[j])
+            _halve(even, odd, sixteenth, three, coarse[j])
         else:
             coarse[j] = 0
 
 
 @njit()
-def _parent(k, above, coarse, below):
+def _double_parent(k, above, coarse, below, sixteenth, three, out):
     """Row k, counted from the first of those above."""
-    k -= len(above)
-    if k < 0:
-        return above[k + len(above)]
-    return coarse[k] if k < len(coarse) else below[k - len(coarse)]
+    here = k - len(above)
+    if here < 0:
+        _double(above[k], sixteenth, three, out)
+    elif here < len(coarse):
+        _double(coarse[here], sixteenth, three, out)
+    else:
+        _double(below[here - len(coarse)], sixteenth, three, out)
 
 
 @njit()
-def _add_near(p, rows, before, after, stencil, parents, first, first_coarse, out):
-    """out = N p + P coarse, where rows are wanted; `parents`: the rows of coarse above, here and below."""
-    nx, dtype = p.shape[1], stencil.dtype
-    five, columns = np.zeros((5, nx + 4), dtype), np.empty((3, nx + 4), dtype)
-    sixteenth, doubled, done = dtype.type(1 / 16), np.empty((2, nx), dtype), -1
+def _add_near(p, rows, before, after, stencil, parents, first, first_coarse, out, five, columns, doubled):
+    """out = N p + P coarse, where rows are wanted; `parents`: the rows of coarse above, here and below.
+
+    `five`, `columns`, `doubled`: room for rows, the first of zeros at the ends.
+    """
+    kind, nx, done = stencil.dtype.type, p.shape[1], -1
+    sixteenth, three = kind(1 / 16), kind(3)
     for j in range(-4, len(p)):
         _take_row(j + 2, p, rows, before, after, five[(j + 2) % 5, 2 : 2 + nx])
         if j < 0 or not rows[j]:
@@ -230,17 +245,18 @@ def _add_near(p, rows, before, after, stencil, parents, first, first_coarse, out
         parent = (first + j) // 2 + 1 - first_coarse
         far = parent + 1 if (first + j) % 2 else parent - 1
         for k in range(max(done + 1, min(parent, far)), max(parent, far) + 1):
-            _double(_parent(k, *parents), sixteenth, doubled[k % 2])
+            _double_parent(k, *parents, sixteenth, three, doubled[k % 2])
             done = k
         around = five[(j - 2) % 5], five[(j - 1) % 5], five[j % 5], five[(j + 1) % 5], five[(j + 2) % 5]
         _in_y(around, stencil, columns[0], columns[1], columns[2])
-        _in_x(columns[0], columns[1], columns[2], doubled[parent % 2], doubled[far % 2], out[j])
+        _in_x(columns[0], columns[1], columns[2], doubled[parent % 2], doubled[far % 2], three, out[j])
 
 
 @cache
 def load_loops(dtype):
     """Load the compiled loops now, not in the first product. Not collective."""
     low, rows, stencil = np.zeros((0, 0), dtype), np.zeros(0, bool), np.zeros((3, 3), dtype)
+    room = np.zeros((5, 4), dtype)
     for field in {np.dtype(float): np.zeros((0, 0)), dtype: low}.values():
-        _restrict(field, rows, low, low, 0, 0, low)
-        _add_near(field, rows, low, low, stencil, (low, low, low), 0, 0, field)
+        _restrict(field, rows, low, low, 0, 0, low, room, room)
+        _add_near(field, rows, low, low, stencil, (low, low, low), 0, 0, field, room, room, room)

@@ -151,7 +151,10 @@ class RimExtension:
                 raise ValueError(f"rim extension: a C-contiguous field of shape {self.shape} is needed")
         if self.steps:
             numbers = np.array(self._weights, x.dtype), self._lengths.astype(x.dtype)
-            _all_steps(x, out, *self._beside(x), self._contact, self._away, self._periodic, *numbers, back)
+            room = np.zeros((self.steps, 3, x.shape[1] + 2), x.dtype), np.zeros(x.shape[1], x.dtype)
+            _all_steps(
+                x, out, *self._beside(x), self._contact, self._away, self._periodic, *numbers, back, *room
+            )
 
     def _beside(self, field):
         return self._halo(field) if self._halo else (field[:0], field[:0])
@@ -164,9 +167,10 @@ class RimExtension:
 @any_order
 def _first_step_back(b, contact, length, out):
     """The first step of E^T."""
+    zero = out.dtype.type(0)
     for i in range(contact.size):
         new = length * b[i]
-        out[i] = 0 if contact[i] else new
+        out[i] = zero if contact[i] else new
 
 
 @any_order
@@ -192,28 +196,15 @@ def _take_off(above, here, below, weights, b):
 
 
 @njit()
-def _row(j, before, x, after):
-    if j < 0:
-        return before[j + len(before)]
-    return x[j] if j < len(x) else after[j - len(x)]
-
-
-@njit()
 def _close(row, periodic):
     """Put the cells beyond the ends of a padded row."""
     row[0], row[-1] = (row[-2], row[1]) if periodic else (row.dtype.type(0), row.dtype.type(0))
 
 
 @njit()
-def _around(ring, j):
-    return ring[(j - 1) % 3], ring[j % 3], ring[(j + 1) % 3]
-
-
-@njit()
-def _all_steps(x, out, before, after, contact, away, periodic, weights, lengths, back):
-    """out = E x; or `back`, E^T in place."""
+def _all_steps(x, out, before, after, contact, away, periodic, weights, lengths, back, rings, nothing):
+    """out = E x; or `back`, E^T in place. `rings`, `nothing`: zeros."""
     steps, rows = lengths.size, len(contact)
-    rings, nothing = np.zeros((steps, 3, x.shape[1] + 2), x.dtype), np.zeros(x.shape[1], x.dtype)
     for first in range(rows + steps):
         for k in range(min(first + 1, steps)):
             j = first - k
@@ -221,10 +212,21 @@ def _all_steps(x, out, before, after, contact, away, periodic, weights, lengths,
             if j >= rows or away[j] > (steps - k if back else k):
                 row[:] = 0
                 continue
-            source = _row(j - len(before), before, x, after) if back or k == 0 else nothing
+            here = j - len(before)
+            if k > 0 and not back:
+                source = nothing
+            elif here < 0:
+                source = before[j]
+            else:
+                source = x[here] if here < len(x) else after[here - len(x)]
             if k > 0:
+                above, middle, below = (
+                    rings[k - 1, (j - 1) % 3],
+                    rings[k - 1, j % 3],
+                    rings[k - 1, (j + 1) % 3],
+                )
                 length = lengths[k if back else k - 1]
-                _step(*_around(rings[k - 1], j), source, contact[j], weights, length, row[1:-1])
+                _step(above, middle, below, source, contact[j], weights, length, row[1:-1])
             elif back:
                 _first_step_back(source, contact[j], lengths[0], row[1:-1])
             else:
@@ -234,13 +236,15 @@ def _all_steps(x, out, before, after, contact, away, periodic, weights, lengths,
         here = j - len(before)
         if not 0 <= here < len(x):
             continue
+        last = rings[steps - 1]
+        above, middle, below = last[(j - 1) % 3], last[j % 3], last[(j + 1) % 3]
         if back:
             if away[j] == 0:
-                _take_off(*_around(rings[steps - 1], j), weights, x[here])
+                _take_off(above, middle, below, weights, x[here])
         elif away[j] > steps:
             out[here] = 0
         else:
-            _step(*_around(rings[steps - 1], j), nothing, contact[j], weights, lengths[steps - 1], out[here])
+            _step(above, middle, below, nothing, contact[j], weights, lengths[steps - 1], out[here])
 
 
 @cache

@@ -134,10 +134,9 @@ def _add_inside(a, inside, out):
 
 
 @njit()
-def _collect(p, mask, first, weights, nodes):
-    """nodes += P^T p in y, for rows from `first` on; on C if there is a mask."""
+def _collect(p, mask, first, weights, nodes, row):
+    """nodes += P^T p in y, for rows from `first` on; on C if there is a mask. `row`: room for one."""
     step, width = weights.shape
-    row = np.empty(p.shape[1], nodes.dtype)
     for j in range(p.shape[0]):
         some = _copy_inside(p[j], mask[j], row) if mask.size else _copy_row(p[j], row)
         if not some:
@@ -148,10 +147,9 @@ def _collect(p, mask, first, weights, nodes):
 
 
 @njit()
-def _spread(nodes, first, weights, mask, out):
-    """out += P nodes in y, for rows from `first` on; on C if there is a mask."""
+def _spread(nodes, first, weights, mask, out, row):
+    """out += P nodes in y, for rows from `first` on; on C if there is a mask. `row`: room for one."""
     step, width = weights.shape
-    row = np.empty(out.shape[1], nodes.dtype)
     for j in range(out.shape[0]):
         row[:] = 0
         cell, place = divmod(first + j, step)
@@ -205,6 +203,7 @@ class Rest:
         rows = (last - 1) // steps[0] + width - self._first if slabs.local else 0
         self._origin = first - self._first * steps[0]  # of the rows, from the first of the nodes' cells on
         self._nodes = np.zeros((rows, self._cells * steps[1]), dtype)  # whole cells of nodes in x
+        self._row = np.empty(nx, dtype)
         warm_up(np.dtype(dtype))
 
     @property
@@ -229,7 +228,7 @@ class Rest:
         """P^T p of these rows, shape (nodes in y, nodes in x)."""
         rows, (step, width) = len(self._nodes), self._in_x.shape
         self._nodes[...] = 0
-        _collect(p, mask, self._origin, self._in_y, self._nodes)
+        _collect(p, mask, self._origin, self._in_y, self._nodes, self._row)
         of_cells = self._nodes.reshape(rows, self._cells, step) @ self._in_x
         nodes = np.zeros(self._counts, self._nodes.dtype)
         mine = nodes[self._first : self._first + rows]
@@ -239,7 +238,7 @@ class Rest:
 
     def add(self, out, mask):
         """Add it to a field, on C if there is a mask. Not collective."""
-        _spread(self._nodes, self._origin, self._in_y, mask, out)
+        _spread(self._nodes, self._origin, self._in_y, mask, out, self._row)
 
 
 @cache
@@ -248,8 +247,8 @@ def warm_up(dtype):
     field, weights = np.zeros((0, 0)), np.zeros((1, 1), dtype)
     mask, fixed = field.astype(bool), field.view()
     fixed.flags.writeable = False
-    nodes = np.zeros((0, 0), dtype)
+    nodes, row = np.zeros((0, 0), dtype), np.zeros(0, dtype)
     for real in {field.dtype: field, dtype: field.astype(dtype)}.values():
-        _collect(real, mask, 0, weights, nodes)
-        _spread(nodes, 0, weights, mask, real)
-    _collect(fixed, mask, 0, weights, nodes)
+        _collect(real, mask, 0, weights, nodes, row)
+        _spread(nodes, 0, weights, mask, real, row)
+    _collect(fixed, mask, 0, weights, nodes, row)

@@ -57,7 +57,7 @@ def _edge(distance, i, length):
     return math.log1p(length * (1 + 2 * i * length / (r_low + r_high)) / (low + r_low))
 
 
-@njit(error_model="numpy", fastmath={"contract"})
+@njit(makes_arrays=True, error_model="numpy", fastmath={"contract"})
 def _fill(quadrant, offsets, sides, squares, series, near, far):
     """Rows `offsets` of the quadrant, (2.4) for a cell under unit pressure: `near` times the integral of 1/rho, or
     `far` times the mean.

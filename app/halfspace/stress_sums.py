@@ -231,7 +231,7 @@ def _corners(x, y, z, nu, out):
                 out[k, j, i] = parts[k] / (2.0 * pi)
 
 
-@njit()
+@njit(makes_arrays=True)
 def _at_point(pressure, x, y, z, nu):
     """Sum over the loaded cells, at offsets x, y from their edges."""
     total = np.zeros(6)

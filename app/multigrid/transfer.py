@@ -146,7 +146,7 @@ class Transfer:
         of_rows = _neighbours(rows.start, rows.stop, grid.ny, self.fy, in_y, first)
         of_columns = _neighbours(0, nx, grid.nx, self.fx, in_x)
         halved = self.fx == 2 and not (grid.periodic and nx % 2)
-        _bilinear(wide, fine, *of_rows, *of_columns, halved)
+        _bilinear(wide, fine, *of_rows, *of_columns, halved, np.empty(grid.nx))
 
     # -- as PETSc's matrices -----------------------------------------------------------------------------
 
@@ -175,9 +175,11 @@ def _inner_children(row, fine):
 
 
 @njit()
-def _bilinear(coarse, fine, a, b, weight_y, c, d, weight_x, halved):
-    """fine[j, i] from the four coarse cells in rows a, b and columns c, d; `halved`: two columns in each coarse one."""
-    row = np.empty(coarse.shape[1])
+def _bilinear(coarse, fine, a, b, weight_y, c, d, weight_x, halved, row):
+    """fine[j, i] from the four coarse cells in rows a, b and columns c, d; `halved`: two columns in each coarse one.
+
+    `row`: room for one.
+    """
     first, last = (2, 2 * row.size - 2) if halved and row.size > 2 else (0, 0)
     for j in range(fine.shape[0]):
         _between_rows(coarse[a[j]], coarse[b[j]], weight_y[j], row)
@@ -216,7 +218,7 @@ def warm_up():
     field, cells, weights = np.zeros((0, 0)), np.zeros(0, int), np.zeros(0)
     fixed, mask = field.view(), np.zeros((0, 0), bool)
     fixed.flags.writeable = False
-    _bilinear(field, field, cells, cells, weights, cells, cells, weights, False)
+    _bilinear(field, field, cells, cells, weights, cells, cells, weights, False, weights)
     for source in (field, fixed):
         _add_children(source, field, 1, 1)
         _copy(source, field, 0, 1, 1)

@@ -135,7 +135,8 @@ class PrimalState:
         if exact:
             x, before = np.empty(shape, np.float32), self.w.copy()
         rows = solver.rows_beside
-        stencil.sweep_projected(force, *rows(force), lowest, *rows(lowest), weights, solver.guesses, x)
+        room = stencil.make_room(solver.guesses, shape[1])
+        stencil.sweep_projected(force, *rows(force), lowest, *rows(lowest), weights, solver.guesses, x, room)
         loops.take(x, lowest, self.w, state.distance.b, state.contact)
         if self.loading.prescribes_load and not state.sum([np.count_nonzero(state.contact)])[0]:
             self._touch()

@@ -169,7 +169,7 @@ def _add_inside(row, free, x):
 
 @njit()
 def sweep_from_zero(
-    s, s_before, s_after, free, f_before, f_after, weights, shares, x, coarse, skipped, factors
+    s, s_before, s_after, free, f_before, f_after, weights, shares, x, coarse, skipped, factors, room
 ):
     """Sweeps ``x += share (s - B3 x) / B3_00`` on the free cells from x = 0; the mean of what is left in coarse cells.
 
@@ -191,16 +191,16 @@ def sweep_from_zero(
         How many rows of its first row lie before these.
     factors : (int, int)
         ``(fy, fx)``: rows and columns of a coarse cell.
+    room : tuple
+        Of `make_room`.
     """
     rows, nx = s.shape
     if not rows:
         return
     steps, (scale, wx, wy, wd) = len(shares), weights
     halo = len(s_before)
-    sources = np.empty((steps + 1, nx), np.float32)
-    inside = np.empty((steps + 1, nx), np.float32)
-    swept = np.zeros((steps + 1, 3, nx + 2), np.float32)
-    left = np.empty(nx, np.float32)
+    sources, inside, swept = room
+    left = sources[steps + 1]
     fy, fx = factors
     coarse[...] = 0
     high = rows + 2 * halo
@@ -234,16 +234,13 @@ def sweep_from_zero(
 
 
 @njit()
-def sweep_on(s, s_before, s_after, free, f_before, f_after, weights, shares, x, x_before, x_after, z):
+def sweep_on(s, s_before, s_after, free, f_before, f_after, weights, shares, x, x_before, x_after, z, room):
     """As `sweep_from_zero`, from x; the result is z, of float64 or float32."""
     rows, nx = s.shape
     if not rows:
         return
     steps, (scale, wx, wy, wd) = len(shares), weights
-    halo = len(s_before)
-    sources = np.empty((steps + 1, nx), np.float32)
-    inside = np.empty((steps + 1, nx), np.float32)
-    swept = np.zeros((steps + 1, 3, nx + 2), np.float32)
+    halo, (sources, inside, swept) = len(s_before), room
     high = rows + 2 * halo
     for t in range(high + steps + 1):
         if t < high:
@@ -267,7 +264,7 @@ def sweep_on(s, s_before, s_after, free, f_before, f_after, weights, shares, x, 
 
 
 @njit()
-def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, steps, x):
+def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, steps, x, room):
     """Projected Jacobi sweeps ``x = max(f - N x, low)`` on all cells, from x = max(f, low); all of float32.
 
     f is the right-hand side over B3_00; there must be ``steps - 1`` rows beside the slab, or more.
@@ -275,10 +272,7 @@ def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, s
     rows, nx = f.shape
     if not rows:
         return
-    halo, (_, wx, wy, wd) = len(f_before), weights
-    sources = np.empty((steps + 1, nx), np.float32)
-    lowest = np.empty((steps + 1, nx), np.float32)
-    swept = np.zeros((steps + 1, 3, nx + 2), np.float32)
+    halo, (_, wx, wy, wd), (sources, lowest, swept) = len(f_before), weights, room
     high = rows + 2 * halo
     for t in range(high + steps):
         if t < high:
@@ -319,7 +313,7 @@ def _between(wide, place, row):
 
 
 @njit()
-def add_interpolated(coarse, places, free, x):
+def add_interpolated(coarse, places, free, x, wide, row):
     """x += the bilinear interpolation of `coarse` on the free cells.
 
     Parameters
@@ -329,9 +323,10 @@ def add_interpolated(coarse, places, free, x):
     places : (float, float), (float, float)
         As of `Grid.places_in`, rows and columns counted from the first here.
     x : ndarray of float32, shape (rows, nx)
+    wide, row : ndarray of float32, shapes (nx / fx + 2,), (nx,)
+        Room for rows.
     """
     in_y, in_x = places
-    wide, row = np.empty(coarse.shape[1] + 2, np.float32), np.empty(x.shape[1], np.float32)
     for j in range(x.shape[0]):
         centre = in_y[0] * j + in_y[1]
         before = int(np.floor(centre))
@@ -347,6 +342,16 @@ def add_interpolated(coarse, places, free, x):
         _add_inside(row, free[j], x[j])
 
 
+def make_room(steps, nx):
+    """What so many sweeps of rows of nx cells work in. Not collective."""
+    kind = np.float32
+    return (
+        np.empty((steps + 2, nx), kind),
+        np.empty((steps + 1, nx), kind),
+        np.zeros((steps + 1, 3, nx + 2), kind),
+    )
+
+
 @cache
 def warm_up():
     """Load the compiled loops now, not in the first iteration. Not collective."""
@@ -354,9 +359,9 @@ def warm_up():
     fixed, low = field.view(), field.astype(np.float32)
     fixed.flags.writeable = False
     weights = (0.0, *(np.float32(0),) * 3)
-    one = np.ones(1, np.float32)
-    sweep_from_zero(fixed, field, field, cells, cells, cells, weights, one, low, field, 0, (1, 1))
+    one, room = np.ones(1, np.float32), make_room(1, 1)
+    sweep_from_zero(fixed, field, field, cells, cells, cells, weights, one, low, field, 0, (1, 1), room)
     for z in (low, field):
-        sweep_on(fixed, field, field, cells, cells, cells, weights, one, low, low, low, z)
-    sweep_projected(low, low, low, low, low, low, weights, 1, low)
-    add_interpolated(field, ((1.0, 0.0), (1.0, 0.0)), cells, low)
+        sweep_on(fixed, field, field, cells, cells, cells, weights, one, low, low, low, z, room)
+    sweep_projected(low, low, low, low, low, low, weights, 1, low, room)
+    add_interpolated(field, ((1.0, 0.0), (1.0, 0.0)), cells, low, one, one)

@@ -54,6 +54,7 @@ class TwoGrid:
         self._back = self._shares[::-1].copy()
         self._rows = Halo(operator.slabs, operator.comm, self.sweeps)
         self._x = np.empty(operator.local_shape, np.float32)
+        self._room = stencil.make_room(self.sweeps, operator.grid.nx)
         self._long_waves = _LongWaves(operator) if operator.coarser is not None else None
         self._number, self._answer = -1, None  # of what contact set `_raised` is known
 
@@ -108,11 +109,13 @@ class TwoGrid:
         left, skipped, factors = (waves.left, waves.skipped, waves.factors) if waves else (_NONE, 0, (1, 1))
         beside = self._rows(s)
         stencil.sweep_from_zero(
-            s, *beside, free, *self._free, self.weights, self._shares, x, left, skipped, factors
+            s, *beside, free, *self._free, self.weights, self._shares, x, left, skipped, factors, self._room
         )
         if waves:
             waves.add(1.0 / self.weights[0], self._contact, free, x)
-        stencil.sweep_on(s, *beside, free, *self._free, self.weights, self._back, x, *self._rows(x), z)
+        stencil.sweep_on(
+            s, *beside, free, *self._free, self.weights, self._back, x, *self._rows(x), z, self._room
+        )
 
     def view(self, pc, viewer):
         """Describe the preconditioner for -ksp_view."""
@@ -165,6 +168,7 @@ class _LongWaves:
         following = np.arange(1, ranks + 1)
         self._rest = Fetch(Slabs(ranks, ranks, rank), [(following, following + number)], comm)
         self._u = np.empty(coarse.local_shape)
+        self._rows = np.empty(coarse.grid.nx + 2, np.float32), np.empty(fine.grid.nx, np.float32)
         # The longest wave: 2 / (E* q) = 2 pi compliance / q
         longest = max(fine.grid.nx * fine.grid.dx, fine.grid.ny * fine.grid.dy)
         self._constant = _CONSTANT * coarse.compliance * longest
@@ -180,4 +184,4 @@ class _LongWaves:
         total = sum_over(coarse.comm, [left.sum()])[0]
         self._u += self._constant / contact * total / coarse.grid.n
         self._u *= scale
-        stencil.add_interpolated(self._with_neighbours(self._u), self._places, free, x)
+        stencil.add_interpolated(self._with_neighbours(self._u), self._places, free, x, *self._rows)

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import numba
+import numpy as np
 import pytest
 
 from app import compiled
@@ -29,11 +30,24 @@ SLICES = """
 import numpy as np
 from app.compiled import njit
 
-@njit()
+@njit(makes_arrays=True)
 def rows(a):
     b = np.zeros((2, a.shape[1]))
     b[1, 1:] = a[0, 1:]
     return b
+"""
+
+ROWS = """
+from app.compiled import njit
+
+@njit({})
+def total(a, b):
+    found = 0.0
+    for j in range(len(a)):
+        row = a[j] if j % 2 else b[j]
+        for i in range(len(row)):
+            found += row[i]
+    return found
 """
 
 ARRAYS = """
@@ -42,7 +56,7 @@ import numpy as np
 from app.compiled import njit
 
 
-@njit()
+@njit(makes_arrays=True)
 def total(n):
     numbers = np.empty(n)
     for k in range(n):
@@ -105,3 +119,34 @@ def test_a_loaded_loop_brings_no_module_that_it_was_made_from(tmp_path):
             [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
         )
         assert said.stdout.split() == ["2.0", str(brought)]
+
+
+def test_loops_do_not_count_references_and_those_that_do_are_kept_apart(tmp_path, monkeypatch):
+    """Though numba takes files of one size and time for the same."""
+    monkeypatch.syspath_prepend(tmp_path)
+    for how, counts, kept in (
+        ("makes_arrays=True", True, False),
+        ("", False, False),
+        ("makes_arrays=True", True, True),
+    ):
+        (tmp_path / "loops_of_a_test.py").write_text(ROWS.format(f"{how:20}"))
+        os.utime(tmp_path / "loops_of_a_test.py", (0, 0))
+        for name in (tmp_path / "__pycache__").glob("*.pyc"):
+            name.unlink()
+        sys.modules.pop("loops_of_a_test", None)
+        loops = importlib.import_module("loops_of_a_test")
+        assert loops.total(np.ones((3, 4)), np.ones((3, 4))) == 12
+        assert bool(loops.total.stats.cache_hits) == kept
+        if not kept:
+            [code] = loops.total.inspect_llvm().values()
+            assert ("call void @NRT_decref" in code) == counts
+
+
+def test_a_loop_that_makes_an_array_has_to_say_so(tmp_path, monkeypatch):
+    (tmp_path / "loops_of_a_test.py").write_text(ARRAYS.replace("makes_arrays=True", ""))
+    monkeypatch.syspath_prepend(tmp_path)
+    sys.modules.pop("loops_of_a_test", None)
+    with pytest.raises(
+        numba.core.errors.NumbaError, match="NRT required|Only accept returning of array passed"
+    ):
+        importlib.import_module("loops_of_a_test").total(5)

@@ -68,14 +68,14 @@ def slabs_of(shape, width):
 @each_shape
 @each_count
 def test_sweeps_from_zero_are_richardsons_and_leave_the_means_of_the_residual(shape, steps):
-    (s, free), shares = fields(shape, steps), SHARES[:steps]
+    (s, free), shares, room = fields(shape, steps), SHARES[:steps], stencil.make_room(steps, shape[1])
     source = free * s * WEIGHTS[0]
     expected = swept(source, free, shares, np.zeros(shape))
     left = free * (source - expected - neighbours(expected))
     x = np.full(shape, np.nan, np.float32)
     for rows, before, after in slabs_of(shape, steps):
         beside = s[before], s[after], free[rows], free[before], free[after]
-        stencil.sweep_from_zero(s[rows], *beside, WEIGHTS, shares, x[rows], np.empty((0, 0)), 0, (1, 1))
+        stencil.sweep_from_zero(s[rows], *beside, WEIGHTS, shares, x[rows], np.empty((0, 0)), 0, (1, 1), room)
     np.testing.assert_allclose(x, expected, rtol=0, atol=SINGLE * abs(expected).max())
     beside = [field[np.arange(-steps, 0) % len(s)] for field in (s, free)]
     beyond = [field[np.arange(steps) % len(s)] for field in (s, free)]
@@ -83,7 +83,7 @@ def test_sweeps_from_zero_are_richardsons_and_leave_the_means_of_the_residual(sh
         ny, nx = (-(-n // factor) for n, factor in zip(shape, (fy, fx), strict=True))
         coarse = np.full((ny, nx), np.nan)
         outside = beside[0], beyond[0], free, beside[1], beyond[1]
-        stencil.sweep_from_zero(s, *outside, WEIGHTS, shares, x, coarse, 0, (fy, fx))
+        stencil.sweep_from_zero(s, *outside, WEIGHTS, shares, x, coarse, 0, (fy, fx), room)
         whole = np.zeros((ny * fy, nx * fx))  # the last coarse cells may have fewer children
         whole[: shape[0], : shape[1]] = left
         means = whole.reshape(ny, fy, nx, fx).mean(axis=(1, 3))
@@ -95,7 +95,7 @@ def test_sweeps_from_zero_are_richardsons_and_leave_the_means_of_the_residual(sh
             low, high = rows.start // fy, -(-rows.stop // fy)
             part = np.full((high - low, nx), np.nan)
             outside = s[before], s[after], free[rows], free[before], free[after]
-            place = rows.start % fy, (fy, fx)
+            place = rows.start % fy, (fy, fx), room
             stencil.sweep_from_zero(s[rows], *outside, WEIGHTS, shares, x[rows], part, *place)
             if rows.start < rows.stop:
                 total[low:high] += part
@@ -107,12 +107,14 @@ def test_sweeps_from_zero_are_richardsons_and_leave_the_means_of_the_residual(sh
 def test_sweeps_from_something_are_richardsons(shape, steps):
     s, free = fields(shape, steps)
     source, start = free * s * WEIGHTS[0], (free * fields(shape, 99)[0]).astype(np.float32)
-    shares = SHARES[:steps]
+    shares, room = SHARES[:steps], stencil.make_room(steps, shape[1])
     expected = swept(source, free, shares, start)
     z = np.full(shape, np.nan)
     for rows, before, after in slabs_of(shape, steps):
         beside = s[before], s[after], free[rows], free[before], free[after]
-        stencil.sweep_on(s[rows], *beside, WEIGHTS, shares, start[rows], start[before], start[after], z[rows])
+        stencil.sweep_on(
+            s[rows], *beside, WEIGHTS, shares, start[rows], start[before], start[after], z[rows], room
+        )
     np.testing.assert_allclose(z, expected, rtol=0, atol=SINGLE * abs(expected).max())
     assert (z[~free] == 0).all()
 
@@ -129,7 +131,7 @@ def test_projected_sweeps_stay_above_the_bound(shape, steps, more):
     x = np.full(shape, np.nan, np.float32)
     for rows, before, after in slabs_of(shape, steps - 1 + more):
         beside = f[before], f[after], low[rows], low[before], low[after]
-        stencil.sweep_projected(f[rows], *beside, WEIGHTS, steps, x[rows])
+        stencil.sweep_projected(f[rows], *beside, WEIGHTS, steps, x[rows], stencil.make_room(steps, shape[1]))
     np.testing.assert_allclose(x, expected, rtol=0, atol=SINGLE * abs(expected).max())
     assert (x >= low).all()
 
@@ -165,11 +167,12 @@ def test_interpolation_is_bilinear(shape, factors):
     (ay, by), in_x = grid.places_in(below)
     coarse = fields(below.shape, 2)[0]
     x = start.astype(np.float32)
+    room = np.empty(below.nx + 2, np.float32), np.empty(shape[1], np.float32)
     for rows, _, _ in slabs_of(shape, 0):
         low, high = rows.start // fy - 1, -(-rows.stop // fy) + 1
         around = coarse[np.arange(low, high) % len(coarse)]
         places = (ay, ay * rows.start + by - low), in_x
-        stencil.add_interpolated(around, places, free[rows], x[rows])
+        stencil.add_interpolated(around, places, free[rows], x[rows], *room)
     expected = bilinear((ay, by), shape[0], below.ny) @ coarse @ bilinear(in_x, shape[1], below.nx).T
     expected = start + free * expected
     np.testing.assert_allclose(x, expected, rtol=0, atol=SINGLE * abs(expected).max())

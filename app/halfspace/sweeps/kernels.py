@@ -43,6 +43,7 @@ class Rows(NamedTuple):
     part_plans: np.ndarray  # (lengths, 2), forward and backward, both on `work`
     work: np.ndarray  # (longest + 2,)
     work_spectrum: np.ndarray  # (longest / 2 + 1,), the same memory
+    added: np.ndarray  # (TILE * 2 LANES,), what is added to a tile in a chunk
 
 
 @njit(fastmath={"contract", "reassoc", "nsz"})
@@ -57,6 +58,12 @@ def _four_dots(d, start, stop, kernel, k0, k1, k2, k3):
         s2 += x * kernel[k2 + i]
         s3 += x * kernel[k3 + i]
     return s0, s1, s2, s3
+
+
+@njit()
+def _put(target, source):
+    for k in range(len(target)):
+        target[k] = source[k]
 
 
 @njit(fastmath={"contract"})
@@ -77,10 +84,10 @@ def _solve_run(rows, first, count):
         number += 1
     if count < SHORTEST_RUN or number == len(rows.lengths):
         return False
-    rows.work[:count] = rows.cells[first : first + count]
+    _put(rows.work[:count], rows.cells[first : first + count])
     rows.work[count : rows.lengths[number]] = 0
     _convolve(rows, number)
-    rows.solved[first : first + count] = rows.work[:count]
+    _put(rows.solved[first : first + count], rows.work[:count])
     return True
 
 
@@ -126,7 +133,7 @@ def solve_row(rows, count, weight):
         size = rows.segment << level
         if contact[done] >= stop + size:
             continue
-        rows.work[:size] = d[stop - size : stop]
+        _put(rows.work[:size], d[stop - size : stop])
         rows.work[size : rows.lengths[level]] = 0
         _convolve(rows, level)
         for i in range(stop, min(stop + size, end)):
@@ -175,12 +182,6 @@ def _add_tiles(y, flat, source, near, start, reach, filled, place, least, most):
 
 
 @njit()
-def _put(target, source):
-    for k in range(len(target)):
-        target[k] = source[k]
-
-
-@njit()
 def _add_to(target, source):
     for k in range(len(source)):
         target[k] += source[k]
@@ -219,8 +220,7 @@ def solve_leaf(w, now, given, near, reach, filled, rows, r, mask, d, column, wei
         Where the columns begin that are swept over.
     """
     _, chunks, size, width = w.shape
-    flat, tiles = w.reshape(-1), size // TILE
-    y = np.empty(TILE * width, w.dtype)
+    flat, tiles, y = w.reshape(-1), size // TILE, rows.added
     for c in range(chunks):  # what the leaf before adds to all rows
         ours, theirs, lags = (
             (now * chunks + c) * size,

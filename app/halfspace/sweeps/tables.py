@@ -134,6 +134,7 @@ class Tables:
             part_plans=np.array(part_plans, np.int64).reshape(-1, 2),
             work=work,
             work_spectrum=work_spectrum,
+            added=np.empty(TILE * 2 * LANES),
         )
 
     def invert_triangle(self, weight):
