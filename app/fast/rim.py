@@ -26,7 +26,7 @@ import numpy as np
 from app.compiled import njit
 from app.halfspace.grid import Slabs
 from app.halfspace.halo import Halo
-from app.halfspace.reductions import any_order, copy_row
+from app.halfspace.reductions import any_order, copy_row, span_of
 
 MAX_STEPS = 250
 _CYCLE = 8  # steps after which their lengths begin anew: more in one polynomial would spread rounding
@@ -80,7 +80,7 @@ class RimExtension:
         # With the rows beside: the contact set, and rows from each to the next one with contact.
         self._contact, self._away = np.zeros(shape, bool), np.zeros(shape[0], np.int64)
         self.rows = np.zeros(shape[0], bool)
-        self._weights, self._lengths = (0.0, 0.0, 0.0), np.ones(steps)
+        self._weights, self._lengths, self._kinds = (0.0, 0.0, 0.0), np.ones(steps), {}
 
     def set_stencil(self, stencil):
         """Take the 3 x 3 centre of `B`, in any unit; a ValueError if its middle is not positive, or it is not even.
@@ -100,6 +100,7 @@ class RimExtension:
         lowest = max(of_waves.min(), _LOWEST * highest)
         cycles = np.array_split(self._lengths, max(1, -(-self.steps // _CYCLE)))
         self._lengths = np.concatenate([chebyshev_steps(part.size, lowest, highest) for part in cycles])
+        self._kinds = {}
 
     def set_contact(self, mask):
         """Take over a contact set. Collective.
@@ -114,13 +115,8 @@ class RimExtension:
         before, after = self._beside(mask)
         if len(self._contact) != len(before) + len(mask) + len(after):
             self._contact = np.empty((len(before) + len(mask) + len(after), self.shape[1]), bool)
-        np.concatenate([before, mask, after], out=self._contact)
-        away = np.where(self._contact.any(axis=1), 0, self.steps + 1)
-        for _ in range(self.steps):
-            away[1:] = np.minimum(away[1:], away[:-1] + 1)
-            away[:-1] = np.minimum(away[:-1], away[1:] + 1)
-        self._away = away
-        np.less_equal(away[len(before) :][: len(mask)], self.steps, out=self.rows)
+            self._away = np.empty(len(self._contact), np.int64)
+        _take_contact(before, mask, after, self.steps, self._contact, self._away, self.rows)
 
     def extend(self, x, out=None):
         """Apply E. Collective.
@@ -150,11 +146,17 @@ class RimExtension:
             if field.shape != self.shape or not field.flags.c_contiguous:
                 raise ValueError(f"rim extension: a C-contiguous field of shape {self.shape} is needed")
         if self.steps:
-            numbers = np.array(self._weights, x.dtype), self._lengths.astype(x.dtype)
-            room = np.zeros((self.steps, 3, x.shape[1] + 2), x.dtype), np.zeros(x.shape[1], x.dtype)
-            _all_steps(
-                x, out, *self._beside(x), self._contact, self._away, self._periodic, *numbers, back, *room
-            )
+            before, after = self._beside(x)
+            places = self._contact, self._away, self._periodic
+            _all_steps(x, out, before, after, *places, back, *self._of_kind(x.dtype))
+
+    def _of_kind(self, dtype):
+        """Weights, lengths of steps, and room for rows, of fields of a type."""
+        if dtype not in self._kinds:
+            nx = self.shape[1]
+            room = np.empty((self.steps, 3, nx + 2), dtype), np.zeros(nx, dtype)
+            self._kinds[dtype] = np.array(self._weights, dtype), self._lengths.astype(dtype), *room
+        return self._kinds[dtype]
 
     def _beside(self, field):
         return self._halo(field) if self._halo else (field[:0], field[:0])
@@ -196,15 +198,45 @@ def _take_off(above, here, below, weights, b):
 
 
 @njit()
+def _take_row(row, out):
+    copy_row(row, out)
+    return span_of(row)[1] > 0
+
+
+@njit()
+def _take_contact(before, mask, after, steps, contact, away, rows):
+    """Copy a set and the rows beside it; count rows from each to the next with contact, to steps + 1, and tell which
+    are no more than `steps` away.
+    """
+    first, count = len(before), len(contact)
+    for j in range(count):
+        here = j - first
+        if here < 0:
+            some = _take_row(before[j], contact[j])
+        elif here < len(mask):
+            some = _take_row(mask[here], contact[j])
+        else:
+            some = _take_row(after[here - len(mask)], contact[j])
+        away[j] = 0 if some else steps + 1
+        if j:
+            away[j] = min(away[j], away[j - 1] + 1)
+    for j in range(count - 2, -1, -1):
+        away[j] = min(away[j], away[j + 1] + 1)
+    for j in range(len(rows)):
+        rows[j] = away[first + j] <= steps
+
+
+@njit()
 def _close(row, periodic):
     """Put the cells beyond the ends of a padded row."""
     row[0], row[-1] = (row[-2], row[1]) if periodic else (row.dtype.type(0), row.dtype.type(0))
 
 
 @njit()
-def _all_steps(x, out, before, after, contact, away, periodic, weights, lengths, back, rings, nothing):
-    """out = E x; or `back`, E^T in place. `rings`, `nothing`: zeros."""
+def _all_steps(x, out, before, after, contact, away, periodic, back, weights, lengths, rings, nothing):
+    """out = E x; or `back`, E^T in place. `rings`: room for rows; `nothing`: a row of zeros."""
     steps, rows = lengths.size, len(contact)
+    rings[...] = 0
     for first in range(rows + steps):
         for k in range(min(first + 1, steps)):
             j = first - k
