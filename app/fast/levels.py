@@ -7,7 +7,7 @@ A by levels (`influence_by_levels`) is wrong by about 1% on short waves and less
 of the time of a product in single precision: enough for corrections of the pressure, whose displacement the next
 product replaces (defect correction [1]_).
 
-Where cells are long, stencils say little, and on small grids transforms are quick: there are none.
+On small grids transforms are quick: there are no stencils.
 
 References
 ----------
@@ -21,14 +21,14 @@ from functools import partial
 import numpy as np
 from scipy.fft import next_fast_len
 
-from app.fast.multilevel import MultilevelOperator, coarse_cells, load_loops
-from app.fast.symbol import coarser, eigenvalues, left_near_by, mean_eigenvalue, stencils
+from app.fast.multilevel import MultilevelOperator, coarse_shape, load_loops
+from app.fast.symbol import cells_in_one, coarser, eigenvalues, left_near_by, mean_eigenvalue, stencils
 from app.halfspace.fft.lengths import quick_length, transform_length
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Grid
 from app.halfspace.influence import quadrant_rows
 
-_LEAST = 128  # cells in both directions from which on stencils take less time than transforms
+_LEAST = 128  # cells in a direction to be coarsened from which on stencils take less time than transforms
 
 
 def circulant_inverse(
@@ -55,16 +55,16 @@ def circulant_inverse(
     EvenMultiplier or MultilevelOperator
     """
     unit = 1 / (compliance * max(grid.dx, grid.dy))
-    near = [] if exact else [unit * stencil for stencil in _stencils(grid, -1)]
-    times, shape = 2 ** len(near), _coarsest_shape(grid, near)
+    near = [] if exact else [level.times(unit) for level in _stencils(grid, -1)]
+    (cy, cx), shape = cells_in_one(near), _coarsest_shape(grid, near)
     if exact:
         periods = shape
     else:
         periods = tuple(next_fast_len(n, real=True) if near else quick_length(n + 1) for n in shape)
-    sides = [times * period * d for period, d in zip(periods, (grid.dy, grid.dx), strict=True)]
+    sides = cy * periods[0] * grid.dy, cx * periods[1] * grid.dx
 
     def symbol(columns, rows):
-        x, y = (index * 2 / (times * period) for index, period in ((columns, periods[1]), (rows, periods[0])))
+        x, y = columns * 2 / (cx * periods[1]), rows * 2 / (cy * periods[0])
         found = eigenvalues(grid, compliance, x, y)
         found[(x[:, None] == 0) & (y == 0)] = mean_eigenvalue(compliance, sides)
         return coarser(1 / found, near, x, y)
@@ -99,11 +99,11 @@ def influence_by_levels(
         If it has no stencils.
     """
     unit = compliance * max(grid.dx, grid.dy)
-    near = [unit * stencil for stencil in _stencils(grid, 1)]
+    near = [level.times(unit) for level in _stencils(grid, 1)]
     if not near:
         return None
-    cells, (ny, nx) = 2 ** len(near), _coarsest_shape(grid, near)
-    far = quadrant_rows(Grid(nx, ny, cells * grid.dx, cells * grid.dy), compliance / cells**2)
+    (cy, cx), (ny, nx) = cells_in_one(near), _coarsest_shape(grid, near)
+    far = quadrant_rows(Grid(nx, ny, cx * grid.dx, cy * grid.dy), compliance / (cx * cy))
     beside = unit * left_near_by(grid, len(near))
 
     def kernel(rows):
@@ -140,14 +140,20 @@ def influence_of(operator):
 
 
 def _stencils(grid, power):
-    number = max(0, min(grid.shape).bit_length() - _LEAST.bit_length() + 1)
-    return stencils(grid, power)[:number] if number else ()
+    if max(grid.shape) < _LEAST or min(grid.shape) < _LEAST // 2:
+        return ()
+    found, (ny, nx) = stencils(grid, power), grid.shape
+    for number, (_, (fy, fx)) in enumerate(found):
+        ny, nx = ny // fy, nx // fx
+        if min(ny, nx) < _LEAST // 2:
+            return found[:number]
+    return found
 
 
 def _coarsest_shape(grid, near):
     shape = grid.shape
-    for _ in near:
-        shape = tuple(coarse_cells(n) for n in shape)
+    for level in near:
+        shape = coarse_shape(shape, level.factors)
     return shape
 
 

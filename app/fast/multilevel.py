@@ -3,8 +3,8 @@
     M = N + P M_H P^T
 
 `N` is a stencil of 5 x 5 cells, `P` linear interpolation between cell centres, `M_H` the same again on cells twice as
-large, and on the coarsest of these grids a product by FFT: multilevel multi-summation [1]_ of the lowest order.
-`app.fast.levels` has what is multiplied so.
+large, and on the coarsest of these grids a product by FFT: multilevel multi-summation [1]_ of the lowest order. Of long
+cells only the shorter sides are joined, until they are nearly square. `app.fast.levels` has what is multiplied so.
 
 On several ranks a coarse row is where the first of its two fine ones is. Two rows beside a slab are exchanged, and a
 coarse one.
@@ -30,9 +30,12 @@ from app.halfspace.reductions import any_order, copy_row
 _SHARE = 0.6  # operations of stencil and interpolation on a cell, in those of a transform and back
 
 
-def coarse_cells(n):
-    """Of two cells each, with one before the first, and one behind the last or around it. Not collective."""
-    return n // 2 + 2
+def coarse_shape(shape, factors):
+    """Of two cells each, with one before the first, and one behind the last or around it; or as many.
+
+    Not collective.
+    """
+    return tuple(n // 2 + 2 if factor == 2 else n for n, factor in zip(shape, factors, strict=True))
 
 
 class MultilevelOperator:
@@ -44,8 +47,8 @@ class MultilevelOperator:
     ----------
     shape : (int, int)
         Rows and columns of the fields.
-    near : sequence of ndarray, shape (3, 3)
-        Stencils of this level and of those below, as of `stencils`, for these cells.
+    near : sequence of Near
+        This level and those below, for these cells.
     coarsest : callable
         ``coarsest(shape, slabs)`` makes the product on the coarsest grid.
     slabs, comm, dtype
@@ -66,22 +69,22 @@ class MultilevelOperator:
         self.slabs = slabs = slabs or Slabs(shape[0])
         self.comm = comm = comm if comm is not None and comm.size > 1 else None
         twice = np.where(np.arange(REACH + 1) > 0, 2.0, 1.0)
-        self._stencil = np.ascontiguousarray((near[0] / np.outer(twice, twice)).T, dtype)  # [y, x]
-        coarse = slabs.surround()
-        coarse_shape = coarse.ny, coarse_cells(shape[1])
+        self._stencil = np.ascontiguousarray((near[0].stencil / np.outer(twice, twice)).T, dtype)  # [y, x]
+        self._factors = fy, _ = near[0].factors
+        below, coarse = coarse_shape(shape, self._factors), slabs.surround() if fy == 2 else slabs
         if len(near) > 1:
-            below = other._next if other and isinstance(other._next, MultilevelOperator) else None
-            self._next = MultilevelOperator(coarse_shape, near[1:], coarsest, coarse, comm, dtype, below)
+            others = other._next if other and isinstance(other._next, MultilevelOperator) else None
+            self._next = MultilevelOperator(below, near[1:], coarsest, coarse, comm, dtype, others)
         else:
-            self._next = coarsest(coarse_shape, coarse)
-        self.periods = tuple(2 * period for period in self._next.periods)
+            self._next = coarsest(below, coarse)
+        self.periods = tuple(f * period for f, period in zip(self._factors, self._next.periods, strict=True))
         self._first, self._first_coarse = slabs.rows.start, coarse.rows.start
-        self._coarse = np.zeros((coarse.local, coarse_shape[1]), dtype) if other is None else other._coarse
+        self._coarse = np.zeros((coarse.local, below[1]), dtype) if other is None else other._coarse
         self._halo = None if comm is None else Halo(slabs, comm, REACH, periodic=False)
-        self._parents = Parents(slabs, comm)
+        self._parents = Parents(slabs, comm) if fy == 2 else None
         self._none = np.zeros((0, shape[1]), dtype)
         self._all = np.ones(slabs.local, bool)
-        padded, half = shape[1] + 2 * REACH, coarse_shape[1] + 1
+        padded, half = shape[1] + 2 * REACH, shape[1] // 2 + 3
         self._five = (
             np.zeros((5, padded), dtype),
             np.empty((3, padded), dtype),
@@ -114,11 +117,14 @@ class MultilevelOperator:
         if self._halo is not None:
             before, after = (beside.astype(self.dtype, copy=False) for beside in self._halo(p))
         coarse = self._coarse
-        _restrict(p, rows, before, after, self._first, self._first_coarse, coarse, *self._four)
+        firsts = self._first, self._first_coarse
+        _restrict(p, rows, before, after, *firsts, coarse, self._factors, *self._four)
         self._next.apply(coarse, coarse)
-        above, below = self._parents(coarse)
-        parents, firsts = (above, coarse, below), (self._first, self._parents.first)
-        _add_near(p, rows, before, after, self._stencil, parents, *firsts, out, *self._five)
+        above, below, first_coarse = coarse[:0], coarse[:0], self._first
+        if self._parents:
+            (above, below), first_coarse = self._parents(coarse), self._parents.first
+        parents, firsts = (above, coarse, below), (self._first, first_coarse)
+        _add_near(p, rows, before, after, self._stencil, parents, *firsts, self._factors, out, *self._five)
 
 
 # Padded rows have REACH zeros at either end, so that nothing must be asked at the sides of the patch. A factor 3 is of
@@ -155,6 +161,12 @@ def _double(row, sixteenth, three, out):
         out[2 * i + 1] = sixteenth * (most + row[i + 2])
     if out.size % 2:
         out[-1] = sixteenth * (three * row[-1] + row[-2])
+
+
+@any_order
+def _scale(row, factor, out):
+    for i in range(out.size):
+        out[i] = factor * row[i]
 
 
 @any_order
@@ -197,55 +209,72 @@ def _take_row(j, p, rows, before, after, out):
 
 
 @njit()
-def _restrict(p, rows, before, after, first, first_coarse, coarse, four, halves):
+def _restrict(p, rows, before, after, first, first_coarse, coarse, factors, four, halves):
     """coarse = P^T p; `first`: number of the first row here; `four`, `halves`: room for rows."""
-    kind, nx = coarse.dtype.type, p.shape[1]
-    sixteenth, three = kind(1 / 16), kind(3)
+    kind, nx, (fy, fx) = coarse.dtype.type, p.shape[1], factors
+    share, three = kind(1 / (fy * fx) ** 2), kind(3)
     row, even, odd = four[4], halves[0], halves[1]
     some = 0  # bits: which of the four rows are not zero
     for j in range(len(coarse)):
-        low = 2 * (first_coarse + j) - 3 - first
-        for k in range(low + 2 if j else low, low + 4):
-            found = _take_row(k, p, rows, before, after, four[k % 4, 3 : 3 + nx])
-            some = (2 * some + found) & 15
-        if some:
-            _add_rows(
-                four[low % 4], four[(low + 1) % 4], four[(low + 2) % 4], four[(low + 3) % 4], three, row
-            )
-            _split(row, even, odd)
-            _halve(even, odd, sixteenth, three, coarse[j])
+        if fy == 2:
+            low = 2 * (first_coarse + j) - 3 - first
+            for k in range(low + 2 if j else low, low + 4):
+                found = _take_row(k, p, rows, before, after, four[k % 4, 3 : 3 + nx])
+                some = (2 * some + found) & 15
+            if some:
+                a, b, c, d = four[low % 4], four[(low + 1) % 4], four[(low + 2) % 4], four[(low + 3) % 4]
+                _add_rows(a, b, c, d, three, row)
         else:
+            some = int(_take_row(j, p, rows, before, after, row[3 : 3 + nx]))
+        if not some:
             coarse[j] = 0
+        elif fx == 2:
+            _split(row, even, odd)
+            _halve(even, odd, share, three, coarse[j])
+        else:
+            _scale(row[3 : 3 + nx], share, coarse[j])
 
 
 @njit()
-def _double_parent(k, above, coarse, below, sixteenth, three, out):
+def _widen(row, fx, three, out):
+    """A quarter of what a coarse row is interpolated to in x."""
+    if fx == 2:
+        _double(row, row.dtype.type(1 / 16), three, out)
+    else:
+        _scale(row, row.dtype.type(1 / 4), out)
+
+
+@njit()
+def _widen_parent(k, above, coarse, below, fx, three, out):
     """Row k, counted from the first of those above."""
     here = k - len(above)
     if here < 0:
-        _double(above[k], sixteenth, three, out)
+        _widen(above[k], fx, three, out)
     elif here < len(coarse):
-        _double(coarse[here], sixteenth, three, out)
+        _widen(coarse[here], fx, three, out)
     else:
-        _double(below[here - len(coarse)], sixteenth, three, out)
+        _widen(below[here - len(coarse)], fx, three, out)
 
 
 @njit()
-def _add_near(p, rows, before, after, stencil, parents, first, first_coarse, out, five, columns, doubled):
+def _add_near(
+    p, rows, before, after, stencil, parents, first, first_coarse, factors, out, five, columns, doubled
+):
     """out = N p + P coarse, where rows are wanted; `parents`: the rows of coarse above, here and below.
 
     `five`, `columns`, `doubled`: room for rows, the first of zeros at the ends.
     """
-    kind, nx, done = stencil.dtype.type, p.shape[1], -1
-    sixteenth, three = kind(1 / 16), kind(3)
+    (fy, fx), nx, three, done = factors, p.shape[1], stencil.dtype.type(3), -1
     for j in range(-4, len(p)):
         _take_row(j + 2, p, rows, before, after, five[(j + 2) % 5, 2 : 2 + nx])
         if j < 0 or not rows[j]:
             continue
-        parent = (first + j) // 2 + 1 - first_coarse
-        far = parent + 1 if (first + j) % 2 else parent - 1
+        parent = far = first + j - first_coarse
+        if fy == 2:
+            parent = (first + j) // 2 + 1 - first_coarse
+            far = parent + 1 if (first + j) % 2 else parent - 1
         for k in range(max(done + 1, min(parent, far)), max(parent, far) + 1):
-            _double_parent(k, *parents, sixteenth, three, doubled[k % 2])
+            _widen_parent(k, *parents, fx, three, doubled[k % 2])
             done = k
         around = five[(j - 2) % 5], five[(j - 1) % 5], five[j % 5], five[(j + 1) % 5], five[(j + 2) % 5]
         _in_y(around, stencil, columns[0], columns[1], columns[2])
@@ -258,5 +287,5 @@ def load_loops(dtype):
     low, rows, stencil = np.zeros((0, 0), dtype), np.zeros(0, bool), np.zeros((3, 3), dtype)
     room = np.zeros((5, 4), dtype)
     for field in {np.dtype(float): np.zeros((0, 0)), dtype: low}.values():
-        _restrict(field, rows, low, low, 0, 0, low, room, room)
-        _add_near(field, rows, low, low, stencil, (low, low, low), 0, 0, field, room, room, room)
+        _restrict(field, rows, low, low, 0, 0, low, (2, 2), room, room)
+        _add_near(field, rows, low, low, stencil, (low, low, low), 0, 0, (2, 2), field, room, room, room)

@@ -10,12 +10,14 @@ left is of long waves alone, and known on a grid twice as coarse; and so on:
 
     g_0 = lambda or 1 / lambda,    g_l = n_l + 4 c^6 g_(l+1)(2 k),    c^6 = cos(kx / 2)^6 cos(ky / 2)^6,
 
-`n_l` a stencil of 5 x 5 cells, 4 c^6 what interpolation from the coarser grid and its transpose do to a wave.
+`n_l` a stencil of 5 x 5 cells, 4 c^6 what interpolation from the coarser grid and its transpose do to a wave. Of long
+cells only the shorter sides are joined first, until they are nearly square: then it is 2 cos(ky / 2)^6, or that of x.
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,9 +29,25 @@ REACH = 2  # of a stencil, cells in each direction
 _TERMS = 10  # even Chebyshev polynomials in a direction: rounding is left
 _SAMPLES = 48  # waves in a direction that a stencil is fitted to
 _LONG = 0.32  # share of the highest frequency up to which waves are long: they are left to coarser grids
-_FIT = 0.2  # by which a stencil may be wrong for the other ones
-_MOST = 4  # stencils, at most
+_UNLIKE = 1.75  # ratio of the sides of a cell from which on only the shorter ones are joined
+_MOST = 256  # cells in one of the coarsest grid, at most
 _STRETCHED = 16.0  # ratio of the sides of a cell from which on interpolation has too many terms
+
+
+class Near(NamedTuple):
+    """What is said of a level by a stencil, and how the next one is coarser."""
+
+    stencil: np.ndarray  # (REACH + 1, REACH + 1), a quadrant [x, y], whose sides count twice, as cosines do
+    factors: tuple  # (fy, fx)
+
+    def times(self, unit):
+        """Return the same in another unit. Not collective."""
+        return self._replace(stencil=unit * self.stencil)
+
+
+def cells_in_one(near):
+    """How many cells (in y, in x) one of the grid below some levels is made of. Not collective."""
+    return tuple(int(np.prod([level.factors[axis] for level in near])) for axis in (0, 1))
 
 
 def eigenvalues(grid, compliance, x, y):
@@ -98,12 +116,12 @@ def centre(grid):
 @lru_cache(maxsize=16)
 def _centre(dx, dy):
     t = _samples()
-    quarter = _cosines(t, 2).T @ _powers(dx, dy, t, -1) @ _cosines(t, 2)
+    quarter = _cosines(t, 2).T @ _powers(dx, dy, t, t, -1) @ _cosines(t, 2)
     return quarter[np.ix_((1, 0, 1), (1, 0, 1))].T
 
 
 def stencils(grid, power=-1):
-    """Fit the stencils of all levels on which they say enough. Not collective.
+    """Fit the stencils of all levels. Not collective.
 
     Parameters
     ----------
@@ -113,9 +131,8 @@ def stencils(grid, power=-1):
 
     Returns
     -------
-    tuple of ndarray, shape (REACH + 1, REACH + 1)
-        For each level a quadrant [x, y], whose sides count twice, as cosines do; for unit compliance and cells whose
-        longer side is 1.
+    tuple of Near
+        For unit compliance and cells whose longer side is 1.
     """
     side = max(grid.dx, grid.dy)
     return _stencils(grid.dx / side, grid.dy / side, power)
@@ -126,20 +143,23 @@ def _stencils(dx, dy, power):
     t, near = _samples(), []
     cosines = _cosines(t, REACH + 1)
     shapes = np.einsum("ia,jb->ijab", cosines, cosines)
-    short = np.hypot(t[:, None], t) > _LONG
-    for level in range(_MOST):
-        waves = t / 2**level
-        whole = _powers(dx, dy, waves, power)
-        wanted = coarser(whole, near, waves, waves)
+    while np.prod(cells := cells_in_one(near)) < _MOST:
+        x, y = t / cells[1], t / cells[0]
+        whole = _powers(dx, dy, x, y, power)
+        wanted = coarser(whole, near, x, y)
+        fy, fx = factors = _coarsening(cells[1] * dx, cells[0] * dy)
+        short = np.hypot((fx - 1) * t[:, None], (fy - 1) * t) > _LONG
         weight = np.where(short, 1.0, 1e-3) / whole
         system = (weight[..., None, None] * shapes).reshape(t.size**2, -1)
         stencil, *_ = np.linalg.lstsq(system, (weight * wanted).reshape(-1), rcond=None)
-        stencil = stencil.reshape(REACH + 1, REACH + 1)
-        wrong = (wanted - spectrum_of(stencil, t, t)) / whole
-        if not np.abs(wrong[(t[:, None] > 0.5) | (t > 0.5)]).max() < _FIT:
-            break
-        near.append(stencil)
+        near.append(Near(stencil.reshape(REACH + 1, REACH + 1), factors))
     return tuple(near)
+
+
+def _coarsening(dx, dy):
+    if dx > _UNLIKE * dy:
+        return 2, 1
+    return (1, 2) if dy > _UNLIKE * dx else (2, 2)
 
 
 def left_near_by(grid, levels):
@@ -164,10 +184,11 @@ def left_near_by(grid, levels):
 
 @lru_cache(maxsize=32)
 def _left_near_by(dx, dy, levels):
-    t = _samples()
-    waves, cells = t / 2**levels, 2**levels
-    left = coarser(_powers(dx, dy, waves, 1), _stencils(dx, dy, 1)[:levels], waves, waves)
-    left -= _powers(dx, dy, t, 1) / cells  # by cells so many times as large, of their mean pressure
+    t, near = _samples(), _stencils(dx, dy, 1)[:levels]
+    cy, cx = cells_in_one(near)
+    left = coarser(_powers(dx, dy, t / cx, t / cy, 1), near, t / cx, t / cy)
+    side = max(cx * dx, cy * dy)  # of cells so many times as large, by whose mean pressure is multiplied
+    left -= side / (cx * cy) * _powers(cx * dx / side, cy * dy / side, t, t, 1)
     cosines = _cosines(t, _SAMPLES // 4)
     return (cosines.T @ left @ cosines).T / t.size**2
 
@@ -176,9 +197,9 @@ def _samples():
     return (np.arange(_SAMPLES) + 0.5) / _SAMPLES
 
 
-def _powers(dx, dy, t, power):
-    """g_0 at the wave numbers t in both directions."""
-    return (2 * np.pi * _eigenvalues(dx, dy, t, t)) ** power
+def _powers(dx, dy, x, y, power):
+    """g_0 at wave numbers."""
+    return (2 * np.pi * _eigenvalues(dx, dy, x, y)) ** power
 
 
 def spectrum_of(stencil, x, y):
@@ -193,7 +214,7 @@ def coarser(whole, near, x, y):
     ----------
     whole : ndarray, shape (x, y)
         g_0.
-    near : sequence of ndarray
+    near : sequence of Near
         n_0, n_1, ...; in units of g_0.
     x, y : ndarray
         Wave numbers over the highest ones of the finest grid.
@@ -203,10 +224,13 @@ def coarser(whole, near, x, y):
     ndarray, shape (x, y)
     """
     left = whole
-    for level, stencil in enumerate(near):
-        a, b = x * 2**level, y * 2**level
-        passed = np.cos(np.pi / 2 * a[:, None]) ** 6 * np.cos(np.pi / 2 * b) ** 6
-        left = (left - spectrum_of(stencil, a, b)) / (4 * passed)
+    for stencil, (fy, fx) in near:
+        in_x, in_y = (
+            2 * np.cos(np.pi / 2 * t) ** 6 if factor == 2 else np.ones(t.size)
+            for t, factor in ((x, fx), (y, fy))
+        )
+        left = (left - spectrum_of(stencil, x, y)) / (in_x[:, None] * in_y)
+        x, y = fx * x, fy * y
     return left
 
 

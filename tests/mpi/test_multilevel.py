@@ -8,7 +8,7 @@ import pytest
 from app.fast.levels import circulant_inverse, influence_by_levels
 from app.halfspace.grid import Grid, Slabs
 
-SHAPES = [(128, 140), (257, 150), (150, 129)]
+SHAPES = [(128, 140, 0.12), (257, 150, 0.12), (150, 129, 0.12), (257, 140, 0.04), (130, 260, 0.5)]
 
 
 @pytest.mark.mpi(2, 3, 4)
@@ -19,18 +19,18 @@ SHAPES = [(128, 140), (257, 150), (150, 129)]
     "multiplier", [partial(circulant_inverse, exact=False), influence_by_levels], ids=["inverse", "influence"]
 )
 def test_each_rank_finds_its_rows(comm, shape, layout, dtype, multiplier):
-    ny, nx = shape
+    ny, nx, dy = shape
     starts = {
         "even": Slabs(ny, comm.size).starts,
         "thin": [0, *(2 * rank + 1 for rank in range(comm.size - 1)), ny],  # of odd rows, of one and two
         "nothing at the ends": [0, 0, *[ny] * (comm.size - 1)],
     }[layout]
     slabs = Slabs.starting(starts, comm.rank)
-    grid = Grid(nx, ny, 0.1, 0.12)
+    grid = Grid(nx, ny, 0.1, dy)
     alone = multiplier(grid, 1.0, dtype=dtype)
     here = multiplier(grid, 1.0, slabs, comm, dtype)
-    field = np.random.default_rng(1).normal(size=shape)
-    expected, found = np.empty(shape), field[slabs.rows].copy()
+    field = np.random.default_rng(1).normal(size=grid.shape)
+    expected, found = np.empty(grid.shape), field[slabs.rows].copy()
     alone.apply(field, expected)
     here.apply(found, found)
     tolerance = 10 * np.finfo(dtype).eps * abs(expected).max()

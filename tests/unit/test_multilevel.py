@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from app.fast.multilevel import MultilevelOperator, coarse_cells
+from app.fast.multilevel import MultilevelOperator
+from app.fast.symbol import Near
 
 
 class Same:
@@ -16,9 +17,11 @@ class Same:
         out[...] = p
 
 
-def interpolation(n):
-    """Linear, between the centres of cells, of which the first coarse one is before the patch."""
-    matrix = np.zeros((n, coarse_cells(n)))
+def interpolation(n, factor):
+    """Linear, between the centres of cells, of which the first coarse one is before the patch; or none."""
+    if factor == 1:
+        return np.eye(n)
+    matrix = np.zeros((n, n // 2 + 2))
     for i in range(n):
         matrix[i, i // 2 + 1] = 0.75
         matrix[i, i // 2 + 2 if i % 2 else i // 2] = 0.25
@@ -30,14 +33,16 @@ def near(n, reach, weights):
     return sum(weights[abs(k)] * np.eye(n, k=k) for k in range(-reach, reach + 1))
 
 
+@pytest.mark.parametrize("factors", [(2, 2), (2, 1), (1, 2)])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("shape", [(1, 1), (1, 3), (2, 2), (5, 7), (6, 8), (9, 4), (12, 13), (33, 70)])
-def test_it_is_a_stencil_and_interpolation_from_the_coarse_grid(shape, dtype):
+def test_it_is_a_stencil_and_interpolation_from_the_coarse_grid(shape, dtype, factors):
     rng = np.random.default_rng(3)
     in_y, in_x = rng.random((2, 3))
     twice = np.array([1.0, 2.0, 2.0])  # stencils are given as of a sum over waves
-    operator = MultilevelOperator(shape, [np.outer(in_x * twice, in_y * twice)], Same, dtype=dtype)
-    from_y, from_x = map(interpolation, shape)
+    level = Near(np.outer(in_x * twice, in_y * twice), factors)
+    operator = MultilevelOperator(shape, [level], Same, dtype=dtype)
+    from_y, from_x = map(interpolation, shape, factors)
     for wanted in (np.ones(shape[0], bool), rng.random(shape[0]) < 0.5):
         p = rng.standard_normal(shape) * wanted[:, None]
         expected = near(shape[0], 2, in_y) @ p @ near(shape[1], 2, in_x)

@@ -11,6 +11,7 @@ from running import assert_solves_lcp, solve
 from app import ContactProblem
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material, dense_matrix
+from app.problems.surfaces import SelfAffineSurface
 
 SIZES = (32, 64, 128, 256)
 # Active set iterations on the target grid; the paper's Tables 2 and 3 differ by at most 2 everywhere.
@@ -60,6 +61,18 @@ def test_no_number_of_cells_is_dear(approach):
         solve(self_affine(n, 8), approach, "fast").inner_iterations for n in (256, 243, 254, 257, 262)
     )
     assert max(others) <= 1.4 * usual
+
+
+@pytest.mark.parametrize("aspect", [3.0, 1 / 6])
+def test_nor_are_long_cells(aspect):
+    counts = []
+    for wide in (1.0, aspect):
+        grid = Grid(512, 512, min(1.0, wide) / 512, min(1.0, 1 / wide) / 512)
+        surface = SelfAffineSurface(0.8, 1 / 8, 6 / 512, (1.0, 1.0), 1, rms_slope=0.1)
+        height = surface.height(grid.x(), grid.y())
+        problem = ContactProblem(grid, Material(80000.0, 0.3), height.max() - height)
+        counts.append(solve(problem, 0.02, "fast").operator_applications)
+    assert counts[1] <= 1.8 * counts[0]
 
 
 @pytest.mark.parametrize("kind", ["tao", "snesvi"])
