@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import sqrt
+from math import sqrt, ulp
 from typing import NamedTuple
 
 import numpy as np
@@ -104,7 +104,7 @@ class UndeformedDistance:
     def approach_at(self, depth):
         """Return the approach at a depth, 0 where the two parts cancel but for their rounding [mm]. Not collective."""
         approach = float(self.reference + depth)
-        return approach if abs(approach) > 4 * np.spacing(max(abs(self.reference), abs(depth))) else 0.0
+        return approach if abs(approach) > 4 * ulp(max(abs(self.reference), abs(depth))) else 0.0
 
     @property
     def deviation(self):
@@ -126,7 +126,7 @@ class UndeformedDistance:
     @property
     def rounding(self):
         """What that may have left in a cell [mm]; nothing if it does not count. Not collective."""
-        return float(np.spacing(self.deepest)) if self.digits_lost else 0.0
+        return ulp(self.deepest) if self.digits_lost else 0.0
 
     @staticmethod
     def kept(distances):

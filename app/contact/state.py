@@ -19,7 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
-from math import sqrt
+from math import sqrt, ulp
 
 import numpy as np
 from petsc4py import PETSc
@@ -140,7 +140,7 @@ class ContactState:
         cells, mean, _ = self.distance.statistics
         if not self.grid.periodic or cells < self.grid.n:
             return np.inf
-        return mean - _ROUND_OFF * abs(mean) - 4 * np.spacing(abs(self.distance.reference))
+        return mean - _ROUND_OFF * abs(mean) - 4 * ulp(abs(self.distance.reference))
 
     @property
     def rhs(self):
