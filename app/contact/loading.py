@@ -26,6 +26,7 @@ from app.options import LARGEST
 
 # A secant counts if the approach moved by so many residuals; so much may the slope change at once.
 TRUSTED = 3.0
+_NEARLY = 0.9  # of the mean slope, that rounding makes of it where a contact set has not changed
 BLAMED = 0.25  # of the rms residual: by so much the approach that the load asks for may be wrong
 LOADINGS = {"approach": "mm", "load": "N", "mean_pressure": "N/mm2", "mean_gap": "mm"}
 ROUNDING = 1e-12  # of an approach, for full contact
@@ -240,7 +241,7 @@ class PrescribedLoad:
             moved = depth - self._before[0]
             if abs(moved) > TRUSTED * rms:
                 slope = (expected - self._before[1]) / moved
-                if slope >= mean_slope:
+                if slope >= _NEARLY * mean_slope:
                     self.slope = min(max(slope, self.slope / TRUSTED), TRUSTED * self.slope)
             self._before = None
         self.slope = max(self.slope, mean_slope)

@@ -201,6 +201,11 @@ class ContactState:
         h, residual, cells = self.sum([*squares, np.count_nonzero(contact)])
         return sqrt(h), sqrt(residual), max(int(cells), 1)
 
+    def left_on_contact(self):
+        """||h + u||_2 over C [mm]. Collective."""
+        squares = kernels.gap_on(self.distance.b, self.u, self.contact, self.contact)[0]
+        return sqrt(self.sum([squares])[0])
+
     # -- Sec. 4.1, step by step -----------------------------------------------------------------------
 
     def start_from_interpenetration(self):

@@ -115,11 +115,13 @@ def inexact_active_set(state, solver, loading, stop, history):
         return Outcome(not loading.prescribes_load, NO_CONTACT)
     solver.begin(by_levels=stop.defect_correction > 0)
     h_on_contact, norm, cells = state.on_contact()  # of C^k; later the last update knows
-    known = norm  # when u was computed last
+    known = least = norm  # when u was computed last; the least of these
+    idle = 0  # products since that was halved
     for k in range(1, stop.max_it + 1):
         allowed, done, computed = stop.allowed(state, h_on_contact), False, False
+        most, nearly = max(allowed, 0.5 * known), solver.nearly  # levels may leave so much
         # On coarse grids what levels leave is no worse than the grid itself.
-        enough = max(allowed, stop.defect_correction * known) if stop.final and solver.nearly else allowed
+        enough = max(allowed, stop.defect_correction * known) if stop.final and nearly else allowed
         solver.set_contact()  # 2. (2.11) on C^k
         its, failure, norm = solver.improve(state, enough, norm)  # 3. a little
         tension = solver.tension(state) if norm <= allowed else None
@@ -132,19 +134,24 @@ def inexact_active_set(state, solver, loading, stop, history):
         if ready and not stop.final:
             update, done = _leave_coarse(state, solver, tension, loading, NEAR * allowed / np.sqrt(cells))
         elif ready and not too_loose:
-            update, done, rehearsed = _verify(state, solver, tension, loading, stop, not rehearsed)
+            update, done, rehearsed = _verify(state, solver, tension, loading, stop, most, not rehearsed)
             computed = not rehearsed
         else:
             computed = allowed < enough and norm <= enough
-            solver.release(state, carry=not computed)  # (4.a), and u along with it
+            released = solver.release(state, carry=not computed)  # (4.a), and u along with it
             if computed:
                 state.compute_displacement(exact=allowed < SINGLE * h_on_contact)
+                if not released:
+                    solver.judge(state, most)
             loading.update(state)
             expected = solver.predict(state, stop.predictor) if norm > allowed else None
             update = state.activate_penetrating(expected)  # (4.b)
-        if computed and solver.nearly:
-            solver.nearly = update.residual <= max(allowed, 0.5 * known)
-            best, known = known, update.residual
+        if computed and nearly:
+            best = max(known, update.residual)  # which is more where a load has let cells in
+            known, idle = update.residual, idle + 1
+            if known <= 0.5 * least:
+                least, idle = known, 0
+            solver.nearly &= idle < PATIENCE
         history.add(state, solver, update, its)
         h_on_contact, cells, norm = update.h_on_contact, max(update.cells, 1), update.residual
         residual = update.residual / state.distance.norm()
@@ -162,7 +169,7 @@ def inexact_active_set(state, solver, loading, stop, history):
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
 
 
-def _verify(state, solver, tension, loading, stop, rehearse):
+def _verify(state, solver, tension, loading, stop, most, rehearse):
     """Steps 4 to 6 on the target grid by a product in double precision, the load met exactly. Collective.
 
     `rehearse`: do them by the carried displacement first; if that does not pass the product is not made.
@@ -182,6 +189,7 @@ def _verify(state, solver, tension, loading, stop, rehearse):
     solver.rest()
     if state.u_is is not Displacement.EXACT:
         state.compute_displacement(exact=True)
+        solver.judge(state, most)
     loading.update(state)
     update = state.activate_penetrating()  # (4.b)
     if _solved(state, update, stop):
@@ -199,13 +207,14 @@ def _leave_coarse(state, solver, tension, loading, near):
 
     What little the last release does to u is for the finer grid to find out, if the load is met but for `near` [mm].
     """
-    enough = tension.share <= RELEASED
-    if enough:
+    little = tension.share <= RELEASED
+    if little:
         solver.carry(state)
-        enough = loading.update(state) <= near
+    enough = little and loading.update(state) <= near
     if enough:
         state.release_tensile(tension.some)  # (4.a)
     else:
         solver.release(state, tension)  # (4.a), and u along with it
-        loading.update(state)
+        if not little:  # else the approach has moved by this pressure already
+            loading.update(state)
     return state.activate_penetrating(), enough  # (4.b)

@@ -113,6 +113,14 @@ class TrackingSolver(LinearSolver):
         if self._large:
             self._cg.rest()
 
+    def judge(self, state, most):
+        """Multiply by FFT from here on if levels have left more than `most` on C [mm], as u, computed anew, tells.
+
+        Collective.
+        """
+        if self.nearly:
+            self.nearly = state.left_on_contact() <= most
+
     def tension(self, state):
         """Return the Tension. Collective."""
         total, negative = state.sum(kernels.tension(state.p, state.contact))

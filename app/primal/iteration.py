@@ -101,7 +101,7 @@ def allowed_gap(primal, stop):
     """Root mean square error of the gap that is small enough [mm]. Collective.
 
     As (5.1), with the deviation of the shape from its mean in place of ||h||, which does not depend on the load; for
-    flat surfaces with holes the depth, or as much as the mean pressure displaces a cell. On a coarse grid the approach
+    flat surfaces with holes the depth, or as much as the mean pressure displaces a cell, if that is more. On a coarse grid the approach
     beyond first touch, if that is less: what is left of a contact that is small in its patch is large there.
     """
     distance, rtol = primal.state.distance, stop.rtol if stop.final else stop.coarse_rtol
@@ -109,7 +109,8 @@ def allowed_gap(primal, stop):
         beyond = primal.approach - distance.reference - primal.state.first_touch() if not stop.final else 0.0
         return rtol * (min(beyond, distance.deviation) if beyond > 0 else distance.deviation)
     if primal.loading.prescribes_load:
-        return rtol * primal.mean_pressure * primal.state.operator.diagonal
+        of_cell = primal.mean_pressure * primal.state.operator.diagonal
+        return rtol * max(of_cell, abs(primal.approach - distance.reference))
     return rtol * abs(primal.mean_displacement)
 
 

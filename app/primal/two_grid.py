@@ -16,7 +16,8 @@ from app.primal.operator import InverseOperator
 
 _event = PETSc.Log.Event("TwoGridPC")
 _CONSTANT = 0.125  # of the longest wave's compliance, over the share of contact: that of the constant
-_INTERVAL = 0.5, 1.4  # eigenvalues of the centre of B, over B_00, that the sweeps are to damp
+_INTERVAL = 0.5, 1.4  # eigenvalues of the centre of B, over B_00, that the sweeps are to damp ...
+_HIGHEST = 0.9  # ... and of the highest one, on few rows of long cells: beyond, sweeps would let them grow
 _NONE = np.empty((0, 0))
 
 
@@ -50,7 +51,9 @@ class TwoGrid:
         if not 1 <= self.sweeps <= 50:
             raise ValueError(f"-pc_two_grid_sweeps {self.sweeps}: allowed: 1 to 50")
         self.weights = _weights(operator.product.centre(), operator.grid)
-        self._shares = chebyshev_steps(self.sweeps, *_INTERVAL).astype(np.float32)
+        low, high = _INTERVAL
+        high = max(high, _HIGHEST * _highest(*self.weights[1:]))
+        self._shares = chebyshev_steps(self.sweeps, low, high).astype(np.float32)
         self._back = self._shares[::-1].copy()
         self._rows = Halo(operator.slabs, operator.comm, self.sweeps)
         self._x = np.empty(operator.local_shape, np.float32)
@@ -131,6 +134,12 @@ def _weights(centre, grid):
     around = centre[1, 0] * in_x, centre[0, 1] * in_y, centre[0, 0] * in_x * in_y
     middle = float(centre[1, 1]) or 1.0  # B of a single cell is zero
     return 1.0 / middle, *(np.float32(value / middle) for value in around)
+
+
+def _highest(x, y, diagonal):
+    """Eigenvalue of the sweeps' stencil: of the waves that alternate from cell to cell in x, in y, or in both."""
+    alternating = (x - y - 2 * diagonal, y - x - 2 * diagonal, 2 * diagonal - x - y)
+    return 1 + 2 * float(max(alternating))
 
 
 def _factor(n, coarse):

@@ -271,3 +271,39 @@ def test_no_warning_comes_from_the_arithmetic():
         for share in (0.0, 1e-9, 0.01, 0.999999):
             problem = periodic.rough(16, 16, 4)
             assert solve(problem, share * problem.gap.mean(), None).converged
+
+
+@pytest.mark.parametrize(("ny", "aspect"), [(4, 0.125), (4, 0.3), (8, 0.06)])
+def test_few_rows_of_long_cells(ny, aspect):
+    """The highest eigenvalues of the sweeps' stencil are beyond those that sweeps of usual lengths damp."""
+    side = 1 / np.sqrt(128 * ny * aspect)
+    grid = Grid(128, ny, side, side * aspect)
+    gap = 0.01 * np.random.default_rng(1).standard_normal((ny, 128))
+    problem = ContactProblem(grid, Material.from_contact_modulus(1e5), gap, periodic=True)
+    by_load = solve(problem, None, None, 100.0)
+    for found in (by_load, solve(problem, by_load.approach, None)):
+        assert found.converged and not found.fallbacks
+        assert found.operator_applications < 120
+
+
+def test_a_load_on_a_flat_punch_asks_for_no_more_than_its_approach():
+    grid = Grid(256, 256, 1 / 256, 1 / 256)
+    x, y = np.meshgrid(grid.x(), grid.y())
+    gap = np.where((abs(x - 0.5) < 0.2) & (abs(y - 0.5) < 0.2), 0.0, np.nan)
+    problem = ContactProblem(grid, Material.from_contact_modulus(1e5), gap, periodic=True)
+    by_load = solve(problem, None, None, 100.0)
+    by_approach = solve(problem, by_load.approach, None)
+    assert by_load.converged and by_approach.converged
+    assert by_load.operator_applications <= 1.6 * by_approach.operator_applications
+
+
+@pytest.mark.parametrize("load", [1.0, 100.0, 1e4])
+def test_heights_that_differ_by_rounding_are_in_full_contact(load):
+    grid = Grid(64, 64, 1 / 64, 1 / 64)
+    x = grid.x()[None, :] + 0 * grid.y()[:, None]
+    gap = np.cos(7 * x) ** 2 + np.sin(7 * x) ** 2
+    found = solve(
+        ContactProblem(grid, Material.from_contact_modulus(1e5), gap, periodic=True), None, None, load
+    )
+    assert found.converged and found.contact.all()
+    np.testing.assert_allclose(found.pressure, load, rtol=1e-6)

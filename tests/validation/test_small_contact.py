@@ -1,0 +1,45 @@
+"""Contacts of a few cells, found by load: hardly dearer than by approach, and the safeguard rests."""
+
+import numpy as np
+import pytest
+from running import solve
+
+from app import ContactProblem, Grid, Material
+
+MATERIAL = Material.from_contact_modulus(1e5)
+GRID = Grid.from_domain(256, 256, (0.0, 1.0, 0.0, 1.0))
+X, Y = np.meshgrid(GRID.x(), GRID.y())
+SHAPES = {
+    "sphere": ((X - 0.5) ** 2 + (Y - 0.5) ** 2) / 2,
+    "cone": 0.1 * np.hypot(X - 0.5, Y - 0.5),
+    "tilted plane": 0.01 * X + 0.003 * Y,
+    "two corners": np.minimum((X - 0.02) ** 2 + (Y - 0.02) ** 2, (X - 0.98) ** 2 + (Y - 0.98) ** 2),
+}
+
+
+@pytest.mark.parametrize("gap", SHAPES.values(), ids=SHAPES.keys())
+def test_a_light_load_costs_little_more_than_its_approach(gap):
+    """Once the secant between two updates by one pressure confirmed whatever slope there was, grid after grid."""
+    problem = ContactProblem(GRID, MATERIAL, gap)
+    for load in (0.01, 0.1, 1.0, 10.0):
+        by_load = solve(problem, None, "fast", load)
+        assert by_load.converged and not by_load.fallbacks
+        assert by_load.load == pytest.approx(load, rel=1e-6)
+        by_approach = solve(problem, by_load.approach, "fast")
+        assert by_load.operator_applications <= 3 * by_approach.operator_applications
+
+
+@pytest.mark.parametrize("load", [0.1, 0.316, 1.0])
+def test_progress_is_measured_from_when_the_load_was_met(load):
+    """The first contact of noise is a cell or two without residual; then the load lets a thousand in."""
+    gap = 0.01 * np.random.default_rng(0).random(GRID.shape)
+    found = solve(ContactProblem(GRID, MATERIAL, gap), None, "fast", load)
+    assert found.converged and not found.fallbacks
+    assert found.operator_applications < 27
+
+
+def test_levels_are_not_to_blame_for_cells_that_enter():
+    gap = 0.002 * (2 - np.cos(16 * np.pi * X) - np.cos(16 * np.pi * Y))
+    found = solve(ContactProblem(GRID, MATERIAL, gap), None, "fast", 0.05)
+    assert found.converged
+    assert found.operator_applications < 15
