@@ -101,8 +101,9 @@ def allowed_gap(primal, stop):
     """Root mean square error of the gap that is small enough [mm]. Collective.
 
     As (5.1), with the deviation of the shape from its mean in place of ||h||, which does not depend on the load; for
-    flat surfaces with holes the depth, or as much as the mean pressure displaces a cell, if that is more. On a coarse grid the approach
-    beyond first touch, if that is less: what is left of a contact that is small in its patch is large there.
+    flat surfaces with holes the depth, or as much as the mean pressure displaces a cell, if that is more. On a coarse
+    grid the approach beyond first touch, if that is less: what is left of a contact that is small in its patch is large
+    there.
     """
     distance, rtol = primal.state.distance, stop.rtol if stop.final else stop.coarse_rtol
     if distance.deviation > _FLAT * distance.norm() / np.sqrt(primal.cells):
