@@ -14,6 +14,7 @@ from petsc4py import PETSc
 
 from app.compiled import njit
 from app.halfspace.fetch import Fetch
+from app.halfspace.reductions import add_row, copy_row
 from app.petsc import restricts_by_transpose
 
 
@@ -119,11 +120,8 @@ class Transfer:
     @PETSc.Log.EventDecorator("ContactTransfer")
     def add_copies(self, coarse, fine):
         """Sec. 4.2, 5, formula 3, and 6: v_H copied to the children, 0 in E_h; p_h + v_h. Collective."""
-        mine, start = self._of_parents(coarse), self.fine.slabs.rows.start
-        for (view, rows, columns), (mask, _, _) in zip(
-            self._children(fine, start), self._children(self.fine.mask, start), strict=True
-        ):
-            np.add(view, mine[rows, columns], out=view, where=mask)
+        mine, skipped = self._of_parents(coarse), self.fine.slabs.rows.start % self.fy
+        _add_copies(mine, self.fine.mask, fine, skipped, self.fy, self.fx, np.empty(fine.shape[1]))
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def copy(self, coarse, fine):
@@ -192,25 +190,56 @@ def _bilinear(coarse, fine, a, b, weight_y, c, d, weight_x, halved, row):
 
 
 @njit()
+def _add_pairs(of, to):
+    for i in range(np.uint64(of.size // 2)):
+        k = np.uint64(2) * i
+        to[i] += of[k]
+        to[i] += of[k + np.uint64(1)]
+    if of.size % 2:
+        to[-1] += of[-1]
+
+
+@njit()
 def _add_children(fine, coarse, fy, fx):
     """Add fine cells, the first row of which is a first child, to their coarse ones."""
-    pairs = fine.shape[1] // fx
     for j in range(fine.shape[0]):
-        of, to = fine[j], coarse[j // fy]
-        for i in range(pairs):
-            for child in range(fx * i, fx * (i + 1)):
-                to[i] += of[child]
-        if fx * pairs < of.size:
-            to[pairs] += of[fx * pairs]
+        if fx == 2:
+            _add_pairs(fine[j], coarse[j // fy])
+        else:
+            add_row(coarse[j // fy], 1.0, fine[j])
+
+
+@njit()
+def _copy_row(of, fine, fx):
+    if fx == 1:
+        copy_row(of, fine)
+        return
+    for i in range(np.uint64(fine.size // 2)):
+        k = np.uint64(2) * i
+        fine[k] = fine[k + np.uint64(1)] = of[i]
+    if fine.size % 2:
+        fine[-1] = of[-1]
 
 
 @njit()
 def _copy(coarse, fine, skipped, fy, fx):
     """Copy coarse cells to their children; the first fine row is child number `skipped`."""
     for j in range(fine.shape[0]):
-        of = coarse[(skipped + j) // fy]
-        for i in range(fine.shape[1]):
-            fine[j, i] = of[i // fx]
+        _copy_row(coarse[(skipped + j) // fy], fine[j], fx)
+
+
+@njit()
+def _add_row(a, mask, out):
+    for i in range(out.size):
+        out[i] += a[i] if mask[i] else 0.0
+
+
+@njit()
+def _add_copies(coarse, mask, fine, skipped, fy, fx, row):
+    """Add coarse cells to their children, where there is a mask. `row`: room for one."""
+    for j in range(fine.shape[0]):
+        _copy_row(coarse[(skipped + j) // fy], row, fx)
+        _add_row(row, mask[j], fine[j])
 
 
 def warm_up():
@@ -223,6 +252,8 @@ def warm_up():
         _add_children(source, field, 1, 1)
         _copy(source, field, 0, 1, 1)
     _copy(mask, mask, 0, 1, 1)
+    for source in (field, fixed):
+        _add_copies(source, mask, field, 0, 1, 1, weights)
 
 
 @lru_cache(maxsize=64)

@@ -35,7 +35,7 @@ import numpy as np
 
 from app.halfspace.fft.lengths import transform_length
 from app.halfspace.grid import Slabs
-from app.halfspace.sweeps.kernels import LANES, TILE, solve_leaf, transfer
+from app.halfspace.sweeps.kernels import LANES, TILE, solve_leaf, survey, transfer
 from app.halfspace.sweeps.pipeline import Flow
 from app.halfspace.sweeps.tables import SEGMENT_COLUMNS, Tables
 
@@ -162,9 +162,8 @@ class GaussSeidel:
     def _survey(self, mask):
         """Rows with contact, number of contact cells, columns to sweep over, for which all is prepared. Collective."""
         ny, nx = self.shape
-        found = np.flatnonzero(mask.any(axis=0))
-        ends = (found[0], found[-1] + 1) if len(found) else (nx, 0)
-        here = np.array([*mask.any(axis=1), *ends, np.count_nonzero(mask)], np.int64)
+        here = np.empty(len(mask) + 3, np.int64)  # rows with contact, columns, cells
+        here[-3:] = survey(mask, here[:-3])
         if self.comm is None:
             parts = [here]
         else:
@@ -207,11 +206,11 @@ class GaussSeidel:
         ordered = np.zeros((number + 1) * rows, bool)
         ordered[rows : rows + ny] = occupied[::-1] if backward else occupied
         self._flops += self._rows_flops(cells, ordered)
-        leaves = []
+        leaves, some = [], ordered.reshape(-1, rows).any(axis=1)[1:]
         for m in range(number):
             first, last = m * rows, min((m + 1) * rows, ny)
             leaf = slice(ny - last, ny - first) if backward else slice(first, last)
-            leaves.append(leaf if ordered[first + rows : last + rows].any() else None)
+            leaves.append(leaf if some[m] else None)
         return leaves, ordered.reshape(-1, TILE).any(axis=1)
 
     def _collect(self, m, flow):

@@ -13,6 +13,7 @@ from numba import uintp
 
 from app.compiled import njit
 from app.halfspace.fft.fftw import execute
+from app.halfspace.reductions import any_order, span_of
 
 LANES = 32  # frequencies in a chunk
 TILE = 4  # rows that act on as many others at once
@@ -185,6 +186,27 @@ def _add_tiles(y, flat, source, near, start, reach, filled, place, least, most):
 def _add_to(target, source):
     for k in range(len(source)):
         target[k] += source[k]
+
+
+@any_order
+def _count(row):
+    cells = 0
+    for i in range(row.size):
+        cells += row[i]
+    return cells
+
+
+@njit()
+def survey(mask, occupied):
+    """First column with contact and one past the last, number of contact cells; `occupied` is told rows with some."""
+    start, stop, cells = mask.shape[1], 0, 0
+    for j in range(mask.shape[0]):
+        first, last = span_of(mask[j])
+        occupied[j] = last > 0
+        if last > 0:
+            start, stop = min(start, first), max(stop, last)
+            cells += _count(mask[j, first:last])
+    return start, stop, cells
 
 
 @njit()
