@@ -17,7 +17,7 @@ from app.primal.operator import InverseOperator
 _event = PETSc.Log.Event("TwoGridPC")
 _CONSTANT = 0.125  # of the longest wave's compliance, over the share of contact: that of the constant
 _INTERVAL = 0.5, 1.4  # eigenvalues of the centre of B, over B_00, that the sweeps are to damp ...
-_HIGHEST = 0.9  # ... and of the highest one, on few rows of long cells: beyond, sweeps would let them grow
+_HIGHEST = 0.9  # ... and of the highest one, where sweeps would let it grow: on few rows of long cells
 _NONE = np.empty((0, 0))
 
 
@@ -51,8 +51,9 @@ class TwoGrid:
         if not 1 <= self.sweeps <= 50:
             raise ValueError(f"-pc_two_grid_sweeps {self.sweeps}: allowed: 1 to 50")
         self.weights = _weights(operator.product.centre(), operator.grid)
-        low, high = _INTERVAL
-        high = max(high, _HIGHEST * _highest(*self.weights[1:]))
+        (low, high), highest = _INTERVAL, _highest(*self.weights[1:])
+        if highest > low + high:
+            high = _HIGHEST * highest
         self._shares = chebyshev_steps(self.sweeps, low, high).astype(np.float32)
         self._back = self._shares[::-1].copy()
         self._rows = Halo(operator.slabs, operator.comm, self.sweeps)
