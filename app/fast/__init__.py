@@ -39,10 +39,10 @@ beyond counts. docs/performance.md has them by load, too, and what happens if a 
 ===================  =========================  ===============================================================
 device               off by                     applications without it, of 9.8 with all
 ===================  =========================  ===============================================================
-defect correction    -lcp_defect_correction 0   20.2
+defect correction    -lcp_defect_correction 0   20.1
 lift                 -lcp_prolongation copy     11.9
-predictor            -lcp_predictor 0           10.3
-rim extension        -pc_circulant_extend 0     12.1 (and no predictor)
+predictor            -lcp_predictor 0           10.4
+rim extension        -pc_circulant_extend 0     12.0 (and no predictor)
 loose coarse grids   -lcp_coarse_rtol 1e-6      11.0
 windows              -lcp_window 0              10.5; most where contact is small in its patch
 single precision     -lcp_precision double      9.8; half the time of a product
