@@ -17,6 +17,8 @@ from app.halfspace.fetch import Fetch
 from app.halfspace.reductions import add_row, copy_row
 from app.petsc import restricts_by_transpose
 
+_NOTHING = 1e-9  # of a cell: rounding of an overlap
+
 
 class Transfer:
     """Restriction and prolongation between two operators.
@@ -44,6 +46,13 @@ class Transfer:
             np.minimum(self.fy * rows, self.fine.grid.ny) for rows in self._made.bounds(self._ranks)
         )
         return Fetch(self.fine.slabs, [(first, last)], self._comm)
+
+    @cached_property
+    def _overlapping(self):
+        """Fine rows that coarse rows made here may overlap on a periodic grid: one more before, and two behind."""
+        first, last = self._made.bounds(self._ranks)
+        low, high = self.fy * first - 1, self.fy * (last - 1) + 3
+        return Fetch(self.fine.slabs, [(low, np.where(last > first, high, low))], self._comm)
 
     @cached_property
     def _to_owner(self):
@@ -100,7 +109,15 @@ class Transfer:
         self.coarse.mask[...] = self._to_owner(mine)
 
     def restrict_shape(self, shape):
-        """Mean of the admissible children, NaN if there are none. Collective."""
+        """Mean of the admissible children, NaN if there are none. Collective.
+
+        Where coarse cells of a periodic grid are shorter than two fine ones, of all that they overlap, by how much: so
+        the mean over the patch stays, and with it the approach of full contact.
+        """
+        if self.fine.grid.periodic and any(
+            n % f for n, f in zip(self.fine.grid.shape, self.factors, strict=True)
+        ):
+            return self._to_owner(self._means_of_overlaps(shape))
         total, count = np.zeros(self._local), np.zeros(self._local)
         for view, rows, columns in self._pieces(shape):
             known = ~np.isnan(view)
@@ -108,6 +125,20 @@ class Transfer:
             count[rows, columns] += known
         with np.errstate(invalid="ignore"):
             return self._to_owner(total / count)
+
+    def _means_of_overlaps(self, shape):
+        known = ~np.isnan(shape)
+        fields = self._overlapping(np.where(known, shape, 0.0)), self._overlapping(known.astype(float))
+        (ny, nx), (coarse_ny, coarse_nx) = self.fine.grid.shape, self.coarse.grid.shape
+        in_y, in_x = _overlaps(ny, coarse_ny, self.fy)[self._made.rows], _overlaps(nx, coarse_nx, self.fx)
+        span = max(self.fy * (len(in_y) - 1) + 1, 0)
+        sums = []
+        for field in fields:
+            rows = sum(in_y[:, k, None] * field[k : k + span : self.fy] for k in range(4))
+            columns = (self.fx * np.arange(coarse_nx) - 1 + k for k in range(4))
+            sums.append(sum(in_x[:, k] * rows[:, at % nx] for k, at in enumerate(columns)))
+        with np.errstate(invalid="ignore"):
+            return np.where(sums[1] > _NOTHING, sums[0] / sums[1], np.nan)
 
     def restrict_minimum(self, fine):
         """Least of the children, NaN if all are. Collective."""
@@ -156,6 +187,14 @@ class Transfer:
     def interpolation_mat(self, comm):
         """Mat (fine x coarse) of the masked copy prolongation. Collective."""
         return _transfer_mat(_Prolongation(self), self.fine, self.coarse, comm)
+
+
+def _overlaps(n, count, factor):
+    """By how much of each fine cell a coarse one of a period overlaps the four from one before its first child on."""
+    first, size = factor * np.arange(count), n / count
+    low = size * np.arange(count) + 0.5 * (n % factor)  # see `Grid.coarsen`
+    cell = first[:, None] + np.arange(-1, 3)
+    return np.clip(np.minimum(low[:, None] + size, cell + 1) - np.maximum(low[:, None], cell), 0.0, None)
 
 
 @njit()

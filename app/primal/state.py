@@ -146,10 +146,12 @@ class PrimalState:
         self._add_pressure_of(change, solver)
 
     def _touch(self):
-        """Let the cells with the least gap be the contact set. Collective."""
+        """Under a load: the cells with the least gap become the contact set, and touch. Collective."""
         state = self.state
         gap = np.where(state.admissible, self.w - state.distance.b, np.inf)
-        state.contact[...] = gap <= state.minimum([gap.min(initial=np.inf)])[0]
+        least = float(state.minimum([gap.min(initial=np.inf)])[0])
+        state.contact[...] = gap <= least
+        self.w -= least  # a constant has no pressure
 
     def exchange(self, solver, tension, overlap, residual):
         """Cells with p < tension are released, others with e < overlap captured; return the Update of a residual.

@@ -10,7 +10,7 @@ import scipy.special
 from mpi4py import MPI
 from operators import DOUBLE, PERIODIC, STEEL, matrix_of, random_field
 
-from app import ContactSolver
+from app import ContactProblem, ContactSolver, Material
 from app.contact.certificate import certify
 from app.contact.distance import UndeformedDistance
 from app.contact.state import ContactState
@@ -277,3 +277,15 @@ def test_sums_of_waves_over_more_offsets_than_a_period_has(period):
     for frequencies in (k, k.astype(float), k[::-1]):
         expected = near[:, abs(offsets)] @ waves[:, frequencies.astype(int)]
         np.testing.assert_allclose(even_sums(near, period, frequencies), expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("nx", "ny"), [(45, 31), (50, 51), (33, 64)])
+def test_means_of_samples_are_those_of_the_target_on_all_grids(nx, ny):
+    """Else a coarse grid would be in full contact, or beyond, before the target is."""
+    grid = Grid.from_domain(nx, ny, (0, 1, 0, 1), "spectral")
+    gap = random_field(grid, 1)
+    with ContactSolver(
+        ContactProblem(grid, Material.from_contact_modulus(1.0), gap, periodic=True)
+    ) as solver:
+        means = [distance.statistics.mean + distance.reference for distance in solver._distances]
+    np.testing.assert_allclose(means, gap.mean(), rtol=0, atol=1e-14)

@@ -307,3 +307,30 @@ def test_heights_that_differ_by_rounding_are_in_full_contact(load):
     )
     assert found.converged and found.contact.all()
     np.testing.assert_allclose(found.pressure, load, rtol=1e-6)
+
+
+def test_nearly_full_contact_of_odd_grids():
+    grid = Grid(255, 255, 1 / 255, 1 / 255)
+    x, y = np.meshgrid(grid.x(), grid.y())
+    gap = 0.01 * (2 - np.cos(6 * np.pi * x) - np.cos(4 * np.pi * y))
+    with ContactSolver(ContactProblem(grid, MATERIAL, gap, periodic=True)) as solver:
+        for share in (0.9, 0.99, 0.9999):
+            found = solver.solve(approach=share * gap.mean())
+            assert found.converged and not found.fallbacks
+            assert found.operator_applications < 15
+
+
+@pytest.mark.parametrize("n", [51, 101, 64])
+def test_light_loads_on_peaks_alike(n):
+    """Wherever cells of coarse grids lie on them: what touches first on one is a peak of several on the next."""
+
+    def gap(x, y):
+        return 0.01 * (2 - np.cos(6 * np.pi * x) - np.cos(4 * np.pi * y))
+
+    grid = Grid(n, n, 1 / n, 1 / n)
+    problem = ContactProblem(grid, Material.from_contact_modulus(1e5), gap, periodic=True)
+    with ContactSolver(problem) as solver:
+        for load in (1e-6, 1e-4, 1e-2):
+            found = solver.solve(load=load)
+            assert found.converged and not found.fallbacks
+            assert found.operator_applications < 40
