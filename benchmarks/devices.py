@@ -79,6 +79,7 @@ FREE = (
     Constant("SINGLE", "residual over h on C that is too small for single precision", "app.fast.iteration"),
     Constant("PATIENCE", "iterations without halving the residual, then the safeguard", "app.fast.iteration"),
     Constant("TRUSTED", "when a secant counts, and how far the slope may change at once", "app.contact.loading"),
+    Constant("_NEARLY", "of the mean slope since first touch: a secant counts from there on", "app.contact.loading"),
     Constant("BLAMED", "of the rms residual: the approach may be off by it, unmoved", "app.contact.loading"),
     Constant("_TRUSTED", "factor in the load beyond which p is copied, not lifted", "app.fast.lift"),
     Constant("_LEAST", "cells around contact in a window, at least", "app.fast.windows"),

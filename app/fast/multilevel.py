@@ -25,7 +25,7 @@ from app.compiled import njit
 from app.fast.symbol import REACH
 from app.halfspace.grid import Slabs
 from app.halfspace.halo import Halo, Parents
-from app.halfspace.reductions import any_order, copy_row
+from app.halfspace.reductions import any_order, copy_row, scale_row
 
 _SHARE = 0.6  # operations of stencil and interpolation on a cell, in those of a transform and back
 
@@ -164,12 +164,6 @@ def _double(row, sixteenth, three, out):
 
 
 @any_order
-def _scale(row, factor, out):
-    for i in range(out.size):
-        out[i] = factor * row[i]
-
-
-@any_order
 def _in_y(rows, stencil, middle, once, twice):
     """The columns of the stencil: the middle one, and those once and twice removed."""
     a, b, c, d, e = rows
@@ -232,7 +226,7 @@ def _restrict(p, rows, before, after, first, first_coarse, coarse, factors, four
             _split(row, even, odd)
             _halve(even, odd, share, three, coarse[j])
         else:
-            _scale(row[3 : 3 + nx], share, coarse[j])
+            scale_row(row[3 : 3 + nx], share, coarse[j])
 
 
 @njit()
@@ -241,7 +235,7 @@ def _widen(row, fx, three, out):
     if fx == 2:
         _double(row, row.dtype.type(1 / 16), three, out)
     else:
-        _scale(row, row.dtype.type(1 / 4), out)
+        scale_row(row, row.dtype.type(1 / 4), out)
 
 
 @njit()

@@ -23,7 +23,7 @@ from scipy.special import erf, erfc
 
 from app.compiled import njit
 from app.halfspace.even_polynomials import coefficients, nodes, polynomials
-from app.halfspace.reductions import add_row, any_order
+from app.halfspace.reductions import add_inside, add_row, any_order
 
 _RANGE = 6.2  # erfc(6.2) is nothing
 _TERMS = 16  # even Chebyshev polynomials for a square
@@ -127,12 +127,6 @@ def _copy_inside(a, inside, out):
     return some
 
 
-@any_order
-def _add_inside(a, inside, out):
-    for i in range(a.size):
-        out[i] += a[i] if inside[i] else 0
-
-
 @njit()
 def _collect(p, mask, first, weights, nodes, row):
     """nodes += P^T p in y, for rows from `first` on; on C if there is a mask. `row`: room for one."""
@@ -156,7 +150,7 @@ def _spread(nodes, first, weights, mask, out, row):
         for k in range(width):
             add_row(row, weights[place, k], nodes[cell + k, : row.size])
         if mask.size:
-            _add_inside(row, mask[j], out[j])
+            add_inside(row, mask[j], out[j])
         else:
             add_row(out[j], row.dtype.type(1), row)
 

@@ -28,6 +28,21 @@ def copy_row(row, out):
         out[i] = row[i]
 
 
+@any_order
+def scale_row(row, factor, out):
+    """out = factor row."""
+    for i in range(row.size):
+        out[i] = factor * row[i]
+
+
+@any_order
+def add_inside(row, mask, out):
+    """out += row where the mask is set."""
+    nothing = row.dtype.type(0)
+    for i in range(row.size):
+        out[i] += row[i] if mask[i] else nothing
+
+
 @njit()
 def span_of(row):
     """First place where a row of a mask is set, and one past the last; 0, 0 if it is nowhere."""

@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from app.compiled import njit
 from app.halfspace.fetch import Fetch
-from app.halfspace.reductions import add_row, copy_row
+from app.halfspace.reductions import add_inside, add_row, copy_row
 from app.petsc import restricts_by_transpose
 
 _NOTHING = 1e-9  # of a cell: rounding of an overlap
@@ -268,17 +268,11 @@ def _copy(coarse, fine, skipped, fy, fx):
 
 
 @njit()
-def _add_row(a, mask, out):
-    for i in range(out.size):
-        out[i] += a[i] if mask[i] else 0.0
-
-
-@njit()
 def _add_copies(coarse, mask, fine, skipped, fy, fx, row):
     """Add coarse cells to their children, where there is a mask. `row`: room for one."""
     for j in range(fine.shape[0]):
         _copy_row(coarse[(skipped + j) // fy], row, fx)
-        _add_row(row, mask[j], fine[j])
+        add_inside(row, mask[j], fine[j])
 
 
 def warm_up():

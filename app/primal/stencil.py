@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 
 from app.compiled import njit
-from app.halfspace.reductions import any_order
+from app.halfspace.reductions import add_inside, any_order, copy_row, scale_row
 
 # Weights are over that of the cell itself, of the neighbours in x, in y, and on the diagonals.
 
@@ -54,23 +54,11 @@ def _residual_row(source, free, above, here, below, wx, wy, wd, out):
 
 
 @any_order
-def _scaled_row(a, scale, out):
-    for i in range(a.size):
-        out[i] = scale * a[i]
-
-
-@any_order
 def _source_row(s, free, scale, source, weight):
     for i in range(s.size):
         inside = np.float32(1) if free[i] else np.float32(0)
         weight[i] = inside
         source[i] = inside * np.float32(s[i] * scale)
-
-
-@any_order
-def _copy_row(a, out):
-    for i in range(a.size):
-        out[i] = a[i]
 
 
 @njit()
@@ -96,11 +84,11 @@ def _source_at(t, s, s_before, s_after, free, f_before, f_after, scale, source, 
 def _copy_at(t, field, before, after, out):
     j = t - len(before)
     if j < 0:
-        _copy_row(before[t], out)
+        copy_row(before[t], out)
     elif j < len(field):
-        _copy_row(field[j], out)
+        copy_row(field[j], out)
     else:
-        _copy_row(after[j - len(field)], out)
+        copy_row(after[j - len(field)], out)
 
 
 # Factors are 1, 2 or 4; written out, these loops become vector instructions.
@@ -161,12 +149,6 @@ def _twos(wide, row):
         row[k + one] = near * b + rest * c
 
 
-@any_order
-def _add_inside(row, free, x):
-    for i in range(x.size):
-        x[i] += row[i] if free[i] else np.float32(0)
-
-
 @njit()
 def sweep_from_zero(
     s, s_before, s_after, free, f_before, f_after, weights, shares, x, coarse, skipped, factors, room
@@ -209,7 +191,7 @@ def sweep_from_zero(
             source, weight = sources[t % (steps + 1)], inside[t % (steps + 1)]
             _source_at(t, s, s_before, s_after, free, f_before, f_after, scale, source, weight)
             first = swept[1, t % 3]
-            _scaled_row(source, shares[0], first[1:-1])
+            scale_row(source, shares[0], first[1:-1])
             _wrap(first)
         for m in range(2, steps + 1):
             j = t - m + 1
@@ -224,7 +206,7 @@ def sweep_from_zero(
         j = t - steps
         if halo <= j < halo + rows:
             last = swept[steps, j % 3]
-            _copy_row(last[1:-1], x[j - halo])
+            copy_row(last[1:-1], x[j - halo])
             if coarse.size:
                 _residual_row(
                     sources[j % (steps + 1)], inside[j % (steps + 1)],
@@ -260,7 +242,7 @@ def sweep_on(s, s_before, s_after, free, f_before, f_after, weights, shares, x, 
                 if m < steps:
                     _wrap(row)
                 else:
-                    _copy_row(row[1:-1], z[j - halo])
+                    copy_row(row[1:-1], z[j - halo])
 
 
 @njit()
@@ -294,7 +276,7 @@ def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, s
                 _wrap(row)
         j = t - steps + 1
         if halo <= j < halo + rows:
-            _copy_row(swept[steps, j % 3][1:-1], x[j - halo])
+            copy_row(swept[steps, j % 3][1:-1], x[j - halo])
 
 
 @any_order
@@ -339,7 +321,7 @@ def add_interpolated(coarse, places, free, x, wide, row):
             _twos(wide, row)
         else:
             _between(wide, in_x, row)
-        _add_inside(row, free[j], x[j])
+        add_inside(row, free[j], x[j])
 
 
 def make_room(steps, nx):
