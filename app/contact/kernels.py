@@ -211,6 +211,26 @@ def gap_on(b, u, admissible, contact):
     return squares, total, cells
 
 
+@any_order
+def _unlike(row, other):
+    count = 0
+    for i in range(row.size):
+        count += row[i] != other[i]
+    return count
+
+
+@njit()
+def faces(contact, before, periodic):
+    """Faces in x and in y between contact and no contact; without the last rows' upper ones."""
+    in_x, in_y = 0, 0
+    for j in range(contact.shape[0]):
+        row = contact[j]
+        in_x += _unlike(row[1:], row[:-1])
+        in_x += row[0] != row[-1] if periodic else int(row[0]) + int(row[-1])
+        in_y += _unlike(row, contact[j - 1] if j else before)
+    return in_x, in_y
+
+
 def warm_up():
     """Load the compiled loops now, not in the first iteration. Not collective."""
     field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
@@ -225,3 +245,4 @@ def warm_up():
     numbers(fixed, mask)
     sum_squares(fixed, 0.0, mask)
     gap_on(fixed, field, mask, mask)
+    faces(np.zeros((0, 1), bool), np.zeros(1, bool), False)

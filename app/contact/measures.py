@@ -57,7 +57,7 @@ def measure_contact(state):
     grid, distance, slabs = state.grid, state.distance, state.operator.slabs
     _, total, _ = kernels.gap_on(distance.b, state.u, state.admissible, state.admissible)
     force, highest, cells = kernels.numbers(state.p, state.contact)
-    in_x, in_y = _faces(
+    in_x, in_y = kernels.faces(
         state.contact,
         row_before(state.contact, bool(grid.periodic), slabs, state.comm, False),
         bool(grid.periodic),
@@ -137,26 +137,6 @@ def _of_differences(operator, shape):
 
 
 @any_order
-def _unlike(row, other):
-    count = 0
-    for i in range(row.size):
-        count += row[i] != other[i]
-    return count
-
-
-@njit()
-def _faces(contact, before, periodic):
-    """Faces in x and in y between contact and no contact; without the last rows' upper ones."""
-    in_x, in_y = 0, 0
-    for j in range(contact.shape[0]):
-        row = contact[j]
-        in_x += _unlike(row[1:], row[:-1])
-        in_x += row[0] != row[-1] if periodic else int(row[0]) + int(row[-1])
-        in_y += _unlike(row, contact[j - 1] if j else before)
-    return in_x, in_y
-
-
-@any_order
 def _squares_row(row, other):
     total, count = 0.0, 0
     for i in range(row.size):
@@ -188,5 +168,4 @@ def _squared_differences(shape, before, periodic):
 
 def warm_up():
     """Load the compiled loops now, not after the first solve. Not collective."""
-    _faces(np.zeros((0, 1), bool), np.zeros(1, bool), False)
     _squared_differences(np.zeros((0, 1)), np.zeros(1), False)

@@ -55,6 +55,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
             return state, Outcome(True, NO_CONTACT)
         state.destroy()
     coarse, coarse_pressure, outcome, difference, numbers = None, None, None, float("nan"), []
+    found = 0.0  # depth of the grid before, where there is one here
     stops = route(hierarchy, distances, loading, nested) if nested and start is None else [last]
     for number, following in pairs(stops):
         level, target = hierarchy.levels[number], number == last
@@ -76,6 +77,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
         else:
             primal.mean_pressure = coarse.mean_pressure
             hierarchy.transfers[number].interpolate(coarse.w, primal.w)
+            primal.deepen(loading.predict(found) - found)
             coarse_pressure = coarse.state.p
             coarse.state.destroy()
             coarse.destroy()
@@ -86,9 +88,11 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
             if solver is not target_solver:
                 solver.destroy()
             if not target:
+                found = -primal.mean(primal.w)
+                loading.solved(found)
                 numbers.append(primal.numbers())
-        facts = outcome, primal.mean_pressure, numbers
-        outcome, primal.mean_pressure, numbers = tell(hierarchy, following, state, loading, *facts)
+        facts = outcome, primal.mean_pressure, numbers, found
+        outcome, primal.mean_pressure, numbers, found = tell(hierarchy, following, state, loading, *facts)
         if target and coarse_pressure is not None:
             difference = pressure_difference(comm, hierarchy.transfers[number], coarse_pressure, state)
         coarse = primal

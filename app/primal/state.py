@@ -86,6 +86,11 @@ class PrimalState:
         )
         self.add_mean_pressure(-total / max(cells, 1))
 
+    def deepen(self, amount):
+        """Let the bodies approach each other by so much more [mm]: a constant has no pressure. Not collective."""
+        if amount:
+            self.w -= amount
+
     def add_mean_pressure(self, missing):
         """Under a prescribed approach the mean pressure is an unknown. Not collective."""
         self.mean_pressure += missing

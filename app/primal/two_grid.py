@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
+from app.contact import kernels
 from app.fast.rim import chebyshev_steps
 from app.halfspace.fetch import Fetch
 from app.halfspace.grid import Slabs
@@ -15,7 +16,7 @@ from app.primal import stencil
 from app.primal.operator import InverseOperator
 
 _event = PETSc.Log.Event("TwoGridPC")
-_CONSTANT = 0.125  # of the longest wave's compliance, over the share of contact: that of the constant
+_CONSTANT = 12.0  # compliance of a constant, over E* and the perimeter of contact in a unit of area
 _INTERVAL = 0.5, 1.4  # eigenvalues of the centre of B, over B_00, that the sweeps are to damp ...
 _HIGHEST = 0.9  # ... and of the highest one, where sweeps would let it grow: on few rows of long cells
 _NONE = np.empty((0, 0))
@@ -26,8 +27,8 @@ class TwoGrid:
 
     *Before* and *after* are sweeps on the free cells with the 3 x 3 centre of B. Between them the mean of what
     is left in coarse cells is multiplied by A on a grid of cells up to four times as long, and interpolated bilinearly.
-    A displaces nothing for a constant pressure; beside contact here and there a constant displaces as a wave from one
-    contact to the next does: hence its compliance, which falls with the contact area.
+    A displaces nothing for a constant pressure; beside contact here and there a constant does: contacts hold it as flat
+    punches would, by their perimeter.
 
     Options: ``-pc_two_grid_sweeps k`` (default 3), before and after.
 
@@ -93,10 +94,11 @@ class TwoGrid:
         """Fetch the free cells beside the slab, once for a contact set. Collective."""
         if self._number != self.operator.contact_number:
             self._number, self._answer = self.operator.contact_number, None
-            mask, n = self.operator.mask, self.operator.grid.n
-            self._free = self._rows(mask)
-            cells = sum_over(self.operator.comm, [np.count_nonzero(mask)])[0]
-            self._contact = max(1.0 - cells / n, 1.0 / n)  # share of the cells
+            mask, grid = self.operator.mask, self.operator.grid
+            self._free = before, _ = self._rows(mask)
+            last = before[-1] if len(before) else np.zeros(grid.nx, bool)
+            in_x, in_y = sum_over(self.operator.comm, kernels.faces(mask, last, True))
+            self._perimeter = max(in_x * grid.dy + in_y * grid.dx, min(grid.dx, grid.dy))
 
     def _raised(self):
         """What M makes of the pressure B_00 everywhere, and its sum, once for a contact set. Collective."""
@@ -116,7 +118,7 @@ class TwoGrid:
             s, *beside, free, *self._free, self.weights, self._shares, x, left, skipped, factors, self._room
         )
         if waves:
-            waves.add(1.0 / self.weights[0], self._contact, free, x)
+            waves.add(1.0 / self.weights[0], self._perimeter, free, x)
         stencil.sweep_on(
             s, *beside, free, *self._free, self.weights, self._back, x, *self._rows(x), z, self._room
         )
@@ -179,12 +181,10 @@ class _LongWaves:
         self._rest = Fetch(Slabs(ranks, ranks, rank), [(following, following + number)], comm)
         self._u = np.empty(coarse.local_shape)
         self._rows = np.empty(coarse.grid.nx + 2, np.float32), np.empty(fine.grid.nx, np.float32)
-        # The longest wave: 2 / (E* q) = 2 pi compliance / q
-        longest = max(fine.grid.nx * fine.grid.dx, fine.grid.ny * fine.grid.dy)
-        self._constant = _CONSTANT * coarse.compliance * longest
+        self._constant = _CONSTANT * np.pi * coarse.compliance * fine.grid.area  # 1 / E* = pi compliance
 
-    def add(self, scale, contact, free, x):
-        """x += what A makes of `left` times a scale, on the free cells, beside a share in contact. Collective."""
+    def add(self, scale, perimeter, free, x):
+        """x += what A makes of `left` times a scale, on the free cells, beside contact of a perimeter. Collective."""
         coarse = self.operator
         left, rest = self.left[bool(self.skipped) :], self._rest(self.left[:1])
         if len(rest):
@@ -192,6 +192,6 @@ class _LongWaves:
         left = self._to_coarse(left)
         coarse.displacement(left, self._u)
         total = sum_over(coarse.comm, [left.sum()])[0]
-        self._u += self._constant / contact * total / coarse.grid.n
+        self._u += self._constant / perimeter * total / coarse.grid.n
         self._u *= scale
         stencil.add_interpolated(self._with_neighbours(self._u), self._places, free, x, *self._rows)

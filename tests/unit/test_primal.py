@@ -295,6 +295,18 @@ def test_constrained_it_keeps_the_mean_and_shift_moves_it(make, grid):
     np.testing.assert_array_equal(applied(solver, r), 0)
 
 
+@pytest.mark.parametrize("share", [0.003, 0.03])
+@pytest.mark.parametrize("n", [64, 128, 256])
+def test_a_constant_is_as_compliant_as_scattered_contact_lets_it(make, n, share):
+    """Whatever part of the patch a cell is."""
+    solver = make(patch(n, n), share)
+    ones = np.ones((n, n))
+    raised = applied(solver, ones).astype(np.float32)
+    pressure = np.empty_like(raised)
+    solver.inverse.displacement(raised, pressure)
+    assert 0.6 < np.vdot(raised, pressure) / raised.sum() < 1.4
+
+
 def test_it_does_not_know_where_the_patch_begins(make):
     grid, shift = patch(32, 24), (4, 8)  # whole cells of the grid of long waves
     solver, r = make(grid), random_field(grid, 7)

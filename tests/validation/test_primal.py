@@ -334,3 +334,21 @@ def test_light_loads_on_peaks_alike(n):
             found = solver.solve(load=load)
             assert found.converged and not found.fallbacks
             assert found.operator_applications < 40
+
+
+@pytest.mark.parametrize(("cut_off", "most"), [(1, 1.25), (2, 1.25), (0, 1.65)], ids=["one", "two", "noise"])
+def test_light_loads_take_little_more_than_their_approach(cut_off, most):
+    """Peaks of one cell, or two: each grid finds another approach, and few cells hold the bodies apart."""
+    n = 128
+    grid = Grid(n, n, 1 / n, 1 / n)
+    height = 1e-3 * np.random.default_rng(5).normal(size=grid.shape)
+    if cut_off:
+        surface = SelfAffineSurface(0.8, 1 / 8, cut_off / n, (1.0, 1.0), 3, rms_slope=0.1)
+        height = surface.height(grid.x(), grid.y())
+    problem = ContactProblem(grid, MATERIAL, height.max() - height, periodic=True)
+    with ContactSolver(problem) as solver:
+        by_load = [solver.solve(mean_pressure=p * MATERIAL.contact_modulus) for p in (1e-4, 3e-4, 1e-3)]
+        by_approach = [solver.solve(approach=found.approach) for found in by_load]
+    assert all(found.converged and not found.fallbacks for found in by_load + by_approach)
+    taken, there = (sum(f.operator_applications for f in found) for found in (by_load, by_approach))
+    assert taken <= most * there
