@@ -179,19 +179,24 @@ def _verify(state, solver, tension, loading, stop, most, rehearse):
     Update, bool, bool
         Of the contact set; whether the problem is solved; whether it was a rehearsal only.
     """
-    if rehearse and not tension.some and state.u_is is not Displacement.EXACT:
-        solver.carry(state)
+    rehearsal = None
+    # A release that is next to nothing asks for none, but where the approach may move by it.
+    if rehearse and (loading.prescribes_load or not tension.some) and state.u_is is not Displacement.EXACT:
+        solver.release(state, tension)  # (4.a), and u along with it
         loading.update(state)
-        update = state.activate_penetrating()
-        if not _solved(state, update, stop):
-            return update, False, True
-    state.release_tensile(tension.some)  # (4.a)
+        rehearsal = state.activate_penetrating()
+        if rehearsal.added or rehearsal.residual > stop.allowed(state, rehearsal.h_on_contact):
+            return rehearsal, False, True
+    else:
+        state.release_tensile(tension.some)  # (4.a)
     solver.rest()
     if state.u_is is not Displacement.EXACT:
         state.compute_displacement(exact=True)
         solver.judge(state, most)
     loading.update(state)
     update = state.activate_penetrating()  # (4.b)
+    if rehearsal:
+        update = update.after(rehearsal)
     if _solved(state, update, stop):
         update = loading.settle(state, update)
     return update, _solved(state, update, stop), False
