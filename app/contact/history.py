@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from app.contact.grid_errors import UNKNOWN, GridErrors
 
@@ -78,8 +79,7 @@ def entry(state, level, iteration, update, inner, work, seconds):
     }
 
 
-@dataclass(frozen=True)
-class Outcome:
+class Outcome(NamedTuple):
     """How the iteration on one grid ended; the same on all ranks that took part."""
 
     converged: bool
@@ -99,16 +99,15 @@ class Outcome:
             return self
         advice = "rounding allows no more" if to_rounding else "a smaller -lcp_rtol is more accurate"
         doubt = f"the pressure is proved to {bound:.2g} only (-lcp_error_bound {allowed:g}); {advice}"
-        return replace(self, converged=False, reason=f"{self.reason}, but {doubt}")
+        return self._replace(converged=False, reason=f"{self.reason}, but {doubt}")
 
     def on_from(self, coarser):
         """Return this outcome with the fallbacks of that of the coarser grids, if there is one, added."""
-        return replace(self, fallbacks=coarser.fallbacks + self.fallbacks) if coarser else self
+        return self._replace(fallbacks=coarser.fallbacks + self.fallbacks) if coarser else self
 
     def after(self, first):
         """Return this outcome with the iterations of `first`, of which it is the continuation, added."""
-        return replace(
-            self,
+        return self._replace(
             iterations=first.iterations + self.iterations,
             fallbacks=first.fallbacks + self.fallbacks,
         )

@@ -84,7 +84,7 @@ def active_set_or_search(state, solver, loading, stop, history):
         return active_set(state, solver, approach, tight, history)
 
     outcome = search_load(state, loading, solve, stop, rtol=0.01 * min(stop.rtol, 0.1)).after(outcome)
-    return replace(outcome, fallbacks=outcome.fallbacks + 1)
+    return outcome._replace(fallbacks=outcome.fallbacks + 1)
 
 
 def search_load(state, loading, solve, stop, rtol, step=None):
@@ -94,9 +94,9 @@ def search_load(state, loading, solve, stop, rtol, step=None):
         return outcome
     state.first_contact()  # under next to no load the search may end without
     residual = loading.settle(state, state.activate_penetrating()).residual
-    outcome = replace(outcome, residual=residual / state.distance.norm())
+    outcome = outcome._replace(residual=residual / state.distance.norm())
     if stop.final and residual > stop.allowed(state):
-        return replace(outcome, converged=False, reason="the load is met to rounding only")
+        return outcome._replace(converged=False, reason="the load is met to rounding only")
     return outcome
 
 

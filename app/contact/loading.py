@@ -14,7 +14,6 @@ active set iteration `update`, between u = A p and (4.b), and on the target, whe
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 from math import sqrt
 
@@ -272,7 +271,7 @@ class PrescribedLoad:
         elif update.cells:  # so little that no pressure at all passes for solved
             state.spread(self.load)
         else:
-            return replace(update, added=1)  # there must be contact: go on
+            return update._replace(added=1)  # there must be contact: go on
         state.depth += state.gap_on_contact()[1]
         return state.activate_penetrating().after(update)
 

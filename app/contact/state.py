@@ -16,10 +16,10 @@ The steps of Sec. 4.1 that only the state can do are its methods; their order is
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
 from math import sqrt, ulp
+from typing import NamedTuple
 
 import numpy as np
 from petsc4py import PETSc
@@ -30,8 +30,7 @@ from app.halfspace.reductions import any_nonzero, minimum_over, sum_over
 from app.halfspace.window import whole
 
 
-@dataclass(frozen=True)
-class Update:
+class Update(NamedTuple):
     """What an update of the contact set did; the same on all ranks."""
 
     cells: int  # in the new set
@@ -48,7 +47,7 @@ class Update:
 
     def after(self, first):
         """Return what `first` and this update did, both since the same `release_tensile`."""
-        return replace(self, added=first.added + self.added, released=first.released + self.released)
+        return self._replace(added=first.added + self.added, released=first.released + self.released)
 
 
 _NOBODY = np.zeros((0, 0))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 
 from app.contact.full_multigrid import copy_prolongation, pairs, route, tell
@@ -80,8 +79,7 @@ def nested_iteration(
             if not complete:
                 rest = solve_on(hierarchy, number, state, loading, stop, history, False, kept)
                 outcome = rest.after(outcome)
-    return state, replace(
-        outcome,
+    return state, outcome._replace(
         discretisation_error=difference if stop.coarse_rtol <= _TELLING * difference else float("nan"),
         grid_errors=estimated_errors(numbers if nested else (), state, comm, loading.prescribes_load),
     )
@@ -123,7 +121,7 @@ def safeguarded(hierarchy, number, state, loading, stop, history):
         else:
             outcome = projected_newton(state, solver, stop, history)
         solver.destroy()
-    return replace(outcome, fallbacks=outcome.fallbacks + 1)
+    return outcome._replace(fallbacks=outcome.fallbacks + 1)
 
 
 def _prolong(stage, beta, lifted):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from app.contact.full_multigrid import pairs, route, tell
@@ -98,7 +96,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
         coarse = primal
     primal.destroy()
     errors = estimated_errors(numbers, state, comm, loading.prescribes_load)
-    return state, replace(outcome, discretisation_error=difference, grid_errors=errors)
+    return state, outcome._replace(discretisation_error=difference, grid_errors=errors)
 
 
 def _solve_on(hierarchy, number, primal, solver, stop, history):
