@@ -16,7 +16,7 @@ from app.primal import stencil
 from app.primal.operator import InverseOperator
 
 _event = PETSc.Log.Event("TwoGridPC")
-_CONSTANT = 12.0  # compliance of a constant, over E* and the perimeter of contact in a unit of area
+_CONSTANT = 12.0  # compliance of a constant, times E*, over the spacing of contact
 _INTERVAL = 0.5, 1.4  # eigenvalues of the centre of B, over B_00, that the sweeps are to damp ...
 _HIGHEST = 0.9  # ... and of the highest one, where sweeps would let it grow: on few rows of long cells
 _NONE = np.empty((0, 0))
@@ -28,7 +28,8 @@ class TwoGrid:
     *Before* and *after* are sweeps on the free cells with the 3 x 3 centre of B. Between them the mean of what
     is left in coarse cells is multiplied by A on a grid of cells up to four times as long, and interpolated bilinearly.
     A displaces nothing for a constant pressure; beside contact here and there a constant does: contacts hold it as flat
-    punches would, by their perimeter.
+    punches would, by their perimeter. So its compliance goes by their spacing: area over perimeter, and where little is
+    free, less, by the root of its share.
 
     Options: ``-pc_two_grid_sweeps k`` (default 3), before and after.
 
@@ -97,8 +98,10 @@ class TwoGrid:
             mask, grid = self.operator.mask, self.operator.grid
             self._free = before, _ = self._rows(mask)
             last = before[-1] if len(before) else np.zeros(grid.nx, bool)
-            in_x, in_y = sum_over(self.operator.comm, kernels.faces(mask, last, True))
-            self._perimeter = max(in_x * grid.dy + in_y * grid.dx, min(grid.dx, grid.dy))
+            counts = *kernels.faces(mask, last, True), np.count_nonzero(mask)
+            in_x, in_y, cells = sum_over(self.operator.comm, counts)
+            perimeter = max(in_x * grid.dy + in_y * grid.dx, min(grid.dx, grid.dy))
+            self._spacing = np.sqrt(cells / grid.n) * grid.area / perimeter
 
     def _raised(self):
         """What M makes of the pressure B_00 everywhere, and its sum, once for a contact set. Collective."""
@@ -118,7 +121,7 @@ class TwoGrid:
             s, *beside, free, *self._free, self.weights, self._shares, x, left, skipped, factors, self._room
         )
         if waves:
-            waves.add(1.0 / self.weights[0], self._perimeter, free, x)
+            waves.add(1.0 / self.weights[0], self._spacing, free, x)
         stencil.sweep_on(
             s, *beside, free, *self._free, self.weights, self._back, x, *self._rows(x), z, self._room
         )
@@ -181,10 +184,10 @@ class _LongWaves:
         self._rest = Fetch(Slabs(ranks, ranks, rank), [(following, following + number)], comm)
         self._u = np.empty(coarse.local_shape)
         self._rows = np.empty(coarse.grid.nx + 2, np.float32), np.empty(fine.grid.nx, np.float32)
-        self._constant = _CONSTANT * np.pi * coarse.compliance * fine.grid.area  # 1 / E* = pi compliance
+        self._constant = _CONSTANT * np.pi * coarse.compliance  # 1 / E* = pi compliance
 
-    def add(self, scale, perimeter, free, x):
-        """x += what A makes of `left` times a scale, on the free cells, beside contact of a perimeter. Collective."""
+    def add(self, scale, spacing, free, x):
+        """x += what A makes of `left` times a scale, on the free cells; `spacing`: of contact [mm]. Collective."""
         coarse = self.operator
         left, rest = self.left[bool(self.skipped) :], self._rest(self.left[:1])
         if len(rest):
@@ -192,6 +195,6 @@ class _LongWaves:
         left = self._to_coarse(left)
         coarse.displacement(left, self._u)
         total = sum_over(coarse.comm, [left.sum()])[0]
-        self._u += self._constant / perimeter * total / coarse.grid.n
+        self._u += self._constant * spacing * total / coarse.grid.n
         self._u *= scale
         stencil.add_interpolated(self._with_neighbours(self._u), self._places, free, x, *self._rows)
