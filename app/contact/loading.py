@@ -336,12 +336,13 @@ def prescribe(grid, distance, **given):
     # On a periodic patch displacements have no mean: mean(gap) = mean(undeformed distance) - approach.
     holes = grid.n - distance.statistics.cells
     mean = distance.approach_at(distance.statistics.mean)
+    little = ROUNDING * (abs(mean) + distance.deviation)
     if kind == "mean_gap":
-        _check_mean_gap(value, grid, holes)
-        return PrescribedApproach(mean - value)
+        _check_mean_gap(value, grid, holes, little)
+        return PrescribedApproach(mean - max(value, 0.0))
     if not grid.periodic or holes:
         return PrescribedApproach(value)
-    if value - mean > ROUNDING * (abs(mean) + distance.deviation):
+    if value - mean > little:
         raise InputError(
             f"approach {value:g}: the mean gap of this periodic patch would be negative; "
             f"allowed: at most {mean!r} mm, full contact"
@@ -363,7 +364,7 @@ def _number(kind, given):
     return value
 
 
-def _check_mean_gap(value, grid, holes):
+def _check_mean_gap(value, grid, holes, little):
     """Refuse a mean gap that no approach is known for, or none has."""
     others = "allowed: approach, load or mean_pressure"
     if not grid.periodic:
@@ -374,7 +375,7 @@ def _check_mean_gap(value, grid, holes):
         raise InputError(
             f"mean_gap {value:g}: contact is impossible in {holes} cells (NaN), whose gap nobody knows; {others}"
         )
-    if value < 0:
+    if value < -little:
         raise InputError(
             f"mean_gap {value:g}: the bodies do not penetrate each other; allowed: at least 0 mm"
         )

@@ -85,7 +85,9 @@ def test_refused(solvers, name):
         solvers[which].solve(**given)
 
 
-@pytest.mark.parametrize("given", [{"mean_gap": 0}, {"approach": MEAN}, {"approach": np.nextafter(MEAN, 9)}])
+@pytest.mark.parametrize(
+    "given", [{"mean_gap": 0}, {"mean_gap": -1e-19}, {"approach": MEAN}, {"approach": np.nextafter(MEAN, 9)}]
+)
 def test_up_to_full_contact_is_allowed(solvers, given):
     loading = solvers["periodic"]._loading(dict.fromkeys(LOADINGS) | given)
     assert loading.approach == pytest.approx(MEAN, abs=1e-14)
