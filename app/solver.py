@@ -384,11 +384,11 @@ class ContactSolver:
     def _solution(self, state, loading, outcome, history, started, products, before):
         applications = self.hierarchy.operator_applications() - products
         seconds = time.perf_counter() - started
-        proof = certify(state)
+        prescribed = loading.load if loading.prescribes_load else None
+        proof = certify(state, prescribed)
         to_rounding = self.settings.strategy == "fast"
         outcome = outcome.if_proved(proof.error_bound, self.settings.error_bound, to_rounding)
         p, distance, depth = state.p, state.distance, state.depth
-        prescribed = loading.load if loading.prescribes_load else None
         approach = loading.approach if prescribed is None else state.approach
         found, extent = measures.measure_contact(state), measure_extent(state)
         notes = notes_on(state, self.problem, found, self._roughness)

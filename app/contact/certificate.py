@@ -40,7 +40,7 @@ for digits that they have lost on far ways, which count as such a d.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -54,6 +54,7 @@ from app.halfspace.reductions import any_order, sums_and_minima
 _TRIALS = 12
 _NEGLIGIBLE = 1e-7  # error bound that is not worth a product to make smaller
 _ROUNDING = 4.0  # times what a product is expected to lose
+_LOAD = 1e-6  # of a prescribed load: so much may be missing
 
 
 @dataclass(frozen=True)
@@ -61,16 +62,24 @@ class Certificate:
     """Optimality of a pressure; the same on all ranks."""
 
     duality_gap: float  # [mm N/mm2 per cell area] * cell area = [N mm]
-    error_bound: float  # ||p - p*||_A / ||p||_A at most; infinite if there should be pressure and is none
+    error_bound: (
+        float  # ||p - p*||_A / ||p||_A at most; infinite if pressure, or a part of the load, is missing
+    )
     largest_penetration: float  # max(-e) over the admissible cells, at least 0 [mm]
     smallest_pressure: float  # [N/mm2]
     complementarity: float  # max |p e| / (max p * max |h|)
 
 
-def certify(state):
+def certify(state, load=None):
     """Certify the pressure of a `ContactState`.
 
     Collective. Needs a product in double precision, unless the last one of the iteration was one.
+
+    Parameters
+    ----------
+    state : ContactState
+    load : float, optional
+        That is prescribed [N]. A pressure with another one is proved for its approach only: then there is no bound.
 
     Returns
     -------
@@ -78,7 +87,10 @@ def certify(state):
     """
     if state.u_is is not Displacement.EXACT:
         state.compute_displacement(exact=True)
-    return estimate(state)
+    proof = estimate(state)
+    if load is not None and not math.isclose(state.load, load, rel_tol=_LOAD):
+        return replace(proof, error_bound=np.inf)
+    return proof
 
 
 def estimate(state):

@@ -348,6 +348,14 @@ def test_not_converged_is_a_warning_and_an_answer():
         assert solve(punch(24), 0.1).converged
 
 
+def test_who_misses_the_load_is_not_proved():
+    """What he has is a solution for his own approach at best."""
+    with pytest.warns(RuntimeWarning, match="not converged"):
+        found = solve(punch(24), load=1e4, method="norm", options={"lcp_max_it": 3})
+    assert abs(found.load - 1e4) > 10 and found.error_bound == np.inf
+    assert solve(punch(24), load=1e4, method="norm").error_bound < 1e-3
+
+
 # ------------------------------------------------------------------------------------ what is refused
 
 LOADINGS = {
