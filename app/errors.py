@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import socket
+import sys
+import warnings
 
 
 class InputError(ValueError):
@@ -91,3 +93,11 @@ def check_alike(comm, value, what):
     """
     if len(set(comm.allgather(repr(value)))) > 1:
         raise InputError(f"{what}: not the same on all ranks")
+
+
+def warn_caller(message):
+    """Give a RuntimeWarning where the program is called from, by whatever way through its modules. Not collective."""
+    level, frame = 1, sys._getframe()
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] == "app":
+        level, frame = level + 1, frame.f_back
+    warnings.warn(message, RuntimeWarning, stacklevel=level)

@@ -272,5 +272,5 @@ def _refuse_what_crashes(strategy, texts):
         of_ours = name.endswith("python_type") and text.startswith("app.")
         if strategy not in _ACTIVE_SET and (of_ours or (name == "pc_type" and text == "mg")):
             raise InputError(
-                f"-{name} {text}: works with active_set and fast only, not with -lcp_type {strategy}"
+                f"-{name} {text}: works with active_set, fast and primal only, not with -lcp_type {strategy}"
             )

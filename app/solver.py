@@ -14,7 +14,6 @@ one changes, nor does anybody's command line count.
 from __future__ import annotations
 
 import time
-import warnings
 import weakref
 from dataclasses import replace
 
@@ -27,10 +26,11 @@ from app.contact import measures
 from app.contact.certificate import certify
 from app.contact.distance import UndeformedDistance
 from app.contact.extent import measure_extent
+from app.contact.full_contact import FULL_CONTACT
 from app.contact.history import History
 from app.contact.loading import LOADINGS, PrescribedApproach, prescribe
 from app.contact.reference_solvers import REFERENCE_SOLVERS
-from app.errors import InputError, agree, check_alike
+from app.errors import InputError, agree, check_alike, warn_caller
 from app.fast.circulant import circulant_of
 from app.halfspace.communication import Communicator
 from app.halfspace.influence import influence_quadrant
@@ -194,18 +194,21 @@ class ContactSolver:
             raise InputError(f"problem {problem.name}: contact is impossible in all cells (NaN)")
         if self.settings.single:
             check_single("pressures", max(-lowest, highest) / self._largest, "N/mm2")
-        self.touching = reference = float(lowest)
+        reference = float(lowest)
         for shape in shapes:
             shape -= reference
         coarse_minimum = hierarchy.coarse_minimum(shapes)
-        for distance in self._distances:
-            self._resources.remove(distance)
-        self._distances = UndeformedDistance.on_levels(hierarchy.levels, shapes, reference, comm)
-        self._strategy.measured(self._distances, coarse_minimum)
-        for distance in self._distances:
+        distances = UndeformedDistance.on_levels(hierarchy.levels, shapes, reference, comm)
+        roughness = measures.measure_roughness(hierarchy.target, distances[-1], target)
+        # Nothing of the old ones goes before all of the new ones is there.
+        before, self._distances = self._distances, distances
+        self.touching, self._roughness = reference, roughness
+        self._strategy.measured(distances, coarse_minimum)
+        for distance in distances:
             self._resources.add(distance)
-        self._roughness = measures.measure_roughness(hierarchy.target, self._distances[-1], target)
-        return self.touching
+        for distance in before:
+            self._resources.remove(distance)
+        return reference
 
     @property
     def ksp(self):
@@ -251,7 +254,7 @@ class ContactSolver:
         for listener in self.listeners:
             listener.end()
         if not solution.converged:
-            warnings.warn(f"not converged: {solution.message}", RuntimeWarning, stacklevel=2)
+            warn_caller(f"not converged: {solution.message}")
         return solution
 
     def _solve(self, given, start):
@@ -386,7 +389,8 @@ class ContactSolver:
         seconds = time.perf_counter() - started
         prescribed = loading.load if loading.prescribes_load else None
         proof = certify(state, prescribed)
-        to_rounding = self.settings.strategy == "fast"
+        # These ask for more by themselves as long as that helps.
+        to_rounding = self.settings.strategy in ("fast", "primal") or outcome.reason == FULL_CONTACT
         outcome = outcome.if_proved(proof.error_bound, self.settings.error_bound, to_rounding)
         p, distance, depth = state.p, state.distance, state.depth
         approach = loading.approach if prescribed is None else state.approach

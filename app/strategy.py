@@ -114,10 +114,14 @@ class Strategy:
         if start is not None:
             state, last = self._started_from(start, loading), len(hierarchy.levels) - 1
             return state, solve_on(hierarchy, last, state, loading, stop, history, first=False, kept=kept)
-        return nested_iteration(
-            hierarchy, self._distances, loading, stop, history, chosen.nested, chosen.beta, chosen.lifted,
-            self._coarse_minimum, kept,
-        )  # fmt: skip
+        try:
+            return nested_iteration(
+                hierarchy, self._distances, loading, stop, history, chosen.nested, chosen.beta, chosen.lifted,
+                self._coarse_minimum, kept,
+            )  # fmt: skip
+        except BaseException:
+            kept.abandon()
+            raise
 
     def _by_petsc(self, loading, history):
         state = ContactState(self._hierarchy.target, self._distances[-1])

@@ -34,7 +34,7 @@ They take u for A p, which rounding forbids: with an error d of u they are those
 solution differs from that with h by ``||d||_B <= ||d|| / sqrt(smallest eigenvalue)`` at most. A product by FFT leaves
 about ``eps (sqrt(A_II) ||p|| + ||u|| / sqrt(smallest))`` in that norm, from the transforms forth and back (measured:
 0.26 to 0.72 times it); `_ROUNDING` times it is added to the bound. Undeformed distances are taken as they are held, but
-for digits that they have lost on far ways, which count as such a d.
+for digits that they lost while the bodies were moved far (`UndeformedDistance.rounding`), which count as such a d.
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ class History:
 
 
 def entry(state, level, iteration, update, inner, work, seconds):
-    """Entry of an iteration: inner iterations, work units and seconds of the grid so far. Collective."""
+    """Entry of an iteration: its inner iterations and work units, seconds since the grid began. Collective."""
     return {
         "level": level,
         "iteration": iteration,

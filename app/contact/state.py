@@ -283,7 +283,7 @@ class ContactState:
         return Update(int(cells), int(added), int(lost), sqrt(squares), sqrt(h), load)
 
     def let_none_in(self):
-        """In place of (4.b): return the Update that C is after `release_tensile`. Collective."""
+        """In place of (4.b): let no cell in; return the Update since before `release_tensile`. Collective."""
         return self.activate_penetrating(np.full(self.u.shape, np.inf))
 
     def mean_in_contact(self):

@@ -14,11 +14,11 @@ class StoppingTest:
     final: bool = True  # on the target grid
 
     def allowed(self, state):
-        """Norm of the residual that solves the problem, rtol ||h|| over the admissible cells [mm]. Collective."""
+        """Norm of the residual that solves the problem, rtol ||h|| over the admissible cells [mm]. Not collective."""
         return self.rtol * state.distance.norm()
 
     def __call__(self, state, residual):
-        """(5.1): ||r||_rms / ||h||_rms <= rtol, for the norm of r on C [mm]. Not collective."""
+        """(5.1): ||r||_rms / ||h||_rms <= rtol, for the norm of r on C [mm]. As collective as `allowed`."""
         return residual <= self.allowed(state)
 
     def for_coarse_grid(self):

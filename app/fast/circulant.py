@@ -97,7 +97,7 @@ class Circulant:
     """PC context ``C E^T B E C``; its operator must be an `InfluenceOperator`.
 
     B takes the residual for zero outside the contact set, which it is not; E extends it over the rim by k steps
-    with the 3 x 3 centre of B (see `extension`).
+    with the 3 x 3 centre of B (see `app.fast.rim`).
 
     Option: ``-pc_circulant_extend k`` (default 0: E = 1).
     """

@@ -77,9 +77,9 @@ class InexactStop(StoppingTest):
         return estimate(state).error_bound <= self.error_bound
 
     def says_little(self, state, h_on_contact):
-        """Whether (5.1) does: ||h|| on C [mm] is below 1% of ||h||. Collective.
+        """Whether (5.1) says little here, because ||h|| on C [mm] is below 1% of ||h||. Not collective.
 
-        The certificate is asked before the verification product is spent then.
+        Then the certificate is asked before the verification product is spent.
         """
         return self.final and IN_CONTACT * h_on_contact < state.distance.norm()
 
@@ -119,7 +119,10 @@ def inexact_active_set(state, solver, loading, stop, history):
     idle = 0  # products since that was halved
     for k in range(1, stop.max_it + 1):
         allowed, done, computed = stop.allowed(state, h_on_contact), False, False
-        most, nearly = max(allowed, 0.5 * known), solver.nearly  # levels may leave so much
+        most, nearly = (
+            max(allowed, 0.5 * known),
+            solver.nearly,
+        )  # so much may levels leave; else products are by FFT
         # On coarse grids what levels leave is no worse than the grid itself.
         enough = max(allowed, stop.defect_correction * known) if stop.final and nearly else allowed
         solver.set_contact()  # 2. (2.11) on C^k
@@ -180,7 +183,7 @@ def _verify(state, solver, tension, loading, stop, most, rehearse):
         Of the contact set; whether the problem is solved; whether it was a rehearsal only.
     """
     rehearsal = None
-    # A release that is next to nothing asks for none, but where the approach may move by it.
+    # By approach a release of next to no pressure is not rehearsed. By load it is: the approach may move by it.
     if rehearse and (loading.prescribes_load or not tension.some) and state.u_is is not Displacement.EXACT:
         solver.release(state, tension)  # (4.a), and u along with it
         loading.update(state)
@@ -195,7 +198,7 @@ def _verify(state, solver, tension, loading, stop, most, rehearse):
         solver.judge(state, most)
     loading.update(state)
     update = state.activate_penetrating()  # (4.b)
-    if rehearsal:
+    if rehearsal is not None:
         update = update.after(rehearsal)
     if _solved(state, update, stop):
         update = loading.settle(state, update)

@@ -66,7 +66,13 @@ class Kept:
         return self._solvers[operator]
 
     def direct(self, number, operator):
-        """Direct solver of the coarsest grid, made when first asked for. Not collective."""
+        """Direct solver of the first grid, made when first asked for. Not collective.
+
+        Another gap may have no admissible cell there, and begin on a finer grid.
+        """
+        if self._direct is not None and self._direct.operator is not operator:
+            self._direct.destroy()
+            self._direct = None
         if self._direct is None:
             self._direct = DirectSolver(operator, number)
         return self._direct
@@ -86,6 +92,15 @@ class Kept:
             operator.free_exact_product()
         else:
             self._free(operator)
+
+    def abandon(self):
+        """Count what an interrupted solve has computed in windows, and free what they hold of all cells.
+
+        Not collective.
+        """
+        for operator in self._windows.values():
+            self._hierarchy.count_window(operator)
+            operator.free_exact_product()
 
     def _free(self, operator):
         if operator in self._solvers:

@@ -18,6 +18,8 @@ References
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from app.contact.history import Outcome
@@ -50,6 +52,7 @@ def projected_newton(state, solver, stop, history):
     np.maximum(state.p, 0.0, out=state.values)
     np.copyto(state.values, 0.0, where=~state.admissible)
     state.u[...], gap = _displaced(state, state.p)
+    residual = state.on_contact()[1] / state.distance.norm()
     for k in range(1, stop.max_it + 1):
         before = state.contact.copy()
         p, nearly = state.p, _nearly_none(state, gap)
@@ -60,6 +63,8 @@ def projected_newton(state, solver, stop, history):
         direction, its, failure = solver.solve(state.defect(), stop.allowed(state))
         d = direction.getArray(readonly=True).reshape(gap.shape) - closed * p
         descent, alpha = state.sum([np.vdot(gap, d)])[0], 1.0
+        if not math.isfinite(descent):
+            return Outcome(False, what_is_wrong(failure, float("inf")), k, residual)
         for _ in range(_HALVINGS):
             change = np.maximum(p + alpha * d, 0.0) - p
             trial_u, trial_gap = _displaced(state, p + change)
@@ -69,7 +74,7 @@ def projected_newton(state, solver, stop, history):
                 break
             alpha *= 0.5
         else:
-            return Outcome(False, "rounding leaves no step that makes it better", k)
+            return Outcome(False, "rounding leaves no step that makes it better", k, residual)
         np.add(p, change, out=state.values)
         state.u[...], gap = trial_u, trial_gap
         state.u_is = Displacement.CARRIED if state.operator.needs_verification else Displacement.EXACT

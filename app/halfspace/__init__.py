@@ -1,1 +1,1 @@
-"""Floor 1: the influence matrix A of an elastic half-space (cells, coefficients, products, sweeps)."""
+"""The influence matrix A of an elastic half-space (cells, coefficients, products, sweeps)."""

@@ -1,1 +1,1 @@
-"""Floor 2: linear solvers for the masked system C A C p = b: grid hierarchy, transfers, PCMG, preconditioners."""
+"""Linear solvers for the masked system C A C p = b: grid hierarchy, transfers, PCMG."""

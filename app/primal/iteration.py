@@ -67,7 +67,7 @@ def primal_active_set(primal, solver, stop, history):
             kept = state.contact.copy()
             verified = verify(primal, solver.scratch)
             error, share = float("inf"), _LOWER
-            if verified:
+            if verified is not None:
                 residual = verified.residual / state.distance.norm()
                 error = verified.residual / np.sqrt(max(verified.cells, 1))
                 share = min(0.5, _DOUBT * allowed / error) if error > 0 else 0.5

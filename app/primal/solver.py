@@ -40,14 +40,17 @@ class PrimalSolver(LinearSolver):
         number = range(len(hierarchy.levels))[level]
         self.inverse = InverseOperator(hierarchy.levels[number], coarser_operator(hierarchy, number))
         super().__init__(hierarchy, number, comm, self.inverse)
-        self._cg, self.preconditioner = self.ksp.getPythonContext(), self.ksp.getPC().getPythonContext()
-        # At rest between solves: two fields in the operator's precision, one in double
-        self.direction, self.product = self._cg.direction, self._cg.product
-        self.scratch = self._cg.scratch
         self.guesses = _GUESSES
         self.rows_beside = Halo(self.operator.slabs, self.operator.comm, self.guesses - 1)
         stencil.warm_up()
         kernels.warm_up(self.operator.dtype)
+
+    def _make(self):
+        super()._make()
+        self._cg, self.preconditioner = self.ksp.getPythonContext(), self.ksp.getPC().getPythonContext()
+        # At rest between solves: two fields in the operator's precision, one in double
+        self.direction, self.product = self._cg.direction, self._cg.product
+        self.scratch = self._cg.scratch
 
     def improve(self, primal, allowed):
         """Let p vanish on the free cells, a little: w and p = B w.
@@ -72,7 +75,8 @@ class PrimalSolver(LinearSolver):
         if self.preconditioner.constrained:
             primal.balance()
         self.ksp.setInitialGuessNonzero(True)
-        self.ksp.setTolerances(atol=allowed)
+        if not self._own_atol:
+            self.ksp.setTolerances(atol=allowed)
         self._cg.pressure = primal.state.pressure
         iterations, failure = self._run(primal.zero, primal.displacements, float("inf"))
         if self.preconditioner.constrained and self.preconditioner.multiplier:

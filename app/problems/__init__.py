@@ -1,1 +1,1 @@
-"""Floor 1: geometry. What every contact problem offers: undeformed distance, admissible cells, material."""
+"""Geometry. What every contact problem offers: undeformed distance, admissible cells, material."""

@@ -131,6 +131,10 @@ class ContactProblem(Problem):
             )
         if self.periodic:
             object.__setattr__(self, "grid", replace(self.grid, periodic=self.periodic))
+        if isinstance(self.surfaces, np.ndarray) and self.surfaces.ndim == 2:
+            raise InputError(
+                f"surfaces: is an array of shape {self.surfaces.shape}; needed: a sequence, [array]"
+            )
         try:
             object.__setattr__(self, "surfaces", () if self.surfaces is None else tuple(self.surfaces))
         except TypeError:

@@ -87,11 +87,11 @@ CASES = {
         [*DEFAULT, "-lcp_type", "tao", "-lcp_nested"], "-lcp_nested: has no effect here; allowed with -lcp_type"
     ),
     "multigrid of another solver": (
-        [*DEFAULT, "-lcp_type", "snesvi", "-pc_type", "mg"], "-pc_type mg: works with active_set and fast only"
+        [*DEFAULT, "-lcp_type", "snesvi", "-pc_type", "mg"], "-pc_type mg: works with active_set, fast and primal only"
     ),
     "preconditioner of another solver": (
         [*DEFAULT, "-lcp_type", "snesvi", "-pc_type", "python", "-pc_python_type", "app.fast.circulant.Circulant"],
-        "works with active_set and fast only",
+        "works with active_set, fast and primal only",
     ),
     "solver without bounds": (
         [*DEFAULT, "-lcp_type", "snesvi", "-snes_type", "newtonls"], "allowed: vinewtonrsls"

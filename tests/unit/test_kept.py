@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from cases import hertz, punch
 
-from app import ContactProblem, ContactSolver, Grid, Material, SelfAffineSurface
+from app import ContactProblem, ContactSolver, Grid, Listener, Material, SelfAffineSurface
 from app.fast import solver as tracking
 from app.fast.circulant import circulant_of
 from app.fast.levels import influence_of
@@ -188,3 +188,48 @@ def test_nobody_works_in_what_is_lent():
 @pytest.mark.parametrize("more", [-1, 0, 1])
 def test_only_a_large_target_gives_back_what_it_does_not_need(more):
     assert tracking.is_large(SimpleNamespace(n=tracking.LARGEST_KEPT + more)) == (more > 0)
+
+
+@pytest.mark.parametrize("holes_first", [False, True])
+def test_another_gap_may_begin_on_another_grid(holes_first):
+    """Holes where the coarsest grid has its cells' centres, and no other one."""
+    grid = Grid.from_domain(64, 64, (-1, 1, -1, 1))
+    centres = -1 + (np.arange(8) + 0.5) / 4
+
+    def holed(x, y):
+        holes = (np.isclose(v[..., None], centres, atol=1e-9).any(axis=-1) for v in np.broadcast_arrays(x, y))
+        return np.where(np.logical_and(*holes), np.nan, (x**2 + y**2) / 40)
+
+    steel = Material.combined(80000, 0.3)
+    problems = [ContactProblem(grid, steel, gap) for gap in (lambda x, y: (x**2 + y**2) / 40, holed)]
+    first, second = problems[::-1] if holes_first else problems
+    with ContactSolver(first) as solver, ContactSolver(second) as fresh:
+        solver.solve(load=300)
+        solver.update(second)
+        again, alone = solver.solve(load=300), fresh.solve(load=300)
+    np.testing.assert_array_equal(again.pressure, alone.pressure)
+
+
+class Stops(Listener):
+    """Raises after some iterations, once."""
+
+    def __init__(self, after):
+        self.left = after
+
+    def iteration(self, entry, state):
+        self.left -= 1
+        if self.left == 0:
+            raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("kind", ["approach", "load"])
+def test_what_was_interrupted_is_not_counted_with_the_next_solve(kind):
+    value = {"approach": 0.01, "load": 0.05}[kind]
+    with ContactSolver(bowl(256)) as fresh:
+        alone = fresh.solve(**{kind: value})
+    last = len(alone.history["level"])
+    with ContactSolver(bowl(256), listeners=[Stops(last)]) as solver:
+        with pytest.raises(KeyboardInterrupt):
+            solver.solve(**{kind: value})
+        again = solver.solve(**{kind: value})
+    assert again.operator_applications == pytest.approx(alone.operator_applications, rel=1e-12)

@@ -1,5 +1,7 @@
 """The errors that the size of the cells makes, from two grids; refining until they are small."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from cases import APPROACH, hertz, periodic_rough, self_affine
@@ -124,3 +126,14 @@ def test_an_area_that_scatters_by_its_rim_converges():
         areas = cells[-1] + times * (cells - cells[-1])
         grids = [GridNumbers(1.0, 1.0, 1.0, area, 0.25**k) for k, area in enumerate(areas)]
         assert least <= errors_from(grids, 0.0, True).contact_area_error <= most
+
+
+def test_finer_grids_are_solved_better():
+    """What 1e-6 leaves of the shortest waves moved the maximum pressure of fine grids more than the size of cells."""
+    refined = refine(hertz(64), until=1e-3, approach=APPROACH)
+    exact = hertz(64).reference(APPROACH)
+    assert refined.reached and refined.solution.grid.nx <= 2048
+    assert refined.solution.rtol == pytest.approx(1e-6 * 64 / refined.solution.grid.nx)
+    errors = [abs(row["max_pressure"] / exact.max_pressure - 1) for row in refined.rows]
+    assert all(finer < 0.6 * coarser for coarser, finer in pairwise(errors[:-1]))
+    assert errors[-1] < 3e-6  # what the tolerance leaves

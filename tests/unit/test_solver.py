@@ -15,6 +15,8 @@ from petsc4py import PETSc
 from running import assert_solves_lcp
 
 from app import ContactProblem, ContactSolver, Grid, Material, Solution, read_result, solve
+from app.contact import measures
+from app.contact.distance import UndeformedDistance
 from app.errors import InputError
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.method import METHOD_OPTIONS, read_method_file
@@ -339,8 +341,9 @@ def test_solutions_and_paths_can_be_pickled():
 
 
 def test_not_converged_is_a_warning_and_an_answer():
-    with pytest.warns(RuntimeWarning, match="not converged: .*not enough"):
+    with pytest.warns(RuntimeWarning, match="not converged: .*not enough") as said:
         found = solve(punch(24), 0.1, method="norm", options={"lcp_max_it": 1})
+    assert [warning.filename for warning in said] == [__file__]
     assert not found.converged
     assert found.iterations == 1
     with warnings.catch_warnings():
@@ -354,6 +357,26 @@ def test_who_misses_the_load_is_not_proved():
         found = solve(punch(24), load=1e4, method="norm", options={"lcp_max_it": 3})
     assert abs(found.load - 1e4) > 10 and found.error_bound == np.inf
     assert solve(punch(24), load=1e4, method="norm").error_bound < 1e-3
+
+
+@pytest.mark.parametrize("where", ["on_levels", "measure_roughness"])
+def test_an_update_that_fails_leaves_the_old_problem(monkeypatch, where):
+    """However late: here there is no more memory for the new one."""
+
+    def no_memory(*_):
+        raise MemoryError
+
+    other = ContactProblem(punch(24).grid, punch(24).material, lambda x, y: x**2 + y**2)
+    with ContactSolver(punch(24)) as solver:
+        before = solver.solve(load=1e4)
+        with monkeypatch.context() as patch:
+            patch.setattr(
+                {"on_levels": UndeformedDistance, "measure_roughness": measures}[where], where, no_memory
+            )
+            with pytest.raises(MemoryError):
+                solver.update(other)
+        after = solver.solve(load=1e4)
+    np.testing.assert_allclose(after.pressure, before.pressure, rtol=0, atol=1e-9 * before.max_pressure)
 
 
 # ------------------------------------------------------------------------------------ what is refused

@@ -11,6 +11,7 @@ from running import assert_solves_lcp, solve
 
 from app import ContactProblem, ContactSolver, Grid, Material
 from app.primal import iteration
+from app.primal.operator import InverseOperator
 from app.problems.surfaces import SelfAffineSurface
 
 MATERIAL = Material(1.0, 0.0)
@@ -352,3 +353,36 @@ def test_light_loads_take_little_more_than_their_approach(cut_off, most):
     assert all(found.converged and not found.fallbacks for found in by_load + by_approach)
     taken, there = (sum(f.operator_applications for f in found) for found in (by_load, by_approach))
     assert taken <= most * there
+
+
+def test_an_interrupted_solve_leaves_a_solver_that_solves(monkeypatch):
+    problem, plain = surface("self-affine", 64), InverseOperator.displacement
+    with ContactSolver(problem) as solver:
+        before = pressed_to(problem, 0.1, solver)
+
+        def interrupted(operator, d, q):
+            if operator is solver._solver.inverse and solver._solver.ksp.getIterationNumber() > 0:
+                raise KeyboardInterrupt
+            return plain(operator, d, q)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(InverseOperator, "displacement", interrupted)
+            with pytest.raises(KeyboardInterrupt):
+                pressed_to(problem, 0.1, solver)
+        after = pressed_to(problem, 0.1, solver)
+    np.testing.assert_allclose(after.pressure, before.pressure, rtol=0, atol=1e-6 * before.max_pressure)
+
+
+def test_an_absolute_tolerance_is_the_users():
+    problem = surface("self-affine", 64)
+    counts = [
+        solve(problem, None, None, 0.1 * full_load(problem), ksp_atol=atol).inner_iterations
+        for atol in (1e-30, 1e-2)
+    ]
+    assert counts[0] != counts[1]
+
+
+def test_what_rounding_leaves_is_called_so():
+    problem = surface("self-affine", 64)
+    found = solve(problem, None, None, 2 * full_load(problem), lcp_error_bound=1e-16)
+    assert not found.converged and "rounding allows no more" in found.message
