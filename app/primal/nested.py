@@ -75,7 +75,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
         else:
             primal.mean_pressure = coarse.mean_pressure
             hierarchy.transfers[number].interpolate(coarse.w, primal.w)
-            primal.deepen(loading.predict(found) - found)
+            primal.move_on(found, loading.predict(found))
             coarse_pressure = coarse.state.p
             coarse.state.destroy()
             coarse.destroy()

@@ -10,6 +10,7 @@ from app.contact.state import Displacement, Update
 from app.primal import kernels as loops
 from app.primal import stencil
 
+_BACK = 0.75  # of the way to first touch: so far back a prediction is believed
 _SHARE = 0.9  # of the preconditioned residual is taken along when captured cells are closed
 
 
@@ -86,10 +87,19 @@ class PrimalState:
         )
         self.add_mean_pressure(-total / max(cells, 1))
 
-    def deepen(self, amount):
-        """Let the bodies approach each other by so much more [mm]: a constant has no pressure. Not collective."""
-        if amount:
-            self.w -= amount
+    def move_on(self, depth, predicted):
+        """Take w of the grid before to the depth predicted for this one, from that found there [mm]. Not collective.
+
+        A constant has no pressure. Back the bodies go most of the way to first touch at most, where a prediction that
+        is too bold would leave nothing of the contact; and cells that touched still do.
+        """
+        if predicted == depth:
+            return
+        back = depth - predicted
+        touching = self.state.admissible & (self.w <= self.state.distance.b)
+        self.w += min(back, _BACK * max(depth - self.state.first_touch(), 0.0)) if back > 0 else back
+        if back > 0:
+            np.copyto(self.w, self.state.distance.b, where=touching)
 
     def add_mean_pressure(self, missing):
         """Under a prescribed approach the mean pressure is an unknown. Not collective."""

@@ -386,3 +386,23 @@ def test_what_rounding_leaves_is_called_so():
     problem = surface("self-affine", 64)
     found = solve(problem, None, None, 2 * full_load(problem), lcp_error_bound=1e-16)
     assert not found.converged and "rounding allows no more" in found.message
+
+
+PLATEAUS = {
+    "two heights": lambda rng, n: rng.integers(0, 2, (n, n)),
+    "blocks": lambda rng, n: np.kron(rng.random((n // 3 + 1, n // 3 + 1)) < 0.5, np.ones((3, 3)))[:n, :n],
+    "pits": lambda rng, n: np.maximum(rng.normal(size=(n, n)), 0.0),
+    "peaks": lambda rng, n: rng.random((n, n)) ** 4,
+}
+
+
+@pytest.mark.parametrize("kind", PLATEAUS)
+@pytest.mark.parametrize("n", [64, 128])
+def test_a_prediction_that_is_too_bold_does_no_harm(kind, n):
+    """Of plateaus each finer grid finds the approach much nearer to first touch: extrapolated it is before that."""
+    gap = 1e-3 * PLATEAUS[kind](np.random.default_rng(1), n)
+    grid = Grid(n, n, 1 / n, 1 / n)
+    with ContactSolver(ContactProblem(grid, MATERIAL, gap, periodic=True)) as solver:
+        for pressure in (1e-6, 1e-5, 1e-4, 1e-3):
+            found = solver.solve(mean_pressure=pressure * MATERIAL.contact_modulus)
+            assert found.converged and found.fallbacks == 0 and found.operator_applications < 19
