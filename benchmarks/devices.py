@@ -77,7 +77,7 @@ FREE = (
     Constant("RELEASED", "share of the load released on a coarse grid without a product", "app.fast.iteration"),
     Constant("NEAR", "tolerances by which the approach to a load may be off on a coarse grid", "app.fast.iteration"),
     Constant("SINGLE", "residual over h on C that is too small for single precision", "app.fast.iteration"),
-    Constant("PATIENCE", "iterations without halving the residual, then the safeguard", "app.fast.iteration"),
+    Constant("PATIENCE", "iterations without halving the residual, then the safeguard", "app.fast.progress"),
     Constant("TRUSTED", "when a secant counts, and how far the slope may change at once", "app.contact.loading"),
     Constant("_NEARLY", "of the mean slope since first touch: a secant counts from there on", "app.contact.loading"),
     Constant("BLAMED", "of the rms residual: the approach may be off by it, unmoved", "app.contact.loading"),

@@ -23,6 +23,7 @@ from app.contact.history import Outcome
 from app.contact.iteration import CONVERGED, NO_CONTACT, begin, what_is_wrong
 from app.contact.state import Displacement
 from app.contact.stopping import StoppingTest
+from app.fast.progress import NeedsSafeguard, Progress
 
 # (5.1) holds with h on C alone and so many times rtol, too: contact may be small in its patch.
 IN_CONTACT = 100.0
@@ -30,7 +31,6 @@ RELEASED = 0.01  # share of the load that may be released on a coarse grid witho
 ROUNDING = 1e-13  # of ||h|| on C: what it leaves of displacements there
 NEAR = 3.0  # times its tolerance may the approach to a load still be off on a coarse grid
 SINGLE = 1e-6  # of ||h|| on C: a smaller residual is not for single precision to compute
-PATIENCE = 8  # iterations that do not halve the residual: there is no progress
 
 
 @dataclass(frozen=True)
@@ -92,14 +92,6 @@ class InexactStop(StoppingTest):
         return replace(self, final=False)
 
 
-class NeedsSafeguard(Exception):
-    """The iteration makes no progress; ``outcome`` is what it came to."""
-
-    def __init__(self, outcome):
-        super().__init__(outcome.reason)
-        self.outcome = outcome
-
-
 def inexact_active_set(state, solver, loading, stop, history):
     """Solve (2.8)-(2.10) on one grid from the contact set and pressure in `state`.
 
@@ -110,23 +102,18 @@ def inexact_active_set(state, solver, loading, stop, history):
     NeedsSafeguard
         If the residual stagnates.
     """
-    best, since, rehearsed = float("inf"), 0, False
     if not begin(state, solver, loading, history):
         return Outcome(not loading.prescribes_load, NO_CONTACT)
     solver.begin(by_levels=stop.defect_correction > 0)
     h_on_contact, norm, cells = state.on_contact()  # of C^k; later the last update knows
-    known = least = norm  # when u was computed last; the least of these
-    idle = 0  # products since that was halved
+    progress, rehearsed = Progress(norm), False  # rehearsed: the last verification, and it did not pass
     for k in range(1, stop.max_it + 1):
         allowed, done, computed = stop.allowed(state, h_on_contact), False, False
-        most, nearly = (
-            max(allowed, 0.5 * known),
-            solver.nearly,
-        )  # so much may levels leave; else products are by FFT
+        levels_may_leave, by_levels = max(allowed, 0.5 * progress.told), solver.by_levels
         # On coarse grids what levels leave is no worse than the grid itself.
-        enough = max(allowed, stop.defect_correction * known) if stop.final and nearly else allowed
+        goal = max(allowed, stop.defect_correction * progress.told) if stop.final and by_levels else allowed
         solver.set_contact()  # 2. (2.11) on C^k
-        its, failure, norm = solver.improve(state, enough, norm)  # 3. a little
+        its, failure, norm = solver.improve(state, goal, norm)  # 3. a little
         tension = solver.tension(state) if norm <= allowed else None
         # The system is solved, and on the target grid next to no pressure is negative: is it the last contact set?
         ready = tension is not None and (not stop.final or tension.share <= stop.rtol)
@@ -137,24 +124,23 @@ def inexact_active_set(state, solver, loading, stop, history):
         if ready and not stop.final:
             update, done = _leave_coarse(state, solver, tension, loading, NEAR * allowed / np.sqrt(cells))
         elif ready and not too_loose:
-            update, done, rehearsed = _verify(state, solver, tension, loading, stop, most, not rehearsed)
+            update, done, rehearsed = _verify(
+                state, solver, tension, loading, stop, levels_may_leave, not rehearsed
+            )
             computed = not rehearsed
         else:
-            computed = allowed < enough and norm <= enough
+            computed = allowed < goal and norm <= goal
             released = solver.release(state, carry=not computed)  # (4.a), and u along with it
             if computed:
                 state.compute_displacement(exact=allowed < SINGLE * h_on_contact)
                 if not released:
-                    solver.judge(state, most)
+                    solver.check_levels(state, levels_may_leave)
             loading.update(state)
             expected = solver.predict(state, stop.predictor) if norm > allowed else None
             update = state.activate_penetrating(expected)  # (4.b)
-        if computed and nearly:
-            best = max(known, update.residual)  # which is more where a load has let cells in
-            known, idle = update.residual, idle + 1
-            if known <= 0.5 * least:
-                least, idle = known, 0
-            solver.nearly &= idle < PATIENCE
+        if computed and by_levels:
+            progress.tell(update.residual)
+            solver.by_levels &= not progress.stalls_by_products
         history.add(state, solver, update, its)
         h_on_contact, cells, norm = update.h_on_contact, max(update.cells, 1), update.residual
         residual = update.residual / state.distance.norm()
@@ -164,15 +150,13 @@ def inexact_active_set(state, solver, loading, stop, history):
             return Outcome(True, CONVERGED, k, residual)
         if done or too_loose:
             stop = stop.tighter()
-        since += 1
-        if update.residual <= 0.5 * best:
-            best, since = update.residual, 0
-        if since >= PATIENCE:
+        progress.hear(update.residual)
+        if progress.stalls:
             raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
 
 
-def _verify(state, solver, tension, loading, stop, most, rehearse):
+def _verify(state, solver, tension, loading, stop, levels_may_leave, rehearse):
     """Steps 4 to 6 on the target grid by a product in double precision, the load met exactly. Collective.
 
     `rehearse`: do them by the carried displacement first; if that does not pass the product is not made.
@@ -195,7 +179,7 @@ def _verify(state, solver, tension, loading, stop, most, rehearse):
     solver.rest()
     if state.u_is is not Displacement.EXACT:
         state.compute_displacement(exact=True)
-        solver.judge(state, most)
+        solver.check_levels(state, levels_may_leave)
     loading.update(state)
     update = state.activate_penetrating()  # (4.b)
     if rehearsal is not None:

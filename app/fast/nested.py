@@ -9,8 +9,9 @@ from app.contact.grid_errors import estimated_errors, numbers_on, pressure_diffe
 from app.contact.iteration import active_set, search_load
 from app.contact.state import Displacement
 from app.contact.stopping import StoppingTest
-from app.fast.iteration import NeedsSafeguard, inexact_active_set
+from app.fast.iteration import inexact_active_set
 from app.fast.lift import lift
+from app.fast.progress import NeedsSafeguard
 from app.fast.safeguard import projected_newton
 from app.fast.windows import Stage
 from app.multigrid.direct import solves_directly

@@ -24,6 +24,7 @@ from functools import cache
 import numpy as np
 
 from app.compiled import njit
+from app.halfspace.chebyshev import chebyshev_steps
 from app.halfspace.grid import Slabs
 from app.halfspace.halo import Halo
 from app.halfspace.reductions import any_order, copy_row, span_of
@@ -31,15 +32,6 @@ from app.halfspace.reductions import any_order, copy_row, span_of
 MAX_STEPS = 250
 _CYCLE = 8  # steps after which their lengths begin anew: more in one polynomial would spread rounding
 _LOWEST = 0.05  # eigenvalue of the stencil, at least, in its highest one
-
-
-def chebyshev_steps(steps, low, high):
-    """Lengths of the steps of Richardson's iteration that is best on eigenvalues between `low` and `high`.
-
-    Not collective.
-    """
-    roots = (low + high) / 2 + (high - low) / 2 * np.cos(np.pi * (2 * np.arange(steps) + 1) / (2 * steps))
-    return 1 / roots
 
 
 class RimExtension:

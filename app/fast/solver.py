@@ -37,7 +37,7 @@ class TrackingSolver(LinearSolver):
 
     Attributes
     ----------
-    nearly : bool
+    by_levels : bool
         Changes of u are computed by levels (`app.fast.levels`). May be set to False.
 
     Raises
@@ -59,7 +59,7 @@ class TrackingSolver(LinearSolver):
 
     def begin(self, by_levels):
         """Begin to solve on the grid, with changes of u by levels if it has such. Collective."""
-        self.nearly, self._pending = by_levels and influence_of(self.operator) is not None, False
+        self.by_levels, self._pending = by_levels and influence_of(self.operator) is not None, False
 
     def improve(self, state, allowed, norm):
         """Step 3, inexactly: p towards (2.11) on C. What that does to u is left to `release` or `carry`.
@@ -97,7 +97,7 @@ class TrackingSolver(LinearSolver):
 
     def _multiply(self, p, u):
         """Compute u = A p, by levels if that will do."""
-        if not self.nearly:
+        if not self.by_levels:
             return self.operator.displacement(p, u)
         with _event:
             nearly = influence_of(self.operator)
@@ -113,13 +113,13 @@ class TrackingSolver(LinearSolver):
         if self._large:
             self._cg.rest()
 
-    def judge(self, state, most):
+    def check_levels(self, state, most):
         """Multiply by FFT from here on if levels have left more than `most` on C [mm], as u, computed anew, tells.
 
         Collective.
         """
-        if self.nearly:
-            self.nearly = state.left_on_contact() <= most
+        if self.by_levels:
+            self.by_levels = state.left_on_contact() <= most
 
     def tension(self, state):
         """Return the Tension. Collective."""

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.halfspace.even_polynomials import coefficients, nodes, polynomials
+from app.halfspace.chebyshev import coefficients, nodes, polynomials
 from app.halfspace.grid import Grid
 from app.halfspace.periodic import influence_symbol
 

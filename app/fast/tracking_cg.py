@@ -16,7 +16,8 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.halfspace.operator import InfluenceOperator, context_of, vec_of
-from app.halfspace.reductions import add_row, any_order, span_of, sum_over
+from app.halfspace.reductions import add_row, any_order, span_of
+from app.multigrid.ksp_context import KspContext
 
 # So much may be left of r.r before it is summed anew, by the digits of r.
 _DIGITS = {np.dtype(np.float64): 1e-8, np.dtype(np.float32): 1e-6}
@@ -150,25 +151,6 @@ def warm_up(dtype):
     _dots(low, low, low, mask, spans)
     _advance(low, low, low, low, mask, spans, 0.0)
     add(field, 0.0, low)
-
-
-class KspContext:
-    """What our Krylov methods share: they tell PETSc of their iterations, and let it decide when it is enough."""
-
-    def _report(self, ksp, iteration, norm):
-        """Tell PETSc of an iteration; return its reason to stop, or 0."""
-        if not norm >= 0:
-            return PETSc.KSP.ConvergedReason.DIVERGED_NANORINF
-        ksp.its, ksp.norm = iteration, norm
-        ksp.logConvergenceHistory(norm)
-        ksp.monitor(iteration, norm)
-        return ksp.callConvergenceTest(iteration, norm)
-
-    def _read(self, vec):
-        return vec.getArray(readonly=True).reshape(self._operator.local_shape)
-
-    def _sum(self, values):
-        return sum_over(self._operator.comm, values)
 
 
 class TrackingCG(KspContext):

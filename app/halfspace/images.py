@@ -22,7 +22,7 @@ from numpy.polynomial import legendre
 from scipy.special import erf, erfc
 
 from app.compiled import njit
-from app.halfspace.even_polynomials import coefficients, nodes, polynomials
+from app.halfspace.chebyshev import coefficients, nodes, polynomials
 from app.halfspace.reductions import add_inside, add_row, any_order
 
 _RANGE = 6.2  # erfc(6.2) is nothing

@@ -19,7 +19,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import erf, erfc, zeta
 
-from app.halfspace.even_polynomials import nodes, polynomials
+from app.halfspace.chebyshev import nodes, polynomials
 from app.halfspace.fft.multiplier import transform_even
 from app.halfspace.grid import runs
 from app.halfspace.love import love_coefficients

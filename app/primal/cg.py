@@ -17,9 +17,9 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.compiled import njit
-from app.fast.tracking_cg import KspContext
 from app.halfspace.operator import context_of
 from app.halfspace.reductions import any_order
+from app.multigrid.ksp_context import KspContext
 from app.primal.operator import InverseOperator
 
 
@@ -156,7 +156,7 @@ class CarryingCG(KspContext):
         while not reason and iteration < max_it:
             _direct(d, z, d.dtype.type(beta))
             operator.products += 1
-            operator.displacement(d, q)
+            operator.pressure(d, q)
             with self.pressure as pressure, x as displacement:
                 p, w = pressure.reshape(shape), displacement.reshape(shape)
                 dq, dp, pp, pq, qq = self._sum(_dots(d, q, p, operator.mask))

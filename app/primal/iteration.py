@@ -11,7 +11,8 @@ import numpy as np
 from app.contact.history import Outcome
 from app.contact.iteration import CONVERGED, what_is_wrong
 from app.contact.state import Displacement
-from app.fast.iteration import PATIENCE, ROUNDING, NeedsSafeguard
+from app.fast.iteration import ROUNDING
+from app.fast.progress import PATIENCE, NeedsSafeguard
 from app.primal import kernels
 
 _LOOSE = 0.005  # share of the cells that may still change on a coarse grid

@@ -9,8 +9,8 @@ from app.contact.grid_errors import estimated_errors, pressure_difference
 from app.contact.history import Outcome
 from app.contact.iteration import NO_CONTACT
 from app.contact.state import ContactState
-from app.fast.iteration import NeedsSafeguard
 from app.fast.nested import safeguarded
+from app.fast.progress import NeedsSafeguard
 from app.petsc import options_set
 from app.primal.iteration import accept, primal_active_set, verify
 from app.primal.operator import InverseOperator

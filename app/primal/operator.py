@@ -59,7 +59,7 @@ class InverseOperator:
         """Take notice of other free cells. Not collective."""
         self.contact_number += 1
 
-    def displacement(self, d, q):
+    def pressure(self, d, q):
         """Compute q = B d on all cells. Collective; arrays of shape `local_shape`."""
         with _mult_event:
             self.product.apply(d, q)

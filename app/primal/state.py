@@ -76,7 +76,7 @@ class PrimalState:
         """p = B w + mean pressure. Collective."""
         with self.state.pressure as values:
             p = values.reshape(self.w.shape)
-            (self.inverse.exact_pressure if exact else self.inverse.displacement)(self.w, p)
+            (self.inverse.exact_pressure if exact else self.inverse.pressure)(self.w, p)
             p += self.mean_pressure
         self.state.u_is = Displacement.STALE
 
@@ -223,7 +223,7 @@ class PrimalState:
         solver.set_contact()
 
     def _add_pressure_of(self, change, solver):
-        self.inverse.displacement(change, solver.product)
+        self.inverse.pressure(change, solver.product)
         with self.state.pressure as values:
             values += solver.product.reshape(-1)
         self.state.u_is = Displacement.STALE

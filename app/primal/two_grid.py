@@ -6,7 +6,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.contact import kernels
-from app.fast.rim import chebyshev_steps
+from app.halfspace.chebyshev import chebyshev_steps
 from app.halfspace.fetch import Fetch
 from app.halfspace.grid import Slabs
 from app.halfspace.halo import Halo

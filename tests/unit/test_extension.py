@@ -7,7 +7,8 @@ from scipy.ndimage import binary_dilation, convolve
 
 from app.fast import rim
 from app.fast.circulant import circulant_of
-from app.fast.rim import RimExtension, chebyshev_steps
+from app.fast.rim import RimExtension
+from app.halfspace.chebyshev import chebyshev_steps
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix
 from app.halfspace.operator import InfluenceOperator

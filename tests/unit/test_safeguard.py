@@ -11,7 +11,7 @@ from scipy.optimize import nnls
 from app.contact.distance import UndeformedDistance
 from app.contact.history import History, Listener
 from app.contact.state import ContactState
-from app.fast import iteration, nested
+from app.fast import nested, progress
 from app.fast.iteration import InexactStop
 from app.fast.safeguard import projected_newton
 from app.halfspace.grid import Grid
@@ -106,7 +106,7 @@ def fast():
 def test_the_safeguard_finds_what_the_iteration_finds(fast, name, by_load, precision, monkeypatch):
     expected, (problem, approach) = fast[name], PROBLEMS[name]
     assert expected.fallbacks == 0
-    monkeypatch.setattr(iteration, "PATIENCE", 0)
+    monkeypatch.setattr(progress, "PATIENCE", 0)
     load = expected.load if by_load else None
     found = solve(problem, approach, "fast", load, lcp_rtol=1e-9, lcp_precision=precision)
     assert found.fallbacks > 0
@@ -120,7 +120,7 @@ def test_the_safeguard_finds_what_the_iteration_finds(fast, name, by_load, preci
 
 def test_a_light_load_displaces_by_its_pressure_to_rounding(monkeypatch):
     """Distances a million times larger take nothing from u."""
-    monkeypatch.setattr(iteration, "PATIENCE", 0)
+    monkeypatch.setattr(progress, "PATIENCE", 0)
     problem, _ = PROBLEMS["hertz"]
     found = solve(problem, None, "fast", 1e-5)
     assert found.fallbacks > 0
@@ -131,7 +131,7 @@ def test_a_light_load_displaces_by_its_pressure_to_rounding(monkeypatch):
 
 
 def test_the_safeguard_says_when_it_runs_out_of_iterations(monkeypatch):
-    monkeypatch.setattr(iteration, "PATIENCE", 0)
+    monkeypatch.setattr(progress, "PATIENCE", 0)
     for load in (None, 3e4):
         found = solve(punch(64), 0.01, "fast", load, lcp_max_it=2)
         assert not found.converged
@@ -154,6 +154,6 @@ def test_every_grid_on_which_it_took_over_counts(method, monkeypatch):
 
     for module in (nested, primal_nested):
         monkeypatch.setattr(module, "safeguarded", safeguarded)
-    monkeypatch.setattr(iteration if method == "fast" else primal_iteration, "PATIENCE", 0)
+    monkeypatch.setattr(progress if method == "fast" else primal_iteration, "PATIENCE", 0)
     found = solve(problem, approach, method, lcp_rtol=1e-9, lcp_coarse_rtol=1e-9)
     assert found.fallbacks == len(set(numbers)) > 1

@@ -356,7 +356,7 @@ def test_light_loads_take_little_more_than_their_approach(cut_off, most):
 
 
 def test_an_interrupted_solve_leaves_a_solver_that_solves(monkeypatch):
-    problem, plain = surface("self-affine", 64), InverseOperator.displacement
+    problem, plain = surface("self-affine", 64), InverseOperator.pressure
     with ContactSolver(problem) as solver:
         before = pressed_to(problem, 0.1, solver)
 
@@ -366,7 +366,7 @@ def test_an_interrupted_solve_leaves_a_solver_that_solves(monkeypatch):
             return plain(operator, d, q)
 
         with monkeypatch.context() as patch:
-            patch.setattr(InverseOperator, "displacement", interrupted)
+            patch.setattr(InverseOperator, "pressure", interrupted)
             with pytest.raises(KeyboardInterrupt):
                 pressed_to(problem, 0.1, solver)
         after = pressed_to(problem, 0.1, solver)

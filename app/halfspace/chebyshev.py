@@ -1,4 +1,4 @@
-"""Interpolation of smooth even functions of x and y by even Chebyshev polynomials on [0, 1]."""
+"""Chebyshev polynomials: interpolation of smooth even functions on [0, 1], and lengths of the steps of iterations."""
 
 from __future__ import annotations
 
@@ -22,3 +22,12 @@ def coefficients(values):
         polynomials(nodes(n), n).T * np.where(np.arange(n) > 0, 2.0, 1.0)[:, None] / n for n in values.shape
     )
     return first @ values @ second.T
+
+
+def chebyshev_steps(steps, low, high):
+    """Lengths of the steps of Richardson's iteration that is best on eigenvalues between `low` and `high`.
+
+    Not collective.
+    """
+    roots = (low + high) / 2 + (high - low) / 2 * np.cos(np.pi * (2 * np.arange(steps) + 1) / (2 * steps))
+    return 1 / roots

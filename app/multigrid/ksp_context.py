@@ -1,0 +1,26 @@
+"""What Krylov methods of our own share, as contexts of a KSP of type python."""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+from app.halfspace.reductions import sum_over
+
+
+class KspContext:
+    """They tell PETSc of their iterations, and let it decide when it is enough."""
+
+    def _report(self, ksp, iteration, norm):
+        """Tell PETSc of an iteration; return its reason to stop, or 0."""
+        if not norm >= 0:
+            return PETSc.KSP.ConvergedReason.DIVERGED_NANORINF
+        ksp.its, ksp.norm = iteration, norm
+        ksp.logConvergenceHistory(norm)
+        ksp.monitor(iteration, norm)
+        return ksp.callConvergenceTest(iteration, norm)
+
+    def _read(self, vec):
+        return vec.getArray(readonly=True).reshape(self._operator.local_shape)
+
+    def _sum(self, values):
+        return sum_over(self._operator.comm, values)
