@@ -88,9 +88,13 @@ class Strategy:
         if chosen.strategy == "active_set":
             return self._by_active_set(loading, stop, history, start)
         stop = InexactStop(
-            chosen.rtol, chosen.max_it, True, chosen.coarse_rtol, chosen.predictor, chosen.error_bound,
-            chosen.defect_correction,
-        )  # fmt: skip
+            chosen.rtol,
+            chosen.max_it,
+            coarse_rtol=chosen.coarse_rtol,
+            predictor=chosen.predictor,
+            error_bound=chosen.error_bound,
+            defect_correction=chosen.defect_correction,
+        )
         if chosen.strategy == "fast":
             return self._fast(loading, stop, history, start)
         from app.primal.nested import primal_iteration
