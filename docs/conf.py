@@ -42,7 +42,8 @@ NAV = {  # heading -> page -> its name there; None: that of the page
         "benchmark-periodic": "Periodic patches",
         "benchmark-peers": "Other packages, 512²",
         "benchmark-peers-1024": "Other packages, 1024²",
-        "benchmark-peers-periodic": "Other packages, periodic",
+        "benchmark-peers-periodic": "Other packages, periodic, 512²",
+        "benchmark-peers-periodic-1024": "Other packages, periodic, 1024²",
         "scaling": "Many ranks",
     },
     "Develop": {
