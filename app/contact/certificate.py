@@ -62,9 +62,7 @@ class Certificate:
     """Optimality of a pressure; the same on all ranks."""
 
     duality_gap: float  # [mm N/mm2 per cell area] * cell area = [N mm]
-    error_bound: (
-        float  # ||p - p*||_A / ||p||_A at most; infinite if pressure, or a part of the load, is missing
-    )
+    error_bound: float  # ||p - p*||_A / ||p||_A at most; infinite if pressure is missing, or load
     largest_penetration: float  # max(-e) over the admissible cells, at least 0 [mm]
     smallest_pressure: float  # [N/mm2]
     complementarity: float  # max |p e| / (max p * max |h|)

@@ -92,11 +92,8 @@ def primal_active_set(primal, solver, stop, history):
             primal.close(solver)
         since += 1
         if not norm or norm < 0.5 * best or update.changed < fewest:
-            best, fewest, since = (
-                min(norm or best, best),
-                min(update.changed, fewest),
-                0,
-            )  # 0: nothing is free
+            best = min(norm or best, best)  # 0: nothing is free
+            fewest, since = min(update.changed, fewest), 0
         if since >= PATIENCE:
             raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
