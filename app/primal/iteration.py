@@ -78,7 +78,7 @@ def primal_active_set(primal, solver, stop, history):
                     return Outcome(True, CONVERGED, k, residual)
             # Not yet: aim lower, by as much as the product says that the carried residual was too small.
             reached, lowest = min(1.0, norm / goal) * aim, ROUNDING / stop.rtol
-            if not verified and aim <= lowest:
+            if verified is None and aim <= lowest:
                 raise NeedsSafeguard(Outcome(False, _NO_PRESSURE, k, residual))
             aim = max(share * reached, lowest)
             state.contact[...] = kept  # the free cells are as before
