@@ -55,7 +55,7 @@ from app.strategy import Strategy, check_single, warm_up
 
 
 def solve(
-    problem, approach=None, load=None, method=None, options=None, comm=None, start=None,
+    problem, *, approach=None, load=None, method=None, options=None, comm=None, start=None,
     mean_pressure=None, mean_gap=None,
 ):  # fmt: skip
     """Solve a contact problem once, for exactly one of approach, load, mean pressure and mean gap.
@@ -82,7 +82,9 @@ def solve(
         If it is not ``converged``, there is a warning, too.
     """
     with ContactSolver(problem, method, options, comm) as solver:
-        return solver.solve(approach, load, start, mean_pressure, mean_gap)
+        return solver.solve(
+            approach=approach, load=load, start=start, mean_pressure=mean_pressure, mean_gap=mean_gap
+        )
 
 
 class ContactSolver:
@@ -218,7 +220,7 @@ class ContactSolver:
     # -- solve -------------------------------------------------------------------------------------------
 
     @one_at_a_time
-    def solve(self, approach=None, load=None, start=None, mean_pressure=None, mean_gap=None):
+    def solve(self, *, approach=None, load=None, start=None, mean_pressure=None, mean_gap=None):
         """Solve for exactly one of approach, load, mean pressure and mean gap.
 
         Parameters

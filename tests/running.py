@@ -15,7 +15,7 @@ def solve(problem, approach, method="norm", load=None, comm=None, start=None, **
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "not converged", RuntimeWarning)
         with ContactSolver(problem, method, options, comm) as solver:
-            return solver.solve(None if load is not None else approach, load, start)
+            return solver.solve(approach=None if load is not None else approach, load=load, start=start)
 
 
 def assert_solves_lcp(solution, tolerance=1e-6):

@@ -105,7 +105,8 @@ def test_solutions_stay_what_they_are(method):
 
 def test_solvers_of_different_methods_are_alive_at_once():
     expected = {
-        method: solve(punch(24), 0.1, method=name, options=own) for method, (name, own) in METHODS.items()
+        method: solve(punch(24), approach=0.1, method=name, options=own)
+        for method, (name, own) in METHODS.items()
     }
     solvers = {method: solver_of(method) for method in METHODS}
     for approach in (-0.1, 0.1):
@@ -149,14 +150,14 @@ def test_a_start_saves_work_and_does_not_change_the_answer(method, by_load):
 
 def test_any_solution_on_the_grid_is_a_start():
     problem = hertz(32)
-    expected = solve(problem, APPROACH, options={"lcp_rtol": 1e-9})
+    expected = solve(problem, approach=APPROACH, options={"lcp_rtol": 1e-9})
     with ContactSolver(problem, options={"lcp_rtol": 1e-9}) as solver:
         starts = [
             solver.solve(approach=-1.0),
             solver.solve(load=0),
             solver.solve(approach=1.0),
-            solve(problem, 0.05, method="norm"),
-            solve(punch_on(problem.grid), 0.1),
+            solve(problem, approach=0.05, method="norm"),
+            solve(punch_on(problem.grid), approach=0.1),
         ]
         for start in starts:
             for loading in ({"approach": APPROACH}, {"load": expected.load}):
@@ -342,13 +343,13 @@ def test_solutions_and_paths_can_be_pickled():
 
 def test_not_converged_is_a_warning_and_an_answer():
     with pytest.warns(RuntimeWarning, match="not converged: .*not enough") as said:
-        found = solve(punch(24), 0.1, method="norm", options={"lcp_max_it": 1})
+        found = solve(punch(24), approach=0.1, method="norm", options={"lcp_max_it": 1})
     assert [warning.filename for warning in said] == [__file__]
     assert not found.converged
     assert found.iterations == 1
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert solve(punch(24), 0.1).converged
+        assert solve(punch(24), approach=0.1).converged
 
 
 def test_who_misses_the_load_is_not_proved():
@@ -381,6 +382,14 @@ def test_an_update_that_fails_leaves_the_old_problem(monkeypatch, where):
 
 # ------------------------------------------------------------------------------------ what is refused
 
+
+def test_a_number_without_a_name_is_neither_approach_nor_load():
+    with pytest.raises(TypeError, match="positional"):
+        solve(punch(24), 100)
+    with ContactSolver(punch(24)) as solver, pytest.raises(TypeError, match="positional"):
+        solver.solve(100)
+
+
 LOADINGS = {
     "both": ({"approach": 0.1, "load": 1.0}, "exactly one"),
     "neither": ({}, "exactly one"),
@@ -404,7 +413,7 @@ def test_loading_that_cannot_be(case):
 
 
 def test_start_on_another_grid():
-    other = solve(punch(20), 0.1)
+    other = solve(punch(20), approach=0.1)
     with ContactSolver(punch(24)) as solver, pytest.raises(InputError, match="same grid"):
         solver.solve(approach=0.1, start=other)
 
@@ -490,7 +499,7 @@ def test_what_a_file_says_may_be_overridden(case):
     method, options = OVERRIDDEN[case]
     found = running.solve(hertz(24), APPROACH, method, **options)
     assert found.converged
-    assert found.load == pytest.approx(solve(hertz(24), APPROACH).load, rel=1e-4)
+    assert found.load == pytest.approx(solve(hertz(24), approach=APPROACH).load, rel=1e-4)
     gone = [note for note in found.notes if "gives way to" in note]
     assert len(gone) == ("strategy" in case or "by a file" in case)
 
@@ -519,7 +528,8 @@ def test_a_later_method_file_is_that_method():
 
 def test_a_communicator_of_petsc4py_is_that_of_mpi4py():
     assert_same(
-        solve(punch(24), APPROACH, comm=PETSc.COMM_SELF), solve(punch(24), APPROACH, comm=MPI.COMM_SELF)
+        solve(punch(24), approach=APPROACH, comm=PETSc.COMM_SELF),
+        solve(punch(24), approach=APPROACH, comm=MPI.COMM_SELF),
     )
 
 
@@ -646,7 +656,7 @@ def test_a_start_of_a_gap_that_was_elsewhere():
 
 def test_digits_that_distances_have_lost_are_in_the_proof(monkeypatch):
     with ContactSolver(hertz(24)) as solver:
-        before, distance = solver.solve(APPROACH), solver._distances[-1]
+        before, distance = solver.solve(approach=APPROACH), solver._distances[-1]
         distance.move_to(1e13)
         distance.move_to(0.0)
         with (
@@ -654,21 +664,21 @@ def test_digits_that_distances_have_lost_are_in_the_proof(monkeypatch):
             pytest.warns(RuntimeWarning, match="not converged"),
         ):
             context.setattr(ContactSolver, "_measure_shapes", lambda self: None)  # which would mend it
-            found = solver.solve(APPROACH)
+            found = solver.solve(approach=APPROACH)
         assert not found.converged
         assert found.error_bound > 0.01
-        np.testing.assert_array_equal(solver.solve(APPROACH).pressure, before.pressure)
+        np.testing.assert_array_equal(solver.solve(approach=APPROACH).pressure, before.pressure)
 
 
 def test_a_start_may_have_pressure_where_an_updated_gap_has_a_hole():
     problem = hertz(64)
     with ContactSolver(problem) as solver:
-        before = solver.solve(APPROACH)
+        before = solver.solve(approach=APPROACH)
         gap = problem.shape_on(problem.grid)
         gap[28:36, 28:36] = np.nan
         assert before.contact[28:36, 28:36].any()
         solver.update(ContactProblem(problem.grid, problem.material, gap))
-        found, fresh = solver.solve(APPROACH, start=before), solver.solve(APPROACH)
+        found, fresh = solver.solve(approach=APPROACH, start=before), solver.solve(approach=APPROACH)
     assert_solves_lcp(found)
     np.testing.assert_allclose(found.pressure, fresh.pressure, atol=1e-4 * fresh.max_pressure)
 
@@ -685,10 +695,10 @@ def test_a_start_may_have_pressure_where_an_updated_gap_has_a_hole():
 )
 def test_what_does_not_fit_leaves_the_solver_as_it_was(other):
     with ContactSolver(hertz(24)) as solver:
-        before = solver.solve(APPROACH)
+        before = solver.solve(approach=APPROACH)
         with pytest.raises(InputError, match=r"problem"):
             solver.update(other())
-        assert_same(solver.solve(APPROACH), before)
+        assert_same(solver.solve(approach=APPROACH), before)
 
 
 def test_a_path_is_that_of_one_problem():

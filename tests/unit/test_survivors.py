@@ -115,7 +115,7 @@ class Hears(Listener):
 def test_listeners_hear_of_every_iteration():
     hears = Hears()
     with ContactSolver(hertz(12), "norm", listeners=[hears]) as solver:
-        found = solver.solve(APPROACH)
+        found = solver.solve(approach=APPROACH)
     assert hears.told == ["start", *found.history["iteration"], "end"]
 
 
@@ -135,7 +135,7 @@ def test_each_solve_has_a_bar_of_its_own():
         ContactSolver(hertz(12), "norm", listeners=[Progress(1e-6)]) as solver,
     ):
         for opened in (1, 2):
-            solver.solve(APPROACH)
+            solver.solve(approach=APPROACH)
             assert bar.call_count == bar.return_value.close.call_count == opened
 
 
