@@ -202,8 +202,10 @@ class ContactSolver:
         coarse_minimum = hierarchy.coarse_minimum(shapes)
         distances = UndeformedDistance.on_levels(hierarchy.levels, shapes, reference, comm)
         roughness = measures.measure_roughness(hierarchy.target, distances[-1], target)
-        # Nothing of the old ones goes before all of the new ones is there.
-        before, self._distances = self._distances, distances
+        before, self._distances = (
+            self._distances,
+            distances,
+        )  # all of the new ones is there, now old ones may go
         self.touching, self._roughness = reference, roughness
         self._strategy.measured(distances, coarse_minimum)
         for distance in distances:
