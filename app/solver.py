@@ -202,10 +202,7 @@ class ContactSolver:
         coarse_minimum = hierarchy.coarse_minimum(shapes)
         distances = UndeformedDistance.on_levels(hierarchy.levels, shapes, reference, comm)
         roughness = measures.measure_roughness(hierarchy.target, distances[-1], target)
-        before, self._distances = (
-            self._distances,
-            distances,
-        )  # all of the new ones is there, now old ones may go
+        before, self._distances = self._distances, distances  # which are complete
         self.touching, self._roughness = reference, roughness
         self._strategy.measured(distances, coarse_minimum)
         for distance in distances:
