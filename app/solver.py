@@ -389,13 +389,14 @@ class ContactSolver:
         applications = self.hierarchy.operator_applications() - products
         seconds = time.perf_counter() - started
         prescribed = loading.load if loading.prescribes_load else None
-        proof = certify(state, prescribed)
+        proof, found = certify(state), measures.measure_contact(state)
+        proof = proof.under(prescribed, found.load)
         # These ask for more by themselves as long as that helps.
         to_rounding = self.settings.strategy in ("fast", "primal") or outcome.reason == FULL_CONTACT
         outcome = outcome.if_proved(proof.error_bound, self.settings.error_bound, to_rounding)
         p, distance, depth = state.p, state.distance, state.depth
         approach = loading.approach if prescribed is None else state.approach
-        found, extent = measures.measure_contact(state), measure_extent(state)
+        extent = measure_extent(state)
         notes = notes_on(state, self.problem, found, self._roughness)
         # Rank 0 has a part in every grid and window.
         told = applications, history.entries, self.comm.traffic.since(before)

@@ -67,17 +67,20 @@ class Certificate:
     smallest_pressure: float  # [N/mm2]
     complementarity: float  # max |p e| / (max p * max |h|)
 
+    def under(self, prescribed, load):
+        """Return the certificate under a prescribed load, or None, of a pressure with a load [N]. Not collective.
 
-def certify(state, load=None):
+        With another load than it should have it is proved for its approach only: then there is no bound.
+        """
+        if prescribed is None or math.isclose(load, prescribed, rel_tol=_LOAD):
+            return self
+        return replace(self, error_bound=np.inf)
+
+
+def certify(state):
     """Certify the pressure of a `ContactState`.
 
     Collective. Needs a product in double precision, unless the last one of the iteration was one.
-
-    Parameters
-    ----------
-    state : ContactState
-    load : float, optional
-        That is prescribed [N]. A pressure with another one is proved for its approach only: then there is no bound.
 
     Returns
     -------
@@ -85,10 +88,7 @@ def certify(state, load=None):
     """
     if state.u_is is not Displacement.EXACT:
         state.compute_displacement(exact=True)
-    proof = estimate(state)
-    if load is not None and not math.isclose(state.load, load, rel_tol=_LOAD):
-        return replace(proof, error_bound=np.inf)
-    return proof
+    return estimate(state)
 
 
 def estimate(state):

@@ -26,7 +26,7 @@ class Kept:
     def __init__(self, hierarchy, target=None):
         self._hierarchy = hierarchy
         self._windows, self._solvers, self._spectra = {}, {}, {}
-        self._target, self._direct = target, None
+        self._target, self._direct = target, {}
 
     def window(self, place, grid, slabs, comm, verification=None):
         """Operator of a window, ready for another contact set. Collective over `comm`.
@@ -66,16 +66,13 @@ class Kept:
         return self._solvers[operator]
 
     def direct(self, number, operator):
-        """Direct solver of the first grid, made when first asked for. Not collective.
+        """Direct solver of a level, made when first asked for. Not collective.
 
-        Another gap may have no admissible cell there, and begin on a finer grid.
+        Of the coarsest one; where a gap has no admissible cell there, of a finer one.
         """
-        if self._direct is not None and self._direct.operator is not operator:
-            self._direct.destroy()
-            self._direct = None
-        if self._direct is None:
-            self._direct = DirectSolver(operator, number)
-        return self._direct
+        if operator not in self._direct:
+            self._direct[operator] = DirectSolver(operator, number)
+        return self._direct[operator]
 
     def release_solver(self, operator):
         """Free the solver of a large grid or window, whose memory others need. Collective over its ranks."""
@@ -109,7 +106,7 @@ class Kept:
 
     def destroy(self):
         """Free everything. Collective."""
-        for solver in (*self._solvers.values(), *filter(None, [self._direct])):
+        for solver in (*self._solvers.values(), *self._direct.values()):
             solver.destroy()
         self._solvers.clear()
         self._windows.clear()

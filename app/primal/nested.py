@@ -53,7 +53,6 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
             return state, Outcome(True, NO_CONTACT)
         state.destroy()
     coarse, coarse_pressure, outcome, difference, numbers = None, None, None, float("nan"), []
-    found = 0.0  # depth of the grid before, where there is one here
     stops = route(hierarchy, distances, loading, nested) if nested and start is None else [last]
     for number, following in pairs(stops):
         level, target = hierarchy.levels[number], number == last
@@ -75,7 +74,8 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
         else:
             primal.mean_pressure = coarse.mean_pressure
             hierarchy.transfers[number].interpolate(coarse.w, primal.w)
-            primal.move_on(found, loading.predict(found))
+            if numbers:  # else there are no rows here yet
+                primal.move_on(numbers[-1].depth, loading.predict(numbers[-1].depth))
             coarse_pressure = coarse.state.p
             coarse.state.destroy()
             coarse.destroy()
@@ -86,11 +86,10 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
             if solver is not target_solver:
                 solver.destroy()
             if not target:
-                found = -primal.mean(primal.w)
-                loading.solved(found)
                 numbers.append(primal.numbers())
-        facts = outcome, primal.mean_pressure, numbers, found
-        outcome, primal.mean_pressure, numbers, found = tell(hierarchy, following, state, loading, *facts)
+                loading.solved(numbers[-1].depth)
+        facts = outcome, primal.mean_pressure, numbers
+        outcome, primal.mean_pressure, numbers = tell(hierarchy, following, state, loading, *facts)
         if target and coarse_pressure is not None:
             difference = pressure_difference(comm, hierarchy.transfers[number], coarse_pressure, state)
         coarse = primal

@@ -93,13 +93,13 @@ class PrimalState:
         A constant has no pressure. Back the bodies go most of the way to first touch at most, where a prediction that
         is too bold would leave nothing of the contact; and cells that touched still do.
         """
-        if predicted == depth:
-            return
-        back = depth - predicted
-        touching = self.state.admissible & (self.w <= self.state.distance.b)
-        self.w += min(back, _BACK * max(depth - self.state.first_touch(), 0.0)) if back > 0 else back
+        back, b = depth - predicted, self.state.distance.b
         if back > 0:
-            np.copyto(self.w, self.state.distance.b, where=touching)
+            touching = self.state.admissible & (self.w <= b)
+            self.w += min(back, _BACK * max(depth - self.state.first_touch(), 0.0))
+            np.copyto(self.w, b, where=touching)
+        elif back < 0:
+            self.w += back
 
     def add_mean_pressure(self, missing):
         """Under a prescribed approach the mean pressure is an unknown. Not collective."""

@@ -99,7 +99,7 @@ def test_hardly_any_verification_fails(monkeypatch):
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_nor_where_the_last_release_moves_the_approach(monkeypatch, seed):
-    """Nearly full contact by load: five of six solves made a product too many, before such rehearsed."""
+    """Nearly full contact by load: five of six made a product too many while a release was not rehearsed."""
     n, products, plain = 192, [], InfluenceOperator.exact_displacement
 
     def counted(operator, *fields):
