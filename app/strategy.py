@@ -79,7 +79,7 @@ class Strategy:
         stop = StoppingTest(chosen.rtol, chosen.max_it)
         if hierarchy.target.grid.periodic:
             state = ContactState(hierarchy.target, self._distances[-1])
-            if outcome := FullContact(len(hierarchy.levels) - 1).solve(state, loading, stop, history):
+            if outcome := FullContact(hierarchy, self._distances).solve(state, loading, stop, history):
                 return state, outcome
             state.destroy()
             del state
@@ -184,9 +184,10 @@ def warm_up(settings, hierarchy):
             tracking_cg.warm_up(kind)
         circulant.warm_up(grid, dtype)
     if settings.strategy == "primal":
-        from app.primal import stencil
+        from app.primal import solver as primal_solver
 
-        stencil.warm_up()
+        for kind in {np.dtype(np.float64), dtype}:
+            primal_solver.warm_up(kind)
     kind = settings.texts.get("pc_type", "")
     if kind == "sor" or (kind == "mg" and settings.texts.get("mg_levels_pc_type", "") in ("", "sor")):
         from app.halfspace.sweeps import gauss_seidel

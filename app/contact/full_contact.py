@@ -2,7 +2,8 @@
 
 With all gaps closed u is the negative undeformed distance but for its mean, so ``p = mean pressure + B (-h)``, B the
 inverse of A on fields without mean. If p >= 0 that solves (2.8)-(2.10), and the approach is the mean undeformed
-distance.
+distance. Means over cells are smoother than what is in them, and ask for less pressure: where a coarser grid is far
+from full contact, it is not tried.
 """
 
 from __future__ import annotations
@@ -11,9 +12,12 @@ import numpy as np
 
 from app.contact.history import Outcome
 from app.contact.state import Update
+from app.halfspace.reductions import minimum_over
 
 FULL_CONTACT = "contact everywhere"
 _ROUNDING = 1e-12  # of what the highest pressure displaces a cell by
+_COARSER = 2  # grids between the target and the one that is asked first ...
+_FAR = 0.9  # ... and believed, if so much of the mean pressure that it needs is not there
 
 
 class FullContact:
@@ -21,20 +25,21 @@ class FullContact:
 
     Parameters
     ----------
-    level : int
-        Number of the target grid.
+    hierarchy : Hierarchy
+    distances : list of UndeformedDistance
+        On every level.
     """
 
     work_units = 0.0
 
-    def __init__(self, level):
-        self.level = level
+    def __init__(self, hierarchy, distances):
+        self.hierarchy, self._distances, self.level = hierarchy, distances, len(distances) - 1
 
     def solve(self, state, loading, stop, history):
         """Set pressure, displacement and approach of `state`, if contact is full.
 
-        Collective. At most one product and one with the inverse. At the approach of full contact the mean pressure is
-        the least possible.
+        Collective over all ranks. At most one product and one with the inverse. At the approach of full contact the
+        mean pressure is the least possible.
 
         Parameters
         ----------
@@ -52,10 +57,11 @@ class FullContact:
         wanted = loading.load / (grid.cell_area * grid.n) if loading.prescribes_load else None
         if not self._possible(state, loading, wanted):
             return None
+        if wanted is not None and not distance.least_mean_pressure and self._far(wanted):
+            return None
         with state.pressure as values:
             p = values.reshape(state.u.shape)
-            state.operator.inverse_product.apply(distance.b, p)
-            least = distance.least_mean_pressure = -float(state.minimum([p.min(initial=np.inf)])[0])
+            least = distance.least_mean_pressure = self._needed(state.operator, distance, p)
             if wanted is not None and wanted < least:
                 return None
             p += max(least, 0.0) if wanted is None else wanted
@@ -72,6 +78,20 @@ class FullContact:
         solved = stop(state, residual) or rms <= _ROUNDING * highest * state.operator.diagonal
         history.add(state, self, Update(grid.n, grid.n - before, 0, residual), 0)
         return Outcome(solved, FULL_CONTACT, 1, residual / distance.norm())
+
+    def _needed(self, operator, distance, p):
+        """Mean pressure that full contact needs on one grid; p becomes B (-h). Collective over all ranks."""
+        if operator.active:
+            operator.inverse_product.apply(distance.b, p)
+        return -float(minimum_over(self.hierarchy.comm, [p.min(initial=np.inf)])[0])
+
+    def _far(self, wanted):
+        """Whether a coarser grid, if there is one, is far from full contact under a mean pressure. Collective."""
+        if not self.level:
+            return False
+        number = max(self.level - _COARSER, 0)
+        operator = self.hierarchy.levels[number]
+        return wanted < _FAR * self._needed(operator, self._distances[number], np.empty(operator.local_shape))
 
     @staticmethod
     def _possible(state, loading, wanted):

@@ -38,13 +38,12 @@ class History:
         for listener in self.listeners:
             listener.start(state, solver.level)
 
-    def add(self, state, solver, update, inner, approach=None):
-        """Record an iteration: update of the contact set, inner iterations, approach if not the state's. Collective."""
+    def add(self, state, solver, update, inner):
+        """Record an iteration: update of the contact set, inner iterations. Collective."""
         self._iteration += 1
         self._work, before = solver.work_units, self._work
         work, seconds = self._work - before, time.perf_counter() - self._started
-        made = entry(state, solver.level, self._iteration, update, inner, work, seconds)
-        self.record(made if approach is None else made | {"approach": approach}, state)
+        self.record(entry(state, solver.level, self._iteration, update, inner, work, seconds), state)
 
     def record(self, entry, state):
         """Record an iteration that somebody else has described. Not collective."""
@@ -74,7 +73,7 @@ def entry(state, level, iteration, update, inner, work, seconds):
         "inner_iterations": inner,
         "work_units": work,
         "load": update.load if update.load == update.load else state.load,
-        "approach": state.approach,
+        "approach": update.approach if update.approach == update.approach else state.approach,
         "seconds": seconds,
     }
 

@@ -39,6 +39,7 @@ class Update(NamedTuple):
     residual: float  # ||h + u||_2 over the new set [mm]
     h_on_contact: float = float("nan")  # ||h||_2 over the new set [mm]; NaN: nobody knows
     load: float = float("nan")  # of the pressure there is [N]; NaN: nobody knows
+    approach: float = float("nan")  # [mm]; NaN: that of the state
 
     @property
     def changed(self):

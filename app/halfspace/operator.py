@@ -26,7 +26,12 @@ from app.halfspace.reductions import sum_over
 
 _FORWARD, _BACKWARD = 1 | 4, 2 | 8  # MatSORType: the "local" kinds mean the same here, see `SOR`
 _ZERO_GUESS = 16
-_PRODUCTS = "product", "exact_product", "inverse_product"  # attributes, there when they are made
+_PRODUCTS = (
+    "product",
+    "exact_product",
+    "inverse_product",
+    "screened_product",
+)  # attributes, there when they are made
 _mult_event = PETSc.Log.Event("InfluenceMult")
 _sweep_event = PETSc.Log.Event("InfluenceSOR")
 transpose.exchange_event = PETSc.Log.Event("InfluenceAlltoall")
@@ -174,6 +179,12 @@ class InfluenceOperator:
         """B, the inverse of A on fields without mean, of a periodic grid. Collective when first asked for."""
         exact = self.exact_product
         return (exact if isinstance(exact, PeriodicProduct) else self._convolution(np.float64)).inverse()
+
+    @cached_property
+    def screened_product(self):
+        """A on springs, of a periodic grid, in the operator's precision. Collective when first asked for."""
+        product = self.product if isinstance(self.product, PeriodicProduct) else self._convolution(self.dtype)
+        return product.screened()
 
     @cached_property
     def diagonal(self):

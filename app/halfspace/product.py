@@ -133,10 +133,26 @@ class PeriodicProduct(EvenMultiplier):
         np.divide(1.0, scaled, out=other._spectrum, where=scaled > 0)
         return other
 
+    def screened(self):
+        """Return a `ScreenedProduct` of this A, that shares storage. Not collective."""
+        other = EvenMultiplier.in_precision(self, self.dtype, ScreenedProduct)
+        other.eigenvalues = self._spectrum.astype(float)
+        return other
+
     def norm(self):
         """Largest eigenvalue. Collective."""
         largest = float(self._spectrum.max(initial=0.0)) * self.periods[0] * self.periods[1]
         return largest if self.comm is None else self.comm.allreduce(largest, MPI.MAX)
+
+
+class ScreenedProduct(EvenMultiplier):
+    """(B + stiffness)^-1, B the inverse of a periodic A: a half-space on springs. See `PeriodicProduct.screened`."""
+
+    def screen(self, stiffness):
+        """Set the stiffness of the springs, more than zero [(N/mm2) / mm]. Not collective."""
+        cells = float(self.periods[0] * self.periods[1])
+        np.divide(self.eigenvalues, 1 + stiffness * cells * self.eigenvalues, out=self._spectrum)
+        self._spectrum[self.eigenvalues == 0] = 1 / (stiffness * cells)  # constants
 
 
 class DenseProduct:

@@ -100,8 +100,8 @@ def _direct(d, z, beta):
 
 
 @cache
-def _warm_up(dtype):
-    """Load the compiled loops now, not in the first iteration."""
+def warm_up(dtype):
+    """Load the compiled loops now, not in the first iteration. Not collective."""
     field = np.zeros((0, 0))
     low = field.astype(dtype)
     _dots(low, low, field, field.astype(bool))
@@ -142,7 +142,7 @@ class CarryingCG(KspContext):
         self.direction = np.zeros(shape, operator.dtype)
         [lent] = operator.influence.scratch_beside_product(operator.dtype)
         self.product = np.zeros(shape, operator.dtype) if lent is None else lent
-        _warm_up(operator.dtype)
+        warm_up(operator.dtype)
 
     def solve(self, ksp, b, x):
         """Improve x, which is w."""

@@ -56,9 +56,9 @@ def primal_active_set(primal, solver, stop, history):
         goal = aim * allowed * np.sqrt(primal.cells)
         its, failure, norm = solver.improve(primal, goal)  # 2. and 3. p = 0 on the free cells, a little
         near, slight = norm <= goal * (1 + 1e-6), _SLIGHT * aim * allowed
-        # 4. p < 0 leaves C, e < 0 enters; A of a single cell is zero
-        update = primal.exchange(solver, -slight / (state.operator.diagonal or 1.0), -slight, norm)
-        history.add(state, solver, update, its, primal.approach)
+        # 4. p < 0 leaves C, e < 0 enters
+        update = primal.exchange(solver, -slight / solver.preconditioner.weights[0], -slight, norm)
+        history.add(state, solver, update, its)
         residual = norm / state.distance.norm()
         if wrong := what_is_wrong(failure, residual):
             raise NeedsSafeguard(Outcome(False, wrong, k, residual))

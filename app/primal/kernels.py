@@ -12,7 +12,7 @@ from app.halfspace.reductions import any_order
 
 @any_order
 def _exchange_row(p, w, b, admissible, contact, tension, overlap, captured):
-    cells, free, caught = 0, 0, 0
+    cells, free, caught, total = 0, 0, 0, 0.0
     for i in range(p.size):
         inside = contact[i]
         out = inside & (p[i] < tension)
@@ -22,19 +22,24 @@ def _exchange_row(p, w, b, admissible, contact, tension, overlap, captured):
         free += out
         caught += new
         cells += contact[i]
-    return cells, caught, free
+        total += w[i]
+    return cells, caught, free, total
 
 
 @njit()
 def exchange(p, w, b, admissible, contact, tension, overlap, captured):
-    """Release cells of C with p < tension, capture others with w - b < overlap; return cells, captured, released."""
-    cells, caught, free = 0, 0, 0
+    """Release cells of C with p < tension, capture others with w - b < overlap.
+
+    Return the cells in C then, how many were captured and released, and the sum of w.
+    """
+    cells, caught, free, total = 0, 0, 0, 0.0
     for j in range(p.shape[0]):
         here = _exchange_row(p[j], w[j], b[j], admissible[j], contact[j], tension, overlap, captured[j])
         cells += here[0]
         caught += here[1]
         free += here[2]
-    return cells, caught, free
+        total += here[3]
+    return cells, caught, free, total
 
 
 @any_order

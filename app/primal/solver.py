@@ -8,7 +8,7 @@ from petsc4py import PETSc
 
 from app.halfspace.halo import Halo
 from app.multigrid.linear_solver import LinearSolver
-from app.primal import kernels, stencil
+from app.primal import cg, kernels, stencil
 from app.primal.cg import CarryingCG
 from app.primal.operator import InverseOperator
 from app.primal.two_grid import TwoGrid
@@ -42,8 +42,7 @@ class PrimalSolver(LinearSolver):
         super().__init__(hierarchy, number, comm, self.inverse)
         self.guesses = _GUESSES
         self.rows_beside = Halo(self.operator.slabs, self.operator.comm, self.guesses - 1)
-        stencil.warm_up()
-        kernels.warm_up(self.operator.dtype)
+        warm_up(self.operator.dtype)
 
     def _make(self):
         super()._make()
@@ -100,3 +99,10 @@ def _check_kinds(options):
 def coarser_operator(hierarchy, number):
     """A on the grid of the long waves; None if there is none. Not collective."""
     return hierarchy.levels[max(number - _COARSER, 0)] if number else None
+
+
+def warm_up(dtype):
+    """Load the compiled loops of a precision now, not in the first iteration. Not collective."""
+    stencil.warm_up()
+    for module in (cg, kernels):
+        module.warm_up(dtype)

@@ -63,6 +63,11 @@ class PrimalState:
         """What the mean of w says that it is now [mm]. Collective."""
         return self.state.distance.reference - self.mean(self.w)
 
+    @property
+    def load(self):
+        """That of p: B w has none [N]. Not collective."""
+        return self.mean_pressure * self.cells * self.state.grid.cell_area
+
     def begin_again(self):
         """Contact everywhere, and some pressure that makes sense. Collective."""
         self.state.contact[...] = self.state.admissible
@@ -134,8 +139,7 @@ class PrimalState:
 
     def numbers(self):
         """Numbers of the solution, as w and the mean pressure have them. Collective over the ranks of the state."""
-        load = self.mean_pressure * self.cells * self.state.grid.cell_area
-        return numbers_on(self.state, self.state.comm, load, -self.mean(self.w))
+        return numbers_on(self.state, self.state.comm, self.load, -self.mean(self.w))
 
     def guess(self, solver):
         """The contact set of the obstacle problem in small, by projected sweeps with the centre of B; w and p follow.
@@ -178,7 +182,9 @@ class PrimalState:
         counts = loops.exchange(
             state.p, self.w, state.distance.b, state.admissible, state.contact, tension, overlap, self._captured
         )  # fmt: skip
-        cells, captured, released = (int(count) for count in state.sum(counts))
+        *counts, total = state.sum(counts)
+        cells, captured, released = map(int, counts)
+        approach = state.distance.reference - float(total) / self.cells
         if self.loading.prescribes_load and not cells:
             np.logical_not(self.inverse.mask, out=state.contact)  # as it was
             cells, released = released, 0
@@ -191,7 +197,7 @@ class PrimalState:
             cells, released = cells - opened, released + opened
         if captured or released:
             self._contact_changed(solver)
-        return Update(cells, captured, released, residual)
+        return Update(cells, captured, released, residual, load=self.load, approach=approach)
 
     def _open_least(self):
         """Open the cells with the least pressure, which becomes zero; return how many. Collective."""

@@ -16,7 +16,7 @@ from app.primal import stencil
 from app.primal.operator import InverseOperator
 
 _event = PETSc.Log.Event("TwoGridPC")
-_CONSTANT = 12.0  # compliance of a constant, times E*, over the spacing of contact
+_CONSTANT = 10.0  # compliance of a constant, times E*, over the spacing of contact
 _INTERVAL = 0.5, 1.4  # eigenvalues of the centre of B, over B_00, that the sweeps are to damp ...
 _HIGHEST = 0.9  # ... and of the highest one, where sweeps would let it grow: on few rows of long cells
 _NONE = np.empty((0, 0))
@@ -31,7 +31,7 @@ class TwoGrid:
     punches would, by their perimeter. So its compliance goes by their spacing: area over perimeter, and where little is
     free, less, by the root of its share.
 
-    Options: ``-pc_two_grid_sweeps k`` (default 3), before and after.
+    Options: ``-pc_two_grid_sweeps k`` (default 2), before and after.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class TwoGrid:
         if operator is self.operator:
             return
         self.operator = operator
-        self.sweeps = PETSc.Options(pc.getOptionsPrefix()).getInt("pc_two_grid_sweeps", 3)
+        self.sweeps = PETSc.Options(pc.getOptionsPrefix()).getInt("pc_two_grid_sweeps", 2)
         if not 1 <= self.sweeps <= 50:
             raise ValueError(f"-pc_two_grid_sweeps {self.sweeps}: allowed: 1 to 50")
         self.weights = _weights(operator.product.centre(), operator.grid)
@@ -101,7 +101,8 @@ class TwoGrid:
             counts = *kernels.faces(mask, last, True), np.count_nonzero(mask)
             in_x, in_y, cells = sum_over(self.operator.comm, counts)
             perimeter = max(in_x * grid.dy + in_y * grid.dx, min(grid.dx, grid.dy))
-            self._spacing = np.sqrt(cells / grid.n) * grid.area / perimeter
+            if self._long_waves and cells:
+                self._long_waves.screen(np.sqrt(cells / grid.n) * grid.area / perimeter)
 
     def _raised(self):
         """What M makes of the pressure B_00 everywhere, and its sum, once for a contact set. Collective."""
@@ -121,7 +122,7 @@ class TwoGrid:
             s, *beside, free, *self._free, self.weights, self._shares, x, left, skipped, factors, self._room
         )
         if waves:
-            waves.add(1.0 / self.weights[0], self._spacing, free, x)
+            waves.add(1.0 / self.weights[0], free, x)
         stencil.sweep_on(
             s, *beside, free, *self._free, self.weights, self._back, x, *self._rows(x), z, self._room
         )
@@ -184,17 +185,21 @@ class _LongWaves:
         self._rest = Fetch(Slabs(ranks, ranks, rank), [(following, following + number)], comm)
         self._u = np.empty(coarse.local_shape)
         self._rows = np.empty(coarse.grid.nx + 2, np.float32), np.empty(fine.grid.nx, np.float32)
-        self._constant = _CONSTANT * np.pi * coarse.compliance  # 1 / E* = pi compliance
 
-    def add(self, scale, spacing, free, x):
-        """x += what A makes of `left` times a scale, on the free cells; `spacing`: of contact [mm]. Collective."""
+    def screen(self, spacing):
+        """Let contact of some spacing [mm] hold the long waves. Collective."""
+        if self.operator.active:
+            compliance = np.pi * self.operator.compliance  # 1 / E*
+            self.operator.screened_product.screen(1 / (_CONSTANT * compliance * spacing))
+
+    def add(self, scale, free, x):
+        """x += what A on springs makes of `left` times a scale, on the free cells. Collective."""
         coarse = self.operator
         left, rest = self.left[bool(self.skipped) :], self._rest(self.left[:1])
         if len(rest):
             left[-1] += rest.sum(axis=0)
         left = self._to_coarse(left)
-        coarse.displacement(left, self._u)
-        total = sum_over(coarse.comm, [left.sum()])[0]
-        self._u += self._constant * spacing * total / coarse.grid.n
+        if coarse.active:
+            coarse.screened_product.apply(left, self._u)
         self._u *= scale
         stencil.add_interpolated(self._with_neighbours(self._u), self._places, free, x, *self._rows)

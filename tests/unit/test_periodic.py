@@ -66,6 +66,20 @@ def test_the_inverse_is_one_but_for_the_mean(grid):
     assert operator.diagonal == pytest.approx(matrix_of(grid)[0, 0], rel=1e-14)
 
 
+@each_grid
+@pytest.mark.parametrize("stiffness", [1e-3, 1.0, 1e3])
+def test_springs_hold_constants_and_long_waves(grid, stiffness):
+    """(B + stiffness) u = p, also for the mean of p, which without springs displaces nothing."""
+    operator, p = InfluenceOperator(grid, STEEL), 1 + random_field(grid, 2)
+    stiffness /= operator.diagonal
+    screened, u, back = operator.screened_product, np.empty(grid.shape), np.empty(grid.shape)
+    for value in (7 * stiffness, stiffness):
+        screened.screen(value)
+    screened.apply(p, u)
+    operator.inverse_product.apply(u, back)
+    np.testing.assert_allclose(back + stiffness * u, p, rtol=0, atol=1e-12 * abs(p).max())
+
+
 @pytest.mark.parametrize("side", [0.5, 0.1, 0.003])
 def test_what_is_short_of_a_cell_is_so_however_long_it_is(side):
     """The integral itself, away from the singularity, and nothing beyond the range; long in y as in x."""

@@ -8,6 +8,7 @@ import pytest
 from running import assert_solves_lcp, solve
 
 from app import ContactProblem, ContactSolver, Grid, Material
+from app.contact import full_contact
 from app.problems.shapes import Sphere
 
 TIGHT = {"lcp_rtol": 1e-9}
@@ -118,6 +119,27 @@ def test_full_contact_is_found_in_two_products(method, symbol):
         np.testing.assert_allclose(
             found.pressure - found.pressure.mean(), p, rtol=0, atol=1e-12 * abs(p).max()
         )
+
+
+@pytest.mark.parametrize("share", [0.05, 2.0])
+def test_full_contact_is_tried_where_a_coarser_grid_is_not_far_from_it(monkeypatch, share):
+    """A product less where it is far; and if it is believed though it errs, the answer is the same."""
+    problem = periodic.rough(64, 64, 8)
+    with ContactSolver(problem) as solver:
+        load = share * solver.solve(approach=problem.gap.mean()).load
+    counts, found = [], []
+    for far in (0.0, full_contact._FAR, np.inf):
+        monkeypatch.setattr(full_contact, "_FAR", far)
+        found.append(solve(problem, None, None, load))
+        counts.append(found[-1].operator_applications)
+    for other in found[1:]:
+        assert other.contact.all() == (share > 1)
+        atol = 1e-4 * found[0].max_pressure
+        np.testing.assert_allclose(other.pressure, found[0].pressure, rtol=0, atol=atol)
+    if share > 1:
+        assert counts[:2] == [2 + 1 / 16] * 2
+    else:
+        assert counts == pytest.approx([counts[1] + 1, counts[1], counts[1]], rel=1e-9)
 
 
 @pytest.mark.parametrize("height", [1e-12, 1e-5, 1.3, 3.7])

@@ -15,7 +15,7 @@ from app.primal.operator import InverseOperator
 from app.problems.surfaces import SelfAffineSurface
 
 MATERIAL = Material(1.0, 0.0)
-MOST = 30  # operator applications; measured: 9 to 24
+MOST = 32  # operator applications; measured: 7 to 30
 SURFACES = ["smooth", "self-affine", "white noise", "ties"]
 
 

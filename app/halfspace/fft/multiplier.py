@@ -276,9 +276,9 @@ class EvenMultiplier:
         offsets = np.abs(np.arange(-1, 2))
         return quarter.T[np.ix_(offsets, offsets)]
 
-    def in_precision(self, dtype):
-        """Return the same multiplication in another precision, with the same working storage. Not collective."""
-        other = EvenMultiplier.__new__(type(self))
+    def in_precision(self, dtype, kind=None):
+        """Return the same in another precision, or of another kind, with the same storage. Not collective."""
+        other = EvenMultiplier.__new__(kind or type(self))
         EvenMultiplier.__init__(other, self.shape, self.periods, self.slabs, self.comm, dtype, self)
         other._spectrum = self._spectrum.astype(dtype)
         return other
