@@ -26,7 +26,8 @@ the displacement of some pressure. So any gap ``g >= 0`` with the mean that e ha
 ``w.Bw <= ||B|| w.w``. Cell by cell p g + B_II (g - e)^2 / 2
 is least for ``g = max(e - p / B_II, 0)``: the gap where there is one, nothing on C. A factor to g sets the mean right,
 and where that would be beyond 2, a constant. Cells where contact is impossible may have any gap: the mean one, or what
-the factor needs. The norm is a seminorm: a constant pressure counts nothing.
+the factor needs. B is that of the iteration: what single precision may lose of w.Bw is added. The norm is a seminorm: a
+constant pressure counts nothing.
 
 Both hold for a prescribed load, too, if p has it: f at the approach found differs from that of the load by a constant.
 
@@ -54,6 +55,7 @@ from app.halfspace.reductions import any_order, sums_and_minima
 _TRIALS = 12
 _NEGLIGIBLE = 1e-7  # error bound that is not worth a product to make smaller
 _ROUNDING = 4.0  # times what a product is expected to lose
+_TRANSFORM = 50.0  # times the precision of B: so much of the largest w.Bw there is may be missing
 _LOAD = 1e-6  # of a prescribed load: so much may be missing
 
 
@@ -147,7 +149,7 @@ def _norm(grid, compliance):
 
 def _closing(state, energy):
     """Duality gap on a periodic patch, and p.Ap, at least what rounding leaves of it. Collective."""
-    inverse, (inside, mean, _), n = state.operator.inverse_product, state.distance.statistics, state.grid.n
+    inverse, (inside, mean, _), n = state.operator.inverse, state.distance.statistics, state.grid.n
     diagonal = float(inverse.centre()[1, 1]) or 1.0
     fields = state.distance.b, state.u, state.p, state.admissible
     gaps, excess, to_p, squares = state.sum(_gaps(*fields, diagonal))
@@ -161,10 +163,11 @@ def _closing(state, energy):
     energy = max(energy, np.finfo(float).eps * state.operator.diagonal * squares)
     field = np.empty(state.u.shape) if state.work is None else state.work
     moved = (*fields, diagonal, factor, constant, (factor - 1) * elsewhere + constant)
-    rough = inverse.norm() * state.sum([_move(*moved, field)[0]])[0] / 2
+    most = inverse.norm() * state.sum([_move(*moved, field)[0]])[0] / 2
+    rough = most
     if gap + rough > _NEGLIGIBLE**2 * energy / 2:
         inverse.apply(field, field)
-        rough = state.sum([_move(*moved, field)[1]])[0] / 2
+        rough = state.sum([_move(*moved, field)[1]])[0] / 2 + _TRANSFORM * np.finfo(inverse.dtype).eps * most
     return float(gap + rough), float(energy)
 
 

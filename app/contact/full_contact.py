@@ -82,7 +82,7 @@ class FullContact:
     def _needed(self, operator, distance, p):
         """Mean pressure that full contact needs on one grid; p becomes B (-h). Collective over all ranks."""
         if operator.active:
-            operator.inverse_product.apply(distance.b, p)
+            operator.exact_inverse.apply(distance.b, p)
         return -float(minimum_over(self.hierarchy.comm, [p.min(initial=np.inf)])[0])
 
     def _far(self, wanted):

@@ -26,12 +26,8 @@ from app.halfspace.reductions import sum_over
 
 _FORWARD, _BACKWARD = 1 | 4, 2 | 8  # MatSORType: the "local" kinds mean the same here, see `SOR`
 _ZERO_GUESS = 16
-_PRODUCTS = (
-    "product",
-    "exact_product",
-    "inverse_product",
-    "screened_product",
-)  # attributes, there when they are made
+# Attributes, there when they are made:
+_PRODUCTS = "product", "exact_product", "inverse", "exact_inverse", "screened_product"
 _mult_event = PETSc.Log.Event("InfluenceMult")
 _sweep_event = PETSc.Log.Event("InfluenceSOR")
 transpose.exchange_event = PETSc.Log.Event("InfluenceAlltoall")
@@ -175,10 +171,15 @@ class InfluenceOperator:
             forget()
 
     @cached_property
-    def inverse_product(self):
+    def exact_inverse(self):
         """B, the inverse of A on fields without mean, of a periodic grid. Collective when first asked for."""
         exact = self.exact_product
         return (exact if isinstance(exact, PeriodicProduct) else self._convolution(np.float64)).inverse()
+
+    @cached_property
+    def inverse(self):
+        """B in the operator's precision. Collective when first asked for."""
+        return self.exact_inverse if self.dtype == np.float64 else self.product.inverse()
 
     @cached_property
     def screened_product(self):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 from petsc4py import PETSc
 
@@ -41,15 +39,10 @@ class InverseOperator:
 
     sweeps = 0  # of Gauss-Seidel, that work units count
 
-    @cached_property
+    @property
     def product(self):
         """B in the precision of the iteration; made when first asked for. Collective then."""
-        of = self.influence
-        if self.dtype == np.float64:
-            return of.inverse_product
-        if "inverse" not in of.multipliers:  # which counts, and frees
-            of.multipliers["inverse"] = of.product.inverse()
-        return of.multipliers["inverse"]
+        return self.influence.inverse
 
     def mat(self, comm):
         """Make a Mat with this context, the caller's to destroy. Collective over the PETSc communicator `comm`."""
@@ -68,7 +61,7 @@ class InverseOperator:
     def exact_pressure(self, w, p):
         """Compute p = B w in double precision. Collective."""
         with _mult_event:
-            self.influence.inverse_product.apply(w, p)
+            self.influence.exact_inverse.apply(w, p)
 
     def mult(self, mat, x, y):
         """Compute y = O B O x."""
