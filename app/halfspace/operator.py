@@ -141,7 +141,7 @@ class InfluenceOperator:
         exact = vars(self._target or self).get("exact_product")
         return exact if isinstance(exact, EvenMultiplier) else None
 
-    def scratch_beside_product(self, *types):
+    def scratch_beside_product(self, *types, others=()):
         """Fields to be worked on while no exact product is computed, in what `product` leaves of the `storage`.
 
         Collective when first asked for.
@@ -149,6 +149,8 @@ class InfluenceOperator:
         Parameters
         ----------
         *types : numpy types
+        others : sequence of EvenMultiplier
+            Of other grids, that are to leave them alone, too.
 
         Returns
         -------
@@ -157,7 +159,8 @@ class InfluenceOperator:
         """
         fields, spare = [], np.zeros(0, np.uint8)
         if self.storage is not None and isinstance(self.product, EvenMultiplier):
-            spare = self.storage.working_storage[self.product.working_storage.size :]
+            used = max(other.working_storage.size for other in (self.product, *others))
+            spare = self.storage.working_storage[used:]
         for dtype in types:
             left = spare.size - self.mask.size * np.dtype(dtype).itemsize
             fields.append(spare[left:].view(dtype).reshape(self.local_shape) if left >= 0 else None)

@@ -140,7 +140,7 @@ class CarryingCG(KspContext):
         self.scratch = np.zeros(shape)
         self._z = self.scratch.reshape(-1).view(operator.dtype)[: self.scratch.size].reshape(shape)
         self.direction = np.zeros(shape, operator.dtype)
-        [lent] = operator.influence.scratch_beside_product(operator.dtype)
+        [lent] = operator.scratch_beside_product(operator.dtype)
         self.product = np.zeros(shape, operator.dtype) if lent is None else lent
         warm_up(operator.dtype)
 

@@ -44,6 +44,12 @@ class InverseOperator:
         """B in the precision of the iteration; made when first asked for. Collective then."""
         return self.influence.inverse
 
+    def scratch_beside_product(self, *types):
+        """See `InfluenceOperator.scratch_beside_product`. Collective when first asked for."""
+        coarser = self.coarser
+        others = [coarser.screened_product] if coarser is not None and coarser.active else []
+        return self.influence.scratch_beside_product(*types, others=others)
+
     def mat(self, comm):
         """Make a Mat with this context, the caller's to destroy. Collective over the PETSc communicator `comm`."""
         return symmetric_mat(self, comm)

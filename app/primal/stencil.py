@@ -215,6 +215,22 @@ def sweep_from_zero(
                 _add_means(left, fx, 1.0 / (fx * fy), coarse[(skipped + j - halo) // fy])
 
 
+@any_order
+def _contact_row(free, out):
+    for i in range(free.size):
+        out[i] = np.float32(0) if free[i] else np.float32(1)
+
+
+@njit()
+def contact_in_cells(free, coarse, skipped, factors, row):
+    """coarse = share of each coarse cell that is not free; see `sweep_from_zero`. `row`: room for one, of float32."""
+    fy, fx = factors
+    coarse[...] = 0
+    for j in range(free.shape[0]):
+        _contact_row(free[j], row)
+        _add_means(row, fx, 1.0 / (fx * fy), coarse[(skipped + j) // fy])
+
+
 @njit()
 def sweep_on(s, s_before, s_after, free, f_before, f_after, weights, shares, x, x_before, x_after, z, room):
     """As `sweep_from_zero`, from x; the result is z, of float64 or float32."""
@@ -346,4 +362,5 @@ def warm_up():
     for z in (low, field):
         sweep_on(fixed, field, field, cells, cells, cells, weights, one, low, low, low, z, room)
     sweep_projected(low, low, low, low, low, low, weights, 1, low, room)
+    contact_in_cells(cells, field, 0, (1, 1), one)
     add_interpolated(field, ((1.0, 0.0), (1.0, 0.0)), cells, low, one, one)

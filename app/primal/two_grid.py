@@ -16,7 +16,10 @@ from app.primal import stencil
 from app.primal.operator import InverseOperator
 
 _event = PETSc.Log.Event("TwoGridPC")
-_CONSTANT = 10.0  # compliance of a constant, times E*, over the spacing of contact
+_CONSTANT = 12.0  # compliance of a constant, times E*, over the spacing of contact
+_BESIDE = (
+    5.0  # times the contact there is beside, and one: the square of by how much less long waves move there
+)
 _INTERVAL = 0.5, 1.4  # eigenvalues of the centre of B, over B_00, that the sweeps are to damp ...
 _HIGHEST = 0.9  # ... and of the highest one, where sweeps would let it grow: on few rows of long cells
 _NONE = np.empty((0, 0))
@@ -27,9 +30,11 @@ class TwoGrid:
 
     *Before* and *after* are sweeps on the free cells with the 3 x 3 centre of B. Between them the mean of what
     is left in coarse cells is multiplied by A on a grid of cells up to four times as long, and interpolated bilinearly.
-    A displaces nothing for a constant pressure; beside contact here and there a constant does: contacts hold it as flat
-    punches would, by their perimeter. So its compliance goes by their spacing: area over perimeter, and where little is
-    free, less, by the root of its share.
+    A knows nothing of contact; but between contacts waves can move only as far as these let them, which hold the
+    half-space as springs would, ``(B + stiffness)^-1``. As a flat punch does, each holds it by its perimeter: the
+    compliance of a constant goes by the spacing of contacts, area over perimeter, and where little is free, less, by
+    the root of its share. What is beside contact is held more than the rest: the field is divided, before and after,
+    by the root of one and a multiple of the share of contact in the coarse cells around.
 
     Options: ``-pc_two_grid_sweeps k`` (default 2), before and after.
 
@@ -102,7 +107,7 @@ class TwoGrid:
             in_x, in_y, cells = sum_over(self.operator.comm, counts)
             perimeter = max(in_x * grid.dy + in_y * grid.dx, min(grid.dx, grid.dy))
             if self._long_waves and cells:
-                self._long_waves.screen(np.sqrt(cells / grid.n) * grid.area / perimeter)
+                self._long_waves.look_at(mask, cells / grid.n, grid.area / perimeter)
 
     def _raised(self):
         """What M makes of the pressure B_00 everywhere, and its sum, once for a contact set. Collective."""
@@ -183,23 +188,39 @@ class _LongWaves:
         number = np.where(end > begin, inside[end - 1], 0)
         following = np.arange(1, ranks + 1)
         self._rest = Fetch(Slabs(ranks, ranks, rank), [(following, following + number)], comm)
-        self._u = np.empty(coarse.local_shape)
+        self._beside = Halo(coarse.slabs, comm, 1)
+        self._u, self._held = np.empty(coarse.local_shape), np.ones(coarse.local_shape)
         self._rows = np.empty(coarse.grid.nx + 2, np.float32), np.empty(fine.grid.nx, np.float32)
 
-    def screen(self, spacing):
-        """Let contact of some spacing [mm] hold the long waves. Collective."""
-        if self.operator.active:
-            compliance = np.pi * self.operator.compliance  # 1 / E*
-            self.operator.screened_product.screen(1 / (_CONSTANT * compliance * spacing))
+    def look_at(self, free, share, spacing):
+        """Let contact hold the long waves: the share that is free, and the spacing of contact [mm]. Collective."""
+        coarse = self.operator
+        stencil.contact_in_cells(free, self.left, self.skipped, self.factors, self._rows[1])
+        contact = self._on_coarse()
+        before, after = self._beside(contact)
+        beside = _smoothed(np.concatenate([before, contact, after]))
+        self._held = 1 / np.sqrt(1 + _BESIDE * share * beside)
+        if coarse.active:
+            compliance = np.pi * coarse.compliance  # 1 / E*
+            coarse.screened_product.screen(1 / (_CONSTANT * compliance * np.sqrt(share) * spacing))
 
     def add(self, scale, free, x):
         """x += what A on springs makes of `left` times a scale, on the free cells. Collective."""
-        coarse = self.operator
+        left = self._held * self._on_coarse()
+        if self.operator.active:
+            self.operator.screened_product.apply(left, self._u)
+        self._u *= scale * self._held
+        stencil.add_interpolated(self._with_neighbours(self._u), self._places, free, x, *self._rows)
+
+    def _on_coarse(self):
+        """Bring `left` to the ranks of the coarse grid. Collective."""
         left, rest = self.left[bool(self.skipped) :], self._rest(self.left[:1])
         if len(rest):
             left[-1] += rest.sum(axis=0)
-        left = self._to_coarse(left)
-        if coarse.active:
-            coarse.screened_product.apply(left, self._u)
-        self._u *= scale
-        stencil.add_interpolated(self._with_neighbours(self._u), self._places, free, x, *self._rows)
+        return self._to_coarse(left)
+
+
+def _smoothed(field):
+    """Binomial means over 3 x 3 cells, but for the first row and the last; columns wrap around."""
+    field = (field[:-2] + 2 * field[1:-1] + field[2:]) / 4
+    return (np.roll(field, 1, axis=1) + 2 * field + np.roll(field, -1, axis=1)) / 4

@@ -178,6 +178,22 @@ def test_interpolation_is_bilinear(shape, factors):
     np.testing.assert_allclose(x, expected, rtol=0, atol=SINGLE * abs(expected).max())
 
 
+@pytest.mark.parametrize("factors", [(1, 1), (2, 2), (4, 4), (1, 2), (4, 1)])
+@pytest.mark.parametrize("shape", [(8, 12), (4, 4), (7, 10), (6, 13)])
+def test_contact_in_coarse_cells_adds_up_over_slabs_that_begin_inside_of_them(shape, factors):
+    free, (fy, fx) = fields(shape, 1)[1], factors
+    coarse = np.zeros([-(-n // f) for n, f in zip(shape, factors, strict=True)])
+    for rows, _, _ in slabs_of(shape, 0):
+        part = np.full((-(-rows.stop // fy) - rows.start // fy, coarse.shape[1]), np.nan)
+        row = np.empty(shape[1], np.float32)
+        stencil.contact_in_cells(free[rows], part, rows.start % fy, factors, row)
+        coarse[rows.start // fy :][: len(part)] += part
+    filled = np.zeros([n * f for n, f in zip(coarse.shape, factors, strict=True)])
+    filled[: shape[0], : shape[1]] = ~free
+    expected = filled.reshape(len(coarse), fy, -1, fx).mean((1, 3))
+    np.testing.assert_allclose(coarse, expected, rtol=0, atol=1e-6)
+
+
 @pytest.mark.parametrize("width", [1, 3, 7, 20])
 @pytest.mark.parametrize("rows", [1, 2, 6])
 def test_rows_beside_a_slab_come_round_the_period(rows, width):
