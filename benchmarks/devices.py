@@ -95,6 +95,7 @@ PERIODIC = (
     Constant("_GUESSES", "projected sweeps that guess the contact set", "app.primal.solver"),
     Constant("_SHARE", "of the residual taken along when captured cells are closed", "app.primal.state"),
     Constant("_CONSTANT", "compliance of a constant, times E*, over the spacing of contact", "app.primal.two_grid"),
+    Constant("_BESIDE", "times the contact around: how much less long waves move there", "app.primal.two_grid"),
     Constant("_COARSER", "grids between one and that of the long waves", "app.primal.solver"),
     Constant("ksp_rtol", "a contact set is solved until its residual is smaller by this"),
     Constant("lcp_coarse_rtol", "residual that is enough on coarse grids"),

@@ -112,7 +112,7 @@ class InfluenceOperator:
         return self._verified_elsewhere or self.dtype != np.float64
 
     def prepare(self, *products):
-        """Make "product", "exact_product" now. Collective."""
+        """Make some products now, named as the attributes. Collective."""
         for name in products:
             getattr(self, name)
 

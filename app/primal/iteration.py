@@ -17,7 +17,7 @@ from app.primal import kernels
 
 _LOOSE = 0.005  # share of the cells that may still change on a coarse grid
 _SLIGHT = 0.3  # of the error aimed at: so much overlap, or what tension displaces a cell by, is left alone
-_SURE = 0.25  # of the residual allowed is asked of the preconditioned one, which may be too small
+_SURE = 0.5  # of the residual allowed is asked of the preconditioned one, which may be too small
 _DOUBT = 0.6  # of what a verification asks for is aimed at after it
 _LOWER = 0.1  # of what was reached is aimed at where the load is less than what was left on the free cells
 _FLAT = 1e-12  # of the root mean square height: deviation that is rounding

@@ -39,6 +39,11 @@ class PrimalSolver(LinearSolver):
         _check_kinds(PETSc.Options())
         number = range(len(hierarchy.levels))[level]
         self.inverse = InverseOperator(hierarchy.levels[number], coarser_operator(hierarchy, number))
+        if number == len(hierarchy.levels) - 1:  # that of the target is made before the first solve
+            hierarchy.target.prepare("exact_inverse")
+            for operator in hierarchy.levels:
+                if operator.active:
+                    operator.prepare("inverse", "screened_product")
         super().__init__(hierarchy, number, comm, self.inverse)
         self.guesses = _GUESSES
         self.rows_beside = Halo(self.operator.slabs, self.operator.comm, self.guesses - 1)
