@@ -9,7 +9,8 @@ shape, and
 This is (2.11) with pressure and gap exchanged, and has three advantages:
 
 - B is nearly local: it decays like 1 / r^3, where A decays like 1 / r. A few sweeps with its 3 x 3 centre, and A on a
-  coarser grid for the long waves, do what takes a Fourier transform in the other form (`two_grid`, `stencil`).
+  coarser grid for the long waves, held by contact as by springs, do what takes a Fourier transform in the other form
+  (`two_grid`, `stencil`).
 - B does not see constants: a load, that is a mean pressure, is met at once and needs no search for the approach.
 - The closer to full contact, the smaller is the system.
 
