@@ -77,12 +77,31 @@ class Strategy:
         for level in hierarchy.levels:
             level.begin()
         stop = StoppingTest(chosen.rtol, chosen.max_it)
+        full = None
         if hierarchy.target.grid.periodic:
+            full = FullContact(hierarchy, self._distances)
             state = ContactState(hierarchy.target, self._distances[-1])
-            if outcome := FullContact(hierarchy, self._distances).solve(state, loading, stop, history):
+            if outcome := full.solve(state, loading, stop, history):
                 return state, outcome
             state.destroy()
             del state
+        state, outcome = self._solve(loading, stop, history, start)
+        if full and full.put_off and not (outcome.converged and state.some_are_free()):
+            return self._in_full_contact(full, loading, stop, history, state, outcome)
+        return state, outcome
+
+    def _in_full_contact(self, full, loading, stop, history, state, outcome):
+        """The answer with all cells in contact, if that is one, in place of what was found. Collective."""
+        contact, other = state.contact.copy(), ContactState(self._hierarchy.target, self._distances[-1])
+        if better := full.solve(other, loading, stop, history):
+            state.destroy()
+            return other, better.after(outcome)
+        other.destroy()
+        state.contact[...] = contact
+        return state, outcome
+
+    def _solve(self, loading, stop, history, start):
+        chosen, hierarchy = self._settings, self._hierarchy
         if chosen.strategy in REFERENCE_SOLVERS:
             return self._by_petsc(loading, history)
         if chosen.strategy == "active_set":

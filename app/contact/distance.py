@@ -49,7 +49,7 @@ class UndeformedDistance:
     lowest : float
         The same, of a window that of the whole grid; before it no load is carried [mm].
     least_mean_pressure : float
-        That full contact of a periodic patch needs, as soon as it is known [N/mm2].
+        That full contact of a periodic patch needs [N/mm2]; -inf as long as nobody knows.
     admissible : ndarray of bool, shape (local rows, nx)
     possible : Window or None
         Around all admissible cells.
@@ -61,7 +61,7 @@ class UndeformedDistance:
         np.copyto(b, 0.0, where=~self.admissible)
         self._hold(b, operator)
         self.depth, self.deepest, self.reference = 0.0, 0.0, reference
-        self.least_mean_pressure = 0.0
+        self.least_mean_pressure = -np.inf
         self._slabs = operator.slabs
         if measured:
             _measure([self], operator.comm)

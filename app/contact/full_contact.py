@@ -2,8 +2,9 @@
 
 With all gaps closed u is the negative undeformed distance but for its mean, so ``p = mean pressure + B (-h)``, B the
 inverse of A on fields without mean. If p >= 0 that solves (2.8)-(2.10), and the approach is the mean undeformed
-distance. Means over cells are smoother than what is in them, and ask for less pressure: where a coarser grid is far
-from full contact, it is not tried.
+distance. Means over cells are smoother than what is in them, and mostly ask for less pressure: where a coarser grid is
+far from full contact, it is not tried before anything else, but afterwards, if the iteration finds no cell free, or no
+answer.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from app.halfspace.reductions import minimum_over
 
 FULL_CONTACT = "contact everywhere"
 _ROUNDING = 1e-12  # of what the highest pressure displaces a cell by
-_COARSER = 2  # grids between the target and the one that is asked first ...
-_FAR = 0.9  # ... and believed, if so much of the mean pressure that it needs is not there
+_PROBED = 2  # grids between the target and the one that is asked first ...
+_FAR = 0.5  # ... and believed, if so much of the mean pressure that it needs is not there
 
 
 class FullContact:
@@ -28,9 +29,14 @@ class FullContact:
     hierarchy : Hierarchy
     distances : list of UndeformedDistance
         On every level.
+
+    Attributes
+    ----------
+    put_off : bool
+        Not tried, on a coarser grid's word.
     """
 
-    work_units = 0.0
+    work_units, put_off = 0.0, False
 
     def __init__(self, hierarchy, distances):
         self.hierarchy, self._distances, self.level = hierarchy, distances, len(distances) - 1
@@ -57,11 +63,14 @@ class FullContact:
         wanted = loading.load / (grid.cell_area * grid.n) if loading.prescribes_load else None
         if not self._possible(state, loading, wanted):
             return None
-        if wanted is not None and not distance.least_mean_pressure and self._far(wanted):
-            return None
+        if wanted is not None and np.isinf(distance.least_mean_pressure) and not self.put_off:
+            self.put_off = self._far(wanted)
+            if self.put_off:
+                return None
         with state.pressure as values:
             p = values.reshape(state.u.shape)
-            least = distance.least_mean_pressure = self._needed(state.operator, distance, p)
+            inverse = state.operator.exact_inverse
+            least = distance.least_mean_pressure = self._needed(inverse, distance, p)
             if wanted is not None and wanted < least:
                 return None
             p += max(least, 0.0) if wanted is None else wanted
@@ -79,19 +88,20 @@ class FullContact:
         history.add(state, self, Update(grid.n, grid.n - before, 0, residual), 0)
         return Outcome(solved, FULL_CONTACT, 1, residual / distance.norm())
 
-    def _needed(self, operator, distance, p):
+    def _needed(self, inverse, distance, p):
         """Mean pressure that full contact needs on one grid; p becomes B (-h). Collective over all ranks."""
-        if operator.active:
-            operator.exact_inverse.apply(distance.b, p)
+        if inverse is not None:
+            inverse.apply(distance.b, p)
         return -float(minimum_over(self.hierarchy.comm, [p.min(initial=np.inf)])[0])
 
     def _far(self, wanted):
         """Whether a coarser grid, if there is one, is far from full contact under a mean pressure. Collective."""
         if not self.level:
             return False
-        number = max(self.level - _COARSER, 0)
+        number = max(self.level - _PROBED, 0)
         operator = self.hierarchy.levels[number]
-        return wanted < _FAR * self._needed(operator, self._distances[number], np.empty(operator.local_shape))
+        inverse = operator.inverse if operator.active else None
+        return wanted < _FAR * self._needed(inverse, self._distances[number], np.empty(operator.local_shape))
 
     @staticmethod
     def _possible(state, loading, wanted):

@@ -170,6 +170,10 @@ class ContactState:
         """Whether any cell is in the contact set. Collective."""
         return self.sum([any_nonzero(self.contact)])[0] > 0
 
+    def some_are_free(self):
+        """Whether any cell is not in contact. Collective."""
+        return self.sum([np.count_nonzero(self.contact)])[0] < self.grid.n
+
     def first_touch(self):
         """Depth at which the first cells of the undeformed bodies touch [mm]. Collective in a window."""
         if self.distance.touching is not None:

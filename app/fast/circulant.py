@@ -21,6 +21,7 @@ from petsc4py import PETSc
 
 from app.compiled import njit
 from app.fast import levels
+from app.fast.between import Between, load_between
 from app.fast.levels import circulant_inverse
 from app.fast.rim import RimExtension, load_extension
 from app.fast.symbol import centre
@@ -29,6 +30,7 @@ from app.halfspace.operator import InfluenceOperator, context_of
 from app.halfspace.periodic import influence_symbol
 
 _event = PETSc.Log.Event("CirculantPC")
+_FEWEST = 8  # blocks in a direction; on smaller grids they gain nothing
 
 
 def _periodic_inverse(grid, compliance, slabs, comm, dtype, workspace, spectra):
@@ -86,6 +88,7 @@ def warm_up(grid, dtype):
 def _load_loops(dtype):
     for kind in {np.dtype(np.float64), dtype}:
         load_extension(kind)
+        load_between(kind)
     field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
     fixed = field.view()
     fixed.flags.writeable = False
@@ -97,9 +100,10 @@ class Circulant:
     """PC context ``C E^T B E C``; its operator must be an `InfluenceOperator`.
 
     B takes the residual for zero outside the contact set, which it is not; E extends it over the rim by k steps
-    with the 3 x 3 centre of B (see `app.fast.rim`).
+    with the 3 x 3 centre of B (see `app.fast.rim`), from zero or, on a free patch where contact is scattered, from
+    means over blocks (`app.fast.between`): then the centre is taken so that a constant stays one.
 
-    Option: ``-pc_circulant_extend k`` (default 0: E = 1).
+    Options: ``-pc_circulant_extend k`` (default 0: E = 1), ``-pc_circulant_blocks cells`` (default 0: from zero).
     """
 
     operator = None
@@ -114,7 +118,15 @@ class Circulant:
         steps, periodic = options.getInt("pc_circulant_extend", 0), bool(operator.grid.periodic)
         self.multiplier = circulant_of(operator, exact=False)
         self.extension = RimExtension(operator.local_shape, operator.slabs, operator.comm, steps, periodic)
-        self.extension.set_stencil(self.multiplier.centre() if periodic else centre(operator.grid))
+        stencil = self.multiplier.centre() if periodic else centre(operator.grid)
+        self.between, blocks = None, options.getInt("pc_circulant_blocks", 0)
+        if blocks < 0 or (blocks and periodic):
+            raise ValueError(f"-pc_circulant_blocks {blocks}: allowed: from 0, and 0 on periodic patches")
+        if blocks and min(operator.grid.shape) >= _FEWEST * blocks:
+            self.between = Between(operator.grid.shape, operator.slabs, operator.comm, blocks)
+        self._stencils = stencil, _of_sum_zero(stencil)
+        self._scattered = False
+        self.extension.set_stencil(stencil)
         self._contact = -1  # number of the set that the extension knows
         _load_loops(operator.dtype)
 
@@ -141,13 +153,29 @@ class Circulant:
             self.extend(r, z)
             self.multiplier.apply(z, z, rows=self.extension.rows)
             self.extension.restrict(z)
+            if self._scattered:
+                self.between.take_back(z)
 
     def extend(self, r, out=None):
         """Continue a residual that is zero outside C over the rim, see `RimExtension.extend`. Collective."""
+        out = r if out is None else out
         if self._contact != self.operator.contact_number:
-            self.extension.set_contact(self.operator.mask)
-            self._contact = self.operator.contact_number
+            self._take_contact()
+        if self._scattered:
+            self.between.fill(r, out)
+            r = out
         self.extension.extend(r, out)
+
+    def _take_contact(self):
+        """Look at another contact set. Collective."""
+        before, extension, between = self._scattered, self.extension, self.between
+        self._contact = self.operator.contact_number
+        extension.set_contact(self.operator.mask)
+        self._scattered = between is not None and between.set_contact(extension.contact)
+        if self._scattered != before:
+            extension.set_stencil(self._stencils[self._scattered])
+        if self._scattered:
+            extension.leave_no_rows_out()
 
     applyTranspose = apply
 
@@ -156,6 +184,15 @@ class Circulant:
         if viewer.getType() == PETSc.Viewer.Type.ASCII:
             ny, nx = self.multiplier.periods
             steps = self.extension.steps
+            begin = ", from means over blocks" if self.between else ""
             viewer.printfASCII(
-                f"  inverse of A continued periodically, periods {nx} x {ny}, extended by {steps} cells\n"
+                f"  inverse of A continued periodically, periods {nx} x {ny}, extended by {steps} cells{begin}\n"
             )
+
+
+def _of_sum_zero(stencil):
+    """The same with other neighbours, in proportion: it makes nothing of a constant."""
+    centre = stencil[1, 1]
+    scaled = stencil * (centre / (centre - stencil.sum()))
+    scaled[1, 1] = centre
+    return scaled

@@ -12,6 +12,8 @@ itself, and steps t as of Chebyshev's iteration,
     E r:    x_c = r,  x_o = 0,       for each t  x_o += t (-N_oc r - N_oo x_o - x_o);
     E^T b:  s_o = t b_o, the first,  the others  s_o += t (b_o - N_oo s_o - s_o),     then  b_c - N_co s_o.
 
+The steps may begin with another field than zero, see `app.fast.between`.
+
 All steps are made in one pass over the rows, each step a row behind the one before it, so that what they read is still
 in the cache. Rows more than `k` away from contact are left out. On several ranks `k` rows beside a slab are exchanged,
 once, and gone through here, too.
@@ -54,6 +56,8 @@ class RimExtension:
     ----------
     rows : ndarray of bool
         Local rows with contact cells, or no more than `k` away from them; the others are zero, or not looked at.
+    contact : ndarray of bool, shape (local rows, nx)
+        The set taken over last.
 
     Raises
     ------
@@ -71,6 +75,7 @@ class RimExtension:
             self._halo = Halo(Slabs(shape[0]) if alone else slabs, None if alone else comm, steps, periodic)
         # With the rows beside: the contact set, and rows from each to the next one with contact.
         self._contact, self._away = np.zeros(shape, bool), np.zeros(shape[0], np.int64)
+        self.contact = self._contact
         self.rows = np.zeros(shape[0], bool)
         self._weights, self._lengths, self._kinds = (0.0, 0.0, 0.0), np.ones(steps), {}
 
@@ -109,6 +114,11 @@ class RimExtension:
             self._contact = np.empty((len(before) + len(mask) + len(after), self.shape[1]), bool)
             self._away = np.empty(len(self._contact), np.int64)
         _take_contact(before, mask, after, self.steps, self._contact, self._away, self.rows)
+        self.contact = self._contact[len(before) :][: len(mask)]
+
+    def leave_no_rows_out(self):
+        """With the contact set taken over last: fields are not zero far from it. Not collective."""
+        self._away[:], self.rows[:] = 0, True
 
     def extend(self, x, out=None):
         """Apply E. Collective.
@@ -116,8 +126,8 @@ class RimExtension:
         Parameters
         ----------
         x : ndarray of float64 or float32, shape (local rows, nx), C-contiguous
-            The residual on the contact set, zero elsewhere. A ValueError if its shape is another one, or it is not
-            C-contiguous.
+            The residual on the contact set; elsewhere zero, or what the steps begin with (`app.fast.between`). A
+            ValueError if its shape is another one, or it is not C-contiguous.
         out : ndarray, as `x`, optional
             The same, extended over the rim. Default: `x` itself.
         """
@@ -127,9 +137,10 @@ class RimExtension:
         self._sweep(x, out, back=False)
 
     def restrict(self, x):
-        """Apply E^T in place: to any field; on exit it is anything outside the contact set.
+        """Apply E^T in place: to any field. Collective. Errors as of `extend`.
 
-        Collective. Errors as of `extend`.
+        Outside the contact set, in rows no further away, it is what the transpose leaves there for that with which E
+        began.
         """
         self._sweep(x, x, back=True)
 
@@ -181,12 +192,12 @@ def _step(above, here, below, source, contact, weights, length, out):
 
 @any_order
 def _take_off(above, here, below, weights, b):
-    """What comes after the steps of E^T: b - N s."""
+    """What comes after the steps of E^T: b - N s on C, where s is zero, b - N s - s elsewhere."""
     x, y, d = weights[0], weights[1], weights[2]
     for i in range(b.size):
         beside = x * (here[i] + here[i + 2]) + y * (above[i + 1] + below[i + 1])
         beside += d * ((above[i] + above[i + 2]) + (below[i] + below[i + 2]))
-        b[i] -= beside
+        b[i] -= beside + here[i + 1]
 
 
 @njit()

@@ -40,10 +40,7 @@ class PrimalSolver(LinearSolver):
         number = range(len(hierarchy.levels))[level]
         self.inverse = InverseOperator(hierarchy.levels[number], coarser_operator(hierarchy, number))
         if number == len(hierarchy.levels) - 1:  # that of the target is made before the first solve
-            hierarchy.target.prepare("exact_inverse")
-            for operator in hierarchy.levels:
-                if operator.active:
-                    operator.prepare("inverse", "screened_product")
+            _prepare(hierarchy)
         super().__init__(hierarchy, number, comm, self.inverse)
         self.guesses = _GUESSES
         self.rows_beside = Halo(self.operator.slabs, self.operator.comm, self.guesses - 1)
@@ -87,6 +84,17 @@ class PrimalSolver(LinearSolver):
             # p + mean pressure = 0 on the free cells, as far as M can tell.
             primal.add_mean_pressure(-self.preconditioner.multiplier)
         return iterations, failure, self._cg.residual
+
+
+def _prepare(hierarchy):
+    """Make what the first solve would have to. Collective."""
+    hierarchy.target.prepare("exact_inverse")
+    for number, operator in enumerate(hierarchy.levels):
+        coarser = coarser_operator(hierarchy, number)
+        if operator.active:
+            operator.prepare("inverse")
+        if coarser is not None and coarser.active:
+            coarser.prepare("screened_product")
 
 
 def _check_kinds(options):

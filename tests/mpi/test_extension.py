@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from operators import STENCIL
 
+from app.fast.between import Between
 from app.fast.rim import RimExtension
 from app.halfspace.grid import Slabs
 
@@ -52,3 +53,24 @@ def test_each_rank_finds_its_rows_to_the_last_bit(comm, shape, block, density, s
         here.restrict(found)
         mine = contact[slabs.rows]
         np.testing.assert_array_equal(found[mine], expected[slabs.rows][mine])
+
+
+@pytest.mark.mpi(2, 3, 4)
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(("block", "cells"), [(1, 4), (4, 3), (1, 16)])
+def test_so_do_means_over_blocks_that_ranks_share(comm, shape, block, cells):
+    rng = np.random.default_rng(8)
+    slabs = Slabs(shape[0], comm.size, comm.rank, block)
+    alone, here = Between(shape, None, None, cells), Between(shape, slabs, comm, cells)
+    contact, field = rng.random(shape) < 0.4, rng.normal(size=shape)
+    alone.set_contact(contact)
+    here.set_contact(contact[slabs.rows].copy())
+    expected, found = np.empty(shape), np.empty((slabs.local, shape[1]))
+    r = field * contact
+    alone.fill(r, expected)
+    here.fill(r[slabs.rows].copy(), found)
+    np.testing.assert_allclose(found, expected[slabs.rows], rtol=0, atol=1e-6)
+    expected, found = field.copy(), field[slabs.rows].copy()
+    alone.take_back(expected)
+    here.take_back(found)
+    np.testing.assert_allclose(found, expected[slabs.rows], rtol=0, atol=1e-6)

@@ -59,6 +59,28 @@ def test_symmetric_positive_definite_on_c(grid, steps):
         assert np.linalg.eigvalsh((on_c + on_c.T) / 2)[0] > 0
 
 
+@pytest.mark.parametrize("steps", [0, 2])
+def test_so_it_is_with_means_over_blocks(steps):
+    """Which are in single precision."""
+    operator = InfluenceOperator(Grid(19, 17, 1.0, 0.8), STEEL)
+    for share in (0.1, 0.4, 0.9):
+        operator.mask[...] = np.random.default_rng(4).random(operator.grid.shape) < share
+        operator.mask_changed()
+        matrix = preconditioner(operator, pc_circulant_extend=steps, pc_circulant_blocks=2)
+        assert abs(matrix - preconditioner(operator, pc_circulant_extend=steps)).max() > 0
+        on_c = matrix[operator.mask.reshape(-1)]
+        np.testing.assert_allclose(on_c, on_c.T, rtol=0, atol=1e-6 * abs(on_c).max())
+        assert np.linalg.eigvalsh((on_c + on_c.T) / 2)[0] > 0
+
+
+@pytest.mark.parametrize(("periodic", "blocks"), [("", -1), ("spectral", 2)])
+def test_what_blocks_cannot_be_is_refused(periodic, blocks):
+    operator = InfluenceOperator(Grid(32, 32, 1.0, 1.0, periodic=periodic), STEEL)
+    operator.mask[...] = True
+    with pytest.raises(Exception, match=f"-pc_circulant_blocks {blocks}: allowed: from 0"):
+        preconditioner(operator, pc_circulant_blocks=blocks)
+
+
 def test_it_is_near_the_inverse():
     """What it is for: eigenvalues of B A lie together, whatever the grid."""
     spreads = []

@@ -142,6 +142,35 @@ def test_full_contact_is_tried_where_a_coarser_grid_is_not_far_from_it(monkeypat
         assert counts == pytest.approx([counts[1] + 1, counts[1], counts[1]], rel=1e-9)
 
 
+def ridge_between_cells(x, y):
+    """Which coarse grids see, and the target does not."""
+    return 1e-3 * np.cos(2 * np.pi * x) * np.cos(2 * np.pi * y) - 5e-3 * np.exp(-(((x - 0.5) / 0.003) ** 2))
+
+
+def hole_on_coarse_grids(x, y):
+    hole = (x - 2 / 64) ** 2 + (y - 2 / 64) ** 2 < 0.005**2
+    return np.where(hole, np.nan, 1e-3 * np.cos(2 * np.pi * x) * np.cos(2 * np.pi * y) + 0.01)
+
+
+@pytest.mark.parametrize(
+    ("n", "gap", "pressure"),
+    [
+        (250, np.full((250, 250), 7.7), 1e-8),  # means are of rounding
+        (100, ridge_between_cells, 0.03),
+        (64, hole_on_coarse_grids, 0.01),
+    ],
+    ids=["flat", "ridge", "hole"],
+)
+@pytest.mark.parametrize("rtol", [1e-6, 1e-10])
+def test_full_contact_is_found_where_a_coarser_grid_is_wrong(n, gap, pressure, rtol):
+    problem = ContactProblem(Grid(n, n, 1 / n, 1 / n), Material.from_contact_modulus(1.0), gap, periodic=True)
+    with ContactSolver(problem, options={"lcp_rtol": rtol}) as solver:
+        for _ in range(2):
+            found = solver.solve(mean_pressure=pressure)
+            assert found.converged and found.contact.all() and found.error_bound < 1e-7
+    assert found.operator_applications == 2  # known now
+
+
 @pytest.mark.parametrize("height", [1e-12, 1e-5, 1.3, 3.7])
 @pytest.mark.parametrize("n", [12, 24])
 def test_what_is_nothing_but_rounding_is_0_and_what_is_little_is_not(n, height):

@@ -1,0 +1,96 @@
+"""Where the extension over the rim begins: means of the residual over blocks, smoothed; and its transpose."""
+
+import numpy as np
+import pytest
+from operators import STENCIL
+
+from app.fast.between import _LEAST, _SMOOTHED, Between
+from app.fast.rim import RimExtension
+
+SHAPES = [(1, 1), (1, 11), (7, 3), (12, 12), (17, 26)]
+each_shape = pytest.mark.parametrize("shape", SHAPES)
+each_size = pytest.mark.parametrize("cells", [1, 2, 4, 16])
+
+
+def contact_of(shape, share=0.3):
+    return np.random.default_rng(3).random(shape) < share
+
+
+def field(shape, dtype=float, seed=1):
+    return np.random.default_rng(seed).normal(size=shape).astype(dtype)
+
+
+def made(contact, cells):
+    between = Between(contact.shape, None, None, cells)
+    between.set_contact(contact)
+    return between
+
+
+def means(x, cells):
+    filled = np.zeros([-(-n // cells) * cells for n in x.shape])
+    filled[: x.shape[0], : x.shape[1]] = x
+    return filled.reshape(len(filled) // cells, cells, -1, cells).mean((1, 3))
+
+
+def smooth(blocks):
+    for _ in range(2 * _SMOOTHED):
+        around = np.pad(blocks, ((1, 1), (0, 0)))
+        blocks = ((around[:-2] + 2 * around[1:-1] + around[2:]) / 4).T  # in y, and then in x
+    return blocks
+
+
+@each_shape
+@each_size
+@pytest.mark.parametrize(("dtype", "atol"), [(float, 1e-6), (np.float32, 1e-6)])
+def test_it_is_the_mean_around_by_its_definition(shape, cells, dtype, atol):
+    contact, r = contact_of(shape), field(shape, dtype)
+    r *= contact
+    found, between = np.full_like(r, np.nan), made(contact, cells)
+    between.fill(r, found)
+    blocks = smooth(means(r, cells)) / (smooth(means(contact, cells)) + _LEAST)
+    expected = np.kron(blocks, np.ones((cells, cells)))[: shape[0], : shape[1]]
+    np.testing.assert_allclose(found, np.where(contact, r, expected), rtol=0, atol=atol)
+    between.fill(r, r)
+    np.testing.assert_array_equal(r, found)
+
+
+@each_shape
+@each_size
+@pytest.mark.parametrize("steps", [0, 1, 3])
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.7, 1.0])
+def test_with_the_steps_after_it_and_before_its_transpose_it_is_one_operator(shape, cells, steps, share):
+    """<E r, b> = <r, E^T b>."""
+    contact = contact_of(shape, share)
+    between, extension = made(contact, cells), RimExtension(shape, None, None, steps)
+    extension.set_stencil(STENCIL)
+    extension.set_contact(contact)
+    extension.leave_no_rows_out()
+    r, b = field(shape) * contact, field(shape, seed=2)
+    extended, restricted = r.copy(), b.copy()
+    between.fill(extended, extended)
+    extension.extend(extended)
+    np.testing.assert_array_equal(extended[contact], r[contact])
+    extension.restrict(restricted)
+    between.take_back(restricted)
+    size = np.linalg.norm(extended) * np.linalg.norm(b)
+    assert np.vdot(extended, b) == pytest.approx(
+        np.vdot(r, restricted * contact), rel=0, abs=1e-6 * size + 1e-300
+    )
+
+
+def test_a_constant_goes_on_between_contacts_and_ends_away_from_them():
+    contact = np.zeros((256, 256), bool)
+    contact[:128:8, :128:8] = True
+    between = Between(contact.shape, None, None, 16)
+    assert between.set_contact(contact)
+    x = contact.astype(float)
+    between.fill(x, x)
+    share = 1 / 64
+    np.testing.assert_allclose(x[40:88, 40:88][~contact[40:88, 40:88]], share / (share + _LEAST), rtol=1e-6)
+    assert (x[192:] == 0).all() and (x[:, 192:] == 0).all()
+
+
+def test_contact_in_one_area_is_not_scattered():
+    contact = np.zeros((512, 512), bool)
+    contact[80:420, 60:440] = True
+    assert not Between(contact.shape, None, None, 16).set_contact(contact)
