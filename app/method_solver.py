@@ -1,4 +1,4 @@
-"""The solver of the target grid as a method's options say, and which of them nobody reads."""
+"""The strategy and the solvers of a method as its options say, and which of them nobody reads."""
 
 from __future__ import annotations
 
@@ -12,15 +12,11 @@ from petsc4py import PETSc
 
 from app.compiled import check_compiler
 from app.contact.history import Listener
-from app.contact.reference_solvers import REFERENCE_SOLVERS
-from app.contact.stopping import StoppingTest
 from app.errors import InputError, agree
-from app.fast.solver import TrackingSolver
 from app.halfspace.communication import Communicator
 from app.halfspace.grid import Grid
 from app.method import METHOD_OPTIONS, PART_OPTIONS, settings
 from app.multigrid.hierarchy import Hierarchy
-from app.multigrid.linear_solver import LinearSolver
 from app.options import as_texts, unknown_options
 from app.petsc import (
     OptionDatabase,
@@ -32,6 +28,7 @@ from app.petsc import (
     help_text,
 )
 from app.problems.problem import Problem
+from app.strategy import STRATEGIES
 
 # Options that PETSc looks up only while solving, or never marks as used, ...
 _READ_LATE = re.compile(r"(\w+_)?((ksp|snes|tao)_converged_reason|ksp_view_pre|(pc|mat|snes|tao)_view\w*)")
@@ -93,9 +90,9 @@ def make_hierarchy(grid, compliance, comm, chosen):
     """
     return Hierarchy(
         grid, compliance, comm, chosen.coarsest, chosen.cells_per_rank,
-        single=chosen.strategy in REFERENCE_SOLVERS,
+        target_only=STRATEGIES[chosen.strategy].target_only,
         dtype=np.float32 if chosen.single else np.float64,
-        margin=chosen.window if chosen.strategy == "fast" and chosen.nested else 0.0,
+        margin=chosen.window,
     )  # fmt: skip
 
 
@@ -105,14 +102,12 @@ def database_of(chosen):
     return OptionDatabase(texts)
 
 
-def make_solver(hierarchy, chosen):
-    """Make the solver of the target grid; what PETSc refuses is the user's to know. Collective.
+def make_strategy(hierarchy, chosen):
+    """Make what solves, with the solver of the target grid; what PETSc refuses is the user's to know. Collective.
 
     Returns
     -------
-    LinearSolver or a reference solver
-        None if the target grid is worked on in a window, whose solver is made when that is known: then the options
-        have been tried on a smaller grid.
+    Strategy
 
     Raises
     ------
@@ -120,7 +115,7 @@ def make_solver(hierarchy, chosen):
         If the options ask for what cannot be had.
     """
     try:
-        return agree(hierarchy.comm, _solver, hierarchy, chosen)
+        return agree(hierarchy.comm, _strategy, hierarchy, chosen)
     except InputError as error:
         refusal = f"solver options: {error}"
     # Now, not while the error holds what the refused solver has made; PETSc keeps that, and communicators for it.
@@ -130,21 +125,11 @@ def make_solver(hierarchy, chosen):
     raise InputError(refusal)
 
 
-def _solver(hierarchy, chosen):
-    """As `make_solver`, with a ValueError on the ranks that meet it."""
-    kind = TrackingSolver if chosen.strategy == "fast" else LinearSolver
-    if chosen.strategy == "primal":
-        from app.primal.solver import PrimalSolver as kind
+def _strategy(hierarchy, chosen):
+    """As `make_strategy`, with a ValueError on the ranks that meet it."""
     try:
         with as_raised():
-            if chosen.strategy in REFERENCE_SOLVERS:
-                return REFERENCE_SOLVERS[chosen.strategy](hierarchy, StoppingTest(chosen.rtol, chosen.max_it))
-            if not hierarchy.windowed(hierarchy.target):
-                return kind(hierarchy)
-            level = hierarchy.levels[hierarchy.finest_whole]
-            if level.active:
-                kind(hierarchy, hierarchy.finest_whole, level.petsc_comm).destroy()
-            return None
+            return STRATEGIES[chosen.strategy](chosen, hierarchy)
     except PETSc.Error as error:
         raise ValueError(error_message(error)) from None
     except (ImportError, AttributeError) as error:
@@ -220,7 +205,7 @@ def _tried(texts, periodic):
             parts.add(hierarchy := make_hierarchy(grid, 1.0, parts.comm, chosen))
             database = database_of(chosen)
             database.set("help")
-            unread = read_by(database, lambda: parts.add(make_solver(hierarchy, chosen)))
+            unread = read_by(database, lambda: parts.add(make_strategy(hierarchy, chosen)))
         except InputError:
             pass
     parts.free()

@@ -26,10 +26,8 @@ from app.contact import measures
 from app.contact.certificate import certify
 from app.contact.distance import UndeformedDistance
 from app.contact.extent import measure_extent
-from app.contact.full_contact import FULL_CONTACT
 from app.contact.history import History
 from app.contact.loading import LOADINGS, PrescribedApproach, prescribe
-from app.contact.reference_solvers import REFERENCE_SOLVERS
 from app.errors import InputError, agree, check_alike, warn_caller
 from app.fast.circulant import circulant_of
 from app.halfspace.communication import Communicator
@@ -40,7 +38,7 @@ from app.method_solver import (
     choose,
     database_of,
     make_hierarchy,
-    make_solver,
+    make_strategy,
     read_by,
     refuse_unread,
 )
@@ -51,7 +49,7 @@ from app.path import LoadPath
 from app.petsc import Resources, mpi_comm, one_at_a_time
 from app.solution import Solution
 from app.stiffness import contact_stiffness
-from app.strategy import Strategy, check_single, warm_up
+from app.strategy import check_single
 
 
 def solve(
@@ -138,7 +136,7 @@ class ContactSolver:
         self.problem = problem
         self._outer_comm = ending.share(comm)
         self.comm = self._resources.comm = Communicator(self._outer_comm.Dup())
-        self.hierarchy = self._solver = None
+        self.hierarchy = self._strategy = None
         try:
             self.settings = chosen = agree(self.comm, choose, problem, method, options, prefix, listeners)
             self.listeners = list(listeners)
@@ -163,8 +161,6 @@ class ContactSolver:
         # Rank 0 has a part in every grid.
         if unread := comm.bcast(read_by(self._database, self._set_up)):
             self.settings = refuse_unread(unread, chosen, bool(self.problem.grid.periodic))
-        self._strategy = Strategy(self.settings, self.hierarchy, self._solver)
-        self._resources.add(self._strategy)
         self._measure_shapes()
         return self.settings, self.touching
 
@@ -177,10 +173,10 @@ class ContactSolver:
             check_single("influence coefficients", self._largest, "mm3/N")
         self.hierarchy = hierarchy = make_hierarchy(grid, compliance, self._team.comm, chosen)
         self._resources.add(hierarchy)
-        self._solver = make_solver(hierarchy, chosen)
-        self._resources.add(self._solver)
-        warm_up(chosen, hierarchy)
-        if chosen.lifted and chosen.nested:
+        self._strategy = make_strategy(hierarchy, chosen)
+        self._resources.add(self._strategy)
+        self._strategy.warm_up()
+        if chosen.lifted:
             for operator in hierarchy.levels:
                 if not hierarchy.windowed(operator):
                     circulant_of(operator)
@@ -214,7 +210,7 @@ class ContactSolver:
     @property
     def ksp(self):
         """KSP of the target grid, or None."""
-        return getattr(self._solver, "ksp", None)
+        return getattr(self._strategy and self._strategy.solver, "ksp", None)
 
     # -- solve -------------------------------------------------------------------------------------------
 
@@ -373,7 +369,7 @@ class ContactSolver:
 
     def _loading(self, given):
         loading = prescribe(self.problem.grid, self._distances[-1], **given)
-        if loading.prescribes_load and self.settings.strategy in REFERENCE_SOLVERS:
+        if loading.prescribes_load and not self._strategy.by_load:
             raise InputError(f"-lcp_type {self.settings.strategy}: works by approach only, not by load")
         if self.settings.single:
             if loading.prescribes_load:
@@ -391,9 +387,7 @@ class ContactSolver:
         prescribed = loading.load if loading.prescribes_load else None
         proof, found = certify(state), measures.measure_contact(state)
         proof = proof.under(prescribed, found.load)
-        # These ask for more by themselves as long as that helps.
-        to_rounding = self.settings.strategy in ("fast", "primal") or outcome.reason == FULL_CONTACT
-        outcome = outcome.if_proved(proof.error_bound, self.settings.error_bound, to_rounding)
+        outcome = outcome.if_proved(proof.error_bound, self.settings.error_bound)
         p, distance, depth = state.p, state.distance, state.depth
         approach = loading.approach if prescribed is None else state.approach
         extent = measure_extent(state)

@@ -1,4 +1,4 @@
-"""Which iteration solves: the paper's, the default methods', or PETSc's, from the start there is."""
+"""What -lcp_type names: chooses and runs the iteration of a method, from scratch or from a given solution."""
 
 from __future__ import annotations
 
@@ -18,10 +18,15 @@ from app.fast import circulant, lift, tracking_cg
 from app.fast.iteration import InexactStop
 from app.fast.kept import Kept
 from app.fast.nested import nested_iteration, solve_on
+from app.fast.solver import TrackingSolver
 from app.halfspace import product
 from app.multigrid import direct, transfer
 from app.multigrid.hierarchy import Hierarchy
+from app.multigrid.linear_solver import LinearSolver
 from app.petsc import error_message
+from app.primal import solver as primal_solver
+from app.primal.nested import primal_iteration
+from app.primal.solver import PrimalSolver
 from app.solution import Solution
 
 # PETSc's errors that say that types do not go together: unsupported, wrong argument or state, method missing, unknown
@@ -30,7 +35,7 @@ _WRONG_CHOICES = (56, 60, 62, 73, 75, 83, 86, 92)
 
 
 class Strategy:
-    """Solves on the grids of a hierarchy by the strategy of the settings.
+    """Solves on the grids of a hierarchy by one of the strategies.
 
     Collective.
 
@@ -38,13 +43,39 @@ class Strategy:
     ----------
     settings : app.method.Settings
     hierarchy : Hierarchy
+
+    Attributes
+    ----------
     solver : LinearSolver, a reference solver, or None
-        Of the target grid.
+        Of the target grid; None where that is worked on in a window, whose solver is made when it is known.
     """
 
-    def __init__(self, settings, hierarchy: Hierarchy, solver):
-        self._settings, self._hierarchy, self._solver = settings, hierarchy, solver
-        self._kept = Kept(hierarchy, solver) if settings.strategy == "fast" else None
+    target_only = False  # needs no coarser grid
+    by_load = True  # can meet a load
+
+    def __init__(self, settings, hierarchy: Hierarchy):
+        self._settings, self._hierarchy, self._distances = settings, hierarchy, None
+        self.solver = self._make_solver()
+
+    def _make_solver(self):
+        return LinearSolver(self._hierarchy)
+
+    def warm_up(self):
+        """Load the compiled loops now, not in the first iteration. Not collective.
+
+        A rank that is needed on fine grids only has time for that now; later the others would wait for it.
+        """
+        for module in (kernels, extent, measures, transfer, direct):
+            module.warm_up()
+        certificate.warm_up(bool(self._hierarchy.target.grid.periodic))
+        if self._settings.lifted:
+            lift.warm_up()
+        texts = self._settings.texts
+        kind = texts.get("pc_type", "")
+        if kind == "sor" or (kind == "mg" and texts.get("mg_levels_pc_type", "") in ("", "sor")):
+            from app.halfspace.sweeps import gauss_seidel
+
+            gauss_seidel.warm_up()
 
     def measured(self, distances, coarse_minimum):
         """Solve for these undeformed distances from now on. Not collective.
@@ -71,96 +102,46 @@ class Strategy:
         InputError
             If `start` does not fit, or PETSc finds that the chosen solvers do not go together.
         """
-        chosen, hierarchy = self._settings, self._hierarchy
+        hierarchy, full = self._hierarchy, None
         if start is not None:
             self.check(start)
         for level in hierarchy.levels:
             level.begin()
-        stop = StoppingTest(chosen.rtol, chosen.max_it)
-        full = None
         if hierarchy.target.grid.periodic:
             full = FullContact(hierarchy, self._distances)
-            state = ContactState(hierarchy.target, self._distances[-1])
-            if outcome := full.solve(state, loading, stop, history):
+            state = self._new_state()
+            if outcome := full.solve(state, loading, self._stop(), history):
                 return state, outcome
             state.destroy()
             del state
-        state, outcome = self._solve(loading, stop, history, start)
+        state, outcome = self._solve(loading, history, start)
         if full and full.put_off and not (outcome.converged and state.some_are_free()):
-            return self._in_full_contact(full, loading, stop, history, state, outcome)
+            return self._in_full_contact(full, loading, history, state, outcome)
         return state, outcome
 
-    def _in_full_contact(self, full, loading, stop, history, state, outcome):
+    def _in_full_contact(self, full, loading, history, state, outcome):
         """The answer with all cells in contact, if that is one, in place of what was found. Collective."""
-        contact, other = state.contact.copy(), ContactState(self._hierarchy.target, self._distances[-1])
-        if better := full.solve(other, loading, stop, history):
+        contact, other = state.contact.copy(), self._new_state()
+        if better := full.solve(other, loading, self._stop(), history):
             state.destroy()
             return other, better.after(outcome)
         other.destroy()
         state.contact[...] = contact
         return state, outcome
 
-    def _solve(self, loading, stop, history, start):
-        chosen, hierarchy = self._settings, self._hierarchy
-        if chosen.strategy in REFERENCE_SOLVERS:
-            return self._by_petsc(loading, history)
-        if chosen.strategy == "active_set":
-            return self._by_active_set(loading, stop, history, start)
-        stop = InexactStop(
-            chosen.rtol,
-            chosen.max_it,
-            coarse_rtol=chosen.coarse_rtol,
-            predictor=chosen.predictor,
-            error_bound=chosen.error_bound,
-            defect_correction=chosen.defect_correction,
-        )
-        if chosen.strategy == "fast":
-            return self._fast(loading, stop, history, start)
-        from app.primal.nested import primal_iteration
+    def _solve(self, loading, history, start):
+        raise NotImplementedError
 
-        return primal_iteration(
-            hierarchy, self._distances, loading, stop, history, chosen.nested, self._solver, start=start
-        )
+    def _stop(self):
+        return StoppingTest(self._settings.rtol, self._settings.max_it)
 
-    def _by_active_set(self, loading, stop, history, start):
-        if start is not None:
-            state = self._started_from(start, loading)
-            return state, active_set_or_search(state, self._solver, loading, stop, history)
-        chosen = self._settings
-        prolong = lift.lift if chosen.lifted else None
-        return full_multigrid(
-            self._hierarchy, self._distances, loading, stop, history, chosen.nested, chosen.beta, prolong, self._solver
-        )  # fmt: skip
-
-    def _fast(self, loading, stop, history, start):
-        chosen, hierarchy, kept = self._settings, self._hierarchy, self._kept
-        if start is not None:
-            state, last = self._started_from(start, loading), len(hierarchy.levels) - 1
-            return state, solve_on(hierarchy, last, state, loading, stop, history, first=False, kept=kept)
-        try:
-            return nested_iteration(
-                hierarchy, self._distances, loading, stop, history, chosen.nested, chosen.beta, chosen.lifted,
-                self._coarse_minimum, kept,
-            )  # fmt: skip
-        except BaseException:
-            kept.abandon()
-            raise
-
-    def _by_petsc(self, loading, history):
-        state = ContactState(self._hierarchy.target, self._distances[-1])
-        state.approach = loading.approach
-        try:
-            return state, self._solver.solve(state, history)
-        except PETSc.Error as error:
-            state.destroy()
-            if error.ierr not in _WRONG_CHOICES:
-                raise
-            raise InputError(f"-lcp_type {self._settings.strategy}: {error_message(error)}") from None
+    def _new_state(self):
+        return ContactState(self._hierarchy.target, self._distances[-1])
 
     def destroy(self):
-        """Free what is kept between solves. Collective."""
-        if self._kept is not None:
-            self._kept.destroy()
+        """Free the solver, and what is kept between solves. Collective."""
+        if self.solver is not None:
+            self.solver.destroy()
 
     def check(self, start, name="start"):
         """Refuse what is no Solution on the same grid and ranks."""
@@ -186,32 +167,131 @@ class Strategy:
         return state
 
 
-def warm_up(settings, hierarchy):
-    """Load the compiled loops of a strategy now, not in the first iteration. Not collective.
+class ActiveSet(Strategy):
+    """``active_set``, the paper's: around any KSP, in the nested iteration (FMG) or alone."""
 
-    A rank that is needed on fine grids only has time for that now; later the others would wait for it.
-    """
-    grid, dtype = hierarchy.target.grid, np.dtype(hierarchy.dtype)
-    for module in (kernels, extent, measures, transfer, direct):
-        module.warm_up()
-    certificate.warm_up(bool(grid.periodic))
-    if settings.lifted:
-        lift.warm_up()
-    if settings.strategy == "fast":
-        for kind in {np.dtype(np.float64), dtype}:
+    def _solve(self, loading, history, start):
+        if start is not None:
+            state = self._started_from(start, loading)
+            return state, active_set_or_search(state, self.solver, loading, self._stop(), history)
+        chosen = self._settings
+        prolong = lift.lift if chosen.lifted else None
+        return full_multigrid(
+            self._hierarchy, self._distances, loading, self._stop(), history, chosen.nested, chosen.beta, prolong,
+            self.solver,
+        )  # fmt: skip
+
+
+class Inexact(Strategy):
+    """The default methods: they ask for more by themselves as long as that helps the certificate."""
+
+    def _inexact_stop(self):
+        chosen = self._settings
+        return InexactStop(
+            chosen.rtol,
+            chosen.max_it,
+            coarse_rtol=chosen.coarse_rtol,
+            predictor=chosen.predictor,
+            error_bound=chosen.error_bound,
+            defect_correction=chosen.defect_correction,
+        )
+
+    def _precisions(self):
+        return {np.dtype(np.float64), np.dtype(self._hierarchy.dtype)}
+
+    def run(self, loading, history, start=None):
+        """See `Strategy.run`."""
+        state, outcome = super().run(loading, history, start)
+        return state, outcome._replace(to_rounding=True)
+
+
+class Fast(Inexact):
+    """``fast``, the default on free patches: around TrackingCG, in windows."""
+
+    def __init__(self, settings, hierarchy):
+        super().__init__(settings, hierarchy)
+        self._kept = Kept(hierarchy, self.solver)
+
+    def _make_solver(self):
+        hierarchy = self._hierarchy
+        if not hierarchy.windowed(hierarchy.target):
+            return TrackingSolver(hierarchy)
+        level = hierarchy.levels[hierarchy.finest_whole]  # the options are tried there
+        if level.active:
+            TrackingSolver(hierarchy, hierarchy.finest_whole, level.petsc_comm).destroy()
+        return None
+
+    def warm_up(self):
+        """See `Strategy.warm_up`."""
+        super().warm_up()
+        grid = self._hierarchy.target.grid
+        for kind in self._precisions():
             product.warm_up(grid, kind)
             tracking_cg.warm_up(kind)
-        circulant.warm_up(grid, dtype)
-    if settings.strategy == "primal":
-        from app.primal import solver as primal_solver
+        circulant.warm_up(grid, np.dtype(self._hierarchy.dtype))
 
-        for kind in {np.dtype(np.float64), dtype}:
+    def _solve(self, loading, history, start):
+        chosen, hierarchy, kept, stop = self._settings, self._hierarchy, self._kept, self._inexact_stop()
+        if start is not None:
+            state, last = self._started_from(start, loading), len(hierarchy.levels) - 1
+            return state, solve_on(hierarchy, last, state, loading, stop, history, first=False, kept=kept)
+        try:
+            return nested_iteration(
+                hierarchy, self._distances, loading, stop, history, chosen.nested, chosen.beta, chosen.lifted,
+                self._coarse_minimum, kept,
+            )  # fmt: skip
+        except BaseException:
+            kept.abandon()
+            raise
+
+    def destroy(self):
+        """See `Strategy.destroy`."""
+        self._kept.destroy()
+        super().destroy()
+
+
+class Primal(Inexact):
+    """``primal``, the default on periodic patches: around CarryingCG."""
+
+    def _make_solver(self):
+        return PrimalSolver(self._hierarchy)
+
+    def warm_up(self):
+        """See `Strategy.warm_up`."""
+        super().warm_up()
+        for kind in self._precisions():
             primal_solver.warm_up(kind)
-    kind = settings.texts.get("pc_type", "")
-    if kind == "sor" or (kind == "mg" and settings.texts.get("mg_levels_pc_type", "") in ("", "sor")):
-        from app.halfspace.sweeps import gauss_seidel
 
-        gauss_seidel.warm_up()
+    def _solve(self, loading, history, start):
+        nested, stop = self._settings.nested, self._inexact_stop()
+        return primal_iteration(
+            self._hierarchy, self._distances, loading, stop, history, nested, self.solver, start=start
+        )
+
+
+class Reference(Strategy):
+    """``tao`` and ``snesvi``: PETSc's solvers of problems with bounds, on the target grid."""
+
+    target_only, by_load = True, False
+
+    def _make_solver(self):
+        return REFERENCE_SOLVERS[self._settings.strategy](self._hierarchy, self._stop())
+
+    def _solve(self, loading, history, start):
+        state = self._new_state()
+        state.approach = loading.approach
+        try:
+            return state, self.solver.solve(state, history)
+        except PETSc.Error as error:
+            state.destroy()
+            if error.ierr not in _WRONG_CHOICES:
+                raise
+            raise InputError(f"-lcp_type {self._settings.strategy}: {error_message(error)}") from None
+
+
+STRATEGIES = {"active_set": ActiveSet, "fast": Fast, "primal": Primal} | dict.fromkeys(
+    REFERENCE_SOLVERS, Reference
+)
 
 
 def check_single(what, value, unit):

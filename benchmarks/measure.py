@@ -52,7 +52,10 @@ def head(options, title="Benchmark"):
     versions = f"version {__version__} ({_commit()}), {versions}"
     threads = f"OMP_NUM_THREADS={os.environ.get('OMP_NUM_THREADS')}"
     command = shlex.join(["run/bench", *sys.argv[1:]])
-    method = ", ".join(options.method) or "the default (fast.opts)"
+    from app.method import DEFAULT, PERIODIC
+
+    default = PERIODIC if getattr(options, "periodic", False) else DEFAULT
+    method = ", ".join(options.method) or f"the default ({default}.opts)"
     return (
         f"# {title}\n\nMade by `{command}` on {datetime.date.today()}: {processor()}, {os.cpu_count()} cores; "
         f"{versions}; {threads}. Method: {method}.\n"

@@ -86,7 +86,7 @@ class FullContact:
         highest = -float(state.minimum([-state.p.max(initial=0.0)])[0])
         solved = stop(state, residual) or rms <= _ROUNDING * highest * state.operator.diagonal
         history.add(state, self, Update(grid.n, grid.n - before, 0, residual), 0)
-        return Outcome(solved, FULL_CONTACT, 1, residual / distance.norm())
+        return Outcome(solved, FULL_CONTACT, 1, residual / distance.norm(), to_rounding=True)
 
     def _needed(self, inverse, distance, p):
         """Mean pressure that full contact needs on one grid; p becomes B (-h). Collective over all ranks."""

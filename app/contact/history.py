@@ -16,7 +16,11 @@ class Listener:
         """Hear of a grid, with the contact set it starts from in ``state.contact``; it may be empty."""
 
     def iteration(self, entry, state):
-        """Hear of an active set iteration: its entry in the history, and the state after it."""
+        """Hear of an active set iteration: its entry in the history, and the state after it.
+
+        Of the state ``grid``, ``contact`` and ``p`` hold with every method; the default method of periodic patches,
+        whose unknown is the gap, has the approach in the entry only, and no ``u`` before the end.
+        """
 
     def end(self):
         """Hear that all is over."""
@@ -87,16 +91,16 @@ class Outcome(NamedTuple):
     residual: float = 0.0  # ||r|| / ||h||, eq. (5.1)
     discretisation_error: float = float("nan")  # of the pressure (rms), relative, estimated from two grids
     grid_errors: GridErrors = UNKNOWN
-    fallbacks: int = 0  # grids on which the safeguard took over, this one and coarser ones
+    fallbacks: int = (
+        0  # grids on which a fallback took over (safeguard, root search), this one and coarser ones
+    )
+    to_rounding: bool = False  # the iteration has done what can be done
 
-    def if_proved(self, bound, allowed, to_rounding):
-        """Return this outcome, not converged if the error bound that is proved is more than is allowed.
-
-        `to_rounding`: the iteration has done what can be done.
-        """
+    def if_proved(self, bound, allowed):
+        """Return this outcome, not converged if the error bound that is proved is more than is allowed."""
         if not self.converged or bound <= allowed:
             return self
-        advice = "rounding allows no more" if to_rounding else "a smaller -lcp_rtol is more accurate"
+        advice = "rounding allows no more" if self.to_rounding else "a smaller -lcp_rtol is more accurate"
         doubt = f"the pressure is proved to {bound:.2g} only (-lcp_error_bound {allowed:g}); {advice}"
         return self._replace(converged=False, reason=f"{self.reason}, but {doubt}")
 

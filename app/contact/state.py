@@ -249,7 +249,7 @@ class ContactState:
 
     @PETSc.Log.EventDecorator("ContactUpdate")
     def release_tensile(self, some=None, change=_NOBODY):
-        """(4.a): cells with p < 0 leave C, p = 0 there, for p >= 0 in (2.9). Return how many.
+        """(4.a): cells with p < 0 leave C, p = 0 there, for p >= 0 in (2.9). Return how many, or `some`.
 
         Collective, unless it is known whether there are some. `change`: a field to which is added what that does to p.
         """

@@ -1,4 +1,4 @@
-"""When an iteration may stop: the paper's test (5.1), and what is beyond the paper's grids."""
+"""When an iteration may stop: the paper's test (5.1) and the limit on iterations."""
 
 from __future__ import annotations
 

@@ -6,9 +6,9 @@ On each grid, from the coarsest to the target (`nested`):
    contact (`windows`). The coarsest grid is solved directly.
 2. *Sets.* `iteration` repeats the steps of Sec. 4.1, each set solved a little by conjugate gradients that start from
    the displacement there is (`tracking_cg`). Preconditioner is the inverse of A, continued periodically (`circulant`),
-   of the residual continued over the rim of contact (`rim`). What corrections of p do to u is computed by stencils on
-   several grids, and so is the preconditioner (`levels`); after some sets a product corrects what they leave. The
-   predictor lets cells in by the displacement to come.
+   of the residual continued over the rim of contact (`rim`) and from one contact to the next (`between`). What
+   corrections of p do to u is computed by stencils on several grids, and so is the preconditioner (`levels`); after
+   some sets a product corrects what they leave. The predictor lets cells in by the displacement to come.
 3. *Enough.* A coarse grid is left as soon as its residual is small against h on C. The target grid is left by one
    product in double precision on all cells; it decides (5.1), and with it the certificate must hold. For a window
    all ranks make it (`verification_product`).
@@ -37,14 +37,15 @@ punches, self-affine surfaces from 1% to 99% contact), operator applications by 
 beyond counts. docs/performance.md has them by load, too, and what happens if a constant is halved or doubled.
 
 ===================  =========================  ===============================================================
-device               off by                     applications without it, of 9.8 with all
+device               off by                     applications without it, of 8.4 with all
 ===================  =========================  ===============================================================
-defect correction    -lcp_defect_correction 0   20.1
-lift                 -lcp_prolongation copy     11.9
-predictor            -lcp_predictor 0           10.4
-rim extension        -pc_circulant_extend 0     12.0 (and no predictor)
-loose coarse grids   -lcp_coarse_rtol 1e-6      11.0
-windows              -lcp_window 0              10.5; most where contact is small in its patch
-single precision     -lcp_precision double      9.8; half the time of a product
+defect correction    -lcp_defect_correction 0   16.3
+lift                 -lcp_prolongation copy     10.3
+predictor            -lcp_predictor 0           9.0
+between contacts     -pc_circulant_blocks 0     9.9; most where contact is scattered
+rim extension        -pc_circulant_extend 0     12.0 (and neither of these)
+loose coarse grids   -lcp_coarse_rtol 1e-6      9.5
+windows              -lcp_window 0              9.0; most where contact is small in its patch
+single precision     -lcp_precision double      8.4; half the time of a product
 ===================  =========================  ===============================================================
 """

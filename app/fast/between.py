@@ -1,8 +1,8 @@
 """A residual continued between contacts: where the steps of `app.fast.rim` begin.
 
-These steps are local, and between contacts that are many cells apart ``B E r`` can only vanish if E continues r from
-one to the next. To begin with, cells outside contact get the mean of r over the contact around: in blocks of some cells
-by some, r on C and the share of C are summed, smoothed over the blocks around, and divided:
+These steps reach as many cells as there are of them. Where contacts are further apart, ``B E r`` can only vanish
+between them if E continues r from one to the next. So the steps begin with the mean of r over the contact around: in
+square blocks of cells r and the share of contact are summed, smoothed over the blocks beside, and divided,
 
     x_o = P D S P^T r,    D = 1 / (S c + least),    c = P^T 1 on C,
 
@@ -31,7 +31,7 @@ _SCATTERED = 0.08  # of the blocks are in contact in part, where this gains more
 
 
 class Between:
-    """``P D S P^T`` and its transpose on one grid; arrays hold this rank's rows.
+    """``P D S P^T`` and its transpose on one grid; arrays hold this rank's rows. In single precision.
 
     Parameters
     ----------
@@ -50,7 +50,6 @@ class Between:
         self._comm, self._cells, self._first = comm, cells, slabs.rows.start
         blocks = [-(-n // cells) for n in shape]
         self._blocks, self._held, self._room = (np.zeros(blocks) for _ in range(3))
-
         self._row = np.zeros(shape[1], np.float32)
 
     def set_contact(self, contact):

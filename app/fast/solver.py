@@ -127,7 +127,7 @@ class TrackingSolver(LinearSolver):
         return Tension(negative / total if total > 0 else float(negative), bool(negative))
 
     def release(self, state, tension=None, carry=True):
-        """Step 4.a, and u along with it; return how many cells left C. Collective.
+        """Step 4.a, and u along with it; return whether cells left C. Collective.
 
         `tension`: what `tension` has returned, if it was asked for. `carry`: unless u is to be computed anew.
         """

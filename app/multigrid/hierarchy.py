@@ -26,7 +26,7 @@ LARGEST_DIRECT = 1024  # cells of a grid whose matrix may be stored and factoris
 _SMALLEST_WINDOWED = 64 * 64  # cells; on smaller grids it does not pay to leave any out
 
 
-def plan(grid, coarsest=4, single=False):
+def plan(grid, coarsest=4, target_only=False):
     """Grids of a hierarchy, parameters as of `Hierarchy`; nothing is allocated. Not collective.
 
     Returns
@@ -37,8 +37,8 @@ def plan(grid, coarsest=4, single=False):
         From each to the next.
     """
     grids, factors = [grid], []
-    most = 1 if single else grid.n  # grids; more there cannot be
-    if not single and grid.coarsen(coarsest) is None:
+    most = 1 if target_only else grid.n  # grids; more there cannot be
+    if not target_only and grid.coarsen(coarsest) is None:
         coarsest, most = 1, 2  # a multigrid method needs two grids
     while len(grids) < most and (coarser := grids[-1].coarsen(coarsest)) is not None:
         factors.append(grids[-1].coarsening(coarsest))
@@ -132,7 +132,7 @@ class Hierarchy:
         Directions of at most this many cells are not halved.
     cells_per_rank : int
         That a rank gets at least of grids but the target; 0: see `Ranks`.
-    single : bool
+    target_only : bool
         Only the target grid is needed.
     dtype : numpy real type
         Precision of the products; float32 has a double precision one beside it on the target grid.
@@ -142,12 +142,12 @@ class Hierarchy:
     """
 
     def __init__(
-        self, grid, compliance, comm, coarsest=4, cells_per_rank=0, single=False, dtype=float, margin=0.0
+        self, grid, compliance, comm, coarsest=4, cells_per_rank=0, target_only=False, dtype=float, margin=0.0
     ):
         self.ranks = Ranks(comm, cells_per_rank)
         self.comm, self.compliance, self.dtype, self.margin = self.ranks.comm, compliance, dtype, margin
         self._in_windows, self._counted = 0.0, WeakKeyDictionary()  # products; those of each operator so far
-        grids, factors = plan(grid, coarsest, single)
+        grids, factors = plan(grid, coarsest, target_only)
         direct = int(len(grids) > 1 and grids[-1].n <= LARGEST_DIRECT)
         sizes = [self.ranks.size, *map(self.ranks.number, grids[1 : len(grids) - direct]), *[1] * direct]
         operators = []  # the target first, whose working storage the others share
@@ -172,10 +172,7 @@ class Hierarchy:
         return petsc_comm(self.comm)
 
     def joined(self, operator, number):
-        """Whether ranks that have no part in an operator have one in level `number`, or in laying its window.
-
-        Not collective.
-        """
+        """Whether ranks without a part in an operator have one in a level: in a window all have. Not collective."""
         level = self.levels[number]
         return operator.slabs.size < (self.comm.size if self.windowed(level) else level.slabs.size)
 

@@ -1,5 +1,8 @@
 """The default method on periodic patches: the active set iteration in its primal form.
 
+Primal as in variational inequalities: the displacement is the unknown. In `app.contact.certificate` that is the dual
+side.
+
 There A is diagonal in Fourier space and its inverse B, on fields without mean, is known as well as A. So the
 displacement can be the unknown in place of the pressure. With ``w = u - approach``, the gap is ``e = h0 + w``, h0 the
 shape, and

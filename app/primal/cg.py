@@ -114,8 +114,8 @@ class CarryingCG(KspContext):
     """KSP context; its operator must be an `InverseOperator`, its PC a `TwoGrid`.
 
     Collective. Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*. The preconditioner is applied to p as it is; it
-    looks at the free cells only, and leaves the others zero. It is not applied to what a contact set leaves by
-    -ksp_rtol: of that it is enough to know by how much p on the free cells is smaller.
+    looks at the free cells only, and leaves the others zero. For the test of -ksp_rtol the preconditioned norm is
+    estimated from how much smaller p on the free cells is: it saves the last application.
 
     Attributes
     ----------

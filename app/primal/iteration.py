@@ -48,6 +48,7 @@ def primal_active_set(primal, solver, stop, history):
     state, best, fewest, since = primal.state, float("inf"), float("inf"), 0
     aim = _SURE  # share of the residual allowed that is asked of the solver
     doubted = False  # whether a verification has failed
+    solver.begin(primal.loading)
     primal.start(exact=stop.final)
     allowed = allowed_gap(primal, stop)
     history.start(state, solver)

@@ -14,7 +14,7 @@ from app.primal.operator import InverseOperator
 from app.primal.two_grid import TwoGrid
 
 _GUESSES = 8  # projected sweeps that guess the first contact set of a grid
-_COARSER = 2  # grids between one and that of the long waves in its preconditioner
+_LONG_WAVES = 2  # grids between one and that of the long waves in its preconditioner
 
 
 class PrimalSolver(LinearSolver):
@@ -53,6 +53,10 @@ class PrimalSolver(LinearSolver):
         self.direction, self.product = self._cg.direction, self._cg.product
         self.scratch = self._cg.scratch
 
+    def begin(self, loading):
+        """Begin to solve on the grid for a loading: an approach is kept by keeping the mean of w. Not collective."""
+        self.preconditioner.constrained = not loading.prescribes_load
+
     def improve(self, primal, allowed):
         """Let p vanish on the free cells, a little: w and p = B w.
 
@@ -72,18 +76,19 @@ class PrimalSolver(LinearSolver):
         residual : float
             Its norm: about by how much w is wrong [mm].
         """
-        self.preconditioner.constrained = not primal.loading.prescribes_load
         if self.preconditioner.constrained:
             primal.balance()
         self.ksp.setInitialGuessNonzero(True)
-        if not self._own_atol:
-            self.ksp.setTolerances(atol=allowed)
         self._cg.pressure = primal.state.pressure
-        iterations, failure = self._run(primal.zero, primal.displacements, float("inf"))
+        iterations, failure = self._run(primal.zero, primal.displacements, allowed)
+        self._cg.pressure = None  # not for longer than the state
         if self.preconditioner.constrained and self.preconditioner.multiplier:
             # p + mean pressure = 0 on the free cells, as far as M can tell.
             primal.add_mean_pressure(-self.preconditioner.multiplier)
         return iterations, failure, self._cg.residual
+
+    def _enough(self, allowed):
+        return None if self._own_atol else allowed
 
 
 def _prepare(hierarchy):
@@ -111,7 +116,7 @@ def _check_kinds(options):
 
 def coarser_operator(hierarchy, number):
     """A on the grid of the long waves; None if there is none. Not collective."""
-    return hierarchy.levels[max(number - _COARSER, 0)] if number else None
+    return hierarchy.levels[max(number - _LONG_WAVES, 0)] if number else None
 
 
 def warm_up(dtype):

@@ -142,10 +142,7 @@ class PrimalState:
         return numbers_on(self.state, self.state.comm, self.load, -self.mean(self.w))
 
     def guess(self, solver):
-        """The contact set of the obstacle problem in small, by projected sweeps with the centre of B; w and p follow.
-
-        Collective.
-        """
+        """The contact set by projected sweeps with the centre of B: an obstacle problem; w and p follow. Collective."""
         state, preconditioner = self.state, solver.preconditioner
         weights, shape = preconditioner.weights, self.w.shape
         force, lowest = solver.scratch.reshape(-1).view(np.float32).reshape(2, *shape)

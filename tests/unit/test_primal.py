@@ -367,6 +367,7 @@ def steps(make):
         distance = UndeformedDistance(operator, problem.gap)
         state = ContactState(operator, distance)
         made.append(PrimalState(state, solver.inverse, loading))
+        solver.begin(loading)
         return made[-1], solver
 
     yield primal

@@ -358,10 +358,10 @@ def test_light_loads_take_little_more_than_their_approach(cut_off, most):
 def test_an_interrupted_solve_leaves_a_solver_that_solves(monkeypatch):
     problem, plain = surface("self-affine", 64), InverseOperator.pressure
     with ContactSolver(problem) as solver:
-        before = pressed_to(problem, 0.1, solver)
+        before, linear = pressed_to(problem, 0.1, solver), solver._strategy.solver
 
         def interrupted(operator, d, q):
-            if operator is solver._solver.inverse and solver._solver.ksp.getIterationNumber() > 0:
+            if operator is linear.inverse and linear.ksp.getIterationNumber() > 0:
                 raise KeyboardInterrupt
             return plain(operator, d, q)
 
