@@ -49,13 +49,13 @@ class Between:
         slabs = slabs or Slabs(shape[0])
         self._comm, self._cells, self._first = comm, cells, slabs.rows.start
         blocks = [-(-n // cells) for n in shape]
-        self._blocks, self._held, self._room = (np.zeros(blocks) for _ in range(3))
+        self._blocks, self._of_r, self._held, self._room = (np.zeros(blocks) for _ in range(4))
         self._row = np.zeros(shape[1], np.float32)
 
     def set_contact(self, contact):
         """Take over a contact set, ndarray of bool; return whether it is scattered. Collective."""
         self._contact = contact
-        self._sum(contact, contact, True)
+        self._mean(contact)
         scattered = (
             np.count_nonzero((self._blocks > 0) & (self._blocks < 1)) >= _SCATTERED * self._blocks.size
         )
@@ -65,50 +65,89 @@ class Between:
 
     def fill(self, r, out):
         """out = r on C, the mean of r around elsewhere; r and out, of float64 or float32, may be one. Collective."""
-        self._sum(r, self._contact, True)
+        self._mean(r)
+        self._of_r[...] = self._blocks
         _smooth(self._blocks, self._room)
         self._blocks *= self._held
         _fill(r, self._contact, self._blocks, self._cells, self._first, self._row, out)
 
-    def take_back(self, b):
-        """Add to b on C what the transpose makes of b elsewhere. Collective."""
-        self._sum(b, self._contact, False)
+    def take_back(self, r, b):
+        """Add to b on C what the transpose makes of b elsewhere; return r.b, r what was filled last. Collective.
+
+        It costs no reduction of its own: means of r are known.
+        """
+        self._blocks[...] = 0
+        places = self._contact, self._cells, self._first, self._row
+        product = self._over_ranks(_add_up_beside(r, b, *places, self._blocks))
         self._blocks *= self._held
         _smooth(self._blocks, self._room)
-        _take(self._blocks, self._contact, self._cells, self._first, self._row, b)
+        _take(self._blocks, *places, b)
+        return product + self._cells**2 * float(np.vdot(self._of_r, self._blocks))
 
-    def _sum(self, field, contact, inside):
-        """Means over blocks of a field on C, or elsewhere. Collective."""
+    def _mean(self, field):
+        """Means over blocks of a field that vanishes outside C. Collective."""
         self._blocks[...] = 0
-        _add_up(field, contact, inside, self._cells, self._first, self._row, self._blocks)
-        if self._comm is not None:
-            self._blocks[...] = sum_over(self._comm, self._blocks.reshape(-1)).reshape(self._blocks.shape)
+        _add_up(field, self._cells, self._first, self._row, self._blocks)
+        self._over_ranks(0.0)
+
+    def _over_ranks(self, number):
+        """Sum blocks and a number over the ranks, and return that. Collective."""
+        if self._comm is None:
+            return number
+        *blocks, number = sum_over(self._comm, [*self._blocks.reshape(-1), number])
+        self._blocks.reshape(-1)[...] = blocks
+        return float(number)
 
 
 # Blocks in a row of these share what is added up, or spread, over the columns: rows are gone through as they lie.
 
 
 @any_order
-def _add_row(field, contact, inside, total):
-    zero = total.dtype.type(0)
+def _add_row(field, total):
     for i in range(total.size):
-        value = field[i]
-        total[i] += value if contact[i] == inside else zero
+        total[i] += field[i]
 
 
 @njit()
-def _add_up(field, contact, inside, cells, first, row, blocks):
-    """Add to each block the mean of its cells here, of the rows from `first` on; `row`: room for one."""
-    ny, nx = contact.shape
+def _into_blocks(row, cells, blocks):
     share = 1.0 / (cells * cells)
+    for i in range(row.size):
+        blocks[i // cells] += share * row[i]
+
+
+@njit()
+def _add_up(field, cells, first, row, blocks):
+    """Add to each block the mean of its cells here, of the rows from `first` on; `row`: room for one."""
+    ny = len(field)
     for j in range(ny):
         if j == 0 or (first + j) % cells == 0:
             row[:] = 0
-        _add_row(field[j], contact[j], inside, row)
+        _add_row(field[j], row)
         if j == ny - 1 or (first + j + 1) % cells == 0:
-            of_block = blocks[(first + j) // cells]
-            for i in range(nx):
-                of_block[i // cells] += share * row[i]
+            _into_blocks(row, cells, blocks[(first + j) // cells])
+
+
+@any_order
+def _add_row_beside(r, b, contact, total):
+    product, zero = 0.0, total.dtype.type(0)
+    for i in range(total.size):
+        value = b[i]
+        product += np.float64(r[i]) * value if contact[i] else 0.0
+        total[i] += zero if contact[i] else value
+    return product
+
+
+@njit()
+def _add_up_beside(r, b, contact, cells, first, row, blocks):
+    """As `_add_up`, of b outside C; return r.b on C."""
+    ny, product = len(b), 0.0
+    for j in range(ny):
+        if j == 0 or (first + j) % cells == 0:
+            row[:] = 0
+        product += _add_row_beside(r[j], b[j], contact[j], row)
+        if j == ny - 1 or (first + j + 1) % cells == 0:
+            _into_blocks(row, cells, blocks[(first + j) // cells])
+    return product
 
 
 @njit()
@@ -177,4 +216,4 @@ def load_between(dtype):
     between, field = Between((3, 3), None, None, 2), np.zeros((3, 3), dtype)
     between.set_contact(np.eye(3, dtype=bool))
     between.fill(field, field)
-    between.take_back(field)
+    between.take_back(field, field)

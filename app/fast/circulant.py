@@ -147,14 +147,21 @@ class Circulant:
         ----------
         r, z : ndarray of float64 or float32, shape `local_shape`
             May be one; r vanishes outside C.
+
+        Returns
+        -------
+        float or None
+            r.z, if they are two and it costs nothing.
         """
         with _event:
             PETSc.Log.logFlops(self.multiplier.flops)
             self.extend(r, z)
             self.multiplier.apply(z, z, rows=self.extension.rows)
             self.extension.restrict(z)
-            if self._scattered:
-                self.between.take_back(z)
+            if not self._scattered:
+                return None
+            product = self.between.take_back(r, z)
+            return None if r is z else product
 
     def extend(self, r, out=None):
         """Continue a residual that is zero outside C over the rim, see `RimExtension.extend`. Collective."""

@@ -217,8 +217,9 @@ class TrackingCG(KspContext):
         iteration, max_it, previous = 0, ksp.getTolerances()[3], 0.0
         reason = self._report(ksp, 0, norm)
         while not reason and iteration < max_it:
-            precondition()
-            rz = self._sum([_dot(r, z, contact, spans)])[0]
+            rz = precondition()
+            if rz is None:
+                rz = self._sum([_dot(r, z, contact, spans)])[0]
             _direction(d, z, d.dtype.type(rz / previous if previous else 0.0), contact, spans)
             operator.products += 1
             multiply(d, q)

@@ -39,6 +39,10 @@ def smooth(blocks):
     return blocks
 
 
+def size_of(*fields):
+    return np.prod([np.linalg.norm(field) for field in fields]) + 1e-300
+
+
 @each_shape
 @each_size
 @pytest.mark.parametrize(("dtype", "atol"), [(float, 1e-6), (np.float32, 1e-6)])
@@ -71,7 +75,10 @@ def test_with_the_steps_after_it_and_before_its_transpose_it_is_one_operator(sha
     extension.extend(extended)
     np.testing.assert_array_equal(extended[contact], r[contact])
     extension.restrict(restricted)
-    between.take_back(restricted)
+    product = between.take_back(r, restricted)
+    assert product == pytest.approx(
+        np.vdot(r, restricted * contact), rel=0, abs=1e-5 * size_of(r, restricted)
+    )
     size = np.linalg.norm(extended) * np.linalg.norm(b)
     assert np.vdot(extended, b) == pytest.approx(
         np.vdot(r, restricted * contact), rel=0, abs=1e-6 * size + 1e-300
