@@ -199,7 +199,7 @@ class Circulant:
 
 def _of_sum_zero(stencil):
     """The same with other neighbours, in proportion: it makes nothing of a constant."""
-    centre = stencil[1, 1]
-    scaled = stencil * (centre / (centre - stencil.sum()))
-    scaled[1, 1] = centre
+    middle = stencil[1, 1]
+    scaled = stencil * (middle / (middle - stencil.sum()))
+    scaled[1, 1] = middle
     return scaled
