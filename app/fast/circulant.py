@@ -31,6 +31,9 @@ from app.halfspace.periodic import influence_symbol
 
 _event = PETSc.Log.Event("CirculantPC")
 _FEWEST = 8  # blocks in a direction; on smaller grids they gain nothing
+_STRETCHED = (
+    1.75  # ratio of the sides of cells up to which a constant stays one; on others contact sets cycle
+)
 
 
 def _periodic_inverse(grid, compliance, slabs, comm, dtype, workspace, spectra):
@@ -101,7 +104,8 @@ class Circulant:
 
     B takes the residual for zero outside the contact set, which it is not; E extends it over the rim by k steps
     with the 3 x 3 centre of B (see `app.fast.rim`), from zero or, on a free patch where contact is scattered, from
-    means over blocks (`app.fast.between`): then the centre is taken so that a constant stays one.
+    means over blocks (`app.fast.between`): then the centre is taken so that a constant stays one, if cells are not
+    stretched.
 
     Options: ``-pc_circulant_extend k`` (default 0: E = 1), ``-pc_circulant_blocks cells`` (default 0: from zero).
     """
@@ -124,7 +128,9 @@ class Circulant:
             raise ValueError(f"-pc_circulant_blocks {blocks}: allowed: from 0, and 0 on periodic patches")
         if blocks and min(operator.grid.shape) >= _FEWEST * blocks:
             self.between = Between(operator.grid.shape, operator.slabs, operator.comm, blocks)
-        self._stencils = stencil, _of_sum_zero(stencil)
+        sides = operator.grid.dx, operator.grid.dy
+        square = max(sides) <= _STRETCHED * min(sides)
+        self._stencils = stencil, _of_sum_zero(stencil) if square else stencil
         self._scattered = False
         self.extension.set_stencil(stencil)
         self._contact = -1  # number of the set that the extension knows

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from running import solve
 
-from app import ContactProblem, Grid, Material
+from app import ContactProblem, ContactSolver, Grid, Material
 
 MATERIAL = Material.from_contact_modulus(1e5)
 GRID = Grid.from_domain(256, 256, (0.0, 1.0, 0.0, 1.0))
@@ -43,3 +43,16 @@ def test_levels_are_not_to_blame_for_cells_that_enter():
     found = solve(ContactProblem(GRID, MATERIAL, gap), None, "fast", 0.05)
     assert found.converged
     assert found.operator_applications < 15
+
+
+@pytest.mark.parametrize("aspect", [1.0, 1.7, 3.0, 10.0, 0.1])
+@pytest.mark.parametrize("loading", [{"mean_pressure": 1000.0}, {"approach": 5e-3}], ids=["load", "approach"])
+def test_fine_texture_on_a_part_of_a_flat_patch(aspect, loading):
+    """Residuals that alternate from cell to cell: contact sets came back for ever where cells were stretched."""
+    nx, ny = 300, 260
+    i, j = np.arange(nx), np.arange(ny)[:, None]
+    gap = np.where((i < nx // 3) & (j < ny // 3), (i + j) % 2, 1) * 1e-3
+    problem = ContactProblem(Grid(nx, ny, 1e-3, aspect * 1e-3), Material.combined(80000.0, 0.3), gap)
+    with ContactSolver(problem) as solver:
+        found = solver.solve(**loading)
+    assert found.converged and not found.fallbacks and found.operator_applications <= 40
