@@ -69,8 +69,7 @@ class FullContact:
                 return None
         with state.pressure as values:
             p = values.reshape(state.u.shape)
-            inverse = state.operator.exact_inverse
-            least = distance.least_mean_pressure = self._needed(inverse, distance, p)
+            least = self._find_needed(state.operator.exact_inverse, distance, p)
             if wanted is not None and wanted < least:
                 return None
             p += max(least, 0.0) if wanted is None else wanted
@@ -88,20 +87,24 @@ class FullContact:
         history.add(state, self, Update(grid.n, grid.n - before, 0, residual), 0)
         return Outcome(solved, FULL_CONTACT, 1, residual / distance.norm(), to_rounding=True)
 
-    def _needed(self, inverse, distance, p):
-        """Mean pressure that full contact needs on one grid; p becomes B (-h). Collective over all ranks."""
+    def _find_needed(self, inverse, distance, p):
+        """Mean pressure that full contact needs on a grid, known then; p becomes B (-h). Collective over all ranks."""
         if inverse is not None:
             inverse.apply(distance.b, p)
-        return -float(minimum_over(self.hierarchy.comm, [p.min(initial=np.inf)])[0])
+        lowest = minimum_over(self.hierarchy.comm, [p.min(initial=np.inf)])[0]
+        distance.least_mean_pressure = -float(lowest)
+        return distance.least_mean_pressure
 
     def _far(self, wanted):
         """Whether a coarser grid, if there is one, is far from full contact under a mean pressure. Collective."""
         if not self.level:
             return False
         number = max(self.level - _PROBED, 0)
-        operator = self.hierarchy.levels[number]
-        inverse = operator.inverse if operator.active else None
-        return wanted < _FAR * self._needed(inverse, self._distances[number], np.empty(operator.local_shape))
+        operator, distance = self.hierarchy.levels[number], self._distances[number]
+        if np.isinf(distance.least_mean_pressure):
+            inverse = operator.inverse if operator.active else None
+            self._find_needed(inverse, distance, np.empty(operator.local_shape))
+        return wanted < _FAR * distance.least_mean_pressure
 
     @staticmethod
     def _possible(state, loading, wanted):

@@ -91,9 +91,7 @@ class Outcome(NamedTuple):
     residual: float = 0.0  # ||r|| / ||h||, eq. (5.1)
     discretisation_error: float = float("nan")  # of the pressure (rms), relative, estimated from two grids
     grid_errors: GridErrors = UNKNOWN
-    fallbacks: int = (
-        0  # grids on which a fallback took over (safeguard, root search), this one and coarser ones
-    )
+    fallbacks: int = 0  # grids, this one and coarser, on which the safeguard or the root search took over
     to_rounding: bool = False  # the iteration has done what can be done
 
     def if_proved(self, bound, allowed):

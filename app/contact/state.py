@@ -185,7 +185,7 @@ class ContactState:
 
         Below the highest depth not all gaps can be closed.
         """
-        if not np.isfinite(self.highest) or self.sum([np.count_nonzero(self.contact)])[0] < self.grid.n:
+        if not np.isfinite(self.highest) or self.some_are_free():
             return
         tends = self._p + self.distance.b / (self.operator.diagonal or 1.0)
         least = self.minimum([tends.min(initial=np.inf)])[0]

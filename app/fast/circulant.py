@@ -31,9 +31,7 @@ from app.halfspace.periodic import influence_symbol
 
 _event = PETSc.Log.Event("CirculantPC")
 _FEWEST = 8  # blocks in a direction; on smaller grids they gain nothing
-_STRETCHED = (
-    1.75  # ratio of the sides of cells up to which a constant stays one; on others contact sets cycle
-)
+_STRETCHED = 1.75  # ratio of the sides of cells up to which a constant stays one; else contact sets cycle
 
 
 def _periodic_inverse(grid, compliance, slabs, comm, dtype, workspace, spectra):

@@ -154,7 +154,7 @@ class PrimalState:
         room = stencil.make_room(solver.guesses, shape[1])
         stencil.sweep_projected(force, *rows(force), lowest, *rows(lowest), weights, solver.guesses, x, room)
         loops.take(x, lowest, self.w, state.distance.b, state.contact)
-        if self.loading.prescribes_load and not state.sum([np.count_nonzero(state.contact)])[0]:
+        if self.loading.prescribes_load and not state.in_contact():
             self._touch()
         self._contact_changed(solver)
         change = self.w - before if exact else x

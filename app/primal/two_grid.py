@@ -17,9 +17,8 @@ from app.primal.operator import InverseOperator
 
 _event = PETSc.Log.Event("TwoGridPC")
 _CONSTANT = 12.0  # compliance of a constant, times E*, over the spacing of contact
-_BESIDE = (
-    5.0  # times the contact there is beside, and one: the square of by how much less long waves move there
-)
+# Long waves move less beside contact, by the root of one and so many times its share there.
+_BESIDE = 5.0
 _INTERVAL = 0.5, 1.4  # eigenvalues of the centre of B, over B_00, that the sweeps are to damp ...
 _HIGHEST = 0.9  # ... and of the highest one, where sweeps would let it grow: on few rows of long cells
 _NONE = np.empty((0, 0))
@@ -208,7 +207,9 @@ class _LongWaves:
         """x += what A on springs makes of `left` times a scale, on the free cells. Collective."""
         left = self._held * self._on_coarse()
         if self.operator.active:
-            self.operator.screened_product.apply(left, self._u)
+            product = self.operator.screened_product
+            product.apply(left, self._u)
+            PETSc.Log.logFlops(product.flops)
         self._u *= scale * self._held
         stencil.add_interpolated(self._with_neighbours(self._u), self._places, free, x, *self._rows)
 

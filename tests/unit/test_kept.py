@@ -117,7 +117,7 @@ def test_nor_where_the_last_release_moves_the_approach(monkeypatch, seed):
     ) as solver:
         for load in loads:
             assert solver.solve(load=load).converged
-    assert len(loads) <= len(products) <= len(loads) + 2
+    assert len(loads) <= len(products) <= len(loads) + 1
 
 
 def test_fields_of_all_cells_are_not_kept():

@@ -15,7 +15,7 @@ from app.primal.operator import InverseOperator
 from app.problems.surfaces import SelfAffineSurface
 
 MATERIAL = Material(1.0, 0.0)
-MOST = 32  # operator applications; measured: 7 to 30
+MOST = 30  # operator applications; measured: 7 to 30
 SURFACES = ["smooth", "self-affine", "white noise", "ties"]
 
 
@@ -337,7 +337,7 @@ def test_light_loads_on_peaks_alike(n):
             assert found.operator_applications < 40
 
 
-@pytest.mark.parametrize(("cut_off", "most"), [(1, 1.3), (2, 1.3), (0, 1.65)], ids=["one", "two", "noise"])
+@pytest.mark.parametrize(("cut_off", "most"), [(1, 1.3), (2, 1.25), (0, 1.65)], ids=["one", "two", "noise"])
 def test_light_loads_take_little_more_than_their_approach(cut_off, most):
     """Peaks of one cell, or two: each grid finds another approach, and few cells hold the bodies apart."""
     n = 128
