@@ -46,66 +46,69 @@ class Between:
     """
 
     def __init__(self, shape, slabs, comm, cells):
-        slabs = slabs or Slabs(shape[0])
-        self._comm, self._cells, self._first = comm, cells, slabs.rows.start
-        blocks = [-(-n // cells) for n in shape]
-        self._blocks, self._of_r, self._held, self._room = (np.zeros(blocks) for _ in range(4))
-        self._row = np.zeros(shape[1], np.float32)
+        first = (slabs or Slabs(shape[0])).rows.start
+        self._comm, self._cells = comm, cells
+        self._places = cells, first, np.zeros(shape[1], np.float32)  # a row to work in
+        self._shape = tuple(-(-n // cells) for n in shape)  # in blocks
+        self._of_r, self._held, self._room = (np.zeros(self._shape) for _ in range(3))
 
-    def set_contact(self, contact):
-        """Take over a contact set, ndarray of bool; return whether it is scattered. Collective."""
+    def set_contact(self, contact, r):
+        """Take over a contact set, ndarray of bool, and look at a residual on it; return whether C is scattered.
+
+        Collective.
+        """
         self._contact = contact
-        self._mean(contact)
-        scattered = (
-            np.count_nonzero((self._blocks > 0) & (self._blocks < 1)) >= _SCATTERED * self._blocks.size
-        )
-        _smooth(self._blocks, self._room)
-        np.divide(1.0, self._blocks + _LEAST, out=self._held)
-        return scattered
+        means = np.stack([self.means_here(contact), self.means_here(r)])
+        blocks, self._of_r = sum_over(self._comm, means)
+        partly = np.count_nonzero((blocks > 0) & (blocks < 1))
+        _smooth(blocks, self._room)
+        np.divide(1.0, blocks + _LEAST, out=self._held)
+        return partly >= _SCATTERED * blocks.size
+
+    def look_at(self, r):
+        """Find the means of the residual to be filled next. Collective."""
+        self._of_r = sum_over(self._comm, self.means_here(r))
+
+    def reduce(self, share, means):
+        """The residual is less by a share of q; `means`: `means_here` of q, over the ranks. Not collective."""
+        self._of_r -= share * means.reshape(self._shape)
+
+    def means_here(self, q):
+        """What the rows of this rank add to means over blocks of q, or of 0 outside C. Not collective."""
+        blocks = np.zeros(self._shape)
+        _add_up(q, self._contact, *self._places, blocks)
+        return blocks
 
     def fill(self, r, out):
-        """out = r on C, the mean of r around elsewhere; r and out, of float64 or float32, may be one. Collective."""
-        self._mean(r)
-        self._of_r[...] = self._blocks
-        _smooth(self._blocks, self._room)
-        self._blocks *= self._held
-        _fill(r, self._contact, self._blocks, self._cells, self._first, self._row, out)
+        """out = r on C, elsewhere the mean around, which is known; float64 or float32, may be one. Not collective."""
+        blocks = self._of_r.copy()
+        _smooth(blocks, self._room)
+        blocks *= self._held
+        _fill(r, self._contact, blocks, *self._places, out)
 
     def take_back(self, r, b):
         """Add to b on C what the transpose makes of b elsewhere; return r.b, r what was filled last. Collective.
 
         It costs no reduction of its own: means of r are known.
         """
-        self._blocks[...] = 0
-        places = self._contact, self._cells, self._first, self._row
-        product = self._over_ranks(_add_up_beside(r, b, *places, self._blocks))
-        self._blocks *= self._held
-        _smooth(self._blocks, self._room)
-        _take(self._blocks, *places, b)
-        return product + self._cells**2 * float(np.vdot(self._of_r, self._blocks))
-
-    def _mean(self, field):
-        """Means over blocks of a field that vanishes outside C. Collective."""
-        self._blocks[...] = 0
-        _add_up(field, self._cells, self._first, self._row, self._blocks)
-        self._over_ranks(0.0)
-
-    def _over_ranks(self, number):
-        """Sum blocks and a number over the ranks, and return that. Collective."""
-        if self._comm is None:
-            return number
-        *blocks, number = sum_over(self._comm, [*self._blocks.reshape(-1), number])
-        self._blocks.reshape(-1)[...] = blocks
-        return float(number)
+        blocks = np.zeros(self._shape)
+        product = _add_up_beside(r, b, self._contact, *self._places, blocks)
+        found = sum_over(self._comm, np.append(blocks, product))
+        blocks = found[:-1].reshape(self._shape) * self._held
+        _smooth(blocks, self._room)
+        _take(blocks, self._contact, *self._places, b)
+        return float(found[-1]) + self._cells**2 * float(np.vdot(self._of_r, blocks))
 
 
 # Blocks in a row of these share what is added up, or spread, over the columns: rows are gone through as they lie.
 
 
 @any_order
-def _add_row(field, total):
+def _add_row(field, contact, total):
+    zero = total.dtype.type(0)
     for i in range(total.size):
-        total[i] += field[i]
+        value = field[i]
+        total[i] += value if contact[i] else zero
 
 
 @njit()
@@ -116,13 +119,13 @@ def _into_blocks(row, cells, blocks):
 
 
 @njit()
-def _add_up(field, cells, first, row, blocks):
-    """Add to each block the mean of its cells here, of the rows from `first` on; `row`: room for one."""
+def _add_up(field, contact, cells, first, row, blocks):
+    """Add to each block the mean of a field on C over its cells here, of rows from `first` on; `row`: room for one."""
     ny = len(field)
     for j in range(ny):
         if j == 0 or (first + j) % cells == 0:
             row[:] = 0
-        _add_row(field[j], row)
+        _add_row(field[j], contact[j], row)
         if j == ny - 1 or (first + j + 1) % cells == 0:
             _into_blocks(row, cells, blocks[(first + j) // cells])
 
@@ -214,6 +217,6 @@ def _take(blocks, contact, cells, first, row, b):
 def load_between(dtype):
     """Load the compiled loops for fields of a type now, not in the first iteration. Not collective."""
     between, field = Between((3, 3), None, None, 2), np.zeros((3, 3), dtype)
-    between.set_contact(np.eye(3, dtype=bool))
+    between.set_contact(np.eye(3, dtype=bool), field)
     between.fill(field, field)
     between.take_back(field, field)

@@ -144,13 +144,16 @@ class Circulant:
             self.precondition(z, z)
             _copy_on(z, operator.mask, z)
 
-    def precondition(self, r, z):
+    def precondition(self, r, z, reduced=None):
         """Compute z = E^T B E r on C, whatever elsewhere. Collective.
 
         Parameters
         ----------
         r, z : ndarray of float64 or float32, shape `local_shape`
             May be one; r vanishes outside C.
+        reduced : (float, ndarray), optional
+            If r is that of the last call on this contact set less a share of q: the share, and what `wants_of` q was,
+            summed over the ranks. It saves a reduction.
 
         Returns
         -------
@@ -159,7 +162,7 @@ class Circulant:
         """
         with _event:
             PETSc.Log.logFlops(self.multiplier.flops)
-            self.extend(r, z)
+            self.extend(r, z, reduced)
             self.multiplier.apply(z, z, rows=self.extension.rows)
             self.extension.restrict(z)
             if not self._scattered:
@@ -167,22 +170,33 @@ class Circulant:
             product = self.between.take_back(r, z)
             return None if r is z else product
 
-    def extend(self, r, out=None):
-        """Continue a residual that is zero outside C over the rim, see `RimExtension.extend`. Collective."""
+    def wants_of(self, q):
+        """What `precondition` has to know, summed over the ranks, of that by which r is reduced. Not collective."""
+        return self.between.means_here(q) if self._scattered else ()
+
+    def extend(self, r, out=None, reduced=None):
+        """Continue a residual that is zero outside C over the rim, see `RimExtension.extend`. Collective.
+
+        `reduced`: see `precondition`.
+        """
         out = r if out is None else out
         if self._contact != self.operator.contact_number:
-            self._take_contact()
+            self._take_contact(r)
+        elif self._scattered and reduced:
+            self.between.reduce(*reduced)
+        elif self._scattered:
+            self.between.look_at(r)
         if self._scattered:
             self.between.fill(r, out)
             r = out
         self.extension.extend(r, out)
 
-    def _take_contact(self):
-        """Look at another contact set. Collective."""
+    def _take_contact(self, r):
+        """Look at another contact set, and a residual on it. Collective."""
         before, extension, between = self._scattered, self.extension, self.between
         self._contact = self.operator.contact_number
         extension.set_contact(self.operator.mask)
-        self._scattered = between is not None and between.set_contact(extension.contact)
+        self._scattered = between is not None and between.set_contact(extension.contact, r)
         if self._scattered != before:
             extension.set_stencil(self._stencils[self._scattered])
         if self._scattered:

@@ -207,27 +207,30 @@ class TrackingCG(KspContext):
     def solve(self, ksp, b, x):
         """Improve x."""
         operator, multiply = self._operator, self.multiply
-        precondition, r, z = self._preconditioner(ksp.getPC())
+        precondition, wants_of, r, z = self._preconditioner(ksp.getPC())
         contact, spans, q, change = operator.mask, self._spans, self.product, self.change
         d = self._room_for_d(z)
         norm = self._start(ksp, b, x, r)
         d[...] = change[...] = 0  # outside the new spans too
         squares, digits = norm**2, _DIGITS[r.dtype]
-        summed = squares
+        summed, reduced = squares, None
         iteration, max_it, previous = 0, ksp.getTolerances()[3], 0.0
         reason = self._report(ksp, 0, norm)
         while not reason and iteration < max_it:
-            rz = precondition()
+            rz = precondition(reduced)
             if rz is None:
                 rz = self._sum([_dot(r, z, contact, spans)])[0]
             _direction(d, z, d.dtype.type(rz / previous if previous else 0.0), contact, spans)
             operator.products += 1
             multiply(d, q)
-            dq, rd, qr, qq = self._sum(_dots(d, q, r, contact, spans))
+            numbers, wanted = _dots(d, q, r, contact, spans), wants_of(q)
+            found = self._sum(np.append(numbers, wanted) if len(wanted) else numbers)
+            (dq, rd, qr, qq), of_q = found[:4], found[4:]
             if not dq > 0:
                 reason = PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT
                 break
             alpha = rd / dq
+            reduced = alpha, of_q
             here = _advance(change, r, d, q, contact, spans, alpha)
             squares += alpha * (alpha * qq - 2 * qr)  # exactly, but for cancellation
             if not squares > digits * summed:
@@ -251,20 +254,23 @@ class TrackingCG(KspContext):
         return self._d
 
     def _preconditioner(self, pc):
-        """What computes z from r; r; z. In the operator's precision, if the PC has `precondition` for it, else Vecs."""
+        """What computes z from r, what it wants to know of q, r and z.
+
+        In the operator's precision, if the PC has `precondition` and `wants_of` as `Circulant` has, else Vecs.
+        """
         context = pc.getPythonContext() if pc.getType() == "python" else None
         precondition = getattr(context, "precondition", None)
         if self._r is None:
             self._r = np.zeros(self._operator.local_shape, self._operator.dtype if precondition else float)
         if precondition:
-            return partial(precondition, self._r, self.product), self._r, self.product
+            return partial(precondition, self._r, self.product), context.wants_of, self._r, self.product
         residual = vec_of(self._r, self._operator)
 
-        def apply():
+        def apply(_):
             residual.stateIncrease()
             pc.apply(residual, self._z)
 
-        return apply, self._r, self.work
+        return apply, lambda _: (), self._r, self.work
 
     def _start(self, ksp, b, x, r):
         """r = b - u; return its norm. Without `displacement` u is A x for the initial guess, and not kept."""

@@ -161,7 +161,7 @@ def test_an_interrupt_inside_petsc(tmp_path):
         PROBLEM
         + """
 from app.fast.circulant import Circulant
-def precondition(self, r, z):
+def precondition(self, r, z, reduced):
     raise KeyboardInterrupt
 Circulant.precondition = precondition
 solve(problem, approach=0.005)

@@ -58,10 +58,13 @@ def test_first_ranks_have_a_communicator_and_others_do_not(comm):
 @pytest.mark.parametrize("shared", [False, True])
 @pytest.mark.parametrize(("n", "levels"), [(48, 0), (192, 1), (324, 2)])
 @pytest.mark.parametrize("by_levels", [False, True])
+@pytest.mark.parametrize("scattered", [False, True])
 def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(
-    comm, n, levels, shared, by_levels
+    comm, n, levels, shared, by_levels, scattered
 ):
     """And two exchanges of rows with neighbours for the extension over the rim, two for each level with a stencil.
+
+    Means over blocks, where contact is scattered, are summed with CG's own numbers.
 
     The largest grid's product, if it is not by levels, is one in a box, whose images take a reduction of their own. In
     memory that ranks share an exchange sends nothing.
@@ -79,6 +82,7 @@ def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(
         "pc_type": "python",
         "pc_python_type": "app.fast.circulant.Circulant",
         "pc_circulant_extend": "3",
+        "pc_circulant_blocks": "16" if scattered else "0",
     }
     for steps in (1, 3):  # so few that the norm needs no summing anew
         with options_set({}, options | {"ksp_max_it": str(steps)}):
@@ -89,6 +93,8 @@ def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(
         b = solver.mat.createVecRight()
         operator.mask[...] = True
         operator.mask[:, 40:] = False
+        if scattered:
+            operator.mask[...] = np.logical_and.outer(*(np.arange(m) % 24 < 12 for m in operator.mask.shape))
         solver.set_contact()
         b.setArray(operator.mask.reshape(-1).astype(float))
         before = traffic.copy()

@@ -63,10 +63,10 @@ def test_so_do_means_over_blocks_that_ranks_share(comm, shape, block, cells):
     slabs = Slabs(shape[0], comm.size, comm.rank, block)
     alone, here = Between(shape, None, None, cells), Between(shape, slabs, comm, cells)
     contact, field = rng.random(shape) < 0.4, rng.normal(size=shape)
-    alone.set_contact(contact)
-    here.set_contact(contact[slabs.rows].copy())
     expected, found = np.empty(shape), np.empty((slabs.local, shape[1]))
     r = field * contact
+    alone.set_contact(contact, r)
+    here.set_contact(contact[slabs.rows].copy(), r[slabs.rows].copy())
     alone.fill(r, expected)
     here.fill(r[slabs.rows].copy(), found)
     np.testing.assert_allclose(found, expected[slabs.rows], rtol=0, atol=1e-6)

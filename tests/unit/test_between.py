@@ -20,9 +20,9 @@ def field(shape, dtype=float, seed=1):
     return np.random.default_rng(seed).normal(size=shape).astype(dtype)
 
 
-def made(contact, cells):
+def made(contact, cells, r):
     between = Between(contact.shape, None, None, cells)
-    between.set_contact(contact)
+    between.set_contact(contact, r)
     return between
 
 
@@ -49,7 +49,7 @@ def size_of(*fields):
 def test_it_is_the_mean_around_by_its_definition(shape, cells, dtype, atol):
     contact, r = contact_of(shape), field(shape, dtype)
     r *= contact
-    found, between = np.full_like(r, np.nan), made(contact, cells)
+    found, between = np.full_like(r, np.nan), made(contact, cells, r)
     between.fill(r, found)
     blocks = smooth(means(r, cells)) / (smooth(means(contact, cells)) + _LEAST)
     expected = np.kron(blocks, np.ones((cells, cells)))[: shape[0], : shape[1]]
@@ -65,11 +65,11 @@ def test_it_is_the_mean_around_by_its_definition(shape, cells, dtype, atol):
 def test_with_the_steps_after_it_and_before_its_transpose_it_is_one_operator(shape, cells, steps, share):
     """<E r, b> = <r, E^T b>."""
     contact = contact_of(shape, share)
-    between, extension = made(contact, cells), RimExtension(shape, None, None, steps)
+    r, b = field(shape) * contact, field(shape, seed=2)
+    between, extension = made(contact, cells, r), RimExtension(shape, None, None, steps)
     extension.set_stencil(STENCIL)
     extension.set_contact(contact)
     extension.leave_no_rows_out()
-    r, b = field(shape) * contact, field(shape, seed=2)
     extended, restricted = r.copy(), b.copy()
     between.fill(extended, extended)
     extension.extend(extended)
@@ -88,9 +88,8 @@ def test_with_the_steps_after_it_and_before_its_transpose_it_is_one_operator(sha
 def test_a_constant_goes_on_between_contacts_and_ends_away_from_them():
     contact = np.zeros((256, 256), bool)
     contact[:128:8, :128:8] = True
-    between = Between(contact.shape, None, None, 16)
-    assert between.set_contact(contact)
-    x = contact.astype(float)
+    between, x = Between(contact.shape, None, None, 16), contact.astype(float)
+    assert between.set_contact(contact, x)
     between.fill(x, x)
     share = 1 / 64
     np.testing.assert_allclose(x[40:88, 40:88][~contact[40:88, 40:88]], share / (share + _LEAST), rtol=1e-6)
@@ -100,4 +99,21 @@ def test_a_constant_goes_on_between_contacts_and_ends_away_from_them():
 def test_contact_in_one_area_is_not_scattered():
     contact = np.zeros((512, 512), bool)
     contact[80:420, 60:440] = True
-    assert not Between(contact.shape, None, None, 16).set_contact(contact)
+    assert not Between(contact.shape, None, None, 16).set_contact(contact, np.ones(contact.shape))
+
+
+@each_size
+def test_means_follow_a_residual_that_is_reduced(cells):
+    shape = (17, 26)
+    contact, r, q = (
+        contact_of(shape),
+        field(shape),
+        field(shape, seed=2),
+    )  # q is not looked at outside contact
+    between, (expected, found) = made(contact, cells, r * contact), np.empty((2, *shape))
+    less = (r - 0.3 * q) * contact
+    between.reduce(0.3, between.means_here(q))
+    between.fill(less, found)
+    between.look_at(less)
+    between.fill(less, expected)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)

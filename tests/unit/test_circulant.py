@@ -9,6 +9,7 @@ from app.fast.circulant import Circulant, circulant_of
 from app.fast.levels import circulant_inverse
 from app.fast.multilevel import MultilevelOperator
 from app.fast.symbol import eigenvalues, mean_eigenvalue
+from app.fast.tracking_cg import TrackingCG
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix, influence_quadrant
@@ -71,6 +72,50 @@ def test_so_it_is_with_means_over_blocks(steps):
         on_c = matrix[operator.mask.reshape(-1)]
         np.testing.assert_allclose(on_c, on_c.T, rtol=0, atol=1e-6 * abs(on_c).max())
         assert np.linalg.eigvalsh((on_c + on_c.T) / 2)[0] > 0
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_means_over_blocks_follow_the_residual_of_cg(monkeypatch, dtype):
+    """Known from what is summed anyway, they are those of the residual there is."""
+    grid, differences = Grid(64, 48, 1.0, 1.0), []
+    precondition = Circulant.precondition
+
+    def compare(self, r, z, reduced=None):
+        anew = np.empty_like(z)
+        precondition(self, r, z, reduced)
+        followed = self.between._of_r
+        precondition(self, r, anew)
+        self.between._of_r = followed
+        inside = self.operator.mask
+        differences.append(abs(z - anew)[inside].max() / abs(anew)[inside].max())
+
+    operator = InfluenceOperator(grid, STEEL, dtype=dtype)
+    operator.mask[...] = np.random.default_rng(4).random(grid.shape) < 0.3
+    operator.mask_changed()
+    mat = operator.mat(PETSc.COMM_SELF)
+    x, b = mat.createVecs()
+    b.setArray(np.random.default_rng(5).normal(size=grid.n))
+    ksp, choice = (
+        PETSc.KSP().create(PETSc.COMM_SELF),
+        {"pc_circulant_extend": "2", "pc_circulant_blocks": "4"},
+    )
+    with OptionDatabase(choice).active():
+        ksp.setOperators(mat)
+        ksp.setType(PETSc.KSP.Type.PYTHON)
+        ksp.setPythonContext(TrackingCG())
+        ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+        ksp.getPC().setType(PETSc.PC.Type.PYTHON)
+        ksp.getPC().setPythonContext(Circulant())
+        ksp.setTolerances(rtol=1e-4)
+        ksp.setUp()
+    monkeypatch.setattr(Circulant, "precondition", compare)
+    for _ in range(2):  # the second time from nothing that is left of the first
+        ksp.solve(b, x)
+    assert ksp.getConvergedReason() > 0
+    assert len(differences) > 10
+    assert max(differences) < 1e-5
+    for part in (ksp, mat, x, b):
+        part.destroy()
 
 
 @pytest.mark.parametrize(("periodic", "blocks"), [("", -1), ("spectral", 2)])
