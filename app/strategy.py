@@ -22,6 +22,7 @@ from app.fast.solver import TrackingSolver
 from app.halfspace import product
 from app.multigrid import direct, transfer
 from app.multigrid.hierarchy import Hierarchy
+from app.multigrid.kept import KeptSolvers, is_large
 from app.multigrid.linear_solver import LinearSolver
 from app.petsc import error_message
 from app.primal import solver as primal_solver
@@ -253,6 +254,17 @@ class Fast(Inexact):
 class Primal(Inexact):
     """``primal``, the default on periodic patches: around CarryingCG."""
 
+    def __init__(self, settings, hierarchy):
+        super().__init__(settings, hierarchy)
+
+        def make(number, operator):
+            return PrimalSolver(hierarchy, number, operator.petsc_comm)
+
+        self._kept = KeptSolvers(make, hierarchy, self.solver)
+        for number, level in enumerate(hierarchy.levels):  # now, not in the first solve
+            if level.active and not is_large(level.grid):
+                self._kept.solver(number, level)
+
     def _make_solver(self):
         return PrimalSolver(self._hierarchy)
 
@@ -265,8 +277,13 @@ class Primal(Inexact):
     def _solve(self, loading, history, start):
         nested, stop = self._settings.nested, self._inexact_stop()
         return primal_iteration(
-            self._hierarchy, self._distances, loading, stop, history, nested, self.solver, start=start
+            self._hierarchy, self._distances, loading, stop, history, nested, self._kept, start=start
         )
+
+    def destroy(self):
+        """See `Strategy.destroy`."""
+        self._kept.destroy()
+        super().destroy()
 
 
 class Reference(Strategy):

@@ -17,8 +17,8 @@ import numpy as np
 from mpi4py import MPI
 
 from app import ContactProblem, ContactSolver, Grid, Material
-from app.fast import solver as tracking
 from app.memory import doubles_per_cell
+from app.multigrid import kept
 
 
 def problem(n, periodic, ball=False):
@@ -60,7 +60,7 @@ if __name__ == "__main__":
     for option in (-1, -2, -3):  # M_TRIM_THRESHOLD, M_TOP_PAD, M_MMAP_THRESHOLD
         ctypes.CDLL(None).mallopt(option, 65536)
     n, word, *more = int(sys.argv[1]), *sys.argv[2:]
-    pressure, tracking.LARGEST_KEPT = more[0] if more else "50", 0
+    pressure, kept.LARGEST_KEPT = more[0] if more else "50", 0
     periodic, method = word.startswith("periodic:"), word.removeprefix("periodic:")
     for small in (32, 352):  # loads all there is to be loaded
         solve(small, method, periodic, pressure)

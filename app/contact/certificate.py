@@ -53,7 +53,7 @@ from app.halfspace.influence import influence_quadrant
 from app.halfspace.reductions import any_order, sums_and_minima
 
 _TRIALS = 12
-_NEGLIGIBLE = 1e-7  # error bound that is not worth a product to make smaller
+_NEGLIGIBLE = 1e-5  # error bound that is not worth a product to make smaller, if no smaller one is asked for
 _ROUNDING = 4.0  # times what a product is expected to lose
 _TRANSFORM = 50.0  # times the precision of B: so much of the largest w.Bw there is may be missing
 _LOAD = 1e-6  # of a prescribed load: so much may be missing
@@ -93,14 +93,17 @@ def certify(state):
     return estimate(state)
 
 
-def estimate(state):
-    """Certify the pressure as far as the displacement of `state` is that of the pressure. Collective; see `certify`."""
+def estimate(state, wanted=np.inf):
+    """Certify the pressure as far as the displacement of `state` is that of the pressure. Collective; see `certify`.
+
+    `wanted`: error bound that is asked for.
+    """
     if state.certificate is None:
-        state.certificate = _prove(state)
+        state.certificate = _prove(state, min(wanted, _NEGLIGIBLE))
     return state.certificate
 
 
-def _prove(state):
+def _prove(state, enough):
     b, u, p, admissible = state.distance.b, state.u, state.p, state.admissible
     grid = state.patch
     smallest = 2 * state.operator.compliance / np.hypot(1 / grid.dx, 1 / grid.dy)  # eigenvalue
@@ -110,7 +113,7 @@ def _prove(state):
     lift, penetration, deepest, tension, product, highest = (-lowest).tolist()
     of_u, energy, defect, to_p, moved, of_p = sums
     if state.grid.periodic:
-        gap, energy = _closing(state, energy)
+        gap, energy = _closing(state, energy, enough)
     else:
         lifted = defect + _lifting(state, lift, energy, penetrates)
         gap = float(min(lifted, to_p + moved / (2 * smallest)))  # either bound holds
@@ -147,8 +150,11 @@ def _norm(grid, compliance):
     return float(influence_quadrant(twice, compliance)[0, 0])
 
 
-def _closing(state, energy):
-    """Duality gap on a periodic patch, and p.Ap, at least what rounding leaves of it. Collective."""
+def _closing(state, energy, enough):
+    """Duality gap on a periodic patch, and p.Ap, at least what rounding leaves of it. Collective.
+
+    By a product with B, unless it is no more than what an error bound of `enough` asks for without.
+    """
     inverse, (inside, mean, _), n = state.operator.inverse, state.distance.statistics, state.grid.n
     diagonal = float(inverse.centre()[1, 1]) or 1.0
     fields = state.distance.b, state.u, state.p, state.admissible
@@ -165,7 +171,7 @@ def _closing(state, energy):
     moved = (*fields, diagonal, factor, constant, (factor - 1) * elsewhere + constant)
     most = inverse.norm() * state.sum([_move(*moved, field)[0]])[0] / 2
     rough = most
-    if gap + rough > _NEGLIGIBLE**2 * energy / 2:
+    if gap + rough > enough**2 * energy / 2:
         inverse.apply(field, field)
         rough = state.sum([_move(*moved, field)[1]])[0] / 2 + _TRANSFORM * np.finfo(inverse.dtype).eps * most
     return float(gap + rough), float(energy)

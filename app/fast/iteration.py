@@ -74,7 +74,7 @@ class InexactStop(StoppingTest):
         """
         if not self.final or IN_CONTACT * self.rtol <= ROUNDING:
             return True
-        return estimate(state).error_bound <= self.error_bound
+        return estimate(state, self.error_bound).error_bound <= self.error_bound
 
     def says_little(self, state, h_on_contact):
         """Whether (5.1) says little here, because ||h|| on C [mm] is below 1% of ||h||. Not collective.

@@ -1,4 +1,4 @@
-"""What is kept between solves: linear solvers of grids, small windows' operators with theirs, spectra of large windows.
+"""What is kept between solves: linear solvers, small windows' operators with theirs, spectra of large windows.
 
 What these depend on is the number and the size of their cells, not where a window lies. So another solve that looks
 through a window of the same shape, at another load or another gap, makes no spectra and no objects of PETSc's; and a
@@ -7,14 +7,15 @@ large window that is transformed by the same periods, as along a load path, make
 
 from __future__ import annotations
 
-from app.fast.solver import TrackingSolver, is_large
+from app.fast.solver import TrackingSolver
 from app.halfspace.fft.multiplier import Spectra
 from app.halfspace.operator import InfluenceOperator
 from app.multigrid.direct import DirectSolver
+from app.multigrid.kept import KeptSolvers, is_large
 
 
-class Kept:
-    """Linear solvers and operators of windows, of one hierarchy.
+class Kept(KeptSolvers):
+    """`KeptSolvers`, direct ones, and operators of windows, of one hierarchy.
 
     Parameters
     ----------
@@ -24,9 +25,11 @@ class Kept:
     """
 
     def __init__(self, hierarchy, target=None):
-        self._hierarchy = hierarchy
-        self._windows, self._solvers, self._spectra = {}, {}, {}
-        self._target, self._direct = target, {}
+        def make(number, operator):
+            return TrackingSolver(hierarchy, number, operator.petsc_comm, operator=operator)
+
+        super().__init__(make, hierarchy, target)
+        self._windows, self._spectra, self._direct = {}, {}, {}
 
     def window(self, place, grid, slabs, comm, verification=None):
         """Operator of a window, ready for another contact set. Collective over `comm`.
@@ -55,16 +58,6 @@ class Kept:
         kept.grid = grid
         return kept
 
-    def solver(self, number, operator):
-        """Linear solver of a level or of a window of it, made when first asked for. Collective over its ranks."""
-        if self._target is not None and operator is self._target.operator:
-            return self._target
-        if operator not in self._solvers:
-            self._solvers[operator] = TrackingSolver(
-                self._hierarchy, number, operator.petsc_comm, operator=operator
-            )
-        return self._solvers[operator]
-
     def direct(self, number, operator):
         """Direct solver of a level, made when first asked for. Not collective.
 
@@ -73,13 +66,6 @@ class Kept:
         if operator not in self._direct:
             self._direct[operator] = DirectSolver(operator, number)
         return self._direct[operator]
-
-    def release_solver(self, operator):
-        """Free the solver of a large grid or window, whose memory others need. Collective over its ranks."""
-        if is_large(operator.grid) and operator in self._solvers:
-            self._solvers.pop(operator).destroy()
-        elif self._target is not None and operator is self._target.operator:
-            self._target.rest()
 
     def close(self, operator):
         """Count what was computed in a window, and free it unless it is kept. Collective over its ranks."""
@@ -100,14 +86,13 @@ class Kept:
             operator.free_exact_product()
 
     def _free(self, operator):
-        if operator in self._solvers:
-            self._solvers.pop(operator).destroy()
+        self._free_solver(operator)
         operator.free()
 
     def destroy(self):
         """Free everything. Collective."""
-        for solver in (*self._solvers.values(), *self._direct.values()):
+        super().destroy()
+        for solver in self._direct.values():
             solver.destroy()
-        self._solvers.clear()
         self._windows.clear()
         self._spectra.clear()

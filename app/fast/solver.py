@@ -10,16 +10,10 @@ from app.contact import kernels
 from app.contact.state import Displacement
 from app.fast.levels import influence_of
 from app.fast.tracking_cg import TrackingCG, add
+from app.multigrid.kept import is_large
 from app.multigrid.linear_solver import LinearSolver
 
 _event = PETSc.Log.Event("InfluenceByLevels")
-
-LARGEST_KEPT = 256 * 256  # cells; what larger grids hold is no longer than it is needed
-
-
-def is_large(grid):
-    """Whether the memory of a grid or a window counts for more than what is made for it. Not collective."""
-    return grid.n > LARGEST_KEPT
 
 
 class Tension(NamedTuple):
@@ -105,10 +99,7 @@ class TrackingSolver(LinearSolver):
             PETSc.Log.logFlops(nearly.flops)
 
     def rest(self):
-        """Free what only the next contact set needs, if that is much: others need memory now. Not collective.
-
-        Who calls it computes u anew.
-        """
+        """See `LinearSolver.rest`. Who calls it computes u anew."""
         self._pending = False
         if self._large:
             self._cg.rest()

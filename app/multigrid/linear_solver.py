@@ -169,6 +169,9 @@ class LinearSolver:
         failed = reason < 0 and reason != PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
         return self.ksp.getIterationNumber(), _REASONS.get(reason, str(reason)) if failed else ""
 
+    def rest(self):
+        """Free what only the next contact set needs, if that is much: others need memory now. Not collective."""
+
     def destroy(self):
         """Free the KSP and what belongs to it. Collective."""
         self.ksp.destroy()

@@ -8,13 +8,12 @@ from app.contact.full_multigrid import pairs, route, tell
 from app.contact.grid_errors import estimated_errors, pressure_difference
 from app.contact.history import Outcome
 from app.contact.iteration import NO_CONTACT
-from app.contact.state import ContactState
+from app.contact.state import ContactState, Displacement
 from app.fast.nested import safeguarded
 from app.fast.progress import NeedsSafeguard
 from app.petsc import options_set
 from app.primal.iteration import accept, primal_active_set, verify
 from app.primal.operator import InverseOperator
-from app.primal.solver import PrimalSolver
 from app.primal.state import PrimalState
 
 # CG for pressures, with A's own inverse as preconditioner
@@ -26,15 +25,17 @@ _SAFEGUARD = {
 }
 
 
-def primal_iteration(hierarchy, distances, loading, stop, history, nested, target_solver=None, start=None):
+def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept, start=None):
     """Solve on the target grid of a periodic hierarchy, from the coarsest grid on.
 
     Collective. A grid is solved by the ranks that share it, and they tell those that join on the next.
 
     Parameters
     ----------
-    hierarchy, distances, loading, stop, history, nested, target_solver
-        See `app.fast.nested.nested_iteration`; the solver is a PrimalSolver.
+    hierarchy, distances, loading, stop, history, nested
+        See `app.fast.nested.nested_iteration`.
+    kept : KeptSolvers
+        Whose solvers are a `PrimalSolver`.
     start : Solution, optional
         On the target grid, to start from there: what is above it in the hierarchy is left out.
 
@@ -48,7 +49,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
         state = ContactState(hierarchy.target, distances[last])
         state.approach = loading.approach
         if state.first_touch() >= state.depth:  # rounding would look for a pressure in cells that just touch
-            history.start(state, target_solver)
+            history.start(state, kept.solver(last, hierarchy.target))
             state.start_from_interpenetration()
             return state, Outcome(True, NO_CONTACT)
         state.destroy()
@@ -56,13 +57,10 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
     stops = route(hierarchy, distances, loading, nested) if nested and start is None else [last]
     for number, following in pairs(stops):
         level, target = hierarchy.levels[number], number == last
-        state = ContactState(level, distances[number])
+        no_u = np.empty(level.local_shape)  # before `verify`
+        state = ContactState(level, distances[number], u=no_u, u_is=Displacement.STALE)
         if level.active:
-            solver = (
-                target_solver
-                if target and target_solver
-                else PrimalSolver(hierarchy, number, level.petsc_comm)
-            )
+            solver = kept.solver(number, level)
             primal = PrimalState(state, solver.inverse, loading)
             state.work = solver.scratch
         else:
@@ -83,8 +81,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, targe
         if level.active:
             test = stop if target else stop.for_coarse_grid()
             outcome = _solve_on(hierarchy, number, primal, solver, test, history).on_from(outcome)
-            if solver is not target_solver:
-                solver.destroy()
+            kept.release_solver(level)
             if not target:
                 numbers.append(primal.numbers())
                 loading.solved(numbers[-1].depth)

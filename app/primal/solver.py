@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from importlib import import_module
 
+import numpy as np
 from petsc4py import PETSc
 
 from app.halfspace.halo import Halo
+from app.halfspace.operator import vec_of
 from app.multigrid.linear_solver import LinearSolver
 from app.primal import cg, kernels, stencil
 from app.primal.cg import CarryingCG
@@ -44,6 +46,9 @@ class PrimalSolver(LinearSolver):
         super().__init__(hierarchy, number, comm, self.inverse)
         self.guesses = _GUESSES
         self.rows_beside = Halo(self.operator.slabs, self.operator.comm, self.guesses - 1)
+        # A right-hand side that is not touched: it costs no memory. PETSc may ask for its norm, and for that of zero
+        # takes the first residual's.
+        self._zero = vec_of(np.zeros(self.operator.local_shape), self.operator)
         warm_up(self.operator.dtype)
 
     def _make(self):
@@ -80,7 +85,7 @@ class PrimalSolver(LinearSolver):
             primal.balance()
         self.ksp.setInitialGuessNonzero(True)
         self._cg.pressure = primal.state.pressure
-        iterations, failure = self._run(primal.zero, primal.displacements, allowed)
+        iterations, failure = self._run(self._zero, primal.displacements, allowed)
         self._cg.pressure = None  # not for longer than the state
         if self.preconditioner.constrained and self.preconditioner.multiplier:
             # p + mean pressure = 0 on the free cells, as far as M can tell.
@@ -89,6 +94,11 @@ class PrimalSolver(LinearSolver):
 
     def _enough(self, allowed):
         return None if self._own_atol else allowed
+
+    def destroy(self):
+        """See `LinearSolver.destroy`."""
+        self._zero.destroy()
+        super().destroy()
 
 
 def _prepare(hierarchy):

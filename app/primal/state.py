@@ -29,6 +29,7 @@ class PrimalState:
     Attributes
     ----------
     w : ndarray, shape (local rows, nx), [mm]
+        To be set first of all.
     displacements : Vec
         The same.
     """
@@ -36,10 +37,8 @@ class PrimalState:
     def __init__(self, state, inverse, loading):
         self.state, self.inverse, self.loading = state, inverse, loading
         state.depth = 0.0
-        self.w = np.zeros(inverse.local_shape)
+        self.w = np.empty(inverse.local_shape)
         self.displacements = PETSc.Vec().createWithArray(self.w.reshape(-1), comm=inverse.petsc_comm)
-        # A right-hand side that nobody looks at, nor touches: it costs no memory.
-        self.zero = PETSc.Vec().createWithArray(np.zeros(self.w.size), comm=inverse.petsc_comm)
         self._captured = np.zeros(inverse.local_shape, bool)
         grid = state.grid
         self.cells = grid.n
@@ -232,6 +231,5 @@ class PrimalState:
         self.state.u_is = Displacement.STALE
 
     def destroy(self):
-        """Free the vectors. Collective."""
+        """Free the vector. Collective."""
         self.displacements.destroy()
-        self.zero.destroy()

@@ -10,10 +10,10 @@ from mpi4py import MPI
 from running import assert_solves_lcp, solve
 
 from app import ContactProblem
-from app.fast import solver as tracking
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.influence import Material
 from app.halfspace.window import Scatter, Window, bounding_boxes
+from app.multigrid import kept
 from app.multigrid.hierarchy import Hierarchy
 
 each_number_of_ranks = pytest.mark.mpi(1, 2, 3, 5)
@@ -63,8 +63,8 @@ def test_memory_that_is_let_go_changes_nothing(comm, load):
     wavy = ContactProblem(
         grid, Material(80000.0, 0.3), lambda x, y: (x**2 + y**2) / 2 + 1e-3 * np.cos(40 * x) * np.cos(31 * y)
     )
-    for largest in (tracking.LARGEST_KEPT, 0):
-        with mock.patch.object(tracking, "LARGEST_KEPT", largest):
+    for largest in (kept.LARGEST_KEPT, 0):
+        with mock.patch.object(kept, "LARGEST_KEPT", largest):
             solutions.append(solve(wavy, None, "fast", load, comm))
     for field in ("pressure", "displacement", "contact"):
         one, other = (getattr(solution, field) for solution in solutions)

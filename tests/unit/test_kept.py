@@ -11,13 +11,14 @@ import pytest
 from cases import hertz, punch
 
 from app import ContactProblem, ContactSolver, Grid, Listener, Material, SelfAffineSurface
-from app.fast import solver as tracking
 from app.fast.circulant import circulant_of
 from app.fast.levels import influence_of
 from app.fast.solver import TrackingSolver
 from app.fast.verification_product import VerificationProduct
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.operator import InfluenceOperator
+from app.multigrid import kept
+from app.multigrid.linear_solver import LinearSolver
 
 MAKES = re.compile(r"^(Vec|Mat|KSP|PC|IS)\.(create|duplicate|setFromOptions)|\.set_kernel$|\.set_spectrum$")
 
@@ -67,7 +68,7 @@ def test_windows_elsewhere_and_of_other_sizes(made):
 
 
 def test_of_large_windows_spectra_are_kept_and_nothing_else(made, monkeypatch):
-    monkeypatch.setattr(tracking, "LARGEST_KEPT", 0)
+    monkeypatch.setattr(kept, "LARGEST_KEPT", 0)
     with ContactSolver(bowl(160)) as solver:
         solver.solve(approach=0.3)
         made.clear()
@@ -187,7 +188,7 @@ def test_nobody_works_in_what_is_lent():
 
 @pytest.mark.parametrize("more", [-1, 0, 1])
 def test_only_a_large_target_gives_back_what_it_does_not_need(more):
-    assert tracking.is_large(SimpleNamespace(n=tracking.LARGEST_KEPT + more)) == (more > 0)
+    assert kept.is_large(SimpleNamespace(n=kept.LARGEST_KEPT + more)) == (more > 0)
 
 
 @pytest.mark.parametrize("holes_first", [False, True])
@@ -233,3 +234,18 @@ def test_what_was_interrupted_is_not_counted_with_the_next_solve(kind):
             solver.solve(**{kind: value})
         again = solver.solve(**{kind: value})
     assert again.operator_applications == pytest.approx(alone.operator_applications, rel=1e-12)
+
+
+def test_a_periodic_patch_has_its_solvers_before_the_first_solve(monkeypatch):
+    made, plain = [], LinearSolver.__init__
+    monkeypatch.setattr(
+        LinearSolver, "__init__", lambda self, *a, **named: (made.append(self), plain(self, *a, **named))[1]
+    )
+    grid = Grid.from_domain(64, 64, (-1, 1, -1, 1))
+    problem = ContactProblem(grid, Material.combined(1.0, 0.0), bowl(64).gap, periodic=True)
+    with ContactSolver(problem) as solver:
+        assert len(made) == len(solver.hierarchy.levels)
+        made.clear()
+        first, second = (solver.solve(load=0.01) for _ in range(2))
+        assert not made
+        np.testing.assert_array_equal(first.pressure, second.pressure)

@@ -11,11 +11,12 @@ from mpi4py import MPI
 from operators import DOUBLE, PERIODIC, STEEL, matrix_of, random_field
 
 from app import ContactProblem, ContactSolver, Material
-from app.contact.certificate import certify
+from app.contact.certificate import certify, estimate
 from app.contact.distance import UndeformedDistance
 from app.contact.state import ContactState
 from app.errors import InputError
 from app.halfspace import influence
+from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Grid
 from app.halfspace.influence import influence_quadrant
 from app.halfspace.operator import InfluenceOperator
@@ -223,12 +224,35 @@ def test_certificate_bounds_the_error_of_any_pressure(seed, holes):
 
 
 def certified(problem, approach, p):
+    return certify(pressed(problem, approach, p))
+
+
+def pressed(problem, approach, p):
     operator = InfluenceOperator(problem.grid, problem.material.compliance)
     state = ContactState(operator, UndeformedDistance(operator, problem.gap))
     state.approach = approach
     state.pressure.setArray(p.ravel())
     state.compute_displacement()
-    return certify(state)
+    return state
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_bound_that_is_small_enough_costs_no_product(seed, monkeypatch):
+    problem = periodic.rough(9, 8, seed)
+    approach = 0.9 * problem.gap.mean()
+    exact, _ = periodic.by_pivoting(problem, approach)
+    p = exact * (1 + 1e-7 * np.random.default_rng(seed).normal(size=exact.shape))
+    applied, plain = [], EvenMultiplier.apply
+    monkeypatch.setattr(
+        EvenMultiplier, "apply", lambda *given, **named: (applied.append(0), plain(*given, **named))[1]
+    )
+    bounds = []
+    for wanted, products in ((np.inf, 0), (1e-5, 0), (1e-9, 1)):
+        state = pressed(problem, approach, p)
+        applied.clear()
+        bounds.append(estimate(state, wanted).error_bound)
+        assert len(applied) == products
+    assert bounds[0] == bounds[1] > bounds[2]
 
 
 def test_certificate_with_nothing_but_holes_and_contact():

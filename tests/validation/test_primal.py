@@ -337,8 +337,8 @@ def test_light_loads_on_peaks_alike(n):
             assert found.operator_applications < 40
 
 
-@pytest.mark.parametrize(("cut_off", "most"), [(1, 1.3), (2, 1.25), (0, 1.65)], ids=["one", "two", "noise"])
-def test_light_loads_take_little_more_than_their_approach(cut_off, most):
+@pytest.mark.parametrize(("cut_off", "more"), [(1, 11), (2, 9), (0, 25.3)], ids=["one", "two", "noise"])
+def test_light_loads_take_little_more_than_their_approach(cut_off, more):
     """Peaks of one cell, or two: each grid finds another approach, and few cells hold the bodies apart."""
     n = 128
     grid = Grid(n, n, 1 / n, 1 / n)
@@ -352,7 +352,8 @@ def test_light_loads_take_little_more_than_their_approach(cut_off, most):
         by_approach = [solver.solve(approach=found.approach) for found in by_load]
     assert all(found.converged and not found.fallbacks for found in by_load + by_approach)
     taken, there = (sum(f.operator_applications for f in found) for found in (by_load, by_approach))
-    assert taken <= most * there
+    assert taken <= there + more
+    assert there <= 37
 
 
 def test_an_interrupted_solve_leaves_a_solver_that_solves(monkeypatch):

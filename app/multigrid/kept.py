@@ -1,0 +1,54 @@
+"""Linear solvers that are kept from one solve to the next: those of small grids, and of the target."""
+
+from __future__ import annotations
+
+LARGEST_KEPT = 256 * 256  # cells; what larger grids hold is no longer than it is needed
+
+
+def is_large(grid):
+    """Whether the memory of a grid or a window counts for more than what is made for it. Not collective."""
+    return grid.n > LARGEST_KEPT
+
+
+class KeptSolvers:
+    """Linear solvers of one hierarchy.
+
+    Parameters
+    ----------
+    make : callable
+        ``make(number, operator)`` makes the one of an operator on a level.
+    hierarchy : Hierarchy
+    target : LinearSolver or None
+        Of the target grid, if there is one; its owner frees it.
+    """
+
+    def __init__(self, make, hierarchy, target=None):
+        self._make, self._hierarchy, self._target, self._solvers = make, hierarchy, target, {}
+
+    def solver(self, number, operator):
+        """Linear solver of a level or of a window of it, made when first asked for. Collective over its ranks."""
+        if self._is_of_target(operator):
+            return self._target
+        if operator not in self._solvers:
+            self._solvers[operator] = self._make(number, operator)
+        return self._solvers[operator]
+
+    def release_solver(self, operator):
+        """Free the solver of a large grid or window, whose memory others need. Collective over its ranks."""
+        if self._is_of_target(operator):
+            self._target.rest()
+        elif is_large(operator.grid):
+            self._free_solver(operator)
+
+    def _is_of_target(self, operator):
+        return self._target is not None and operator is self._hierarchy.target
+
+    def _free_solver(self, operator):
+        if operator in self._solvers:
+            self._solvers.pop(operator).destroy()
+
+    def destroy(self):
+        """Free them. Collective."""
+        for solver in self._solvers.values():
+            solver.destroy()
+        self._solvers.clear()
