@@ -45,18 +45,16 @@ def primal_active_set(primal, solver, stop, history):
     NeedsSafeguard
         If it makes no progress.
     """
-    state, best, fewest, since = primal.state, float("inf"), float("inf"), 0
-    aim = _SURE  # share of the residual allowed that is asked of the solver
-    doubted = False  # whether a verification has failed
+    state, progress = primal.state, _Progress()
     solver.begin(primal.loading)
     primal.start(exact=stop.final)
-    allowed = allowed_gap(primal, stop)
+    accuracy = _Accuracy(allowed_gap(primal, stop), stop.rtol)
     history.start(state, solver)
     primal.guess(solver)
     for k in range(1, stop.max_it + 1):
-        goal = aim * allowed * np.sqrt(primal.cells)
+        goal, slight = accuracy.aim * np.sqrt(primal.cells), _SLIGHT * accuracy.aim
         its, failure, norm = solver.improve(primal, goal)  # 2. and 3. p = 0 on the free cells, a little
-        near, slight = norm <= goal * (1 + 1e-6), _SLIGHT * aim * allowed
+        near = norm <= goal * (1 + 1e-6)
         # 4. p < 0 leaves C, e < 0 enters
         update = primal.exchange(solver, -slight / solver.preconditioner.weights[0], -slight, norm)
         history.add(state, solver, update, its)
@@ -65,39 +63,114 @@ def primal_active_set(primal, solver, stop, history):
             raise NeedsSafeguard(Outcome(False, wrong, k, residual))
         if near and not stop.final and update.changed <= _LOOSE * primal.cells:
             return Outcome(True, CONVERGED, k, residual)
-        if near and not update.changed:  # 5. and 6. by a product in double precision
-            kept = state.contact.copy()
-            verified = verify(primal, solver.scratch)
-            error, share = float("inf"), _LOWER
-            if verified is not None:
-                residual = verified.residual / state.distance.norm()
-                error = verified.residual / np.sqrt(max(verified.cells, 1))
-                share = min(0.5, _DOUBT * allowed / error) if error > 0 else 0.5
-            if error <= allowed:
-                accept(primal, solver.scratch)
-                if stop.certified(state):
-                    return Outcome(True, CONVERGED, k, residual)
-            # Not yet: aim lower, by as much as the product says that the carried residual was too small.
-            reached, lowest = min(1.0, norm / goal) * aim, ROUNDING / stop.rtol
-            if verified is None and aim <= lowest:
+        if near and not update.changed:
+            solved, found = _is_solved(primal, solver, stop, accuracy, norm)  # 5. and 6.
+            residual = found.residual / state.distance.norm() if found else residual
+            if solved:
+                return Outcome(True, CONVERGED, k, residual)
+            if accuracy.exhausted:
                 raise NeedsSafeguard(Outcome(False, _NO_PRESSURE, k, residual))
-            aim = max(share * reached, lowest)
-            state.contact[...] = kept  # the free cells are as before
-            state.depth = 0.0
-            # The second time, or for the certificate: what is carried along may have become inaccurate.
-            if error <= allowed or doubted:
-                primal.restore_mean(solver)
-                primal.refresh(exact=True)
-            doubted = True
         elif update.added:
             primal.close(solver)
-        since += 1
-        if not norm or norm < 0.5 * best or update.changed < fewest:
-            best = min(norm or best, best)  # 0: nothing is free
-            fewest, since = min(update.changed, fewest), 0
-        if since >= PATIENCE:
+        progress.after(norm, update.changed)
+        if progress.stalls:
             raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
+
+
+class _Accuracy:
+    """How small an error the solver is to aim at, by its preconditioned residual, for one that is small enough.
+
+    Parameters
+    ----------
+    allowed : float
+        Root mean square error of the gap that is small enough [mm].
+    rtol : float
+        What it was made from.
+
+    Attributes
+    ----------
+    aim : float
+        [mm].
+    doubted : bool
+        A verification has failed.
+    exhausted : bool
+        One has, though no smaller error can be aimed at.
+    """
+
+    def __init__(self, allowed, rtol):
+        self.allowed, self.aim, self._lowest = allowed, _SURE * allowed, ROUNDING / rtol * allowed
+        self.doubted = self.exhausted = False
+
+    def lower(self, reached, error):
+        """Aim lower, by as much as a verification says that the residual was too small.
+
+        Parameters
+        ----------
+        reached : float
+            Error by the residual [mm].
+        error : float or None
+            By the verification [mm]; None: it found no pressure.
+        """
+        self.exhausted = error is None and self.aim <= self._lowest
+        share = _LOWER if error is None else 0.5
+        if error:
+            share = min(share, _DOUBT * self.allowed / error)
+        self.aim = max(share * min(self.aim, reached), self._lowest)
+        self.doubted = True
+
+
+class _Progress:
+    """Whether the residual is halved, or fewer cells change, from time to time. Not collective."""
+
+    def __init__(self):
+        self._best = self._fewest = float("inf")
+        self._since = 0
+
+    def after(self, norm, changed):
+        """Hear of an iteration: the residual [mm], 0 if nothing is free, and the cells that changed."""
+        self._since += 1
+        if not norm or norm < 0.5 * self._best or changed < self._fewest:
+            self._best, self._fewest, self._since = (
+                min(norm or self._best, self._best),
+                min(changed, self._fewest),
+                0,
+            )
+
+    @property
+    def stalls(self):
+        """Whether there is none."""
+        return self._since >= PATIENCE
+
+
+def _is_solved(primal, solver, stop, accuracy, norm):
+    """Steps 5 and 6, where the residual of the solver says so. If it is not, all is as before, and the aim lower.
+
+    Collective.
+
+    Returns
+    -------
+    bool
+    Update or None
+        What `verify` has found.
+    """
+    state = primal.state
+    kept = state.contact.copy()
+    found = verify(primal, solver.scratch)
+    error = found and found.residual / np.sqrt(max(found.cells, 1))
+    passed = found is not None and error <= accuracy.allowed
+    if passed:
+        accept(primal, solver.scratch)
+        if stop.certified(state):
+            return True, found
+    state.contact[...] = kept  # the free cells are as before
+    state.depth = 0.0
+    # The second time, or for the certificate: what is carried along may have become inaccurate.
+    if passed or accuracy.doubted:
+        primal.restore_mean(solver)
+        primal.refresh(exact=True)
+    accuracy.lower(norm / np.sqrt(primal.cells), error)
+    return False, found
 
 
 def allowed_gap(primal, stop):
