@@ -146,7 +146,7 @@ class ContactSolver:
             check_alike(self.comm, (grid.shape, grid.periodic, sizes, chosen), "grid, material or options")
             self._team = team_for(self.comm, grid, chosen)
             self._resources.add(self._team)
-            self.settings, self.touching = self._team.told(self._prepare)
+            self.settings, self.touching = self._team.call(self._prepare)
         except BaseException:
             self.close()
             raise
@@ -245,7 +245,7 @@ class ContactSolver:
         given = {"approach": approach, "load": load, "mean_pressure": mean_pressure, "mean_gap": mean_gap}
         ending.share(self._outer_comm)
         check_alike(self.comm, (given, start is None), "loading or start")
-        solution = self._team.told(self._solve, given, start, summary=Solution.without_rows)
+        solution = self._team.call(self._solve, given, start, summary=Solution.without_rows)
         if solution.comm is not self._outer_comm:  # the summary
             solution = solution.without_rows(self._outer_comm)
         for listener in self.listeners:
@@ -306,7 +306,7 @@ class ContactSolver:
         """Refuse a loading that `solve` would refuse; solve nothing. Collective."""
         self._refuse_if_closed()
         check_alike(self.comm, loading, "loading")
-        self._team.told(self._loading, loading, summary=lambda _: None)
+        self._team.call(self._loading, loading, summary=lambda _: None)
 
     @one_at_a_time
     def update(self, problem):
@@ -323,7 +323,7 @@ class ContactSolver:
             raise InputError("problem: needed: a ContactProblem of the solver's grid and material")
         self.problem = problem
         try:
-            self.touching = self._team.told(self._measure_shapes)
+            self.touching = self._team.call(self._measure_shapes)
         except BaseException:
             self.problem = before
             raise
@@ -361,7 +361,7 @@ class ContactSolver:
             with self._database.active():
                 return contact_stiffness(self.hierarchy, self._distances[-1], solution.contact)
 
-        return self._team.told(solve)
+        return self._team.call(solve)
 
     def _refuse_if_closed(self):
         if not self._finalizer.alive:

@@ -109,9 +109,13 @@ def inexact_active_set(state, solver, loading, stop, history):
     progress, rehearsed = Progress(norm), False  # rehearsed: the last verification, and it did not pass
     for k in range(1, stop.max_it + 1):
         allowed, done, computed = stop.allowed(state, h_on_contact), False, False
-        levels_may_leave, by_levels = max(allowed, 0.5 * progress.told), solver.by_levels
+        levels_may_leave, by_levels = max(allowed, 0.5 * progress.by_product), solver.by_levels
         # On coarse grids what levels leave is no worse than the grid itself.
-        goal = max(allowed, stop.defect_correction * progress.told) if stop.final and by_levels else allowed
+        goal = (
+            max(allowed, stop.defect_correction * progress.by_product)
+            if stop.final and by_levels
+            else allowed
+        )
         solver.set_contact()  # 2. (2.11) on C^k
         its, failure, norm = solver.improve(state, goal, norm)  # 3. a little
         tension = solver.tension(state) if norm <= allowed else None
@@ -139,7 +143,7 @@ def inexact_active_set(state, solver, loading, stop, history):
             expected = solver.predict(state, stop.predictor) if norm > allowed else None
             update = state.activate_penetrating(expected)  # (4.b)
         if computed and by_levels:
-            progress.tell(update.residual)
+            progress.after_product(update.residual)
             solver.by_levels &= not progress.stalls_by_products
         history.add(state, solver, update, its)
         h_on_contact, cells, norm = update.h_on_contact, max(update.cells, 1), update.residual
@@ -150,7 +154,7 @@ def inexact_active_set(state, solver, loading, stop, history):
             return Outcome(True, CONVERGED, k, residual)
         if done or too_loose:
             stop = stop.tighter()
-        progress.hear(update.residual)
+        progress.after_iteration(update.residual)
         if progress.stalls:
             raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)

@@ -23,24 +23,24 @@ class Progress:
 
     Attributes
     ----------
-    told : float
-        By the last product, which is right whatever multiplies in between [mm].
+    by_product : float
+        Norm by the last product, which is right whatever multiplies in between [mm].
     """
 
     def __init__(self, norm):
-        self.told = self._least_told = norm
+        self.by_product = self._least_by_product = norm
         self._products = self._iterations = 0  # since the residual was halved
         self._best = float("inf")
 
-    def tell(self, norm):
-        """Hear what a product tells of the residual [mm]."""
-        self._best = max(self.told, norm)  # more where a load has let cells in
-        self.told, self._products = norm, self._products + 1
-        if norm <= 0.5 * self._least_told:
-            self._least_told, self._products = norm, 0
+    def after_product(self, norm):
+        """Take note of what a product tells of the residual [mm]."""
+        self._best = max(self.by_product, norm)  # more where a load has let cells in
+        self.by_product, self._products = norm, self._products + 1
+        if norm <= 0.5 * self._least_by_product:
+            self._least_by_product, self._products = norm, 0
 
-    def hear(self, norm):
-        """Hear of the residual after an iteration [mm]."""
+    def after_iteration(self, norm):
+        """Take note of the residual after an iteration [mm]."""
         self._iterations += 1
         if norm <= 0.5 * self._best:
             self._best, self._iterations = norm, 0

@@ -203,7 +203,7 @@ class Team:
             if everybody.rank == 0 or self.comm is None:
                 self._told = everybody.of([0, *range(size, everybody.size)])
 
-    def told(self, function, *arguments, summary=lambda result: result):
+    def call(self, function, *arguments, summary=lambda result: result):
         """Let the first ranks call a function; the others get a summary of what rank 0 got.
 
         Collective; `function` over the first ranks. What goes wrong on rank 0 is raised on the others, too.

@@ -89,7 +89,7 @@ def team_for(comm, grid, settings):
     comm.shares_memory = settings.shared_memory
     team = Team(comm, worth_solving(grid, comm, settings.cells_per_rank))
     try:
-        team.told(check_room, team.comm, grid, settings)
+        team.call(check_room, team.comm, grid, settings)
     except InputError:
         if team.comm is comm:
             raise

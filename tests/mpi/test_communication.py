@@ -285,8 +285,8 @@ def test_what_fails_in_a_team_is_heard_by_those_who_wait_and_keeps_nobody(comm):
 
     for error, heard in ((InputError, InputError), (ZeroDivisionError, FailedElsewhere)):
         with pytest.raises(error if comm.rank < 2 else heard, match="this one"):
-            team.told(fail, error, 0, 1)
+            team.call(fail, error, 0, 1)
         with pytest.raises(error, match="this one") if comm.rank == 1 else nullcontext():
-            assert team.told(fail, error, 1) == (comm.rank if comm.rank < 2 else 0)
+            assert team.call(fail, error, 1) == (comm.rank if comm.rank < 2 else 0)
     team.destroy()
     everybody.Free()
