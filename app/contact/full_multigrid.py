@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 
+from app.contact.grid_errors import estimated_errors
 from app.contact.iteration import active_set_or_search
 from app.contact.state import ContactState, Displacement
 from app.multigrid.direct import DirectSolver, solves_directly
@@ -36,7 +37,7 @@ def full_multigrid(
     beta : float
         (4.1).
     prolong : callable, optional
-        ``prolong(transfer, coarse_state, state) -> bool``, in place of step 2 and (4.1) where it returns true.
+        See `prolongate`.
     target_solver : LinearSolver, optional
         Of the target grid, if there is one already.
 
@@ -45,37 +46,102 @@ def full_multigrid(
     ContactState, Outcome
         On the target grid.
     """
-    last = len(hierarchy.levels) - 1
-    coarse = outcome = None
-    for number, following in pairs(route(hierarchy, distances, loading, nested)):
-        level, target = hierarchy.levels[number], number == last
+    visits, coarse = Visits(hierarchy, distances, loading, nested), None
+    for number in visits:
+        level = hierarchy.levels[number]
         state = ContactState(level, distances[number])
         if coarse is not None:
             state.depth = loading.predict(coarse.depth)
             if nested:
-                transfer = hierarchy.transfers[number]
-                transfer.interpolate(coarse.u, state.u)  # Sec. 4.3, 2: u bilinear
-                state.u_is = Displacement.STALE
-                if not (prolong and prolong(transfer, coarse, state)):
-                    copy_prolongation(transfer, coarse, state, beta)
+                prolongate(hierarchy.transfers[number], coarse, state, beta, prolong)
             else:
                 state.start_from_interpenetration()
             coarse.destroy()
         if level.active:
-            solver = target_solver if target else None
+            solver = target_solver if visits.at_target else None
             solver = solver or solver_on(hierarchy, number, coarse is None)
             # (3.b): until the contact area is unchanged, and on the target grid (5.1)
-            test = stop if target else stop.for_coarse_grid()
+            test = stop if visits.at_target else stop.for_coarse_grid()
             solve = partial(active_set_or_search, state, solver, stop=test, history=history)
             # Sec. 4.3, 1: the coarsest grid, directly if it is small; Sec. 4.3, 3 and 4: the others, to the target
             found = loading.first_solve(state, solve) if coarse is None else solve(loading)
-            outcome = found.on_from(outcome)
-            loading.solved(state.depth)
+            visits.solved(found, state.depth)
             if solver is not target_solver:
                 solver.destroy()
-        [outcome] = tell(hierarchy, following, state, loading, outcome)
+        visits.leave(state)
         coarse = state
-    return state, outcome
+    return state, visits.outcome
+
+
+class Visits:
+    """The levels that a nested iteration goes through, from coarse to fine, and what is found on the way.
+
+    Iterate over it for their numbers. What is found, ranks that share a grid know; when it is left they tell those
+    that join on the next. Collective.
+
+    Parameters
+    ----------
+    hierarchy, distances, loading, nested
+        See `full_multigrid`.
+    only_target : bool
+        Leave out all others.
+
+    Attributes
+    ----------
+    at_target : bool
+        Whether this is the last one.
+    outcome : Outcome or None
+        Of the grid solved last; fallbacks of all.
+    grid_numbers : list of GridNumbers
+        Of the grids left behind, from coarse to fine, if whoever solves adds them.
+    """
+
+    def __init__(self, hierarchy, distances, loading, nested, only_target=False):
+        self._hierarchy, self._loading = hierarchy, loading
+        self._last = len(hierarchy.levels) - 1
+        self._route = [self._last] if only_target else route(hierarchy, distances, loading, nested)
+        self.outcome, self.grid_numbers, self.at_target = None, [], False
+
+    def __iter__(self):
+        for number, following in itertools.pairwise([*self._route, self._last]):
+            self._next, self.at_target = following, number == self._last
+            yield number
+
+    def solved(self, outcome, depth):
+        """Take note of the outcome on a grid, and of its depth [mm]. Not collective."""
+        self.outcome = outcome.on_from(self.outcome)
+        self._loading.solved(depth)
+
+    def leave(self, state, found=None):
+        """Go on to the next grid.
+
+        Collective.
+
+        Parameters
+        ----------
+        state : ContactState
+            On the grid solved, or a window of it. Gets its depth on ranks that had no part in it.
+        found : any
+            More that the ranks of the grid know.
+
+        Returns
+        -------
+        any
+            That, on all ranks of the next grid.
+        """
+        if not self._hierarchy.joined(state.operator, self._next):
+            return found
+        known = state.depth, self._loading.known, self.outcome, self.grid_numbers, found
+        depth, loading, self.outcome, self.grid_numbers, found = self._hierarchy.comm.bcast(known)
+        if not state.operator.active:
+            self._loading.known, state.depth = loading, depth
+        return found
+
+    def result(self, state, difference=float("nan")):
+        """Return the outcome with what grids tell of errors, `difference` that of the pressures. Collective."""
+        loading = self._loading
+        errors = estimated_errors(self.grid_numbers, state, self._hierarchy.comm, loading.prescribes_load)
+        return self.outcome._replace(discretisation_error=difference, grid_errors=errors)
 
 
 def route(hierarchy, distances, loading, nested):
@@ -93,9 +159,15 @@ def route(hierarchy, distances, loading, nested):
     return [*small[-1:], last] if loading.prescribes_load else [last]
 
 
-def pairs(numbers):
-    """Each number and the next one, the last and itself. Not collective."""
-    return itertools.pairwise([*numbers, numbers[-1]])
+def prolongate(transfer, coarse, state, beta, prolong=None):
+    """Sec. 4.3, 2 and (3.a): u bilinear, then C and p by ``prolong(transfer, coarse, state)``, or if false by copy.
+
+    Collective.
+    """
+    transfer.interpolate(coarse.u, state.u)
+    state.u_is = Displacement.STALE
+    if not (prolong and prolong(transfer, coarse, state)):
+        copy_prolongation(transfer, coarse, state, beta)
 
 
 def copy_prolongation(transfer, coarse, state, beta):
@@ -115,31 +187,3 @@ def solver_on(hierarchy, number, coarsest=False):
     if coarsest and number < len(hierarchy.levels) - 1 and solves_directly(operator):
         return DirectSolver(operator, number)
     return LinearSolver(hierarchy, number, operator.petsc_comm)
-
-
-def tell(hierarchy, following, state, loading, *facts):
-    """Give what is known after a grid to the ranks that join on the next one. Collective.
-
-    Parameters
-    ----------
-    hierarchy : Hierarchy
-    following : int
-        Number of the level of that.
-    state : ContactState
-        On the grid solved, or a window of it: gets its depth.
-    loading : PrescribedApproach or PrescribedLoad
-        Gets what was found out about it.
-    *facts
-        More that the ranks of the grid know.
-
-    Returns
-    -------
-    tuple
-        These.
-    """
-    if hierarchy.joined(state.operator, following):
-        depth, known, facts = hierarchy.comm.bcast((state.depth, loading.known, facts))
-        if not state.operator.active:
-            loading.known = known
-            state.depth = depth
-    return facts

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from functools import partial
 
-from app.contact.full_multigrid import copy_prolongation, pairs, route, tell
-from app.contact.grid_errors import estimated_errors, numbers_on, pressure_difference
+from app.contact.full_multigrid import Visits, prolongate
+from app.contact.grid_errors import numbers_on, pressure_difference
 from app.contact.iteration import active_set, search_load
-from app.contact.state import Displacement
 from app.contact.stopping import StoppingTest
 from app.fast.iteration import inexact_active_set
 from app.fast.lift import lift
@@ -44,17 +43,16 @@ def nested_iteration(
     ContactState, Outcome
         On the target grid.
     """
-    last, comm = len(hierarchy.levels) - 1, hierarchy.comm
-    coarse = outcome = found = None
-    difference, numbers = float("nan"), []
-    for number, following in pairs(route(hierarchy, distances, loading, nested)):
-        target = number == last
-        stage = Stage(hierarchy, kept, number, distances[number], coarse if nested else None, found)
-        state, first = stage.state, coarse is None
+    visits, comm = Visits(hierarchy, distances, loading, nested), hierarchy.comm
+    coarse = boxes = None
+    difference = float("nan")
+    for number in visits:
+        stage = Stage(hierarchy, kept, number, distances[number], coarse if nested else None, boxes)
+        state, first, target = stage.state, coarse is None, visits.at_target
         if not first:
             state.depth = loading.predict(coarse.depth)
             if nested:
-                _prolong(stage, beta, lifted)
+                prolongate(stage.transfer, stage.coarse, state, beta, lift if lifted else None)
                 coarse_pressure, stage.coarse = stage.coarse.p, None
             else:
                 state.start_from_interpenetration()
@@ -63,27 +61,24 @@ def nested_iteration(
         if state.operator.active:
             test = stop if target else stop.for_coarse_grid()
             solved = solve_on(hierarchy, number, state, loading, test, history, first, kept)
-            outcome = solved.on_from(outcome)
-            loading.solved(state.depth)
+            visits.solved(solved, state.depth)
             if not target:
-                found = stage.boxes_for_next(coarse_minimum, loading.predict(state.depth))
-                numbers.append(numbers_on(state, state.comm))
+                boxes = stage.boxes_for_next(coarse_minimum, loading.predict(state.depth))
+                visits.grid_numbers += [numbers_on(state, state.comm)] * nested
         stage.end_verification()
-        facts = outcome, found, numbers
-        outcome, found, numbers = tell(hierarchy, following, state, loading, *facts)
+        boxes = visits.leave(state, boxes)
         if nested and target and not first:
             difference = pressure_difference(comm, stage.transfer, coarse_pressure, state)
         stage.close()
         if target and stage.windowed:
             coarse = None  # the window's arrays go
-            state, complete = stage.on_all_cells(outcome.converged)
+            state, complete = stage.on_all_cells(visits.outcome.converged)
             if not complete:
                 rest = solve_on(hierarchy, number, state, loading, stop, history, False, kept)
-                outcome = rest.after(outcome)
-    return state, outcome._replace(
-        discretisation_error=difference if stop.coarse_rtol <= _TELLING * difference else float("nan"),
-        grid_errors=estimated_errors(numbers if nested else (), state, comm, loading.prescribes_load),
-    )
+                visits.outcome = rest.after(visits.outcome)
+    if stop.coarse_rtol > _TELLING * difference:
+        difference = float("nan")
+    return state, visits.result(state, difference)
 
 
 def solve_on(hierarchy, number, state, loading, stop, history, first, kept):
@@ -123,12 +118,3 @@ def safeguarded(hierarchy, number, state, loading, stop, history):
             outcome = projected_newton(state, solver, stop, history)
         solver.destroy()
     return outcome._replace(fallbacks=outcome.fallbacks + 1)
-
-
-def _prolong(stage, beta, lifted):
-    """Contact set, pressure and displacement from the coarser grid. Collective."""
-    transfer, coarse, state = stage.transfer, stage.coarse, stage.state
-    transfer.interpolate(coarse.u, state.u)
-    state.u_is = Displacement.STALE
-    if not (lifted and lift(transfer, coarse, state)):
-        copy_prolongation(transfer, coarse, state, beta)

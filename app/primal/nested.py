@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.contact.full_multigrid import pairs, route, tell
-from app.contact.grid_errors import estimated_errors, pressure_difference
+from app.contact.full_multigrid import Visits
+from app.contact.grid_errors import pressure_difference
 from app.contact.history import Outcome
 from app.contact.iteration import NO_CONTACT
 from app.contact.state import ContactState, Displacement
@@ -53,10 +53,10 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
             state.start_from_interpenetration()
             return state, Outcome(True, NO_CONTACT)
         state.destroy()
-    coarse, coarse_pressure, outcome, difference, numbers = None, None, None, float("nan"), []
-    stops = route(hierarchy, distances, loading, nested) if nested and start is None else [last]
-    for number, following in pairs(stops):
-        level, target = hierarchy.levels[number], number == last
+    visits = Visits(hierarchy, distances, loading, nested, only_target=not nested or start is not None)
+    coarse, coarse_pressure, difference = None, None, float("nan")
+    for number in visits:
+        level, coarser = hierarchy.levels[number], visits.grid_numbers
         no_u = np.empty(level.local_shape)  # before `verify`
         state = ContactState(level, distances[number], u=no_u, u_is=Displacement.STALE)
         if level.active:
@@ -72,27 +72,25 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
         else:
             primal.mean_pressure = coarse.mean_pressure
             hierarchy.transfers[number].interpolate(coarse.w, primal.w)
-            if numbers:  # else there are no rows here yet
-                primal.move_on(numbers[-1].depth, loading.predict(numbers[-1].depth))
+            if coarser:  # else there are no rows here yet
+                primal.move_on(coarser[-1].depth, loading.predict(coarser[-1].depth))
             coarse_pressure = coarse.state.p
             coarse.state.destroy()
             coarse.destroy()
             coarse = None
         if level.active:
-            test = stop if target else stop.for_coarse_grid()
-            outcome = _solve_on(hierarchy, number, primal, solver, test, history).on_from(outcome)
+            test = stop if visits.at_target else stop.for_coarse_grid()
+            outcome = _solve_on(hierarchy, number, primal, solver, test, history)
             kept.release_solver(level)
-            if not target:
-                numbers.append(primal.numbers())
-                loading.solved(numbers[-1].depth)
-        facts = outcome, primal.mean_pressure, numbers
-        outcome, primal.mean_pressure, numbers = tell(hierarchy, following, state, loading, *facts)
-        if target and coarse_pressure is not None:
+            found = primal.numbers()
+            visits.solved(outcome, found.depth)
+            visits.grid_numbers += [found] * (not visits.at_target)
+        primal.mean_pressure = visits.leave(state, primal.mean_pressure)
+        if visits.at_target and coarse_pressure is not None:
             difference = pressure_difference(comm, hierarchy.transfers[number], coarse_pressure, state)
         coarse = primal
     primal.destroy()
-    errors = estimated_errors(numbers, state, comm, loading.prescribes_load)
-    return state, outcome._replace(discretisation_error=difference, grid_errors=errors)
+    return state, visits.result(state, difference)
 
 
 def _solve_on(hierarchy, number, primal, solver, stop, history):
