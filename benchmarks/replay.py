@@ -29,7 +29,7 @@ import numpy as np
 from mpi4py import MPI
 
 from app import ContactProblem, ContactSolver, Grid
-from app.fast import nested
+from app.contact.full_multigrid import Visits
 from app.fast.multilevel import MultilevelOperator
 from app.fast.verification_product import VerificationProduct
 from app.halfspace import ranks as sharing
@@ -140,9 +140,10 @@ def recording():
                     return
         events.append(("row", field.shape[1] * field.itemsize))
 
-    def told(found, hierarchy, following, state, *_):
-        level = hierarchy.levels[following]
-        if hierarchy.joined(state.operator, following):
+    def told(found, visits, state, *_):
+        hierarchy = visits.hierarchy
+        level = hierarchy.levels[visits.following]
+        if hierarchy.joined(state.operator, visits.following):
             events.pop()
         wide = ALL if hierarchy.windowed(level) else level.slabs.key
         events.append(("told", state.operator.slabs.key, wide))
@@ -184,7 +185,7 @@ def recording():
         wrap(EvenMultiplier, "apply", before=multiplied)
         wrap(EvenMultiplier, "set_kernel", before=set_kernel)
         wrap(MultilevelOperator, "apply", before=by_stencils)
-        wrap(nested, "tell", after=told)
+        wrap(Visits, "leave", after=told)
         for name in ("apply", "end"):  # ranks outside of the window are called, and let go
             wrap(VerificationProduct, name, before=lambda v, *_: events.append(("told", v._inner.key, ALL)))
         yield events

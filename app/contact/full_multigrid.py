@@ -88,6 +88,8 @@ class Visits:
 
     Attributes
     ----------
+    following : int
+        Number of the level after this one.
     at_target : bool
         Whether this is the last one.
     outcome : Outcome or None
@@ -97,14 +99,14 @@ class Visits:
     """
 
     def __init__(self, hierarchy, distances, loading, nested, only_target=False):
-        self._hierarchy, self._loading = hierarchy, loading
+        self.hierarchy, self._loading = hierarchy, loading
         self._last = len(hierarchy.levels) - 1
         self._route = [self._last] if only_target else route(hierarchy, distances, loading, nested)
         self.outcome, self.grid_numbers, self.at_target = None, [], False
 
     def __iter__(self):
         for number, following in itertools.pairwise([*self._route, self._last]):
-            self._next, self.at_target = following, number == self._last
+            self.following, self.at_target = following, number == self._last
             yield number
 
     def solved(self, outcome, depth):
@@ -129,10 +131,10 @@ class Visits:
         any
             That, on all ranks of the next grid.
         """
-        if not self._hierarchy.joined(state.operator, self._next):
+        if not self.hierarchy.joined(state.operator, self.following):
             return found
         known = state.depth, self._loading.known, self.outcome, self.grid_numbers, found
-        depth, loading, self.outcome, self.grid_numbers, found = self._hierarchy.comm.bcast(known)
+        depth, loading, self.outcome, self.grid_numbers, found = self.hierarchy.comm.bcast(known)
         if not state.operator.active:
             self._loading.known, state.depth = loading, depth
         return found
@@ -140,7 +142,7 @@ class Visits:
     def result(self, state, difference=float("nan")):
         """Return the outcome with what grids tell of errors, `difference` that of the pressures. Collective."""
         loading = self._loading
-        errors = estimated_errors(self.grid_numbers, state, self._hierarchy.comm, loading.prescribes_load)
+        errors = estimated_errors(self.grid_numbers, state, self.hierarchy.comm, loading.prescribes_load)
         return self.outcome._replace(discretisation_error=difference, grid_errors=errors)
 
 
