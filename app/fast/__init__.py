@@ -43,7 +43,7 @@ defect correction    -lcp_defect_correction 0   16.3
 lift                 -lcp_prolongation copy     10.3
 predictor            -lcp_predictor 0           9.0
 between contacts     -pc_circulant_blocks 0     9.9; most where contact is scattered
-rim extension        -pc_circulant_extend 0     12.0 (and neither of these)
+rim extension        -pc_circulant_extend 0     12.0, with the two devices above switched off, too
 loose coarse grids   -lcp_coarse_rtol 1e-6      9.5
 windows              -lcp_window 0              9.0; most where contact is small in its patch
 single precision     -lcp_precision double      8.4; half the time of a product

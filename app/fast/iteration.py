@@ -1,6 +1,6 @@
 """The active set iteration of the default method: contact sets solved a little, u = A p carried along.
 
-The same steps as `app.contact.iteration.active_set`, with five differences:
+The same steps as `app.contact.iteration.active_set`, with six differences:
 
 - *Inexact sets.* Each system is solved until its residual is smaller by the forcing term (``-ksp_rtol``) only.
 - *Carried displacement.* u follows p by its changes, which are multiplied by levels (`app.fast.levels`), nearly by A.
@@ -8,6 +8,9 @@ The same steps as `app.contact.iteration.active_set`, with five differences:
 - *Predictor.* Far from the solution cells enter C by the displacement to be expected when the residual is gone.
 - *Verification.* Nothing counts as solved before a product in double precision has said so. Where that is dear it is
   rehearsed: the same steps by the carried displacement, which costs nothing, must pass first.
+
+- *Coarse grids are left early*: when the residual is small enough for one, next to no pressure is negative and a load
+  is nearly met, though the contact set may still change.
 
 Where it makes no progress it gives up (`NeedsSafeguard`), and `app.fast.safeguard` takes over.
 """
@@ -57,7 +60,8 @@ class InexactStop(StoppingTest):
     def allowed(self, state, h_on_contact=None):
         """Largest norm of r on C that passes [mm]. Collective, unless ||h|| on C is given [mm].
 
-        On the target grid (5.1), and 100 rtol ||h|| on C; on coarser ones coarse_rtol times the smaller of these ||h||.
+        On the target grid (5.1), and 100 rtol ||h|| on C; on coarser ones coarse_rtol times the smaller of these ||h||;
+        where h vanishes on C, rtol ||h|| on any grid.
         """
         whole = state.distance.norm()
         h_on_contact = state.on_contact()[0] if h_on_contact is None else h_on_contact
@@ -88,7 +92,10 @@ class InexactStop(StoppingTest):
         return replace(self, rtol=0.1 * self.rtol)
 
     def for_coarse_grid(self):
-        """See `StoppingTest.for_coarse_grid`."""
+        """On the way to the target grid coarse_rtol is enough, and the contact set may change. Not collective.
+
+        Sec. 4.3, 3.b asks for the opposite.
+        """
         return replace(self, final=False)
 
 

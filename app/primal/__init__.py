@@ -30,7 +30,8 @@ On each grid, from the coarsest to the target (`nested`):
    the Lagrange multiplier.
 6. *Safeguard.* Where it makes no progress, that of `app.fast` takes over, in terms of pressures.
 
-Full contact is tried before all that: `app.contact.full_contact`.
+Full contact is tried before all that, where it is likely, else where no cell is free afterwards:
+`app.contact.full_contact`.
 
 The contact set is that of the paper, so is the acceptance (5.1), with the deviation of h from its mean for ||h|| and
 counted over C: it does not depend on the approach, nor on how much of the patch is in contact.
