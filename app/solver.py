@@ -29,7 +29,6 @@ from app.contact.extent import measure_extent
 from app.contact.history import History
 from app.contact.loading import LOADINGS, PrescribedApproach, prescribe
 from app.errors import InputError, agree, check_alike, warn_caller
-from app.fast.circulant import circulant_of
 from app.halfspace.communication import Communicator
 from app.halfspace.influence import influence_quadrant
 from app.halfspace.reductions import minimum_over
@@ -176,10 +175,7 @@ class ContactSolver:
         self._strategy = make_strategy(hierarchy, chosen)
         self._resources.add(self._strategy)
         self._strategy.warm_up()
-        if chosen.lifted:
-            for operator in hierarchy.levels:
-                if not hierarchy.windowed(operator):
-                    circulant_of(operator)
+        self._strategy.prepare()
 
     def _measure_shapes(self):
         """Undeformed distance on all grids."""
@@ -200,7 +196,7 @@ class ContactSolver:
         roughness = measures.measure_roughness(hierarchy.target, distances[-1], target)
         before, self._distances = self._distances, distances  # which are complete
         self.touching, self._roughness = reference, roughness
-        self._strategy.measured(distances, coarse_minimum)
+        self._strategy.use_distances(distances, coarse_minimum)
         for distance in distances:
             self._resources.add(distance)
         for distance in before:

@@ -78,7 +78,14 @@ class Strategy:
 
             gauss_seidel.warm_up()
 
-    def measured(self, distances, coarse_minimum):
+    def prepare(self):
+        """Make now what the first solve would make of the grids alone. Collective."""
+        if self._settings.lifted:
+            for operator in self._hierarchy.levels:
+                if not self._hierarchy.may_be_windowed(operator):
+                    circulant.circulant_of(operator)
+
+    def use_distances(self, distances, coarse_minimum):
         """Solve for these undeformed distances from now on. Not collective.
 
         Parameters
@@ -215,7 +222,7 @@ class Fast(Inexact):
 
     def _make_solver(self):
         hierarchy = self._hierarchy
-        if not hierarchy.windowed(hierarchy.target):
+        if not hierarchy.may_be_windowed(hierarchy.target):
             return TrackingSolver(hierarchy)
         level = hierarchy.levels[hierarchy.finest_whole]  # the options are tried there
         if level.active:

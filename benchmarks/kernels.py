@@ -54,7 +54,7 @@ def main():
     low, of_low = p.astype(np.float32), u.astype(np.float32)
     measure("product32", partial(product.apply, low, of_low))
     measure("levels32", partial(influence_by_levels(grid, *shared, np.float32).apply, low, of_low))
-    circulant = circulant_inverse(grid, compliance, slabs, comm, exact=False)
+    circulant = circulant_inverse(grid, compliance, slabs, comm, apart=True)
     measure("circulant", partial(circulant.apply, p, u))
     sweeps = GaussSeidel(quadrant, grid.shape, slabs, comm)
     rough = WavySurface((48, 40), 0.95, 1.0, 7, (20.0, 12.0), (-10.0, -6.0)).height(grid.x(), grid.y())

@@ -145,7 +145,7 @@ def recording():
         level = hierarchy.levels[visits.following]
         if hierarchy.joined(state.operator, visits.following):
             events.pop()
-        wide = ALL if hierarchy.windowed(level) else level.slabs.key
+        wide = ALL if hierarchy.may_be_windowed(level) else level.slabs.key
         events.append(("told", state.operator.slabs.key, wide))
         return found
 

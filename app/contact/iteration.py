@@ -78,7 +78,7 @@ def active_set_or_search(state, solver, loading, stop, history):
     if outcome.converged:
         return outcome
     state.start_from_interpenetration()
-    tight = replace(stop, rtol=stop.rtol / 4)  # what is settled then must still pass
+    tight = stop.tighter(0.25)  # what is settled then must still pass
 
     def solve(approach):
         return active_set(state, solver, approach, tight, history)
@@ -107,10 +107,10 @@ def begin(state, solver, loading, history):
     """
     loading.begin(state)
     history.start(state, solver)
-    touches = state.in_contact()
+    touches = state.any_in_contact()
     if not touches:
         state.start_from_interpenetration()
-        touches = state.in_contact()
+        touches = state.any_in_contact()
     if state.u_is is Displacement.STALE:
         state.compute_displacement()
     return touches

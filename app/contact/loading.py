@@ -3,13 +3,14 @@
 The load F(delta) = dx dy sum(p) of the solved problem increases with the approach; its slope is S = dx dy sum(q) with
 ``A q = 1`` on C. On the first grid a bracketing root search meets the load and leaves a secant for the slope. From
 there on every active set iteration moves the approach by what the load will lack over the slope, as soon as that is
-more than the residual may be to blame for (Newton's method). In the end a factor to p and u = A p makes the load exact.
+more than the residual may be to blame for (Newton's method). In the end the load is made exact (`settle`).
 
 Where that does not converge, the root search over solved problems does on any grid: F is monotone.
 
 When what is called: on the first grid of all `first_solve`, or `resume` from a solution; on each grid `begin`, in each
 active set iteration `update`, between u = A p and (4.b), and on the target, when (5.1) holds, `settle`; after a grid
 `solved`, and before the next one `predict`. `known` is told to ranks that join. `search` is for where this fails.
+`app.primal` calls `predict` and `solved` only.
 """
 
 from __future__ import annotations
@@ -23,10 +24,11 @@ from app.contact.history import Outcome
 from app.errors import InputError
 from app.options import LARGEST
 
-# A secant counts if the approach moved by so many residuals; so much may the slope change at once.
-TRUSTED = 3.0
+_TELLING = 3.0  # rms residuals that the approach has to move by for a secant to count
+_AT_ONCE = 3.0  # factor by which the slope may change at once
+_OVER_LEAST = 3.0  # times the least stiffness there can be is the largest slope that is believed
 _NEARLY = 0.9  # of the mean slope, that rounding makes of it where a contact set has not changed
-BLAMED = 0.25  # of the rms residual: by so much the approach that the load asks for may be wrong
+_BLAMED = 0.25  # of the rms residual: by so much the approach that the load asks for may be wrong
 LOADINGS = {"approach": "mm", "load": "N", "mean_pressure": "N/mm2", "mean_gap": "mm"}
 ROUNDING = 1e-12  # of an approach, for full contact
 _SECANTS = 2  # meet a load as a rule; scipy.optimize, for the rest, takes as long to load as a small solve
@@ -175,7 +177,7 @@ class PrescribedLoad:
         state.start_from_interpenetration()
         for _ in range(3):
             state.depth = touching + beyond
-            _, mean, cells, _ = state.gap_on_contact()
+            _, mean, cells, _ = state.gap_on_contact_or_overlap()
             borne = -mean * stiffness * sqrt(cells / state.grid.n)
             if not borne > 0:  # too little for the digits of the depth
                 break
@@ -190,7 +192,7 @@ class PrescribedLoad:
         for a punch to 2 for a cone: as of a sphere.
         """
         state.depth = touching = state.first_touch()
-        beyond = state.mean_in_contact()
+        beyond = state.mean_gap_on_contact()
         if load > 0 and beyond > 0:
             self.slope = 1.5 * load / beyond
             state.depth = touching + beyond * (self.load / load) ** (2 / 3)
@@ -229,7 +231,7 @@ class PrescribedLoad:
 
         The mean gap left in contact tells what the load will be at this approach when the system is solved.
         """
-        rms, mean, cells, load = state.gap_on_contact()
+        rms, mean, cells, load = state.gap_on_contact_or_overlap()
         if not cells:
             state.first_contact()
         depth, expected = state.depth, load - self.slope * mean
@@ -238,16 +240,16 @@ class PrescribedLoad:
         mean_slope = expected / beyond if beyond > 0 else 0.0
         if self._before:
             moved = depth - self._before[0]
-            if abs(moved) > TRUSTED * rms:
+            if abs(moved) > _TELLING * rms:
                 slope = (expected - self._before[1]) / moved
                 if slope >= _NEARLY * mean_slope:
-                    self.slope = min(max(slope, self.slope / TRUSTED), TRUSTED * self.slope)
+                    self.slope = min(max(slope, self.slope / _AT_ONCE), _AT_ONCE * self.slope)
             self._before = None
         self.slope = max(self.slope, mean_slope)
         if least := least_stiffness(state):
-            self.slope = min(max(self.slope, least), TRUSTED * least)
+            self.slope = min(max(self.slope, least), _OVER_LEAST * least)
         lacks = (self.load - expected) / self.slope
-        if abs(lacks) <= BLAMED * rms:
+        if abs(lacks) <= _BLAMED * rms:
             return 0.0
         # Towards full contact the slope grows without bound; before first touch there is no load.
         there, lowest = min(depth + lacks, (depth + state.highest) / 2), state.distance.lowest
@@ -256,7 +258,9 @@ class PrescribedLoad:
         return abs(state.depth - depth)
 
     def settle(self, state, update):
-        """Make the load exact by a factor, and the approach what the gap in contact then says. Collective; u is A p.
+        """Make the load exact, and the approach what the gap in contact then says. Collective; u is A p.
+
+        By a factor; on a periodic patch by a constant on C; where there is no pressure, evenly over C.
 
         Returns
         -------
@@ -272,7 +276,7 @@ class PrescribedLoad:
             state.spread(self.load)
         else:
             return update._replace(added=1)  # there must be contact: go on
-        state.depth += state.gap_on_contact()[1]
+        state.depth += state.gap_on_contact_or_overlap()[1]
         return state.activate_penetrating().after(update)
 
 

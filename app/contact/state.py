@@ -166,8 +166,8 @@ class ContactState:
         """Smallest of each of some numbers over the ranks. Collective."""
         return minimum_over(self.comm, values)
 
-    def in_contact(self):
-        """Whether any cell is in the contact set. Collective."""
+    def any_in_contact(self):
+        """Whether any cell is in contact. Collective."""
         return self.sum([any_nonzero(self.contact)])[0] > 0
 
     def some_are_free(self):
@@ -198,14 +198,14 @@ class ContactState:
         """Number of cells in the contact set, 1 at least. Collective."""
         return max(self.sum([np.count_nonzero(self.contact)])[0], 1.0)
 
-    def on_contact(self):
+    def norms_on_contact(self):
         """||h||_2 and ||h + u||_2 over C [mm], and the cells of C, 1 at least. Collective."""
         b, contact = self.distance.b, self.contact
         squares = kernels.sum_squares(b, 0.0, contact), kernels.gap_on(b, self.u, contact, contact)[0]
         h, residual, cells = self.sum([*squares, np.count_nonzero(contact)])
         return sqrt(h), sqrt(residual), max(int(cells), 1)
 
-    def left_on_contact(self):
+    def residual_on_contact(self):
         """||h + u||_2 over C [mm]. Collective."""
         squares = kernels.gap_on(self.distance.b, self.u, self.contact, self.contact)[0]
         return sqrt(self.sum([squares])[0])
@@ -222,7 +222,7 @@ class ContactState:
 
     def first_contact(self):
         """Without contact: approach until the first cell touches, which becomes C. Collective."""
-        if self.in_contact():
+        if self.any_in_contact():
             return
         gap = self.u - self.distance.b
         nearest = float(self.minimum(gap[self.admissible].min(initial=np.inf)))
@@ -291,12 +291,12 @@ class ContactState:
         """In place of (4.b): let no cell in; return the Update since before `release_tensile`. Collective."""
         return self.activate_penetrating(np.full(self.u.shape, np.inf))
 
-    def mean_in_contact(self):
+    def mean_gap_on_contact(self):
         """Mean of h + u over C [mm]. Collective."""
         _, total, cells = self.sum([*kernels.gap_on(self.distance.b, self.u, self.contact, self.contact)])
         return float(total / max(cells, 1))
 
-    def gap_on_contact(self):
+    def gap_on_contact_or_overlap(self):
         """RMS and mean of h + u over C and where it is negative [mm], the cells there, and the load [N]. Collective."""
         sums = kernels.gap_on(self.distance.b, self.u, self.admissible, self.contact)
         squares, total, cells, pressure = self.sum([*sums, self._p.sum()])

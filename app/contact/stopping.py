@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -20,6 +20,10 @@ class StoppingTest:
     def __call__(self, state, residual):
         """(5.1): ||r||_rms / ||h||_rms <= rtol, for the norm of r on C [mm]. As collective as `allowed`."""
         return residual <= self.allowed(state)
+
+    def tighter(self, factor):
+        """Return a test that asks for a residual smaller by a factor. Not collective."""
+        return replace(self, rtol=factor * self.rtol)
 
     def for_coarse_grid(self):
         """On the way to the target grid an unchanged contact area is enough (Sec. 4.3, 3.b). Not collective."""

@@ -48,18 +48,18 @@ def _periodic_inverse(grid, compliance, slabs, comm, dtype, workspace, spectra):
     return inverse
 
 
-def circulant_of(operator, exact=True):
-    """B on the grid of an `InfluenceOperator`, made when first asked for; `exact`: see `circulant_inverse`. Collective.
+def circulant_of(operator, apart=False):
+    """B on the grid of an `InfluenceOperator`, made when first asked for; `apart`: see `circulant_inverse`. Collective.
 
     On a periodic patch it is exact.
     """
     if not operator.active:
         return operator.product
     known, periodic = operator.multipliers, operator.grid.periodic
-    kind = "exact" if exact or periodic else "apart"
+    kind = "apart" if apart and not periodic else "adjoining"
     if kind not in known:
         place = operator.grid, operator.compliance, operator.slabs, operator.comm, operator.dtype
-        make = _periodic_inverse if periodic else partial(circulant_inverse, exact=exact)
+        make = _periodic_inverse if periodic else partial(circulant_inverse, apart=apart)
         known[kind] = make(*place, workspace=operator.storage, spectra=operator.spectra)
     return known[kind]
 
@@ -118,7 +118,7 @@ class Circulant:
         self.operator = operator
         options = PETSc.Options(pc.getOptionsPrefix())
         steps, periodic = options.getInt("pc_circulant_extend", 0), bool(operator.grid.periodic)
-        self.multiplier = circulant_of(operator, exact=False)
+        self.multiplier = circulant_of(operator, apart=True)
         self.extension = RimExtension(operator.local_shape, operator.slabs, operator.comm, steps, periodic)
         stencil = self.multiplier.centre() if periodic else centre(operator.grid)
         self.between, blocks = None, options.getInt("pc_circulant_blocks", 0)

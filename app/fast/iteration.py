@@ -8,7 +8,6 @@ The same steps as `app.contact.iteration.active_set`, with six differences:
 - *Predictor.* Far from the solution cells enter C by the displacement to be expected when the residual is gone.
 - *Verification.* Nothing counts as solved before a product in double precision has said so. Where that is dear it is
   rehearsed: the same steps by the carried displacement, which costs nothing, must pass first.
-
 - *Coarse grids are left early*: when the residual is small enough for one, next to no pressure is negative and a load
   is nearly met, though the contact set may still change.
 
@@ -64,7 +63,7 @@ class InexactStop(StoppingTest):
         where h vanishes on C, rtol ||h|| on any grid.
         """
         whole = state.distance.norm()
-        h_on_contact = state.on_contact()[0] if h_on_contact is None else h_on_contact
+        h_on_contact = state.norms_on_contact()[0] if h_on_contact is None else h_on_contact
         if not h_on_contact:
             return self.rtol * whole
         if not self.final:
@@ -87,10 +86,6 @@ class InexactStop(StoppingTest):
         """
         return self.final and IN_CONTACT * h_on_contact < state.distance.norm()
 
-    def tighter(self):
-        """Return a test that asks for ten times as much. Not collective."""
-        return replace(self, rtol=0.1 * self.rtol)
-
     def for_coarse_grid(self):
         """On the way to the target grid coarse_rtol is enough, and the contact set may change. Not collective.
 
@@ -112,7 +107,7 @@ def inexact_active_set(state, solver, loading, stop, history):
     if not begin(state, solver, loading, history):
         return Outcome(not loading.prescribes_load, NO_CONTACT)
     solver.begin(by_levels=stop.defect_correction > 0)
-    h_on_contact, norm, cells = state.on_contact()  # of C^k; later the last update knows
+    h_on_contact, norm, cells = state.norms_on_contact()  # of C^k; later the last update knows
     progress, rehearsed = Progress(norm), False  # rehearsed: the last verification, and it did not pass
     for k in range(1, stop.max_it + 1):
         allowed, done, computed = stop.allowed(state, h_on_contact), False, False
@@ -160,7 +155,7 @@ def inexact_active_set(state, solver, loading, stop, history):
         if done and stop.certified(state):
             return Outcome(True, CONVERGED, k, residual)
         if done or too_loose:
-            stop = stop.tighter()
+            stop = stop.tighter(0.1)
         progress.after_iteration(update.residual)
         if progress.stalls:
             raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))

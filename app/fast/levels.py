@@ -32,7 +32,7 @@ _LEAST = 128  # cells in a direction to be coarsened from which on stencils take
 
 
 def circulant_inverse(
-    grid, compliance, slabs=None, comm=None, dtype=np.float64, workspace=None, spectra=None, exact=True
+    grid, compliance, slabs=None, comm=None, dtype=np.float64, workspace=None, spectra=None, apart=False
 ):
     """The inverse of A on a free patch, continued periodically.
 
@@ -46,20 +46,20 @@ def circulant_inverse(
         Whose working storage may be used.
     spectra : Spectra, optional
         See `EvenMultiplier.use`.
-    exact : bool
-        By transforms, and without free cells before the continuation: a displacement would jump to zero there. Else
-        with some, so that contact at one edge is no neighbour of that at the other, and by levels but for small grids.
+    apart : bool
+        With free cells before the continuation, so that contact at one edge is no neighbour of that at the other, and
+        by levels but for small grids: for CG. Else by transforms, and the continuation adjoins: a displacement, as
+        `lift` has it, would jump to zero.
 
     Returns
     -------
     EvenMultiplier or MultilevelOperator
     """
     unit = 1 / (compliance * max(grid.dx, grid.dy))
-    near = [] if exact else [level.times(unit) for level in _stencils(grid, -1)]
+    near = [level.times(unit) for level in (_stencils(grid, -1) if apart else ())]
     (cy, cx), shape = cells_in_one(near), _coarsest_shape(grid, near)
-    if exact:
-        periods = shape
-    else:
+    periods = shape
+    if apart:
         periods = tuple(next_fast_len(n, real=True) if near else quick_length(n + 1) for n in shape)
     sides = cy * periods[0] * grid.dy, cx * periods[1] * grid.dx
 

@@ -103,17 +103,14 @@ def safeguarded(hierarchy, number, state, loading, stop, history):
     operator = state.operator
     with operator.in_double():
         solver = LinearSolver(hierarchy, number, operator.petsc_comm, operator=operator)
-
         if loading.prescribes_load:
-            tight, step = stop.tighter(), state.gap_on_contact()[0]  # what is settled then must still pass
-            outcome = search_load(
-                state,
-                loading,
-                lambda _: projected_newton(state, solver, tight, history),
-                stop,
-                0.1 * stop.rtol,
-                step,
-            )
+            tight = stop.tighter(0.1)  # what is settled then must still pass
+
+            def solve(_):  # the state has the approach
+                return projected_newton(state, solver, tight, history)
+
+            step = state.gap_on_contact_or_overlap()[0]
+            outcome = search_load(state, loading, solve, stop, 0.1 * stop.rtol, step)
         else:
             outcome = projected_newton(state, solver, stop, history)
         solver.destroy()

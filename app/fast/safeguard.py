@@ -52,7 +52,7 @@ def projected_newton(state, solver, stop, history):
     np.maximum(state.p, 0.0, out=state.values)
     np.copyto(state.values, 0.0, where=~state.admissible)
     state.u[...], gap = _displaced(state, state.p)
-    residual = state.on_contact()[1] / state.distance.norm()
+    residual = state.norms_on_contact()[1] / state.distance.norm()
     for k in range(1, stop.max_it + 1):
         before = state.contact.copy()
         p, nearly = state.p, _nearly_none(state, gap)
@@ -90,7 +90,7 @@ def projected_newton(state, solver, stop, history):
         if update.residual <= stop.allowed(state):
             if stop.certified(state):
                 return Outcome(True, CONVERGED, k, residual)
-            stop = stop.tighter()
+            stop = stop.tighter(0.1)
     return Outcome(False, f"{stop.max_it} iterations of the safeguard were not enough", stop.max_it, residual)
 
 
@@ -107,8 +107,8 @@ def _nearly_none(state, gap):
     step = np.abs(
         p - np.maximum(p - gap / state.operator.diagonal, 0.0), where=state.admissible, out=np.zeros_like(p)
     )
-    highest, largest = state.minimum([-p.max(initial=0.0), -step.max(initial=0.0)])
-    return min(-_NEARLY_NONE * highest, -largest)
+    minus_highest, minus_largest = state.minimum([-p.max(initial=0.0), -step.max(initial=0.0)])
+    return min(-_NEARLY_NONE * minus_highest, -minus_largest)
 
 
 def _contact_from(state, gap, before):

@@ -110,7 +110,7 @@ class TrackingSolver(LinearSolver):
         Collective.
         """
         if self.by_levels:
-            self.by_levels = state.left_on_contact() <= most
+            self.by_levels = state.residual_on_contact() <= most
 
     def tension(self, state):
         """Return the Tension. Collective."""

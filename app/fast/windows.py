@@ -75,6 +75,7 @@ class Stage:
     transfer : Transfer
         Between these.
     windowed : bool
+        Whether `state` is that of a window.
     """
 
     def __init__(self, hierarchy, kept, number, distance, coarse, boxes=None):
@@ -85,16 +86,16 @@ class Stage:
         self._verification, window = None, None
         if coarse is not None:
             distance.move_to(coarse.depth)
-            if hierarchy.windowed(level):
+            if hierarchy.may_be_windowed(level):
                 window = _choose(boxes, coarse, hierarchy.margin, distance.possible, self.transfer)
         self.windowed = window is not None
         if self.windowed:
-            self._look_through(window)
+            self._make_window(window)
         else:
             self.state = ContactState(level, distance)
 
     @PETSc.Log.EventDecorator("ContactWindow")
-    def _look_through(self, coarse_window):
+    def _make_window(self, coarse_window):
         """Make operators, transfer and state of a window, which is given by that of the coarser grid."""
         hierarchy, level = self._hierarchy, self._level
         coarse, factors, comm = self.coarse, self.transfer.factors, hierarchy.comm
@@ -182,9 +183,9 @@ class Stage:
 
 
 def _choose(boxes, coarse, margin, possible, transfer):
-    """Window of the coarser grid around its contact, in the one that was worked on; None if that does not pay.
+    """Window of the coarser grid around its contact, in the one that was worked on.
 
-    Not collective.
+    Not collective. If a smaller one does not pay: that one, or None if all of the coarser grid was worked on.
 
     Parameters
     ----------

@@ -163,7 +163,7 @@ class Hierarchy:
         self.slabs = self.levels[-1].slabs
         self.target.prepare("exact_product")
         for level in self.levels:
-            if not self.windowed(level):
+            if not self.may_be_windowed(level):
                 level.prepare("product")
 
     @property
@@ -172,17 +172,20 @@ class Hierarchy:
         return petsc_comm(self.comm)
 
     def joined(self, operator, number):
-        """Whether ranks without a part in an operator have one in a level: in a window all have. Not collective."""
+        """Whether ranks without a part in an operator have one in a level, as all have if it may be windowed.
+
+        Not collective.
+        """
         level = self.levels[number]
-        return operator.slabs.size < (self.comm.size if self.windowed(level) else level.slabs.size)
+        return operator.slabs.size < (self.comm.size if self.may_be_windowed(level) else level.slabs.size)
 
     @property
     def target(self):
         """Operator of the target grid."""
         return self.levels[-1]
 
-    def windowed(self, operator):
-        """Whether a level will be worked on in a window, if that leaves enough cells out. Not collective."""
+    def may_be_windowed(self, operator):
+        """Whether a level is worked on in a window, if that leaves enough cells out. Not collective."""
         return self.margin > 0 and not operator.grid.periodic and operator.grid.n > _SMALLEST_WINDOWED
 
     def share(self, operator):
@@ -211,7 +214,7 @@ class Hierarchy:
     @cached_property
     def finest_whole(self):
         """Number of the largest level that is always worked on as a whole."""
-        whole = [number for number, level in enumerate(self.levels) if not self.windowed(level)]
+        whole = [number for number, level in enumerate(self.levels) if not self.may_be_windowed(level)]
         return max(whole, default=0)
 
     def coarse_minimum(self, shapes):
@@ -222,7 +225,7 @@ class Hierarchy:
         ndarray or None
             NaN where contact is impossible in all of a cell; None if the target grid has no window.
         """
-        if not self.windowed(self.target):
+        if not self.may_be_windowed(self.target):
             return None
         lowest = shapes[-1]
         for transfer in self.transfers[: self.finest_whole : -1]:

@@ -58,7 +58,7 @@ def primal_active_set(primal, solver, stop, history):
         # 4. p < 0 leaves C, e < 0 enters
         update = primal.exchange(solver, -slight / solver.preconditioner.weights[0], -slight, norm)
         history.add(state, solver, update, its)
-        residual = norm / state.distance.norm()
+        residual = norm / state.distance.norm()  # not (5.1): about the error of w
         if wrong := what_is_wrong(failure, residual):
             raise NeedsSafeguard(Outcome(False, wrong, k, residual))
         if near and not stop.final and update.changed <= _LOOSE * primal.cells:
@@ -216,7 +216,7 @@ def verify(primal, found):
     state.operator.exact_displacement(found, state.u)
     if loading.prescribes_load:
         state.depth = 0.0
-        state.depth = state.mean_in_contact()
+        state.depth = state.mean_gap_on_contact()
     else:
         state.approach = loading.approach
     return state.activate_penetrating()

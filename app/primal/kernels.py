@@ -11,12 +11,12 @@ from app.halfspace.reductions import any_order
 
 
 @any_order
-def _exchange_row(p, w, b, admissible, contact, tension, overlap, captured):
+def _exchange_row(p, w, b, admissible, contact, least_pressure, least_gap, captured):
     cells, free, caught, total = 0, 0, 0, 0.0
     for i in range(p.size):
         inside = contact[i]
-        out = inside & (p[i] < tension)
-        new = (not inside) & admissible[i] & (w[i] - b[i] < overlap)
+        out = inside & (p[i] < least_pressure)
+        new = (not inside) & admissible[i] & (w[i] - b[i] < least_gap)
         captured[i] = new
         contact[i] = (inside & (not out)) | new
         free += out
@@ -27,14 +27,16 @@ def _exchange_row(p, w, b, admissible, contact, tension, overlap, captured):
 
 
 @njit()
-def exchange(p, w, b, admissible, contact, tension, overlap, captured):
-    """Release cells of C with p < tension, capture others with w - b < overlap.
+def exchange(p, w, b, admissible, contact, least_pressure, least_gap, captured):
+    """Release cells of C with p < least_pressure, capture others with w - b < least_gap.
 
     Return the cells in C then, how many were captured and released, and the sum of w.
     """
     cells, caught, free, total = 0, 0, 0, 0.0
     for j in range(p.shape[0]):
-        here = _exchange_row(p[j], w[j], b[j], admissible[j], contact[j], tension, overlap, captured[j])
+        here = _exchange_row(
+            p[j], w[j], b[j], admissible[j], contact[j], least_pressure, least_gap, captured[j]
+        )
         cells += here[0]
         caught += here[1]
         free += here[2]

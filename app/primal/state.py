@@ -153,7 +153,7 @@ class PrimalState:
         room = stencil.make_room(solver.guesses, shape[1])
         stencil.sweep_projected(force, *rows(force), lowest, *rows(lowest), weights, solver.guesses, x, room)
         loops.take(x, lowest, self.w, state.distance.b, state.contact)
-        if self.loading.prescribes_load and not state.in_contact():
+        if self.loading.prescribes_load and not state.any_in_contact():
             self._touch()
         self._contact_changed(solver)
         change = self.w - before if exact else x
@@ -168,15 +168,21 @@ class PrimalState:
         state.contact[...] = gap <= least
         self.w -= least  # a constant has no pressure
 
-    def exchange(self, solver, tension, overlap, residual):
-        """Cells with p < tension are released, others with e < overlap captured; return the Update of a residual.
+    def exchange(self, solver, least_pressure, least_gap, residual):
+        """Cells with p < least_pressure are released, others with e < least_gap captured.
 
         Collective. The system must have a solution: under a load something stays in contact, under an approach below
         that of full contact something stays open.
+
+        Returns
+        -------
+        Update
+            With the `residual` given [mm].
         """
         state = self.state
         counts = loops.exchange(
-            state.p, self.w, state.distance.b, state.admissible, state.contact, tension, overlap, self._captured
+            state.p, self.w, state.distance.b, state.admissible, state.contact, least_pressure, least_gap,
+            self._captured,
         )  # fmt: skip
         *counts, total = state.sum(counts)
         cells, captured, released = map(int, counts)

@@ -16,7 +16,7 @@ SHAPES = [(128, 140, 0.12), (257, 150, 0.12), (150, 129, 0.12), (257, 140, 0.04)
 @pytest.mark.parametrize("layout", ["even", "thin", "nothing at the ends"])
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize(
-    "multiplier", [partial(circulant_inverse, exact=False), influence_by_levels], ids=["inverse", "influence"]
+    "multiplier", [partial(circulant_inverse, apart=True), influence_by_levels], ids=["inverse", "influence"]
 )
 def test_each_rank_finds_its_rows(comm, shape, layout, dtype, multiplier):
     ny, nx, dy = shape

@@ -181,7 +181,7 @@ def test_nobody_works_in_what_is_lent():
     for field in lent:
         field[...] = 7.0
     p = np.ones(operator.local_shape, np.float32)
-    for multiplier in (circulant_of(operator), circulant_of(operator, exact=False), influence_of(operator)):
+    for multiplier in (circulant_of(operator), circulant_of(operator, apart=True), influence_of(operator)):
         multiplier.apply(p, p)
     assert all((field == 7.0).all() for field in lent)
 

@@ -367,6 +367,7 @@ def steps(make):
         distance = UndeformedDistance(operator, problem.gap)
         state = ContactState(operator, distance)
         made.append(PrimalState(state, solver.inverse, loading))
+        made[-1].w[...] = 0
         solver.begin(loading)
         return made[-1], solver
 

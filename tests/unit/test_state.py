@@ -129,7 +129,7 @@ def test_two_updates_add_up():
 def test_first_contact_is_the_nearest_cell(state):
     state.approach = -10.0
     state.start_from_interpenetration()
-    assert not state.in_contact()
+    assert not state.any_in_contact()
     state.first_contact()
     assert state.contact.sum() == 1
     assert state.shape[state.contact] == np.nanmin(state.shape)
@@ -146,11 +146,11 @@ def test_numbers(state):
     assert state.load == pytest.approx(p.sum() * GRID.cell_area, rel=1e-14)
     e = state.u - state.distance.b
     where = state.contact | (state.admissible & (e <= 0))
-    rms, mean, cells, load = state.gap_on_contact()
+    rms, mean, cells, load = state.gap_on_contact_or_overlap()
     assert cells == where.sum()
     assert rms == pytest.approx(np.sqrt(np.mean(e[where] ** 2)), rel=1e-13)
     assert mean == pytest.approx(np.mean(e[where]), rel=1e-12, abs=1e-14)
-    norm, residual, inside = state.on_contact()
+    norm, residual, inside = state.norms_on_contact()
     assert residual == pytest.approx(np.linalg.norm(e[state.contact]), rel=1e-13)
     assert norm == pytest.approx(np.linalg.norm(state.distance.b[state.contact]), rel=1e-13)
     assert inside == max(np.count_nonzero(state.contact), 1)

@@ -65,7 +65,7 @@ class Norms:
     def norm(self):
         return self._whole
 
-    def on_contact(self):
+    def norms_on_contact(self):
         return self._inside, 1
 
 
