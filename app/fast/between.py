@@ -52,14 +52,21 @@ class Between:
         self._shape = tuple(-(-n // cells) for n in shape)  # in blocks
         self._of_r, self._held, self._room = (np.zeros(self._shape) for _ in range(3))
 
-    def set_contact(self, contact, r):
-        """Take over a contact set, ndarray of bool, and look at a residual on it; return whether C is scattered.
+    def set_contact(self, contact, r=None):
+        """Take over a contact set, ndarray of bool, and if there is one look at a residual by the same reduction.
 
         Collective.
+
+        Returns
+        -------
+        bool
+            Whether C is scattered.
         """
         self._contact = contact
-        means = np.stack([self.means_here(contact), self.means_here(r)])
-        blocks, self._of_r = sum_over(self._comm, means)
+        fields = [contact] if r is None else [contact, r]
+        blocks, *of_r = sum_over(self._comm, np.stack([self.means_here(field) for field in fields]))
+        if of_r:
+            [self._of_r] = of_r
         partly = np.count_nonzero((blocks > 0) & (blocks < 1))
         _smooth(blocks, self._room)
         np.divide(1.0, blocks + _LEAST, out=self._held)

@@ -171,8 +171,11 @@ class Circulant:
             return None if r is z else product
 
     def wants_of(self, q):
-        """What `precondition` has to know, summed over the ranks, of that by which r is reduced. Not collective."""
-        return self.between.means_here(q) if self._scattered else ()
+        """What `precondition` has to know, summed over the ranks, of that by which r is reduced. Not collective.
+
+        Nothing, where there are no others: a look at r costs less then.
+        """
+        return self.between.means_here(q) if self._scattered and self.operator.comm is not None else ()
 
     def extend(self, r, out=None, reduced=None):
         """Continue a residual that is zero outside C over the rim, see `RimExtension.extend`. Collective.
@@ -196,9 +199,12 @@ class Circulant:
         before, extension, between = self._scattered, self.extension, self.between
         self._contact = self.operator.contact_number
         extension.set_contact(self.operator.mask)
-        self._scattered = between is not None and between.set_contact(extension.contact, r)
+        at_once = r if before else None  # if the last set was scattered, this one will be, too
+        self._scattered = between is not None and between.set_contact(extension.contact, at_once)
         if self._scattered != before:
             extension.set_stencil(self._stencils[self._scattered])
+        if self._scattered and not before:
+            between.look_at(r)
         if self._scattered:
             extension.leave_no_rows_out()
 

@@ -230,7 +230,7 @@ class TrackingCG(KspContext):
                 reason = PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT
                 break
             alpha = rd / dq
-            reduced = alpha, of_q
+            reduced = (alpha, of_q) if len(wanted) else None
             here = _advance(change, r, d, q, contact, spans, alpha)
             squares += alpha * (alpha * qq - 2 * qr)  # exactly, but for cancellation
             if not squares > digits * summed:
