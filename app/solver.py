@@ -254,11 +254,14 @@ class ContactSolver:
         """Solve, on the ranks of the team."""
         started, before = time.perf_counter(), self.comm.traffic.copy()
         products = self.hierarchy.operator_applications()
-        if self._distances[-1].digits_lost:
+        loading, distance, depth = self._loading(given), self._distances[-1], np.inf
+        if not loading.prescribes_load:
+            if loading.approach > self.touching:
+                depth = loading.approach - distance.reference
+            else:
+                start = None  # there is no pressure
+        if distance.digits_lost(depth):
             self._measure_shapes()
-        loading = self._loading(given)
-        if not loading.prescribes_load and loading.approach <= self.touching:
-            start = None  # there is no pressure
         history = History(self.listeners)
         with self._database.active():
             state, outcome = self._strategy.run(loading, history, start)
@@ -381,7 +384,7 @@ class ContactSolver:
         applications = self.hierarchy.operator_applications() - products
         seconds = time.perf_counter() - started
         prescribed = loading.load if loading.prescribes_load else None
-        proof, found = certify(state), measures.measure_contact(state)
+        proof, found = certify(state, self.settings.error_bound), measures.measure_contact(state)
         proof = proof.under(prescribed, found.load)
         outcome = outcome.if_proved(proof.error_bound, self.settings.error_bound)
         p, distance, depth = state.p, state.distance, state.depth

@@ -79,10 +79,16 @@ class Certificate:
         return replace(self, error_bound=np.inf)
 
 
-def certify(state):
+def certify(state, wanted=np.inf):
     """Certify the pressure of a `ContactState`.
 
     Collective. Needs a product in double precision, unless the last one of the iteration was one.
+
+    Parameters
+    ----------
+    state : ContactState
+    wanted : float
+        Error bound that is asked for.
 
     Returns
     -------
@@ -90,14 +96,11 @@ def certify(state):
     """
     if state.u_is is not Displacement.EXACT:
         state.compute_displacement(exact=True)
-    return estimate(state)
+    return estimate(state, wanted)
 
 
 def estimate(state, wanted=np.inf):
-    """Certify the pressure as far as the displacement of `state` is that of the pressure. Collective; see `certify`.
-
-    `wanted`: error bound that is asked for.
-    """
+    """Certify the pressure as far as the displacement of `state` is that of the pressure. Collective; see `certify`."""
     if state.certificate is None:
         state.certificate = _prove(state, min(wanted, _NEGLIGIBLE))
     return state.certificate

@@ -56,8 +56,8 @@ class UndeformedDistance:
     """
 
     def __init__(self, operator, shape, reference=0.0, measured=True):
-        self.admissible = ~np.isnan(shape)
-        b = np.negative(shape)
+        b = np.negative(shape, order="C")
+        self.admissible = ~np.isnan(b)
         np.copyto(b, 0.0, where=~self.admissible)
         self._hold(b, operator)
         self.depth, self.deepest, self.reference = 0.0, 0.0, reference
@@ -118,15 +118,14 @@ class UndeformedDistance:
                 values += depth - self.depth
             self.depth, self.deepest = float(depth), max(self.deepest, abs(depth))
 
-    @property
-    def digits_lost(self):
-        """Whether approaches far beyond the shape have cost it digits. Not collective."""
-        return self.deepest > 1e3 * self.deviation
+    def digits_lost(self, depth=np.inf):
+        """Whether approaches far beyond the shape, or a depth, have cost it digits. Not collective."""
+        return self.deepest > 1e3 * min(self.deviation, abs(depth))
 
     @property
     def rounding(self):
-        """What that may have left in a cell [mm]; nothing if it does not count. Not collective."""
-        return ulp(self.deepest) if self.digits_lost else 0.0
+        """What approaches far beyond the shape may have left in a cell [mm]; else nothing. Not collective."""
+        return ulp(self.deepest) if self.digits_lost() else 0.0
 
     @staticmethod
     def kept(distances):

@@ -396,7 +396,12 @@ def context_of(mat, kind, who):
 
 
 def vec_of(field, operator):
-    """Make a Vec of a field on an operator's grid, in its memory, for the caller to free. Collective over its ranks."""
+    """Make a Vec of a field on an operator's grid, in its memory, for the caller to free. Collective over its ranks.
+
+    A ValueError if the field is not C-contiguous: the Vec would be a copy.
+    """
+    if not field.flags.c_contiguous:
+        raise ValueError("a Vec needs a field that is C-contiguous")
     # All cells, that PETSc need not sum; none where there are none, by a communicator of this rank's own.
     size = field.size, operator.grid.n if operator.active else 0
     return PETSc.Vec().createWithArray(field.reshape(-1), size, comm=operator.petsc_comm)

@@ -136,7 +136,7 @@ class Transfer:
         for field in fields:
             rows = sum(in_y[:, k, None] * field[k : k + span : self.fy] for k in range(4))
             columns = (self.fx * np.arange(coarse_nx) - 1 + k for k in range(4))
-            sums.append(sum(in_x[:, k] * rows[:, at % nx] for k, at in enumerate(columns)))
+            sums.append(sum(in_x[:, k] * np.take(rows, at % nx, axis=1) for k, at in enumerate(columns)))
         with np.errstate(invalid="ignore"):
             return np.where(sums[1] > _NOTHING, sums[0] / sums[1], np.nan)
 

@@ -327,3 +327,66 @@ def test_means_of_samples_are_those_of_the_target_on_all_grids(nx, ny):
     ) as solver:
         means = [distance.statistics.mean + distance.reference for distance in solver._distances]
     np.testing.assert_allclose(means, gap.mean(), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("shape", [(9, 9), (64, 65), (65, 64), (20, 3)])
+def test_distances_of_an_array_move_on_every_grid(shape):
+    """Coarse grids of odd numbers of cells have means of overlaps: b and the right-hand side stay one array."""
+    gap = np.random.default_rng(1).random(shape)
+    grid = Grid(shape[1], shape[0], 1 / shape[1], 1 / shape[0])
+    problem = ContactProblem(grid, Material.combined(1.0, 0.0), gap, periodic=True)
+    hierarchy = Hierarchy(problem.grid, 1.0, MPI.COMM_SELF)
+    shapes = hierarchy.shapes(problem)
+    assert len(shapes) > 1
+    for operator, shape_there in zip(hierarchy.levels, shapes, strict=True):
+        distance = UndeformedDistance(operator, shape_there)
+        distance.move_to(0.25)
+        np.testing.assert_allclose(distance.b, 0.25 - shape_there, rtol=0, atol=1e-15)
+        assert np.shares_memory(distance.b, distance.rhs.getArray(readonly=True))
+        distance.destroy()
+    hierarchy.destroy()
+
+
+@pytest.mark.parametrize("method", ["norm", "fmg_v11"])
+def test_few_cells_of_an_odd_grid_take_a_load(method):
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        gap = 0.1 * rng.random((9, 9))
+        gap[rng.random((9, 9)) < 0.9] = np.nan
+        problem = ContactProblem(
+            Grid.from_domain(9, 9, (0, 1, 0, 1)), Material.from_contact_modulus(1e3), gap, periodic=True
+        )
+        with ContactSolver(problem, method) as solver:
+            found = solver.solve(load=1.0)
+        assert found.converged and found.load == pytest.approx(1.0)
+
+
+def test_the_bound_asked_for_is_proved_by_any_method():
+    grid = Grid.from_domain(64, 64, (0, 1, 0, 1))
+    x, y = np.meshgrid(grid.x(), grid.y())
+    gap = 0.01 * np.cos(2 * np.pi * x) * np.cos(2 * np.pi * y)
+    problem = ContactProblem(grid, Material.from_contact_modulus(1e5), gap, periodic=True)
+    bounds = {}
+    for wanted in (0.01, 7e-6):
+        with ContactSolver(problem, "fmg_v11", {"lcp_error_bound": wanted}) as solver:
+            found = solver.solve(approach=-0.005)
+        assert found.converged
+        bounds[wanted] = found.error_bound
+    assert bounds[7e-6] <= 7e-6 < bounds[0.01]
+
+
+def test_a_deeper_solve_leaves_nothing_of_its_rounding():
+    """A cell touches alone, at an approach far smaller than the one before."""
+    grid, approach = Grid.from_domain(32, 32, (0, 1, 0, 1)), 1e-9
+    x, y = np.meshgrid(grid.x(), grid.y())
+    gap = (x - 0.5) ** 2 + (y - 0.5) ** 2
+    gap[16, 16], gap[15, 15], gap[15, 16], gap[16, 15] = 0, 0.01, 0.01, 0.01
+    problem = ContactProblem(grid, Material.from_contact_modulus(1e3), gap, periodic=True)
+    with ContactSolver(problem, options={"lcp_error_bound": 1e-8}) as solver:
+        exact = approach / solver.hierarchy.target.diagonal
+        for deeper in (None, 0.15):
+            if deeper:
+                solver.solve(approach=deeper)
+            found = solver.solve(approach=approach)
+            assert found.contact.sum() == 1
+            assert abs(found.max_pressure / exact - 1) <= max(found.error_bound, 1e-13)

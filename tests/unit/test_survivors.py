@@ -23,7 +23,7 @@ from app.fast.lift import lift
 from app.fast.solver import TrackingSolver
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material, dense_matrix
-from app.halfspace.operator import InfluenceOperator
+from app.halfspace.operator import InfluenceOperator, vec_of
 from app.halfspace.product import DenseProduct
 from app.multigrid.hierarchy import Hierarchy
 from app.petsc import OptionDatabase, options_set
@@ -175,3 +175,14 @@ def test_positive_pressure_is_that_on_the_contact_set():
 def test_tension_is_a_share_of_the_pressure():
     state = SimpleNamespace(p=np.array([[-1.0, 5.0]]), contact=np.ones((1, 2), bool), sum=lambda of: of)
     assert TrackingSolver.tension(None, state) == (pytest.approx(0.25), True)
+
+
+def test_a_vec_is_in_the_memory_of_its_field():
+    operator = InfluenceOperator(Grid(3, 2, 1.0, 1.0), 1.0)
+    with pytest.raises(ValueError, match="C-contiguous"):
+        vec_of(np.zeros((2, 3), order="F"), operator)
+    field = np.zeros((2, 3))
+    vec = vec_of(field, operator)
+    vec.set(1.0)
+    assert (field == 1).all()
+    vec.destroy()
