@@ -97,7 +97,7 @@ def make_hierarchy(grid, compliance, comm, chosen):
 
 
 def database_of(chosen):
-    """Option database of a method: what PETSc is to read."""
+    """Option database of a method: what PETSc is to read. Not collective."""
     texts = {name: text for name, text in chosen.texts.items() if not name.startswith("lcp_")}
     return OptionDatabase(texts)
 

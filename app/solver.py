@@ -205,7 +205,7 @@ class ContactSolver:
 
     @property
     def ksp(self):
-        """KSP of the target grid, or None."""
+        """KSP of the target grid, or None. Not collective."""
         return getattr(self._strategy and self._strategy.solver, "ksp", None)
 
     # -- solve -------------------------------------------------------------------------------------------

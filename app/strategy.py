@@ -152,7 +152,7 @@ class Strategy:
             self.solver.destroy()
 
     def check(self, start, name="start"):
-        """Refuse what is no Solution on the same grid and ranks."""
+        """Refuse what is no Solution on the same grid and ranks. Collective."""
         slabs = self._hierarchy.slabs
         alike = (
             isinstance(start, Solution)

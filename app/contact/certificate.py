@@ -161,14 +161,14 @@ def _closing(state, energy, enough):
     inverse, (inside, mean, _), n = state.operator.inverse, state.distance.statistics, state.grid.n
     diagonal = float(inverse.centre()[1, 1]) or 1.0
     fields = state.distance.b, state.u, state.p, state.admissible
-    gaps, excess, to_p, squares = state.sum(_gaps(*fields, diagonal))
+    gaps, excess, to_p, pressures, squares = state.sum(_gaps(*fields, diagonal))
     if inside == n and not gaps:  # full contact: the mean of e is known without rounding
         excess = -n * (mean - state.depth)
     elsewhere = max(gaps / inside, (2 * abs(excess) - gaps) / (n - inside)) if inside < n else 0.0
     total = gaps + (n - inside) * elsewhere
     factor = float(np.clip(1 - excess / total, 0.0, 2.0)) if total > 0 else 1.0
     constant = -(excess + (factor - 1) * total) / n  # zero, but for a factor out of bounds
-    gap = factor * to_p + max(constant, 0.0) * float(state.pressure.sum())
+    gap = factor * to_p + max(constant, 0.0) * pressures
     energy = max(energy, np.finfo(float).eps * state.operator.diagonal * squares)
     field = np.empty(state.u.shape) if state.work is None else state.work
     moved = (*fields, diagonal, factor, constant, (factor - 1) * elsewhere + constant)
@@ -182,28 +182,30 @@ def _closing(state, energy, enough):
 
 @any_order
 def _gaps_row(b, u, p, admissible, diagonal):
-    gaps, excess, to_p, squares = 0.0, 0.0, 0.0, 0.0
+    gaps, excess, to_p, pressures, squares = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(b.size):
         e = u[i] - b[i] if admissible[i] else 0.0
         gap = max(e - p[i] / diagonal, 0.0) if admissible[i] else 0.0
         gaps += gap
         excess += gap - e
         to_p += p[i] * gap
+        pressures += p[i]
         squares += p[i] * p[i]
-    return gaps, excess, to_p, squares
+    return gaps, excess, to_p, pressures, squares
 
 
 @njit()
 def _gaps(b, u, p, admissible, diagonal):
-    """Sums of the gap g that is to be reached, of g - e, of p g and p p."""
-    gaps, excess, to_p, squares = 0.0, 0.0, 0.0, 0.0
+    """Sums of the gap g that is to be reached, of g - e, of p g, p and p p."""
+    gaps, excess, to_p, pressures, squares = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(b.shape[0]):
         row = _gaps_row(b[j], u[j], p[j], admissible[j], diagonal)
         gaps += row[0]
         excess += row[1]
         to_p += row[2]
-        squares += row[3]
-    return gaps, excess, to_p, squares
+        pressures += row[3]
+        squares += row[4]
+    return gaps, excess, to_p, pressures, squares
 
 
 @any_order

@@ -206,7 +206,7 @@ class ContactState:
         return sqrt(h), sqrt(residual), max(int(cells), 1)
 
     def residual_on_contact(self):
-        """||h + u||_2 over C [mm]. Collective."""
+        """||h + u||_2 over C [mm]; overlap elsewhere does not count. Collective."""
         squares = kernels.gap_on(self.distance.b, self.u, self.contact, self.contact)[0]
         return sqrt(self.sum([squares])[0])
 
@@ -292,7 +292,7 @@ class ContactState:
         return self.activate_penetrating(np.full(self.u.shape, np.inf))
 
     def mean_gap_on_contact(self):
-        """Mean of h + u over C [mm]. Collective."""
+        """Mean of h + u over C [mm]; overlap elsewhere does not count. Collective."""
         _, total, cells = self.sum([*kernels.gap_on(self.distance.b, self.u, self.contact, self.contact)])
         return float(total / max(cells, 1))
 

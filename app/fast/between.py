@@ -221,7 +221,7 @@ def _take(blocks, contact, cells, first, row, b):
 
 
 @cache
-def load_between(dtype):
+def warm_up(dtype):
     """Load the compiled loops for fields of a type now, not in the first iteration. Not collective."""
     between, field = Between((3, 3), None, None, 2), np.zeros((3, 3), dtype)
     between.set_contact(np.eye(3, dtype=bool), field)

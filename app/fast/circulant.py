@@ -20,10 +20,10 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.compiled import njit
-from app.fast import levels
-from app.fast.between import Between, load_between
+from app.fast import between, levels, rim
+from app.fast.between import Between
 from app.fast.levels import circulant_inverse
-from app.fast.rim import RimExtension, load_extension
+from app.fast.rim import RimExtension
 from app.fast.symbol import centre
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.operator import InfluenceOperator, context_of
@@ -88,8 +88,8 @@ def warm_up(grid, dtype):
 @cache
 def _load_loops(dtype):
     for kind in {np.dtype(np.float64), dtype}:
-        load_extension(kind)
-        load_between(kind)
+        rim.warm_up(kind)
+        between.warm_up(kind)
     field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
     fixed = field.view()
     fixed.flags.writeable = False
@@ -196,15 +196,15 @@ class Circulant:
 
     def _take_contact(self, r):
         """Look at another contact set, and a residual on it. Collective."""
-        before, extension, between = self._scattered, self.extension, self.between
+        before, extension, means = self._scattered, self.extension, self.between
         self._contact = self.operator.contact_number
         extension.set_contact(self.operator.mask)
         at_once = r if before else None  # if the last set was scattered, this one will be, too
-        self._scattered = between is not None and between.set_contact(extension.contact, at_once)
+        self._scattered = means is not None and means.set_contact(extension.contact, at_once)
         if self._scattered != before:
             extension.set_stencil(self._stencils[self._scattered])
         if self._scattered and not before:
-            between.look_at(r)
+            means.look_at(r)
         if self._scattered:
             extension.leave_no_rows_out()
 

@@ -108,7 +108,7 @@ def inexact_active_set(state, solver, loading, stop, history):
         return Outcome(not loading.prescribes_load, NO_CONTACT)
     solver.begin(by_levels=stop.defect_correction > 0)
     h_on_contact, norm, cells = state.norms_on_contact()  # of C^k; later the last update knows
-    progress, rehearsed = Progress(norm), False  # rehearsed: the last verification, and it did not pass
+    progress, rehearsal_failed = Progress(norm), False  # the last verification was one, and did not pass
     for k in range(1, stop.max_it + 1):
         allowed, done, computed = stop.allowed(state, h_on_contact), False, False
         levels_may_leave, by_levels = max(allowed, 0.5 * progress.by_product), solver.by_levels
@@ -130,10 +130,10 @@ def inexact_active_set(state, solver, loading, stop, history):
         if ready and not stop.final:
             update, done = _leave_coarse(state, solver, tension, loading, NEAR * allowed / np.sqrt(cells))
         elif ready and not too_loose:
-            update, done, rehearsed = _verify(
-                state, solver, tension, loading, stop, levels_may_leave, not rehearsed
+            update, done, rehearsal_failed = _verify(
+                state, solver, tension, loading, stop, levels_may_leave, not rehearsal_failed
             )
-            computed = not rehearsed
+            computed = not rehearsal_failed
         else:
             computed = allowed < goal and norm <= goal
             released = solver.release(state, carry=not computed)  # (4.a), and u along with it

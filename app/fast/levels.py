@@ -21,7 +21,8 @@ from functools import partial
 import numpy as np
 from scipy.fft import next_fast_len
 
-from app.fast.multilevel import MultilevelOperator, coarse_shape, load_loops
+from app.fast import multilevel
+from app.fast.multilevel import MultilevelOperator, coarse_shape
 from app.fast.symbol import cells_in_one, coarser, eigenvalues, left_near_by, mean_eigenvalue, stencils
 from app.halfspace.fft.lengths import quick_length, transform_length
 from app.halfspace.fft.multiplier import EvenMultiplier
@@ -163,4 +164,4 @@ def warm_up(grid, dtype):
     for levels in range(1, of_influence + 1):
         left_near_by(grid, levels)
     if of_influence or _stencils(grid, -1):
-        load_loops(np.dtype(dtype))
+        multilevel.warm_up(np.dtype(dtype))

@@ -92,7 +92,7 @@ class MultilevelOperator:
         )
         self._four = np.zeros((5, 2 * half), dtype), np.empty((2, half), dtype)
         self.flops = 62 * slabs.local * shape[1] + self._next.flops
-        load_loops(self.dtype)
+        warm_up(self.dtype)
 
     @property
     def points(self):
@@ -276,7 +276,7 @@ def _add_near(
 
 
 @cache
-def load_loops(dtype):
+def warm_up(dtype):
     """Load the compiled loops now, not in the first product. Not collective."""
     low, rows, stencil = np.zeros((0, 0), dtype), np.zeros(0, bool), np.zeros((3, 3), dtype)
     room = np.zeros((5, 4), dtype)

@@ -283,7 +283,7 @@ def _all_steps(x, out, before, after, contact, away, periodic, back, weights, le
 
 
 @cache
-def load_extension(dtype):
+def warm_up(dtype):
     """Load the compiled loops for fields of a type now, not in the first iteration. Not collective."""
     extension, field = RimExtension((3, 3), None, None, 1), np.zeros((3, 3), dtype)
     extension.set_contact(np.eye(3, dtype=bool))

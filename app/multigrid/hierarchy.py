@@ -168,7 +168,7 @@ class Hierarchy:
 
     @property
     def petsc_comm(self):
-        """PETSc communicator of all ranks."""
+        """PETSc communicator of all ranks. Not collective."""
         return petsc_comm(self.comm)
 
     def joined(self, operator, number):
