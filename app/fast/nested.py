@@ -64,7 +64,8 @@ def nested_iteration(
             visits.solved(solved, state.depth)
             if not target:
                 boxes = stage.boxes_for_next(coarse_minimum, loading.predict(state.depth))
-                visits.grid_numbers += [numbers_on(state, state.comm)] * nested
+                if nested:
+                    visits.grid_numbers.append(numbers_on(state, state.comm))
         stage.end_verification()
         boxes = visits.leave(state, boxes)
         if nested and target and not first:

@@ -90,8 +90,9 @@ class _Accuracy:
 
     Attributes
     ----------
+    allowed : float
     aim : float
-        [mm].
+        Error to aim at [mm].
     doubted : bool
         A verification has failed.
     exhausted : bool
@@ -131,11 +132,8 @@ class _Progress:
         """Hear of an iteration: the residual [mm], 0 if nothing is free, and the cells that changed."""
         self._since += 1
         if not norm or norm < 0.5 * self._best or changed < self._fewest:
-            self._best, self._fewest, self._since = (
-                min(norm or self._best, self._best),
-                min(changed, self._fewest),
-                0,
-            )
+            self._best, self._fewest = min(norm or self._best, self._best), min(changed, self._fewest)
+            self._since = 0
 
     @property
     def stalls(self):

@@ -82,9 +82,11 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
             test = stop if visits.at_target else stop.for_coarse_grid()
             outcome = _solve_on(hierarchy, number, primal, solver, test, history)
             kept.release_solver(level)
-            found = primal.numbers()
-            visits.solved(outcome, found.depth)
-            visits.grid_numbers += [found] * (not visits.at_target)
+            depth = state.depth
+            if not visits.at_target:
+                coarser.append(primal.numbers())
+                depth = coarser[-1].depth
+            visits.solved(outcome, depth)
         primal.mean_pressure = visits.leave(state, primal.mean_pressure)
         if visits.at_target and coarse_pressure is not None:
             difference = pressure_difference(comm, hierarchy.transfers[number], coarse_pressure, state)
