@@ -47,10 +47,10 @@ def primal_active_set(primal, solver, stop, history):
     """
     state, progress = primal.state, _Progress()
     solver.begin(primal.loading)
-    primal.start(exact=stop.final)
+    primal.start()
     accuracy = _Accuracy(allowed_gap(primal, stop), stop.rtol)
     history.start(state, solver)
-    primal.guess(solver)
+    primal.guess(solver, exact=stop.final)
     for k in range(1, stop.max_it + 1):
         goal, slight = accuracy.aim * np.sqrt(primal.cells), _SLIGHT * accuracy.aim
         its, failure, norm = solver.improve(primal, goal)  # 2. and 3. p = 0 on the free cells, a little

@@ -118,7 +118,7 @@ class PrimalState:
 
     # -- steps ------------------------------------------------------------------------------------------
 
-    def start(self, exact=False):
+    def start(self):
         """Begin from w: overlaps are closed, p follows; the mean of w is as prescribed. Collective."""
         state, b = self.state, self.state.distance.b
         np.maximum(self.w, b, out=self.w, where=state.admissible)
@@ -126,7 +126,7 @@ class PrimalState:
         state.contact &= state.admissible
         if not self.loading.prescribes_load:
             self.w += self.mean_displacement - self.mean(self.w)
-        self.refresh(exact)
+        self.refresh()
 
     def continue_from(self, solution):
         """Take w, and under a prescribed approach the mean pressure, from a Solution on this grid. Not collective."""
@@ -140,15 +140,16 @@ class PrimalState:
         """Numbers of the solution, as w and the mean pressure have them. Collective over the ranks of the state."""
         return numbers_on(self.state, self.state.comm, self.load, -self.mean(self.w))
 
-    def guess(self, solver):
-        """The contact set by projected sweeps with the centre of B: an obstacle problem; w and p follow. Collective."""
+    def guess(self, solver, exact=False):
+        """The contact set by projected sweeps with the centre of B: an obstacle problem; w and p follow. Collective.
+
+        `exact`: p by a product in double precision, for changes are added to it from here on.
+        """
         state, preconditioner = self.state, solver.preconditioner
         weights, shape = preconditioner.weights, self.w.shape
         force, lowest = solver.scratch.reshape(-1).view(np.float32).reshape(2, *shape)
         loops.guess_sources(state.p, self.w, state.distance.b, state.admissible, weights[0], force, lowest)
-        x, exact = solver.direction, solver.direction.dtype != np.float32
-        if exact:
-            x, before = np.empty(shape, np.float32), self.w.copy()
+        x = solver.direction if solver.direction.dtype == np.float32 else np.empty(shape, np.float32)
         rows = solver.rows_beside
         room = stencil.make_room(solver.guesses, shape[1])
         stencil.sweep_projected(force, *rows(force), lowest, *rows(lowest), weights, solver.guesses, x, room)
@@ -156,9 +157,8 @@ class PrimalState:
         if self.loading.prescribes_load and not state.any_in_contact():
             self._touch()
         self._contact_changed(solver)
-        change = self.w - before if exact else x
-        self._restore_mean_with(change, solver)
-        self._add_pressure_of(change, solver)
+        self.restore_mean(solver)
+        self.refresh(exact)
 
     def _touch(self):
         """Under a load: the cells with the least gap become the contact set, and touch. Collective."""
