@@ -47,7 +47,7 @@ def primal_active_set(primal, solver, stop, history):
     """
     state, progress = primal.state, _Progress()
     solver.begin(primal.loading)
-    primal.start()
+    primal.start(solver)
     accuracy = _Accuracy(allowed_gap(primal, stop), stop.rtol)
     history.start(state, solver)
     primal.guess(solver, exact=stop.final)

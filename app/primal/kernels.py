@@ -60,6 +60,23 @@ def close(w, b, captured, z, share, change):
 
 
 @any_order
+def _touch_row(w, b, admissible, contact, change):
+    for i in range(w.size):
+        touches = contact[i] | (admissible[i] & (w[i] <= b[i]))
+        step = b[i] - w[i] if touches else 0.0
+        contact[i] = touches
+        change[i] = step
+        w[i] = b[i] if touches else w[i]
+
+
+@any_order
+def touch(w, b, admissible, contact, change):
+    """Cells of C, and those that overlap, which enter it, touch: w = b; `change` is by how much w changes."""
+    for j in range(w.shape[0]):
+        _touch_row(w[j], b[j], admissible[j], contact[j], change[j])
+
+
+@any_order
 def _guess_row(p, w, b, admissible, scale, force, lowest):
     for i in range(p.size):
         force[i] = np.float32(-p[i] * scale)
@@ -115,6 +132,7 @@ def warm_up(dtype):
     fixed.flags.writeable = False
     exchange(fixed, field, fixed, cells, cells, 0.0, 0.0, cells)
     close(field, fixed, cells, field.astype(dtype), 0.0, field.astype(dtype))
+    touch(field, fixed, cells, cells, field.astype(dtype))
     guess_sources(fixed, field, fixed, cells, 0.0, low, low)
     take(low, low, field, fixed, cells)
     positive(fixed, cells, field)

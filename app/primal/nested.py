@@ -70,8 +70,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
         elif coarse is None:
             primal.w[...] = state.distance.b  # full contact
         else:
-            primal.mean_pressure = coarse.mean_pressure
-            hierarchy.transfers[number].interpolate(coarse.w, primal.w)
+            primal.come_from(coarse, hierarchy.transfers[number])
             if coarser:  # else there are no rows here yet
                 primal.move_on(coarser[-1].depth, loading.predict(coarser[-1].depth))
             coarse_pressure = coarse.state.p

@@ -42,6 +42,7 @@ class PrimalState:
         self._captured = np.zeros(inverse.local_shape, bool)
         grid = state.grid
         self.cells = grid.n
+        self._has_pressure = False
         self.mean_pressure = 0.0  # the Lagrange multiplier of a prescribed approach; known under a load
         if loading.prescribes_load:
             self.mean_pressure = loading.load / (grid.n * grid.cell_area)
@@ -91,19 +92,27 @@ class PrimalState:
         )
         self.add_mean_pressure(-total / max(cells, 1))
 
+    def come_from(self, coarse, transfer):
+        """Begin with w and p of the coarser grid, interpolated. Collective."""
+        self.mean_pressure = coarse.mean_pressure
+        transfer.interpolate(coarse.w, self.w)
+        with self.state.pressure as values:
+            transfer.interpolate(coarse.state.p, values.reshape(self.w.shape))
+        self.state.u_is = Displacement.STALE
+        self._has_pressure = True
+
     def move_on(self, depth, predicted):
         """Take w of the grid before to the depth predicted for this one, from that found there [mm]. Not collective.
 
         A constant has no pressure. Back the bodies go most of the way to first touch at most, where a prediction that
         is too bold would leave nothing of the contact; and cells that touched still do.
         """
-        back, b = depth - predicted, self.state.distance.b
+        back, state = depth - predicted, self.state
         if back > 0:
-            touching = self.state.admissible & (self.w <= b)
-            self.w += min(back, _BACK * max(depth - self.state.first_touch(), 0.0))
-            np.copyto(self.w, b, where=touching)
-        elif back < 0:
-            self.w += back
+            np.less_equal(self.w, state.distance.b, out=state.contact)
+            state.contact &= state.admissible
+            back = min(back, _BACK * max(depth - state.first_touch(), 0.0))
+        self.w += back
 
     def add_mean_pressure(self, missing):
         """Under a prescribed approach the mean pressure is an unknown. Not collective."""
@@ -118,15 +127,21 @@ class PrimalState:
 
     # -- steps ------------------------------------------------------------------------------------------
 
-    def start(self):
-        """Begin from w: overlaps are closed, p follows; the mean of w is as prescribed. Collective."""
-        state, b = self.state, self.state.distance.b
-        np.maximum(self.w, b, out=self.w, where=state.admissible)
-        np.less_equal(self.w, b, out=state.contact)
-        state.contact &= state.admissible
+    def start(self, solver):
+        """Begin from w: overlaps are closed, the mean of w is as prescribed; and from a p that is good enough to guess.
+
+        Collective. From a coarser grid there is one, to which is added what closing overlaps makes of it near by.
+        """
+        state, change = self.state, solver.direction
+        loops.touch(self.w, state.distance.b, state.admissible, state.contact, change)
         if not self.loading.prescribes_load:
             self.w += self.mean_displacement - self.mean(self.w)
-        self.refresh()
+        if not self._has_pressure:
+            return self.refresh()
+        rows, room = solver.rows_beside(change), np.empty((3, self.w.shape[1] + 2))
+        with state.pressure as values:
+            p = values.reshape(self.w.shape)
+            stencil.add_centre(change, *rows, solver.preconditioner.weights, room, p)
 
     def continue_from(self, solution):
         """Take w, and under a prescribed approach the mean pressure, from a Solution on this grid. Not collective."""

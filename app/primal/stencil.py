@@ -296,6 +296,29 @@ def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, s
 
 
 @any_order
+def _add_row(above, here, below, scale, wx, wy, wd, out):
+    for i in range(out.size):
+        around = (
+            wx * (here[i] + here[i + 2])
+            + wy * (above[i + 1] + below[i + 1])
+            + wd * ((above[i] + above[i + 2]) + (below[i] + below[i + 2]))
+        )
+        out[i] += scale * (here[i + 1] + around)
+
+
+@njit()
+def add_centre(d, before, after, weights, room, out):
+    """out += the centre of B times d; there must be a row beside the slab, or more. `room`: for three rows."""
+    scale, wx, wy, wd = 1.0 / weights[0], weights[1], weights[2], weights[3]
+    for j in range(-1, len(d) + 1):
+        row = room[j % 3]
+        _copy_at(len(before) + j, d, before, after, row[1:-1])
+        _wrap(row)
+        if j > 0:
+            _add_row(room[(j - 2) % 3], room[(j - 1) % 3], row, scale, wx, wy, wd, out[j - 1])
+
+
+@any_order
 def _mix_row(a, weight, b, out):
     for i in range(out.size):
         out[i] = weight * a[i] + (1 - weight) * b[i]
@@ -356,11 +379,13 @@ def warm_up():
     field, cells = np.zeros((0, 1)), np.zeros((0, 1), bool)
     fixed, low = field.view(), field.astype(np.float32)
     fixed.flags.writeable = False
-    weights = (0.0, *(np.float32(0),) * 3)
+    weights = (1.0, *(np.float32(0),) * 3)
     one, room = np.ones(1, np.float32), make_room(1, 1)
     sweep_from_zero(fixed, field, field, cells, cells, cells, weights, one, low, field, 0, (1, 1), room)
     for z in (low, field):
         sweep_on(fixed, field, field, cells, cells, cells, weights, one, low, low, low, z, room)
     sweep_projected(low, low, low, low, low, low, weights, 1, low, room)
+    for d in (field, low):
+        add_centre(d, d, d, weights, np.zeros((3, 3)), field)
     contact_in_cells(cells, field, 0, (1, 1), one)
     add_interpolated(field, ((1.0, 0.0), (1.0, 0.0)), cells, low, one, one)

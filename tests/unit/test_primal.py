@@ -405,7 +405,7 @@ def test_every_step_keeps_p_and_the_loading(steps, loading, holes):
         if closed:
             assert (primal.w == state.distance.b)[state.contact].all()
 
-    primal.start()
+    primal.start(solver)
     primal.guess(solver)
     check()
     for _ in range(4):
@@ -432,7 +432,7 @@ def test_every_step_keeps_p_and_the_loading(steps, loading, holes):
 
 def test_under_a_load_something_stays_in_contact(steps):
     primal, solver = steps(PrescribedLoad(1e2))
-    primal.start()
+    primal.start(solver)
     primal.guess(solver)
     before = primal.state.contact.copy()
     with primal.state.pressure as values:
@@ -451,10 +451,57 @@ def test_the_loops_of_the_state():
     np.testing.assert_array_equal(out, expected)
 
 
+@pytest.mark.parametrize("cut", [0, 2, 5])
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_the_centre_of_b_is_added_as_it_is_defined(cut, dtype):
+    """Columns wrap around; rows beside the slab, of which the nearest count, are given."""
+    rng = np.random.default_rng(2)
+    d, weights = rng.normal(size=(5, 6)).astype(dtype), (0.5, 0.3, -0.2, 0.1)
+    around = np.pad(d, 1, mode="wrap").astype(float)
+    expected = 2 * sum(
+        (1.0, 0.3, -0.2, 0.1)[abs(x) + 2 * abs(y)] * around[1 + y : 6 + y, 1 + x : 7 + x]
+        for x in (-1, 0, 1)
+        for y in (-1, 0, 1)
+    )
+    found = np.ones((5, 6))
+    for rows in (slice(0, cut), slice(cut, 5)):
+        before, after = np.roll(d, -rows.start, 0)[-2:], np.roll(d, -rows.stop, 0)[:2]
+        if rows.start < rows.stop:
+            stencil.add_centre(d[rows], before, after, weights, np.empty((3, 8)), found[rows])
+    np.testing.assert_allclose(found, 1 + expected, rtol=0, atol=1e-6)
+
+
+def test_what_overlaps_touches():
+    rng = np.random.default_rng(3)
+    w, b, contact, admissible = *rng.normal(size=(2, 6, 7)), *(rng.random((2, 6, 7)) < 0.5)
+    contact &= admissible
+    touches, before, change = contact | (admissible & (w <= b)), w.copy(), np.empty((6, 7))
+    kernels.touch(w, b, admissible, contact, change)
+    np.testing.assert_array_equal(contact, touches)
+    np.testing.assert_array_equal(w, np.where(touches, b, before))
+    np.testing.assert_array_equal(change, np.where(touches, b - before, 0))
+
+
+@pytest.mark.parametrize("holes", [0.0, 0.1])
+def test_a_start_from_a_pressure_knows_it_well_enough(steps, holes):
+    """Closing overlaps is for short waves: the centre of B makes most of what B makes of it."""
+    primal, solver = steps(PrescribedLoad(1e2), holes)
+    primal.w[...] = primal.state.distance.b.mean() + 1e-3 * primal.state.distance.b
+    primal.refresh()
+    before = primal.state.p.copy()
+    primal._has_pressure = True
+    primal.start(solver)
+    found = primal.state.p.copy()
+    primal.refresh(exact=True)
+    moved, missing = primal.state.p - before, primal.state.p - found
+    assert primal.state.any_in_contact() and np.linalg.norm(moved) > 0
+    assert np.linalg.norm(missing) < 0.3 * np.linalg.norm(moved)
+
+
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_it_is_flexible_cg_step_for_step(steps, count):
     primal, solver = steps(PrescribedLoad(1e2))
-    primal.start()
+    primal.start(solver)
     primal.guess(solver)
     before, left = primal.w.copy(), np.where(primal.inverse.mask, -primal.state.p, 0.0)
     other = PETSc.KSP().create(PETSc.COMM_SELF)
