@@ -268,9 +268,6 @@ class Primal(Inexact):
             return PrimalSolver(hierarchy, number, operator.petsc_comm)
 
         self._kept = KeptSolvers(make, hierarchy, self.solver)
-        for number, level in enumerate(hierarchy.levels):  # now, not in the first solve
-            if level.active and not is_large(level.grid):
-                self._kept.solver(number, level)
 
     def _make_solver(self):
         return PrimalSolver(self._hierarchy)
@@ -280,6 +277,13 @@ class Primal(Inexact):
         super().warm_up()
         for kind in self._precisions():
             primal_solver.warm_up(kind)
+
+    def prepare(self):
+        """See `Strategy.prepare`."""
+        super().prepare()
+        for number, level in enumerate(self._hierarchy.levels if self._settings.nested else ()):
+            if level.active and not is_large(level.grid):
+                self._kept.solver(number, level)
 
     def _solve(self, loading, history, start):
         nested, stop = self._settings.nested, self._inexact_stop()

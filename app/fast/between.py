@@ -110,6 +110,18 @@ class Between:
 # Blocks in a row of these share what is added up, or spread, over the columns: rows are gone through as they lie.
 
 
+@njit()
+def _rows_of_blocks(first, ny, cells):
+    """Numbers of the rows of blocks that have some of `ny` rows, from `first` on."""
+    return range(first // cells, (first + ny - 1) // cells + 1)
+
+
+@njit()
+def _rows_in(k, cells, first, ny):
+    """The rows, counted from `first` on, that are in row k of blocks."""
+    return range(max(k * cells - first, 0), min((k + 1) * cells - first, ny))
+
+
 @any_order
 def _add_row(field, contact, total):
     zero = total.dtype.type(0)
@@ -128,13 +140,11 @@ def _into_blocks(row, cells, blocks):
 @njit()
 def _add_up(field, contact, cells, first, row, blocks):
     """Add to each block the mean of a field on C over its cells here, of rows from `first` on; `row`: room for one."""
-    ny = len(field)
-    for j in range(ny):
-        if j == 0 or (first + j) % cells == 0:
-            row[:] = 0
-        _add_row(field[j], contact[j], row)
-        if j == ny - 1 or (first + j + 1) % cells == 0:
-            _into_blocks(row, cells, blocks[(first + j) // cells])
+    for k in _rows_of_blocks(first, len(field), cells):
+        row[:] = 0
+        for j in _rows_in(k, cells, first, len(field)):
+            _add_row(field[j], contact[j], row)
+        _into_blocks(row, cells, blocks[k])
 
 
 @any_order
@@ -150,13 +160,12 @@ def _add_row_beside(r, b, contact, total):
 @njit()
 def _add_up_beside(r, b, contact, cells, first, row, blocks):
     """As `_add_up`, of b outside C; return r.b on C."""
-    ny, product = len(b), 0.0
-    for j in range(ny):
-        if j == 0 or (first + j) % cells == 0:
-            row[:] = 0
-        product += _add_row_beside(r[j], b[j], contact[j], row)
-        if j == ny - 1 or (first + j + 1) % cells == 0:
-            _into_blocks(row, cells, blocks[(first + j) // cells])
+    product = 0.0
+    for k in _rows_of_blocks(first, len(b), cells):
+        row[:] = 0
+        for j in _rows_in(k, cells, first, len(b)):
+            product += _add_row_beside(r[j], b[j], contact[j], row)
+        _into_blocks(row, cells, blocks[k])
     return product
 
 
@@ -198,10 +207,10 @@ def _fill_row(r, contact, values, out):
 
 @njit()
 def _fill(r, contact, blocks, cells, first, row, out):
-    for j in range(len(out)):
-        if j == 0 or (first + j) % cells == 0:
-            _spread(blocks[(first + j) // cells], cells, row)
-        _fill_row(r[j], contact[j], row, out[j])
+    for k in _rows_of_blocks(first, len(out), cells):
+        _spread(blocks[k], cells, row)
+        for j in _rows_in(k, cells, first, len(out)):
+            _fill_row(r[j], contact[j], row, out[j])
 
 
 @any_order
@@ -214,10 +223,10 @@ def _take_row(values, contact, b):
 
 @njit()
 def _take(blocks, contact, cells, first, row, b):
-    for j in range(len(b)):
-        if j == 0 or (first + j) % cells == 0:
-            _spread(blocks[(first + j) // cells], cells, row)
-        _take_row(row, contact[j], b[j])
+    for k in _rows_of_blocks(first, len(b), cells):
+        _spread(blocks[k], cells, row)
+        for j in _rows_in(k, cells, first, len(b)):
+            _take_row(row, contact[j], b[j])
 
 
 @cache
