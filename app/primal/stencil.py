@@ -21,35 +21,33 @@ from app.halfspace.reductions import add_inside, any_order, copy_row, scale_row
 
 
 @any_order
+def _around(above, here, below, i, wx, wy, wd):
+    """What the neighbours of cell i add, of rows with one cell more on either side."""
+    return (
+        wx * (here[i] + here[i + 2])
+        + wy * (above[i + 1] + below[i + 1])
+        + wd * ((above[i] + above[i + 2]) + (below[i] + below[i + 2]))
+    )
+
+
+@any_order
 def _sweep_row(source, free, above, here, below, wx, wy, wd, share, out):
     for i in range(source.size):
-        around = (
-            wx * (here[i] + here[i + 2])
-            + wy * (above[i + 1] + below[i + 1])
-            + wd * ((above[i] + above[i + 2]) + (below[i] + below[i + 2]))
-        )
+        around = _around(above, here, below, i, wx, wy, wd)
         out[i + 1] = free[i] * (here[i + 1] + share * (source[i] - around - here[i + 1]))
 
 
 @any_order
 def _projected_row(source, lowest, above, here, below, wx, wy, wd, out):
     for i in range(source.size):
-        around = (
-            wx * (here[i] + here[i + 2])
-            + wy * (above[i + 1] + below[i + 1])
-            + wd * ((above[i] + above[i + 2]) + (below[i] + below[i + 2]))
-        )
+        around = _around(above, here, below, i, wx, wy, wd)
         out[i + 1] = max(source[i] - around, lowest[i])
 
 
 @any_order
 def _residual_row(source, free, above, here, below, wx, wy, wd, out):
     for i in range(source.size):
-        around = (
-            wx * (here[i] + here[i + 2])
-            + wy * (above[i + 1] + below[i + 1])
-            + wd * ((above[i] + above[i + 2]) + (below[i] + below[i + 2]))
-        )
+        around = _around(above, here, below, i, wx, wy, wd)
         out[i] = free[i] * (source[i] - around - here[i + 1])
 
 
@@ -298,11 +296,7 @@ def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, s
 @any_order
 def _add_row(above, here, below, scale, wx, wy, wd, out):
     for i in range(out.size):
-        around = (
-            wx * (here[i] + here[i + 2])
-            + wy * (above[i + 1] + below[i + 1])
-            + wd * ((above[i] + above[i + 2]) + (below[i] + below[i + 2]))
-        )
+        around = _around(above, here, below, i, wx, wy, wd)
         out[i] += scale * (here[i + 1] + around)
 
 
