@@ -23,7 +23,7 @@ import numpy as np
 
 from app.compiled import njit
 from app.halfspace.grid import Slabs
-from app.halfspace.reductions import any_order, sum_over
+from app.halfspace.reductions import add_inside, any_order, sum_over
 
 _LEAST = 0.15  # share of contact around a cell, beside which less counts little
 _SMOOTHED = 2  # times
@@ -122,14 +122,6 @@ def _rows_in(k, cells, first, ny):
     return range(max(k * cells - first, 0), min((k + 1) * cells - first, ny))
 
 
-@any_order
-def _add_row(field, contact, total):
-    zero = total.dtype.type(0)
-    for i in range(total.size):
-        value = field[i]
-        total[i] += value if contact[i] else zero
-
-
 @njit()
 def _into_blocks(row, cells, blocks):
     share = 1.0 / (cells * cells)
@@ -143,7 +135,7 @@ def _add_up(field, contact, cells, first, row, blocks):
     for k in _rows_of_blocks(first, len(field), cells):
         row[:] = 0
         for j in _rows_in(k, cells, first, len(field)):
-            _add_row(field[j], contact[j], row)
+            add_inside(field[j], contact[j], row)
         _into_blocks(row, cells, blocks[k])
 
 
@@ -213,20 +205,12 @@ def _fill(r, contact, blocks, cells, first, row, out):
             _fill_row(r[j], contact[j], row, out[j])
 
 
-@any_order
-def _take_row(values, contact, b):
-    zero = values.dtype.type(0)
-    for i in range(b.size):
-        value = values[i]
-        b[i] += value if contact[i] else zero
-
-
 @njit()
 def _take(blocks, contact, cells, first, row, b):
     for k in _rows_of_blocks(first, len(b), cells):
         _spread(blocks[k], cells, row)
         for j in _rows_in(k, cells, first, len(b)):
-            _take_row(row, contact[j], b[j])
+            add_inside(row, contact[j], b[j])
 
 
 @cache
