@@ -122,6 +122,39 @@ def influence_by_levels(
     return MultilevelOperator(grid.shape, near, coarsest, slabs, comm, dtype, other)
 
 
+def periodic_inverse_by_levels(grid, compliance, slabs=None, comm=None, dtype=np.float64, workspace=None):
+    """The inverse of A on a periodic patch, nearly.
+
+    Collective over `comm`.
+
+    Parameters
+    ----------
+    grid, compliance, slabs, comm, dtype, workspace
+        See `circulant_inverse`.
+
+    Returns
+    -------
+    MultilevelOperator, or None
+        If it has no stencils: there are few cells, or an odd number.
+    """
+    unit = 1 / (compliance * max(grid.dx, grid.dy))
+    near = [level.times(unit) for level in _stencils(grid, -1)]
+    if not near:
+        return None
+    (cy, cx), shape = cells_in_one(near), _coarsest_shape(grid, near)
+
+    def symbol(columns, rows):
+        x, y = columns * 2 / (cx * shape[1]), rows * 2 / (cy * shape[0])
+        return coarser(1 / eigenvalues(grid, compliance, x, y), near, x, y)
+
+    def coarsest(shape, slabs):
+        inverse = EvenMultiplier(shape, shape, slabs, comm, dtype, workspace)
+        inverse.set_spectrum(symbol)
+        return inverse
+
+    return MultilevelOperator(grid.shape, near, coarsest, slabs, comm, dtype, periodic=True)
+
+
 def influence_of(operator):
     """A by levels on the grid of an `InfluenceOperator`, made when first asked for, or None. Collective."""
     if not operator.active or operator.grid.periodic:
@@ -141,12 +174,14 @@ def influence_of(operator):
 
 
 def _stencils(grid, power):
-    if max(grid.shape) < _LEAST or min(grid.shape) < _LEAST // 2:
+    least = 2 * _LEAST if grid.periodic else _LEAST  # where transforms are not padded
+    if max(grid.shape) < least or min(grid.shape) < least // 2:
         return ()
     found, (ny, nx) = stencils(grid, power), grid.shape
     for number, (_, (fy, fx)) in enumerate(found):
+        halved = not grid.periodic or ny % fy == nx % fx == 0
         ny, nx = ny // fy, nx // fx
-        if min(ny, nx) < _LEAST // 2:
+        if min(ny, nx) < _LEAST // 2 or not halved:
             return found[:number]
     return found
 
@@ -154,7 +189,7 @@ def _stencils(grid, power):
 def _coarsest_shape(grid, near):
     shape = grid.shape
     for level in near:
-        shape = coarse_shape(shape, level.factors)
+        shape = coarse_shape(shape, level.factors, bool(grid.periodic))
     return shape
 
 

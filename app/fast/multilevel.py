@@ -30,12 +30,13 @@ from app.halfspace.reductions import any_order, copy_row, scale_row
 _SHARE = 0.6  # operations of stencil and interpolation on a cell, in those of a transform and back
 
 
-def coarse_shape(shape, factors):
+def coarse_shape(shape, factors, periodic=False):
     """Of two cells each, with one before the first, and one behind the last or around it; or as many.
 
-    Not collective.
+    Not collective. Over a period: of two cells each, of which there is an even number.
     """
-    return tuple(n // 2 + 2 if factor == 2 else n for n, factor in zip(shape, factors, strict=True))
+    more = 0 if periodic else 2
+    return tuple(n // 2 + more if factor == 2 else n for n, factor in zip(shape, factors, strict=True))
 
 
 class MultilevelOperator:
@@ -55,6 +56,8 @@ class MultilevelOperator:
         See `EvenMultiplier`.
     other : MultilevelOperator, optional
         One on the same grid, at rest whenever this works: its coarse fields are used.
+    periodic : bool
+        Over a period of so many rows and columns.
 
     Attributes
     ----------
@@ -64,24 +67,27 @@ class MultilevelOperator:
         In y and x, in cells.
     """
 
-    def __init__(self, shape, near, coarsest, slabs=None, comm=None, dtype=np.float64, other=None):
+    def __init__(
+        self, shape, near, coarsest, slabs=None, comm=None, dtype=np.float64, other=None, periodic=False
+    ):
         self.count, self.shape, self.dtype = 0, shape, np.dtype(dtype)
         self.slabs = slabs = slabs or Slabs(shape[0])
         self.comm = comm = comm if comm is not None and comm.size > 1 else None
         twice = np.where(np.arange(REACH + 1) > 0, 2.0, 1.0)
         self._stencil = np.ascontiguousarray((near[0].stencil / np.outer(twice, twice)).T, dtype)  # [y, x]
         self._factors = fy, _ = near[0].factors
-        below, coarse = coarse_shape(shape, self._factors), slabs.surround() if fy == 2 else slabs
+        self._periodic, below = periodic, coarse_shape(shape, self._factors, periodic)
+        coarse = slabs if fy == 1 else slabs.coarsen(2) if periodic else slabs.surround()
         if len(near) > 1:
             others = other._next if other and isinstance(other._next, MultilevelOperator) else None
-            self._next = MultilevelOperator(below, near[1:], coarsest, coarse, comm, dtype, others)
+            self._next = MultilevelOperator(below, near[1:], coarsest, coarse, comm, dtype, others, periodic)
         else:
             self._next = coarsest(below, coarse)
         self.periods = tuple(f * period for f, period in zip(self._factors, self._next.periods, strict=True))
         self._first, self._first_coarse = slabs.rows.start, coarse.rows.start
         self._coarse = np.zeros((coarse.local, below[1]), dtype) if other is None else other._coarse
-        self._halo = None if comm is None else Halo(slabs, comm, REACH, periodic=False)
-        self._parents = Parents(slabs, comm) if fy == 2 else None
+        self._halo = Halo(slabs, comm, REACH, periodic) if periodic or comm is not None else None
+        self._parents = Parents(slabs, comm, periodic) if fy == 2 else None
         self._none = np.zeros((0, shape[1]), dtype)
         self._all = np.ones(slabs.local, bool)
         padded, half = shape[1] + 2 * REACH, shape[1] // 2 + 3
@@ -91,6 +97,7 @@ class MultilevelOperator:
             np.empty((2, shape[1]), dtype),
         )
         self._four = np.zeros((5, 2 * half), dtype), np.empty((2, half), dtype)
+        self._wide = np.zeros(below[1] + 2, dtype)
         self.flops = 62 * slabs.local * shape[1] + self._next.flops
         warm_up(self.dtype)
 
@@ -118,17 +125,20 @@ class MultilevelOperator:
             before, after = (beside.astype(self.dtype, copy=False) for beside in self._halo(p))
         coarse = self._coarse
         firsts = self._first, self._first_coarse
-        _restrict(p, rows, before, after, *firsts, coarse, self._factors, *self._four)
+        _restrict(p, rows, before, after, *firsts, coarse, self._factors, self._periodic, *self._four)
         self._next.apply(coarse, coarse)
         above, below, first_coarse = coarse[:0], coarse[:0], self._first
         if self._parents:
             (above, below), first_coarse = self._parents(coarse), self._parents.first
         parents, firsts = (above, coarse, below), (self._first, first_coarse)
-        _add_near(p, rows, before, after, self._stencil, parents, *firsts, self._factors, out, *self._five)
+        _add_near(
+            p, rows, before, after, self._stencil, parents, *firsts, self._factors, self._periodic, out,
+            *self._five, self._wide,
+        )  # fmt: skip
 
 
-# Padded rows have REACH zeros at either end, so that nothing must be asked at the sides of the patch. A factor 3 is of
-# the type of the rows: by a Python number single precision is multiplied in double.
+# Padded rows have REACH zeros at either end, so that nothing must be asked at the sides of the patch, or what comes
+# there over a period. A factor 3 is of the type of the rows: by Python's, single precision is multiplied in double.
 
 
 @any_order
@@ -147,7 +157,7 @@ def _split(row, even, odd):
 
 @any_order
 def _halve(even, odd, sixteenth, three, out):
-    """1, 3, 3, 1 of four cells each of a row that is padded by 3 before."""
+    """1, 3, 3, 1 of four cells each of a row that is padded by 3 before, or over a period by 1."""
     for i in range(out.size):
         out[i] = sixteenth * (even[i] + odd[i + 1] + three * (odd[i] + even[i + 1]))
 
@@ -203,64 +213,83 @@ def _take_row(j, p, rows, before, after, out):
 
 
 @njit()
-def _restrict(p, rows, before, after, first, first_coarse, coarse, factors, four, halves):
+def _wrap(row, nx, width):
+    """Into the ends of a padded row: what comes there over a period of nx cells."""
+    for i in range(width):
+        row[i], row[width + nx + i] = row[nx + i], row[width + i]
+
+
+@njit()
+def _restrict(p, rows, before, after, first, first_coarse, coarse, factors, periodic, four, halves):
     """coarse = P^T p; `first`: number of the first row here; `four`, `halves`: room for rows."""
     kind, nx, (fy, fx) = coarse.dtype.type, p.shape[1], factors
+    pad = 1 if periodic else 3
     share, three = kind(1 / (fy * fx) ** 2), kind(3)
     row, even, odd = four[4], halves[0], halves[1]
     some = 0  # bits: which of the four rows are not zero
     for j in range(len(coarse)):
         if fy == 2:
-            low = 2 * (first_coarse + j) - 3 - first
+            low = 2 * (first_coarse + j) - pad - first
             for k in range(low + 2 if j else low, low + 4):
-                found = _take_row(k, p, rows, before, after, four[k % 4, 3 : 3 + nx])
+                found = _take_row(k, p, rows, before, after, four[k % 4, pad : pad + nx])
+                if periodic:
+                    _wrap(four[k % 4], nx, pad)
                 some = (2 * some + found) & 15
             if some:
                 a, b, c, d = four[low % 4], four[(low + 1) % 4], four[(low + 2) % 4], four[(low + 3) % 4]
                 _add_rows(a, b, c, d, three, row)
         else:
-            some = int(_take_row(j, p, rows, before, after, row[3 : 3 + nx]))
+            some = int(_take_row(j, p, rows, before, after, row[pad : pad + nx]))
+            if periodic:
+                _wrap(row, nx, pad)
         if not some:
             coarse[j] = 0
         elif fx == 2:
             _split(row, even, odd)
             _halve(even, odd, share, three, coarse[j])
         else:
-            scale_row(row[3 : 3 + nx], share, coarse[j])
+            scale_row(row[pad : pad + nx], share, coarse[j])
 
 
 @njit()
-def _widen(row, fx, three, out):
-    """A quarter of what a coarse row is interpolated to in x."""
-    if fx == 2:
-        _double(row, row.dtype.type(1 / 16), three, out)
-    else:
+def _widen(row, fx, three, periodic, wide, out):
+    """A quarter of what a coarse row is interpolated to in x; `wide`: room for a padded one."""
+    if fx == 1:
         scale_row(row, row.dtype.type(1 / 4), out)
+    elif periodic:
+        copy_row(row, wide[1:-1])
+        _wrap(wide, row.size, 1)
+        _double(wide, row.dtype.type(1 / 16), three, out)
+    else:
+        _double(row, row.dtype.type(1 / 16), three, out)
 
 
 @njit()
-def _widen_parent(k, above, coarse, below, fx, three, out):
+def _widen_parent(k, above, coarse, below, fx, three, periodic, wide, out):
     """Row k, counted from the first of those above."""
     here = k - len(above)
     if here < 0:
-        _widen(above[k], fx, three, out)
+        _widen(above[k], fx, three, periodic, wide, out)
     elif here < len(coarse):
-        _widen(coarse[here], fx, three, out)
+        _widen(coarse[here], fx, three, periodic, wide, out)
     else:
-        _widen(below[here - len(coarse)], fx, three, out)
+        _widen(below[here - len(coarse)], fx, three, periodic, wide, out)
 
 
 @njit()
 def _add_near(
-    p, rows, before, after, stencil, parents, first, first_coarse, factors, out, five, columns, doubled
-):
+    p, rows, before, after, stencil, parents, first, first_coarse, factors, periodic, out, five, columns, doubled,
+    wide,
+):  # fmt: skip
     """out = N p + P coarse, where rows are wanted; `parents`: the rows of coarse above, here and below.
 
-    `five`, `columns`, `doubled`: room for rows, the first of zeros at the ends.
+    `five`, `columns`, `doubled`, `wide`: room for rows, the first of zeros at the ends.
     """
     (fy, fx), nx, three, done = factors, p.shape[1], stencil.dtype.type(3), -1
     for j in range(-4, len(p)):
         _take_row(j + 2, p, rows, before, after, five[(j + 2) % 5, 2 : 2 + nx])
+        if periodic:
+            _wrap(five[(j + 2) % 5], nx, 2)
         if j < 0 or not rows[j]:
             continue
         parent = far = first + j - first_coarse
@@ -268,7 +297,7 @@ def _add_near(
             parent = (first + j) // 2 + 1 - first_coarse
             far = parent + 1 if (first + j) % 2 else parent - 1
         for k in range(max(done + 1, min(parent, far)), max(parent, far) + 1):
-            _widen_parent(k, *parents, fx, three, doubled[k % 2])
+            _widen_parent(k, *parents, fx, three, periodic, wide, doubled[k % 2])
             done = k
         around = five[(j - 2) % 5], five[(j - 1) % 5], five[j % 5], five[(j + 1) % 5], five[(j + 2) % 5]
         _in_y(around, stencil, columns[0], columns[1], columns[2])
@@ -281,5 +310,8 @@ def warm_up(dtype):
     low, rows, stencil = np.zeros((0, 0), dtype), np.zeros(0, bool), np.zeros((3, 3), dtype)
     room = np.zeros((5, 4), dtype)
     for field in {np.dtype(float): np.zeros((0, 0)), dtype: low}.values():
-        _restrict(field, rows, low, low, 0, 0, low, (2, 2), room, room)
-        _add_near(field, rows, low, low, stencil, (low, low, low), 0, 0, (2, 2), field, room, room, room)
+        _restrict(field, rows, low, low, 0, 0, low, (2, 2), False, room, room)
+        parents = low, low, low
+        _add_near(
+            field, rows, low, low, stencil, parents, 0, 0, (2, 2), False, field, room, room, room, room[0]
+        )

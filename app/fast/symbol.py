@@ -69,7 +69,12 @@ def eigenvalues(grid, compliance, x, y):
         Infinite for a wave number 0 in both.
     """
     side = max(grid.dx, grid.dy)
-    return 2 * np.pi * compliance * side * _eigenvalues(grid.dx / side, grid.dy / side, x, y)
+    return 2 * np.pi * compliance * side * _eigenvalues(_kind(grid), grid.dx / side, grid.dy / side, x, y)
+
+
+def _kind(grid):
+    """``love``, as if periodic, or of a periodic grid what it is."""
+    return grid.periodic or "love"
 
 
 def mean_eigenvalue(compliance, lengths):
@@ -78,9 +83,9 @@ def mean_eigenvalue(compliance, lengths):
     return 4 * compliance * (a * np.arcsinh(b / a) + b * np.arcsinh(a / b))
 
 
-def _eigenvalues(dx, dy, x, y):
-    if max(dx, dy) > _STRETCHED * min(dx, dy):
-        found = _directly(dx, dy, x, y)
+def _eigenvalues(kind, dx, dy, x, y):
+    if kind == "spectral" or max(dx, dy) > _STRETCHED * min(dx, dy):
+        found = _directly(kind, dx, dy, x, y)
         found[(x[:, None] == 0) & (y == 0)] = np.inf
         return found
     terms = _smooth_part(dx, dy)
@@ -94,8 +99,8 @@ def _of_cell(dx, dy, x, y):
         return cell / np.sqrt((x / dx)[:, None] ** 2 + (y / dy) ** 2)
 
 
-def _directly(dx, dy, x, y):
-    two = Grid(2, 2, dx, dy, periodic="love")  # whose wave numbers are pi / d times "frequencies"
+def _directly(kind, dx, dy, x, y):
+    two = Grid(2, 2, dx, dy, periodic=kind)  # whose wave numbers are pi / d times "frequencies"
     return influence_symbol(two, 1 / (2 * np.pi), x, y)
 
 
@@ -104,7 +109,7 @@ def _smooth_part(dx, dy):
     """Coefficients [x, y] of even Chebyshev polynomials for what images in Fourier space add."""
     counts = [int(np.ceil(_TERMS * max(1.0, ratio))) for ratio in (dy / dx, dx / dy)]
     x, y = map(nodes, counts)
-    return coefficients(_directly(dx, dy, x, y) - _of_cell(dx, dy, x, y))
+    return coefficients(_directly("love", dx, dy, x, y) - _of_cell(dx, dy, x, y))
 
 
 def centre(grid):
@@ -116,7 +121,7 @@ def centre(grid):
 @lru_cache(maxsize=16)
 def _centre(dx, dy):
     t = _samples()
-    quarter = _cosines(t, 2).T @ _powers(dx, dy, t, t, -1) @ _cosines(t, 2)
+    quarter = _cosines(t, 2).T @ _powers("love", dx, dy, t, t, -1) @ _cosines(t, 2)
     return quarter[np.ix_((1, 0, 1), (1, 0, 1))].T
 
 
@@ -135,17 +140,17 @@ def stencils(grid, power=-1):
         For unit compliance and cells whose longer side is 1.
     """
     side = max(grid.dx, grid.dy)
-    return _stencils(grid.dx / side, grid.dy / side, power)
+    return _stencils(_kind(grid), grid.dx / side, grid.dy / side, power)
 
 
 @lru_cache(maxsize=32)
-def _stencils(dx, dy, power):
+def _stencils(kind, dx, dy, power):
     t, near = _samples(), []
     cosines = _cosines(t, REACH + 1)
     shapes = np.einsum("ia,jb->ijab", cosines, cosines)
     while np.prod(cells := cells_in_one(near)) < _MOST:
         x, y = t / cells[1], t / cells[0]
-        whole = _powers(dx, dy, x, y, power)
+        whole = _powers(kind, dx, dy, x, y, power)
         wanted = coarser(whole, near, x, y)
         fy, fx = factors = _coarsening(cells[1] * dx, cells[0] * dy)
         short = np.hypot((fx - 1) * t[:, None], (fy - 1) * t) > _LONG
@@ -184,11 +189,11 @@ def left_near_by(grid, levels):
 
 @lru_cache(maxsize=32)
 def _left_near_by(dx, dy, levels):
-    t, near = _samples(), _stencils(dx, dy, 1)[:levels]
+    t, near = _samples(), _stencils("love", dx, dy, 1)[:levels]
     cy, cx = cells_in_one(near)
-    left = coarser(_powers(dx, dy, t / cx, t / cy, 1), near, t / cx, t / cy)
+    left = coarser(_powers("love", dx, dy, t / cx, t / cy, 1), near, t / cx, t / cy)
     side = max(cx * dx, cy * dy)  # of cells so many times as large, by whose mean pressure is multiplied
-    left -= side / (cx * cy) * _powers(cx * dx / side, cy * dy / side, t, t, 1)
+    left -= side / (cx * cy) * _powers("love", cx * dx / side, cy * dy / side, t, t, 1)
     cosines = _cosines(t, _SAMPLES // 4)
     return (cosines.T @ left @ cosines).T / t.size**2
 
@@ -197,9 +202,9 @@ def _samples():
     return (np.arange(_SAMPLES) + 0.5) / _SAMPLES
 
 
-def _powers(dx, dy, x, y, power):
+def _powers(kind, dx, dy, x, y, power):
     """g_0 at wave numbers."""
-    return (2 * np.pi * _eigenvalues(dx, dy, x, y)) ** power
+    return (2 * np.pi * _eigenvalues(kind, dx, dy, x, y)) ** power
 
 
 def spectrum_of(stencil, x, y):

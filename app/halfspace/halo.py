@@ -57,25 +57,27 @@ class Parents:
     Parameters
     ----------
     slabs : Slabs
-        Of the fine rows; of the coarse ones: `Slabs.surround`.
+        Of the fine rows; of the coarse ones: `Slabs.surround`, or over a period those of two rows each.
     comm : mpi4py communicator or None
+    periodic : bool
 
     Attributes
     ----------
     first : int
-        Number of the first one, which may be here.
+        Number of the first one, which may be here; counted from the one before the first of two fine ones.
     """
 
-    def __init__(self, slabs, comm):
-        coarse = slabs.surround()
+    def __init__(self, slabs, comm, periodic=False):
+        coarse = slabs.coarsen(2) if periodic else slabs.surround()
         size, rank = (1, 0) if comm is None else (comm.size, slabs.rank)
         (first, last), (begin, end) = slabs.bounds(size), coarse.bounds(size)
-        low, high = first // 2, np.minimum((last - 1) // 2 + 3, coarse.ny)
+        low, high = first // 2 - periodic, (last - 1) // 2 + 3 - periodic
+        high = high if periodic else np.minimum(high, coarse.ny)
         some = last > first
         self._fetch = Fetch(
             coarse, [(np.where(some, low, begin), begin), (end, np.where(some, high, end))], comm
         )
-        self.first = int(low[rank])
+        self.first = int(low[rank]) + periodic
         self._before = int(begin[rank] - low[rank]) if some[rank] else 0
 
     def __call__(self, field):

@@ -1,23 +1,27 @@
 """The inverse by levels, and A, on several ranks against one."""
 
 from functools import partial
+from itertools import product
 
 import numpy as np
 import pytest
 
-from app.fast.levels import circulant_inverse, influence_by_levels
+from app.fast.levels import circulant_inverse, influence_by_levels, periodic_inverse_by_levels
 from app.halfspace.grid import Grid, Slabs
 
 SHAPES = [(128, 140, 0.12), (257, 150, 0.12), (150, 129, 0.12), (257, 140, 0.04), (130, 260, 0.5)]
 
 
+MULTIPLIERS = [
+    *product(SHAPES, [partial(circulant_inverse, apart=True), influence_by_levels]),
+    *product([(256, 264, 0.1), (268, 258, 0.03), (258, 258, 0.3)], [periodic_inverse_by_levels]),
+]
+
+
 @pytest.mark.mpi(2, 3, 4)
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(("shape", "multiplier"), MULTIPLIERS)
 @pytest.mark.parametrize("layout", ["even", "thin", "nothing at the ends"])
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-@pytest.mark.parametrize(
-    "multiplier", [partial(circulant_inverse, apart=True), influence_by_levels], ids=["inverse", "influence"]
-)
 def test_each_rank_finds_its_rows(comm, shape, layout, dtype, multiplier):
     ny, nx, dy = shape
     starts = {
@@ -26,7 +30,7 @@ def test_each_rank_finds_its_rows(comm, shape, layout, dtype, multiplier):
         "nothing at the ends": [0, 0, *[ny] * (comm.size - 1)],
     }[layout]
     slabs = Slabs.starting(starts, comm.rank)
-    grid = Grid(nx, ny, 0.1, dy)
+    grid = Grid(nx, ny, 0.1, dy, periodic="spectral" if multiplier is periodic_inverse_by_levels else "")
     alone = multiplier(grid, 1.0, dtype=dtype)
     here = multiplier(grid, 1.0, slabs, comm, dtype)
     field = np.random.default_rng(1).normal(size=grid.shape)

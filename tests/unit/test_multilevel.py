@@ -17,10 +17,16 @@ class Same:
         out[...] = p
 
 
-def interpolation(n, factor):
+def interpolation(n, factor, periodic=False):
     """Linear, between the centres of cells, of which the first coarse one is before the patch; or none."""
     if factor == 1:
         return np.eye(n)
+    if periodic:
+        matrix = np.zeros((n, n // 2))
+        for i in range(n):
+            matrix[i, i // 2] += 0.75
+            matrix[i, (i // 2 + (1 if i % 2 else -1)) % (n // 2)] += 0.25
+        return matrix
     matrix = np.zeros((n, n // 2 + 2))
     for i in range(n):
         matrix[i, i // 2 + 1] = 0.75
@@ -28,8 +34,10 @@ def interpolation(n, factor):
     return matrix
 
 
-def near(n, reach, weights):
-    """The product with a stencil along a direction, zero beyond the patch."""
+def near(n, reach, weights, periodic=False):
+    """The product with a stencil along a direction, zero beyond the patch, or around it."""
+    if periodic:
+        return sum(weights[abs(k)] * np.roll(np.eye(n), k, axis=0) for k in range(-reach, reach + 1))
     return sum(weights[abs(k)] * np.eye(n, k=k) for k in range(-reach, reach + 1))
 
 
@@ -50,3 +58,23 @@ def test_it_is_a_stencil_and_interpolation_from_the_coarse_grid(shape, dtype, fa
         given = np.where(wanted[:, None], p, np.nan).astype(dtype)
         operator.apply(given, given, wanted)
         np.testing.assert_allclose(given[wanted], expected[wanted], rtol=0, atol=20 * np.finfo(dtype).eps)
+
+
+@pytest.mark.parametrize("factors", [(2, 2), (2, 1), (1, 2)])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("shape", [(2, 2), (4, 2), (6, 8), (2, 30), (12, 64), (34, 70)])
+def test_over_a_period_as_well(shape, dtype, factors):
+    rng = np.random.default_rng(4)
+    in_y, in_x = rng.random((2, 3))
+    twice = np.array([1.0, 2.0, 2.0])
+    level = Near(np.outer(in_x * twice, in_y * twice), factors)
+    operator = MultilevelOperator(shape, [level], Same, dtype=dtype, periodic=True)
+    (from_y, from_x), (ny, nx) = (
+        (interpolation(*pair, periodic=True) for pair in zip(shape, factors, strict=True)),
+        shape,
+    )
+    p, out = rng.standard_normal(shape), np.empty(shape, dtype)
+    expected = near(ny, 2, in_y, periodic=True) @ p @ near(nx, 2, in_x, periodic=True)
+    expected += from_y @ (from_y.T @ p @ from_x) @ from_x.T
+    operator.apply(p.astype(dtype), out)
+    np.testing.assert_allclose(out, expected, rtol=0, atol=40 * np.finfo(dtype).eps)
