@@ -51,7 +51,7 @@ METHOD_OPTIONS = [
     Option("lcp_max_it", count, 100, "iterations on one grid: active set, or those of tao and snesvi"),
     Option("lcp_coarse_rtol", from_zero, 0.0, "fast, primal: ||r|| / ||h|| on C that is enough on coarser grids"),
     Option("lcp_predictor", from_zero, 0.0, "fast: share of the change of u to be expected that step 4.b believes"),
-    Option("lcp_defect_correction", from_zero, 0.0, "fast: change u by levels till this share of r is left; 0: by FFT"),
+    Option("lcp_defect_correction", from_zero, 0.0, "fast, primal: by levels till this share of r is left; 0: by FFT"),
     Option("lcp_prolongation", choice("copy", "lift"), "copy", "nested: of p, the paper's or by FFT preconditioner"),
     Option("lcp_window", from_zero, 0.0, "fast: work in a window around contact, wider by this share; 0: all cells"),
     Option("lcp_beta", from_zero, 0.003, "nested: start set after prolongation by copy, eq. (4.1)"),
@@ -75,7 +75,7 @@ _WORKS_WITH = {  # strategies in which an option has an effect, where that is no
     "lcp_coarse_rtol": ("fast", "primal"),
     "lcp_precision": ("fast", "primal"),
     "lcp_predictor": ("fast",),
-    "lcp_defect_correction": ("fast",),
+    "lcp_defect_correction": ("fast", "primal"),
     "lcp_window": ("fast",),
 }
 _ONLY_NESTED = ("lcp_prolongation", "lcp_beta", "lcp_window", "lcp_coarse_rtol")

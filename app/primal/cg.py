@@ -52,17 +52,31 @@ def _dots(d, q, p, free):
 
 
 @any_order
-def _step_row(w, p, d, q, alpha):
-    for i in range(w.size):
-        w[i] += alpha * d[i]
-        p[i] += alpha * q[i]
+def _first_step_row(p, d, q, alpha, left, change):
+    for i in range(p.size):
+        change[i] = alpha * d[i]
+        left[i] = p[i] + alpha * q[i]
 
 
 @any_order
-def _step(w, p, d, q, alpha):
-    """w += alpha d, p += alpha q."""
-    for j in range(w.shape[0]):
-        _step_row(w[j], p[j], d[j], q[j], alpha)
+def _first_step(p, d, q, alpha, left, change):
+    """change = alpha d, left = p + alpha q."""
+    for j in range(p.shape[0]):
+        _first_step_row(p[j], d[j], q[j], alpha, left[j], change[j])
+
+
+@any_order
+def _step_row(d, q, alpha, left, change):
+    for i in range(d.size):
+        change[i] += alpha * d[i]
+        left[i] += alpha * q[i]
+
+
+@any_order
+def _step(d, q, alpha, left, change):
+    """change += alpha d, left += alpha q."""
+    for j in range(d.shape[0]):
+        _step_row(d[j], q[j], alpha, left[j], change[j])
 
 
 @any_order
@@ -102,12 +116,16 @@ def _direct(d, z, beta):
 @cache
 def warm_up(dtype):
     """Load the compiled loops now, not in the first iteration. Not collective."""
-    field = np.zeros((0, 0))
-    low = field.astype(dtype)
-    _dots(low, low, field, field.astype(bool))
-    _step(field, field, low, low, 0.0)
+    field, kind = np.zeros((0, 0)), np.dtype(dtype).type
+    fixed, low = field.view(), field.astype(dtype)
+    fixed.flags.writeable = False
+    _dots(low, low, fixed, field.astype(bool))
+    for left in (low, field):
+        _dots(low, low, left, field.astype(bool))
+        _first_step(fixed, low, low, kind(0), left, low)
+        _step(low, low, kind(0), left, low)
     _normed(low, low)
-    _direct(low, low, dtype.type(0))
+    _direct(low, low, kind(0))
 
 
 class CarryingCG(KspContext):
@@ -117,69 +135,89 @@ class CarryingCG(KspContext):
     looks at the free cells only, and leaves the others zero. For the test of -ksp_rtol the preconditioned norm is
     estimated from how much smaller p on the free cells is: it saves the last application.
 
+    Neither x nor `pressure` is changed, but `change` and `carried` are made, as precise as the products: that is enough
+    for one contact set, and who adds them up goes through w and p anyway.
+
     Attributes
     ----------
     pressure : Vec
-        p on entry and on exit; set by the caller. The initial guess is always taken for w.
-    residual : float
-        Norm of the preconditioned residual after the last solve [mm].
+        p on entry; set by the caller.
+    by_levels : float
+        Share of the first residual down to which B is multiplied by levels; 0: by FFT. Set by the caller.
+    change : ndarray, shape (local rows, nx)
+        By how much w is to change, after a solve [mm].
+    carried : ndarray, shape (local rows, nx)
+        What p becomes by that [N/mm2].
+    residual, doubt : float
+        Norm of the preconditioned residual after the last solve, and by how much it may be wrong [mm].
     scratch : ndarray, shape (local rows, nx)
-        To be used by others between solves, as may `direction` and `product`, in the operator's precision.
+        To be used by others between solves, as may `direction` and `product`, in the operator's precision. In single
+        precision `change` is in it.
     """
 
     pressure = None
-    residual = 0.0
+    by_levels = residual = doubt = 0.0
 
     def setUp(self, ksp):
-        """Make the work arrays, in the operator's precision: z, in a place for doubles, d and q."""
+        """Make the work arrays: z and `change` in a place for doubles, d, q, `carried`."""
         if ksp.getNormType() != PETSc.KSP.NormType.PRECONDITIONED:
             raise ValueError("-ksp_norm_type: -lcp_type primal needs preconditioned")
         mat = ksp.getOperators()[0]
         self._operator = operator = context_of(mat, InverseOperator, "CarryingCG")
-        shape = operator.local_shape
+        shape, dtype = operator.local_shape, operator.dtype
         self.scratch = np.zeros(shape)
-        self._z = self.scratch.reshape(-1).view(operator.dtype)[: self.scratch.size].reshape(shape)
-        self.direction = np.zeros(shape, operator.dtype)
-        [lent] = operator.scratch_beside_product(operator.dtype)
-        self.product = np.zeros(shape, operator.dtype) if lent is None else lent
-        warm_up(operator.dtype)
+        whole, cells = self.scratch.reshape(-1).view(dtype), self.scratch.size
+        self._z = whole[:cells].reshape(shape)
+        self.change = whole[cells:].reshape(shape) if whole.size > cells else np.zeros(shape, dtype)
+        self.direction = np.zeros(shape, dtype)
+        self.carried = np.zeros(shape, float if operator.by_levels is None else dtype)
+        [lent] = operator.scratch_beside_product(dtype)
+        self.product = np.zeros(shape, dtype) if lent is None else lent
+        warm_up(dtype)
 
     def solve(self, ksp, b, x):
-        """Improve x, which is w."""
+        """Find by how much x, which is w, is to change."""
         operator, smooth = self._operator, ksp.getPC().getPythonContext().smooth
-        d, q, z, shape = self.direction, self.product, self._z, operator.local_shape
-        iteration, max_it = 0, ksp.getTolerances()[3]
-        smooth(self._pressure(), z)
-        beta, norm = 0.0, sqrt(self._sum(_normed(z, q))[0])
-        d[...] = 0
-        reason = self._report(ksp, 0, norm)
+        d, q, z, kind = self.direction, self.product, self._z, operator.dtype.type
+        by_levels = self.by_levels if operator.by_levels is not None else 0.0
+        multiply = operator.by_levels.apply if by_levels else operator.pressure
+        left, iteration, max_it = self._read(self.pressure), 0, ksp.getTolerances()[3]
+        smooth(left, z)
+        beta, norm = 0.0, sqrt(self._sum(_normed(z, z))[0])
+        doubt, reason = by_levels * norm, self._report(ksp, 0, norm)
         while not reason and iteration < max_it:
-            _direct(d, z, d.dtype.type(beta))
+            if iteration:
+                _direct(d, z, kind(beta))
+            else:
+                d[...] = z
             operator.products += 1
-            operator.pressure(d, q)
-            with self.pressure as pressure, x as displacement:
-                p, w = pressure.reshape(shape), displacement.reshape(shape)
-                dq, dp, pp, pq, qq = self._sum(_dots(d, q, p, operator.mask))
-                if not dq > 0:
-                    reason = PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT
-                    break
-                alpha = -dp / dq
-                _step(w, p, d, q, alpha)
+            multiply(d, q)
+            dq, dp, pp, pq, qq = self._sum(_dots(d, q, left, operator.mask))
+            if not dq > 0:
+                reason = PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT
+                break
+            alpha = -dp / dq
+            if iteration:
+                _step(d, q, kind(alpha), left, self.change)
+            else:
+                _first_step(left, d, q, kind(alpha), self.carried, self.change)
+                left = self.carried
             iteration += 1
-            left = (pp + alpha * (2 * pq + alpha * qq)) / pp if pp else 0.0  # of p.p on the free cells
-            about = norm * sqrt(max(left, 0.0))
+            share = (pp + alpha * (2 * pq + alpha * qq)) / pp if pp else 0.0  # of p.p on the free cells
+            about = norm * sqrt(max(share, 0.0))
             if ksp.callConvergenceTest(iteration, about) == PETSc.KSP.ConvergedReason.CONVERGED_RTOL:
                 norm, reason = about, self._report(ksp, iteration, about)
                 break
-            smooth(self._pressure(), z)
+            smooth(left, z)
             squares, zq = self._sum(_normed(z, q))
             beta, norm = -zq / dq, sqrt(squares)
             reason = self._report(ksp, iteration, norm)
-        self.residual = norm
+            if not reason and norm <= doubt:
+                reason = PETSc.KSP.ConvergedReason.CONVERGED_RTOL
+        if not iteration:
+            self.carried[...], self.change[...] = left, 0
+        self.residual, self.doubt = norm, doubt if iteration else 0.0
         ksp.setConvergedReason(reason or PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
-
-    def _pressure(self):
-        return self._read(self.pressure)
 
     def view(self, ksp, viewer):
         """Describe the solver for -ksp_view."""

@@ -18,6 +18,7 @@ from app.primal import kernels
 _LOOSE = 0.005  # share of the cells that may still change on a coarse grid
 _SLIGHT = 0.3  # of the error aimed at: so much overlap, or what tension displaces a cell by, is left alone
 _SURE = 0.5  # of the residual allowed is asked of the preconditioned one, which may be too small
+_UNSURE = 0.5  # of the error aimed at the solver's residual may be wrong by
 _DOUBT = 0.6  # of what a verification asks for is aimed at after it
 _LOWER = 0.1  # of what was reached is aimed at where the load is less than what was left on the free cells
 _FLAT = 1e-12  # of the root mean square height: deviation that is rounding
@@ -46,7 +47,7 @@ def primal_active_set(primal, solver, stop, history):
         If it makes no progress.
     """
     state, progress = primal.state, _Progress()
-    solver.begin(primal.loading)
+    solver.begin(primal.loading, stop.defect_correction)
     primal.start(solver)
     accuracy = _Accuracy(allowed_gap(primal, stop), stop.rtol)
     history.start(state, solver)
@@ -55,6 +56,7 @@ def primal_active_set(primal, solver, stop, history):
         goal, slight = accuracy.aim * np.sqrt(primal.cells), _SLIGHT * accuracy.aim
         its, failure, norm = solver.improve(primal, goal)  # 2. and 3. p = 0 on the free cells, a little
         near = norm <= goal * (1 + 1e-6)
+        sure = not its or solver.doubt <= (0 if accuracy.doubted else _UNSURE * goal)
         # 4. p < 0 leaves C, e < 0 enters
         update = primal.exchange(solver, -slight / solver.preconditioner.weights[0], -slight, norm)
         history.add(state, solver, update, its)
@@ -62,16 +64,21 @@ def primal_active_set(primal, solver, stop, history):
         if wrong := what_is_wrong(failure, residual):
             raise NeedsSafeguard(Outcome(False, wrong, k, residual))
         if near and not stop.final and update.changed <= _LOOSE * primal.cells:
+            primal.take(solver)
             return Outcome(True, CONVERGED, k, residual)
-        if near and not update.changed:
+        if near and not update.changed and sure:
+            if its:
+                primal.take(solver)
             solved, found = _is_solved(primal, solver, stop, accuracy, norm)  # 5. and 6.
             residual = found.residual / state.distance.norm() if found else residual
             if solved:
                 return Outcome(True, CONVERGED, k, residual)
             if accuracy.exhausted:
                 raise NeedsSafeguard(Outcome(False, _NO_PRESSURE, k, residual))
-        elif update.added:
+        elif update.added or not sure:
             primal.close(solver)
+        elif its:
+            primal.take(solver)
         progress.after(norm, update.changed)
         if progress.stalls:
             raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
@@ -163,8 +170,8 @@ def _is_solved(primal, solver, stop, accuracy, norm):
             return True, found
     state.contact[...] = kept  # the free cells are as before
     state.depth = 0.0
-    # The second time, or for the certificate: what is carried along may have become inaccurate.
-    if passed or accuracy.doubted:
+    # By levels, the second time, or for the certificate: what is carried along may have become inaccurate.
+    if passed or accuracy.doubted or primal.is_nearly:
         primal.restore_mean(solver)
         primal.refresh(exact=True)
     accuracy.lower(norm / np.sqrt(primal.cells), error)

@@ -11,9 +11,10 @@ from app.halfspace.reductions import any_order
 
 
 @any_order
-def _exchange_row(p, w, b, admissible, contact, least_pressure, least_gap, captured):
+def _exchange_row(p, w, change, b, admissible, contact, least_pressure, least_gap, captured):
     cells, free, caught, total = 0, 0, 0, 0.0
     for i in range(p.size):
+        w[i] += change[i]
         inside = contact[i]
         out = inside & (p[i] < least_pressure)
         new = (not inside) & admissible[i] & (w[i] - b[i] < least_gap)
@@ -27,15 +28,15 @@ def _exchange_row(p, w, b, admissible, contact, least_pressure, least_gap, captu
 
 
 @njit()
-def exchange(p, w, b, admissible, contact, least_pressure, least_gap, captured):
-    """Release cells of C with p < least_pressure, capture others with w - b < least_gap.
+def exchange(p, w, change, b, admissible, contact, least_pressure, least_gap, captured):
+    """w += change; release cells of C with p < least_pressure, capture others with w - b < least_gap.
 
     Return the cells in C then, how many were captured and released, and the sum of w.
     """
     cells, caught, free, total = 0, 0, 0, 0.0
     for j in range(p.shape[0]):
         here = _exchange_row(
-            p[j], w[j], b[j], admissible[j], contact[j], least_pressure, least_gap, captured[j]
+            p[j], w[j], change[j], b[j], admissible[j], contact[j], least_pressure, least_gap, captured[j]
         )
         cells += here[0]
         caught += here[1]
@@ -48,13 +49,13 @@ def exchange(p, w, b, admissible, contact, least_pressure, least_gap, captured):
 def _close_row(w, b, captured, z, share, change):
     for i in range(w.size):
         step = b[i] - w[i] if captured[i] else share * z[i]
-        change[i] = step
+        change[i] += step
         w[i] += step
 
 
 @any_order
 def close(w, b, captured, z, share, change):
-    """Close the gap of captured cells, take a share of z elsewhere; w += change."""
+    """Close the gap of captured cells, take a share of z elsewhere: added to w and to `change`."""
     for j in range(w.shape[0]):
         _close_row(w[j], b[j], captured[j], z[j], share, change[j])
 
@@ -130,9 +131,11 @@ def warm_up(dtype):
     field, cells, low = np.zeros((0, 0)), np.zeros((0, 0), bool), np.zeros((0, 0), np.float32)
     fixed = field.view()
     fixed.flags.writeable = False
-    exchange(fixed, field, fixed, cells, cells, 0.0, 0.0, cells)
-    close(field, fixed, cells, field.astype(dtype), 0.0, field.astype(dtype))
-    touch(field, fixed, cells, cells, field.astype(dtype))
+    kind = field.astype(dtype)
+    for p in (field, kind):
+        exchange(p, field, kind, fixed, cells, cells, 0.0, 0.0, cells)
+    close(field, fixed, cells, kind, 0.0, kind)
+    touch(field, fixed, cells, cells, kind)
     guess_sources(fixed, field, fixed, cells, 0.0, low, low)
     take(low, low, field, fixed, cells)
     positive(fixed, cells, field)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
+from app.fast.levels import periodic_inverse_by_levels
 from app.halfspace.operator import symmetric_mat
 
 _mult_event = PETSc.Log.Event("InverseMult")
@@ -49,6 +50,18 @@ class InverseOperator:
         coarser = self.coarser
         others = [coarser.screened_product] if coarser is not None and coarser.active else []
         return self.influence.scratch_beside_product(*types, others=others)
+
+    @property
+    def by_levels(self):
+        """B nearly, for corrections, or None; made when first asked for. Collective then."""
+        influence, known = self.influence, self.influence.multipliers
+        if "nearly inverse" not in known:
+            place = self.grid, influence.compliance, self.slabs, self.comm, self.dtype, influence.storage
+            nearly = periodic_inverse_by_levels(*place)
+            if nearly is None:
+                return None
+            known["nearly inverse"] = nearly
+        return known["nearly inverse"]
 
     def mat(self, comm):
         """Make a Mat with this context, the caller's to destroy. Collective over the PETSc communicator `comm`."""

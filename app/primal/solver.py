@@ -56,11 +56,16 @@ class PrimalSolver(LinearSolver):
         self._cg, self.preconditioner = self.ksp.getPythonContext(), self.ksp.getPC().getPythonContext()
         # At rest between solves: two fields in the operator's precision, one in double
         self.direction, self.product = self._cg.direction, self._cg.product
+        self.change, self.carried = self._cg.change, self._cg.carried
         self.scratch = self._cg.scratch
 
-    def begin(self, loading):
-        """Begin to solve on the grid for a loading: an approach is kept by keeping the mean of w. Not collective."""
+    def begin(self, loading, by_levels=0.0):
+        """Begin to solve on the grid for a loading: an approach is kept by keeping the mean of w. Not collective.
+
+        `by_levels`: see `CarryingCG`.
+        """
         self.preconditioner.constrained = not loading.prescribes_load
+        self._cg.by_levels = by_levels
 
     def improve(self, primal, allowed):
         """Let p vanish on the free cells, a little: w and p = B w.
@@ -89,8 +94,13 @@ class PrimalSolver(LinearSolver):
         self._cg.pressure = None  # not for longer than the state
         if self.preconditioner.constrained and self.preconditioner.multiplier:
             # p + mean pressure = 0 on the free cells, as far as M can tell.
-            primal.add_mean_pressure(-self.preconditioner.multiplier)
+            primal.add_mean_pressure(-self.preconditioner.multiplier, self.carried)
         return iterations, failure, self._cg.residual
+
+    @property
+    def doubt(self):
+        """By how much the residual of `improve` may be wrong [mm]. Not collective."""
+        return self._cg.doubt
 
     def _enough(self, allowed):
         return None if self._own_atol else allowed

@@ -32,6 +32,8 @@ class PrimalState:
         To be set first of all.
     displacements : Vec
         The same.
+    is_nearly : bool
+        Part of p is a product by levels.
     """
 
     def __init__(self, state, inverse, loading):
@@ -42,7 +44,7 @@ class PrimalState:
         self._captured = np.zeros(inverse.local_shape, bool)
         grid = state.grid
         self.cells = grid.n
-        self._has_pressure = False
+        self._has_pressure = self.is_nearly = False
         self.mean_pressure = 0.0  # the Lagrange multiplier of a prescribed approach; known under a load
         if loading.prescribes_load:
             self.mean_pressure = loading.load / (grid.n * grid.cell_area)
@@ -84,6 +86,7 @@ class PrimalState:
             (self.inverse.exact_pressure if exact else self.inverse.pressure)(self.w, p)
             p += self.mean_pressure
         self.state.u_is = Displacement.STALE
+        self.is_nearly = False
 
     def balance(self):
         """Under a prescribed approach let the pressure left on the free cells have no mean there. Collective."""
@@ -114,16 +117,19 @@ class PrimalState:
             back = min(back, _BACK * max(depth - state.first_touch(), 0.0))
         self.w += back
 
-    def add_mean_pressure(self, missing):
-        """Under a prescribed approach the mean pressure is an unknown. Not collective."""
+    def add_mean_pressure(self, missing, *others):
+        """Under a prescribed approach the mean pressure is an unknown; add it to p and others. Not collective."""
         self.mean_pressure += missing
         with self.state.pressure as values:
             values += missing
+        for pressure in others:
+            pressure += missing
 
-    def restore_mean(self, solver):
-        """Under a prescribed approach let w have its mean, by what the free cells do. Collective."""
+    def restore_mean(self, solver, *changes):
+        """Under a prescribed approach let w have its mean, by what the free cells do; add it to changes. Collective."""
         if not self.loading.prescribes_load:
-            solver.preconditioner.shift(self.w, self.cells * (self.mean_displacement - self.mean(self.w)))
+            missing = self.cells * (self.mean_displacement - self.mean(self.w))
+            solver.preconditioner.shift(missing, self.w, *changes)
 
     # -- steps ------------------------------------------------------------------------------------------
 
@@ -184,7 +190,7 @@ class PrimalState:
         self.w -= least  # a constant has no pressure
 
     def exchange(self, solver, least_pressure, least_gap, residual):
-        """Cells with p < least_pressure are released, others with e < least_gap captured.
+        """Change w as `solver` says; cells with p < least_pressure are released, others with e < least_gap captured.
 
         Collective. The system must have a solution: under a load something stays in contact, under an approach below
         that of full contact something stays open.
@@ -196,8 +202,8 @@ class PrimalState:
         """
         state = self.state
         counts = loops.exchange(
-            state.p, self.w, state.distance.b, state.admissible, state.contact, least_pressure, least_gap,
-            self._captured,
+            solver.carried, self.w, solver.change, state.distance.b, state.admissible, state.contact,
+            least_pressure, least_gap, self._captured,
         )  # fmt: skip
         *counts, total = state.sum(counts)
         cells, captured, released = map(int, counts)
@@ -210,46 +216,50 @@ class PrimalState:
             and cells == self.cells
             and -self.mean_displacement < state.highest
         ):
-            opened = self._open_least()
+            opened = self._open_least(solver)
             cells, released = cells - opened, released + opened
         if captured or released:
             self._contact_changed(solver)
         return Update(cells, captured, released, residual, load=self.load, approach=approach)
 
-    def _open_least(self):
+    def _open_least(self, solver):
         """Open the cells with the least pressure, which becomes zero; return how many. Collective."""
-        least = float(self.state.minimum([self.state.p.min(initial=np.inf)])[0])
-        opened = self.state.p <= least
+        least = float(self.state.minimum([solver.carried.min(initial=np.inf)])[0])
+        opened = solver.carried <= least
         self.state.contact[opened] = False
-        self.add_mean_pressure(-least)
+        self.add_mean_pressure(-least, solver.carried)
         return int(self.state.sum([np.count_nonzero(opened)])[0])
 
     def close(self, solver):
-        """The gap of cells just captured becomes zero; what that leaves to do elsewhere is begun with. Collective."""
-        state = self.state
-        z, change = solver.product, solver.direction
-        solver.preconditioner.smooth(state.p, z)
-        loops.close(self.w, state.distance.b, self._captured, z, -_SHARE, change)
-        self._restore_mean_with(change, solver)
-        self._add_pressure_of(change, solver)
+        """The gap of cells just captured becomes zero, what that leaves to do elsewhere is begun with; p follows.
 
-    def _restore_mean_with(self, change, solver):
-        """Restore the mean, and add to a change of w what that does. Collective."""
-        if not self.loading.prescribes_load:
-            before = self.w.copy()
-            self.restore_mean(solver)
-            change += self.w - before
+        Collective.
+        """
+        state = self.state
+        z = solver.product
+        solver.preconditioner.smooth(solver.carried, z)
+        loops.close(self.w, state.distance.b, self._captured, z, -_SHARE, solver.change)
+        self.restore_mean(solver, solver.change)
+        self.follow(solver)
+
+    def take(self, solver):
+        """Take p as the solver has carried it along, in place of a product. Not collective."""
+        with self.state.pressure as values:
+            values[...] = solver.carried.reshape(-1)
+        self.state.u_is = Displacement.STALE
+        self.is_nearly |= solver.doubt > 0
+
+    def follow(self, solver):
+        """Let p follow the change of w: a product. Collective."""
+        self.inverse.pressure(solver.change, solver.product)
+        with self.state.pressure as values:
+            values += solver.product.reshape(-1)
+        self.state.u_is = Displacement.STALE
 
     def _contact_changed(self, solver):
         """Make the cells that are not in contact the free ones. Collective."""
         np.logical_not(self.state.contact, out=self.inverse.mask)
         solver.set_contact()
-
-    def _add_pressure_of(self, change, solver):
-        self.inverse.pressure(change, solver.product)
-        with self.state.pressure as values:
-            values += solver.product.reshape(-1)
-        self.state.u_is = Displacement.STALE
 
     def destroy(self):
         """Free the vector. Collective."""

@@ -375,9 +375,10 @@ def warm_up():
     fixed.flags.writeable = False
     weights = (1.0, *(np.float32(0),) * 3)
     one, room = np.ones(1, np.float32), make_room(1, 1)
-    sweep_from_zero(fixed, field, field, cells, cells, cells, weights, one, low, field, 0, (1, 1), room)
-    for z in (low, field):
-        sweep_on(fixed, field, field, cells, cells, cells, weights, one, low, low, low, z, room)
+    for s, beside in (fixed, field), (field, field), (low, low):
+        sweep_from_zero(s, beside, beside, cells, cells, cells, weights, one, low, field, 0, (1, 1), room)
+        for z in (low, field):
+            sweep_on(s, beside, beside, cells, cells, cells, weights, one, low, low, low, z, room)
     sweep_projected(low, low, low, low, low, low, weights, 1, low, room)
     for d in (field, low):
         add_centre(d, d, d, weights, np.zeros((3, 3)), field)

@@ -63,7 +63,6 @@ class TwoGrid:
         self._shares = chebyshev_steps(self.sweeps, low, high).astype(np.float32)
         self._back = self._shares[::-1].copy()
         self._rows = Halo(operator.slabs, operator.comm, self.sweeps)
-        self._x = np.empty(operator.local_shape, np.float32)
         self._room = stencil.make_room(self.sweeps, operator.grid.nx)
         self._long_waves = _LongWaves(operator) if operator.coarser is not None else None
         self._number, self._answer = -1, None  # of what contact set `_raised` is known
@@ -88,12 +87,12 @@ class TwoGrid:
             self.multiplier = share / self.weights[0]
             z -= share * raised
 
-    def shift(self, w, amount):
-        """Raise w on the free cells, smoothly, until its sum has changed by an amount. Collective."""
+    def shift(self, amount, *fields):
+        """Raise fields on the free cells, smoothly, until their sums have changed by an amount. Collective."""
         self._look_at_contact()
         raised, of_raised = self._raised()
-        if of_raised > 0:
-            w += amount / of_raised * raised
+        for field in fields if of_raised > 0 else ():
+            field += amount / of_raised * raised
 
     def _look_at_contact(self):
         """Fetch the free cells beside the slab, once for a contact set. Collective."""
@@ -119,7 +118,8 @@ class TwoGrid:
         return self._answer
 
     def _apply(self, s, z):
-        free, x, waves = self.operator.mask, self._x, self._long_waves
+        free, waves = self.operator.mask, self._long_waves
+        x = z if z.dtype == np.float32 else np.empty(z.shape, np.float32)
         left, skipped, factors = (waves.left, waves.skipped, waves.factors) if waves else (_NONE, 0, (1, 1))
         beside = self._rows(s)
         stencil.sweep_from_zero(

@@ -1,0 +1,102 @@
+"""B by levels on periodic patches: nearly B, and a solve that multiplies by it finds the same pressure."""
+
+from functools import partial
+
+import numpy as np
+import periodic
+import pytest
+
+from app import ContactSolver, Grid
+from app.fast.levels import periodic_inverse_by_levels
+from app.fast.multilevel import MultilevelOperator
+from app.halfspace.periodic import influence_symbol
+from app.halfspace.product import PeriodicProduct
+
+GRIDS = {
+    "square": (256, 256, 1.0, 0.035),
+    "four levels": (1024, 1024, 1.0, 0.035),
+    "once": (270, 258, 1.2, 0.035),
+    "long cells": (256, 320, 1.7, 0.04),
+    "longer": (256, 320, 0.3, 0.04),
+    "longest": (256, 256, 20.0, 0.04),
+}
+
+
+@pytest.mark.parametrize("kind", ["spectral", "love"])
+@pytest.mark.parametrize(("nx", "ny", "aspect", "off"), GRIDS.values(), ids=GRIDS.keys())
+def test_it_is_nearly_the_inverse(nx, ny, aspect, off, kind):
+    """Worst for noise; zero on constants; symmetric and positive."""
+    grid = Grid(nx, ny, aspect, 1.0, periodic=kind)
+    nearly, rng = periodic_inverse_by_levels(grid, 0.5), np.random.default_rng(ny)
+    exactly = PeriodicProduct(partial(influence_symbol, grid, 0.5), grid.shape).inverse()
+    y, x = np.mgrid[:ny, :nx]
+    corner = np.zeros(grid.shape)
+    corner[0, -1] = 1.0
+    fields = {
+        "noise": (rng.normal(size=grid.shape), off),
+        "cells": ((rng.random(grid.shape) < 0.1).astype(float), off),
+        "wave": (np.cos(2 * np.pi * (3 * x / nx + 2 * y / ny)), 5e-3),
+        "corner": (corner, off),
+    }
+    products = []
+    for field, allowed in fields.values():
+        found, expected = np.empty(grid.shape), np.empty(grid.shape)
+        nearly.apply(field, found)
+        exactly.apply(field, expected)
+        products.append(found)
+        assert np.linalg.norm(found - expected) < allowed * np.linalg.norm(expected)
+        assert np.vdot(field, found) == pytest.approx(np.vdot(field, expected), rel=off)
+    gram = np.array([[np.vdot(field, found) for found in products] for field, _ in fields.values()])
+    np.testing.assert_allclose(gram, gram.T, rtol=0, atol=1e-13 * abs(gram).max())
+    found = np.empty(grid.shape)
+    nearly.apply(np.ones(grid.shape), found)
+    assert abs(found).max() < 1e-12 * abs(products[0]).max()
+
+
+@pytest.mark.parametrize(("nx", "ny"), [(128, 128), (257, 300), (300, 257), (256, 40)])
+def test_there_is_none_on_small_grids_and_odd_ones(nx, ny):
+    assert periodic_inverse_by_levels(Grid(nx, ny, 1.0, 1.0, periodic="spectral"), 1.0) is None
+
+
+@pytest.mark.parametrize("kind", ["spectral", "love"])
+@pytest.mark.parametrize("share", [0.02, 0.5, 1.0])
+def test_the_answer_is_the_same(share, kind):
+    problem = periodic.rough(256, 256, 5, symbol=kind)
+    approach = share * problem.gap.mean()
+    with (
+        ContactSolver(problem) as solver,
+        ContactSolver(problem, options={"lcp_defect_correction": 0}) as plain,
+    ):
+        found, expected = solver.solve(approach=approach), plain.solve(approach=approach)
+    assert found.converged and found.fallbacks == 0
+    size = expected.pressure.max()
+    np.testing.assert_allclose(found.pressure, expected.pressure, rtol=0, atol=2e-4 * size)
+    assert found.load == pytest.approx(expected.load, rel=5e-5)
+
+
+def test_a_product_that_is_off_costs_work_alone(monkeypatch):
+    """What is multiplied by levels is not believed: any symmetric positive operator near B ends in the answer."""
+    problem, apply = periodic.rough(256, 256, 5), MultilevelOperator.apply
+
+    def worse(operator, p, out, rows=None):
+        apply(operator, p, out, rows)
+        if operator.shape == (256, 256):
+            out *= 1.2
+
+    with ContactSolver(problem) as solver:
+        expected = solver.solve(approach=0.3 * problem.gap.mean())
+        monkeypatch.setattr(MultilevelOperator, "apply", worse)
+        found = solver.solve(approach=0.3 * problem.gap.mean())
+    assert found.converged and found.fallbacks == 0
+    np.testing.assert_allclose(found.pressure, expected.pressure, rtol=0, atol=2e-4 * expected.pressure.max())
+    assert found.operator_applications < 2 * expected.operator_applications
+
+
+def test_a_residual_asked_for_in_vain_is_not_looked_for_by_levels():
+    """They end where their own error is what is left, and a product tells the rest."""
+    problem = periodic.rough(256, 256, 5)
+    with ContactSolver(problem) as solver, ContactSolver(problem, options={"ksp_rtol": 1e-6}) as strict:
+        expected = solver.solve(approach=0.3 * problem.gap.mean())
+        found = strict.solve(approach=0.3 * problem.gap.mean())
+    assert found.converged and found.fallbacks == 0
+    assert found.operator_applications < 1.5 * expected.operator_applications
