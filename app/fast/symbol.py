@@ -5,8 +5,9 @@ A patch that is continued periodically has, but for its mean, the influence matr
 share what is found here. They are `sinc sinc / |q|`, which is that of a cell, and what its images in Fourier space
 add, which is smooth and interpolated.
 
-They, about 1 / |q|, and their inverse are smooth but for q = 0. So a stencil gives them for all but long waves; what is
-left is of long waves alone, and known on a grid twice as coarse; and so on:
+They, about 1 / |q|, and their inverse are smooth but for q = 0; those of the ``spectral`` symbol, 1 / |q| itself, have
+a kink at the highest waves, too. So a stencil gives them for all but long waves; what is left is of long waves alone,
+and known on a grid twice as coarse; and so on:
 
     g_0 = lambda or 1 / lambda,    g_l = n_l + 4 c^6 g_(l+1)(2 k),    c^6 = cos(kx / 2)^6 cos(ky / 2)^6,
 

@@ -1,9 +1,11 @@
 """Conjugate gradients for the displacement of the free cells, that carry the pressure along.
 
 ``p = B w + mean pressure`` is to vanish on the free cells O. So p is all there is of a residual: it is kept on all
-cells, ``w += alpha d`` and ``p += alpha B d`` in one pass, and the right-hand side of the KSP is not looked at. The
-norm is that of the preconditioned residual, about the error of w; directions are those of flexible CG, the
-preconditioner need not be quite symmetric. By options of -lcp_type primal only::
+cells, changes of w are added up, ``change += alpha d`` and ``carried += alpha B d`` in one pass, and the right-hand
+side of the KSP is not looked at. B may be the product by levels, within some percent and in a third of the time: no
+more than a part of the residual is to go, and who adds up the changes multiplies them anew (defect correction, as in
+`app.fast`). The norm is that of the preconditioned residual, about the error of w; directions are those of flexible
+CG, the preconditioner need not be quite symmetric. By options of -lcp_type primal only::
 
     -ksp_type python -ksp_python_type app.primal.cg.CarryingCG -ksp_norm_type preconditioned
 """
@@ -21,6 +23,8 @@ from app.halfspace.operator import context_of
 from app.halfspace.reductions import any_order
 from app.multigrid.ksp_context import KspContext
 from app.primal.operator import InverseOperator
+
+_ROUNDING = 1e-6  # share of the residual of p that is left where it is carried along in single precision
 
 
 @any_order
@@ -136,14 +140,16 @@ class CarryingCG(KspContext):
     estimated from how much smaller p on the free cells is: it saves the last application.
 
     Neither x nor `pressure` is changed, but `change` and `carried` are made, as precise as the products: that is enough
-    for one contact set, and who adds them up goes through w and p anyway.
+    for some contact sets, and who adds them up goes through w and p anyway.
 
     Attributes
     ----------
     pressure : Vec
         p on entry; set by the caller.
+    goes_on : bool
+        Begin with `carried` in place of p, and add to `change`; set by the caller.
     by_levels : float
-        Share of the first residual down to which B is multiplied by levels; 0: by FFT. Set by the caller.
+        Share of the residual of p down to which B is multiplied by levels; 0: by FFT. Set by the caller.
     change : ndarray, shape (local rows, nx)
         By how much w is to change, after a solve [mm].
     carried : ndarray, shape (local rows, nx)
@@ -155,7 +161,7 @@ class CarryingCG(KspContext):
         precision `change` is in it.
     """
 
-    pressure = None
+    pressure, goes_on = None, False
     by_levels = residual = doubt = 0.0
 
     def setUp(self, ksp):
@@ -181,10 +187,13 @@ class CarryingCG(KspContext):
         d, q, z, kind = self.direction, self.product, self._z, operator.dtype.type
         by_levels = self.by_levels if operator.by_levels is not None else 0.0
         multiply = operator.by_levels.apply if by_levels else operator.pressure
-        left, iteration, max_it = self._read(self.pressure), 0, ksp.getTolerances()[3]
+        left = self.carried if self.goes_on else self._read(self.pressure)
+        iteration, max_it = 0, ksp.getTolerances()[3]
         smooth(left, z)
         beta, norm = 0.0, sqrt(self._sum(_normed(z, z))[0])
-        doubt, reason = by_levels * norm, self._report(ksp, 0, norm)
+        if not self.goes_on:
+            self.doubt = max(by_levels, 0.0 if self.carried.dtype == float else _ROUNDING) * norm
+        reason = self._report(ksp, 0, norm)
         while not reason and iteration < max_it:
             if iteration:
                 _direct(d, z, kind(beta))
@@ -197,7 +206,7 @@ class CarryingCG(KspContext):
                 reason = PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT
                 break
             alpha = -dp / dq
-            if iteration:
+            if left is self.carried:
                 _step(d, q, kind(alpha), left, self.change)
             else:
                 _first_step(left, d, q, kind(alpha), self.carried, self.change)
@@ -212,11 +221,11 @@ class CarryingCG(KspContext):
             squares, zq = self._sum(_normed(z, q))
             beta, norm = -zq / dq, sqrt(squares)
             reason = self._report(ksp, iteration, norm)
-            if not reason and norm <= doubt:
+            if not reason and norm <= self.doubt:
                 reason = PETSc.KSP.ConvergedReason.CONVERGED_RTOL
-        if not iteration:
-            self.carried[...], self.change[...] = left, 0
-        self.residual, self.doubt = norm, doubt if iteration else 0.0
+        if left is not self.carried:
+            self.carried[...], self.change[...], self.doubt = left, 0, 0.0
+        self.residual = norm
         ksp.setConvergedReason(reason or PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
 
     def view(self, ksp, viewer):

@@ -56,7 +56,7 @@ def primal_active_set(primal, solver, stop, history):
         goal, slight = accuracy.aim * np.sqrt(primal.cells), _SLIGHT * accuracy.aim
         its, failure, norm = solver.improve(primal, goal)  # 2. and 3. p = 0 on the free cells, a little
         near = norm <= goal * (1 + 1e-6)
-        sure = not its or solver.doubt <= (0 if accuracy.doubted else _UNSURE * goal)
+        sure = not primal.lags or solver.doubt <= (0 if accuracy.doubted else _UNSURE * goal)
         # 4. p < 0 leaves C, e < 0 enters
         update = primal.exchange(solver, -slight / solver.preconditioner.weights[0], -slight, norm)
         history.add(state, solver, update, its)
@@ -67,21 +67,19 @@ def primal_active_set(primal, solver, stop, history):
             primal.take(solver)
             return Outcome(True, CONVERGED, k, residual)
         if near and not update.changed and sure:
-            if its:
-                primal.take(solver)
+            primal.take(solver)
             solved, found = _is_solved(primal, solver, stop, accuracy, norm)  # 5. and 6.
             residual = found.residual / state.distance.norm() if found else residual
             if solved:
                 return Outcome(True, CONVERGED, k, residual)
             if accuracy.exhausted:
                 raise NeedsSafeguard(Outcome(False, _NO_PRESSURE, k, residual))
-        elif update.added or not sure:
+        elif update.added or norm <= solver.doubt or (near and not sure):
             primal.close(solver)
-        elif its:
-            primal.take(solver)
         progress.after(norm, update.changed)
         if progress.stalls:
             raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
+    primal.take(solver)
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
 
 

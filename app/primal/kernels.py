@@ -14,24 +14,23 @@ from app.halfspace.reductions import any_order
 def _exchange_row(p, w, change, b, admissible, contact, least_pressure, least_gap, captured):
     cells, free, caught, total = 0, 0, 0, 0.0
     for i in range(p.size):
-        w[i] += change[i]
-        inside = contact[i]
+        inside, here = contact[i], w[i] + change[i]
         out = inside & (p[i] < least_pressure)
-        new = (not inside) & admissible[i] & (w[i] - b[i] < least_gap)
+        new = (not inside) & admissible[i] & (here - b[i] < least_gap)
         captured[i] = new
         contact[i] = (inside & (not out)) | new
         free += out
         caught += new
         cells += contact[i]
-        total += w[i]
+        total += here
     return cells, caught, free, total
 
 
 @njit()
 def exchange(p, w, change, b, admissible, contact, least_pressure, least_gap, captured):
-    """w += change; release cells of C with p < least_pressure, capture others with w - b < least_gap.
+    """Release cells of C with p < least_pressure, capture others with w + change - b < least_gap.
 
-    Return the cells in C then, how many were captured and released, and the sum of w.
+    Return the cells in C then, how many were captured and released, and the sum of w + change.
     """
     cells, caught, free, total = 0, 0, 0, 0.0
     for j in range(p.shape[0]):
@@ -48,14 +47,14 @@ def exchange(p, w, change, b, admissible, contact, least_pressure, least_gap, ca
 @any_order
 def _close_row(w, b, captured, z, share, change):
     for i in range(w.size):
-        step = b[i] - w[i] if captured[i] else share * z[i]
-        change[i] += step
-        w[i] += step
+        before = w[i]
+        w[i] = b[i] if captured[i] else before + (change[i] + share * z[i])
+        change[i] = w[i] - before
 
 
 @any_order
 def close(w, b, captured, z, share, change):
-    """Close the gap of captured cells, take a share of z elsewhere: added to w and to `change`."""
+    """w += change and a share of z, but in captured cells, whose gap is closed; `change` becomes by how much w does."""
     for j in range(w.shape[0]):
         _close_row(w[j], b[j], captured[j], z[j], share, change[j])
 

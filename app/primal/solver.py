@@ -68,7 +68,7 @@ class PrimalSolver(LinearSolver):
         self._cg.by_levels = by_levels
 
     def improve(self, primal, allowed):
-        """Let p vanish on the free cells, a little: w and p = B w.
+        """Let p vanish on the free cells, a little: find what w and p = B w are to become, `change` and `carried`.
 
         Collective.
 
@@ -87,11 +87,13 @@ class PrimalSolver(LinearSolver):
             Its norm: about by how much w is wrong [mm].
         """
         if self.preconditioner.constrained:
-            primal.balance()
+            primal.balance(self.carried)
         self.ksp.setInitialGuessNonzero(True)
+        self._cg.goes_on = primal.lags
         self._cg.pressure = primal.state.pressure
         iterations, failure = self._run(self._zero, primal.displacements, allowed)
         self._cg.pressure = None  # not for longer than the state
+        primal.lags |= iterations > 0
         if self.preconditioner.constrained and self.preconditioner.multiplier:
             # p + mean pressure = 0 on the free cells, as far as M can tell.
             primal.add_mean_pressure(-self.preconditioner.multiplier, self.carried)

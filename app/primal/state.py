@@ -32,6 +32,8 @@ class PrimalState:
         To be set first of all.
     displacements : Vec
         The same.
+    lags : bool
+        The solver has gone on since w and p were as they are: its `change` and `carried` count.
     is_nearly : bool
         Part of p is a product by levels.
     """
@@ -44,7 +46,7 @@ class PrimalState:
         self._captured = np.zeros(inverse.local_shape, bool)
         grid = state.grid
         self.cells = grid.n
-        self._has_pressure = self.is_nearly = False
+        self._has_pressure = self.lags = self.is_nearly = False
         self.mean_pressure = 0.0  # the Lagrange multiplier of a prescribed approach; known under a load
         if loading.prescribes_load:
             self.mean_pressure = loading.load / (grid.n * grid.cell_area)
@@ -86,14 +88,15 @@ class PrimalState:
             (self.inverse.exact_pressure if exact else self.inverse.pressure)(self.w, p)
             p += self.mean_pressure
         self.state.u_is = Displacement.STALE
-        self.is_nearly = False
+        self.lags = self.is_nearly = False
 
-    def balance(self):
+    def balance(self, carried):
         """Under a prescribed approach let the pressure left on the free cells have no mean there. Collective."""
+        p = carried if self.lags else self.state.p
         total, cells = self.state.sum(
-            [np.sum(self.state.p, where=self.inverse.mask), np.count_nonzero(self.inverse.mask)]
+            [np.sum(p, where=self.inverse.mask), np.count_nonzero(self.inverse.mask)]
         )
-        self.add_mean_pressure(-total / max(cells, 1))
+        self.add_mean_pressure(-total / max(cells, 1), carried)
 
     def come_from(self, coarse, transfer):
         """Begin with w and p of the coarser grid, interpolated. Collective."""
@@ -117,13 +120,12 @@ class PrimalState:
             back = min(back, _BACK * max(depth - state.first_touch(), 0.0))
         self.w += back
 
-    def add_mean_pressure(self, missing, *others):
-        """Under a prescribed approach the mean pressure is an unknown; add it to p and others. Not collective."""
+    def add_mean_pressure(self, missing, carried):
+        """Under a prescribed approach the mean pressure is an unknown. Not collective."""
         self.mean_pressure += missing
         with self.state.pressure as values:
             values += missing
-        for pressure in others:
-            pressure += missing
+        carried += missing
 
     def restore_mean(self, solver, *changes):
         """Under a prescribed approach let w have its mean, by what the free cells do; add it to changes. Collective."""
@@ -190,7 +192,7 @@ class PrimalState:
         self.w -= least  # a constant has no pressure
 
     def exchange(self, solver, least_pressure, least_gap, residual):
-        """Change w as `solver` says; cells with p < least_pressure are released, others with e < least_gap captured.
+        """Cells with p < least_pressure are released, others with e < least_gap captured, as `solver` has p and w.
 
         Collective. The system must have a solution: under a load something stays in contact, under an approach below
         that of full contact something stays open.
@@ -231,30 +233,28 @@ class PrimalState:
         return int(self.state.sum([np.count_nonzero(opened)])[0])
 
     def close(self, solver):
-        """The gap of cells just captured becomes zero, what that leaves to do elsewhere is begun with; p follows.
+        """The gap of cells just captured becomes zero, what that leaves to do elsewhere is begun with.
 
-        Collective.
+        Collective. w follows the solver, and p follows w: a product.
         """
-        state = self.state
-        z = solver.product
+        state, z = self.state, solver.product
         solver.preconditioner.smooth(solver.carried, z)
         loops.close(self.w, state.distance.b, self._captured, z, -_SHARE, solver.change)
         self.restore_mean(solver, solver.change)
-        self.follow(solver)
+        self.inverse.pressure(solver.change, z)
+        with state.pressure as values:
+            values += z.reshape(-1)
+        state.u_is, self.lags = Displacement.STALE, False
 
     def take(self, solver):
-        """Take p as the solver has carried it along, in place of a product. Not collective."""
+        """Let w and p be as the solver has carried them along. Not collective."""
+        if not self.lags:
+            return
+        self.w += solver.change
         with self.state.pressure as values:
             values[...] = solver.carried.reshape(-1)
-        self.state.u_is = Displacement.STALE
         self.is_nearly |= solver.doubt > 0
-
-    def follow(self, solver):
-        """Let p follow the change of w: a product. Collective."""
-        self.inverse.pressure(solver.change, solver.product)
-        with self.state.pressure as values:
-            values += solver.product.reshape(-1)
-        self.state.u_is = Displacement.STALE
+        self.state.u_is, self.lags = Displacement.STALE, False
 
     def _contact_changed(self, solver):
         """Make the cells that are not in contact the free ones. Collective."""

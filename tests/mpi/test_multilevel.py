@@ -14,7 +14,7 @@ SHAPES = [(128, 140, 0.12), (257, 150, 0.12), (150, 129, 0.12), (257, 140, 0.04)
 
 MULTIPLIERS = [
     *product(SHAPES, [partial(circulant_inverse, apart=True), influence_by_levels]),
-    *product([(256, 264, 0.1), (268, 258, 0.03), (258, 258, 0.3)], [periodic_inverse_by_levels]),
+    *product([(512, 264, 0.1), (268, 514, 0.03), (258, 514, 0.3)], [periodic_inverse_by_levels]),
 ]
 
 

@@ -13,12 +13,12 @@ from app.halfspace.periodic import influence_symbol
 from app.halfspace.product import PeriodicProduct
 
 GRIDS = {
-    "square": (256, 256, 1.0, 0.035),
+    "square": (512, 512, 1.0, 0.035),
     "four levels": (1024, 1024, 1.0, 0.035),
-    "once": (270, 258, 1.2, 0.035),
-    "long cells": (256, 320, 1.7, 0.04),
-    "longer": (256, 320, 0.3, 0.04),
-    "longest": (256, 256, 20.0, 0.04),
+    "once": (514, 258, 1.2, 0.035),
+    "long cells": (256, 512, 1.7, 0.04),
+    "longer": (512, 320, 0.3, 0.04),
+    "longest": (512, 256, 20.0, 0.04),
 }
 
 
@@ -53,7 +53,7 @@ def test_it_is_nearly_the_inverse(nx, ny, aspect, off, kind):
     assert abs(found).max() < 1e-12 * abs(products[0]).max()
 
 
-@pytest.mark.parametrize(("nx", "ny"), [(128, 128), (257, 300), (300, 257), (256, 40)])
+@pytest.mark.parametrize(("nx", "ny"), [(256, 256), (513, 600), (600, 513), (512, 130)])
 def test_there_is_none_on_small_grids_and_odd_ones(nx, ny):
     assert periodic_inverse_by_levels(Grid(nx, ny, 1.0, 1.0, periodic="spectral"), 1.0) is None
 
@@ -61,7 +61,7 @@ def test_there_is_none_on_small_grids_and_odd_ones(nx, ny):
 @pytest.mark.parametrize("kind", ["spectral", "love"])
 @pytest.mark.parametrize("share", [0.02, 0.5, 1.0])
 def test_the_answer_is_the_same(share, kind):
-    problem = periodic.rough(256, 256, 5, symbol=kind)
+    problem = periodic.rough(512, 512, 5, symbol=kind)
     approach = share * problem.gap.mean()
     with (
         ContactSolver(problem) as solver,
@@ -76,11 +76,11 @@ def test_the_answer_is_the_same(share, kind):
 
 def test_a_product_that_is_off_costs_work_alone(monkeypatch):
     """What is multiplied by levels is not believed: any symmetric positive operator near B ends in the answer."""
-    problem, apply = periodic.rough(256, 256, 5), MultilevelOperator.apply
+    problem, apply = periodic.rough(512, 512, 5), MultilevelOperator.apply
 
     def worse(operator, p, out, rows=None):
         apply(operator, p, out, rows)
-        if operator.shape == (256, 256):
+        if operator.shape == (512, 512):
             out *= 1.2
 
     with ContactSolver(problem) as solver:
@@ -94,7 +94,7 @@ def test_a_product_that_is_off_costs_work_alone(monkeypatch):
 
 def test_a_residual_asked_for_in_vain_is_not_looked_for_by_levels():
     """They end where their own error is what is left, and a product tells the rest."""
-    problem = periodic.rough(256, 256, 5)
+    problem = periodic.rough(512, 512, 5)
     with ContactSolver(problem) as solver, ContactSolver(problem, options={"ksp_rtol": 1e-6}) as strict:
         expected = solver.solve(approach=0.3 * problem.gap.mean())
         found = strict.solve(approach=0.3 * problem.gap.mean())
