@@ -19,6 +19,7 @@ _LOOSE = 0.005  # share of the cells that may still change on a coarse grid
 _SLIGHT = 0.3  # of the error aimed at: so much overlap, or what tension displaces a cell by, is left alone
 _SURE = 0.5  # of the residual allowed is asked of the preconditioned one, which may be too small
 _UNSURE = 0.5  # of the error aimed at the solver's residual may be wrong by
+_OFF = 100.0  # times the error that the residual says: then it is not the residual that is wrong, but p
 _DOUBT = 0.6  # of what a verification asks for is aimed at after it
 _LOWER = 0.1  # of what was reached is aimed at where the load is less than what was left on the free cells
 _FLAT = 1e-12  # of the root mean square height: deviation that is rounding
@@ -168,11 +169,16 @@ def _is_solved(primal, solver, stop, accuracy, norm):
             return True, found
     state.contact[...] = kept  # the free cells are as before
     state.depth = 0.0
-    # By levels, the second time, or for the certificate: what is carried along may have become inaccurate.
-    if passed or accuracy.doubted or primal.is_nearly:
+    reached = norm / np.sqrt(primal.cells)
+    off = error is not None and error > _OFF * reached
+    # The second time, or for the certificate, too: what is carried along may have become inaccurate.
+    if passed or accuracy.doubted or primal.is_nearly or off:
         primal.restore_mean(solver)
         primal.refresh(exact=True)
-    accuracy.lower(norm / np.sqrt(primal.cells), error)
+    if off and not accuracy.doubted:
+        accuracy.doubted = True
+    else:
+        accuracy.lower(reached, error)
     return False, found
 
 

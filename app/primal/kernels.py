@@ -47,9 +47,9 @@ def exchange(p, w, change, b, admissible, contact, least_pressure, least_gap, ca
 @any_order
 def _close_row(w, b, captured, z, share, change):
     for i in range(w.size):
-        before = w[i]
-        w[i] = b[i] if captured[i] else before + (change[i] + share * z[i])
-        change[i] = w[i] - before
+        step = b[i] - w[i] if captured[i] else change[i] + share * z[i]
+        change[i] = step
+        w[i] = b[i] if captured[i] else w[i] + change[i]
 
 
 @any_order
