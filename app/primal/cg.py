@@ -153,7 +153,7 @@ class CarryingCG(KspContext):
     change : ndarray, shape (local rows, nx)
         By how much w is to change, after a solve [mm].
     carried : ndarray, shape (local rows, nx)
-        What p becomes by that [N/mm2].
+        What p becomes by that [N/mm2]; a place for it is set by the caller, in double precision if B is by FFT.
     residual, doubt : float
         Norm of the preconditioned residual after the last solve, and by how much it may be wrong [mm].
     scratch : ndarray, shape (local rows, nx)
@@ -161,11 +161,11 @@ class CarryingCG(KspContext):
         precision `change` is in it.
     """
 
-    pressure, goes_on = None, False
+    pressure, carried, goes_on = None, None, False
     by_levels = residual = doubt = 0.0
 
     def setUp(self, ksp):
-        """Make the work arrays: z and `change` in a place for doubles, d, q, `carried`."""
+        """Make the work arrays: z and `change` in a place for doubles, d, q."""
         if ksp.getNormType() != PETSc.KSP.NormType.PRECONDITIONED:
             raise ValueError("-ksp_norm_type: -lcp_type primal needs preconditioned")
         mat = ksp.getOperators()[0]
@@ -176,7 +176,6 @@ class CarryingCG(KspContext):
         self._z = whole[:cells].reshape(shape)
         self.change = whole[cells:].reshape(shape) if whole.size > cells else np.zeros(shape, dtype)
         self.direction = np.zeros(shape, dtype)
-        self.carried = np.zeros(shape, float if operator.by_levels is None else dtype)
         [lent] = operator.scratch_beside_product(dtype)
         self.product = np.zeros(shape, dtype) if lent is None else lent
         warm_up(dtype)

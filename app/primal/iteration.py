@@ -48,7 +48,7 @@ def primal_active_set(primal, solver, stop, history):
         If it makes no progress.
     """
     state, progress = primal.state, _Progress()
-    solver.begin(primal.loading, stop.defect_correction)
+    solver.begin(state, primal.loading, stop.defect_correction)
     primal.start(solver)
     accuracy = _Accuracy(allowed_gap(primal, stop), stop.rtol)
     history.start(state, solver)

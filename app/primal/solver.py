@@ -56,16 +56,19 @@ class PrimalSolver(LinearSolver):
         self._cg, self.preconditioner = self.ksp.getPythonContext(), self.ksp.getPC().getPythonContext()
         # At rest between solves: two fields in the operator's precision, one in double
         self.direction, self.product = self._cg.direction, self._cg.product
-        self.change, self.carried = self._cg.change, self._cg.carried
+        self.change = self._cg.change
         self.scratch = self._cg.scratch
 
-    def begin(self, loading, by_levels=0.0):
-        """Begin to solve on the grid for a loading: an approach is kept by keeping the mean of w. Not collective.
+    def begin(self, state, loading, by_levels=0.0):
+        """Begin to solve on the grid for a loading: an approach is kept by keeping the mean of w.
 
-        `by_levels`: see `CarryingCG`.
+        Collective. Until the verification u of the ContactState is the place of `carried`. `by_levels`: see
+        `CarryingCG`.
         """
         self.preconditioner.constrained = not loading.prescribes_load
-        self._cg.by_levels = by_levels
+        kind = np.dtype(float) if self.inverse.by_levels is None else self.inverse.dtype
+        self.carried = state.u.reshape(-1).view(kind)[: state.u.size].reshape(state.u.shape)
+        self._by_levels = by_levels
 
     def improve(self, primal, allowed):
         """Let p vanish on the free cells, a little: find what w and p = B w are to become, `change` and `carried`.
@@ -89,7 +92,7 @@ class PrimalSolver(LinearSolver):
         if self.preconditioner.constrained:
             primal.balance(self.carried)
         self.ksp.setInitialGuessNonzero(True)
-        self._cg.goes_on = primal.lags
+        self._cg.goes_on, self._cg.carried, self._cg.by_levels = primal.lags, self.carried, self._by_levels
         self._cg.pressure = primal.state.pressure
         iterations, failure = self._run(self._zero, primal.displacements, allowed)
         self._cg.pressure = None  # not for longer than the state

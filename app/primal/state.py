@@ -96,7 +96,7 @@ class PrimalState:
         total, cells = self.state.sum(
             [np.sum(p, where=self.inverse.mask), np.count_nonzero(self.inverse.mask)]
         )
-        self.add_mean_pressure(-total / max(cells, 1), carried)
+        self.add_mean_pressure(-total / max(cells, 1), *([carried] if self.lags else []))
 
     def come_from(self, coarse, transfer):
         """Begin with w and p of the coarser grid, interpolated. Collective."""
@@ -120,12 +120,12 @@ class PrimalState:
             back = min(back, _BACK * max(depth - state.first_touch(), 0.0))
         self.w += back
 
-    def add_mean_pressure(self, missing, carried):
-        """Under a prescribed approach the mean pressure is an unknown. Not collective."""
+    def add_mean_pressure(self, missing, *carried):
+        """Under a prescribed approach the mean pressure is an unknown: add to it, p and `carried`. Not collective."""
         self.mean_pressure += missing
         with self.state.pressure as values:
-            values += missing
-        carried += missing
+            for p in (values, *carried):
+                p += missing
 
     def restore_mean(self, solver, *changes):
         """Under a prescribed approach let w have its mean, by what the free cells do; add it to changes. Collective."""

@@ -368,7 +368,7 @@ def steps(make):
         state = ContactState(operator, distance)
         made.append(PrimalState(state, solver.inverse, loading))
         made[-1].w[...] = 0
-        solver.begin(loading)
+        solver.begin(state, loading)
         return made[-1], solver
 
     yield primal
