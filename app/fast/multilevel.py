@@ -25,7 +25,7 @@ from app.compiled import njit
 from app.fast.symbol import REACH
 from app.halfspace.grid import Slabs
 from app.halfspace.halo import Halo, Parents
-from app.halfspace.reductions import any_order, copy_row, scale_row
+from app.halfspace.reductions import any_order, copy_row, scale_row, wrap
 
 _SHARE = 0.6  # operations of stencil and interpolation on a cell, in those of a transform and back
 
@@ -213,13 +213,6 @@ def _take_row(j, p, rows, before, after, out):
 
 
 @njit()
-def _wrap(row, nx, width):
-    """Into the ends of a padded row: what comes there over a period of nx cells."""
-    for i in range(width):
-        row[i], row[width + nx + i] = row[nx + i], row[width + i]
-
-
-@njit()
 def _restrict(p, rows, before, after, first, first_coarse, coarse, factors, periodic, four, halves):
     """coarse = P^T p; `first`: number of the first row here; `four`, `halves`: room for rows."""
     kind, nx, (fy, fx) = coarse.dtype.type, p.shape[1], factors
@@ -233,7 +226,7 @@ def _restrict(p, rows, before, after, first, first_coarse, coarse, factors, peri
             for k in range(low + 2 if j else low, low + 4):
                 found = _take_row(k, p, rows, before, after, four[k % 4, pad : pad + nx])
                 if periodic:
-                    _wrap(four[k % 4], nx, pad)
+                    wrap(four[k % 4], nx, pad)
                 some = (2 * some + found) & 15
             if some:
                 a, b, c, d = four[low % 4], four[(low + 1) % 4], four[(low + 2) % 4], four[(low + 3) % 4]
@@ -241,7 +234,7 @@ def _restrict(p, rows, before, after, first, first_coarse, coarse, factors, peri
         else:
             some = int(_take_row(j, p, rows, before, after, row[pad : pad + nx]))
             if periodic:
-                _wrap(row, nx, pad)
+                wrap(row, nx, pad)
         if not some:
             coarse[j] = 0
         elif fx == 2:
@@ -258,7 +251,7 @@ def _widen(row, fx, three, periodic, wide, out):
         scale_row(row, row.dtype.type(1 / 4), out)
     elif periodic:
         copy_row(row, wide[1:-1])
-        _wrap(wide, row.size, 1)
+        wrap(wide, row.size, 1)
         _double(wide, row.dtype.type(1 / 16), three, out)
     else:
         _double(row, row.dtype.type(1 / 16), three, out)
@@ -289,7 +282,7 @@ def _add_near(
     for j in range(-4, len(p)):
         _take_row(j + 2, p, rows, before, after, five[(j + 2) % 5, 2 : 2 + nx])
         if periodic:
-            _wrap(five[(j + 2) % 5], nx, 2)
+            wrap(five[(j + 2) % 5], nx, 2)
         if j < 0 or not rows[j]:
             continue
         parent = far = first + j - first_coarse

@@ -29,7 +29,7 @@ from app.compiled import njit
 from app.halfspace.chebyshev import chebyshev_steps
 from app.halfspace.grid import Slabs
 from app.halfspace.halo import Halo
-from app.halfspace.reductions import any_order, copy_row, span_of
+from app.halfspace.reductions import any_order, around, copy_row, span_of
 
 MAX_STEPS = 250
 _CYCLE = 8  # steps after which their lengths begin anew: more in one polynomial would spread rounding
@@ -184,8 +184,7 @@ def _step(above, here, below, source, contact, weights, length, out):
     x, y, d = weights[0], weights[1], weights[2]
     for i in range(contact.size):
         value = here[i + 1]
-        beside = x * (here[i] + here[i + 2]) + y * (above[i + 1] + below[i + 1])
-        beside += d * ((above[i] + above[i + 2]) + (below[i] + below[i + 2]))
+        beside = around(above, here, below, i, x, y, d)
         new = value + length * (source[i] - (beside + value))
         out[i] = value if contact[i] else new
 
@@ -195,9 +194,7 @@ def _take_off(above, here, below, weights, b):
     """What comes after the steps of E^T: b - N s on C, where s is zero, b - N s - s elsewhere."""
     x, y, d = weights[0], weights[1], weights[2]
     for i in range(b.size):
-        beside = x * (here[i] + here[i + 2]) + y * (above[i + 1] + below[i + 1])
-        beside += d * ((above[i] + above[i + 2]) + (below[i] + below[i + 2]))
-        b[i] -= beside + here[i + 1]
+        b[i] -= around(above, here, below, i, x, y, d) + here[i + 1]
 
 
 @njit()

@@ -43,6 +43,23 @@ def add_inside(row, mask, out):
         out[i] += row[i] if mask[i] else nothing
 
 
+@any_order
+def around(above, here, below, i, x, y, diagonal):
+    """What a 3 x 3 stencil makes of the neighbours of cell i, of rows with one cell more on either side."""
+    return (
+        x * (here[i] + here[i + 2])
+        + y * (above[i + 1] + below[i + 1])
+        + diagonal * ((above[i] + above[i + 2]) + (below[i] + below[i + 2]))
+    )
+
+
+@njit()
+def wrap(row, nx, width):
+    """Into the ends, of some cells each, of a row of nx cells: what comes there over a period."""
+    for i in range(width):
+        row[i], row[width + nx + i] = row[nx + i], row[width + i]
+
+
 @njit()
 def span_of(row):
     """First place where a row of a mask is set, and one past the last; 0, 0 if it is nowhere."""

@@ -41,8 +41,6 @@ class PrimalSolver(LinearSolver):
         _check_kinds(PETSc.Options())
         number = range(len(hierarchy.levels))[level]
         self.inverse = InverseOperator(hierarchy.levels[number], coarser_operator(hierarchy, number))
-        if number == len(hierarchy.levels) - 1:  # that of the target is made before the first solve
-            _prepare(hierarchy)
         super().__init__(hierarchy, number, comm, self.inverse)
         self.guesses = _GUESSES
         self.rows_beside = Halo(self.operator.slabs, self.operator.comm, self.guesses - 1)
@@ -116,8 +114,8 @@ class PrimalSolver(LinearSolver):
         super().destroy()
 
 
-def _prepare(hierarchy):
-    """Make what the first solve would have to. Collective."""
+def prepare(hierarchy):
+    """Make the products of all grids, which solvers share, before the first of these. Collective."""
     hierarchy.target.prepare("exact_inverse")
     for number, operator in enumerate(hierarchy.levels):
         coarser = coarser_operator(hierarchy, number)

@@ -15,40 +15,30 @@ from functools import cache
 import numpy as np
 
 from app.compiled import njit
-from app.halfspace.reductions import add_inside, any_order, copy_row, scale_row
+from app.halfspace.reductions import add_inside, any_order, around, copy_row, scale_row, wrap
 
 # Weights are over that of the cell itself, of the neighbours in x, in y, and on the diagonals.
 
 
 @any_order
-def _around(above, here, below, i, wx, wy, wd):
-    """What the neighbours of cell i add, of rows with one cell more on either side."""
-    return (
-        wx * (here[i] + here[i + 2])
-        + wy * (above[i + 1] + below[i + 1])
-        + wd * ((above[i] + above[i + 2]) + (below[i] + below[i + 2]))
-    )
-
-
-@any_order
 def _sweep_row(source, free, above, here, below, wx, wy, wd, share, out):
     for i in range(source.size):
-        around = _around(above, here, below, i, wx, wy, wd)
-        out[i + 1] = free[i] * (here[i + 1] + share * (source[i] - around - here[i + 1]))
+        beside = around(above, here, below, i, wx, wy, wd)
+        out[i + 1] = free[i] * (here[i + 1] + share * (source[i] - beside - here[i + 1]))
 
 
 @any_order
 def _projected_row(source, lowest, above, here, below, wx, wy, wd, out):
     for i in range(source.size):
-        around = _around(above, here, below, i, wx, wy, wd)
-        out[i + 1] = max(source[i] - around, lowest[i])
+        beside = around(above, here, below, i, wx, wy, wd)
+        out[i + 1] = max(source[i] - beside, lowest[i])
 
 
 @any_order
 def _residual_row(source, free, above, here, below, wx, wy, wd, out):
     for i in range(source.size):
-        around = _around(above, here, below, i, wx, wy, wd)
-        out[i] = free[i] * (source[i] - around - here[i + 1])
+        beside = around(above, here, below, i, wx, wy, wd)
+        out[i] = free[i] * (source[i] - beside - here[i + 1])
 
 
 @any_order
@@ -57,11 +47,6 @@ def _source_row(s, free, scale, source, weight):
         inside = np.float32(1) if free[i] else np.float32(0)
         weight[i] = inside
         source[i] = inside * np.float32(s[i] * scale)
-
-
-@njit()
-def _wrap(row):
-    row[0], row[row.size - 1] = row[row.size - 2], row[1]
 
 
 # Row t of a slab and the rows beside it, counted from the first of these: the types may differ.
@@ -190,7 +175,7 @@ def sweep_from_zero(
             _source_at(t, s, s_before, s_after, free, f_before, f_after, scale, source, weight)
             first = swept[1, t % 3]
             scale_row(source, shares[0], first[1:-1])
-            _wrap(first)
+            wrap(first, first.size - 2, 1)
         for m in range(2, steps + 1):
             j = t - m + 1
             if m - 1 <= j < high - m + 1:
@@ -200,7 +185,7 @@ def sweep_from_zero(
                     swept[m - 1, (j - 1) % 3], swept[m - 1, j % 3], swept[m - 1, (j + 1) % 3],
                     wx, wy, wd, shares[m - 1], row,
                 )  # fmt: skip
-                _wrap(row)
+                wrap(row, row.size - 2, 1)
         j = t - steps
         if halo <= j < halo + rows:
             last = swept[steps, j % 3]
@@ -243,7 +228,7 @@ def sweep_on(s, s_before, s_after, free, f_before, f_after, weights, shares, x, 
             source, weight, first = sources[t % (steps + 1)], inside[t % (steps + 1)], swept[0, t % 3]
             _source_at(t, s, s_before, s_after, free, f_before, f_after, scale, source, weight)
             _copy_at(t, x, x_before, x_after, first[1:-1])
-            _wrap(first)
+            wrap(first, first.size - 2, 1)
         for m in range(1, steps + 1):
             j = t - m
             if m <= j < high - m:
@@ -254,7 +239,7 @@ def sweep_on(s, s_before, s_after, free, f_before, f_after, weights, shares, x, 
                     wx, wy, wd, shares[m - 1], row,
                 )  # fmt: skip
                 if m < steps:
-                    _wrap(row)
+                    wrap(row, row.size - 2, 1)
                 else:
                     copy_row(row[1:-1], z[j - halo])
 
@@ -277,7 +262,7 @@ def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, s
             _copy_at(t, low, low_before, low_after, bound)
             for i in range(nx):
                 first[i + 1] = max(source[i], bound[i])
-            _wrap(first)
+            wrap(first, first.size - 2, 1)
         for m in range(2, steps + 1):
             j = t - m + 1
             if m - 1 <= j < high - m + 1:
@@ -287,7 +272,7 @@ def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, s
                     swept[m - 1, (j - 1) % 3], swept[m - 1, j % 3], swept[m - 1, (j + 1) % 3],
                     wx, wy, wd, row,
                 )  # fmt: skip
-                _wrap(row)
+                wrap(row, row.size - 2, 1)
         j = t - steps + 1
         if halo <= j < halo + rows:
             copy_row(swept[steps, j % 3][1:-1], x[j - halo])
@@ -296,8 +281,8 @@ def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, s
 @any_order
 def _add_row(above, here, below, scale, wx, wy, wd, out):
     for i in range(out.size):
-        around = _around(above, here, below, i, wx, wy, wd)
-        out[i] += scale * (here[i + 1] + around)
+        beside = around(above, here, below, i, wx, wy, wd)
+        out[i] += scale * (here[i + 1] + beside)
 
 
 @njit()
@@ -307,7 +292,7 @@ def add_centre(d, before, after, weights, room, out):
     for j in range(-1, len(d) + 1):
         row = room[j % 3]
         _copy_at(len(before) + j, d, before, after, row[1:-1])
-        _wrap(row)
+        wrap(row, row.size - 2, 1)
         if j > 0:
             _add_row(room[(j - 2) % 3], room[(j - 1) % 3], row, scale, wx, wy, wd, out[j - 1])
 
@@ -347,7 +332,7 @@ def add_interpolated(coarse, places, free, x, wide, row):
         before = int(np.floor(centre))
         share = centre - before
         _mix_row(coarse[before], 1 - share, coarse[before + 1], wide[1:-1])
-        _wrap(wide)
+        wrap(wide, wide.size - 2, 1)
         if in_x[0] == 0.25:
             _fours(wide, row)
         elif in_x[0] == 0.5:
