@@ -270,7 +270,7 @@ class Primal(Inexact):
         self._kept = KeptSolvers(make, hierarchy, self.solver)
 
     def _make_solver(self):
-        primal_solver.prepare(self._hierarchy)
+        primal_solver.prepare(self._hierarchy, self._settings.defect_correction > 0)
         return PrimalSolver(self._hierarchy)
 
     def warm_up(self):

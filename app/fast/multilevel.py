@@ -124,8 +124,18 @@ class MultilevelOperator:
         if self._halo is not None:
             before, after = (beside.astype(self.dtype, copy=False) for beside in self._halo(p))
         coarse = self._coarse
-        firsts = self._first, self._first_coarse
-        _restrict(p, rows, before, after, *firsts, coarse, self._factors, self._periodic, *self._four)
+        _restrict(
+            p,
+            rows,
+            before,
+            after,
+            self._first,
+            self._first_coarse,
+            coarse,
+            self._factors,
+            self._periodic,
+            *self._four,
+        )
         self._next.apply(coarse, coarse)
         above, below, first_coarse = coarse[:0], coarse[:0], self._first
         if self._parents:

@@ -24,8 +24,6 @@ from app.halfspace.reductions import any_order
 from app.multigrid.ksp_context import KspContext
 from app.primal.operator import InverseOperator
 
-_ROUNDING = 1e-6  # share of the residual of p that is left where it is carried along in single precision
-
 
 @any_order
 def _dots_row(d, q, p, free):
@@ -139,26 +137,26 @@ class CarryingCG(KspContext):
     looks at the free cells only, and leaves the others zero. For the test of -ksp_rtol the preconditioned norm is
     estimated from how much smaller p on the free cells is: it saves the last application.
 
-    Neither x nor `pressure` is changed, but `change` and `carried` are made, as precise as the products: that is enough
-    for some contact sets, and who adds them up goes through w and p anyway.
+    x is not looked at, nor is `pressure` changed: `change` and `carried` are made, as precise as the products. That is
+    enough for some contact sets, and who adds them up goes through w and p anyway.
 
     Attributes
     ----------
+    by_levels : float
+        Share of the residual of p down to which B is multiplied by levels; 0: by FFT. Set by the caller.
+    carried : ndarray, shape (local rows, nx)
+        A place for what p becomes [N/mm2], set by the caller: in double precision if B is by FFT.
     pressure : Vec
         p on entry; set by the caller.
     goes_on : bool
         Begin with `carried` in place of p, and add to `change`; set by the caller.
-    by_levels : float
-        Share of the residual of p down to which B is multiplied by levels; 0: by FFT. Set by the caller.
     change : ndarray, shape (local rows, nx)
         By how much w is to change, after a solve [mm].
-    carried : ndarray, shape (local rows, nx)
-        What p becomes by that [N/mm2]; a place for it is set by the caller, in double precision if B is by FFT.
     residual, doubt : float
         Norm of the preconditioned residual after the last solve, and by how much it may be wrong [mm].
     scratch : ndarray, shape (local rows, nx)
-        To be used by others between solves, as may `direction` and `product`, in the operator's precision. In single
-        precision `change` is in it.
+        To be used by others between solves; in single precision `change` is in it. So may `direction` and `product`,
+        in the operator's precision.
     """
 
     pressure, carried, goes_on = None, None, False
@@ -181,17 +179,16 @@ class CarryingCG(KspContext):
         warm_up(dtype)
 
     def solve(self, ksp, b, x):
-        """Find by how much x, which is w, is to change."""
+        """Find by how much w is to change."""
         operator, smooth = self._operator, ksp.getPC().getPythonContext().smooth
         d, q, z, kind = self.direction, self.product, self._z, operator.dtype.type
-        by_levels = self.by_levels if operator.by_levels is not None else 0.0
-        multiply = operator.by_levels.apply if by_levels else operator.pressure
+        multiply = operator.pressure_by_levels if self.by_levels else operator.pressure
         left = self.carried if self.goes_on else self._read(self.pressure)
         iteration, max_it = 0, ksp.getTolerances()[3]
         smooth(left, z)
         beta, norm = 0.0, sqrt(self._sum(_normed(z, z))[0])
         if not self.goes_on:
-            self.doubt = max(by_levels, 0.0 if self.carried.dtype == float else _ROUNDING) * norm
+            self.doubt = self.by_levels * norm
         reason = self._report(ksp, 0, norm)
         while not reason and iteration < max_it:
             if iteration:

@@ -6,6 +6,8 @@ of p, and p = B w + mean pressure that of e.
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 
 from app.contact.history import Outcome
@@ -57,10 +59,12 @@ def primal_active_set(primal, solver, stop, history):
         goal, slight = accuracy.aim * np.sqrt(primal.cells), _SLIGHT * accuracy.aim
         its, failure, norm = solver.improve(primal, goal)  # 2. and 3. p = 0 on the free cells, a little
         near = norm <= goal * (1 + 1e-6)
+        # What has been carried along is right enough to be verified; after a failure only if it is by FFT.
         sure = not primal.lags or solver.doubt <= (0 if accuracy.doubted else _UNSURE * goal)
         # 4. p < 0 leaves C, e < 0 enters
         update = primal.exchange(solver, -slight / solver.preconditioner.weights[0], -slight, norm)
-        history.add(state, solver, update, its)
+        with primal.shown(solver) if history.listeners else nullcontext():
+            history.add(state, solver, update, its)
         residual = norm / state.distance.norm()  # not (5.1): about the error of w
         if wrong := what_is_wrong(failure, residual):
             raise NeedsSafeguard(Outcome(False, wrong, k, residual))
@@ -76,7 +80,7 @@ def primal_active_set(primal, solver, stop, history):
             if accuracy.exhausted:
                 raise NeedsSafeguard(Outcome(False, _NO_PRESSURE, k, residual))
         elif update.added or norm <= solver.doubt or (near and not sure):
-            primal.close(solver)
+            primal.close(solver)  # a product: cells are captured, or levels tell no more
         progress.after(norm, update.changed)
         if progress.stalls:
             raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
@@ -108,6 +112,10 @@ class _Accuracy:
     def __init__(self, allowed, rtol):
         self.allowed, self.aim, self._lowest = allowed, _SURE * allowed, ROUNDING / rtol * allowed
         self.doubted = self.exhausted = False
+
+    def keep(self):
+        """Aim at the same: not the residual was too small, but p off. From now on a product precedes a verification."""
+        self.doubted = True
 
     def lower(self, reached, error):
         """Aim lower, by as much as a verification says that the residual was too small.
@@ -150,6 +158,8 @@ class _Progress:
 def _is_solved(primal, solver, stop, accuracy, norm):
     """Steps 5 and 6, where the residual of the solver says so. If it is not, all is as before, and the aim lower.
 
+    Nothing may lag: what the solver carries along is where `verify` works.
+
     Collective.
 
     Returns
@@ -176,7 +186,7 @@ def _is_solved(primal, solver, stop, accuracy, norm):
         primal.restore_mean(solver)
         primal.refresh(exact=True)
     if off and not accuracy.doubted:
-        accuracy.doubted = True
+        accuracy.keep()
     else:
         accuracy.lower(reached, error)
     return False, found

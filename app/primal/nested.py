@@ -96,7 +96,10 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
 
 def _solve_on(hierarchy, number, primal, solver, stop, history):
     try:
-        return primal_active_set(primal, solver, stop, history)
+        try:
+            return primal_active_set(primal, solver, stop, history)
+        finally:
+            solver.end()
     except NeedsSafeguard as stagnation:
         primal.begin_again()
         verify(primal, solver.scratch)

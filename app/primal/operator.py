@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
-from app.fast.levels import periodic_inverse_by_levels
+from app.fast.levels import inverse_of
 from app.halfspace.operator import symmetric_mat
 
 _mult_event = PETSc.Log.Event("InverseMult")
+_levels_event = PETSc.Log.Event("InverseByLevels")
 
 
 class InverseOperator:
@@ -54,14 +55,7 @@ class InverseOperator:
     @property
     def by_levels(self):
         """B nearly, for corrections, or None; made when first asked for. Collective then."""
-        influence, known = self.influence, self.influence.multipliers
-        if "nearly inverse" not in known:
-            place = self.grid, influence.compliance, self.slabs, self.comm, self.dtype, influence.storage
-            nearly = periodic_inverse_by_levels(*place)
-            if nearly is None:
-                return None
-            known["nearly inverse"] = nearly
-        return known["nearly inverse"]
+        return inverse_of(self.influence)
 
     def mat(self, comm):
         """Make a Mat with this context, the caller's to destroy. Collective over the PETSc communicator `comm`."""
@@ -76,6 +70,13 @@ class InverseOperator:
         with _mult_event:
             self.product.apply(d, q)
             PETSc.Log.logFlops(self.product.flops)
+
+    def pressure_by_levels(self, d, q):
+        """Compute q = B d nearly, if it can be had `by_levels`. Collective; arrays of shape `local_shape`."""
+        nearly = self.by_levels
+        with _levels_event:
+            nearly.apply(d, q)
+            PETSc.Log.logFlops(nearly.flops)
 
     def exact_pressure(self, w, p):
         """Compute p = B w in double precision. Collective."""

@@ -7,6 +7,7 @@ from importlib import import_module
 import numpy as np
 from petsc4py import PETSc
 
+from app.fast.levels import inverse_of
 from app.halfspace.halo import Halo
 from app.halfspace.operator import vec_of
 from app.multigrid.linear_solver import LinearSolver
@@ -31,11 +32,16 @@ class PrimalSolver(LinearSolver):
     rows_beside : Halo
         As wide as the sweeps of a guess need.
 
+    change, carried, doubt
+        See `CarryingCG`.
+
     Raises
     ------
     ValueError
         If the KSP or the PC is another one.
     """
+
+    carried, _constrained, _by_levels = None, False, 0.0
 
     def __init__(self, hierarchy, level=-1, comm=None):
         _check_kinds(PETSc.Options())
@@ -52,21 +58,33 @@ class PrimalSolver(LinearSolver):
     def _make(self):
         super()._make()
         self._cg, self.preconditioner = self.ksp.getPythonContext(), self.ksp.getPC().getPythonContext()
-        # At rest between solves: two fields in the operator's precision, one in double
+        # Two fields in the operator's precision are at rest between solves, and one in double while w and p do not lag:
+        # `change` may be in it.
         self.direction, self.product = self._cg.direction, self._cg.product
-        self.change = self._cg.change
-        self.scratch = self._cg.scratch
+        self.change, self.scratch = self._cg.change, self._cg.scratch
+        self._set()
 
     def begin(self, state, loading, by_levels=0.0):
         """Begin to solve on the grid for a loading: an approach is kept by keeping the mean of w.
 
-        Collective. Until the verification u of the ContactState is the place of `carried`. `by_levels`: see
-        `CarryingCG`.
+        Collective. Until the verification, and `end`, u of the ContactState is the place of `carried`. `by_levels`: see
+        `CarryingCG`; without levels there are products by FFT.
         """
-        self.preconditioner.constrained = not loading.prescribes_load
-        kind = np.dtype(float) if self.inverse.by_levels is None else self.inverse.dtype
+        if by_levels and self.inverse.by_levels is None:
+            by_levels = 0.0
+        kind = self.inverse.dtype if by_levels else np.dtype(float)
         self.carried = state.u.reshape(-1).view(kind)[: state.u.size].reshape(state.u.shape)
-        self._by_levels = by_levels
+        self._constrained, self._by_levels = not loading.prescribes_load, by_levels
+        self._set()
+
+    def _set(self):
+        """Tell the parts, which after an interrupted solve are new ones."""
+        self.preconditioner.constrained = self._constrained
+        self._cg.carried, self._cg.by_levels = self.carried, self._by_levels
+
+    def end(self):
+        """Let go of the place of `carried`, which is the solution's. Not collective."""
+        self.carried = self._cg.carried = None
 
     def improve(self, primal, allowed):
         """Let p vanish on the free cells, a little: find what w and p = B w are to become, `change` and `carried`.
@@ -88,10 +106,9 @@ class PrimalSolver(LinearSolver):
             Its norm: about by how much w is wrong [mm].
         """
         if self.preconditioner.constrained:
-            primal.balance(self.carried)
+            primal.balance(self)
         self.ksp.setInitialGuessNonzero(True)
-        self._cg.goes_on, self._cg.carried, self._cg.by_levels = primal.lags, self.carried, self._by_levels
-        self._cg.pressure = primal.state.pressure
+        self._cg.goes_on, self._cg.pressure = primal.lags, primal.state.pressure
         iterations, failure = self._run(self._zero, primal.displacements, allowed)
         self._cg.pressure = None  # not for longer than the state
         primal.lags |= iterations > 0
@@ -114,8 +131,11 @@ class PrimalSolver(LinearSolver):
         super().destroy()
 
 
-def prepare(hierarchy):
-    """Make the products of all grids, which solvers share, before the first of these. Collective."""
+def prepare(hierarchy, by_levels):
+    """Make the products of all grids, which solvers share, before the first of these. Collective.
+
+    `by_levels`: whether there are to be those, too.
+    """
     hierarchy.target.prepare("exact_inverse")
     for number, operator in enumerate(hierarchy.levels):
         coarser = coarser_operator(hierarchy, number)
@@ -123,6 +143,8 @@ def prepare(hierarchy):
             operator.prepare("inverse")
         if coarser is not None and coarser.active:
             coarser.prepare("screened_product")
+        if by_levels and operator.active:
+            inverse_of(operator)
 
 
 def _check_kinds(options):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
+
 import numpy as np
 from petsc4py import PETSc
 
@@ -35,7 +37,7 @@ class PrimalState:
     lags : bool
         The solver has gone on since w and p were as they are: its `change` and `carried` count.
     is_nearly : bool
-        Part of p is a product by levels.
+        Part of p has been carried along by levels.
     """
 
     def __init__(self, state, inverse, loading):
@@ -90,13 +92,13 @@ class PrimalState:
         self.state.u_is = Displacement.STALE
         self.lags = self.is_nearly = False
 
-    def balance(self, carried):
+    def balance(self, solver):
         """Under a prescribed approach let the pressure left on the free cells have no mean there. Collective."""
-        p = carried if self.lags else self.state.p
+        p = solver.carried if self.lags else self.state.p
         total, cells = self.state.sum(
-            [np.sum(p, where=self.inverse.mask), np.count_nonzero(self.inverse.mask)]
+            [np.sum(p, where=self.inverse.mask, dtype=float), np.count_nonzero(self.inverse.mask)]
         )
-        self.add_mean_pressure(-total / max(cells, 1), *([carried] if self.lags else []))
+        self.add_mean_pressure(-total / max(cells, 1), *([p] if self.lags else []))
 
     def come_from(self, coarse, transfer):
         """Begin with w and p of the coarser grid, interpolated. Collective."""
@@ -124,8 +126,8 @@ class PrimalState:
         """Under a prescribed approach the mean pressure is an unknown: add to it, p and `carried`. Not collective."""
         self.mean_pressure += missing
         with self.state.pressure as values:
-            for p in (values, *carried):
-                p += missing
+            for field in (values, *carried):
+                field += missing
 
     def restore_mean(self, solver, *changes):
         """Under a prescribed approach let w have its mean, by what the free cells do; add it to changes. Collective."""
@@ -251,10 +253,21 @@ class PrimalState:
         if not self.lags:
             return
         self.w += solver.change
-        with self.state.pressure as values:
-            values[...] = solver.carried.reshape(-1)
+        self._set_pressure(solver.carried)
         self.is_nearly |= solver.doubt > 0
         self.state.u_is, self.lags = Displacement.STALE, False
+
+    @contextmanager
+    def shown(self, solver):
+        """Inside the block p is as the solver has carried it along, for others to look at. Not collective."""
+        before = self.state.p.copy()
+        self._set_pressure(solver.carried)
+        yield
+        self._set_pressure(before)
+
+    def _set_pressure(self, p):
+        with self.state.pressure as values:
+            values[...] = p.reshape(-1)
 
     def _contact_changed(self, solver):
         """Make the cells that are not in contact the free ones. Collective."""

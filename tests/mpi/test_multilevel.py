@@ -12,6 +12,10 @@ from app.halfspace.grid import Grid, Slabs
 SHAPES = [(128, 140, 0.12), (257, 150, 0.12), (150, 129, 0.12), (257, 140, 0.04), (130, 260, 0.5)]
 
 
+def kind(multiplier):
+    return getattr(multiplier, "func", multiplier).__name__
+
+
 MULTIPLIERS = [
     *product(SHAPES, [partial(circulant_inverse, apart=True), influence_by_levels]),
     *product([(512, 264, 0.1), (268, 514, 0.03), (258, 514, 0.3)], [periodic_inverse_by_levels]),
@@ -19,7 +23,9 @@ MULTIPLIERS = [
 
 
 @pytest.mark.mpi(2, 3, 4)
-@pytest.mark.parametrize(("shape", "multiplier"), MULTIPLIERS)
+@pytest.mark.parametrize(
+    ("shape", "multiplier"), MULTIPLIERS, ids=[f"{shape}-{kind(of)}" for shape, of in MULTIPLIERS]
+)
 @pytest.mark.parametrize("layout", ["even", "thin", "nothing at the ends"])
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_each_rank_finds_its_rows(comm, shape, layout, dtype, multiplier):

@@ -92,6 +92,22 @@ def assert_same_as_alone(comm, nx, ny):
             )  # one rank has small matrices in double precision
 
 
+@pytest.mark.mpi(3)
+def test_so_do_products_by_levels(comm):
+    problem = periodic.rough(514, 512, 4)
+    with ContactSolver(problem, comm=MPI.COMM_SELF) as one, ContactSolver(problem, comm=comm) as many:
+        alone = one.solve(approach=0.3 * problem.gap.mean())
+        for loading in ({"approach": alone.approach}, {"load": alone.load}):
+            here = many.solve(**loading)
+            assert here.converged and here.fallbacks == 0
+            found = np.vstack(comm.allgather(here.pressure))
+            np.testing.assert_allclose(found, alone.pressure, rtol=0, atol=2e-4 * alone.max_pressure)
+        counts = [
+            solver._strategy.solver.operator.influence.multipliers["inverse"].count for solver in (one, many)
+        ]
+        assert counts[1] >= counts[0] > 0
+
+
 @pytest.mark.mpi(2, 3)
 def test_so_does_the_safeguard(comm, monkeypatch):
     problem = periodic.rough(24, 20, 1)

@@ -377,10 +377,39 @@ def steps(make):
         one.destroy()
 
 
-def pressure_of(primal):
+def pressure_of(primal, w=None):
     p = np.empty(primal.w.shape)
-    primal.inverse.exact_pressure(primal.w, p)
+    primal.inverse.exact_pressure(primal.w if w is None else w, p)
     return p + primal.mean_pressure
+
+
+@pytest.mark.parametrize(
+    "loading", [partial(PrescribedLoad, 1e2), partial(PrescribedApproach, 0.03)], ids=["load", "approach"]
+)
+def test_without_a_product_the_solver_goes_on_where_it_was(steps, loading):
+    """w and p lag until they are taken; what is to be added to them adds up, from one contact set to the next."""
+    primal, solver = steps(loading())
+    state = primal.state
+    primal.start(solver)
+    primal.guess(solver)
+    w, p, norms = primal.w.copy(), state.p.copy(), []
+    for _ in range(3):
+        norms.append(solver.improve(primal, 0.0)[2])
+        primal.exchange(solver, 0.0, -np.inf, norms[-1])  # releases only
+        assert primal.lags and (primal.w == w).all()
+        np.testing.assert_allclose(state.p - p, (state.p - p).mean(), rtol=0, atol=1e-12 * abs(p).max())
+        there = pressure_of(primal, w + solver.change)
+        np.testing.assert_allclose(solver.carried, there, rtol=0, atol=1e-11 * abs(there).max())
+    with primal.shown(solver):
+        np.testing.assert_array_equal(state.p, solver.carried)
+    np.testing.assert_allclose(state.p - p, (state.p - p).mean(), rtol=0, atol=1e-12 * abs(p).max())
+    primal.take(solver)
+    assert not primal.lags and not primal.is_nearly
+    np.testing.assert_allclose(primal.w, w + solver.change, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(state.p, solver.carried)
+    taken = primal.w.copy()
+    primal.take(solver)  # there is nothing more
+    assert (primal.w == taken).all()
 
 
 @pytest.mark.parametrize(
@@ -393,8 +422,8 @@ def test_every_step_keeps_p_and_the_loading(steps, loading, holes):
     state, given = primal.state, primal.loading.prescribes_load
     primal.w[...] = random_field(state.grid, 8) * 0.01
 
-    def check(p=state.p, closed=True):
-        np.testing.assert_allclose(p, pressure_of(primal), rtol=0, atol=1e-11 * abs(p).max())
+    def check(closed=True):
+        np.testing.assert_allclose(state.p, pressure_of(primal), rtol=0, atol=1e-11 * abs(state.p).max())
         if given:
             assert state.load == pytest.approx(primal.loading.load, rel=1e-9)
         else:
@@ -411,6 +440,7 @@ def test_every_step_keeps_p_and_the_loading(steps, loading, holes):
         before = state.p[~state.contact]
         solver.improve(primal, 0.0)
         p, w = solver.carried.copy(), primal.w + solver.change
+        np.testing.assert_allclose(p, pressure_of(primal, w), rtol=0, atol=1e-11 * abs(p).max())
         assert np.linalg.norm(p[~state.contact]) < 0.9 * np.linalg.norm(before)
         old = state.contact.copy()
         wrong = state.contact & (p < 0), ~state.contact & state.admissible & (w < state.distance.b)

@@ -12,6 +12,12 @@ from app.fast.multilevel import MultilevelOperator
 from app.halfspace.periodic import influence_symbol
 from app.halfspace.product import PeriodicProduct
 
+
+def levels_of(solver):
+    """B by levels of the target grid, if it has been made."""
+    return solver._strategy.solver.operator.influence.multipliers.get("inverse")
+
+
 GRIDS = {
     "square": (512, 512, 1.0, 0.035),
     "four levels": (1024, 1024, 1.0, 0.035),
@@ -80,8 +86,8 @@ def test_a_product_that_is_off_costs_work_alone(monkeypatch):
 
     def worse(operator, p, out, rows=None):
         apply(operator, p, out, rows)
-        if operator.shape == (512, 512):
-            out *= 1.2
+        if operator.shape == (512, 512):  # long waves 1.2 times, waves from cell to cell 0.8 times
+            out += 0.05 * sum(np.roll(out, step, axis) for step in (-1, 1) for axis in (0, 1))
 
     with ContactSolver(problem) as solver:
         expected = solver.solve(approach=0.3 * problem.gap.mean())

@@ -356,10 +356,13 @@ def test_light_loads_take_little_more_than_their_approach(cut_off, more):
     assert there <= 37
 
 
-def test_an_interrupted_solve_leaves_a_solver_that_solves(monkeypatch):
+@pytest.mark.parametrize("given", ["load", "approach"])
+def test_an_interrupted_solve_leaves_a_solver_that_solves(given, monkeypatch):
     problem, plain = surface("self-affine", 64), InverseOperator.pressure
     with ContactSolver(problem) as solver:
-        before, linear = pressed_to(problem, 0.1, solver), solver._strategy.solver
+        found, linear = pressed_to(problem, 0.1, solver), solver._strategy.solver
+        loading = {given: getattr(found, given)}
+        before = solver.solve(**loading)
 
         def interrupted(operator, d, q):
             if operator is linear.inverse and linear.ksp.getIterationNumber() > 0:
@@ -369,9 +372,11 @@ def test_an_interrupted_solve_leaves_a_solver_that_solves(monkeypatch):
         with monkeypatch.context() as patch:
             patch.setattr(InverseOperator, "pressure", interrupted)
             with pytest.raises(KeyboardInterrupt):
-                pressed_to(problem, 0.1, solver)
-        after = pressed_to(problem, 0.1, solver)
+                solver.solve(**loading)
+        after = solver.solve(**loading)
     np.testing.assert_allclose(after.pressure, before.pressure, rtol=0, atol=1e-6 * before.max_pressure)
+    assert after.fallbacks == 0
+    assert after.operator_applications == pytest.approx(before.operator_applications, abs=0.1)
 
 
 def test_an_absolute_tolerance_is_the_users():
