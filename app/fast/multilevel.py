@@ -31,7 +31,7 @@ _SHARE = 0.6  # operations of stencil and interpolation on a cell, in those of a
 
 
 def coarse_shape(shape, factors, periodic=False):
-    """Of two cells each, with one before the first, and one behind the last or around it; or as many.
+    """Of two cells each, with one before the first, and one behind the last or about it; or as many.
 
     Not collective. Over a period: of two cells each, of which there is an even number.
     """
@@ -124,25 +124,15 @@ class MultilevelOperator:
         if self._halo is not None:
             before, after = (beside.astype(self.dtype, copy=False) for beside in self._halo(p))
         coarse = self._coarse
-        _restrict(
-            p,
-            rows,
-            before,
-            after,
-            self._first,
-            self._first_coarse,
-            coarse,
-            self._factors,
-            self._periodic,
-            *self._four,
-        )
+        starts = self._first, self._first_coarse
+        _restrict(p, rows, before, after, *starts, coarse, self._factors, self._periodic, *self._four)
         self._next.apply(coarse, coarse)
         above, below, first_coarse = coarse[:0], coarse[:0], self._first
         if self._parents:
             (above, below), first_coarse = self._parents(coarse), self._parents.first
-        parents, firsts = (above, coarse, below), (self._first, first_coarse)
+        parents, starts = (above, coarse, below), (self._first, first_coarse)
         _add_near(
-            p, rows, before, after, self._stencil, parents, *firsts, self._factors, self._periodic, out,
+            p, rows, before, after, self._stencil, parents, *starts, self._factors, self._periodic, out,
             *self._five, self._wide,
         )  # fmt: skip
 

@@ -64,7 +64,8 @@ class Parents:
     Attributes
     ----------
     first : int
-        Number of the first one, which may be here; counted from the one before the first of two fine ones.
+        Number of the first one, which may be here, counted as `Slabs.surround` does: over a period, too, that made of
+        the first two fine rows is the second one.
     """
 
     def __init__(self, slabs, comm, periodic=False):

@@ -2,7 +2,7 @@
 
 ``p = B w + mean pressure`` is to vanish on the free cells O. So p is all there is of a residual: it is kept on all
 cells, changes of w are added up, ``change += alpha d`` and ``carried += alpha B d`` in one pass, and the right-hand
-side of the KSP is not looked at. B may be the product by levels, within some percent and in a third of the time: no
+side of the KSP is not looked at. B may be the product by levels, right to some percent in a part of the time: no
 more than a part of the residual is to go, and who adds up the changes multiplies them anew (defect correction, as in
 `app.fast`). The norm is that of the preconditioned residual, about the error of w; directions are those of flexible
 CG, the preconditioner need not be quite symmetric. By options of -lcp_type primal only::
