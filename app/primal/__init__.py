@@ -22,8 +22,8 @@ On each grid, from the coarsest to the target (`nested`):
 1. *Start.* w and p are interpolated from the coarser grid; the coarsest one starts from full contact.
 2. *Guess.* Some projected sweeps with the centre of B guess the contact set (`state.PrimalState.guess`).
 3. *Sets.* `iteration` solves for w on O a little, by CG that carries p along (`cg`) and multiplies by B nearly
-   (`app.fast.levels`); then cells with p < 0 are released from C and cells with e < 0 captured. Where there are such,
-   or where levels tell no more, p follows by a product with B; else what CG has carried along goes on.
+   (`app.fast.levels`); then cells with p < 0 are released from C and cells with e < 0 captured. Where some are
+   captured, or levels tell no more, p follows by a product with B; else CG goes on with what it has carried along.
 4. *Enough.* A coarse grid is left when few cells change and the residual is small against the deviation of h0 from its
    mean, or the approach beyond first touch, if that is less. The target grid is left by one product A p in double
    precision; it and the certificate decide.

@@ -96,10 +96,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
 
 def _solve_on(hierarchy, number, primal, solver, stop, history):
     try:
-        try:
-            return primal_active_set(primal, solver, stop, history)
-        finally:
-            solver.end()
+        return primal_active_set(primal, solver, stop, history)
     except NeedsSafeguard as stagnation:
         primal.begin_again()
         verify(primal, solver.scratch)
@@ -109,3 +106,5 @@ def _solve_on(hierarchy, number, primal, solver, stop, history):
         np.subtract(primal.state.u, primal.state.depth, out=primal.w)
         primal.mean_pressure = primal.mean(primal.state.p)
         return rest.after(stagnation.outcome)
+    finally:
+        solver.end()

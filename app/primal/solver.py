@@ -31,7 +31,6 @@ class PrimalSolver(LinearSolver):
         Sweeps of a guess.
     rows_beside : Halo
         As wide as the sweeps of a guess need.
-
     change, carried, doubt
         See `CarryingCG`.
 

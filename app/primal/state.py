@@ -98,7 +98,7 @@ class PrimalState:
         total, cells = self.state.sum(
             [np.sum(p, where=self.inverse.mask, dtype=float), np.count_nonzero(self.inverse.mask)]
         )
-        self.add_mean_pressure(-total / max(cells, 1), *([p] if self.lags else []))
+        self.add_mean_pressure(-total / max(cells, 1), p if self.lags else None)
 
     def come_from(self, coarse, transfer):
         """Begin with w and p of the coarser grid, interpolated. Collective."""
@@ -122,12 +122,13 @@ class PrimalState:
             back = min(back, _BACK * max(depth - state.first_touch(), 0.0))
         self.w += back
 
-    def add_mean_pressure(self, missing, *carried):
+    def add_mean_pressure(self, missing, carried=None):
         """Under a prescribed approach the mean pressure is an unknown: add to it, p and `carried`. Not collective."""
         self.mean_pressure += missing
         with self.state.pressure as values:
-            for field in (values, *carried):
-                field += missing
+            values += missing
+        if carried is not None:
+            carried += missing
 
     def restore_mean(self, solver, *changes):
         """Under a prescribed approach let w have its mean, by what the free cells do; add it to changes. Collective."""

@@ -74,6 +74,9 @@ def test_the_answer_is_the_same(share, kind):
         ContactSolver(problem, options={"lcp_defect_correction": 0}) as plain,
     ):
         found, expected = solver.solve(approach=approach), plain.solve(approach=approach)
+        assert levels_of(plain) is None and (levels_of(solver).count > 0) == (
+            share < 1
+        )  # full contact at once
     assert found.converged and found.fallbacks == 0
     size = expected.pressure.max()
     np.testing.assert_allclose(found.pressure, expected.pressure, rtol=0, atol=2e-4 * size)
@@ -92,7 +95,9 @@ def test_a_product_that_is_off_costs_work_alone(monkeypatch):
     with ContactSolver(problem) as solver:
         expected = solver.solve(approach=0.3 * problem.gap.mean())
         monkeypatch.setattr(MultilevelOperator, "apply", worse)
+        before = levels_of(solver).count
         found = solver.solve(approach=0.3 * problem.gap.mean())
+        assert levels_of(solver).count > before
     assert found.converged and found.fallbacks == 0
     np.testing.assert_allclose(found.pressure, expected.pressure, rtol=0, atol=2e-4 * expected.pressure.max())
     assert found.operator_applications < 2 * expected.operator_applications
