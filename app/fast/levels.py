@@ -67,12 +67,21 @@ def circulant_inverse(
     periods = shape
     if apart:
         periods = tuple(next_fast_len(n, real=True) if near else quick_length(n + 1) for n in shape)
-    sides = cy * periods[0] * grid.dy, cx * periods[1] * grid.dx
+    constants = mean_eigenvalue(compliance, (cy * periods[0] * grid.dy, cx * periods[1] * grid.dx))
+    coarsest = _coarsest_inverse(grid, compliance, near, periods, constants, comm, dtype, workspace, spectra)
+    if near:
+        return MultilevelOperator(grid.shape, near, coarsest, slabs, comm, dtype)
+    return coarsest(shape, slabs)
+
+
+def _coarsest_inverse(grid, compliance, near, periods, constants, comm, dtype, workspace, spectra=None):
+    """Return a function that makes what is left of the inverse by transforms; `constants`: their eigenvalue of A."""
+    cy, cx = cells_in_one(near)
 
     def symbol(columns, rows):
         x, y = columns * 2 / (cx * periods[1]), rows * 2 / (cy * periods[0])
         found = eigenvalues(grid, compliance, x, y)
-        found[(x[:, None] == 0) & (y == 0)] = mean_eigenvalue(compliance, sides)
+        found[(x[:, None] == 0) & (y == 0)] = constants
         return coarser(1 / found, near, x, y)
 
     def coarsest(shape, slabs):
@@ -80,9 +89,7 @@ def circulant_inverse(
         inverse.use(spectra, len(near), partial(inverse.set_spectrum, symbol))
         return inverse
 
-    if near:
-        return MultilevelOperator(grid.shape, near, coarsest, slabs, comm, dtype)
-    return coarsest(shape, slabs)
+    return coarsest
 
 
 def influence_by_levels(
@@ -146,48 +153,34 @@ def periodic_inverse_by_levels(grid, compliance, slabs=None, comm=None, dtype=np
     near = [level.times(unit) for level in _stencils(grid, -1)]
     if not near:
         return None
-    (cy, cx), shape = cells_in_one(near), _coarsest_shape(grid, near)
-
-    def symbol(columns, rows):
-        x, y = columns * 2 / (cx * shape[1]), rows * 2 / (cy * shape[0])
-        return coarser(1 / eigenvalues(grid, compliance, x, y), near, x, y)
-
-    def coarsest(shape, slabs):
-        inverse = EvenMultiplier(shape, shape, slabs, comm, dtype, workspace)
-        inverse.set_spectrum(symbol)
-        return inverse
-
+    periods = _coarsest_shape(grid, near)
+    coarsest = _coarsest_inverse(grid, compliance, near, periods, np.inf, comm, dtype, workspace)
     return MultilevelOperator(grid.shape, near, coarsest, slabs, comm, dtype, periodic=True)
 
 
 def influence_of(operator):
     """A by levels on the grid of an `InfluenceOperator`, made when first asked for, or None. Collective."""
-    if not operator.active or operator.grid.periodic:
+    if operator.grid.periodic:
         return None
-    known = operator.multipliers
-    if "influence" not in known:
-        place = operator.grid, operator.compliance, operator.slabs, operator.comm, operator.dtype
-        inverse = known.get("apart")
-        other = inverse if isinstance(inverse, MultilevelOperator) else None
-        nearly = influence_by_levels(
-            *place, workspace=operator.storage, spectra=operator.spectra, other=other
-        )
-        if nearly is None:
-            return None
-        known["influence"] = nearly
-    return known["influence"]
+    inverse = operator.multipliers.get("apart")
+    other = inverse if isinstance(inverse, MultilevelOperator) else None
+    return _known(operator, "influence", influence_by_levels, spectra=operator.spectra, other=other)
 
 
 def inverse_of(operator):
     """Its inverse by levels on the grid of an `InfluenceOperator` of a periodic patch, likewise. Collective."""
+    return _known(operator, "inverse", periodic_inverse_by_levels)
+
+
+def _known(operator, name, make, **more):
+    """What an operator has by a name, made if there is none."""
     known = operator.multipliers
-    if "inverse" not in known:
+    if name not in known and operator.active:
         place = operator.grid, operator.compliance, operator.slabs, operator.comm, operator.dtype
-        nearly = periodic_inverse_by_levels(*place, workspace=operator.storage) if operator.active else None
-        if nearly is None:
-            return None
-        known["inverse"] = nearly
-    return known["inverse"]
+        nearly = make(*place, workspace=operator.storage, **more)
+        if nearly is not None:
+            known[name] = nearly
+    return known.get(name)
 
 
 def _stencils(grid, power):
