@@ -75,7 +75,6 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
                 primal.move_on(coarser[-1].depth, loading.predict(coarser[-1].depth))
             coarse_pressure = coarse.state.p
             coarse.state.destroy()
-            coarse.destroy()
             coarse = None
         if level.active:
             test = stop if visits.at_target else stop.for_coarse_grid()
@@ -90,7 +89,6 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
         if visits.at_target and coarse_pressure is not None:
             difference = pressure_difference(comm, hierarchy.transfers[number], coarse_pressure, state)
         coarse = primal
-    primal.destroy()
     return state, visits.result(state, difference)
 
 

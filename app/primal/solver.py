@@ -49,9 +49,9 @@ class PrimalSolver(LinearSolver):
         super().__init__(hierarchy, number, comm, self.inverse)
         self.guesses = _GUESSES
         self.rows_beside = Halo(self.operator.slabs, self.operator.comm, self.guesses - 1)
-        # A right-hand side that is not touched: it costs no memory. PETSc may ask for its norm, and for that of zero
-        # takes the first residual's.
-        self._zero = vec_of(np.zeros(self.operator.local_shape), self.operator)
+        # A right-hand side and a solution that are not touched: they cost no memory. PETSc may ask for the norm of the
+        # first, and for that of zero takes the first residual's.
+        self._untouched = [vec_of(np.zeros(self.operator.local_shape), self.operator) for _ in "bx"]
         warm_up(self.operator.dtype)
 
     def _make(self):
@@ -106,9 +106,9 @@ class PrimalSolver(LinearSolver):
         """
         if self.preconditioner.constrained:
             primal.balance(self)
-        self.ksp.setInitialGuessNonzero(True)
+        self.ksp.setInitialGuessNonzero(True)  # PETSc would touch the solution, to make it zero
         self._cg.goes_on, self._cg.pressure = primal.lags, primal.state.pressure
-        iterations, failure = self._run(self._zero, primal.displacements, allowed)
+        iterations, failure = self._run(*self._untouched, allowed)
         self._cg.pressure = None  # not for longer than the state
         primal.lags |= iterations > 0
         if self.preconditioner.constrained and self.preconditioner.multiplier:
@@ -126,7 +126,8 @@ class PrimalSolver(LinearSolver):
 
     def destroy(self):
         """See `LinearSolver.destroy`."""
-        self._zero.destroy()
+        for vec in self._untouched:
+            vec.destroy()
         super().destroy()
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from contextlib import contextmanager
 
 import numpy as np
-from petsc4py import PETSc
 
 from app.contact.grid_errors import numbers_on
 from app.contact.state import Displacement, Update
@@ -32,8 +31,6 @@ class PrimalState:
     ----------
     w : ndarray, shape (local rows, nx), [mm]
         To be set first of all.
-    displacements : Vec
-        The same.
     lags : bool
         The solver has gone on since w and p were as they are: its `change` and `carried` count.
     is_nearly : bool
@@ -44,7 +41,6 @@ class PrimalState:
         self.state, self.inverse, self.loading = state, inverse, loading
         state.depth = 0.0
         self.w = np.empty(inverse.local_shape)
-        self.displacements = PETSc.Vec().createWithArray(self.w.reshape(-1), comm=inverse.petsc_comm)
         self._captured = np.zeros(inverse.local_shape, bool)
         grid = state.grid
         self.cells = grid.n
@@ -274,7 +270,3 @@ class PrimalState:
         """Make the cells that are not in contact the free ones. Collective."""
         np.logical_not(self.state.contact, out=self.inverse.mask)
         solver.set_contact()
-
-    def destroy(self):
-        """Free the vector. Collective."""
-        self.displacements.destroy()

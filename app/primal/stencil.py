@@ -360,9 +360,9 @@ def warm_up():
     fixed.flags.writeable = False
     weights = (1.0, *(np.float32(0),) * 3)
     one, room = np.ones(1, np.float32), make_room(1, 1)
-    for s, beside in (fixed, field), (field, field), (low, low):
+    for s, beside, results in (fixed, field, (low, field)), (field, field, (low, field)), (low, low, (low,)):
         sweep_from_zero(s, beside, beside, cells, cells, cells, weights, one, low, field, 0, (1, 1), room)
-        for z in (low, field):
+        for z in results:
             sweep_on(s, beside, beside, cells, cells, cells, weights, one, low, low, low, z, room)
     sweep_projected(low, low, low, low, low, low, weights, 1, low, room)
     for d in (field, low):

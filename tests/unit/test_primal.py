@@ -374,7 +374,6 @@ def steps(make):
     yield primal
     for one in made:
         one.state.destroy()
-        one.destroy()
 
 
 def pressure_of(primal, w=None):
