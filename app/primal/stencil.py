@@ -2,10 +2,10 @@
 
 B decays like 1 / r^3, so that its centre already does what short waves need. All sweeps of a call go through the rows
 together: when row j has had its first sweep, row j - 1 gets its second, and so on, and what they need stays in the
-cache. So in turn t row j = t - m + 1 gets its sweep m, or j = t - m where there is an x to begin with: ``swept[m]`` has
-the last three rows after it, ``sources`` what a row needs until its last sweep. Rows beside the slab
-(`app.halfspace.halo`) are swept along, one less with every sweep; columns wrap around. Arrays hold rows of a rank,
-buffers one cell more on either side; all in single precision, as is good enough for a preconditioner and a guess.
+cache. So in turn t row j = t - m + 1 gets its sweep m: ``swept[m]`` has the last three rows after it, ``sources`` what
+a row needs until its last sweep. Rows beside the slab (`app.halfspace.halo`) are swept along, one less with every
+sweep; columns wrap around. Arrays hold rows of a rank, buffers one cell more on either side; all in single precision,
+as is good enough for a preconditioner and a guess.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 
 from app.compiled import njit
-from app.halfspace.reductions import add_inside, any_order, around, copy_row, scale_row, wrap
+from app.halfspace.reductions import any_order, around, copy_row, wrap
 
 # Weights are over that of the cell itself, of the neighbours in x, in y, and on the diagonals.
 
@@ -32,13 +32,6 @@ def _projected_row(source, lowest, above, here, below, wx, wy, wd, out):
     for i in range(source.size):
         beside = around(above, here, below, i, wx, wy, wd)
         out[i + 1] = max(source[i] - beside, lowest[i])
-
-
-@any_order
-def _residual_row(source, free, above, here, below, wx, wy, wd, out):
-    for i in range(source.size):
-        beside = around(above, here, below, i, wx, wy, wd)
-        out[i] = free[i] * (source[i] - beside - here[i + 1])
 
 
 @any_order
@@ -132,49 +125,128 @@ def _twos(wide, row):
         row[k + one] = near * b + rest * c
 
 
+@any_order
+def _free_row(s, free, scale, out):
+    for i in range(s.size):
+        out[i] = np.float32(s[i] * scale) if free[i] else np.float32(0)
+
+
+@any_order
+def _contact_row(free, out):
+    for i in range(free.size):
+        out[i] = np.float32(0) if free[i] else np.float32(1)
+
+
 @njit()
-def sweep_from_zero(
-    s, s_before, s_after, free, f_before, f_after, weights, shares, x, coarse, skipped, factors, room
-):
-    """Sweeps ``x += share (s - B3 x) / B3_00`` on the free cells from x = 0; the mean of what is left in coarse cells.
+def free_in_cells(s, free, scale, coarse, skipped, factors, row):
+    """coarse = sum of a scale times s on the free cells in each coarse cell, over ``fy fx``.
 
     Parameters
     ----------
-    s : ndarray of float64, shape (rows, nx)
+    s : ndarray of float64 or float32, shape (rows, nx)
     free : ndarray of bool, shape (rows, nx)
-    s_before, s_after, f_before, f_after
-        As many rows beside them as there are sweeps.
-    weights : tuple of a float64 and three float32
-        1 / B3_00, whose unit single precision may not hold; over B3_00 the neighbours in x, in y, on the diagonals.
-    shares : ndarray of float32
-        Of the sweeps.
-    x : ndarray of float32, shape (rows, nx)
-    coarse : ndarray of float64, shape (rows, nx / fx)
-        Becomes the sum of s - B3 x over B3_00 in each cell, over fy fx, of its first and last row what is here; nothing
-        is computed if it is empty.
+    coarse : ndarray of float64, shape (coarse rows, nx / fx)
+        Of its first and last row what is here.
     skipped : int
         How many rows of its first row lie before these.
     factors : (int, int)
         ``(fy, fx)``: rows and columns of a coarse cell.
+    row : ndarray of float32, shape (nx,)
+        Room for one.
+    """
+    fy, fx = factors
+    coarse[...] = 0
+    for j in range(s.shape[0]):
+        _free_row(s[j], free[j], scale, row)
+        _add_means(row, fx, 1.0 / (fx * fy), coarse[(skipped + j) // fy])
+
+
+@njit()
+def contact_in_cells(free, coarse, skipped, factors, row):
+    """coarse = share of each coarse cell that is not free; see `free_in_cells`."""
+    fy, fx = factors
+    coarse[...] = 0
+    for j in range(free.shape[0]):
+        _contact_row(free[j], row)
+        _add_means(row, fx, 1.0 / (fx * fy), coarse[(skipped + j) // fy])
+
+
+@any_order
+def _mix_row(a, weight, b, out):
+    for i in range(out.size):
+        out[i] = weight * a[i] + (1 - weight) * b[i]
+
+
+@njit()
+def _between(wide, place, row):
+    for i in range(row.size):
+        centre = place[0] * i + place[1]
+        before = int(np.floor(centre))
+        share = np.float32(centre - before)
+        row[i] = (np.float32(1) - share) * wide[before + 1] + share * wide[before + 2]
+
+
+@njit()
+def _interpolate_at(t, coarse, places, wide, row):
+    """A row of the bilinear interpolation of coarse rows."""
+    in_y, in_x = places
+    centre = in_y[0] * t + in_y[1]
+    before = int(np.floor(centre))
+    _mix_row(coarse[before], 1 - (centre - before), coarse[before + 1], wide[1:-1])
+    wrap(wide, wide.size - 2, 1)
+    if in_x[0] == 0.25:
+        _fours(wide, row)
+    elif in_x[0] == 0.5:
+        _twos(wide, row)
+    else:
+        _between(wide, in_x, row)
+
+
+@any_order
+def _first_row(source, share, free, more, out):
+    for i in range(source.size):
+        out[i] = share * source[i] + free[i] * more[i]
+
+
+@njit()
+def sweep(s, s_before, s_after, free, f_before, f_after, weights, shares, waves, places, z, room, wide):
+    """Sweeps ``x += share (s - B3 x) / B3_00`` on the free cells; the first one, from zero, with long waves added.
+
+    Parameters
+    ----------
+    s : ndarray of float64 or float32, shape (rows, nx)
+    free : ndarray of bool, shape (rows, nx)
+    s_before, s_after, f_before, f_after
+        Rows beside them, one less than there are sweeps.
+    weights : tuple of a float64 and three float32
+        1 / B3_00, whose unit single precision may not hold; over B3_00 the neighbours in x, in y, on the diagonals.
+    shares : ndarray of float32
+        Of the sweeps.
+    waves : ndarray of float64, shape (coarse rows, coarse columns)
+        To be interpolated bilinearly: those between which these rows and those beside lie. Empty: none.
+    places : (float, float), (float, float)
+        As of `Grid.places_in`, rows counted from the first beside, and from the first coarse one here.
+    z : ndarray of float64 or float32, shape (rows, nx)
+        Becomes x.
     room : tuple
         Of `make_room`.
+    wide : ndarray of float32, shape (coarse columns + 2,)
+        Room for a row of waves.
     """
     rows, nx = s.shape
     if not rows:
         return
     steps, (scale, wx, wy, wd) = len(shares), weights
-    halo = len(s_before)
-    sources, inside, swept = room
-    left = sources[steps + 1]
-    fy, fx = factors
-    coarse[...] = 0
+    halo, (sources, inside, swept, more) = len(s_before), room
     high = rows + 2 * halo
-    for t in range(high + steps + 1):
+    more[:] = 0
+    for t in range(high + steps):
         if t < high:
-            source, weight = sources[t % (steps + 1)], inside[t % (steps + 1)]
+            source, weight, first = sources[t % (steps + 1)], inside[t % (steps + 1)], swept[1, t % 3]
             _source_at(t, s, s_before, s_after, free, f_before, f_after, scale, source, weight)
-            first = swept[1, t % 3]
-            scale_row(source, shares[0], first[1:-1])
+            if waves.size:
+                _interpolate_at(t, waves, places, wide, more)
+            _first_row(source, shares[0], weight, more, first[1:-1])
             wrap(first, first.size - 2, 1)
         for m in range(2, steps + 1):
             j = t - m + 1
@@ -186,62 +258,9 @@ def sweep_from_zero(
                     wx, wy, wd, shares[m - 1], row,
                 )  # fmt: skip
                 wrap(row, row.size - 2, 1)
-        j = t - steps
+        j = t - steps + 1
         if halo <= j < halo + rows:
-            last = swept[steps, j % 3]
-            copy_row(last[1:-1], x[j - halo])
-            if coarse.size:
-                _residual_row(
-                    sources[j % (steps + 1)], inside[j % (steps + 1)],
-                    swept[steps, (j - 1) % 3], last, swept[steps, (j + 1) % 3], wx, wy, wd, left,
-                )  # fmt: skip
-                _add_means(left, fx, 1.0 / (fx * fy), coarse[(skipped + j - halo) // fy])
-
-
-@any_order
-def _contact_row(free, out):
-    for i in range(free.size):
-        out[i] = np.float32(0) if free[i] else np.float32(1)
-
-
-@njit()
-def contact_in_cells(free, coarse, skipped, factors, row):
-    """coarse = share of each coarse cell that is not free; see `sweep_from_zero`. `row`: room for one, of float32."""
-    fy, fx = factors
-    coarse[...] = 0
-    for j in range(free.shape[0]):
-        _contact_row(free[j], row)
-        _add_means(row, fx, 1.0 / (fx * fy), coarse[(skipped + j) // fy])
-
-
-@njit()
-def sweep_on(s, s_before, s_after, free, f_before, f_after, weights, shares, x, x_before, x_after, z, room):
-    """As `sweep_from_zero`, from x; the result is z, of float64 or float32."""
-    rows, nx = s.shape
-    if not rows:
-        return
-    steps, (scale, wx, wy, wd) = len(shares), weights
-    halo, (sources, inside, swept) = len(s_before), room
-    high = rows + 2 * halo
-    for t in range(high + steps + 1):
-        if t < high:
-            source, weight, first = sources[t % (steps + 1)], inside[t % (steps + 1)], swept[0, t % 3]
-            _source_at(t, s, s_before, s_after, free, f_before, f_after, scale, source, weight)
-            _copy_at(t, x, x_before, x_after, first[1:-1])
-            wrap(first, first.size - 2, 1)
-        for m in range(1, steps + 1):
-            j = t - m
-            if m <= j < high - m:
-                row = swept[m, j % 3]
-                _sweep_row(
-                    sources[j % (steps + 1)], inside[j % (steps + 1)],
-                    swept[m - 1, (j - 1) % 3], swept[m - 1, j % 3], swept[m - 1, (j + 1) % 3],
-                    wx, wy, wd, shares[m - 1], row,
-                )  # fmt: skip
-                if m < steps:
-                    wrap(row, row.size - 2, 1)
-                else:
-                    copy_row(row[1:-1], z[j - halo])
+            copy_row(swept[steps, j % 3][1:-1], z[j - halo])
 
 
 @njit()
@@ -253,7 +272,7 @@ def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, s
     rows, nx = f.shape
     if not rows:
         return
-    halo, (_, wx, wy, wd), (sources, lowest, swept) = len(f_before), weights, room
+    halo, (_, wx, wy, wd), (sources, lowest, swept, _) = len(f_before), weights, room
     high = rows + 2 * halo
     for t in range(high + steps):
         if t < high:
@@ -297,58 +316,14 @@ def add_centre(d, before, after, weights, room, out):
             _add_row(room[(j - 2) % 3], room[(j - 1) % 3], row, scale, wx, wy, wd, out[j - 1])
 
 
-@any_order
-def _mix_row(a, weight, b, out):
-    for i in range(out.size):
-        out[i] = weight * a[i] + (1 - weight) * b[i]
-
-
-@njit()
-def _between(wide, place, row):
-    for i in range(row.size):
-        centre = place[0] * i + place[1]
-        before = int(np.floor(centre))
-        share = np.float32(centre - before)
-        row[i] = (np.float32(1) - share) * wide[before + 1] + share * wide[before + 2]
-
-
-@njit()
-def add_interpolated(coarse, places, free, x, wide, row):
-    """x += the bilinear interpolation of `coarse` on the free cells.
-
-    Parameters
-    ----------
-    coarse : ndarray of float64, shape (rows, nx / fx)
-        Those before and behind the centres of the rows here, and one more, perhaps.
-    places : (float, float), (float, float)
-        As of `Grid.places_in`, rows and columns counted from the first here.
-    x : ndarray of float32, shape (rows, nx)
-    wide, row : ndarray of float32, shapes (nx / fx + 2,), (nx,)
-        Room for rows.
-    """
-    in_y, in_x = places
-    for j in range(x.shape[0]):
-        centre = in_y[0] * j + in_y[1]
-        before = int(np.floor(centre))
-        share = centre - before
-        _mix_row(coarse[before], 1 - share, coarse[before + 1], wide[1:-1])
-        wrap(wide, wide.size - 2, 1)
-        if in_x[0] == 0.25:
-            _fours(wide, row)
-        elif in_x[0] == 0.5:
-            _twos(wide, row)
-        else:
-            _between(wide, in_x, row)
-        add_inside(row, free[j], x[j])
-
-
 def make_room(steps, nx):
     """What so many sweeps of rows of nx cells work in. Not collective."""
     kind = np.float32
     return (
-        np.empty((steps + 2, nx), kind),
+        np.empty((steps + 1, nx), kind),
         np.empty((steps + 1, nx), kind),
         np.zeros((steps + 1, 3, nx + 2), kind),
+        np.empty(nx, kind),
     )
 
 
@@ -360,12 +335,12 @@ def warm_up():
     fixed.flags.writeable = False
     weights = (1.0, *(np.float32(0),) * 3)
     one, room = np.ones(1, np.float32), make_room(1, 1)
+    places = (1.0, 0.0), (1.0, 0.0)
     for s, beside, results in (fixed, field, (low, field)), (field, field, (low, field)), (low, low, (low,)):
-        sweep_from_zero(s, beside, beside, cells, cells, cells, weights, one, low, field, 0, (1, 1), room)
+        free_in_cells(s, cells, 1.0, field, 0, (1, 1), one)
         for z in results:
-            sweep_on(s, beside, beside, cells, cells, cells, weights, one, low, low, low, z, room)
+            sweep(s, beside, beside, cells, cells, cells, weights, one, field, places, z, room, one)
     sweep_projected(low, low, low, low, low, low, weights, 1, low, room)
     for d in (field, low):
         add_centre(d, d, d, weights, np.zeros((3, 3)), field)
     contact_in_cells(cells, field, 0, (1, 1), one)
-    add_interpolated(field, ((1.0, 0.0), (1.0, 0.0)), cells, low, one, one)

@@ -16,26 +16,28 @@ from app.primal import stencil
 from app.primal.operator import InverseOperator
 
 _event = PETSc.Log.Event("TwoGridPC")
-_CONSTANT = 12.0  # compliance of a constant, times E*, over the spacing of contact
+_CONSTANT = 9.0  # compliance of a constant, times E*, over the spacing of contact
 # Long waves move less beside contact, by the root of one and so many times its share there.
 _BESIDE = 5.0
 _INTERVAL = 0.5, 1.4  # eigenvalues of the centre of B, over B_00, that the sweeps are to damp ...
 _HIGHEST = 0.9  # ... and of the highest one, where sweeps would let it grow: on few rows of long cells
-_NONE = np.empty((0, 0))
+_ROUNDING = 1e-6  # of a coarse cell: so near to a row, the one beyond is at hand, too
+_NO_WAVES = np.empty((0, 0)), ((1.0, 0.0), (1.0, 0.0)), np.empty(0, np.float32)
 
 
 class TwoGrid:
     """PC context; its operator must be an `InverseOperator`. Collective.
 
-    *Before* and *after* are sweeps on the free cells with the 3 x 3 centre of B. Between them the mean of what
-    is left in coarse cells is multiplied by A on a grid of cells up to four times as long, and interpolated bilinearly.
+    The mean of s in coarse cells is multiplied by A on a grid of cells up to four times as long, and interpolated
+    bilinearly; to it is added the first of the sweeps on the free cells with the 3 x 3 centre of B, which needs no
+    neighbours, and the others follow: together they are steps of Chebyshev's.
     A knows nothing of contact; but between contacts waves can move only as far as these let them, which hold the
     half-space as springs would, ``(B + stiffness)^-1``. As a flat punch does, each holds it by its perimeter: the
     compliance of a constant goes by the spacing of contacts, area over perimeter, and where little is free, less, by
     the root of its share. What is beside contact is held more than the rest: the field is divided, before and after,
     by the root of one and a multiple of the share of contact in the coarse cells around.
 
-    Options: ``-pc_two_grid_sweeps k`` (default 2), before and after.
+    Options: ``-pc_two_grid_sweeps k`` (default 2), after the first.
 
     Attributes
     ----------
@@ -60,11 +62,10 @@ class TwoGrid:
         (low, high), highest = _INTERVAL, _highest(*self.weights[1:])
         if highest > low + high:
             high = _HIGHEST * highest
-        self._shares = chebyshev_steps(self.sweeps, low, high).astype(np.float32)
-        self._back = self._shares[::-1].copy()
+        self._shares = chebyshev_steps(1 + self.sweeps, low, high).astype(np.float32)
         self._rows = Halo(operator.slabs, operator.comm, self.sweeps)
-        self._room = stencil.make_room(self.sweeps, operator.grid.nx)
-        self._long_waves = _LongWaves(operator) if operator.coarser is not None else None
+        self._room = stencil.make_room(1 + self.sweeps, operator.grid.nx)
+        self._long_waves = _LongWaves(operator, self.sweeps) if operator.coarser is not None else None
         self._number, self._answer = -1, None  # of what contact set `_raised` is known
 
     def apply(self, pc, x, y):
@@ -119,24 +120,29 @@ class TwoGrid:
 
     def _apply(self, s, z):
         free, waves = self.operator.mask, self._long_waves
-        x = z if z.dtype == np.float32 else np.empty(z.shape, np.float32)
-        left, skipped, factors = (waves.left, waves.skipped, waves.factors) if waves else (_NONE, 0, (1, 1))
-        beside = self._rows(s)
-        stencil.sweep_from_zero(
-            s, *beside, free, *self._free, self.weights, self._shares, x, left, skipped, factors, self._room
-        )
+        of_waves, places, wide = _NO_WAVES
         if waves:
-            waves.add(1.0 / self.weights[0], free, x)
-        stencil.sweep_on(
-            s, *beside, free, *self._free, self.weights, self._back, x, *self._rows(x), z, self._room
+            of_waves, places, wide = waves.of(s, free, self.weights[0]), waves.places, waves.wide
+        stencil.sweep(
+            s,
+            *self._rows(s),
+            free,
+            *self._free,
+            self.weights,
+            self._shares,
+            of_waves,
+            places,
+            z,
+            self._room,
+            wide,
         )
 
     def view(self, pc, viewer):
         """Describe the preconditioner for -ksp_view."""
         if viewer.getType() == PETSc.Viewer.Type.ASCII:
             coarse = self._long_waves.operator.grid if self._long_waves else None
-            more = f", A on {coarse.nx} x {coarse.ny} cells between them" if coarse else ""
-            viewer.printfASCII(f"  {self.sweeps} sweeps with the centre of B before and after{more}\n")
+            more = f", A on {coarse.nx} x {coarse.ny} cells added to the first" if coarse else ""
+            viewer.printfASCII(f"  {1 + self.sweeps} sweeps with the centre of B{more}\n")
 
 
 def _weights(centre, grid):
@@ -162,25 +168,32 @@ def _factor(n, coarse):
 
 
 class _LongWaves:
-    """A on a coarser grid, for what the sweeps leave.
+    """A on a coarser grid, for what sweeps do not reach.
 
     Slabs may begin inside of a coarse row: it is made where its first row is, with what the next ranks have of it.
+
+    Attributes
+    ----------
+    places, wide
+        For `stencil.sweep`.
     """
 
-    def __init__(self, fine):
-        self.fine, self.operator = fine, fine.coarser
+    def __init__(self, fine, beside):
+        self.operator = fine.coarser
         coarse = self.operator
-        self.factors = fy, _ = tuple(map(_factor, fine.grid.shape, coarse.grid.shape))
+        self._factors = fy, _ = tuple(map(_factor, fine.grid.shape, coarse.grid.shape))
         made, comm = fine.slabs.coarsen(fy), fine.comm
         ranks, rank = (1, 0) if comm is None else (comm.size, comm.rank)
         first, last = fine.slabs.bounds(ranks)
-        some, self.skipped = last > first, int(first[rank] % fy)
+        some, self._skipped = last > first, int(first[rank] % fy)
         low, high = first // fy, np.where(some, -(-last // fy), first // fy)
-        (ay, by), in_x = fine.grid.places_in(coarse.grid)
-        self._places = (ay, ay * first[rank] + by - (low[rank] - 1)), in_x
-        self.left = np.empty((high[rank] - low[rank], coarse.grid.nx))
+        self._left = np.empty((high[rank] - low[rank], coarse.grid.nx))
         self._to_coarse = Fetch(made, [coarse.slabs.bounds(ranks)], comm)
-        self._with_neighbours = Fetch(coarse.slabs, [(low - some, high + some)], comm)
+        (ay, by), in_x = fine.grid.places_in(coarse.grid)
+        above = np.floor(ay * (first - beside) + by - _ROUNDING).astype(int)
+        below = np.floor(ay * (last - 1 + beside) + by + _ROUNDING).astype(int) + 2
+        self._around = Fetch(coarse.slabs, [(above, np.where(some, below, above))], comm)
+        self.places = (ay, ay * (first[rank] - beside) + by - above[rank]), in_x
         # Of each coarse row, how many ranks begin inside; they follow the one that makes it.
         inside = np.bincount(low[some & (first % fy > 0)], minlength=coarse.grid.ny)
         begin, end = made.bounds(ranks)
@@ -189,12 +202,12 @@ class _LongWaves:
         self._rest = Fetch(Slabs(ranks, ranks, rank), [(following, following + number)], comm)
         self._beside = Halo(coarse.slabs, comm, 1)
         self._u, self._held = np.empty(coarse.local_shape), np.ones(coarse.local_shape)
-        self._rows = np.empty(coarse.grid.nx + 2, np.float32), np.empty(fine.grid.nx, np.float32)
+        self._row, self.wide = np.empty(fine.grid.nx, np.float32), np.empty(coarse.grid.nx + 2, np.float32)
 
     def look_at(self, free, share, spacing):
         """Let contact hold the long waves: the share that is free, and the spacing of contact [mm]. Collective."""
         coarse = self.operator
-        stencil.contact_in_cells(free, self.left, self.skipped, self.factors, self._rows[1])
+        stencil.contact_in_cells(free, self._left, self._skipped, self._factors, self._row)
         contact = self._on_coarse()
         before, after = self._beside(contact)
         beside = _smoothed(np.concatenate([before, contact, after]))
@@ -203,19 +216,20 @@ class _LongWaves:
             compliance = np.pi * coarse.compliance  # 1 / E*
             coarse.screened_product.screen(1 / (_CONSTANT * compliance * np.sqrt(share) * spacing))
 
-    def add(self, scale, free, x):
-        """x += what A on springs makes of `left` times a scale, on the free cells. Collective."""
+    def of(self, s, free, weight):
+        """A on springs times s on the free cells: the rows about those here; `weight`: 1 / B3_00. Collective."""
+        stencil.free_in_cells(s, free, weight, self._left, self._skipped, self._factors, self._row)
         left = self._held * self._on_coarse()
         if self.operator.active:
             product = self.operator.screened_product
             product.apply(left, self._u)
             PETSc.Log.logFlops(product.flops)
-        self._u *= scale * self._held
-        stencil.add_interpolated(self._with_neighbours(self._u), self._places, free, x, *self._rows)
+        self._u *= self._held / weight
+        return self._around(self._u)
 
     def _on_coarse(self):
-        """Bring `left` to the ranks of the coarse grid. Collective."""
-        left, rest = self.left[bool(self.skipped) :], self._rest(self.left[:1])
+        """Bring what was summed in coarse cells to the ranks of the coarse grid. Collective."""
+        left, rest = self._left[bool(self._skipped) :], self._rest(self._left[:1])
         if len(rest):
             left[-1] += rest.sum(axis=0)
         return self._to_coarse(left)
