@@ -18,7 +18,7 @@ from app.primal.operator import InverseOperator
 _event = PETSc.Log.Event("TwoGridPC")
 _CONSTANT = 9.0  # compliance of a constant, times E*, over the spacing of contact
 # Long waves move less beside contact, by the root of one and so many times its share there.
-_BESIDE = 5.0
+_BESIDE = 7.0
 _INTERVAL = 0.5, 1.4  # eigenvalues of the centre of B, over B_00, that the sweeps are to damp ...
 _HIGHEST = 0.9  # ... and of the highest one, where sweeps would let it grow: on few rows of long cells
 _ROUNDING = 1e-6  # of a coarse cell: so near to a row, the one beyond is at hand, too

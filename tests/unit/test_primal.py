@@ -255,7 +255,7 @@ def test_preconditioner_is_positive_and_brings_all_eigenvalues_near_one(make, gr
     found = np.linalg.eigvals(b @ m)
     found = found[abs(found) > 1e-9]  # B does not see the constant
     assert len(found) >= len(units) - (share == 0)
-    assert found.real.min() > 0.35 and found.real.max() < 2 and abs(found.imag).max() < 0.2
+    assert found.real.min() > 0.35 and found.real.max() < 2 and abs(found.imag).max() < 0.25
     free.flat[np.flatnonzero(free)[::2]] = False  # another contact set, of which it is told
     solver.set_contact()
     assert (applied(solver, random_field(grid, 6))[~free] == 0).all()
