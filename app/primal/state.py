@@ -173,7 +173,7 @@ class PrimalState:
         loops.guess_sources(state.p, self.w, state.distance.b, state.admissible, weights[0], force, lowest)
         x = solver.direction if solver.direction.dtype == np.float32 else np.empty(shape, np.float32)
         rows = solver.rows_beside
-        room = stencil.make_room(solver.guesses, shape[1])
+        room = stencil.make_room(solver.guesses, shape[1], np.float32)
         stencil.sweep_projected(force, *rows(force), lowest, *rows(lowest), weights, solver.guesses, x, room)
         loops.take(x, lowest, self.w, state.distance.b, state.contact)
         if self.loading.prescribes_load and not state.any_in_contact():

@@ -24,7 +24,8 @@ from app.halfspace.reductions import any_order, around, copy_row, wrap
 def _sweep_row(source, free, above, here, below, wx, wy, wd, share, out):
     for i in range(source.size):
         beside = around(above, here, below, i, wx, wy, wd)
-        out[i + 1] = free[i] * (here[i + 1] + share * (source[i] - beside - here[i + 1]))
+        swept = here[i + 1] + share * (source[i] - beside - here[i + 1])
+        out[i + 1] = swept if free[i] else np.float32(0)
 
 
 @any_order
@@ -35,25 +36,28 @@ def _projected_row(source, lowest, above, here, below, wx, wy, wd, out):
 
 
 @any_order
-def _source_row(s, free, scale, source, weight):
+def _first_row(s, free, scale, share, more, source, inside, out):
+    nothing = np.float32(0)
     for i in range(s.size):
-        inside = np.float32(1) if free[i] else np.float32(0)
-        weight[i] = inside
-        source[i] = inside * np.float32(s[i] * scale)
+        here = np.float32(s[i] * scale) if free[i] else nothing
+        source[i] = here
+        out[i] = share * here + (more[i] if free[i] else nothing)
+    copy_row(free, inside)
 
 
 # Row t of a slab and the rows beside it, counted from the first of these: the types may differ.
 
 
 @njit()
-def _source_at(t, s, s_before, s_after, free, f_before, f_after, scale, source, weight):
+def _first_at(t, s, s_before, s_after, free, f_before, f_after, scale, share, more, source, inside, out):
     j = t - len(s_before)
     if j < 0:
-        _source_row(s_before[t], f_before[t], scale, source, weight)
+        _first_row(s_before[t], f_before[t], scale, share, more, source, inside, out)
     elif j < len(s):
-        _source_row(s[j], free[j], scale, source, weight)
+        _first_row(s[j], free[j], scale, share, more, source, inside, out)
     else:
-        _source_row(s_after[j - len(s)], f_after[j - len(s)], scale, source, weight)
+        k = j - len(s)
+        _first_row(s_after[k], f_after[k], scale, share, more, source, inside, out)
 
 
 @njit()
@@ -202,14 +206,8 @@ def _interpolate_at(t, coarse, places, wide, row):
         _between(wide, in_x, row)
 
 
-@any_order
-def _first_row(source, share, free, more, out):
-    for i in range(source.size):
-        out[i] = share * source[i] + free[i] * more[i]
-
-
 @njit()
-def sweep(s, s_before, s_after, free, f_before, f_after, weights, shares, waves, places, z, room, wide):
+def sweep(s, s_before, s_after, free, f_before, f_after, weights, shares, waves, places, beside, z, room):
     """Sweeps ``x += share (s - B3 x) / B3_00`` on the free cells; the first one, from zero, with long waves added.
 
     Parameters
@@ -226,27 +224,29 @@ def sweep(s, s_before, s_after, free, f_before, f_after, weights, shares, waves,
         To be interpolated bilinearly: those between which these rows and those beside lie. Empty: none.
     places : (float, float), (float, float)
         As of `Grid.places_in`, rows counted from the first beside, and from the first coarse one here.
+    beside : (ndarray, ndarray) of float32, shapes (coarse columns + 2,), (nx,)
+        Room for their rows.
     z : ndarray of float64 or float32, shape (rows, nx)
         Becomes x.
     room : tuple
         Of `make_room`.
-    wide : ndarray of float32, shape (coarse columns + 2,)
-        Room for a row of waves.
     """
     rows, nx = s.shape
     if not rows:
         return
     steps, (scale, wx, wy, wd) = len(shares), weights
-    halo, (sources, inside, swept, more) = len(s_before), room
+    halo, (sources, inside, swept), (wide, more) = len(s_before), room, beside
     high = rows + 2 * halo
     more[:] = 0
     for t in range(high + steps):
         if t < high:
-            source, weight, first = sources[t % (steps + 1)], inside[t % (steps + 1)], swept[1, t % 3]
-            _source_at(t, s, s_before, s_after, free, f_before, f_after, scale, source, weight)
             if waves.size:
                 _interpolate_at(t, waves, places, wide, more)
-            _first_row(source, shares[0], weight, more, first[1:-1])
+            k, first = t % (steps + 1), swept[1, t % 3]
+            _first_at(
+                t, s, s_before, s_after, free, f_before, f_after, scale, shares[0], more, sources[k], inside[k],
+                first[1:-1],
+            )  # fmt: skip
             wrap(first, first.size - 2, 1)
         for m in range(2, steps + 1):
             j = t - m + 1
@@ -272,7 +272,7 @@ def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, s
     rows, nx = f.shape
     if not rows:
         return
-    halo, (_, wx, wy, wd), (sources, lowest, swept, _) = len(f_before), weights, room
+    halo, (_, wx, wy, wd), (sources, lowest, swept) = len(f_before), weights, room
     high = rows + 2 * halo
     for t in range(high + steps):
         if t < high:
@@ -316,15 +316,10 @@ def add_centre(d, before, after, weights, room, out):
             _add_row(room[(j - 2) % 3], room[(j - 1) % 3], row, scale, wx, wy, wd, out[j - 1])
 
 
-def make_room(steps, nx):
-    """What so many sweeps of rows of nx cells work in. Not collective."""
-    kind = np.float32
-    return (
-        np.empty((steps + 1, nx), kind),
-        np.empty((steps + 1, nx), kind),
-        np.zeros((steps + 1, 3, nx + 2), kind),
-        np.empty(nx, kind),
-    )
+def make_room(steps, nx, kind=bool):
+    """What so many sweeps of rows of nx cells work in; `kind`: of what is beside the sources. Not collective."""
+    sources, swept = np.empty((steps + 1, nx), np.float32), np.zeros((steps + 1, 3, nx + 2), np.float32)
+    return sources, np.empty((steps + 1, nx), kind), swept
 
 
 @cache
@@ -334,13 +329,27 @@ def warm_up():
     fixed, low = field.view(), field.astype(np.float32)
     fixed.flags.writeable = False
     weights = (1.0, *(np.float32(0),) * 3)
-    one, room = np.ones(1, np.float32), make_room(1, 1)
+    one = np.ones(1, np.float32)
     places = (1.0, 0.0), (1.0, 0.0)
     for s, beside, results in (fixed, field, (low, field)), (field, field, (low, field)), (low, low, (low,)):
         free_in_cells(s, cells, 1.0, field, 0, (1, 1), one)
         for z in results:
-            sweep(s, beside, beside, cells, cells, cells, weights, one, field, places, z, room, one)
-    sweep_projected(low, low, low, low, low, low, weights, 1, low, room)
+            sweep(
+                s,
+                beside,
+                beside,
+                cells,
+                cells,
+                cells,
+                weights,
+                one,
+                field,
+                places,
+                (one, one),
+                z,
+                make_room(1, 1),
+            )
+    sweep_projected(low, low, low, low, low, low, weights, 1, low, make_room(1, 1, np.float32))
     for d in (field, low):
         add_centre(d, d, d, weights, np.zeros((3, 3)), field)
     contact_in_cells(cells, field, 0, (1, 1), one)

@@ -22,7 +22,7 @@ _BESIDE = 7.0
 _INTERVAL = 0.5, 1.4  # eigenvalues of the centre of B, over B_00, that the sweeps are to damp ...
 _HIGHEST = 0.9  # ... and of the highest one, where sweeps would let it grow: on few rows of long cells
 _ROUNDING = 1e-6  # of a coarse cell: so near to a row, the one beyond is at hand, too
-_NO_WAVES = np.empty((0, 0)), ((1.0, 0.0), (1.0, 0.0)), np.empty(0, np.float32)
+_NO_WAVES, _NOWHERE = np.empty((0, 0)), ((1.0, 0.0), (1.0, 0.0))
 
 
 class TwoGrid:
@@ -65,6 +65,7 @@ class TwoGrid:
         self._shares = chebyshev_steps(1 + self.sweeps, low, high).astype(np.float32)
         self._rows = Halo(operator.slabs, operator.comm, self.sweeps)
         self._room = stencil.make_room(1 + self.sweeps, operator.grid.nx)
+        self._no_waves = np.empty(0, np.float32), np.empty(operator.grid.nx, np.float32)
         self._long_waves = _LongWaves(operator, self.sweeps) if operator.coarser is not None else None
         self._number, self._answer = -1, None  # of what contact set `_raised` is known
 
@@ -120,9 +121,8 @@ class TwoGrid:
 
     def _apply(self, s, z):
         free, waves = self.operator.mask, self._long_waves
-        of_waves, places, wide = _NO_WAVES
-        if waves:
-            of_waves, places, wide = waves.of(s, free, self.weights[0]), waves.places, waves.wide
+        found = waves.of(s, free, self.weights[0]) if waves else _NO_WAVES
+        places, room = (waves.places, waves.room) if waves else (_NOWHERE, self._no_waves)
         stencil.sweep(
             s,
             *self._rows(s),
@@ -130,11 +130,11 @@ class TwoGrid:
             *self._free,
             self.weights,
             self._shares,
-            of_waves,
+            found,
             places,
+            room,
             z,
             self._room,
-            wide,
         )
 
     def view(self, pc, viewer):
@@ -174,7 +174,7 @@ class _LongWaves:
 
     Attributes
     ----------
-    places, wide
+    places, room
         For `stencil.sweep`.
     """
 
@@ -202,7 +202,8 @@ class _LongWaves:
         self._rest = Fetch(Slabs(ranks, ranks, rank), [(following, following + number)], comm)
         self._beside = Halo(coarse.slabs, comm, 1)
         self._u, self._held = np.empty(coarse.local_shape), np.ones(coarse.local_shape)
-        self._row, self.wide = np.empty(fine.grid.nx, np.float32), np.empty(coarse.grid.nx + 2, np.float32)
+        self._row = np.empty(fine.grid.nx, np.float32)
+        self.room = np.empty(coarse.grid.nx + 2, np.float32), self._row
 
     def look_at(self, free, share, spacing):
         """Let contact hold the long waves: the share that is free, and the spacing of contact [mm]. Collective."""

@@ -95,9 +95,10 @@ def test_sweeps_are_richardsons_from_zero(shape, steps):
     expected = swept(free * s * WEIGHTS[0], free, shares, np.zeros(shape))
     z = np.full(shape, np.nan)
     none, nowhere = np.empty((0, 0)), ((1.0, 0.0), (1.0, 0.0))
+    of_waves = np.empty(0, np.float32), np.empty(shape[1], np.float32)
     for rows, before, after in slabs_of(shape, steps - 1):
         beside = s[before], s[after], free[rows], free[before], free[after]
-        more = none, nowhere, z[rows], room, np.empty(0, np.float32)
+        more = none, nowhere, of_waves, z[rows], room
         stencil.sweep(s[rows], *beside, WEIGHTS, shares, *more)
     np.testing.assert_allclose(z, expected, rtol=0, atol=SINGLE * abs(expected).max())
     assert (z[~free] == 0).all()
@@ -112,10 +113,10 @@ def test_projected_sweeps_stay_above_the_bound(shape, steps, more):
     expected = np.maximum(f, low)
     for _ in range(steps - 1):
         expected = np.maximum(f - neighbours(expected), low)
-    x = np.full(shape, np.nan, np.float32)
+    x, room = np.full(shape, np.nan, np.float32), stencil.make_room(steps, shape[1], np.float32)
     for rows, before, after in slabs_of(shape, steps - 1 + more):
         beside = f[before], f[after], low[rows], low[before], low[after]
-        stencil.sweep_projected(f[rows], *beside, WEIGHTS, steps, x[rows], stencil.make_room(steps, shape[1]))
+        stencil.sweep_projected(f[rows], *beside, WEIGHTS, steps, x[rows], room)
     np.testing.assert_allclose(x, expected, rtol=0, atol=SINGLE * abs(expected).max())
     assert (x >= low).all()
 
@@ -151,15 +152,15 @@ def test_long_waves_are_interpolated_bilinearly_and_added_to_the_first_sweep(sha
     below = coarsened(grid, factors)
     (ay, by), in_x = grid.places_in(below)
     coarse = fields(below.shape, 2)[0]
-    z = np.full(shape, np.nan, np.float32)
+    z, room = np.full(shape, np.nan, np.float32), stencil.make_room(steps, shape[1])
     for rows, before, after in slabs_of(shape, beside):
         low = int(np.floor(ay * (rows.start - beside) + by))
         high = int(np.floor(ay * (rows.stop - 1 + beside) + by)) + 3  # one more, should rounding ask for it
         around = coarse[np.arange(low, high) % len(coarse)]
         places = (ay, ay * (rows.start - beside) + by - low), in_x
-        room = z[rows], stencil.make_room(steps, shape[1]), np.empty(below.nx + 2, np.float32)
+        of_waves = np.empty(below.nx + 2, np.float32), np.empty(shape[1], np.float32)
         outside = s[before], s[after], free[rows], free[before], free[after]
-        stencil.sweep(s[rows], *outside, WEIGHTS, shares, around, places, *room)
+        stencil.sweep(s[rows], *outside, WEIGHTS, shares, around, places, of_waves, z[rows], room)
     source = free * s * WEIGHTS[0]
     waves = bilinear((ay, by), shape[0], below.ny) @ coarse @ bilinear(in_x, shape[1], below.nx).T
     expected = swept(source, free, shares[1:], shares[0] * source + free * waves)
