@@ -225,7 +225,7 @@ def _some(p, mask, rows, start, stop):
 
 
 @njit()
-def rows_to_strips(p, mask, rows, pairs, scratch, strips, edges, fftw, forward, few_forward):
+def rows_to_strips(p, mask, rows, pairs, transforms, scratch, strips, edges, fftw, forward, few_forward):
     """Transform the rows of p, on C if there is a mask, into the strips of each part of the columns between `edges`.
 
     `rows`: those that are not zero, if known. A mask, or rows, that there are none of have size 0. The last batch may
@@ -241,13 +241,13 @@ def rows_to_strips(p, mask, rows, pairs, scratch, strips, edges, fftw, forward, 
         for k in range(edges.size - 1):
             part = strips[height * edges[k] : height * edges[k + 1]]
             if some:
-                _store_pairs(pairs, edges[k], stop - start, scratch, part, height, start)
+                _store_pairs(transforms, edges[k], stop - start, scratch, part, height, start)
             else:
                 _clear_rows(part, height, start, stop - start)
 
 
 @njit()
-def strips_to_rows(out, mask, rows, pairs, scratch, strips, edges, fftw, backward, few_backward):
+def strips_to_rows(out, mask, rows, pairs, transforms, scratch, strips, edges, fftw, backward, few_backward):
     """Transform back into the rows of `out`: on C, if there is a mask, 0 elsewhere; or only those of `rows`."""
     height = out.shape[0]
     for start in range(0, height, ROWS):
@@ -259,7 +259,7 @@ def strips_to_rows(out, mask, rows, pairs, scratch, strips, edges, fftw, backwar
             continue
         for k in range(edges.size - 1):
             part = strips[height * edges[k] : height * edges[k + 1]]
-            _fetch_pairs(pairs, edges[k], stop - start, scratch, part, height, start)
+            _fetch_pairs(transforms, edges[k], stop - start, scratch, part, height, start)
         execute(fftw, backward if stop - start == ROWS else few_backward)
         _unpair(pairs, mask[start:stop], out[start:stop])
 
@@ -272,6 +272,7 @@ def convolve_columns(
     heights,
     rank,
     column,
+    transforms,
     parts,
     spectrum,
     scale,
@@ -293,8 +294,8 @@ def convolve_columns(
         How many rows each has.
     rank : int
         This one's number.
-    column, parts : ndarray
-        Room for a strip of columns; the same as reals.
+    column, transforms, parts : ndarray
+        Room for a strip of columns, and for their transforms; these as reals.
     spectrum : ndarray, shape (columns, half a period and one)
         To multiply by.
     scale : float
@@ -317,7 +318,7 @@ def convolve_columns(
         execute(fftw, there if last - first == STRIP else few_there)
         for c in range(last - first):
             if scale:
-                _divide(column[c], spectrum[first + c], scale)
+                _divide(transforms[c], spectrum[first + c], scale)
             else:
                 _scale_first_half(parts[c], spectrum[first + c])
                 _scale_second_half(parts[c], spectrum[first + c])
