@@ -74,7 +74,7 @@ def test_the_default_method_tells_what_it_does(cli, tmp_path):
     options = (*arguments("rough", tmp_path), "-periodic", "-lcp_monitor", "-ksp_view", "-log_view")
     done = cli("-output", tmp_path / "out.h5", *options)
     assert (done.returncode, done.stderr) == (0, "")
-    assert "sweeps with the centre of B before and after, A on 4 x 4 cells between them" in done.stdout
+    assert "sweeps with the centre of B, A on 4 x 4 cells added to the first" in done.stdout
     assert "inverse influence matrix of 16 x 16 cells, periodic" in done.stdout
     assert "InverseMult" in done.stdout and "TwoGridPC" in done.stdout
     result = read_result(tmp_path / "out.h5")

@@ -316,7 +316,7 @@ class EvenMultiplier:
         arrays = (
             self._spectrum,
             self._transformed,
-            *(array for each in (self._in_x, self._in_y) for array in (each.data, each.transforms)),
+            *(array for each in {self._in_x, self._in_y} for array in (each.data, each.transforms)),
             self._scratch,
         )
         return self._exchange.memory + sum(a.nbytes for a in arrays if a is not None)
