@@ -266,8 +266,9 @@ def _survey_row(b, u, p, admissible, smallest):
 def _lift_row(b, u, admissible):
     lift = 0.0
     for i in range(b.size):
-        e = u[i] - b[i]
-        lift = max(lift, -e / u[i] if admissible[i] & (e < 0) & (u[i] > 0) else 0.0)
+        penetration = b[i] - u[i]
+        if penetration > lift * u[i] and u[i] > 0 and admissible[i]:
+            lift = penetration / u[i]  # divided where it grows only, which is seldom
     return lift
 
 
