@@ -29,12 +29,13 @@ class TwoGrid:
     """PC context; its operator must be an `InverseOperator`. Collective.
 
     The mean of s in coarse cells is multiplied by A on a grid of cells up to four times as long, and interpolated
-    bilinearly; to it is added the first of the sweeps on the free cells with the 3 x 3 centre of B, which needs no
-    neighbours, and the others follow: together they are steps of Chebyshev's.
+    bilinearly. It is added to the first of some sweeps on the free cells with the 3 x 3 centre of B, which needs no
+    neighbours; the others follow. Together they are steps of Chebyshev's. So M is positive, but symmetric only nearly.
+
     A knows nothing of contact; but between contacts waves can move only as far as these let them, which hold the
     half-space as springs would, ``(B + stiffness)^-1``. As a flat punch does, each holds it by its perimeter: the
     compliance of a constant goes by the spacing of contacts, area over perimeter, and where little is free, less, by
-    the root of its share. What is beside contact is held more than the rest: the field is divided, before and after,
+    the root of its share. What is beside contact is held more than the rest: the field is divided, before A and after,
     by the root of one and a multiple of the share of contact in the coarse cells around.
 
     Options: ``-pc_two_grid_sweeps k`` (default 2), after the first.
@@ -74,8 +75,6 @@ class TwoGrid:
         with y as out:
             shape = self.operator.local_shape
             self.smooth(x.getArray(readonly=True).reshape(shape), out.reshape(shape))
-
-    applyTranspose = apply
 
     def smooth(self, s, z):
         """Compute z = M s on the free cells, zero elsewhere. Collective; z of float64 or float32."""
@@ -124,18 +123,9 @@ class TwoGrid:
         found = waves.of(s, free, self.weights[0]) if waves else _NO_WAVES
         places, room = (waves.places, waves.room) if waves else (_NOWHERE, self._no_waves)
         stencil.sweep(
-            s,
-            *self._rows(s),
-            free,
-            *self._free,
-            self.weights,
-            self._shares,
-            found,
-            places,
-            room,
-            z,
-            self._room,
-        )
+            s, *self._rows(s), free, *self._free, self.weights, self._shares,
+            found, places, room, z, self._room,
+        )  # fmt: skip
 
     def view(self, pc, viewer):
         """Describe the preconditioner for -ksp_view."""
