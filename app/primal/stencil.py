@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 
 from app.compiled import njit
-from app.halfspace.reductions import any_order, around, copy_row, wrap
+from app.halfspace.reductions import add_row, any_order, around, copy_row, wrap
 
 # Weights are over that of the cell itself, of the neighbours in x, in y, and on the diagonals.
 
@@ -69,6 +69,17 @@ def _copy_at(t, field, before, after, out):
         copy_row(field[j], out)
     else:
         copy_row(after[j - len(field)], out)
+
+
+@njit()
+def _add_at(t, field, before, after, out):
+    j, one = t - len(before), out.dtype.type(1)
+    if j < 0:
+        add_row(out, one, before[t])
+    elif j < len(field):
+        add_row(out, one, field[j])
+    else:
+        add_row(out, one, after[j - len(field)])
 
 
 # Factors are 1, 2 or 4; written out, these loops become vector instructions.
@@ -176,6 +187,37 @@ def contact_in_cells(free, coarse, skipped, factors, row):
 
 
 @any_order
+def _left_row(s, free, scale, above, here, below, wx, wy, wd, out):
+    for i in range(s.size):
+        left = np.float32(s[i] * scale) - here[i + 1] - around(above, here, below, i, wx, wy, wd)
+        out[i] = left if free[i] else np.float32(0)
+
+
+@njit()
+def left_in_cells(s, free, weights, x, x_before, x_after, coarse, skipped, factors, room, row):
+    """As `free_in_cells`, of what sweeps have left: (s - B3 x) / B3_00. `room`: float32, for three rows, wrapped."""
+    (scale, wx, wy, wd), (fy, fx) = weights, factors
+    coarse[...] = 0
+    for j in range(-1, len(x) + 1):
+        _copy_at(len(x_before) + j, x, x_before, x_after, room[j % 3, 1:-1])
+        wrap(room[j % 3], row.size, 1)
+        if j > 0:
+            _left_row(
+                s[j - 1],
+                free[j - 1],
+                scale,
+                room[(j - 2) % 3],
+                room[(j - 1) % 3],
+                room[j % 3],
+                wx,
+                wy,
+                wd,
+                row,
+            )
+            _add_means(row, fx, 1.0 / (fx * fy), coarse[(skipped + j - 1) // fy])
+
+
+@any_order
 def _mix_row(a, weight, b, out):
     for i in range(out.size):
         out[i] = weight * a[i] + (1 - weight) * b[i]
@@ -207,8 +249,11 @@ def _interpolate_at(t, coarse, places, wide, row):
 
 
 @njit()
-def sweep(s, s_before, s_after, free, f_before, f_after, weights, shares, waves, places, beside, z, room):
-    """Sweeps ``x += share (s - B3 x) / B3_00`` on the free cells; the first one, from zero, with long waves added.
+def sweep(
+    s, s_before, s_after, free, f_before, f_after, weights, shares, x, x_before, x_after, waves, places, beside, z,
+    room,
+):  # fmt: skip
+    """Sweeps ``x += share (s - B3 x) / B3_00`` on the free cells; the first one as from zero, with long waves added.
 
     Parameters
     ----------
@@ -220,6 +265,8 @@ def sweep(s, s_before, s_after, free, f_before, f_after, weights, shares, waves,
         1 / B3_00, whose unit single precision may not hold; over B3_00 the neighbours in x, in y, on the diagonals.
     shares : ndarray of float32
         Of the sweeps.
+    x : ndarray of float32, shape (rows, nx)
+        To be added to the first, too; with as many rows beside. May be z. Empty: nothing.
     waves : ndarray of float64, shape (coarse rows, coarse columns)
         To be interpolated bilinearly: those between which these rows and those beside lie. Empty: none.
     places : (float, float), (float, float)
@@ -242,6 +289,10 @@ def sweep(s, s_before, s_after, free, f_before, f_after, weights, shares, waves,
         if t < high:
             if waves.size:
                 _interpolate_at(t, waves, places, wide, more)
+            if x.size:
+                if not waves.size:
+                    more[:] = 0
+                _add_at(t, x, x_before, x_after, more)
             k, first = t % (steps + 1), swept[1, t % 3]
             _first_at(
                 t, s, s_before, s_after, free, f_before, f_after, scale, shares[0], more, sources[k], inside[k],
@@ -330,25 +381,13 @@ def warm_up():
     fixed.flags.writeable = False
     weights = (1.0, *(np.float32(0),) * 3)
     one = np.ones(1, np.float32)
-    places = (1.0, 0.0), (1.0, 0.0)
+    nowhere, no_x = ((1.0, 0.0), (1.0, 0.0)), (low, low, low)
     for s, beside, results in (fixed, field, (low, field)), (field, field, (low, field)), (low, low, (low,)):
         free_in_cells(s, cells, 1.0, field, 0, (1, 1), one)
+        left_in_cells(s, cells, weights, *no_x, field, 0, (1, 1), np.zeros((3, 3), np.float32), one)
         for z in results:
-            sweep(
-                s,
-                beside,
-                beside,
-                cells,
-                cells,
-                cells,
-                weights,
-                one,
-                field,
-                places,
-                (one, one),
-                z,
-                make_room(1, 1),
-            )
+            inside = s, beside, beside, cells, cells, cells, weights
+            sweep(*inside, one, *no_x, field, nowhere, (one, one), z, make_room(1, 1))
     sweep_projected(low, low, low, low, low, low, weights, 1, low, make_room(1, 1, np.float32))
     for d in (field, low):
         add_centre(d, d, d, weights, np.zeros((3, 3)), field)

@@ -20,6 +20,7 @@ _CONSTANT = 9.0  # compliance of a constant, times E*, over the spacing of conta
 # Long waves move less beside contact, by the root of one and so many times its share there.
 _BESIDE = 7.0
 _INTERVAL = 0.5, 1.4  # eigenvalues of the centre of B, over B_00, that the sweeps are to damp ...
+_LONG = 1.7  # from this highest one on sweeps come before the coarser grid, too: cells 4 times as long as wide have it
 _HIGHEST = 0.9  # ... and of the highest one, where sweeps would let it grow: on few rows of long cells
 _ROUNDING = 1e-6  # of a coarse cell: so near to a row, the one beyond is at hand, too
 _NO_WAVES, _NOWHERE = np.empty((0, 0)), ((1.0, 0.0), (1.0, 0.0))
@@ -32,13 +33,16 @@ class TwoGrid:
     bilinearly. It is added to the first of some sweeps on the free cells with the 3 x 3 centre of B, which needs no
     neighbours; the others follow. Together they are steps of Chebyshev's. So M is positive, but symmetric only nearly.
 
+    Sweeps do little for long cells, and on few rows what the coarser grid says of the highest waves is theirs, too.
+    There sweeps come before, and the mean of what they leave is taken; in the other order they follow.
+
     A knows nothing of contact; but between contacts waves can move only as far as these let them, which hold the
     half-space as springs would, ``(B + stiffness)^-1``. As a flat punch does, each holds it by its perimeter: the
     compliance of a constant goes by the spacing of contacts, area over perimeter, and where little is free, less, by
     the root of its share. What is beside contact is held more than the rest: the field is divided, before A and after,
     by the root of one and a multiple of the share of contact in the coarse cells around.
 
-    Options: ``-pc_two_grid_sweeps k`` (default 2), after the first.
+    Options: ``-pc_two_grid_sweeps k`` (default 2), after the coarser grid.
 
     Attributes
     ----------
@@ -63,10 +67,18 @@ class TwoGrid:
         (low, high), highest = _INTERVAL, _highest(*self.weights[1:])
         if highest > low + high:
             high = _HIGHEST * highest
-        self._shares = chebyshev_steps(1 + self.sweeps, low, high).astype(np.float32)
+        self._before, self._after = None, chebyshev_steps(1 + self.sweeps, low, high).astype(np.float32)
+        if highest > _LONG:
+            self._before = chebyshev_steps(self.sweeps, low, high).astype(np.float32)
+            self._after = np.append(np.float32(0), self._before[::-1])
         self._rows = Halo(operator.slabs, operator.comm, self.sweeps)
         self._room = stencil.make_room(1 + self.sweeps, operator.grid.nx)
-        self._no_waves = np.empty(0, np.float32), np.empty(operator.grid.nx, np.float32)
+        self._nothing = (np.empty((0, operator.grid.nx), np.float32),) * 3
+        self._no_waves = (
+            _NO_WAVES,
+            _NOWHERE,
+            (np.empty(0, np.float32), np.empty(operator.grid.nx, np.float32)),
+        )
         self._long_waves = _LongWaves(operator, self.sweeps) if operator.coarser is not None else None
         self._number, self._answer = -1, None  # of what contact set `_raised` is known
 
@@ -119,20 +131,26 @@ class TwoGrid:
         return self._answer
 
     def _apply(self, s, z):
-        free, waves = self.operator.mask, self._long_waves
-        found = waves.of(s, free, self.weights[0]) if waves else _NO_WAVES
-        places, room = (waves.places, waves.room) if waves else (_NOWHERE, self._no_waves)
-        stencil.sweep(
-            s, *self._rows(s), free, *self._free, self.weights, self._shares,
-            found, places, room, z, self._room,
-        )  # fmt: skip
+        free, waves, no_waves = self.operator.mask, self._long_waves, self._no_waves
+        inside = s, *self._rows(s), free, *self._free, self.weights
+        x = self._nothing
+        if self._before is not None:
+            swept = z if z.dtype == np.float32 else np.empty(z.shape, np.float32)
+            stencil.sweep(*inside, self._before, *x, *no_waves, swept, self._room)
+            x = swept, *self._rows(swept)
+        found = waves.of(s, free, self.weights, *x) if waves else no_waves
+        stencil.sweep(*inside, self._after, *x, *found, z, self._room)
 
     def view(self, pc, viewer):
         """Describe the preconditioner for -ksp_view."""
         if viewer.getType() == PETSc.Viewer.Type.ASCII:
+            if self._before is None:
+                sweeps, place = f"{1 + self.sweeps} sweeps with the centre of B", "added to the first"
+            else:
+                sweeps, place = f"twice {self.sweeps} sweeps with the centre of B", "between them"
             coarse = self._long_waves.operator.grid if self._long_waves else None
-            more = f", A on {coarse.nx} x {coarse.ny} cells added to the first" if coarse else ""
-            viewer.printfASCII(f"  {1 + self.sweeps} sweeps with the centre of B{more}\n")
+            more = f", A on {coarse.nx} x {coarse.ny} cells {place}" if coarse else ""
+            viewer.printfASCII(f"  {sweeps}{more}\n")
 
 
 def _weights(centre, grid):
@@ -161,11 +179,6 @@ class _LongWaves:
     """A on a coarser grid, for what sweeps do not reach.
 
     Slabs may begin inside of a coarse row: it is made where its first row is, with what the next ranks have of it.
-
-    Attributes
-    ----------
-    places, room
-        For `stencil.sweep`.
     """
 
     def __init__(self, fine, beside):
@@ -183,7 +196,7 @@ class _LongWaves:
         above = np.floor(ay * (first - beside) + by - _ROUNDING).astype(int)
         below = np.floor(ay * (last - 1 + beside) + by + _ROUNDING).astype(int) + 2
         self._around = Fetch(coarse.slabs, [(above, np.where(some, below, above))], comm)
-        self.places = (ay, ay * (first[rank] - beside) + by - above[rank]), in_x
+        self._places = (ay, ay * (first[rank] - beside) + by - above[rank]), in_x
         # Of each coarse row, how many ranks begin inside; they follow the one that makes it.
         inside = np.bincount(low[some & (first % fy > 0)], minlength=coarse.grid.ny)
         begin, end = made.bounds(ranks)
@@ -192,8 +205,12 @@ class _LongWaves:
         self._rest = Fetch(Slabs(ranks, ranks, rank), [(following, following + number)], comm)
         self._beside = Halo(coarse.slabs, comm, 1)
         self._u, self._held = np.empty(coarse.local_shape), np.ones(coarse.local_shape)
-        self._row = np.empty(fine.grid.nx, np.float32)
-        self.room = np.empty(coarse.grid.nx + 2, np.float32), self._row
+        nx, kind = fine.grid.nx, np.float32
+        self._row, self._wide, self._three = (
+            np.empty(nx, kind),
+            np.empty(coarse.grid.nx + 2, kind),
+            np.empty((3, nx + 2), kind),
+        )
 
     def look_at(self, free, share, spacing):
         """Let contact hold the long waves: the share that is free, and the spacing of contact [mm]. Collective."""
@@ -207,16 +224,20 @@ class _LongWaves:
             compliance = np.pi * coarse.compliance  # 1 / E*
             coarse.screened_product.screen(1 / (_CONSTANT * compliance * np.sqrt(share) * spacing))
 
-    def of(self, s, free, weight):
-        """A on springs times s on the free cells: the rows about those here; `weight`: 1 / B3_00. Collective."""
-        stencil.free_in_cells(s, free, weight, self._left, self._skipped, self._factors, self._row)
+    def of(self, s, free, weights, x, *beside):
+        """A on springs times s on the free cells, or what sweeps to x left, for `stencil.sweep`. Collective."""
+        place = self._left, self._skipped, self._factors
+        if x.size:
+            stencil.left_in_cells(s, free, weights, x, *beside, *place, self._three, self._row)
+        else:
+            stencil.free_in_cells(s, free, weights[0], *place, self._row)
         left = self._held * self._on_coarse()
         if self.operator.active:
             product = self.operator.screened_product
             product.apply(left, self._u)
             PETSc.Log.logFlops(product.flops)
-        self._u *= self._held / weight
-        return self._around(self._u)
+        self._u *= self._held / weights[0]
+        return self._around(self._u), self._places, (self._wide, self._row)
 
     def _on_coarse(self):
         """Bring what was summed in coarse cells to the ranks of the coarse grid. Collective."""

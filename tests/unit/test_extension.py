@@ -196,3 +196,14 @@ def test_fields_that_cannot_be_changed_in_place_are_refused():
 def test_numbers_of_steps_that_cannot_be_are_refused(steps):
     with pytest.raises(ValueError, match="steps"):
         RimExtension((4, 4), None, None, steps)
+
+
+@pytest.mark.parametrize("steps", [0, 1, 2, 3, 10, 51])
+def test_chebyshevs_steps_come_in_an_order_in_which_nothing_grows(steps):
+    low, high = 0.5, 1.4
+    lengths, waves = chebyshev_steps(steps, low, high), np.linspace(low, high, 500)
+    factors = 1 - lengths[:, None] * waves
+    assert lengths.shape == (steps,)
+    assert (abs(np.cumprod(factors, axis=0)) <= 1).all()
+    least = 1 / np.cosh(steps * np.arccosh((high + low) / (high - low)))  # of Chebyshev's polynomial
+    assert abs(np.prod(factors, axis=0)).max() <= least * (1 + 1e-9)

@@ -274,7 +274,7 @@ def test_no_warning_comes_from_the_arithmetic():
             assert solve(problem, share * problem.gap.mean(), None).converged
 
 
-@pytest.mark.parametrize(("ny", "aspect"), [(4, 0.125), (4, 0.3), (8, 0.06)])
+@pytest.mark.parametrize(("ny", "aspect"), [(4, 0.125), (4, 0.3), (8, 0.06), (2, 0.05)])
 def test_few_rows_of_long_cells(ny, aspect):
     """The highest eigenvalues of the sweeps' stencil are beyond those that sweeps of usual lengths damp."""
     side = 1 / np.sqrt(128 * ny * aspect)
