@@ -16,9 +16,10 @@ from app.primal import stencil
 from app.primal.operator import InverseOperator
 
 _event = PETSc.Log.Event("TwoGridPC")
-_CONSTANT = 9.0  # compliance of a constant, times E*, over the spacing of contact
-# Long waves move less beside contact, by the root of one and so many times its share there.
-_BESIDE = 7.0
+# Compliance of a constant, times E*, over the spacing of contact; and by the root of one and so many times the share of
+# contact there long waves move less beside it. The second ones are for sweeps before the coarser grid, too.
+_CONSTANT, _CONSTANT_LEFT = 9.0, 12.0
+_BESIDE, _BESIDE_LEFT = 7.0, 5.0
 _INTERVAL = 0.5, 1.4  # eigenvalues of the centre of B, over B_00, that the sweeps are to damp ...
 _LONG = 1.7  # from this highest one on sweeps come before the coarser grid, too: cells 4 times as long as wide have it
 _HIGHEST = 0.9  # ... and of the highest one, where sweeps would let it grow: on few rows of long cells
@@ -68,7 +69,9 @@ class TwoGrid:
         if highest > low + high:
             high = _HIGHEST * highest
         self._before, self._after = None, chebyshev_steps(1 + self.sweeps, low, high).astype(np.float32)
+        springs = _CONSTANT, _BESIDE
         if highest > _LONG:
+            springs = _CONSTANT_LEFT, _BESIDE_LEFT
             self._before = chebyshev_steps(self.sweeps, low, high).astype(np.float32)
             self._after = np.append(np.float32(0), self._before[::-1])
         self._rows = Halo(operator.slabs, operator.comm, self.sweeps)
@@ -79,7 +82,9 @@ class TwoGrid:
             _NOWHERE,
             (np.empty(0, np.float32), np.empty(operator.grid.nx, np.float32)),
         )
-        self._long_waves = _LongWaves(operator, self.sweeps) if operator.coarser is not None else None
+        self._long_waves = (
+            _LongWaves(operator, self.sweeps, springs) if operator.coarser is not None else None
+        )
         self._number, self._answer = -1, None  # of what contact set `_raised` is known
 
     def apply(self, pc, x, y):
@@ -181,8 +186,8 @@ class _LongWaves:
     Slabs may begin inside of a coarse row: it is made where its first row is, with what the next ranks have of it.
     """
 
-    def __init__(self, fine, beside):
-        self.operator = fine.coarser
+    def __init__(self, fine, beside, springs):
+        self.operator, (self._of_constant, self._of_contact) = fine.coarser, springs
         coarse = self.operator
         self._factors = fy, _ = tuple(map(_factor, fine.grid.shape, coarse.grid.shape))
         made, comm = fine.slabs.coarsen(fy), fine.comm
@@ -219,10 +224,10 @@ class _LongWaves:
         contact = self._on_coarse()
         before, after = self._beside(contact)
         beside = _smoothed(np.concatenate([before, contact, after]))
-        self._held = 1 / np.sqrt(1 + _BESIDE * share * beside)
+        self._held = 1 / np.sqrt(1 + self._of_contact * share * beside)
         if coarse.active:
             compliance = np.pi * coarse.compliance  # 1 / E*
-            coarse.screened_product.screen(1 / (_CONSTANT * compliance * np.sqrt(share) * spacing))
+            coarse.screened_product.screen(1 / (self._of_constant * compliance * np.sqrt(share) * spacing))
 
     def of(self, s, free, weights, x, *beside):
         """A on springs times s on the free cells, or what sweeps to x left, for `stencil.sweep`. Collective."""
