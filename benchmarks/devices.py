@@ -111,7 +111,7 @@ PERIODIC = (
     Constant("ksp_rtol", "a contact set is solved until its residual is smaller by this"),
     Constant("lcp_coarse_rtol", "residual that is enough on coarse grids"),
     Constant("lcp_defect_correction", "share of a residual that is left to the next product"),
-    Constant("pc_two_grid_sweeps", "sweeps after the first, which the coarser grid is added to"),
+    Constant("pc_two_grid_sweeps", "sweeps after the coarser grid"),
 )  # fmt: skip
 
 
