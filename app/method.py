@@ -64,7 +64,7 @@ METHOD_OPTIONS = [
 PART_OPTIONS = [
     Option("pc_circulant_extend", _cells, 0, "Circulant: cells by which the residual is extended over the rim"),
     Option("pc_circulant_blocks", _cells, 0, "Circulant: cells of blocks whose means that begins with; 0: from zero"),
-    Option("pc_two_grid_sweeps", count, 2, "TwoGrid: sweeps after the coarser grid (long cells: before, too), at most 50"),
+    Option("pc_two_grid_sweeps", count, 2, "TwoGrid: sweeps after the coarser grid, maybe before; at most 50"),
 ]  # fmt: skip
 _TABLE = {option.name: option for option in METHOD_OPTIONS}
 _WORKS_WITH = {  # strategies in which an option has an effect, where that is not in all
