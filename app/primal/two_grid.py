@@ -75,16 +75,12 @@ class TwoGrid:
             self._before = chebyshev_steps(self.sweeps, low, high).astype(np.float32)
             self._after = np.append(np.float32(0), self._before[::-1])
         self._rows = Halo(operator.slabs, operator.comm, self.sweeps)
-        self._room = stencil.make_room(1 + self.sweeps, operator.grid.nx)
-        self._nothing = (np.empty((0, operator.grid.nx), np.float32),) * 3
-        self._no_waves = (
-            _NO_WAVES,
-            _NOWHERE,
-            (np.empty(0, np.float32), np.empty(operator.grid.nx, np.float32)),
-        )
-        self._long_waves = (
-            _LongWaves(operator, self.sweeps, springs) if operator.coarser is not None else None
-        )
+        nx, kind = operator.grid.nx, np.float32
+        self._room = stencil.make_room(1 + self.sweeps, nx)
+        self._nothing = (np.empty((0, nx), kind),) * 3
+        self._no_waves = _NO_WAVES, _NOWHERE, (np.empty(0, kind), np.empty(nx, kind))
+        has_coarser = operator.coarser is not None
+        self._long_waves = _LongWaves(operator, self.sweeps, springs) if has_coarser else None
         self._number, self._answer = -1, None  # of what contact set `_raised` is known
 
     def apply(self, pc, x, y):
@@ -210,12 +206,9 @@ class _LongWaves:
         self._rest = Fetch(Slabs(ranks, ranks, rank), [(following, following + number)], comm)
         self._beside = Halo(coarse.slabs, comm, 1)
         self._u, self._held = np.empty(coarse.local_shape), np.ones(coarse.local_shape)
-        nx, kind = fine.grid.nx, np.float32
-        self._row, self._wide, self._three = (
-            np.empty(nx, kind),
-            np.empty(coarse.grid.nx + 2, kind),
-            np.empty((3, nx + 2), kind),
-        )
+        nx, kind = fine.grid.nx, np.float32  # rows that one loop after the other works in
+        self._row, self._wide = np.empty(nx, kind), np.empty(coarse.grid.nx + 2, kind)
+        self._three = np.empty((3, nx + 2), kind)
 
     def look_at(self, free, share, spacing):
         """Let contact hold the long waves: the share that is free, and the spacing of contact [mm]. Collective."""

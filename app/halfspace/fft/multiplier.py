@@ -56,9 +56,8 @@ class _Sequences:
         """Addresses of the plans for all of them, there and back, and for the `few` that a last batch may have."""
         for count in (STRIP, few or STRIP):
             if count not in self._plans:
-                self._plans[count] = self._fftw.plans(
-                    self.data[:count], self.transforms[:count], self._length
-                )
+                part = self.data[:count], self.transforms[:count]
+                self._plans[count] = self._fftw.plans(*part, self._length)
         return self._plans[STRIP] + self._plans[few or STRIP]
 
 
@@ -87,22 +86,8 @@ def warm_up(dtype):
         strips_to_rows(source[0], *inside)
     put_rows(spectrum, spectrum.reshape(-1), 0, 0)
     convolve_columns(
-        strips,
-        strips,
-        whole,
-        whole,
-        0,
-        batch,
-        batch,
-        batch.view(dtype),
-        spectrum,
-        dtype.type(0),
-        0,
-        0,
-        0,
-        0,
-        0,
-    )
+        strips, strips, whole, whole, 0, batch, batch, batch.view(dtype), spectrum, dtype.type(0), 0, 0, 0, 0, 0,
+    )  # fmt: skip
 
 
 class Spectra(dict):

@@ -118,19 +118,19 @@ def _take_rows(strips, height, start, rows):
 
 
 @njit()
-def _store_pairs(pairs, first, count, scratch, strips, height, start):
-    """Put the transforms of `count` real rows into the strips from row `start` on, from frequency `first` on."""
+def _store_pairs(transforms, first, count, scratch, strips, height, start):
+    """Put those of `count` real rows, of pairs', into the strips from row `start` on, from frequency `first` on."""
     if not height:
         return
     columns = strips.size // height
     rows = scratch[: count * columns].reshape(count, columns)
     for m in range((count + 1) // 2):
-        _split(pairs[m], first, rows[2 * m], rows[min(2 * m + 1, count - 1)])
+        _split(transforms[m], first, rows[2 * m], rows[min(2 * m + 1, count - 1)])
     put_rows(rows, strips, height, start)
 
 
 @njit()
-def _fetch_pairs(pairs, first, count, scratch, strips, height, start):
+def _fetch_pairs(transforms, first, count, scratch, strips, height, start):
     """Undo `_store_pairs`."""
     if not height:
         return
@@ -138,7 +138,7 @@ def _fetch_pairs(pairs, first, count, scratch, strips, height, start):
     rows = scratch[: count * columns].reshape(count, columns)
     _take_rows(strips, height, start, rows)
     for m in range((count + 1) // 2):
-        _unite(pairs[m], first, rows[2 * m], rows[min(2 * m + 1, count - 1)])
+        _unite(transforms[m], first, rows[2 * m], rows[min(2 * m + 1, count - 1)])
 
 
 @njit()
@@ -228,8 +228,8 @@ def _some(p, mask, rows, start, stop):
 def rows_to_strips(p, mask, rows, pairs, transforms, scratch, strips, edges, fftw, forward, few_forward):
     """Transform the rows of p, on C if there is a mask, into the strips of each part of the columns between `edges`.
 
-    `rows`: those that are not zero, if known. A mask, or rows, that there are none of have size 0. The last batch may
-    be of `few` rows.
+    `rows`: those that are not zero, if known. A mask, or rows, that there are none of have size 0. `pairs`,
+    `transforms`: room for pairs of rows and for their transforms. The last batch may be of `few` rows.
     """
     height = p.shape[0]
     for start in range(0, height, ROWS):
@@ -301,7 +301,8 @@ def convolve_columns(
     scale : float
         If it is not 0, divide by the spectrum instead, and multiply by this.
     fftw, there, back, few_there, few_back : int
-        Addresses of FFTW's ``execute``, and of the plans of `column`: of a whole strip, and of the last one.
+        Addresses of FFTW's ``execute``, and of the plans from `column` to `transforms` and back: of a whole strip, and
+        of the last one.
     """
     count = spectrum.shape[0]
     for first in range(0, count, STRIP):
