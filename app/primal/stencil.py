@@ -71,17 +71,6 @@ def _copy_at(t, field, before, after, out):
         copy_row(after[j - len(field)], out)
 
 
-@njit()
-def _add_at(t, field, before, after, out):
-    j, one = t - len(before), out.dtype.type(1)
-    if j < 0:
-        add_row(out, one, before[t])
-    elif j < len(field):
-        add_row(out, one, field[j])
-    else:
-        add_row(out, one, after[j - len(field)])
-
-
 # Factors are 1, 2 or 4; written out, these loops become vector instructions.
 
 
@@ -203,17 +192,8 @@ def left_in_cells(s, free, weights, x, x_before, x_after, coarse, skipped, facto
         wrap(room[j % 3], row.size, 1)
         if j > 0:
             _left_row(
-                s[j - 1],
-                free[j - 1],
-                scale,
-                room[(j - 2) % 3],
-                room[(j - 1) % 3],
-                room[j % 3],
-                wx,
-                wy,
-                wd,
-                row,
-            )
+                s[j - 1], free[j - 1], scale, room[(j - 2) % 3], room[(j - 1) % 3], room[j % 3], wx, wy, wd, row
+            )  # fmt: skip
             _add_means(row, fx, 1.0 / (fx * fy), coarse[(skipped + j - 1) // fy])
 
 
@@ -250,7 +230,7 @@ def _interpolate_at(t, coarse, places, wide, row):
 
 @njit()
 def sweep(
-    s, s_before, s_after, free, f_before, f_after, weights, shares, x, x_before, x_after, waves, places, beside, z,
+    s, s_before, s_after, free, f_before, f_after, weights, shares, x, x_before, x_after, waves, places, wave_rows, z,
     room,
 ):  # fmt: skip
     """Sweeps ``x += share (s - B3 x) / B3_00`` on the free cells; the first one as from zero, with long waves added.
@@ -260,7 +240,7 @@ def sweep(
     s : ndarray of float64 or float32, shape (rows, nx)
     free : ndarray of bool, shape (rows, nx)
     s_before, s_after, f_before, f_after
-        Rows beside them, one less than there are sweeps.
+        Rows beside them, one less than there are sweeps, or more.
     weights : tuple of a float64 and three float32
         1 / B3_00, whose unit single precision may not hold; over B3_00 the neighbours in x, in y, on the diagonals.
     shares : ndarray of float32
@@ -271,8 +251,8 @@ def sweep(
         To be interpolated bilinearly: those between which these rows and those beside lie. Empty: none.
     places : (float, float), (float, float)
         As of `Grid.places_in`, rows counted from the first beside, and from the first coarse one here.
-    beside : (ndarray, ndarray) of float32, shapes (coarse columns + 2,), (nx,)
-        Room for their rows.
+    wave_rows : (ndarray, ndarray) of float32, shapes (coarse columns + 2,), (nx,)
+        Room for them.
     z : ndarray of float64 or float32, shape (rows, nx)
         Becomes x.
     room : tuple
@@ -282,18 +262,18 @@ def sweep(
     if not rows:
         return
     steps, (scale, wx, wy, wd) = len(shares), weights
-    halo, (sources, inside, swept), (wide, more) = len(s_before), room, beside
+    halo, (sources, inside, swept), (wide, more) = len(s_before), room, wave_rows
     high = rows + 2 * halo
-    more[:] = 0
     for t in range(high + steps):
         if t < high:
+            k, first = t % (steps + 1), swept[1, t % 3]
             if waves.size:
                 _interpolate_at(t, waves, places, wide, more)
+            else:
+                more[:] = 0
             if x.size:
-                if not waves.size:
-                    more[:] = 0
-                _add_at(t, x, x_before, x_after, more)
-            k, first = t % (steps + 1), swept[1, t % 3]
+                _copy_at(t, x, x_before, x_after, first[1:-1])
+                add_row(more, np.float32(1), first[1:-1])
             _first_at(
                 t, s, s_before, s_after, free, f_before, f_after, scale, shares[0], more, sources[k], inside[k],
                 first[1:-1],

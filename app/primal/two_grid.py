@@ -182,7 +182,7 @@ class _LongWaves:
     Slabs may begin inside of a coarse row: it is made where its first row is, with what the next ranks have of it.
     """
 
-    def __init__(self, fine, beside, springs):
+    def __init__(self, fine, width, springs):
         self.operator, (self._of_constant, self._of_contact) = fine.coarser, springs
         coarse = self.operator
         self._factors = fy, _ = tuple(map(_factor, fine.grid.shape, coarse.grid.shape))
@@ -194,10 +194,10 @@ class _LongWaves:
         self._left = np.empty((high[rank] - low[rank], coarse.grid.nx))
         self._to_coarse = Fetch(made, [coarse.slabs.bounds(ranks)], comm)
         (ay, by), in_x = fine.grid.places_in(coarse.grid)
-        above = np.floor(ay * (first - beside) + by - _ROUNDING).astype(int)
-        below = np.floor(ay * (last - 1 + beside) + by + _ROUNDING).astype(int) + 2
+        above = np.floor(ay * (first - width) + by - _ROUNDING).astype(int)
+        below = np.floor(ay * (last - 1 + width) + by + _ROUNDING).astype(int) + 2
         self._around = Fetch(coarse.slabs, [(above, np.where(some, below, above))], comm)
-        self._places = (ay, ay * (first[rank] - beside) + by - above[rank]), in_x
+        self._places = (ay, ay * (first[rank] - width) + by - above[rank]), in_x
         # Of each coarse row, how many ranks begin inside; they follow the one that makes it.
         inside = np.bincount(low[some & (first % fy > 0)], minlength=coarse.grid.ny)
         begin, end = made.bounds(ranks)

@@ -65,6 +65,16 @@ def slabs_of(shape, width):
         yield slice(a, b), before, after
 
 
+def no_x(nx):
+    """In the place of fields to begin sweeps with."""
+    return (np.empty((0, nx), np.float32),) * 3
+
+
+def no_waves(nx):
+    """In the place of long waves: none, nowhere, with room for their rows."""
+    return np.empty((0, 0)), ((1.0, 0.0), (1.0, 0.0)), (np.empty(0, np.float32), np.empty(nx, np.float32))
+
+
 FACTORS = (1, 1), (2, 2), (4, 4), (1, 2), (4, 1), (2, 4)
 
 
@@ -99,15 +109,10 @@ def test_sweeps_are_richardsons_from_zero(shape, steps):
     (s, free), shares, room = fields(shape, steps), SHARES[:steps], stencil.make_room(steps, shape[1])
     expected = swept(free * s * WEIGHTS[0], free, shares, np.zeros(shape))
     z = np.full(shape, np.nan)
-    none, nowhere = np.empty((0, 0)), ((1.0, 0.0), (1.0, 0.0))
-    of_waves, no_x = (
-        (np.empty(0, np.float32), np.empty(shape[1], np.float32)),
-        (np.empty((0, shape[1]), np.float32),) * 3,
-    )
     for rows, before, after in slabs_of(shape, steps - 1):
         beside = s[before], s[after], free[rows], free[before], free[after]
-        more = none, nowhere, of_waves, z[rows], room
-        stencil.sweep(s[rows], *beside, WEIGHTS, shares, *no_x, *more)
+        more = *no_x(shape[1]), *no_waves(shape[1]), z[rows], room
+        stencil.sweep(s[rows], *beside, WEIGHTS, shares, *more)
     np.testing.assert_allclose(z, expected, rtol=0, atol=SINGLE * abs(expected).max())
     assert (z[~free] == 0).all()
 
@@ -120,13 +125,11 @@ def test_sweeps_are_richardsons_from_something(shape, steps):
     shares, room = np.append(np.float32(0), SHARES[:steps]), stencil.make_room(1 + steps, shape[1])
     expected = swept(source, free, SHARES[:steps], start)
     z, x = np.full(shape, np.nan), start.copy()
-    none, nowhere = np.empty((0, 0)), ((1.0, 0.0), (1.0, 0.0))
-    of_waves = np.empty(0, np.float32), np.empty(shape[1], np.float32)
     for rows, before, after in slabs_of(shape, steps):
         inside = s[rows], s[before], s[after], free[rows], free[before], free[after], WEIGHTS, shares
-        from_x = x[rows], start[before], start[after]
-        stencil.sweep(*inside, *from_x, none, nowhere, of_waves, z[rows], room)
-        stencil.sweep(*inside, *from_x, none, nowhere, of_waves, x[rows], room)  # x may be z
+        inside += x[rows], start[before], start[after], *no_waves(shape[1])
+        stencil.sweep(*inside, z[rows], room)
+        stencil.sweep(*inside, x[rows], room)  # x may be z
     for found in (z, x):
         np.testing.assert_allclose(found, expected, rtol=0, atol=SINGLE * abs(expected).max())
         assert (found[~free] == 0).all()
@@ -187,9 +190,10 @@ def test_long_waves_are_interpolated_bilinearly_and_added_to_the_first_sweep(sha
         around = coarse[np.arange(low, high) % len(coarse)]
         places = (ay, ay * (rows.start - beside) + by - low), in_x
         of_waves = np.empty(below.nx + 2, np.float32), np.empty(shape[1], np.float32)
-        no_x = (np.empty((0, shape[1]), np.float32),) * 3
         outside = s[before], s[after], free[rows], free[before], free[after]
-        stencil.sweep(s[rows], *outside, WEIGHTS, shares, *no_x, around, places, of_waves, z[rows], room)
+        stencil.sweep(
+            s[rows], *outside, WEIGHTS, shares, *no_x(shape[1]), around, places, of_waves, z[rows], room
+        )
     source = free * s * WEIGHTS[0]
     waves = bilinear((ay, by), shape[0], below.ny) @ coarse @ bilinear(in_x, shape[1], below.nx).T
     expected = swept(source, free, shares[1:], shares[0] * source + free * waves)

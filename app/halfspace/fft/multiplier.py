@@ -145,7 +145,7 @@ class EvenMultiplier:
         complex_type = np.result_type(self.dtype, np.complex64)
         self.count = 0
         ny_fft, nx_fft = periods
-        self._columns = columns = nx_fft // 2 + 1
+        columns = nx_fft // 2 + 1
         self._groups = deal_columns(columns, self.slabs.counts, self.comm)
         self._spectrum = None
         self._inverse_scale = 1.0 / (float(periods[0]) * periods[1]) ** 2
@@ -162,7 +162,8 @@ class EvenMultiplier:
         self._column_plans = [
             self._in_y.plans((group.mine.stop - group.mine.start) % STRIP) for group in self._groups
         ]
-        self._columns = self._in_y.data, self._in_y.transforms, self._in_y.transforms.view(self.dtype)
+        in_y = self._in_y
+        self._column_room = in_y.data, in_y.transforms, in_y.transforms.view(self.dtype)
         self._scratch = _scratch((ROWS * columns,), complex_type)
         warm_up(self.dtype)
 
@@ -349,7 +350,8 @@ class EvenMultiplier:
             count = self._groups[k].mine.stop - self._groups[k].mine.start
             exchange.take(k)
             convolve_columns(
-                *columns, *self._columns, self._spectrum[done : done + count], scale, self._in_y.execute, *plans,
+                *columns, *self._column_room, self._spectrum[done : done + count], scale,
+                self._in_y.execute, *plans,
             )  # fmt: skip
             exchange.give_back(k)
             done += count
