@@ -13,7 +13,7 @@ from benchmarks.peers.cases import PERIODIC_PROBLEMS, Case, PeriodicCase, warm_u
 from benchmarks.peers.contest import compare
 from benchmarks.peers.packages import PEERS, set_up
 from benchmarks.peers.page import page
-from benchmarks.peers.runs import Search
+from benchmarks.peers.runs import Entrant, Search
 
 
 def main():
@@ -63,12 +63,13 @@ def main():
             for name, package in packages.items()
             if "python" in package
         }
+        ours = {control: Entrant.ours(control, periodic, warmup, options) for control in ("approach", "load")}
         for problem in problems:
             starts = {search: search.start for group in searches.values() for search in group}
             field = {name: list(group) for name, group in searches.items()}
             for size in sizes:
                 for case, entrants in cases(problem, size, folder, field, packages, periodic):
-                    contests += compare(case, entrants, field, folder)
+                    contests += compare(case, ours, entrants, field, folder)
                     output.write_text(page(packages, contests, periodic))
             for search, start in starts.items():
                 search.start = start

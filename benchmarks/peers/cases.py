@@ -1,4 +1,4 @@
-"""Problems in files that our solver and the adapters read, and the judge of all answers."""
+"""Problems in files that the adapters read, and the judge of all answers."""
 
 from __future__ import annotations
 
@@ -35,19 +35,14 @@ def described(words):
 
 
 class Files:
-    """What every case has: `gap`, `grid`, `material`, `approach`, `load`, `stem`, and files of them."""
+    """What every case has: `gap`, `grid`, `material`, `approach`, `load`, `stem`, and a file of them."""
 
     def known(self, control):
         """Whether the value of "approach" or "load" is known."""
         return not math.isnan(getattr(self, control))
 
-    @property
-    def gap_file(self):
-        """The distances at zero approach, for our solver."""
-        return self.stem.with_suffix(".npy")
-
     def write(self):
-        """Write the file for the adapters, once load and approach are known."""
+        """Write the file for the adapters, with what is known of load and approach."""
         path = self.stem.with_suffix(".npz")
         np.savez(
             path,
@@ -64,7 +59,7 @@ class Files:
 
 
 class Case(Files):
-    """A problem on a grid, in files that our solver and the adapters read.
+    """A problem on a grid, in a file that the adapters read.
 
     Parameters
     ----------
@@ -82,24 +77,21 @@ class Case(Files):
         words = PROBLEMS[name] or self_affine(size, folder)
         problem, self.approach = described([*words, "-grid", str(size)])
         grid = problem.grid
-        self.domain = grid.x0, grid.x0 + size * grid.dx, grid.y0, grid.y0 + size * grid.dy
         self.is_square = math.isclose(grid.dx, grid.dy)
         if square and not self.is_square:
-            half = max(self.domain)
-            self.domain = -half, half, -half, half
-            problem = replace(problem, grid=Grid.from_domain(size, size, self.domain))
+            half = max(grid.x0 + size * grid.dx, grid.y0 + size * grid.dy)
+            problem = replace(problem, grid=Grid.from_domain(size, size, (-half, half, -half, half)))
         self.name = f"{name}, square patch" if square and not self.is_square else name
         self.problem, self.grid, self.material = problem, problem.grid, problem.material
         self.gap = problem.shape_on(self.grid)
         self.load = math.nan
         self.stem = folder / f"{self.name.replace(', ', '-').replace(' ', '-')}-{size}"
-        np.save(self.gap_file, self.gap)
 
     controls = "approach", "load"  # the second follows from our answer to the first
 
-    def loading(self, control):
-        """Options of our command."""
-        return [f"-{control}", repr(getattr(self, control))]
+    def learn(self, pressure):
+        """Know the load by our answer to the approach."""
+        self.load = float(pressure.sum() * self.grid.cell_area)
 
     @cached_property
     def product(self):
@@ -155,18 +147,14 @@ class PeriodicCase(Files):
     def __init__(self, name, size, folder):
         self.name, self.size, self.material = name, size, periodic.MATERIAL
         self.grid, self.gap = periodic.surface_grid(size), periodic.distance(size)
-        self.domain = 0.0, periodic.SIDE, 0.0, periodic.SIDE
         self.load = periodic.mean_pressure(PERIODIC_PROBLEMS[name]) * periodic.SIDE**2
         self.approach = math.nan
         self.stem = folder / f"{name.replace(' ', '-').replace('.', '_')}-{size}"
-        np.save(self.gap_file, self.gap)
         self.product = PlainPeriodicProduct(self.grid, self.material.contact_modulus)
 
-    def loading(self, control):
-        """Options of our command."""
-        if control == "load":
-            return ["-periodic", "-mean_pressure", repr(self.load / periodic.SIDE**2)]
-        return ["-periodic", "-approach", repr(self.approach)]
+    def learn(self, pressure):
+        """Know the approach by our answer to the load."""
+        self.approach = float(np.mean((self.gap + self.product(pressure))[pressure > 0]))
 
     def unit(self):
         """Seconds of a plain product now."""

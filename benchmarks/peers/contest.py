@@ -6,7 +6,7 @@ from collections import defaultdict
 from dataclasses import dataclass
 
 from benchmarks.peers.processes import say
-from benchmarks.peers.runs import Run, run_ours
+from benchmarks.peers.runs import Run
 
 
 @dataclass(frozen=True)
@@ -21,27 +21,26 @@ class Contest:
     others: list[Run]
 
 
-def compare(case, entrants, field, folder):
-    """Run one problem on one grid with everything that can.
+def compare(case, ours, entrants, field, folder):
+    """Run one problem on one grid with everything that can; what is not known of the case follows from our answer.
 
     Variants that need more than twice the time of the best one of their package are taken out of `field`.
     """
     say(f"{case.name} {case.size}^2")
     unit = case.unit()
-    ours = {}
+    our_runs = {}
     first, second = case.controls
-    ours[first], facts = run_ours(case, first, 3, folder)
-    if facts is not None:
-        setattr(case, second, facts[second])
-        ours[second], _ = run_ours(case, second, 3, folder)
+    our_runs[first], pressure = ours[first].run(case, folder)
+    if pressure is not None:
+        case.learn(pressure)
+        our_runs[second], _ = ours[second].run(case, folder)
     elif not case.known("load"):
-        return [Contest(case.name, case.size, first, unit, ours[first], [])]
-    problem_file = case.write()
+        return [Contest(case.name, case.size, first, unit, our_runs[first], [])]
     others = defaultdict(list)
     for name, searches in entrants.items():
         groups = defaultdict(list)
         for search in filter(lambda search: case.known(search.control), searches):
-            groups[search.control].append((search, search(case, problem_file, folder)))
+            groups[search.control].append((search, search(case, folder)))
         for control, found in groups.items():
             best = min((run for _, run in found), key=Run.rank)
             others[control].append(best)
@@ -50,6 +49,6 @@ def compare(case, entrants, field, folder):
                     field[name].remove(search)
         unit = min(unit, case.unit())
     return [
-        Contest(case.name, case.size, control, unit, ours[control], found)
+        Contest(case.name, case.size, control, unit, our_runs[control], found)
         for control, found in others.items()
     ]

@@ -38,6 +38,7 @@ def row(contest, run):
         "given": run.control,
         "solver": run.solver,
         "plain": number(run.seconds / contest.unit, ".1f"),
+        "first": number(run.first_seconds / contest.unit, ".1f"),
         "over ours": number(run.seconds / contest.ours.seconds, ".2f") if contest.ours.accepted else "",
         "iterations": number(run.iterations, "d"),
         "products": number(run.products, ".4g"),
@@ -53,10 +54,11 @@ def row(contest, run):
 
 TEXT = """\
 The unit is one *plain product*: zero-padded `scipy.fft.rfft2`, multiply, `irfft2` on the same grid, one thread,
-measured in the same run (`plain` is a time in this unit). One thread each; a small problem is solved before anything
-is measured; `plain` and `seconds` are the solve alone, the shortest of up to three, `set-up` (kernels and their
-transforms) apart. `over ours` is the time over that of our default method on one rank, with the same thing given:
-approach or load. `MiB` is the peak resident size of the whole process.
+measured in the same run (`plain` is a time in this unit). One thread each; all are called from Python, in a process of
+their own in which a small problem is solved before anything is measured; `plain` and `seconds` are the solve alone,
+`set-up` (kernels and their transforms) apart, the shortest of up to three that follow one another; `first` is the
+first of them. `over ours` is the time over that of our default method on one rank, with the same thing given: approach
+or load. `MiB` is the peak resident size of the whole process.
 
 Everybody gets the same array of distances; where a package knows no cells in which contact is impossible, these get a
 distance at which they stay open. A package's own tolerance is loosened or tightened by factors of sqrt(10) until its
@@ -77,9 +79,10 @@ The surfaces and loads of `run/bench --periodic`: self-affine, on a periodic pat
 1/8, cut-off 8 cells, rms slope 0.1; `load`: mean pressure over E* times the rms slope.
 
 The unit is one *plain product*: `scipy.fft.rfft2`, times the symbol, `irfft2`, nothing padded, one thread, measured in
-the same run (`plain` is a time in this unit). One thread each; a small problem is solved before anything is measured;
-`plain` and `seconds` are the solve alone, the shortest of up to three, `set-up` apart. `over ours` is the time over
-that of our default method on one rank, with the same thing given. `MiB` is the peak resident size of the whole process.
+the same run (`plain` is a time in this unit). One thread each; all are called from Python, in a process of their own in
+which a small problem is solved before anything is measured; `plain` and `seconds` are the solve alone, `set-up` apart,
+the shortest of up to three that follow one another; `first` is the first of them. `over ours` is the time over that of
+our default method on one rank, with the same thing given. `MiB` is the peak resident size of the whole process.
 
 Everybody gets the same array of distances and the same mean pressure (`load`); some of ContactMechanics' solvers take
 an approach only: they get the one of our answer, which nobody knows before (`approach`; in full contact it leaves the
@@ -95,15 +98,13 @@ in products on the finest. All use the same symbol, 2 / (E* |q|), and displaceme
 """
 
 WINS = """\
-Rows of the table above in which a package reaches the accuracy and beats us. Our set-up includes the loading of
-compiled code, which the packages have loaded before; our memory includes PETSc, MPI and HDF5, theirs Python and what
-they import. What they have and we have not is in the first table: friction, adhesion, plasticity, lubrication,
-GPUs.
+Rows of the table above in which a package reaches the accuracy and beats us. Our memory includes PETSc, MPI and HDF5,
+theirs Python and what they import. What they have and we have not is in the first table: friction, adhesion,
+plasticity, lubrication, GPUs.
 """
 PERIODIC_WINS = """\
-Rows of the table above in which a package reaches the accuracy and beats us. Our set-up includes the loading of
-compiled code, which the packages have loaded before; our memory includes PETSc, MPI and HDF5, theirs Python and what
-they import.
+Rows of the table above in which a package reaches the accuracy and beats us. Our memory includes PETSc, MPI and HDF5,
+theirs Python and what they import.
 """
 
 

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.output.result import read_result
-from benchmarks.measure import ROOT
 from benchmarks.peers.packages import ADAPTERS
 from benchmarks.peers.processes import capture, reason, say
 
@@ -27,6 +25,7 @@ class Run:
     control: str
     tolerance: float = math.nan
     seconds: float = math.inf
+    first_seconds: float = math.inf
     setup_seconds: float = math.nan
     iterations: int = -1
     products: float = -1
@@ -48,46 +47,86 @@ class Run:
         return (0, self.seconds) if self.accepted else (1, self.miss)
 
 
-def run_ours(case, control, repeats, folder):
-    """Our default method on one rank; the shortest of some runs, and the attributes of its result."""
-    output = folder / "ours.h5"
-    command = [
-        "mpiexec", "-n", "1", sys.executable, "-m", "app.solve", "-problem", "file", "-gap_file", case.gap_file,
-        "-domain", ",".join(map(repr, case.domain)), "-shear_modulus", case.material.shear_modulus,
-        "-poisson_ratio", case.material.poisson_ratio, *case.loading(control),
-        "-lcp_rtol", TARGET, "-output", output,
-    ]  # fmt: skip
-    best = None
-    for _ in range(repeats):
-        done = capture(command, cwd=ROOT)
-        if done.returncode:
-            return Run(OURS, control, failure=reason(done)), None
-        result = read_result(output)
-        if best is None or result.attributes["solve_seconds"] < best.attributes["solve_seconds"]:
-            best = result
-    facts = best.attributes
-    run = Run(
-        OURS, control, TARGET, facts["solve_seconds"], facts["setup_seconds"], facts["active_set_iterations"],
-        facts["operator_applications"], facts["peak_memory"], **case.judge(best.pressure, control),
-    )  # fmt: skip
-    return run, facts
+class Entrant:
+    """One variant of a package, or of ours, on one kind of patches.
 
+    Parameters
+    ----------
+    python : str
+        Interpreter of its environment.
+    name : str
+        Of its adapter.
+    label : str
+        What it is called on the page.
+    variant, control : str
+    warmup : Path
+        A small problem, to be solved before anything is measured.
+    options : argparse.Namespace
+        With ``budget`` and ``limit``, see `benchmarks.peers.__main__`.
+    """
 
-class Search:
-    """The loosest tolerance of one variant of one package that reaches the accuracy, and its fastest run."""
-
-    def __init__(self, python, name, variant, description, warmup, options):
-        self.python, self.name, self.variant = python, name, variant
-        self.control = description["control"]
-        self.start = round(-2 * math.log10(description["first_tolerance"]))
+    def __init__(self, python, name, label, variant, control, warmup, options):
+        self.python, self.name, self.label, self.variant, self.control = python, name, label, variant, control
         self.warmup, self.options = warmup, options
 
-    def __call__(self, case, problem_file, folder):
+    @classmethod
+    def ours(cls, control, periodic, warmup, options):
+        """Our default method."""
+        variant = f"{'periodic, ' * periodic}by {control}"
+        return cls(sys.executable, "ours", OURS, variant, control, warmup, options)
+
+    def run(self, case, folder, tolerance=TARGET):
+        """Run the adapter once.
+
+        Returns
+        -------
+        Run
+        ndarray or None
+            The pressure, unless it fails.
+        """
+        answer = folder / "answer.npz"
+        command = [
+            self.python, ADAPTERS / f"{self.name}_adapter.py", "solve", case.write(), self.warmup, answer,
+            self.variant, tolerance, self.options.budget,
+        ]  # fmt: skip
+        failure = ""
+        try:
+            done = capture(command, cwd=folder, timeout=self.options.limit)
+            if done.returncode:
+                failure = reason(done)
+        except subprocess.TimeoutExpired:
+            failure = f"more than {self.options.limit:g} s"
+        if failure:
+            say(f"  {self.label}, {tolerance:.1e}: {failure}")
+            return Run(self.label, self.control, tolerance, failure=failure), None
+        with np.load(answer) as data:
+            pressure = data["pressure"]
+            numbers = {
+                name: data[name].item() for name in data.files if name not in ("pressure", "converged")
+            }
+        run = Run(self.label, self.control, tolerance, **numbers, **case.judge(pressure, self.control))
+        say(
+            f"  {self.label}, {tolerance:.1e}: {run.seconds:.3g} s, {run.iterations} iterations, "
+            f"residual {run.residual:.1e}, penetration {run.penetration:.1e}, tension {run.tension:.1e}, "
+            f"load {run.load_error:.1e}"
+        )
+        return run, pressure
+
+
+class Search(Entrant):
+    """The loosest tolerance that reaches the accuracy, and its fastest run; parameters as `description` says."""
+
+    def __init__(self, python, name, variant, description, warmup, options):
+        super().__init__(python, name, f"{name}: {variant}", variant, description["control"], warmup, options)
+        self.start = round(-2 * math.log10(description["first_tolerance"]))
+
+    def __call__(self, case, folder):
         """Return the fastest accepted run, else the most accurate one."""
         runs, k = {}, self.start
         bad, good = -1, None  # the tightest tolerance that was not enough, the loosest that was
         while bad < k <= TIGHTEST and k != good:
-            run = runs[k] = self.run(case, problem_file, folder, k)
+            run, _ = self.run(case, folder, 10 ** (-k / 2))
+            runs[k] = run
             if run.failure or run.miss == math.inf:
                 break
             step = math.floor(2 * math.log10(run.miss)) if run.miss > 0 else 0
@@ -108,34 +147,3 @@ class Search:
             self.start, best = min(accepted.items(), key=lambda item: item[1].seconds)
             return best
         return min(runs.values(), key=lambda run: (run.miss, run.seconds))
-
-    def run(self, case, problem_file, folder, k):
-        """Run the adapter once, with tolerance 10^(-k/2)."""
-        answer = folder / "answer.npz"
-        tolerance = 10 ** (-k / 2)
-        label = f"{self.name}: {self.variant}"
-        command = [
-            self.python, ADAPTERS / f"{self.name}_adapter.py", "solve", problem_file, self.warmup, answer,
-            self.variant, tolerance, self.options.budget,
-        ]  # fmt: skip
-        failure = ""
-        try:
-            done = capture(command, cwd=folder, timeout=self.options.limit)
-            if done.returncode:
-                failure = reason(done)
-        except subprocess.TimeoutExpired:
-            failure = f"more than {self.options.limit:g} s"
-        if failure:
-            say(f"  {label}, {tolerance:.1e}: {failure}")
-            return Run(label, self.control, tolerance, failure=failure)
-        with np.load(answer) as data:
-            numbers = {
-                name: data[name].item() for name in data.files if name not in ("pressure", "converged")
-            }
-            run = Run(label, self.control, tolerance, **numbers, **case.judge(data["pressure"], self.control))
-        say(
-            f"  {label}, {tolerance:.1e}: {run.seconds:.3g} s, {run.iterations} iterations, "
-            f"residual {run.residual:.1e}, penetration {run.penetration:.1e}, tension {run.tension:.1e}, "
-            f"load {run.load_error:.1e}"
-        )
-        return run
