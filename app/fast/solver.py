@@ -115,7 +115,8 @@ class TrackingSolver(LinearSolver):
     def tension(self, state):
         """Return the Tension. Collective."""
         total, negative = state.sum(kernels.tension(state.p, state.contact))
-        return Tension(negative / total if total > 0 else float(negative), bool(negative))
+        share = negative / total if total > 0 else float("inf") if negative else 0.0
+        return Tension(share, bool(negative))
 
     def release(self, state, tension=None, carry=True):
         """Step 4.a, and u along with it; return whether cells left C. Collective.

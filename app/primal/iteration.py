@@ -58,7 +58,7 @@ def primal_active_set(primal, solver, stop, history):
     for k in range(1, stop.max_it + 1):
         goal, slight = accuracy.aim * np.sqrt(primal.cells), _SLIGHT * accuracy.aim
         its, failure, norm = solver.improve(primal, goal)  # 2. and 3. p = 0 on the free cells, a little
-        near = norm <= goal * (1 + 1e-6)
+        near = norm <= goal
         # What has been carried along is right enough to be verified; after a failure only if it is by FFT.
         sure = not primal.lags or solver.doubt <= (0 if accuracy.doubted else _UNSURE * goal)
         # 4. p < 0 leaves C, e < 0 enters
@@ -85,7 +85,22 @@ def primal_active_set(primal, solver, stop, history):
         if progress.stalls:
             raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
     primal.take(solver)
+    if stop.final:
+        residual = _end_unsolved(primal, solver) or residual
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
+
+
+def _end_unsolved(primal, solver):
+    """Leave the best there is: a pressure >= 0 with the right load, if there is one, and u = A p; return its residual.
+
+    Collective. None if there is no such pressure.
+    """
+    state = primal.state
+    state.depth = primal.depth
+    if (found := verify(primal, solver.scratch)) is None:
+        return None
+    accept(primal, solver.scratch)
+    return found.residual / state.distance.norm()
 
 
 class _Accuracy:
@@ -96,7 +111,7 @@ class _Accuracy:
     allowed : float
         Root mean square error of the gap that is small enough [mm].
     rtol : float
-        What it was made from.
+        What it was made from on the target grid, the only one that aims lower.
 
     Attributes
     ----------
@@ -156,9 +171,10 @@ class _Progress:
 
 
 def _is_solved(primal, solver, stop, accuracy, norm):
-    """Steps 5 and 6, where the residual of the solver says so. If it is not, all is as before, and the aim lower.
+    """Steps 5 and 6, where the residual of the solver says so.
 
-    Nothing may lag: what the solver carries along is where `verify` works.
+    If it is not, the free cells are as before; p is made anew where it may be wrong, and not the residual; else the aim
+    is lower. Nothing may lag: what the solver carries along is where `verify` works.
 
     Collective.
 
@@ -200,18 +216,18 @@ def allowed_gap(primal, stop):
     grid the approach beyond first touch, if that is less: what is left of a contact that is small in its patch is large
     there.
     """
-    distance, rtol = primal.state.distance, stop.rtol if stop.final else stop.coarse_rtol
+    distance, rtol = primal.state.distance, stop.rtol if stop.final else max(stop.coarse_rtol, ROUNDING)
     if distance.deviation > _FLAT * distance.norm() / np.sqrt(primal.cells):
-        beyond = primal.approach - distance.reference - primal.state.first_touch() if not stop.final else 0.0
+        beyond = primal.depth - primal.state.first_touch() if not stop.final else 0.0
         return rtol * (min(beyond, distance.deviation) if beyond > 0 else distance.deviation)
     if primal.loading.prescribes_load:
         of_cell = primal.mean_pressure * primal.state.operator.diagonal
-        return rtol * max(of_cell, abs(primal.approach - distance.reference))
+        return rtol * max(of_cell, abs(primal.depth))
     return rtol * abs(primal.mean_displacement)
 
 
 def verify(primal, found):
-    """Step 4 on the target grid: pressure >= 0 with the right load, and u = A p by one product in double precision.
+    """Step 4 for a pressure >= 0 with the right load, whose u = A p is made by one product in double precision.
 
     Collective. Leaves the state at the depth found, and what overlaps in its contact set.
 

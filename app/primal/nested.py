@@ -37,7 +37,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
     kept : KeptSolvers
         Whose solvers are a `PrimalSolver`.
     start : Solution, optional
-        On the target grid, to start from there: what is above it in the hierarchy is left out.
+        On the target grid, to start from there: coarser grids are left out.
 
     Returns
     -------

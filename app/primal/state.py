@@ -23,7 +23,7 @@ class PrimalState:
     Parameters
     ----------
     state : ContactState
-        At depth 0. Its contact set and pressure are worked on; u only holds A p after `verify`.
+        Is put to depth 0. Its contact set and pressure are worked on; u only holds A p after `verify`.
     inverse : InverseOperator
     loading : PrescribedApproach or PrescribedLoad
 
@@ -61,9 +61,9 @@ class PrimalState:
         return float(self.state.sum([field.sum()])[0]) / self.cells
 
     @property
-    def approach(self):
+    def depth(self):
         """What the mean of w says that it is now [mm]. Collective."""
-        return self.state.distance.reference - self.mean(self.w)
+        return -self.mean(self.w)
 
     @property
     def load(self):
@@ -160,7 +160,7 @@ class PrimalState:
 
     def numbers(self):
         """Numbers of the solution, as w and the mean pressure have them. Collective over the ranks of the state."""
-        return numbers_on(self.state, self.state.comm, self.load, -self.mean(self.w))
+        return numbers_on(self.state, self.state.comm, self.load, self.depth)
 
     def guess(self, solver, exact=False):
         """The contact set by projected sweeps with the centre of B: an obstacle problem; w and p follow. Collective.

@@ -442,7 +442,7 @@ def test_every_step_keeps_p_and_the_loading(steps, loading, holes):
         if given:
             assert state.load == pytest.approx(primal.loading.load, rel=1e-9)
         else:
-            assert primal.approach == pytest.approx(primal.loading.approach, rel=1e-9)
+            assert primal.depth == pytest.approx(-primal.mean_displacement, rel=1e-9)
         assert not state.contact[~state.admissible].any()
         assert (primal.inverse.mask == ~state.contact).all()
         if closed:

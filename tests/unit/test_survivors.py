@@ -172,9 +172,15 @@ def test_positive_pressure_is_that_on_the_contact_set():
     np.testing.assert_array_equal(out, [[0.0, 2.0, 0.0]])
 
 
-def test_tension_is_a_share_of_the_pressure():
-    state = SimpleNamespace(p=np.array([[-1.0, 5.0]]), contact=np.ones((1, 2), bool), sum=lambda of: of)
-    assert TrackingSolver.tension(None, state) == (pytest.approx(0.25), True)
+@pytest.mark.parametrize("unit", [1.0, 1e-9])
+def test_tension_is_a_share_of_the_pressure(unit):
+    def tension(*p):
+        state = SimpleNamespace(p=unit * np.array([p]), contact=np.ones((1, 2), bool), sum=lambda of: of)
+        return TrackingSolver.tension(None, state)
+
+    assert tension(-1.0, 5.0) == (pytest.approx(0.25), True)
+    assert tension(-1.0, 0.0) == (np.inf, True)
+    assert tension(0.0, 0.0) == (0.0, False)
 
 
 def test_a_vec_is_in_the_memory_of_its_field():

@@ -231,10 +231,33 @@ def test_the_safeguard_takes_over_and_is_right(monkeypatch, by_load, holes):
         np.testing.assert_allclose(found.pressure, plain.pressure, rtol=0, atol=1e-5 * plain.max_pressure)
 
 
-def test_a_limit_on_iterations_is_kept_and_said():
+@pytest.mark.parametrize("nested", [0, 1])
+@pytest.mark.parametrize("by_load", [False, True])
+def test_a_limit_on_iterations_is_kept_and_said(by_load, nested):
+    """And what is left is a state of contact: p >= 0, u = A p, the load or the approach that was asked for."""
     problem = periodic.rough(32, 24, 8)
-    found = solve(problem, 0.8 * problem.gap.mean(), None, lcp_max_it=1)
+    exact = solve(problem, 0.8 * problem.gap.mean(), None)
+    load = exact.load if by_load else None
+    found = solve(problem, exact.approach, None, load, lcp_max_it=1, lcp_nested=nested)
     assert not found.converged and "1 active set iterations were not enough" in found.message
+    assert found.pressure.min() >= 0 and found.residual > 1e-6
+    if by_load:
+        assert found.load == pytest.approx(load, rel=1e-12)
+        assert abs(found.approach - exact.approach) < 0.2 * problem.gap.std()
+    else:
+        assert found.mean_gap == pytest.approx(exact.mean_gap, rel=1e-12)
+    assert found.gap.mean() == pytest.approx(problem.gap.mean() - found.approach, rel=1e-12)
+    # The bound is one: in the energy norm, in which a constant pressure counts nothing.
+    waves = np.fft.fft2(found.pressure - exact.pressure), np.fft.fft2(exact.pressure)
+    q = np.hypot(*np.meshgrid(np.fft.fftfreq(32, problem.grid.dx), np.fft.fftfreq(24, problem.grid.dy)))
+    off, whole = (np.linalg.norm(wave[q > 0] / np.sqrt(q[q > 0])) for wave in waves)
+    assert off <= found.error_bound * whole * 1.001
+
+
+def test_coarse_grids_are_solved_to_rounding_at_most():
+    problem = surface("self-affine", 128)
+    found = solve(problem, 0.5 * problem.gap.mean(), None, lcp_coarse_rtol=0)
+    assert found.converged and found.operator_applications < 25
 
 
 def test_loads_one_after_another_on_several_solvers():
