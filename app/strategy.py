@@ -22,12 +22,11 @@ from app.fast.solver import TrackingSolver
 from app.halfspace import product
 from app.multigrid import direct, transfer
 from app.multigrid.hierarchy import Hierarchy
-from app.multigrid.kept import KeptSolvers, is_large
 from app.multigrid.linear_solver import LinearSolver
 from app.petsc import error_message
 from app.primal import solver as primal_solver
 from app.primal.nested import primal_iteration
-from app.primal.solver import PrimalSolver
+from app.primal.solver import KeptPrimalSolvers, PrimalSolver
 from app.solution import Solution
 
 # PETSc's errors that say that types do not go together: unsupported, wrong argument or state, method missing, unknown
@@ -212,6 +211,21 @@ class Inexact(Strategy):
         state, outcome = super().run(loading, history, start)
         return state, outcome._replace(to_rounding=True)
 
+    def prepare(self):
+        """See `Strategy.prepare`."""
+        super().prepare()
+        if self._settings.nested:
+            self._kept.prepare(self._first())
+
+    def _first(self):
+        """The level from which on linear solvers are needed."""
+        return 0
+
+    def destroy(self):
+        """See `Strategy.destroy`."""
+        self._kept.destroy()
+        super().destroy()
+
 
 class Fast(Inexact):
     """``fast``, the default on free patches: around TrackingCG, in windows."""
@@ -219,15 +233,16 @@ class Fast(Inexact):
     def __init__(self, settings, hierarchy):
         super().__init__(settings, hierarchy)
         self._kept = Kept(hierarchy, self.solver)
+        tried = hierarchy.levels[hierarchy.finest_whole]
+        if tried.active:
+            self._kept.solver(hierarchy.finest_whole, tried)  # refuses what cannot be had
 
     def _make_solver(self):
         hierarchy = self._hierarchy
-        if not hierarchy.may_be_windowed(hierarchy.target):
-            return TrackingSolver(hierarchy)
-        level = hierarchy.levels[hierarchy.finest_whole]  # the options are tried there
-        if level.active:
-            TrackingSolver(hierarchy, hierarchy.finest_whole, level.petsc_comm).destroy()
-        return None
+        return None if hierarchy.may_be_windowed(hierarchy.target) else TrackingSolver(hierarchy)
+
+    def _first(self):
+        return int(direct.begins_directly(self._hierarchy, 0))
 
     def warm_up(self):
         """See `Strategy.warm_up`."""
@@ -252,22 +267,13 @@ class Fast(Inexact):
             kept.abandon()
             raise
 
-    def destroy(self):
-        """See `Strategy.destroy`."""
-        self._kept.destroy()
-        super().destroy()
-
 
 class Primal(Inexact):
     """``primal``, the default on periodic patches: around CarryingCG."""
 
     def __init__(self, settings, hierarchy):
         super().__init__(settings, hierarchy)
-
-        def make(number, operator):
-            return PrimalSolver(hierarchy, number, operator.petsc_comm)
-
-        self._kept = KeptSolvers(make, hierarchy, self.solver)
+        self._kept = KeptPrimalSolvers(hierarchy, self.solver)
 
     def _make_solver(self):
         primal_solver.prepare(self._hierarchy, self._settings.defect_correction > 0)
@@ -279,23 +285,11 @@ class Primal(Inexact):
         for kind in self._precisions():
             primal_solver.warm_up(kind)
 
-    def prepare(self):
-        """See `Strategy.prepare`."""
-        super().prepare()
-        for number, level in enumerate(self._hierarchy.levels if self._settings.nested else ()):
-            if level.active and not is_large(level.grid):
-                self._kept.solver(number, level)
-
     def _solve(self, loading, history, start):
         nested, stop = self._settings.nested, self._inexact_stop()
         return primal_iteration(
             self._hierarchy, self._distances, loading, stop, history, nested, self._kept, start=start
         )
-
-    def destroy(self):
-        """See `Strategy.destroy`."""
-        self._kept.destroy()
-        super().destroy()
 
 
 class Reference(Strategy):

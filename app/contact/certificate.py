@@ -42,14 +42,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
 from app.compiled import njit
 from app.contact.state import Displacement
-from app.halfspace.grid import Grid
-from app.halfspace.influence import influence_quadrant
+from app.halfspace.influence import middle_displacement
 from app.halfspace.reductions import any_order, sums_and_minima
 
 _TRIALS = 12
@@ -142,15 +140,9 @@ def _lifting(state, most, energy, penetrates):
     to_u, squares = product - shares * of_u, of_e + shares * (shares * of_u - 2 * product)
     grid, diagonal = state.patch, state.operator.diagonal
     to_u, squares = to_u / diagonal, squares / diagonal**2
-    norm = _norm(grid, state.operator.compliance)
+    # Rows of A add up to less: the displacement in the middle of twice the patch under unit pressure.
+    norm = middle_displacement(state.operator.compliance, (2 * grid.ny * grid.dy, 2 * grid.nx * grid.dx))
     return np.min((shares + shares**2 / 2) * energy + (1 + shares) * to_u + norm * squares / 2)
-
-
-@lru_cache(maxsize=16)
-def _norm(grid, compliance):
-    """Rows of A add up to less: the displacement in the middle of twice the patch under unit pressure."""
-    twice = Grid(1, 1, 2 * grid.nx * grid.dx, 2 * grid.ny * grid.dy)
-    return float(influence_quadrant(twice, compliance)[0, 0])
 
 
 def _closing(state, energy, enough):

@@ -75,7 +75,6 @@ class FullContact:
             p += max(least, 0.0) if wanted is None else wanted
             np.maximum(p, 0.0, out=p)
         history.start(state, self)
-        before = int(state.sum([np.count_nonzero(state.contact)])[0])
         state.contact[...] = True
         distance.move_to(distance.statistics.mean)
         state.compute_displacement(exact=True)
@@ -84,7 +83,7 @@ class FullContact:
         # Heights may differ by rounding only, which is no measure of what is left.
         highest = -float(state.minimum([-state.p.max(initial=0.0)])[0])
         solved = stop(state, residual) or rms <= _ROUNDING * highest * state.operator.diagonal
-        history.add(state, self, Update(grid.n, grid.n - before, 0, residual), 0)
+        history.add(state, self, Update(grid.n, grid.n, 0, residual), 0)
         return Outcome(solved, FULL_CONTACT, 1, residual / distance.norm(), to_rounding=True)
 
     def _find_needed(self, inverse, distance, p):

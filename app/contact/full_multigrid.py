@@ -13,7 +13,7 @@ import numpy as np
 from app.contact.grid_errors import estimated_errors
 from app.contact.iteration import active_set_or_search
 from app.contact.state import ContactState, Displacement
-from app.multigrid.direct import DirectSolver, solves_directly
+from app.multigrid.direct import DirectSolver, begins_directly
 from app.multigrid.linear_solver import LinearSolver
 
 
@@ -59,7 +59,7 @@ def full_multigrid(
             coarse.destroy()
         if level.active:
             solver = target_solver if visits.at_target else None
-            solver = solver or solver_on(hierarchy, number, coarse is None)
+            solver = solver or _solver_on(hierarchy, number, first=coarse is None)
             # (3.b): until the contact area is unchanged, and on the target grid (5.1)
             test = stop if visits.at_target else stop.for_coarse_grid()
             solve = partial(active_set_or_search, state, solver, stop=test, history=history)
@@ -157,7 +157,7 @@ def route(hierarchy, distances, loading, nested):
     sighted = [number for number, distance in enumerate(distances) if distance.statistics.cells]
     if nested:
         return range(max(set(range(last)).difference(sighted), default=-1) + 1, last + 1)
-    small = [number for number in sighted if number < last and solves_directly(hierarchy.levels[number])]
+    small = [number for number in sighted if begins_directly(hierarchy, number)]
     return [*small[-1:], last] if loading.prescribes_load else [last]
 
 
@@ -183,9 +183,9 @@ def copy_prolongation(transfer, coarse, state, beta):
         np.copyto(p, 0.0, where=~state.contact)
 
 
-def solver_on(hierarchy, number, coarsest=False):
+def _solver_on(hierarchy, number, first):
     """Make the solver of a level: directly if it is the first and small enough. Collective over its ranks."""
     operator = hierarchy.levels[number]
-    if coarsest and number < len(hierarchy.levels) - 1 and solves_directly(operator):
+    if first and begins_directly(hierarchy, number):
         return DirectSolver(operator, number)
     return LinearSolver(hierarchy, number, operator.petsc_comm)

@@ -22,7 +22,7 @@ from petsc4py import PETSc
 from app.compiled import njit
 from app.fast import between, levels, rim
 from app.fast.between import Between
-from app.fast.levels import circulant_inverse
+from app.fast.levels import circulant_inverse, known
 from app.fast.rim import RimExtension
 from app.fast.symbol import centre
 from app.halfspace.fft.multiplier import EvenMultiplier
@@ -55,13 +55,9 @@ def circulant_of(operator, apart=False):
     """
     if not operator.active:
         return operator.product
-    known, periodic = operator.multipliers, operator.grid.periodic
-    kind = "apart" if apart and not periodic else "adjoining"
-    if kind not in known:
-        place = operator.grid, operator.compliance, operator.slabs, operator.comm, operator.dtype
-        make = _periodic_inverse if periodic else partial(circulant_inverse, apart=apart)
-        known[kind] = make(*place, workspace=operator.storage, spectra=operator.spectra)
-    return known[kind]
+    periodic = operator.grid.periodic
+    make = _periodic_inverse if periodic else partial(circulant_inverse, apart=apart)
+    return known(operator, "apart" if apart and not periodic else "adjoining", make, spectra=operator.spectra)
 
 
 @njit()

@@ -26,11 +26,11 @@ from scipy.fft import next_fast_len
 
 from app.fast import multilevel
 from app.fast.multilevel import MultilevelOperator, coarse_shape
-from app.fast.symbol import cells_in_one, coarser, eigenvalues, left_near_by, mean_eigenvalue, stencils
+from app.fast.symbol import cells_in_one, coarser, eigenvalues, left_near_by, stencils
 from app.halfspace.fft.lengths import quick_length, transform_length
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Grid
-from app.halfspace.influence import quadrant_rows
+from app.halfspace.influence import middle_displacement, quadrant_rows
 
 # Cells in a direction to be coarsened from which on stencils take less time than transforms.
 _LEAST = 128
@@ -67,7 +67,7 @@ def circulant_inverse(
     periods = shape
     if apart:
         periods = tuple(next_fast_len(n, real=True) if near else quick_length(n + 1) for n in shape)
-    constants = mean_eigenvalue(compliance, (cy * periods[0] * grid.dy, cx * periods[1] * grid.dx))
+    constants = middle_displacement(compliance, (cy * periods[0] * grid.dy, cx * periods[1] * grid.dx))
     coarsest = _coarsest_inverse(grid, compliance, near, periods, constants, comm, dtype, workspace, spectra)
     if near:
         return MultilevelOperator(grid.shape, near, coarsest, slabs, comm, dtype)
@@ -164,23 +164,23 @@ def influence_of(operator):
         return None
     inverse = operator.multipliers.get("apart")
     other = inverse if isinstance(inverse, MultilevelOperator) else None
-    return _known(operator, "influence", influence_by_levels, spectra=operator.spectra, other=other)
+    return known(operator, "influence", influence_by_levels, spectra=operator.spectra, other=other)
 
 
 def inverse_of(operator):
     """Its inverse by levels on the grid of an `InfluenceOperator` of a periodic patch, likewise. Collective."""
-    return _known(operator, "inverse", periodic_inverse_by_levels)
+    return known(operator, "inverse", periodic_inverse_by_levels)
 
 
-def _known(operator, name, make, **more):
-    """What an operator has by a name, made if there is none."""
-    known = operator.multipliers
-    if name not in known and operator.active:
+def known(operator, name, make, **more):
+    """What an `InfluenceOperator` has by a name, made if there is none; None on ranks without rows. Collective then."""
+    made = operator.multipliers
+    if name not in made and operator.active:
         place = operator.grid, operator.compliance, operator.slabs, operator.comm, operator.dtype
         nearly = make(*place, workspace=operator.storage, **more)
         if nearly is not None:
-            known[name] = nearly
-    return known.get(name)
+            made[name] = nearly
+    return made.get(name)
 
 
 def _stencils(grid, power):

@@ -13,7 +13,7 @@ from app.fast.lift import lift
 from app.fast.progress import NeedsSafeguard
 from app.fast.safeguard import projected_newton
 from app.fast.windows import Stage
-from app.multigrid.direct import solves_directly
+from app.multigrid.direct import begins_directly
 from app.multigrid.linear_solver import LinearSolver
 
 # The difference of the pressures on two grids says something if coarser ones are solved to this share of it.
@@ -85,7 +85,7 @@ def nested_iteration(
 def solve_on(hierarchy, number, state, loading, stop, history, first, kept):
     """Solve on one grid. Collective over the ranks of `state`."""
     operator = state.operator
-    if first and number < len(hierarchy.levels) - 1 and solves_directly(operator):
+    if first and begins_directly(hierarchy, number):
         test = StoppingTest(max_it=stop.max_it).for_coarse_grid()
         solve = partial(active_set, state, kept.direct(number, operator), stop=test, history=history)
     else:

@@ -29,7 +29,7 @@ from app.compiled import njit
 from app.halfspace.chebyshev import chebyshev_steps
 from app.halfspace.grid import Slabs
 from app.halfspace.halo import Halo
-from app.halfspace.reductions import any_order, around, copy_row, span_of
+from app.halfspace.reductions import any_order, around, copy_at, copy_row, span_of
 
 MAX_STEPS = 250
 _CYCLE = 8  # steps after which their lengths begin anew: more in one polynomial would spread rounding
@@ -198,26 +198,14 @@ def _take_off(above, here, below, weights, b):
 
 
 @njit()
-def _take_row(row, out):
-    copy_row(row, out)
-    return span_of(row)[1] > 0
-
-
-@njit()
 def _take_contact(before, mask, after, steps, contact, away, rows):
     """Copy a set and the rows beside it; count rows from each to the next with contact, to steps + 1, and tell which
     are no more than `steps` away.
     """
     first, count = len(before), len(contact)
     for j in range(count):
-        here = j - first
-        if here < 0:
-            some = _take_row(before[j], contact[j])
-        elif here < len(mask):
-            some = _take_row(mask[here], contact[j])
-        else:
-            some = _take_row(after[here - len(mask)], contact[j])
-        away[j] = 0 if some else steps + 1
+        copy_at(j, mask, before, after, contact[j])
+        away[j] = 0 if span_of(contact[j])[1] > 0 else steps + 1
         if j:
             away[j] = min(away[j], away[j - 1] + 1)
     for j in range(count - 2, -1, -1):

@@ -78,12 +78,6 @@ def _kind(grid):
     return grid.periodic or "love"
 
 
-def mean_eigenvalue(compliance, lengths):
-    """What pressure 1 on a box without images displaces its middle by; `lengths` in y and x. Not collective."""
-    b, a = (length / 2 for length in lengths)
-    return 4 * compliance * (a * np.arcsinh(b / a) + b * np.arcsinh(a / b))
-
-
 def _eigenvalues(kind, dx, dy, x, y):
     if kind == "spectral" or max(dx, dy) > _STRETCHED * min(dx, dy):
         found = _directly(kind, dx, dy, x, y)

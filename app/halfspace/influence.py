@@ -204,6 +204,12 @@ def quadrant_rows(grid, compliance):
     return rows
 
 
+def middle_displacement(compliance, lengths):
+    """What pressure 1 on a box displaces its middle by, (2.4); `lengths` in y and x [mm]. Not collective."""
+    b, a = (length / 2 for length in lengths)
+    return 4 * compliance * (a * np.arcsinh(b / a) + b * np.arcsinh(a / b))
+
+
 def dense_matrix(grid, compliance):
     """The influence matrix itself, shape (n, n): for coarsest grids and checks. Not collective."""
     quadrant = influence_quadrant(grid, compliance)

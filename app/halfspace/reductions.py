@@ -29,6 +29,13 @@ def copy_row(row, out):
 
 
 @any_order
+def mix_rows(one, weight, other, out):
+    """out = weight one + (1 - weight) other."""
+    for i in range(out.size):
+        out[i] = weight * one[i] + (1 - weight) * other[i]
+
+
+@any_order
 def scale_row(row, factor, out):
     """out = factor row."""
     for i in range(row.size):
@@ -51,6 +58,18 @@ def around(above, here, below, i, x, y, diagonal):
         + y * (above[i + 1] + below[i + 1])
         + diagonal * ((above[i] + above[i + 2]) + (below[i] + below[i + 2]))
     )
+
+
+@njit()
+def copy_at(t, field, before, after, out):
+    """out = row t of the rows before a slab, its own, and those after it, all counted together."""
+    j = t - len(before)
+    if j < 0:
+        copy_row(before[t], out)
+    elif j < len(field):
+        copy_row(field[j], out)
+    else:
+        copy_row(after[j - len(field)], out)
 
 
 @njit()

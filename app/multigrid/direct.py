@@ -16,6 +16,14 @@ def solves_directly(operator):
     return operator.slabs.size == 1 and operator.grid.n <= LARGEST_DIRECT
 
 
+def begins_directly(hierarchy, number):
+    """Whether a level is solved directly, if an iteration begins with it: it is small, and not the target.
+
+    Not collective.
+    """
+    return number < len(hierarchy.levels) - 1 and solves_directly(hierarchy.levels[number])
+
+
 def stored_matrix(operator):
     """Dense A of a grid of at most `LARGEST_DIRECT` cells on one rank; without rows on the others. Not collective."""
     grid = operator.grid

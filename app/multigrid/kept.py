@@ -11,19 +11,25 @@ def is_large(grid):
 
 
 class KeptSolvers:
-    """Linear solvers of one hierarchy.
+    """Linear solvers of one hierarchy; of which kind, who inherits says by ``_make(number, operator)``.
 
     Parameters
     ----------
-    make : callable
-        ``make(number, operator)`` makes the one of an operator on a level.
     hierarchy : Hierarchy
     target : LinearSolver or None
         Of the target grid, if there is one; its owner frees it.
     """
 
-    def __init__(self, make, hierarchy, target=None):
-        self._make, self._hierarchy, self._target, self._solvers = make, hierarchy, target, {}
+    def __init__(self, hierarchy, target=None):
+        self._hierarchy, self._target, self._solvers = hierarchy, target, {}
+
+    def prepare(self, first=0):
+        """Make now those of small grids that are worked on as a whole, from level `first` on. Collective."""
+        hierarchy = self._hierarchy
+        for number, level in enumerate(hierarchy.levels):
+            as_whole = not (is_large(level.grid) or hierarchy.may_be_windowed(level))
+            if number >= first and level.active and as_whole:
+                self.solver(number, level)
 
     def solver(self, number, operator):
         """Linear solver of a level or of a window of it, made when first asked for. Collective over its ranks."""

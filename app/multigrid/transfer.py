@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from app.compiled import njit
 from app.halfspace.fetch import Fetch
-from app.halfspace.reductions import add_inside, add_row, copy_row
+from app.halfspace.reductions import add_inside, add_row, copy_row, mix_rows
 from app.petsc import restricts_by_transpose
 
 _NOTHING = 1e-9  # of a cell: rounding of an overlap
@@ -198,12 +198,6 @@ def _overlaps(n, count, factor):
 
 
 @njit()
-def _between_rows(one, other, weight, row):
-    for i in range(row.size):
-        row[i] = weight * one[i] + (1 - weight) * other[i]
-
-
-@njit()
 def _inner_children(row, fine):
     """Both children of all cells of a row but the first and the last."""
     for i in range(1, row.size - 1):
@@ -219,7 +213,7 @@ def _bilinear(coarse, fine, a, b, weight_y, c, d, weight_x, halved, row):
     """
     first, last = (2, 2 * row.size - 2) if halved and row.size > 2 else (0, 0)
     for j in range(fine.shape[0]):
-        _between_rows(coarse[a[j]], coarse[b[j]], weight_y[j], row)
+        mix_rows(coarse[a[j]], weight_y[j], coarse[b[j]], row)
         if last:
             _inner_children(row, fine[j])
         for i in range(first):

@@ -20,7 +20,7 @@ from petsc4py import PETSc
 
 from app.compiled import njit
 from app.halfspace.operator import context_of
-from app.halfspace.reductions import any_order
+from app.halfspace.reductions import add_row, any_order
 from app.multigrid.ksp_context import KspContext
 from app.primal.operator import InverseOperator
 
@@ -68,17 +68,11 @@ def _first_step(p, d, q, alpha, left, change):
 
 
 @any_order
-def _step_row(d, q, alpha, left, change):
-    for i in range(d.size):
-        change[i] += alpha * d[i]
-        left[i] += alpha * q[i]
-
-
-@any_order
 def _step(d, q, alpha, left, change):
     """change += alpha d, left += alpha q."""
     for j in range(d.shape[0]):
-        _step_row(d[j], q[j], alpha, left[j], change[j])
+        add_row(change[j], alpha, d[j])
+        add_row(left[j], alpha, q[j])
 
 
 @any_order

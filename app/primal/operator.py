@@ -90,13 +90,6 @@ class InverseOperator:
             d = x.getArray(readonly=True).reshape(self.local_shape)
             self.product.apply(d, out.reshape(self.local_shape), self.mask)
 
-    multTranspose = mult
-
-    def getDiagonal(self, mat, diagonal):
-        """Diagonal of B."""
-        with diagonal as values:
-            values[...] = self.product.centre()[1, 1]
-
     def view(self, mat, viewer):
         """Describe the operator for -ksp_view."""
         if viewer.getType() == PETSc.Viewer.Type.ASCII:

@@ -10,6 +10,7 @@ from petsc4py import PETSc
 from app.fast.levels import inverse_of
 from app.halfspace.halo import Halo
 from app.halfspace.operator import vec_of
+from app.multigrid.kept import KeptSolvers
 from app.multigrid.linear_solver import LinearSolver
 from app.primal import cg, kernels, stencil
 from app.primal.cg import CarryingCG
@@ -129,6 +130,13 @@ class PrimalSolver(LinearSolver):
         for vec in self._untouched:
             vec.destroy()
         super().destroy()
+
+
+class KeptPrimalSolvers(KeptSolvers):
+    """Those of a periodic hierarchy."""
+
+    def _make(self, number, operator):
+        return PrimalSolver(self._hierarchy, number, operator.petsc_comm)
 
 
 def prepare(hierarchy, by_levels):

@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 
 from app.compiled import njit
-from app.halfspace.reductions import add_row, any_order, around, copy_row, wrap
+from app.halfspace.reductions import add_row, any_order, around, copy_at, copy_row, mix_rows, wrap
 
 # Weights are over that of the cell itself, of the neighbours in x, in y, and on the diagonals.
 
@@ -45,7 +45,7 @@ def _first_row(s, free, scale, share, more, source, inside, out):
     copy_row(free, inside)
 
 
-# Row t of a slab and the rows beside it, counted from the first of these: the types may differ.
+# Row t as of `copy_at`: the types may differ.
 
 
 @njit()
@@ -58,17 +58,6 @@ def _first_at(t, s, s_before, s_after, free, f_before, f_after, scale, share, mo
     else:
         k = j - len(s)
         _first_row(s_after[k], f_after[k], scale, share, more, source, inside, out)
-
-
-@njit()
-def _copy_at(t, field, before, after, out):
-    j = t - len(before)
-    if j < 0:
-        copy_row(before[t], out)
-    elif j < len(field):
-        copy_row(field[j], out)
-    else:
-        copy_row(after[j - len(field)], out)
 
 
 # Factors are 1, 2 or 4; written out, these loops become vector instructions.
@@ -188,19 +177,13 @@ def left_in_cells(s, free, weights, x, x_before, x_after, coarse, skipped, facto
     (scale, wx, wy, wd), (fy, fx) = weights, factors
     coarse[...] = 0
     for j in range(-1, len(x) + 1):
-        _copy_at(len(x_before) + j, x, x_before, x_after, room[j % 3, 1:-1])
+        copy_at(len(x_before) + j, x, x_before, x_after, room[j % 3, 1:-1])
         wrap(room[j % 3], row.size, 1)
         if j > 0:
             _left_row(
                 s[j - 1], free[j - 1], scale, room[(j - 2) % 3], room[(j - 1) % 3], room[j % 3], wx, wy, wd, row
             )  # fmt: skip
             _add_means(row, fx, 1.0 / (fx * fy), coarse[(skipped + j - 1) // fy])
-
-
-@any_order
-def _mix_row(a, weight, b, out):
-    for i in range(out.size):
-        out[i] = weight * a[i] + (1 - weight) * b[i]
 
 
 @njit()
@@ -218,7 +201,7 @@ def _interpolate_at(t, coarse, places, wide, row):
     in_y, in_x = places
     centre = in_y[0] * t + in_y[1]
     before = int(np.floor(centre))
-    _mix_row(coarse[before], 1 - (centre - before), coarse[before + 1], wide[1:-1])
+    mix_rows(coarse[before], 1 - (centre - before), coarse[before + 1], wide[1:-1])
     wrap(wide, wide.size - 2, 1)
     if in_x[0] == 0.25:
         _fours(wide, row)
@@ -272,7 +255,7 @@ def sweep(
             else:
                 more[:] = 0
             if x.size:
-                _copy_at(t, x, x_before, x_after, first[1:-1])
+                copy_at(t, x, x_before, x_after, first[1:-1])
                 add_row(more, np.float32(1), first[1:-1])
             _first_at(
                 t, s, s_before, s_after, free, f_before, f_after, scale, shares[0], more, sources[k], inside[k],
@@ -308,8 +291,8 @@ def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, s
     for t in range(high + steps):
         if t < high:
             source, bound, first = sources[t % (steps + 1)], lowest[t % (steps + 1)], swept[1, t % 3]
-            _copy_at(t, f, f_before, f_after, source)
-            _copy_at(t, low, low_before, low_after, bound)
+            copy_at(t, f, f_before, f_after, source)
+            copy_at(t, low, low_before, low_after, bound)
             for i in range(nx):
                 first[i + 1] = max(source[i], bound[i])
             wrap(first, first.size - 2, 1)
@@ -341,7 +324,7 @@ def add_centre(d, before, after, weights, room, out):
     scale, wx, wy, wd = 1.0 / weights[0], weights[1], weights[2], weights[3]
     for j in range(-1, len(d) + 1):
         row = room[j % 3]
-        _copy_at(len(before) + j, d, before, after, row[1:-1])
+        copy_at(len(before) + j, d, before, after, row[1:-1])
         wrap(row, row.size - 2, 1)
         if j > 0:
             _add_row(room[(j - 2) % 3], room[(j - 1) % 3], row, scale, wx, wy, wd, out[j - 1])

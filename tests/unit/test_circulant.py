@@ -9,12 +9,12 @@ from petsc4py import PETSc
 from app.fast.circulant import Circulant, circulant_of
 from app.fast.levels import circulant_inverse
 from app.fast.multilevel import MultilevelOperator
-from app.fast.symbol import eigenvalues, mean_eigenvalue
+from app.fast.symbol import eigenvalues
 from app.fast.tracking_cg import TrackingCG
 from app.halfspace.communication import Communicator
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Grid, Slabs
-from app.halfspace.influence import dense_matrix, influence_quadrant
+from app.halfspace.influence import dense_matrix, influence_quadrant, middle_displacement
 from app.halfspace.operator import InfluenceOperator
 from app.halfspace.periodic import influence_symbol
 from app.petsc import OptionDatabase
@@ -203,7 +203,7 @@ def test_eigenvalues_are_those_of_a_periodic_patch(aspect):
 def test_a_constant_displaces_as_a_large_cell_does(sides):
     b, a = sides
     expected = influence_quadrant(Grid(1, 1, a, b), 0.5)[0, 0]
-    assert mean_eigenvalue(0.5, sides) == pytest.approx(expected, rel=1e-13)
+    assert middle_displacement(0.5, sides) == pytest.approx(expected, rel=1e-13)
 
 
 LARGE = {
@@ -226,7 +226,7 @@ def test_levels_are_as_good_as_transforms(ny, nx, aspect):
 
     def symbol(columns, rows):
         found = eigenvalues(grid, 1.0, 2 * columns / inverse.periods[1], 2 * rows / inverse.periods[0])
-        found[(columns[:, None] == 0) & (rows == 0)] = mean_eigenvalue(1.0, sides)
+        found[(columns[:, None] == 0) & (rows == 0)] = middle_displacement(1.0, sides)
         return 1 / found
 
     alike.set_spectrum(symbol)
