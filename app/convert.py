@@ -106,7 +106,7 @@ def _read(path, arguments):
             heights, facts = _read_instruments(path, channel)
         except InputError:
             heights = None
-        if heights is None or looks_like_points(heights.shape):  # points are no map of three columns
+        if heights is None or looks_like_points(heights):  # points are no map of three columns
             raise  # what is wrong with it as text says more
         return _of_instruments(path, heights, facts, arguments)
     source.refuse_coordinates()

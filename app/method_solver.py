@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
@@ -33,6 +34,9 @@ from app.strategy import STRATEGIES
 # Options that PETSc looks up only while solving, or never marks as used, ...
 _READ_LATE = re.compile(r"(\w+_)?((ksp|snes|tao)_converged_reason|ksp_view_pre|(pc|mat|snes|tao)_view\w*)")
 _PROBE = "pc_use_amat"  # ... and one with the same default that every object with that prefix looks up
+# PETSc looks at the viewer only when there is something to view.
+_VIEW = re.compile(r"(\w+_)?(ksp|pc|mat|snes|tao)_view\w*")
+_VIEWERS = "ascii", "binary", "draw", "hdf5", "matlab", "saws", "socket", "string", "vtk"
 
 
 def check_kind(name, given, kind, what):
@@ -58,7 +62,22 @@ def choose(problem, method, options, prefix, listeners):
     check_cells(grid)
     if dashed := [name for name in texts if name.startswith("-")]:
         raise InputError(f"options: {', '.join(dashed)}: needed: names without the dash")
-    return settings(method, texts, bool(grid.periodic))
+    chosen = settings(method, texts, bool(grid.periodic))
+    _check_views(chosen.texts)
+    return chosen
+
+
+def _check_views(texts):
+    """Refuse viewers that there are not, or for files that cannot be. Not collective."""
+    for name in filter(_VIEW.fullmatch, texts):
+        kind, _, rest = texts[name].partition(":")
+        if kind not in ("", *_VIEWERS):
+            raise InputError(
+                f"-{name} {texts[name]}: allowed: nothing, or ascii:FILE:FORMAT, with any of {', '.join(_VIEWERS)}"
+            )
+        folder = Path(rest.partition(":")[0]).parent
+        if kind not in ("draw", "socket") and not folder.is_dir():
+            raise InputError(f"-{name} {texts[name]}: there is no folder {folder}")
 
 
 def _global_options(prefix):

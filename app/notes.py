@@ -38,7 +38,7 @@ def notes_on(state, problem, contact, roughness):
     list of str
     """
     grid, found = state.grid, list(problem.notes)
-    side = min(n * width for n, width in ((grid.nx, grid.dx), (grid.ny, grid.dy)) if n > 1 or grid.n == 1)
+    side = max(grid.nx * grid.dx, grid.ny * grid.dy)
     modulus = problem.material.contact_modulus
     found += doubtful_moduli(problem.material)
     if contact.max_pressure > HIGH_PRESSURE * modulus:

@@ -196,7 +196,7 @@ def nearest(name, known):
     """
     if name in known:
         return None
-    return next(iter(difflib.get_close_matches(name, known, 1, max(0.75, 1 - 2 / len(name)))), None)
+    return next(iter(difflib.get_close_matches(name, known, 1, max(0.75, 1 - 2 / max(len(name), 1)))), None)
 
 
 def unknown_options(names, known, files=None, what="unknown"):
@@ -228,11 +228,17 @@ def unknown_options(names, known, files=None, what="unknown"):
 # ------------------------------------------------------------------------------------------------- kinds
 
 
-def _real(text, lowest=-np.inf, above=-np.inf, highest=sys.float_info.max, allowed="a finite number"):
+def _number(text, kind, allowed):
     try:
-        value = float(text)
+        if "_" in text:  # Python's own
+            raise ValueError
+        return kind(text)
     except ValueError:
         raise ValueError(allowed) from None
+
+
+def _real(text, lowest=-np.inf, above=-np.inf, highest=sys.float_info.max, allowed="a finite number"):
+    value = _number(text, float, allowed)
     if not (lowest <= value <= highest and value > above):
         raise ValueError(allowed)
     if 0 < abs(value) < 1 / LARGEST or LARGEST < abs(value) < np.inf:
@@ -246,10 +252,7 @@ def real(allowed="a finite number", **limits):
 
 
 def _whole(text, allowed):
-    try:
-        return int(text)
-    except ValueError:
-        raise ValueError(allowed) from None
+    return _number(text, int, allowed)
 
 
 def _several(text, kind, count, allowed, fit):

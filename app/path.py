@@ -8,6 +8,7 @@ on a self-affine surface of 512 x 512 cells, free and periodic, take 196 and 241
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -209,7 +210,7 @@ class LoadPath:
 
 def _as_numbers(kind, numbers):
     try:
-        found = [float(number) for number in numbers]
+        found = [] if isinstance(numbers, str | bytes | Mapping) else [float(number) for number in numbers]
     except (TypeError, ValueError):
         found = []
     if not found:

@@ -76,7 +76,7 @@ def refine(
     >>> refined.reached, refined.errors.largest < 0.03
     (True, True)
     """
-    check(problem, until)
+    check(problem, until, most_cells)
     rows, numbers, by_load = [], [], bool(loading.keys() & {"load", "mean_pressure"})
     options = dict(options or {})
     while True:
@@ -109,10 +109,12 @@ def _has_room(solver, grid):
     return True
 
 
-def check(problem, until):
+def check(problem, until, most_cells=MOST_CELLS):
     """Refuse what cannot be refined. Not collective."""
     if not (isinstance(until, Real) and 0 < until < 1):
         raise InputError(f"refine until {until}: allowed: a relative error above 0 and below 1")
+    if not (isinstance(most_cells, Real) and most_cells > 0):
+        raise InputError(f"refine most_cells {most_cells!r}: allowed: a positive number")
     if not problem.refinable:
         raise InputError(
             f"problem {problem.name}: its undeformed distance is known on its own grid only, there is no finer one; "

@@ -258,7 +258,10 @@ class Solution(ContactFields):
         own = {*facts, *OF_SOLUTION, *Result.__dataclass_fields__} - OF_RUN - _OF_FILE
         for name in sorted(own & attributes.keys()):
             raise InputError(f"result file {path}: {name} is there already; allowed: another name")
-        more = {name: value for name, value in attributes.items() if np.shape(value) == u.shape}
+        try:
+            more = {name: value for name, value in attributes.items() if np.shape(value) == u.shape}
+        except ValueError:  # a list of lists of several lengths
+            raise InputError(f"result file {path}: attributes: needed: numbers, texts, and arrays") from None
         fields |= more
         facts |= {name: value for name, value in attributes.items() if name not in more}
         try:

@@ -92,6 +92,8 @@ def stress(solution, poisson_ratio=None, body=None):
 
 def known_poisson_ratio(facts, body=None):
     """Poisson's ratio of a body as the attributes of a result tell it, None if they do not."""
+    if body not in (None, 1, 2):
+        raise InputError(f"body {body!r}: allowed: 1, 2")
     each = np.atleast_1d(facts["poisson"]) if "poisson" in facts else ()
     if len(each) == 2:
         if body is None:

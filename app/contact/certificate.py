@@ -113,6 +113,8 @@ def _prove(state, enough):
     sums, lowest = sums_and_minima(state.comm, sums, -largest)
     lift, penetration, deepest, tension, product, highest = (-lowest).tolist()
     of_u, energy, defect, to_p, moved, of_p = sums
+    if not np.isfinite(sums).all():  # who compares with NaN finds nothing wrong
+        return Certificate(np.nan, np.inf, np.nan, np.nan, np.nan)
     if state.grid.periodic:
         gap, energy = _closing(state, energy, enough)
     else:

@@ -132,8 +132,7 @@ class SubsurfaceStress:
         """
         if (x is None) == (y is None):
             raise InputError("section: give either x or y of the plane")
-        depths = [_checked(depth) for depth in np.atleast_1d(depths)]
-        return np.stack([self._below.row(depth, x, y) for depth in depths], axis=1)
+        return np.stack([self._below.row(depth, x, y) for depth in _depths(depths)], axis=1)
 
     def line(self, depths, x, y):
         """Stress on a vertical line [mm].
@@ -142,7 +141,10 @@ class SubsurfaceStress:
         -------
         ndarray, shape (6, depths), [N/mm2]
         """
-        return np.stack([self._below.point(_checked(z), x, y) for z in np.atleast_1d(depths)], axis=1)
+        for name, place in (("x", x), ("y", y)):
+            if not (isinstance(place, Real) and np.isfinite(place)):
+                raise InputError(f"line: {name} {place!r}: must be a finite number")
+        return np.stack([self._below.point(depth, x, y) for depth in _depths(depths)], axis=1)
 
     def depths_to_search(self):
         """Depths at which `maximum` looks at whole planes [mm]: the surface, then by factors of sqrt 2."""
@@ -212,6 +214,13 @@ def _checked(depth):
     if not (isinstance(depth, Real) and 0 <= depth < np.inf):
         raise InputError(f"depth {depth!r}: must be 0 or more, and finite")
     return float(depth)
+
+
+def _depths(depths):
+    found = [_checked(depth) for depth in np.atleast_1d(depths)]
+    if not found:
+        raise InputError("depths: needed: one at least")
+    return found
 
 
 def _peaks(field):

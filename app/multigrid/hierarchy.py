@@ -41,6 +41,8 @@ def plan(grid, coarsest=4, target_only=False):
     if not target_only and grid.coarsen(coarsest) is None:
         coarsest, most = 1, 2  # a multigrid method needs two grids
     while len(grids) < most and (coarser := grids[-1].coarsen(coarsest)) is not None:
+        if coarser.periodic and coarser.n == 1:
+            break  # its A is zero
         factors.append(grids[-1].coarsening(coarsest))
         grids.append(coarser)
     return grids, factors

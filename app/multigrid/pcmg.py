@@ -106,8 +106,9 @@ class Multigrid:
         wanted = min(wanted, len(operators))
         if most == 1:
             grid = operators[-1].grid
+            least = "3 cells in a direction of a period" if grid.periodic else "2 cells"
             raise ValueError(
-                f"-pc_type mg: the grid {grid.nx},{grid.ny} cannot be halved; allowed: at least 2 cells"
+                f"-pc_type mg: the grid {grid.nx},{grid.ny} cannot be halved; allowed: at least {least}"
             )
         self.operators, self.transfers = operators[-wanted:], transfers[-wanted:]
         # PETSc's only level is a smoother, as it has options of one: it works on the grid's own operator.

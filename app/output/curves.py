@@ -29,6 +29,7 @@ from app.units import length_unit
 
 _BINS_PER_DECADE = 8
 _STRESS_MAP = "magma_r"
+_EVEN = 1e-9  # of the largest: stresses that differ by less have no contours
 _MOST_MAXIMA = 12  # of stress side by side, whose contours are still told apart
 
 
@@ -184,7 +185,8 @@ def stress_figure(along, centres, cell, depths, section, line, hottest, heading)
     between = np.concatenate([z[:1], (z[1:] + z[:-1]) / 2, [bottom]])
     colours = {"cmap": _STRESS_MAP, "vmin": 0, "vmax": mises.max() or 1.0}
     image = left.pcolormesh(sides, between, mises, rasterized=True, **colours)
-    if np.ptp(mises) > 0 and min(mises.shape) > 1 and _maxima(mises, depths, hottest.depth) <= _MOST_MAXIMA:
+    uneven = min(mises.shape) > 1 and np.ptp(mises) > _EVEN * mises.max()
+    if uneven and _maxima(mises, depths, hottest.depth) <= _MOST_MAXIMA:
         left.contour(x, z, mises, levels=8, colors="white", linewidths=0.6)
     bar = figure.colorbar(image, ax=left, pad=0.02, aspect=25)
     bar.set_label("von Mises stress  [N/mm²]")

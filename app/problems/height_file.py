@@ -113,7 +113,7 @@ class HeightFile(ArrayFile):
                 )
         elif self._read_head():
             pass
-        elif self.is_text and looks_like_points(self._rows.shape):
+        elif self.is_text and looks_like_points(self._rows):
             try:
                 self._rows, self.spacing = gridded(self._rows)
             except ValueError as error:

@@ -210,7 +210,7 @@ class Surface:
         if grid.shape != self.shape:
             raise InputError(
                 f"surface file {self.file}: has {self.shape[1]} x {self.shape[0]} cells, the grid {grid.nx} x "
-                f"{grid.ny}; needed: the same cells, of two files, too: nothing is interpolated"
+                f"{grid.ny}; needed: the same cells, of two files, too, or fewer by averaged(): nothing is interpolated"
             )
         if self.spacing and not np.allclose((grid.dx, grid.dy), self.spacing, rtol=1e-6, atol=0):
             raise InputError(

@@ -6,11 +6,20 @@ import numpy as np
 
 _OFF = 0.1  # of a spacing by which a point may miss its place: printed digits
 _SPARSE = 2  # places for each point, at most
+_FEW = 9  # rows of three numbers that may well be a map
 
 
-def looks_like_points(shape):
-    """Whether a table of this shape is taken for points rather than rows of cells. Not collective."""
-    return shape[1] == 3 and shape[0] > 9
+def looks_like_points(table):
+    """Whether a table is taken for points rather than rows of cells. Not collective.
+
+    Three columns are, if there are many rows, or if the first two are all places of a lattice.
+    """
+    rows, columns = np.shape(table)
+    if columns != 3 or rows > _FEW:
+        return columns == 3
+    x, y = (np.unique(column) for column in np.asarray(table)[:, :2].T)
+    places = {(i, j) for i, j, _ in np.asarray(table).tolist()}
+    return min(x.size, y.size) > 1 and x.size * y.size == rows == len(places)
 
 
 def gridded(points):

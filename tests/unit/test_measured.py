@@ -496,3 +496,15 @@ def test_a_mistaken_unit_is_told_and_a_right_one_is_not(saved, mistake):
     assert (
         told == {"none": 0, "spacing um for mm": 9, "heights um for mm": 8, "heights mm for um": 7}[mistake]
     )
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (3, 2), (2, 3), (3, 3), (4, 3)])
+def test_few_points_are_points(shape, tmp_path):
+    heights = np.random.default_rng(5).normal(size=shape)
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    points = np.random.default_rng(6).permutation(np.stack([x, 0.5 * y, heights], -1).reshape(-1, 3))
+    np.savetxt(tmp_path / "few.txt", points)
+    surface = read_surface(tmp_path / "few.txt", "mm")
+    assert surface.shape == shape and surface.spacing == pytest.approx((1.0, 0.5))
+    np.savetxt(tmp_path / "map.txt", np.random.default_rng(7).normal(size=(6, 3)))
+    assert read_surface(tmp_path / "map.txt", "mm").shape == (6, 3)

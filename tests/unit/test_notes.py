@@ -77,6 +77,11 @@ def test_sides_of_a_measured_patch_that_may_be_exchanged(tmp_path, domain, messa
     assert not any("square" in note for note in notes(None, -1e-3, surface.grid(), surfaces=[surface]))
 
 
+def test_a_long_line_contact_on_a_narrow_period_is_worth_none():
+    grid = Grid.from_domain(256, 2, (-8, 8, 0, 1), periodic=True)
+    assert not any("mm" in note for note in notes(lambda x, y: x**2 / 20 + 0 * y, 0.01, grid))
+
+
 def test_micrometres_taken_for_millimetres():
     """The trial of a new user: what is solved is not what was meant, and says so in three ways."""
     heights = np.random.default_rng(3).normal(size=(24, 25))

@@ -37,6 +37,8 @@ BAD_VALUES = [
     ("lcp_rtol", "1", "above 0 and below 1"),
     ("lcp_max_it", "0", "a whole number"),
     ("lcp_max_it", "1e3", "a whole number"),
+    ("lcp_max_it", "1_0", "a whole number"),
+    ("approach", "1_0", "a finite number"),
     ("lcp_beta", "-1", "a number from 0"),
     ("gap_file", "", "a name must follow"),
     ("output", "", "a name must follow"),

@@ -166,6 +166,17 @@ def test_certificate_names_the_smallest_pressure():
     assert certify(state).smallest_pressure == -0.25
 
 
+@pytest.mark.parametrize("periodic", [False, True])
+def test_nothing_is_proved_of_a_pressure_that_is_no_number(periodic):
+    operator = InfluenceOperator(Grid(4, 2, 1.0, 1.0, periodic=periodic), 1.0)
+    state = ContactState(operator, UndeformedDistance(operator, np.arange(8.0).reshape(2, 4)))
+    with state.pressure as p:
+        p[:2] = 1.0, np.nan
+    found = certify(state)
+    assert found.error_bound == np.inf
+    assert np.isnan([found.duality_gap, found.largest_penetration, found.smallest_pressure]).all()
+
+
 def test_positive_pressure_is_that_on_the_contact_set():
     p, out = np.array([[-0.5, 2.0, 3.0]]), np.empty((1, 3))
     assert kernels.positive(p, np.array([[True, True, False]]), out) == 2.0

@@ -9,6 +9,7 @@ from running import assert_solves_lcp, solve
 
 from app import ContactProblem, ContactSolver, Grid, Material
 from app.contact import full_contact
+from app.errors import InputError
 from app.problems.shapes import Sphere
 
 TIGHT = {"lcp_rtol": 1e-9}
@@ -225,3 +226,14 @@ def test_an_approach_beyond_full_contact_of_the_coarse_grids_is_kept(method):
     found = solve(problem, 50.0, method, lcp_rtol=1e-8)
     assert_solves_lcp(found, 1e-7)
     np.testing.assert_allclose(found.pressure, expected, rtol=0, atol=1e-5 * expected.max())
+
+
+@pytest.mark.parametrize("method", ["mg_v11", "fmg_v11", "fmg_lift", "fmg_fft"])
+def test_multigrid_down_to_a_few_cells(method):
+    """A single cell of a period has no influence, and is no coarsest grid."""
+    problem = periodic.rough(16, 12, 2)
+    found = solve(problem, 0.5 * problem.gap.mean(), method, lcp_coarsest=1)
+    assert_solves_lcp(found)
+    assert found.error_bound < 1e-2
+    with pytest.raises(InputError, match="2,2 cannot be halved; allowed: at least 3 cells in a direction"):
+        solve(periodic.rough(2, 2, 1), 1e-3, method)
