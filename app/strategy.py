@@ -15,10 +15,10 @@ from app.contact.state import ContactState, Displacement
 from app.contact.stopping import StoppingTest
 from app.errors import InputError
 from app.fast import circulant, lift, tracking_cg
-from app.fast.iteration import InexactStop
 from app.fast.kept import Kept
 from app.fast.nested import nested_iteration, solve_on
 from app.fast.solver import TrackingSolver
+from app.fast.stopping import InexactStop
 from app.halfspace import product
 from app.multigrid import direct, transfer
 from app.multigrid.hierarchy import Hierarchy

@@ -81,7 +81,7 @@ FREE = (
     Constant("_LEAST", "share of contact around a cell, beside which less counts little", "app.fast.between"),
     Constant("_SCATTERED", "of the blocks in contact in part: from there on it begins with means", "app.fast.between"),
     Constant("lcp_defect_correction", "share of a residual that is left to the next product"),
-    Constant("IN_CONTACT", "(5.1) with h on C alone and so many times rtol", "app.fast.iteration"),
+    Constant("IN_CONTACT", "(5.1) with h on C alone and so many times rtol", "app.fast.stopping"),
     Constant("RELEASED", "share of the load released on a coarse grid without a product", "app.fast.iteration"),
     Constant("NEAR", "tolerances by which the approach to a load may be off on a coarse grid", "app.fast.iteration"),
     Constant("SINGLE", "residual over h on C that is too small for single precision", "app.fast.iteration"),

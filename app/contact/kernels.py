@@ -27,7 +27,7 @@ def defect(b, u, contact, factor, out):
 
 
 @any_order
-def _count_release_row(p, contact, change):
+def _change_by_release_row(p, contact, change):
     for i in range(p.size):
         change[i] -= p[i] if contact[i] & (p[i] < 0) else 0.0
 
@@ -53,7 +53,7 @@ def release(p, contact, released, change):
     count = 0
     for j in range(p.shape[0]):
         if change.size:
-            _count_release_row(p[j], contact[j], change[j])
+            _change_by_release_row(p[j], contact[j], change[j])
         count += _release_row(p[j], contact[j], released[j])
     return count
 

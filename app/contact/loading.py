@@ -30,7 +30,7 @@ _OVER_LEAST = 3.0  # times the least stiffness there can be is the largest slope
 _NEARLY = 0.9  # of the mean slope, that rounding makes of it where a contact set has not changed
 _BLAMED = 0.25  # of the rms residual: by so much the approach that the load asks for may be wrong
 LOADINGS = {"approach": "mm", "load": "N", "mean_pressure": "N/mm2", "mean_gap": "mm"}
-ROUNDING = 1e-12  # of an approach, for full contact
+_ROUNDING = 1e-12  # of an approach, for full contact
 _SECANTS = 2  # meet a load as a rule; scipy.optimize, for the rest, takes as long to load as a small solve
 
 
@@ -340,7 +340,7 @@ def prescribe(grid, distance, **given):
     # On a periodic patch displacements have no mean: mean(gap) = mean(undeformed distance) - approach.
     holes = grid.n - distance.statistics.cells
     mean = distance.approach_at(distance.statistics.mean)
-    little = ROUNDING * (abs(mean) + distance.deviation)
+    little = _ROUNDING * (abs(mean) + distance.deviation)
     if kind == "mean_gap":
         _check_mean_gap(value, grid, holes, little)
         return PrescribedApproach(mean - max(value, 0.0))

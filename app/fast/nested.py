@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from functools import partial
 
-from app.contact.full_multigrid import Visits, prolongate
+from app.contact.full_multigrid import prolongate
 from app.contact.grid_errors import numbers_on, pressure_difference
 from app.contact.iteration import active_set, search_load
 from app.contact.stopping import StoppingTest
+from app.contact.visits import Visits
 from app.fast.iteration import inexact_active_set
 from app.fast.lift import lift
 from app.fast.progress import NeedsSafeguard
@@ -59,8 +60,7 @@ def nested_iteration(
             coarse.destroy()
         coarse = state  # for the next grid; the arrays of the coarser one go
         if state.operator.active:
-            test = stop if target else stop.for_coarse_grid()
-            solved = solve_on(hierarchy, number, state, loading, test, history, first, kept)
+            solved = solve_on(hierarchy, number, state, loading, visits.test(stop), history, first, kept)
             visits.solved(solved, state.depth)
             if not target:
                 boxes = stage.boxes_for_next(coarse_minimum, loading.predict(state.depth))

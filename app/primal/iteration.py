@@ -13,9 +13,9 @@ import numpy as np
 from app.contact.history import Outcome
 from app.contact.iteration import CONVERGED, what_is_wrong
 from app.contact.state import Displacement
-from app.fast.iteration import ROUNDING
 from app.fast.progress import PATIENCE, NeedsSafeguard
-from app.primal import kernels
+from app.fast.stopping import ROUNDING
+from app.primal import kernels as loops
 
 _LOOSE = 0.005  # share of the cells that may still change on a coarse grid
 _SLIGHT = 0.3  # of the error aimed at: so much overlap, or what tension displaces a cell by, is left alone
@@ -62,7 +62,7 @@ def primal_active_set(primal, solver, stop, history):
         # What has been carried along is right enough to be verified; after a failure only if it is by FFT.
         sure = not primal.lags or solver.doubt <= (0 if accuracy.doubted else _UNSURE * goal)
         # 4. p < 0 leaves C, e < 0 enters
-        update = primal.exchange(solver, -slight / solver.preconditioner.weights[0], -slight, norm)
+        update = primal.exchange(solver, -slight * solver.preconditioner.stiffness, -slight, norm)
         with primal.shown(solver) if history.listeners else nullcontext():
             history.add(state, solver, update, its)
         residual = norm / state.distance.norm()  # not (5.1): about the error of w
@@ -243,7 +243,7 @@ def verify(primal, found):
         If there is no pressure under a load, yet: what is left on the free cells is more.
     """
     state, loading = primal.state, primal.loading
-    total = float(state.sum([kernels.positive(state.p, state.contact, found)])[0])
+    total = float(state.sum([loops.positive(state.p, state.contact, found)])[0])
     if loading.prescribes_load:
         if not total > 0:
             return None

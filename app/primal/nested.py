@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.contact.full_multigrid import Visits
 from app.contact.grid_errors import pressure_difference
 from app.contact.history import Outcome
 from app.contact.iteration import NO_CONTACT
 from app.contact.state import ContactState, Displacement
+from app.contact.visits import Visits
 from app.fast.nested import safeguarded
 from app.fast.progress import NeedsSafeguard
 from app.petsc import options_set
@@ -77,8 +77,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
             coarse.state.destroy()
             coarse = None
         if level.active:
-            test = stop if visits.at_target else stop.for_coarse_grid()
-            outcome = _solve_on(hierarchy, number, primal, solver, test, history)
+            outcome = _solve_on(hierarchy, number, primal, solver, visits.test(stop), history)
             kept.release_solver(level)
             depth = state.depth
             if not visits.at_target:

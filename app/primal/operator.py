@@ -53,7 +53,7 @@ class InverseOperator:
         return self.influence.scratch_beside_product(*types, others=others)
 
     @property
-    def by_levels(self):
+    def nearly(self):
         """B nearly, for corrections, or None; made when first asked for. Collective then."""
         return inverse_of(self.influence)
 
@@ -72,8 +72,8 @@ class InverseOperator:
             PETSc.Log.logFlops(self.product.flops)
 
     def pressure_by_levels(self, d, q):
-        """Compute q = B d nearly, if it can be had `by_levels`. Collective; arrays of shape `local_shape`."""
-        nearly = self.by_levels
+        """Compute q = B d nearly, if there is such a B, `nearly`. Collective; arrays of shape `local_shape`."""
+        nearly = self.nearly
         with _levels_event:
             nearly.apply(d, q)
             PETSc.Log.logFlops(nearly.flops)

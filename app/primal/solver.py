@@ -12,7 +12,8 @@ from app.halfspace.halo import Halo
 from app.halfspace.operator import vec_of
 from app.multigrid.kept import KeptSolvers
 from app.multigrid.linear_solver import LinearSolver
-from app.primal import cg, kernels, stencil
+from app.primal import cg, stencil
+from app.primal import kernels as loops
 from app.primal.cg import CarryingCG
 from app.primal.operator import InverseOperator
 from app.primal.two_grid import TwoGrid
@@ -23,6 +24,18 @@ _LONG_WAVES = 2  # grids between one and that of the long waves in its precondit
 
 class PrimalSolver(LinearSolver):
     """A `LinearSolver` of O B O whose KSP is CarryingCG with the `TwoGrid` preconditioner.
+
+    Fields are scarce, so who works in turn shares them:
+
+    ===========  ==================================  ===========================================  ==================
+    field        in CG                               between contact sets                         verification
+    ===========  ==================================  ===========================================  ==================
+    `scratch`    z, and `change` in single           `PrimalState.guess`: force, lowest w         p found, then the
+                 precision                                                                        certificate's
+    `direction`  d                                   `start`: change of w; `guess`: w             -
+    `product`    q = B d                             `close`: what smoothing adds, then B change  -
+    u of state   `carried`, what p becomes           the same                                     u = A p
+    ===========  ==================================  ===========================================  ==================
 
     Attributes
     ----------
@@ -41,7 +54,7 @@ class PrimalSolver(LinearSolver):
         If the KSP or the PC is another one.
     """
 
-    carried, _constrained, _by_levels = None, False, 0.0
+    carried, _constrained, _levels_leave = None, False, 0.0
 
     def __init__(self, hierarchy, level=-1, comm=None):
         _check_kinds(PETSc.Options())
@@ -64,23 +77,23 @@ class PrimalSolver(LinearSolver):
         self.change, self.scratch = self._cg.change, self._cg.scratch
         self._set()
 
-    def begin(self, state, loading, by_levels=0.0):
+    def begin(self, state, loading, levels_leave=0.0):
         """Begin to solve on the grid for a loading: an approach is kept by keeping the mean of w.
 
-        Collective. Until the verification, and `end`, u of the ContactState is the place of `carried`. `by_levels`: see
-        `CarryingCG`; without levels there are products by FFT.
+        Collective. Until the verification, and `end`, u of the ContactState is the place of `carried`. `levels_leave`:
+        see `CarryingCG`; without levels there are products by FFT.
         """
-        if by_levels and self.inverse.by_levels is None:
-            by_levels = 0.0
-        kind = self.inverse.dtype if by_levels else np.dtype(float)
+        if levels_leave and self.inverse.nearly is None:
+            levels_leave = 0.0
+        kind = self.inverse.dtype if levels_leave else np.dtype(float)
         self.carried = state.u.reshape(-1).view(kind)[: state.u.size].reshape(state.u.shape)
-        self._constrained, self._by_levels = not loading.prescribes_load, by_levels
+        self._constrained, self._levels_leave = not loading.prescribes_load, levels_leave
         self._set()
 
     def _set(self):
         """Tell the parts, which after an interrupted solve are new ones."""
         self.preconditioner.constrained = self._constrained
-        self._cg.carried, self._cg.by_levels = self.carried, self._by_levels
+        self._cg.carried, self._cg.levels_leave = self.carried, self._levels_leave
 
     def end(self):
         """Let go of the place of `carried`, which is the solution's. Not collective."""
@@ -175,5 +188,5 @@ def coarser_operator(hierarchy, number):
 def warm_up(dtype):
     """Load the compiled loops of a precision now, not in the first iteration. Not collective."""
     stencil.warm_up()
-    for module in (cg, kernels):
+    for module in (cg, loops):
         module.warm_up(dtype)

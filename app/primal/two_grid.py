@@ -47,6 +47,8 @@ class TwoGrid:
 
     Attributes
     ----------
+    stiffness : float
+        B_00, the pressure that displaces a cell by 1 [(N/mm2) / mm].
     constrained : bool
         The mean of w must not change: results have none, and `multiplier` is the mean pressure that is missing.
     """
@@ -65,6 +67,7 @@ class TwoGrid:
         if not 1 <= self.sweeps <= 50:
             raise ValueError(f"-pc_two_grid_sweeps {self.sweeps}: allowed: 1 to 50")
         self.weights = _weights(operator.product.centre(), operator.grid)
+        self.stiffness = 1.0 / self.weights[0]
         (low, high), highest = _INTERVAL, _highest(*self.weights[1:])
         if highest > low + high:
             high = _HIGHEST * highest
@@ -98,7 +101,7 @@ class TwoGrid:
             total = sum_over(self.operator.comm, [z.sum(dtype=float)])[0]
             raised, of_raised = self._raised()
             share = total / of_raised if of_raised > 0 else 0.0
-            self.multiplier = share / self.weights[0]
+            self.multiplier = share * self.stiffness
             z -= share * raised
 
     def shift(self, amount, *fields):
@@ -125,7 +128,7 @@ class TwoGrid:
         """What M makes of the pressure B_00 everywhere, and its sum, once for a contact set. Collective."""
         if self._answer is None:
             raised = np.empty(self.operator.local_shape)
-            even = np.full_like(raised, 1.0 / self.weights[0])  # of any unit, 1 in single precision
+            even = np.full_like(raised, self.stiffness)  # of any unit, 1 in single precision
             even.flags.writeable = False  # as pressures are
             self._apply(even, raised)
             self._answer = raised, sum_over(self.operator.comm, [raised.sum()])[0]
@@ -149,7 +152,7 @@ class TwoGrid:
                 sweeps, place = f"{1 + self.sweeps} sweeps with the centre of B", "added to the first"
             else:
                 sweeps, place = f"twice {self.sweeps} sweeps with the centre of B", "between them"
-            coarse = self._long_waves.operator.grid if self._long_waves else None
+            coarse = self._long_waves.coarse.grid if self._long_waves else None
             more = f", A on {coarse.nx} x {coarse.ny} cells {place}" if coarse else ""
             viewer.printfASCII(f"  {sweeps}{more}\n")
 
@@ -183,8 +186,8 @@ class _LongWaves:
     """
 
     def __init__(self, fine, width, springs):
-        self.operator, (self._of_constant, self._of_contact) = fine.coarser, springs
-        coarse = self.operator
+        self.coarse, (self._of_constant, self._of_contact) = fine.coarser, springs
+        coarse = self.coarse
         self._factors = fy, _ = tuple(map(_factor, fine.grid.shape, coarse.grid.shape))
         made, comm = fine.slabs.coarsen(fy), fine.comm
         ranks, rank = (1, 0) if comm is None else (comm.size, comm.rank)
@@ -212,7 +215,7 @@ class _LongWaves:
 
     def look_at(self, free, share, spacing):
         """Let contact hold the long waves: the share that is free, and the spacing of contact [mm]. Collective."""
-        coarse = self.operator
+        coarse = self.coarse
         stencil.contact_in_cells(free, self._left, self._skipped, self._factors, self._row)
         contact = self._on_coarse()
         before, after = self._beside(contact)
@@ -230,8 +233,8 @@ class _LongWaves:
         else:
             stencil.free_in_cells(s, free, weights[0], *place, self._row)
         left = self._held * self._on_coarse()
-        if self.operator.active:
-            product = self.operator.screened_product
+        if self.coarse.active:
+            product = self.coarse.screened_product
             product.apply(left, self._u)
             PETSc.Log.logFlops(product.flops)
         self._u *= self._held / weights[0]

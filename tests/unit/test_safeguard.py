@@ -12,8 +12,8 @@ from app.contact.distance import UndeformedDistance
 from app.contact.history import History, Listener
 from app.contact.state import ContactState
 from app.fast import nested, progress
-from app.fast.iteration import InexactStop
 from app.fast.safeguard import projected_newton
+from app.fast.stopping import InexactStop
 from app.halfspace.grid import Grid
 from app.halfspace.operator import InfluenceOperator
 from app.halfspace.product import DenseProduct

@@ -18,9 +18,9 @@ from app.contact.grid_errors import GridNumbers, errors_from
 from app.contact.history import Listener
 from app.contact.state import ContactState
 from app.errors import InputError
-from app.fast.iteration import IN_CONTACT, ROUNDING, InexactStop
 from app.fast.lift import lift
 from app.fast.solver import TrackingSolver
+from app.fast.stopping import IN_CONTACT, ROUNDING, InexactStop
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material, dense_matrix
 from app.halfspace.operator import InfluenceOperator, vec_of
