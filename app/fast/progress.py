@@ -13,6 +13,30 @@ class NeedsSafeguard(Exception):
         self.outcome = outcome
 
 
+class Halvings:
+    """Whether a number is halved from time to time. Not collective.
+
+    Attributes
+    ----------
+    best : float
+        What it is to be half of.
+    """
+
+    def __init__(self, best=float("inf")):
+        self.best, self._since = best, 0
+
+    def after(self, number, otherwise=False):
+        """Take note of it after an iteration; `otherwise`: there was other progress."""
+        self._since += 1
+        if number <= 0.5 * self.best or otherwise:
+            self.best, self._since = min(number, self.best), 0
+
+    @property
+    def stalls(self):
+        """Whether it has not been for too long."""
+        return self._since >= PATIENCE
+
+
 class Progress:
     """Of the residual: in every iteration, and from product to product. Not collective.
 
@@ -28,29 +52,24 @@ class Progress:
     """
 
     def __init__(self, norm):
-        self.by_product = self._least_by_product = norm
-        self._products = self._iterations = 0  # since the residual was halved
-        self._best = float("inf")
+        self.by_product, self._products, self._iterations = norm, Halvings(norm), Halvings()
 
     def after_product(self, norm):
         """Take note of what a product tells of the residual [mm]."""
-        self._best = max(self.by_product, norm)  # more where a load has let cells in
-        self.by_product, self._products = norm, self._products + 1
-        if norm <= 0.5 * self._least_by_product:
-            self._least_by_product, self._products = norm, 0
+        self._iterations.best = max(self.by_product, norm)  # more where a load has let cells in
+        self.by_product = norm
+        self._products.after(norm)
 
     def after_iteration(self, norm):
         """Take note of the residual after an iteration [mm]."""
-        self._iterations += 1
-        if norm <= 0.5 * self._best:
-            self._best, self._iterations = norm, 0
+        self._iterations.after(norm)
 
     @property
     def stalls(self):
         """Whether there is none, from iteration to iteration."""
-        return self._iterations >= PATIENCE
+        return self._iterations.stalls
 
     @property
     def stalls_by_products(self):
         """Whether there is none, from product to product."""
-        return self._products >= PATIENCE
+        return self._products.stalls

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.polynomial import chebyshev
 
@@ -24,15 +26,19 @@ def coefficients(values):
     return first @ values @ second.T
 
 
+@lru_cache(maxsize=64)
 def chebyshev_steps(steps, low, high):
     """Lengths of the steps of Richardson's iteration that is best on eigenvalues between `low` and `high`.
 
-    Not collective. In an order by which nothing grows meanwhile, as Leja's: the next one belongs to the eigenvalue that
-    is farthest, by the product of distances, from those before. The first one is the shortest.
+    Not collective; the array is to be read only. In an order by which nothing grows meanwhile, as Leja's: the next one
+    belongs to the eigenvalue that is farthest, by the product of distances, from those before. The first one is the
+    shortest.
     """
     roots = (low + high) / 2 + (high - low) / 2 * np.cos(np.pi * (2 * np.arange(steps) + 1) / (2 * steps))
     order, half = [], (high - low) / 2 or 1.0
     for _ in range(steps):
         far = np.prod(abs(roots[:, None] - roots[order]) / half, axis=1)
         order.append(int(np.argmax(far)))
-    return 1 / roots[order]
+    lengths = 1 / roots[order]
+    lengths.flags.writeable = False
+    return lengths

@@ -13,7 +13,7 @@ import numpy as np
 from app.contact.history import Outcome
 from app.contact.iteration import CONVERGED, what_is_wrong
 from app.contact.state import Displacement
-from app.fast.progress import PATIENCE, NeedsSafeguard
+from app.fast.progress import Halvings, NeedsSafeguard
 from app.fast.stopping import ROUNDING
 from app.primal import kernels as loops
 
@@ -154,20 +154,17 @@ class _Progress:
     """Whether the residual is halved, or fewer cells change, from time to time. Not collective."""
 
     def __init__(self):
-        self._best = self._fewest = float("inf")
-        self._since = 0
+        self._residual, self._fewest = Halvings(), float("inf")
 
     def after(self, norm, changed):
         """Hear of an iteration: the residual [mm], 0 if nothing is free, and the cells that changed."""
-        self._since += 1
-        if not norm or norm < 0.5 * self._best or changed < self._fewest:
-            self._best, self._fewest = min(norm or self._best, self._best), min(changed, self._fewest)
-            self._since = 0
+        self._residual.after(norm or self._residual.best, otherwise=not norm or changed < self._fewest)
+        self._fewest = min(changed, self._fewest)
 
     @property
     def stalls(self):
         """Whether there is none."""
-        return self._since >= PATIENCE
+        return self._residual.stalls
 
 
 def _is_solved(primal, solver, stop, accuracy, norm):

@@ -8,12 +8,12 @@ from operators import STEEL, random_field
 from running import solve
 
 from app import ContactSolver
+from app.fast import progress
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.halo import Halo
 from app.method import read_method_file
 from app.multigrid.hierarchy import Hierarchy
 from app.petsc import OptionDatabase
-from app.primal import iteration
 from app.primal.solver import PrimalSolver
 
 
@@ -113,7 +113,7 @@ def test_so_does_the_safeguard(comm, monkeypatch):
     problem = periodic.rough(24, 20, 1)
     approach = 0.8 * problem.gap.mean()
     alone = solve(problem, approach, None, comm=MPI.COMM_SELF, lcp_rtol=1e-9)
-    monkeypatch.setattr(iteration, "PATIENCE", 0)
+    monkeypatch.setattr(progress, "PATIENCE", 0)
     here = solve(problem, approach, None, comm=comm, lcp_rtol=1e-9, lcp_cells_per_rank=8)
     assert here.converged and here.fallbacks >= 1
     found = np.vstack(comm.allgather(here.pressure))

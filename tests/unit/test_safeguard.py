@@ -20,7 +20,6 @@ from app.halfspace.product import DenseProduct
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.petsc import OptionDatabase
-from app.primal import iteration as primal_iteration
 from app.primal import nested as primal_nested
 
 
@@ -154,6 +153,6 @@ def test_every_grid_on_which_it_took_over_counts(method, monkeypatch):
 
     for module in (nested, primal_nested):
         monkeypatch.setattr(module, "safeguarded", safeguarded)
-    monkeypatch.setattr(progress if method == "fast" else primal_iteration, "PATIENCE", 0)
+    monkeypatch.setattr(progress, "PATIENCE", 0)
     found = solve(problem, approach, method, lcp_rtol=1e-9, lcp_coarse_rtol=1e-9)
     assert found.fallbacks == len(set(numbers)) > 1

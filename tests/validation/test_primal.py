@@ -10,7 +10,7 @@ import pytest
 from running import assert_solves_lcp, solve
 
 from app import ContactProblem, ContactSolver, Grid, Material
-from app.primal import iteration
+from app.fast import progress
 from app.primal.operator import InverseOperator
 from app.problems.surfaces import SelfAffineSurface
 
@@ -217,7 +217,7 @@ def test_the_safeguard_takes_over_and_is_right(monkeypatch, by_load, holes):
     problem = periodic.rough(32, 24, 8, holes)
     approach = 0.8 * np.nanmean(problem.gap)
     plain = solve(problem, approach, None, lcp_rtol=1e-8)
-    monkeypatch.setattr(iteration, "PATIENCE", 0)
+    monkeypatch.setattr(progress, "PATIENCE", 0)
     assert plain.fallbacks == 0
     loading = {"load": plain.load} if by_load else {"approach": approach}
     for options in ({}, {"pc_two_grid_sweeps": 1}):
