@@ -8,7 +8,9 @@ from typing import NamedTuple
 
 from app.contact.grid_errors import GridErrors, GridNumbers, errors_from
 from app.errors import InputError
+from app.method_solver import check_kind
 from app.multigrid.hierarchy import check_room
+from app.problems.problem import Problem
 from app.solution import Solution
 from app.solver import ContactSolver
 
@@ -77,12 +79,14 @@ def refine(
     (True, True)
     """
     check(problem, until, most_cells)
-    rows, numbers, by_load = [], [], bool(loading.keys() & {"load", "mean_pressure"})
+    by_load = any(loading.get(kind) is not None for kind in ("load", "mean_pressure"))
+    rows, numbers = [], []
     options = dict(options or {})
     while True:
         grid = problem.grid
         with ContactSolver(problem, method, options, comm, listeners=listeners) as solver:
             solution = solver.solve(**loading)
+            loading.pop("start", None)  # it is of the first grid
             errors = GridErrors(*(getattr(solution, name) for name in GridErrors._fields))
             found = solution.load, solution.approach, solution.max_pressure, solution.contact_area
             numbers.append(GridNumbers(*found, grid.cell_area))
@@ -111,6 +115,7 @@ def _has_room(solver, grid):
 
 def check(problem, until, most_cells=MOST_CELLS):
     """Refuse what cannot be refined. Not collective."""
+    check_kind("problem", problem, Problem, "a ContactProblem")
     if not (isinstance(until, Real) and 0 < until < 1):
         raise InputError(f"refine until {until}: allowed: a relative error above 0 and below 1")
     if not (isinstance(most_cells, Real) and most_cells > 0):

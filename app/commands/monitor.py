@@ -26,8 +26,11 @@ class Monitor(Listener):
     """-lcp_monitor: a line per active set iteration, the header repeated for every grid."""
 
     def __init__(self):
-        self._level = None
-        self._work = 0.0
+        self.end()
+
+    def end(self):
+        """Begin again with the next solve."""
+        self._level, self._work = None, 0.0
 
     def iteration(self, entry, state):
         """Print an entry of the history."""

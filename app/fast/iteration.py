@@ -80,7 +80,7 @@ def inexact_active_set(state, solver, loading, stop, history):
             update = state.activate_penetrating(expected)  # (4.b)
         if computed and by_levels:
             progress.after_product(update.residual)
-            solver.by_levels &= not progress.stalls_by_products
+            solver.by_levels &= not progress.products.stalls
         history.add(state, solver, update, its)
         h_on_contact, cells, norm = update.h_on_contact, max(update.cells, 1), update.residual
         residual = update.residual / state.distance.norm()
@@ -90,8 +90,8 @@ def inexact_active_set(state, solver, loading, stop, history):
             return Outcome(True, CONVERGED, k, residual)
         if done or too_loose:
             stop = stop.tighter(0.1)
-        progress.after_iteration(update.residual)
-        if progress.stalls:
+        progress.iterations.after(update.residual)
+        if progress.iterations.stalls:
             raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
 

@@ -38,7 +38,7 @@ class Halvings:
 
 
 class Progress:
-    """Of the residual: in every iteration, and from product to product. Not collective.
+    """Of the residual. Not collective.
 
     Parameters
     ----------
@@ -47,29 +47,17 @@ class Progress:
 
     Attributes
     ----------
+    iterations, products : Halvings
+        In every iteration, and from product to product.
     by_product : float
         Norm by the last product, which is right whatever multiplies in between [mm].
     """
 
     def __init__(self, norm):
-        self.by_product, self._products, self._iterations = norm, Halvings(norm), Halvings()
+        self.by_product, self.products, self.iterations = norm, Halvings(norm), Halvings()
 
     def after_product(self, norm):
         """Take note of what a product tells of the residual [mm]."""
-        self._iterations.best = max(self.by_product, norm)  # more where a load has let cells in
+        self.iterations.best = max(self.by_product, norm)  # more where a load has let cells in
         self.by_product = norm
-        self._products.after(norm)
-
-    def after_iteration(self, norm):
-        """Take note of the residual after an iteration [mm]."""
-        self._iterations.after(norm)
-
-    @property
-    def stalls(self):
-        """Whether there is none, from iteration to iteration."""
-        return self._iterations.stalls
-
-    @property
-    def stalls_by_products(self):
-        """Whether there is none, from product to product."""
-        return self._products.stalls
+        self.products.after(norm)

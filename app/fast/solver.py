@@ -10,6 +10,7 @@ from app.contact import kernels
 from app.contact.state import Displacement
 from app.fast.levels import influence_of
 from app.fast.tracking_cg import TrackingCG, add
+from app.halfspace.operator import logged
 from app.multigrid.kept import is_large
 from app.multigrid.linear_solver import LinearSolver
 
@@ -93,10 +94,7 @@ class TrackingSolver(LinearSolver):
         """Compute u = A p, by levels if that will do."""
         if not self.by_levels:
             return self.operator.displacement(p, u)
-        with _event:
-            nearly = influence_of(self.operator)
-            nearly.apply(p, u)
-            PETSc.Log.logFlops(nearly.flops)
+        logged(_event, influence_of(self.operator), p, u)
 
     def rest(self):
         """See `LinearSolver.rest`. Who calls it computes u anew."""

@@ -175,7 +175,7 @@ def _counted(name):
 _ALONE = {"allreduce": lambda found: found, "bcast": lambda found: found} | dict.fromkeys(
     ("allgather", "gather"), lambda found: [found]
 )
-for _name in ("Allreduce", "Allgatherv", "Gatherv", "Scatterv", "allreduce", "allgather", "bcast", "gather"):
+for _name in ("Allreduce", "Allgatherv", "Gatherv", "allreduce", "allgather", "bcast", "gather"):
     setattr(Communicator, _name, _counted(_name))
 
 

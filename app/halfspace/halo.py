@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from app.halfspace.fetch import Fetch
-from app.halfspace.grid import Slabs
 
 
 class Halo:
@@ -44,14 +43,14 @@ class Halo:
 
         Returns
         -------
-        before, after : ndarray, shape (at most width, columns)
+        before, after : ndarray, shape (at most so many, columns)
             Of the field's type; without rows if there are none here.
         """
         rows = self._fetch(field)
         return rows[: self._before], rows[self._before :]
 
 
-class Parents:
+class Parents(Halo):
     """Fetches the coarse rows between which those of a slab lie, but for those that are here.
 
     Parameters
@@ -81,11 +80,6 @@ class Parents:
         self.first = int(low[rank]) + periodic
         self._before = int(begin[rank] - low[rank]) if some[rank] else 0
 
-    def __call__(self, field):
-        """Fetch those before and those after the rows here, shape (at most two, columns). Collective."""
-        rows = self._fetch(field)
-        return rows[: self._before], rows[self._before :]
-
 
 def row_before(field, periodic, slabs, comm, beyond):
     """Row before the first one of this rank.
@@ -107,7 +101,6 @@ def row_before(field, periodic, slabs, comm, beyond):
     """
     if comm is None:
         return field[-1] if periodic and len(field) else np.full(field.shape[1], beyond, field.dtype)
-    slabs = slabs or Slabs(len(field))
     first, last = slabs.bounds(comm.size)
     low = np.where(last > first, first - 1 if periodic else np.maximum(first - 1, 0), first)
     found = Fetch(slabs, [(low, first)], comm)(field)

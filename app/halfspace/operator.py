@@ -264,15 +264,11 @@ class InfluenceOperator:
 
     def displacement(self, p, u):
         """Compute u = A p, (2.6) and (2.7), on all cells. Collective; arrays of shape `local_shape`."""
-        with _mult_event:
-            self.product.apply(p, u)
-            PETSc.Log.logFlops(self.product.flops)
+        logged(_mult_event, self.product, p, u)
 
     def exact_displacement(self, p, u):
         """Compute u = A p in double precision whatever that of the other products. Collective."""
-        with _mult_event:
-            self.exact_product.apply(p, u)
-            PETSc.Log.logFlops(self.exact_product.flops)
+        logged(_mult_event, self.exact_product, p, u)
 
     def energy_of_contact(self):
         """p.Ap for p = 1 on C and 0 elsewhere [mm / (N/mm2)], and the cells of C; one product per set. Collective."""
@@ -289,10 +285,9 @@ class InfluenceOperator:
     def mult(self, mat, x, y):
         """Compute y = C A C x, the left side of (2.11); from it PCMG has the defect of Sec. 4.2, 2."""
         self.products += 1
-        with _mult_event, y as out:
+        with y as out:
             p = x.getArray(readonly=True).reshape(self.local_shape)
-            self.product.apply(p, out.reshape(self.local_shape), self.mask)
-            PETSc.Log.logFlops(self.product.flops)
+            logged(_mult_event, self.product, p, out.reshape(self.local_shape), self.mask)
 
     multTranspose = mult
 
@@ -373,6 +368,13 @@ class InfluenceOperator:
         viewer.printfASCII(
             f"  influence matrix of {grid.nx} x {grid.ny} cells of {grid.dx:g} x {grid.dy:g} mm, {kind}, {spread}\n"
         )
+
+
+def logged(event, product, *fields):
+    """Compute a product for -log_view, with its flops. Collective over its ranks."""
+    with event:
+        product.apply(*fields)
+        PETSc.Log.logFlops(product.flops)
 
 
 def petsc_comm(comm):

@@ -132,6 +132,7 @@ class SubsurfaceStress:
         """
         if (x is None) == (y is None):
             raise InputError("section: give either x or y of the plane")
+        _check_places(**({"x": x} if y is None else {"y": y}))
         return np.stack([self._below.row(depth, x, y) for depth in _depths(depths)], axis=1)
 
     def line(self, depths, x, y):
@@ -141,9 +142,7 @@ class SubsurfaceStress:
         -------
         ndarray, shape (6, depths), [N/mm2]
         """
-        for name, place in (("x", x), ("y", y)):
-            if not (isinstance(place, Real) and np.isfinite(place)):
-                raise InputError(f"line: {name} {place!r}: must be a finite number")
+        _check_places(x=x, y=y)
         return np.stack([self._below.point(depth, x, y) for depth in _depths(depths)], axis=1)
 
     def depths_to_search(self):
@@ -214,6 +213,12 @@ def _checked(depth):
     if not (isinstance(depth, Real) and 0 <= depth < np.inf):
         raise InputError(f"depth {depth!r}: must be 0 or more, and finite")
     return float(depth)
+
+
+def _check_places(**places):
+    for name, place in places.items():
+        if not (isinstance(place, Real) and np.isfinite(place)):
+            raise InputError(f"{name} {place!r}: must be a finite number")
 
 
 def _depths(depths):

@@ -5,6 +5,7 @@ Lengths stand in a unit that suits them, pressures in N/mm2. Not collective: cal
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
@@ -268,7 +269,10 @@ def _mark_grids(axes, result, label=False):
 
 def _grid_name(result, coarsenings):
     """Cells of the grid so many levels below the target grid."""
-    grid = result.grid
-    while coarsenings and (coarser := grid.coarsen()):
+    grid, said = result.grid, re.search(r"-lcp_coarsest (\d+)", result.attributes["options"])
+    coarsest = int(said[1]) if said else 4
+    if grid.coarsen(coarsest) is None:
+        coarsest = 1  # see `app.multigrid.hierarchy.plan`
+    while coarsenings and (coarser := grid.coarsen(coarsest)):
         grid, coarsenings = coarser, coarsenings - 1
     return f"{grid.nx} × {grid.ny}"

@@ -26,6 +26,7 @@ Datasets and attributes beyond the required ones are kept.
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -183,14 +184,21 @@ def read_result(path):
     InputError
         If there is no such file, or it is not a result file (the message names what is missing).
     """
+    with opened(path) as file:
+        return _read_hdf5(file)
+
+
+@contextmanager
+def opened(path):
+    """A result file to be read inside the block; whatever goes wrong is an InputError that names it. Not collective."""
     path = Path(path)
     if not path.is_file():
         raise InputError(f"result file {path}: {'not a file' if path.exists() else 'no such file'}")
     try:
         with h5py.File(path, "r") as file:
-            return _read_hdf5(file)
+            yield file
     except ValueError as error:
-        raise InputError(f"result file {path}: {error}") from error
+        raise InputError(f"result file {path}: {one_line(error)}") from error
     except (OSError, RuntimeError, KeyError) as error:  # the last two: links that lead nowhere or in a circle
         raise InputError(f"result file {path}: not a readable HDF5 file ({one_line(error)})") from error
 

@@ -126,7 +126,6 @@ def say_instead(axes, why):
     axes.set(xticks=[], yticks=[])
 
 
-@styled
 def save_figure(figure, path, dpi=200):
     """Write a figure; the suffix of `path` chooses the format. The file appears whole or not at all."""
     with whole_file(path) as temporary:

@@ -33,7 +33,7 @@ class ByRows:
 def write_result(path, comm, slabs, fields, x, y, attributes, history, units=None, steps=None):
     """Write a result file; it appears whole or not at all.
 
-    Collective. `path`, `x`, `y`, `attributes`, `history` and `units` are those of rank 0 (a measured
+    Collective. `path`, `x`, `y`, `attributes`, `history`, `units` and `steps` are those of rank 0 (a measured
     time need not be the same everywhere). An error on any rank is raised on all of them.
 
     Parameters

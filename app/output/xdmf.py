@@ -13,12 +13,11 @@ from __future__ import annotations
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-import h5py
 import numpy as np
 
-from app.errors import one_line
+from app.errors import InputError
 from app.output.files import write_text
-from app.output.result import AXES, FIELDS, read_dataset
+from app.output.result import AXES, FIELDS, opened, read_dataset
 
 _HEAD = '<?xml version="1.0"?>\n<Xdmf Version="3.0">\n<Domain>\n'
 _TAIL = "</Domain>\n</Xdmf>\n"
@@ -63,24 +62,15 @@ def write_xdmf(results, path=None):
 
 def _read(result):
     """Load [N] and ``grid(time)``, which is the text, of a result."""
-    if not result.is_file():
-        raise ValueError(f"result file {result}: {'not a file' if result.exists() else 'no such file'}")
-    try:
-        with h5py.File(result, "r") as file:
-            x, y = (read_dataset(file, name) for name in AXES)
-            there = {name: getattr(file.get(name), "shape", None) for name in file}
-            if wrong := [name for name in FIELDS if there.get(name) != (y.size, x.size)]:
-                raise ValueError(
-                    f"dataset {', '.join(wrong)} is missing, or of another shape than y and x say"
-                )
-            fields = {name: file[name].dtype for name, shape in there.items() if shape == (y.size, x.size)}
-            load = file.attrs.get("load", np.nan)
-            cell = np.resize(file.attrs.get("cell_size", 1.0), 2)
-            return float(load) if np.isscalar(load) else np.nan, _grid(result, x, y, cell, fields)
-    except ValueError as error:
-        raise ValueError(f"result file {result}: {one_line(error)}") from None
-    except (OSError, RuntimeError, KeyError) as error:  # the last two: links
-        raise ValueError(f"result file {result}: not a readable HDF5 file ({one_line(error)})") from None
+    with opened(result) as file:
+        x, y = (read_dataset(file, name) for name in AXES)
+        there = {name: getattr(file.get(name), "shape", None) for name in file}
+        if wrong := [name for name in FIELDS if there.get(name) != (y.size, x.size)]:
+            raise InputError(f"dataset {', '.join(wrong)} is missing, or of another shape than y and x say")
+        fields = {name: file[name].dtype for name, shape in there.items() if shape == (y.size, x.size)}
+        load = file.attrs.get("load", np.nan)
+        cell = np.resize(file.attrs.get("cell_size", 1.0), 2)
+        return float(load) if np.isscalar(load) else np.nan, _grid(result, x, y, cell, fields)
 
 
 def _grid(result, x, y, cell, fields):

@@ -6,7 +6,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.fast.levels import inverse_of
-from app.halfspace.operator import symmetric_mat
+from app.halfspace.operator import logged, symmetric_mat
 
 _mult_event = PETSc.Log.Event("InverseMult")
 _levels_event = PETSc.Log.Event("InverseByLevels")
@@ -67,28 +67,22 @@ class InverseOperator:
 
     def pressure(self, d, q):
         """Compute q = B d on all cells. Collective; arrays of shape `local_shape`."""
-        with _mult_event:
-            self.product.apply(d, q)
-            PETSc.Log.logFlops(self.product.flops)
+        logged(_mult_event, self.product, d, q)
 
     def pressure_by_levels(self, d, q):
         """Compute q = B d nearly, if there is such a B, `nearly`. Collective; arrays of shape `local_shape`."""
-        nearly = self.nearly
-        with _levels_event:
-            nearly.apply(d, q)
-            PETSc.Log.logFlops(nearly.flops)
+        logged(_levels_event, self.nearly, d, q)
 
     def exact_pressure(self, w, p):
         """Compute p = B w in double precision. Collective."""
-        with _mult_event:
-            self.influence.exact_inverse.apply(w, p)
+        logged(_mult_event, self.influence.exact_inverse, w, p)
 
     def mult(self, mat, x, y):
         """Compute y = O B O x."""
         self.products += 1
-        with _mult_event, y as out:
+        with y as out:
             d = x.getArray(readonly=True).reshape(self.local_shape)
-            self.product.apply(d, out.reshape(self.local_shape), self.mask)
+            logged(_mult_event, self.product, d, out.reshape(self.local_shape), self.mask)
 
     def view(self, mat, viewer):
         """Describe the operator for -ksp_view."""

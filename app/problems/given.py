@@ -161,7 +161,7 @@ class ContactProblem(Problem):
 
     @property
     def sampled(self):
-        """Whether the gap is known in the cells of the grid only."""
+        """Whether coarse grids are to average the gap, as where it is known in the cells of the grid only."""
         return any(part.sampled for part in (self.shape, *self.surfaces))
 
     @property
@@ -188,7 +188,8 @@ class ContactProblem(Problem):
 
         Not collective.
         """
-        if self.grid.periodic or self.surfaces or not hasattr(self.shape, "analytic"):
+        known = hasattr(self.shape, "analytic") and not isinstance(self.shape, Problem)
+        if self.grid.periodic or self.surfaces or not known:
             return None
         return self.shape.analytic(self.material.contact_modulus, **loading)
 
@@ -198,12 +199,16 @@ class ContactProblem(Problem):
 
     def describe(self):
         """See `Problem.describe`."""
-        facts = {**super().describe(), **self.shape.describe()}
+        own = self.shape.describe()
+        if isinstance(self.shape, Problem):  # whose material and patch are not these
+            own = {name: value for name, value in own.items() if name not in Problem.describe(self.shape)}
+        facts = {**super().describe(), **own}
         for surface in self.surfaces:
             said = {"surface_read": surface.understood(self.grid)} if is_measured(surface) else {}
             for name, value in {**surface.describe(), **said}.items():
-                # The second surface of a kind has names of its own.
-                facts[name if name not in facts else f"{name}2"] = value
+                # Further surfaces of a kind have names of their own.
+                names = (name, *(f"{name}{k}" for k in range(2, len(self.surfaces) + 1)))
+                facts[next(free for free in names if free not in facts)] = value
         if self.surfaces:
             facts["surfaces"] = len(self.surfaces)
         facts["problem"] = self.name

@@ -62,12 +62,13 @@ class HeightArray:
     file, lateral = "(array)", None
 
     def __init__(self, heights, orient=(), unit=None, spacing=None):
-        self._rows, self.unit = turned(np.array(heights), orient), unit
-        self.spacing = turned_spacing(spacing, orient)
-        if self._rows.ndim != 2 or not self._rows.size:
+        heights = np.array(heights)
+        if heights.ndim != 2 or not heights.size:
             raise ValueError(
-                f"surface {self.file}: has shape {self._rows.shape}; needed: (ny, nx), or a file name"
+                f"surface {self.file}: has shape {heights.shape}; needed: (ny, nx), or a file name"
             )
+        self._rows, self.unit = turned(heights, orient), unit
+        self.spacing = turned_spacing(spacing, orient)
         self.shape = self._rows.shape
 
     def rows(self, rows=slice(None)):

@@ -48,12 +48,12 @@ def find(name):
     InputError
         If there is no such module or name, or importing it fails.
     """
-    path, separator, attribute = name.rpartition(":")
-    if not separator:
-        path, separator, attribute = name.rpartition(".")
+    path, in_file, attribute = name.rpartition(":")
+    if not in_file:
+        path, _, attribute = name.rpartition(".")
     if not path or not attribute:
         raise InputError(f"-problem_type {name}: needed: module.Name or file.py:Name")
-    module = _called(name, _import_file if name.rpartition(":")[1] else _import_module, path)
+    module = _called(name, _import_file if in_file else _import_module, path)
     if not hasattr(module, attribute):
         raise InputError(f"-problem_type {name}: {path} has no {attribute}")
     found = getattr(module, attribute)

@@ -28,8 +28,8 @@ from app.options import LARGEST
 class Problem:
     """A patch of cells, a material and a shape.
 
-    Subclasses know the geometry. `sampled` says that the shape is known on the target grid only, so that
-    coarse grids have to average it instead of asking again.
+    Subclasses know the geometry. `sampled` says that coarse grids are to average the shape of the target grid instead
+    of asking again, as where it is known there only.
     """
 
     grid: Grid

@@ -11,7 +11,7 @@ shape              undeformed distance                     analytic solution
 `FlatPunch`        0 under it                              Boussinesq
 =================  ======================================  =======================================
 
-A shape has a `name`, says whether it is `sampled` (known on one grid only), gives its values by `shape_on` as
+A shape has a `name`, says whether it is `sampled` (to be averaged on coarse grids), gives its values by `shape_on` as
 `app.problems.problem.Problem` does, says what it is by `describe`, and may refuse a grid by `check_grid`. Not
 collective.
 """
@@ -116,6 +116,8 @@ class Paraboloid(Shape):
                 raise InputError(
                     f"radii of body {body}: needed: two numbers, not 0; inf: straight; negative: concave"
                 )
+        if not (isinstance(angle, Real) and math.isfinite(angle)):
+            raise InputError(f"angle {angle!r} between the bodies: needed: a finite number [degree]")
         k1, k2 = (tuple(1 / radius for radius in radii) for radii in (radii1, radii2))
         total, d1, d2 = sum(k1) + sum(k2), k1[0] - k1[1], k2[0] - k2[1]
         twice = math.radians(2 * angle)

@@ -1,7 +1,7 @@
 """Rough surfaces as functions of position: a sum of waves fixed by a seed, evaluated on any grid.
 
-Every grid level and every slab of rows samples the same function, so a coarse grid sees the true height in
-its cell centres (Sec. 5.2) and the number of ranks does not matter.
+Every slab of rows samples the same function, so that the number of ranks does not matter. Of `WavySurface` every grid
+does, too: a coarse one sees the true height in its cell centres (Sec. 5.2). Of `SelfAffineSurface` it sees means.
 
 =====================  ================================  ====  ==============
 paper                  here                              unit  where

@@ -102,6 +102,8 @@ def test_history_names_the_grids_of_a_nested_iteration(result):
     assert names(result) == ["16 × 12", "32 × 24", "64 × 48", "128 × 96"]
     downwards = replace(result, history=result.history | {"level": 3 - result.history["level"]})
     assert names(downwards) == names(result)
+    by_option = replace(result, attributes=result.attributes | {"options": "-lcp_coarsest 50"})
+    assert names(by_option)[1:] == ["32 × 48", "64 × 48", "128 × 96"]
     assert names(replace(result, history={k: v[-6:] for k, v in result.history.items()})) == []
 
 

@@ -508,3 +508,13 @@ def test_few_points_are_points(shape, tmp_path):
     assert surface.shape == shape and surface.spacing == pytest.approx((1.0, 0.5))
     np.savetxt(tmp_path / "map.txt", np.random.default_rng(7).normal(size=(6, 3)))
     assert read_surface(tmp_path / "map.txt", "mm").shape == (6, 3)
+
+
+def test_each_surface_of_a_kind_has_facts_of_its_own(tmp_path):
+    np.save(tmp_path / "s.npy", np.random.default_rng(3).normal(size=(8, 8)))
+    levels = ["none", "mean", "plane"]
+    surfaces = [read_surface(tmp_path / "s.npy", "um", level=level, spacing=(0.1, 0.1)) for level in levels]
+    facts = ContactProblem(
+        surfaces[0].grid(), Material.from_contact_modulus(1e3), surfaces=surfaces
+    ).describe()
+    assert [facts[name] for name in ("surface_level", "surface_level2", "surface_level3")] == levels

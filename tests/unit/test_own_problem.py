@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from app import ContactProblem, Grid, Material, Sphere, solve
 from app.commands.places import Given
 from app.commands.problem_options import PROBLEM_OPTIONS, Request, make_problem
 from app.errors import InputError
@@ -166,3 +167,15 @@ def test_a_misspelt_option_of_its_own_is_told(make):
     texts |= {"grid": "6,4", "domain": "-2,1,-1,1", "contact_modulus": "1", "load": "1"}
     with pytest.raises(InputError, match=r"unknown option: -cone_slpoe \(did you mean -cone_slope\?\)"):
         Request(Given(texts), MPI.COMM_SELF)
+
+
+def test_a_problem_may_be_the_gap_of_another_one():
+    """Its shape is: what is solved has the material and the patch of the outer one."""
+    grid = Grid.from_domain(32, 32, (-1, 1, -1, 1))
+    steel, soft = Material.pair((210000, np.inf), (0.3, 0.3)), Material.from_contact_modulus(5.0)
+    found = solve(ContactProblem(grid, steel, ContactProblem(grid, soft, Sphere(10))), load=100)
+    plain = solve(ContactProblem(grid, steel, Sphere(10)), load=100)
+    assert found.approach == plain.approach
+    assert found.problem["contact_modulus"] == steel.contact_modulus
+    assert found.problem["sphere_radius"] == plain.problem["sphere_radius"] == 10
+    assert "hertz_load" not in found.problem

@@ -166,3 +166,32 @@ def test_start_must_fit():
             solver.solve(approach=APPROACH, start=start)
         with pytest.raises(InputError, match="solution: needed: a Solution on the same grid"):
             solver.stiffness(start)
+
+
+@pytest.mark.parametrize("meanwhile", ["another path", "the same problem", "unmoved", "far away"])
+def test_what_the_solver_does_between_steps_changes_none(meanwhile):
+    problem, loads = hertz(32), [10.0, 20.0, 30.0]
+    with ContactSolver(problem) as solver:
+        expected = [solution.approach for solution in solver.path(load=loads)]
+        path, other = solver.path(load=loads), iter(solver.path(approach=[0.001, 0.002, 0.003]))
+        found = []
+        for solution in path:
+            found.append(solution.approach)
+            if meanwhile == "another path":
+                next(other)
+            elif meanwhile == "the same problem":
+                solver.update(problem)
+            elif meanwhile == "unmoved":
+                solver.unmoved()
+            else:
+                for approach in (50.0, 0.001):
+                    solver.solve(approach=approach)
+    assert found == expected
+
+
+def test_a_path_ends_with_its_solver():
+    with ContactSolver(hertz(16)) as solver:
+        path = iter(solver.path(load=[10.0, 20.0]))
+        next(path)
+    with pytest.raises(InputError, match="the solver is closed"):
+        next(path)

@@ -7,7 +7,7 @@ import pytest
 from cases import APPROACH, hertz, periodic_rough, self_affine
 from running import solve
 
-from app import ContactProblem, FlatPunch, Grid, Material, refine
+from app import ContactProblem, FlatPunch, Grid, Material, Sphere, refine
 from app.contact.grid_errors import GridNumbers, errors_from
 from app.errors import InputError
 
@@ -137,3 +137,19 @@ def test_finer_grids_are_solved_better():
     errors = [abs(row["max_pressure"] / exact.max_pressure - 1) for row in refined.rows]
     assert all(finer < 0.6 * coarser for coarser, finer in pairwise(errors[:-1]))
     assert errors[-1] < 3e-6  # what the tolerance leaves
+
+
+def test_a_loading_that_is_none_says_nothing():
+    sphere = ContactProblem(
+        Grid.from_domain(16, 16, (-1, 1, -1, 1)), Material.combined(80000, 0.3), Sphere(20)
+    )
+    plain, found = (refine(sphere, 0.1, approach=0.003, **more) for more in ({}, {"load": None}))
+    assert found.errors == plain.errors and found.errors.load_error > 0
+
+
+def test_a_start_is_that_of_the_first_grid():
+    sphere = ContactProblem(
+        Grid.from_domain(16, 16, (-1, 1, -1, 1)), Material.combined(80000, 0.3), Sphere(20)
+    )
+    found = refine(sphere, 0.03, approach=0.01, start=solve(sphere, 0.01, None))
+    assert len(found.rows) > 1 and found.reached

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from running import solve
 
 from app import ContactProblem, ContactSolver, strategy
-from app.commands.monitor import Progress
+from app.commands.monitor import Monitor, Progress
 from app.contact.certificate import certify
 from app.contact.distance import UndeformedDistance
 from app.contact.grid_errors import GridNumbers, errors_from
@@ -137,6 +137,16 @@ def test_each_solve_has_a_bar_of_its_own():
         for opened in (1, 2):
             solver.solve(approach=APPROACH)
             assert bar.call_count == bar.return_value.close.call_count == opened
+
+
+def test_the_monitor_begins_again_with_each_solve(capsys):
+    with ContactSolver(hertz(12), "norm", listeners=[Monitor()]) as solver:
+        lines = []
+        for _ in range(2):
+            solver.solve(approach=APPROACH)
+            lines.append([line.split() for line in capsys.readouterr().out.splitlines()])
+    first, second = ([row[:9] for row in table] for table in lines)  # all but the time
+    assert first == second and first[0][0] == "level"
 
 
 def test_the_bar_of_a_solver_that_diverges():

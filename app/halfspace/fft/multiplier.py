@@ -245,12 +245,16 @@ class EvenMultiplier:
             ``symbol(columns, rows) -> ndarray (columns, rows)`` for arrays of frequencies in x, up to half the period,
             and in y, all up to half the period.
         """
-        mine = np.concatenate([np.arange(g.mine.start, g.mine.stop) for g in self._groups])
+        mine = self._columns()
         rows = np.arange(self.periods[0] // 2 + 1)
         spectrum = np.empty((mine.size, rows.size), self.dtype)
         for start in range(0, mine.size, _COLUMNS):
             spectrum[start : start + _COLUMNS] = symbol(mine[start : start + _COLUMNS], rows)
         self._take(spectrum)
+
+    def _columns(self):
+        """Numbers of those of this rank."""
+        return np.concatenate([np.arange(group.mine.start, group.mine.stop) for group in self._groups])
 
     def _take(self, spectrum):
         """Fold in the scale of the inverse transform."""
@@ -264,7 +268,7 @@ class EvenMultiplier:
     @cached_property
     def _centre(self):
         ny_fft, nx_fft = self.periods
-        columns = np.concatenate([np.arange(g.mine.start, g.mine.stop) for g in self._groups])
+        columns = self._columns()
         rows = np.arange(ny_fft // 2 + 1)
 
         def weights(index, period):
@@ -344,18 +348,15 @@ class EvenMultiplier:
         in_x = self._in_x
         strips = in_x.data, in_x.transforms, self._scratch, self._transformed, self._edges, in_x.execute
         rows_to_strips(p, inside, rows, *strips, *self._row_plans[::2])
-        exchange = self._exchange
-        exchange.begin()
-        for k, (columns, plans) in enumerate(zip(exchange.columns, self._column_plans, strict=True)):
-            count = self._groups[k].mine.stop - self._groups[k].mine.start
-            exchange.take(k)
+        for columns, plans, group in zip(
+            self._exchange.each(), self._column_plans, self._groups, strict=True
+        ):
+            count = group.mine.stop - group.mine.start
             convolve_columns(
                 *columns, *self._column_room, self._spectrum[done : done + count], scale,
                 self._in_y.execute, *plans,
             )  # fmt: skip
-            exchange.give_back(k)
             done += count
-        exchange.end()
         strips_to_rows(out, inside, rows, *strips, *self._row_plans[1::2])
         if self.rest is not None:
             self.rest.add(out, inside)

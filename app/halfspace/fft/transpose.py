@@ -103,7 +103,7 @@ class ColumnGroup:
 class Exchange:
     """The columns of this rank, in between rows of a product and rows again. Of one rank, which has all rows.
 
-    Collective. In turn: `begin`, for each group `take`, work on its `columns`, `give_back`; `end`.
+    Collective.
 
     Parameters
     ----------
@@ -113,8 +113,6 @@ class Exchange:
 
     Attributes
     ----------
-    columns : list of tuple
-        Of each group what `app.halfspace.fft.strips.convolve_columns` works on.
     memory : int
         Bytes beside those of the rows.
     """
@@ -123,7 +121,7 @@ class Exchange:
 
     def __init__(self, groups, transformed):
         self._groups, self._parts = groups, [group.part(transformed) for group in groups]
-        self.columns = [
+        self._columns = [
             (own, *self._others(own, group), group.heights, group.rank)
             for group, own in (
                 (group, group.own(part)) for group, part in zip(groups, self._parts, strict=True)
@@ -133,17 +131,12 @@ class Exchange:
     def _others(self, own, group):
         return own, group.places
 
-    def begin(self):
-        """The rows are there."""
+    def each(self):
+        """Iterate over what `app.halfspace.fft.strips.convolve_columns` works on, of each group, to the end.
 
-    def take(self, k):
-        """Get the columns of group k."""
-
-    def give_back(self, k):
-        """Their rows are to be where they were."""
-
-    def end(self):
-        """All rows are wanted."""
+        Columns are at hand until the next ones are asked for; then their rows are back where they were.
+        """
+        return self._columns
 
 
 class SentExchange(Exchange):
@@ -158,13 +151,12 @@ class SentExchange(Exchange):
     def _others(self, own, group):
         return self._received, group.places
 
-    def take(self, k):
-        """See `Exchange.take`."""
-        self._groups[k].fetch(self._comm, self._parts[k], self._received)
-
-    def give_back(self, k):
-        """See `Exchange.give_back`."""
-        self._groups[k].give_back(self._comm, self._parts[k], self._received)
+    def each(self):
+        """See `Exchange.each`."""
+        for columns, group, part in zip(self._columns, self._groups, self._parts, strict=True):
+            group.fetch(self._comm, part, self._received)
+            yield columns
+            group.give_back(self._comm, part, self._received)
 
 
 class SharedExchange(Exchange):
@@ -179,9 +171,10 @@ class SharedExchange(Exchange):
     def _others(self, own, group):
         return self._all, self._starts + group.heights * group.mine.start
 
-    def begin(self):
-        """See `Exchange.begin`."""
+    def each(self):
+        """See `Exchange.each`."""
         with exchange_event:
             self._comm.meet()
-
-    end = begin
+        yield from self._columns
+        with exchange_event:
+            self._comm.meet()
