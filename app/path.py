@@ -124,11 +124,11 @@ class LoadPath:
 
     def _solve(self):
         done = min(len(self.rows), len(self.numbers) - 1)
-        take_back_rounding, problem = self._solver.unmoved(), self._solver.problem
+        kept, problem = None, self._solver.problem
         for step in range(done, len(self.numbers)):
             if self._solver.problem is not problem:
                 raise InputError("path: its solver has been given another problem; make a path of that")
-            take_back_rounding()
+            kept = self._solver.take_back_rounding(kept)
             solution = self._solver.solve(**{self._kind: self.numbers[step]})
             if self._with_stiffness:
                 solution = replace(solution, stiffness=self._solver.stiffness(solution))

@@ -328,30 +328,20 @@ class ContactSolver:
             raise
 
     @one_at_a_time
-    def unmoved(self):
-        """Return a function that takes back what moving the bodies has left of rounding in the undeformed distances.
+    def take_back_rounding(self, kept=None):
+        """Take back what moving the bodies has left of rounding in the undeformed distances.
 
-        Collective. After it a solve does the same, to the last digit, as the first one did, whatever the solver has
-        done in between. It costs a field for every grid.
+        Collective. After it a solve does the same, to the last digit, as the first one did. `kept`: what the last call
+        has returned, the distances and how to take them back; it is a field for every grid.
         """
         self._refuse_if_closed()
-        kept, back = self._unmoved()
-
-        @one_at_a_time
-        def take_back():
-            nonlocal kept, back
-            self._refuse_if_closed()
-            if self._distances is not kept:  # they have been measured anew
-                kept, back = self._unmoved()
-            back()
-
-        return take_back
-
-    def _unmoved(self):
-        """The undeformed distances, unmoved, and a function that takes them back to that."""
-        if any(distance.depth or distance.deepest for distance in self._distances):
-            self._measure_shapes()
-        return self._distances, UndeformedDistance.kept(self._distances)
+        distances, take_back = kept or (None, None)
+        if distances is not self._distances:  # or they have been measured anew
+            if any(distance.depth or distance.deepest for distance in self._distances):
+                self._measure_shapes()
+            distances, take_back = self._distances, UndeformedDistance.kept(self._distances)
+        take_back()
+        return distances, take_back
 
     @one_at_a_time
     def stiffness(self, solution):

@@ -177,9 +177,9 @@ def known(operator, name, make, **more):
     made = operator.multipliers
     if name not in made and operator.active:
         place = operator.grid, operator.compliance, operator.slabs, operator.comm, operator.dtype
-        nearly = make(*place, workspace=operator.storage, **more)
-        if nearly is not None:
-            made[name] = nearly
+        product = make(*place, workspace=operator.storage, **more)
+        if product is not None:
+            made[name] = product
     return made.get(name)
 
 

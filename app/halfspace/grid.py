@@ -175,6 +175,37 @@ class Grid:
         return in_y, in_x
 
 
+def plan(grid, coarsest=4, target_only=False):
+    """Grids of a hierarchy; nothing is allocated. Not collective.
+
+    Parameters
+    ----------
+    grid : Grid
+        The target.
+    coarsest : int
+        Directions of at most this many cells are not halved.
+    target_only : bool
+        Only the target grid is needed.
+
+    Returns
+    -------
+    grids : list of Grid
+        The target first.
+    factors : list of (int, int)
+        From each to the next.
+    """
+    grids, factors = [grid], []
+    most = 1 if target_only else grid.n  # grids; more there cannot be
+    if not target_only and grid.coarsen(coarsest) is None:
+        coarsest, most = 1, 2  # a multigrid method needs two grids
+    while len(grids) < most and (coarser := grids[-1].coarsen(coarsest)) is not None:
+        if coarser.periodic and coarser.n == 1:
+            break  # its A is zero
+        factors.append(grids[-1].coarsening(coarsest))
+        grids.append(coarser)
+    return grids, factors
+
+
 def _cells(nx, ny):
     try:
         cells = index(nx), index(ny)

@@ -7,27 +7,10 @@ import numpy as np
 from app.halfspace.fetch import Fetch
 
 
-class Halo:
-    """Fetches some rows before and after this rank's from whatever ranks have them.
+class _Beside:
+    """Fetches rows beside those of this rank: two pairs of arrays say from where to where, for every rank."""
 
-    Parameters
-    ----------
-    slabs : Slabs
-    comm : mpi4py communicator or None
-        Ranks that share the rows; None if all are here.
-    width : int
-        Rows on either side.
-    periodic : bool
-        Over the period; else fewer at the ends of the patch.
-    """
-
-    def __init__(self, slabs, comm, width, periodic=True):
-        first, last = slabs.bounds(1 if comm is None else comm.size)
-        low, high = first - width, last + width
-        if not periodic:
-            low, high = np.maximum(low, 0), np.minimum(high, slabs.ny)
-        some = last > first
-        before, after = (np.where(some, low, first), first), (last, np.where(some, high, last))
+    def __init__(self, slabs, before, after, comm):
         self._fetch = Fetch(slabs, [before, after], comm)
         rank = 0 if comm is None else slabs.rank
         self._before = int(before[1][rank] - before[0][rank])
@@ -50,7 +33,30 @@ class Halo:
         return rows[: self._before], rows[self._before :]
 
 
-class Parents(Halo):
+class Halo(_Beside):
+    """Fetches some rows before and after this rank's from whatever ranks have them.
+
+    Parameters
+    ----------
+    slabs : Slabs
+    comm : mpi4py communicator or None
+        Ranks that share the rows; None if all are here.
+    width : int
+        Rows on either side.
+    periodic : bool
+        Over the period; else fewer at the ends of the patch.
+    """
+
+    def __init__(self, slabs, comm, width, periodic=True):
+        first, last = slabs.bounds(1 if comm is None else comm.size)
+        low, high = first - width, last + width
+        if not periodic:
+            low, high = np.maximum(low, 0), np.minimum(high, slabs.ny)
+        some = last > first
+        super().__init__(slabs, (np.where(some, low, first), first), (last, np.where(some, high, last)), comm)
+
+
+class Parents(_Beside):
     """Fetches the coarse rows between which those of a slab lie, but for those that are here.
 
     Parameters
@@ -74,11 +80,8 @@ class Parents(Halo):
         low, high = first // 2 - periodic, (last - 1) // 2 + 3 - periodic
         high = high if periodic else np.minimum(high, coarse.ny)
         some = last > first
-        self._fetch = Fetch(
-            coarse, [(np.where(some, low, begin), begin), (end, np.where(some, high, end))], comm
-        )
+        super().__init__(coarse, (np.where(some, low, begin), begin), (end, np.where(some, high, end)), comm)
         self.first = int(low[rank]) + periodic
-        self._before = int(begin[rank] - low[rank]) if some[rank] else 0
 
 
 def row_before(field, periodic, slabs, comm, beyond):

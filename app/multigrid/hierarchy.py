@@ -14,6 +14,7 @@ import numpy as np
 
 from app.errors import InputError, agree
 from app.halfspace.communication import Team
+from app.halfspace.grid import plan
 from app.halfspace.operator import InfluenceOperator, petsc_comm
 from app.halfspace.ranks import Ranks, worth_solving
 from app.memory import check_hosts, doubles_per_cell
@@ -21,31 +22,7 @@ from app.multigrid.transfer import Transfer
 from app.problems.problem import checked_shape
 
 LARGEST_DIRECT = 1024  # cells of a grid whose matrix may be stored and factorised
-
-
 _SMALLEST_WINDOWED = 64 * 64  # cells; on smaller grids it does not pay to leave any out
-
-
-def plan(grid, coarsest=4, target_only=False):
-    """Grids of a hierarchy, parameters as of `Hierarchy`; nothing is allocated. Not collective.
-
-    Returns
-    -------
-    grids : list of Grid
-        The target first.
-    factors : list of (int, int)
-        From each to the next.
-    """
-    grids, factors = [grid], []
-    most = 1 if target_only else grid.n  # grids; more there cannot be
-    if not target_only and grid.coarsen(coarsest) is None:
-        coarsest, most = 1, 2  # a multigrid method needs two grids
-    while len(grids) < most and (coarser := grids[-1].coarsen(coarsest)) is not None:
-        if coarser.periodic and coarser.n == 1:
-            break  # its A is zero
-        factors.append(grids[-1].coarsening(coarsest))
-        grids.append(coarser)
-    return grids, factors
 
 
 def check_room(comm, grid, settings):

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
+from app.halfspace.grid import plan
 from app.output.maps import LENGTH_MAP, Canvas, finite_pressure, map_of
 from app.output.style import (
     BLUE,
@@ -269,10 +270,7 @@ def _mark_grids(axes, result, label=False):
 
 def _grid_name(result, coarsenings):
     """Cells of the grid so many levels below the target grid."""
-    grid, said = result.grid, re.search(r"-lcp_coarsest (\d+)", result.attributes["options"])
-    coarsest = int(said[1]) if said else 4
-    if grid.coarsen(coarsest) is None:
-        coarsest = 1  # see `app.multigrid.hierarchy.plan`
-    while coarsenings and (coarser := grid.coarsen(coarsest)):
-        grid, coarsenings = coarser, coarsenings - 1
+    said = re.findall(r"-lcp_coarsest (\d+)", result.attributes["options"])
+    grids, _ = plan(result.grid, *map(int, said))
+    grid = grids[min(coarsenings, len(grids) - 1)]
     return f"{grid.nx} × {grid.ny}"

@@ -85,22 +85,21 @@ def primal_active_set(primal, solver, stop, history):
         if progress.stalls:
             raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
     primal.take(solver)
-    if stop.final:
-        residual = _end_unsolved(primal, solver) or residual
+    if stop.final and (found := _end_unsolved(primal, solver)):
+        residual = found.residual / state.distance.norm()
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
 
 
 def _end_unsolved(primal, solver):
-    """Leave the best there is: a pressure >= 0 with the right load, if there is one, and u = A p; return its residual.
+    """Leave the best there is: a pressure >= 0 with the right load, if there is one, and u = A p.
 
-    Collective. None if there is no such pressure.
+    Collective. Returns what `verify` has found.
     """
-    state = primal.state
-    state.depth = primal.depth
-    if (found := verify(primal, solver.scratch)) is None:
-        return None
-    accept(primal, solver.scratch)
-    return found.residual / state.distance.norm()
+    primal.state.depth = primal.depth
+    found = verify(primal, solver.scratch)
+    if found is not None:
+        accept(primal, solver.scratch)
+    return found
 
 
 class _Accuracy:

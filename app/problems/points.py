@@ -14,12 +14,11 @@ def looks_like_points(table):
 
     Three columns are, if there are many rows, or if the first two are all places of a lattice.
     """
-    rows, columns = np.shape(table)
+    rows, columns = table.shape
     if columns != 3 or rows > _FEW:
         return columns == 3
-    x, y = (np.unique(column) for column in np.asarray(table)[:, :2].T)
-    places = {(i, j) for i, j, _ in np.asarray(table).tolist()}
-    return min(x.size, y.size) > 1 and x.size * y.size == rows == len(places)
+    x, y = (np.unique(table[:, k]).size for k in (0, 1))
+    return min(x, y) > 1 and x * y == rows == len(np.unique(table[:, :2], axis=0))
 
 
 def gridded(points):

@@ -41,11 +41,15 @@ class Files:
         """Whether the value of "approach" or "load" is known."""
         return not math.isnan(getattr(self, control))
 
+    @property
+    def file(self):
+        """Name of the file for the adapters."""
+        return self.stem.with_suffix(".npz")
+
     def write(self):
-        """Write the file for the adapters, with what is known of load and approach."""
-        path = self.stem.with_suffix(".npz")
+        """Write that file, with what is known of load and approach."""
         np.savez(
-            path,
+            self.file,
             gap=self.gap,
             dx=self.grid.dx,
             dy=self.grid.dy,
@@ -55,7 +59,7 @@ class Files:
             shear_modulus=self.material.shear_modulus,
             poisson_ratio=self.material.poisson_ratio,
         )
-        return path
+        return self.file
 
 
 class Case(Files):

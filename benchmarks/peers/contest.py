@@ -30,9 +30,11 @@ def compare(case, ours, entrants, field, folder):
     unit = case.unit()
     our_runs = {}
     first, second = case.controls
+    case.write()
     our_runs[first], pressure = ours[first].run(case, folder)
     if pressure is not None:
         case.learn(pressure)
+        case.write()
         our_runs[second], _ = ours[second].run(case, folder)
     elif not case.known("load"):
         return [Contest(case.name, case.size, first, unit, our_runs[first], [])]

@@ -86,7 +86,7 @@ class Entrant:
         """
         answer = folder / "answer.npz"
         command = [
-            self.python, ADAPTERS / f"{self.name}_adapter.py", "solve", case.write(), self.warmup, answer,
+            self.python, ADAPTERS / f"{self.name}_adapter.py", "solve", case.file, self.warmup, answer,
             self.variant, tolerance, self.options.budget,
         ]  # fmt: skip
         failure = ""
