@@ -7,14 +7,16 @@ moves to the rank that owns it; fine rows ask for their parents. Where the slabs
 
 from __future__ import annotations
 
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from petsc4py import PETSc
 
 from app.compiled import njit
 from app.halfspace.fetch import Fetch
-from app.halfspace.reductions import add_inside, add_row, copy_row, mix_rows
+from app.halfspace.reductions import add_inside, add_row, copy_row
+from app.multigrid import interpolation
+from app.multigrid.interpolation import BESIDE, bilinear, quintics, six_around, two_around
 from app.petsc import restricts_by_transpose
 
 _NOTHING = 1e-9  # of a cell: rounding of an overlap
@@ -75,6 +77,10 @@ class Transfer:
     @cached_property
     def _of_neighbours(self):
         return self._parents(1)
+
+    @cached_property
+    def _of_many_neighbours(self):
+        return self._parents(BESIDE)
 
     def _children(self, fine, start):
         """Yield the fine cells with the same place in their coarse cell, as (view, rows, columns).
@@ -172,10 +178,25 @@ class Transfer:
         first = rows.start // self.fy - 1  # of the coarse rows fetched
         first = first if grid.periodic else max(first, 0)
         in_y, in_x = self.fine.grid.places_in(grid) if grid.periodic else (None, None)
-        of_rows = _neighbours(rows.start, rows.stop, grid.ny, self.fy, in_y, first)
-        of_columns = _neighbours(0, nx, grid.nx, self.fx, in_x)
-        halved = self.fx == 2 and not (grid.periodic and nx % 2)
-        _bilinear(wide, fine, *of_rows, *of_columns, halved, np.empty(grid.nx))
+        of_rows = two_around(rows.start, rows.stop, grid.ny, self.fy, in_y, first)
+        of_columns = two_around(0, nx, grid.nx, self.fx, in_x)
+        bilinear(wide, fine, *of_rows, *of_columns, self._halved, np.empty(grid.nx))
+
+    @PETSc.Log.EventDecorator("ContactTransfer")
+    def interpolate_smoothly(self, coarse, fine):
+        """Over a period, by quintics through the centres of cells. Collective."""
+        wide = self._of_many_neighbours(coarse)
+        if not fine.size:
+            return
+        rows, (in_y, in_x) = self.fine.slabs.rows, self.fine.grid.places_in(self.coarse.grid)
+        of_rows = six_around(rows.start, rows.stop, in_y, rows.start // self.fy - BESIDE)
+        of_columns = six_around(0, self.fine.grid.nx, in_x, -BESIDE)
+        quintics(wide, fine, *of_rows, *of_columns, self._halved, np.empty(coarse.shape[1] + 2 * BESIDE))
+
+    @property
+    def _halved(self):
+        """Whether each coarse column has two fine ones, in the same places."""
+        return self.fx == 2 and not (self.coarse.grid.periodic and self.fine.grid.nx % 2)
 
     # -- as PETSc's matrices -----------------------------------------------------------------------------
 
@@ -195,31 +216,6 @@ def _overlaps(n, count, factor):
     low = size * np.arange(count) + 0.5 * (n % factor)  # see `Grid.coarsen`
     cell = first[:, None] + np.arange(-1, 3)
     return np.clip(np.minimum(low[:, None] + size, cell + 1) - np.maximum(low[:, None], cell), 0.0, None)
-
-
-@njit()
-def _inner_children(row, fine):
-    """Both children of all cells of a row but the first and the last."""
-    for i in range(1, row.size - 1):
-        fine[2 * i] = 0.75 * row[i] + 0.25 * row[i - 1]
-        fine[2 * i + 1] = 0.75 * row[i] + 0.25 * row[i + 1]
-
-
-@njit()
-def _bilinear(coarse, fine, a, b, weight_y, c, d, weight_x, halved, row):
-    """fine[j, i] from the four coarse cells in rows a, b and columns c, d; `halved`: two columns in each coarse one.
-
-    `row`: room for one.
-    """
-    first, last = (2, 2 * row.size - 2) if halved and row.size > 2 else (0, 0)
-    for j in range(fine.shape[0]):
-        mix_rows(coarse[a[j]], weight_y[j], coarse[b[j]], row)
-        if last:
-            _inner_children(row, fine[j])
-        for i in range(first):
-            fine[j, i] = weight_x[i] * row[c[i]] + (1 - weight_x[i]) * row[d[i]]
-        for i in range(last, fine.shape[1]):
-            fine[j, i] = weight_x[i] * row[c[i]] + (1 - weight_x[i]) * row[d[i]]
 
 
 @njit()
@@ -271,39 +267,16 @@ def _add_copies(coarse, mask, fine, skipped, fy, fx, row):
 
 def warm_up():
     """Load the compiled loops now, not in the first iteration. Not collective."""
-    field, cells, weights = np.zeros((0, 0)), np.zeros(0, int), np.zeros(0)
+    interpolation.warm_up()
+    field, row = np.zeros((0, 0)), np.zeros(0)
     fixed, mask = field.view(), np.zeros((0, 0), bool)
     fixed.flags.writeable = False
-    _bilinear(field, field, cells, cells, weights, cells, cells, weights, False, weights)
     for source in (field, fixed):
         _add_children(source, field, 1, 1)
         _copy(source, field, 0, 1, 1)
     _copy(mask, mask, 0, 1, 1)
     for source in (field, fixed):
-        _add_copies(source, mask, field, 0, 1, 1, weights)
-
-
-@lru_cache(maxsize=64)
-def _neighbours(start, stop, count, factor, place, first=None):
-    """Coarse cells around some fine ones, and the weight of the first: 3/4 for the parent, 1/4 for the next one.
-
-    At the rim the two cells are the parent and the one inside, with weights 5/4 and -1/4. Over a period they are those
-    before and behind the centre, by `place` (`Grid.places_in`), and may be number -1 or `count`. They are counted from
-    cell `first`; if that is None, over the period.
-    """
-    index = np.arange(start, stop)
-    one = other = index // factor
-    weight = np.ones(len(index))
-    if place is not None:
-        centre = place[0] * index + place[1]
-        one = np.floor(centre).astype(int)
-        other, weight = one + 1, 1.0 - (centre - one)
-    elif factor > 1 and count > 1:
-        towards = np.where(index % 2, 1, -1)
-        inside = (one + towards >= 0) & (one + towards < count)
-        other = np.where(inside, one + towards, one - towards)
-        weight = np.where(inside, 0.75, 1.25)
-    return (one % count, other % count, weight) if first is None else (one - first, other - first, weight)
+        _add_copies(source, mask, field, 0, 1, 1, row)
 
 
 def _transfer_mat(context, rows, columns, comm):

@@ -19,7 +19,7 @@ This is (2.11) with pressure and gap exchanged, and has three advantages:
 
 On each grid, from the coarsest to the target (`nested`):
 
-1. *Start.* w and p are interpolated from the coarser grid; the coarsest one starts from full contact.
+1. *Start.* w and p are interpolated from the coarser grid, by quintics; the coarsest one starts from full contact.
 2. *Guess.* Some projected sweeps with the centre of B guess the contact set (`state.PrimalState.guess`).
 3. *Sets.* `iteration` solves for w on O a little, by CG that carries p along (`cg`) and multiplies by B nearly
    (`app.fast.levels`); then cells with p < 0 are released from C and cells with e < 0 captured. Where some are

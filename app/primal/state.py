@@ -99,9 +99,9 @@ class PrimalState:
     def come_from(self, coarse, transfer):
         """Begin with w and p of the coarser grid, interpolated. Collective."""
         self.mean_pressure = coarse.mean_pressure
-        transfer.interpolate(coarse.w, self.w)
+        transfer.interpolate_smoothly(coarse.w, self.w)
         with self.state.pressure as values:
-            transfer.interpolate(coarse.state.p, values.reshape(self.w.shape))
+            transfer.interpolate_smoothly(coarse.state.p, values.reshape(self.w.shape))
         self.state.u_is = Displacement.STALE
         self._has_pressure = True
 

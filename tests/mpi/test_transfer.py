@@ -41,7 +41,9 @@ def assert_same_as_alone(comm, here, alone, seed):
         np.testing.assert_array_equal(
             getattr(here, name)(field[rows].copy()), getattr(alone, name)(field)[coarse_rows]
         )
-    for name, field in (("copy", pressure), ("interpolate", u), ("add_copies", pressure)):
+    upwards = [("copy", pressure), ("interpolate", u), ("add_copies", pressure)]
+    upwards += [("interpolate_smoothly", u)] if alone.fine.grid.periodic else []
+    for name, field in upwards:
         expected = np.ones(fine)
         getattr(alone, name)(field, expected)
         found = np.ones(fine)[rows]

@@ -190,17 +190,50 @@ def test_long_waves_survive_the_way_to_an_odd_grid_and_back(shape):
     assert transfer.restrict_defect(found).sum() == pytest.approx(found.sum() / 4)  # nothing is lost
 
 
+INTERPOLATIONS = "interpolate", "interpolate_smoothly"
+
+
+@pytest.mark.parametrize("interpolate", INTERPOLATIONS)
 @pytest.mark.parametrize(("shape", "factors"), [((8, 6), (2, 2)), ((7, 12), (1, 2)), ((4, 2), (2, 2))])
-def test_interpolation_does_not_know_where_the_patch_begins(shape, factors):
+def test_interpolation_does_not_know_where_the_patch_begins(shape, factors, interpolate):
     (ny, nx), (fy, fx) = shape, factors
     fine = Grid(nx, ny, 0.5, 0.5, periodic="spectral")
     coarse = Grid(nx // fx, ny // fy, 0.5 * fx, 0.5 * fy, periodic="spectral")
     transfer = Transfer(InfluenceOperator(fine, 1.0), InfluenceOperator(coarse, 1.0), factors)
     u, found, moved = random_field(coarse, 1), np.empty(shape), np.empty(shape)
-    transfer.interpolate(u, found)
-    transfer.interpolate(np.roll(u, (1, 1), (0, 1)), moved)
+    getattr(transfer, interpolate)(u, found)
+    getattr(transfer, interpolate)(np.roll(u, (1, 1), (0, 1)), moved)
     np.testing.assert_array_equal(moved, np.roll(found, factors, (0, 1)))
     assert found.mean() == pytest.approx(u.mean(), abs=1e-14)
+
+
+@pytest.mark.parametrize("interpolate", INTERPOLATIONS)
+@pytest.mark.parametrize(("nx", "ny"), [(9, 7), (5, 6), (6, 1), (2, 3)])
+def test_constants_stay_where_a_period_cannot_be_halved_or_has_few_cells(nx, ny, interpolate):
+    fine = Grid(nx, ny, 0.5, 0.3, periodic="love")
+    coarse = fine.coarsen(1)
+    transfer = Transfer(InfluenceOperator(fine, 1.0), InfluenceOperator(coarse, 1.0), fine.coarsening(1))
+    found = np.empty(fine.shape)
+    getattr(transfer, interpolate)(np.full(coarse.shape, 3.0), found)
+    np.testing.assert_allclose(found, 3.0, rtol=1e-14)
+
+
+@pytest.mark.parametrize(("interpolate", "order"), zip(INTERPOLATIONS, (2, 6), strict=True))
+@pytest.mark.parametrize("odd", [0, 1])
+def test_order_of_interpolation_over_a_period(interpolate, order, odd):
+    errors, cells = [], (64 + odd, 128 + odd)
+    for n in cells:
+        fine = Grid(n, n, 1 / n, 1 / n, periodic="spectral")
+        coarse = fine.coarsen()
+
+        def function(grid):
+            return np.exp(np.sin(2 * np.pi * grid.x()))[None, :] * np.cos(2 * np.pi * grid.y() + 1)[:, None]
+
+        transfer = Transfer(InfluenceOperator(fine, 1.0), InfluenceOperator(coarse, 1.0), (2, 2))
+        found = np.empty(fine.shape)
+        getattr(transfer, interpolate)(function(coarse), found)
+        errors.append(abs(found - function(fine)).max())
+    assert np.log(errors[0] / errors[1]) / np.log(cells[1] / cells[0]) == pytest.approx(order, abs=0.15)
 
 
 @pytest.mark.parametrize("holes", [0.0, 0.1])
