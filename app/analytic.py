@@ -39,7 +39,7 @@ def analytic_values(problem, approach, load=None):
     reference = problem.reference(approach)
     if not isinstance(reference, NormalContact) or reference.a == 0:
         return {}
-    if load:
+    if load is not None:
         reference = reference.at_load(load)
     values = (
         reference.load,

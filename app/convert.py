@@ -19,6 +19,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 from app import units
@@ -86,7 +87,6 @@ def _without_dataset(path):
 def _read(path, arguments):
     """Heights, turned, and where they are from: format and channel."""
     from app.problems.height_file import HeightFile
-    from app.problems.points import looks_like_points
 
     channel, skip, suffix = arguments.channel, arguments.skip, _without_dataset(path).suffix.lower()
     if channel and suffix in (".npy", ".npz"):
@@ -102,11 +102,12 @@ def _read(path, arguments):
     except ValueError:
         if suffix in _PLAIN or skip or not instruments_python():
             raise
-        try:
+        heights, facts = None, {}
+        with suppress(InputError):
             heights, facts = _read_instruments(path, channel)
-        except InputError:
-            heights = None
-        if heights is None or looks_like_points(heights):  # points are no map of three columns
+        if not (
+            facts.get("unit") and facts.get("spacing")
+        ):  # of any other text the numbers are picked out of its words
             raise  # what is wrong with it as text says more
         return _of_instruments(path, heights, facts, arguments)
     source.refuse_coordinates()

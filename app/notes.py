@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.halfspace.halo import row_before
 from app.problems.given import is_measured
 from app.units import in_words
 
@@ -16,7 +15,9 @@ COARSE, COARSE_FLAT = 0.05, 5e-3  # ... and the same where cells are as wide as 
 SPIKE = 12.0  # rms steps by which a point may stand above all beside it: of Gaussian noise, however long, it is five
 TALL = 0.1  # rms height over the shorter side of the patch: with wrong units, or slopes that are steep anyway
 SQUARISH = 0.2  # of cells by a domain that are meant to be square, perhaps: logarithm of their sides' ratio
-SEAM = 3.0  # steps where a periodic patch repeats, in those from cell to cell, that do not look like the surface's
+SEAM = (
+    3.0  # steps where a periodic patch repeats, in those from cell to cell: larger ones are not the surface's
+)
 FEW_CELLS = 10  # of contact, fewer of which do not show its shape
 LARGE_PATCH = 100  # cells of a patch that is meant to show one
 
@@ -58,13 +59,13 @@ def notes_on(state, problem, contact, roughness):
         if abs(shape) > 1e-3 and (exchanged or abs(shape) < SQUARISH):
             what = "square if the sides of the patch are exchanged" if exchanged else "nearly square"
             found.append(f"cells are {in_words(grid.dx, grid.dy, digits=4)}, {what}: is x exchanged with y?")
-    if measured and grid.periodic:
-        across, inside = _step_at_the_sides(state), max(max(surface.steps) for surface in measured)
-        if across > SEAM * inside > 0:
-            found.append(
-                f"where the patch repeats heights step by {in_words(across)} (rms), from cell to cell elsewhere by "
-                f"{in_words(inside)}: a measured surface is not periodic, and touches there as at a cliff"
-            )
+    across, beside = roughness.steps_at_sides
+    if across > SEAM * beside > 0:
+        what = "a measured surface is not periodic, and" if measured else "what is not periodic"
+        found.append(
+            f"where the patch repeats distances step by {in_words(across)} (rms), from cell to cell beside by "
+            f"{in_words(beside)}: {what} touches there as at a cliff"
+        )
     if roughness.rms_height > TALL * side:
         found.append(
             f"the distances vary by {roughness.rms_height:.2g} mm (rms) on a patch {side:.2g} mm wide: are they in mm?"
@@ -134,18 +135,6 @@ def spiked(surface):
         f"above all beside it, {steps:.0f} times the rms step from cell to cell; they carry the load: take "
         "them out first"
     )
-
-
-def _step_at_the_sides(state):
-    """Root mean square of the steps in distance across the sides of a periodic patch [mm]. Collective."""
-    rows = state.operator.slabs.rows
-    b = np.where(state.admissible, state.distance.b, np.nan)
-    below = row_before(b, True, state.operator.slabs, state.operator.comm, np.nan)
-    steps = [b[:, 0] - b[:, -1], b[0] - below if len(b) and rows.start == 0 else np.zeros(0)]
-    known = np.concatenate(steps)
-    known = known[np.isfinite(known)]
-    total, count = state.sum([known @ known, known.size])
-    return float(np.sqrt(total / count)) if count else 0.0
 
 
 def _touches_rim(state, contact_cells):

@@ -111,6 +111,9 @@ class LoadPath:
     def __getstate__(self):
         return self.__dict__ | {"_solver": None, "_steps": None}
 
+    def __repr__(self):
+        return f"<LoadPath: {len(self)} steps by {self._kind}, {len(self.rows)} done>"
+
     def __len__(self):
         return len(self.numbers)
 

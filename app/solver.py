@@ -418,12 +418,13 @@ class ContactSolver:
             fallbacks=outcome.fallbacks,
             **found._asdict(),
             **extent._asdict(),
-            **self._roughness._asdict(),
+            rms_height=self._roughness.rms_height,
+            rms_slope=self._roughness.rms_slope,
             rtol=self.settings.rtol,
             certificate=proof,
             history=history.columns(),
             problem=self.problem.describe()
-            | analytic_values(self.problem, approach, prescribed)
+            | (analytic_values(self.problem, approach, prescribed) if found.load > 0 else {})
             | theories(self.problem, found.mean_pressure, self._roughness.rms_slope),
             options=as_line(self.settings.texts),
             notes=(*self.settings.warnings, *notes),

@@ -42,6 +42,10 @@ class Roughness(NamedTuple):
 
     rms_height: float  # about the mean, over the admissible cells [mm]
     rms_slope: float  # of the gradient's length; NaN where no two admissible cells lie side by side
+    steps_at_sides: tuple = (
+        0.0,
+        0.0,
+    )  # rms, from cell to cell across the sides of a periodic patch, and beside [mm]
 
 
 def measure_contact(state):
@@ -106,7 +110,25 @@ def measure_roughness(operator, distance, shape):
     grid = operator.grid
     waves = grid.periodic and distance.statistics.cells == grid.n
     square = _of_waves(operator, shape) if waves else _of_differences(operator, shape)
-    return Roughness(distance.deviation, float(np.sqrt(square)))
+    steps = _steps_at_sides(operator, shape) if grid.periodic else (0.0, 0.0)
+    return Roughness(distance.deviation, float(np.sqrt(square)), steps)
+
+
+def _steps_at_sides(operator, shape):
+    """See `Roughness`. Collective."""
+    slabs, (ny, nx) = operator.slabs, operator.grid.shape
+    below = row_before(shape, True, slabs, operator.comm, np.nan)
+
+    def steps(columns, faces):
+        here = [j - slabs.rows.start for j in faces if j in range(ny)[slabs.rows]]
+        in_y = [shape[j] - (shape[j - 1] if j else below) for j in here]
+        return np.concatenate([np.zeros(0), *(shape[:, i] - shape[:, i - 1] for i in columns), *in_y])
+
+    found = steps([0], [0]), steps({1, nx - 1} - {0, nx}, {1, ny - 1} - {0, ny})
+    squares = [np.nansum(np.square(those)) for those in found]
+    counts = [np.count_nonzero(np.isfinite(those)) for those in found]
+    *squares, across, beside = sum_over(operator.comm, [*squares, *counts])
+    return tuple(map(float, np.sqrt(np.divide(squares, np.maximum([across, beside], 1)))))
 
 
 def _of_waves(operator, shape):

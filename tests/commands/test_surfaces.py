@@ -176,6 +176,24 @@ def test_what_an_instrument_says_is_believed(convert, tmp_path, monkeypatch, sai
         np.testing.assert_allclose(surface.heights(), scale * factor * HEIGHTS.T, rtol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("unit", "spacing", "read"), [("nm", (2.0, 3.0), True), (None, None, False), (None, (2.0, 3.0), False)]
+)
+def test_words_are_read_over_only_where_the_format_is_known(
+    convert, tmp_path, monkeypatch, unit, spacing, read
+):
+    """A reader that picks numbers out of any text takes a NODATA_value for a height, and two maps for one."""
+    facts = {"unit": unit, "spacing": spacing, "format": "asc", "channel": "Default"}
+    monkeypatch.setattr("app.convert._read_instruments", lambda *_: (HEIGHTS.copy(), facts))
+    monkeypatch.setattr("app.convert.instruments_python", lambda: True)
+    lines = "\n".join(" ".join(map(str, row)) for row in HEIGHTS)
+    (tmp_path / "s.txt").write_text(f"NODATA_value -9999\n{lines}\n")
+    options = () if read else ("--unit", "um", "--spacing", "1,1")
+    done = convert(tmp_path / "s.txt", "-o", tmp_path / "s.h5", *options)
+    assert done.returncode == (0 if read else 2)
+    assert read or "skip the line at the head" in done.stderr
+
+
 @pytest.mark.parametrize("size", [0, 60])
 def test_what_is_refused_as_text_is_no_map_of_three_columns(convert, tmp_path, size):
     """Nor of none: SurfaceTopography, where it is installed, reads both."""

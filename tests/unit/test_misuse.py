@@ -178,6 +178,7 @@ def test_a_result_read_is_as_good_as_the_solution(tmp_path):
 
 def test_what_there_is_can_be_looked_up():
     assert dir(app) == sorted(app.__all__)
+    assert dir(app.reference) == sorted(app.reference.__all__)
     for name in ("approach", "load", "method", "options", "comm", "start", "mean_pressure", "mean_gap"):
         assert re.search(rf"^ *(\w+, )*{name}(, \w+)* : ", solve.__doc__, re.MULTILINE)
 

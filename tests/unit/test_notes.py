@@ -82,6 +82,23 @@ def test_a_long_line_contact_on_a_narrow_period_is_worth_none():
     assert not any("mm" in note for note in notes(lambda x, y: x**2 / 20 + 0 * y, 0.01, grid))
 
 
+@pytest.mark.parametrize(
+    ("gap", "told"),
+    [
+        (Sphere(10.0), False),
+        (lambda x, y: 1e-3 * np.cos(3 * np.pi * x) * np.cos(2 * np.pi * y), False),
+        (lambda x, y: 1e-2 * x + 1e-4 * np.cos(30 * x), True),
+        (lambda x, y: 0.05 * np.hypot(x + 1, y + 1) ** 2, True),  # its apex is in a corner
+        (np.random.default_rng(1).random((32, 32)), False),
+    ],
+)
+def test_what_does_not_repeat_on_a_periodic_patch(gap, told):
+    """Of noise the steps are as large everywhere; cells of a sphere are those of another one beyond the side."""
+    problem = ContactProblem(GRID, SOFT, gap, periodic=True)
+    found = solve(problem, None, None, load=1e-3).notes
+    assert any("is not periodic" in note for note in found) == told
+
+
 def test_micrometres_taken_for_millimetres():
     """The trial of a new user: what is solved is not what was meant, and says so in three ways."""
     heights = np.random.default_rng(3).normal(size=(24, 25))

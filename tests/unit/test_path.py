@@ -191,7 +191,9 @@ def test_what_the_solver_does_between_steps_changes_none(meanwhile):
 
 def test_a_path_ends_with_its_solver():
     with ContactSolver(hertz(16)) as solver:
-        path = iter(solver.path(load=[10.0, 20.0]))
-        next(path)
+        path = solver.path(load=[10.0, 20.0])
+        steps = iter(path)
+        next(steps)
+    assert repr(path) == "<LoadPath: 2 steps by load, 1 done>"
     with pytest.raises(InputError, match="the solver is closed"):
-        next(path)
+        next(steps)
