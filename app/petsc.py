@@ -108,10 +108,22 @@ def one_at_a_time(function):
 
 
 def mpi_comm(comm):
-    """The mpi4py communicator that is meant: by petsc4py's, or by None, which is all ranks. Not collective."""
+    """The mpi4py communicator that is meant: by petsc4py's, or by None, which is all ranks. Not collective.
+
+    Raises
+    ------
+    InputError
+        If it is something else, or this rank is none of its ranks.
+    """
     if comm is None:
         return MPI.COMM_WORLD
-    return comm.tompi4py() if isinstance(comm, PETSc.Comm) else comm
+    if isinstance(comm, PETSc.Comm):
+        comm = comm.tompi4py()
+    if isinstance(comm, MPI.Comm) and comm == MPI.COMM_NULL:
+        raise InputError("comm: this rank is none of its ranks; only those may make a solver")
+    if not isinstance(comm, MPI.Intracomm):
+        raise InputError(f"comm: is {type(comm).__name__}; needed: a communicator of mpi4py or petsc4py")
+    return comm
 
 
 class OptionDatabase:

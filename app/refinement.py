@@ -6,10 +6,13 @@ from dataclasses import replace
 from numbers import Real
 from typing import NamedTuple
 
+from app import ending
 from app.contact.grid_errors import GridErrors, GridNumbers, errors_from
-from app.errors import InputError
+from app.errors import InputError, agree, check_alike
 from app.method_solver import check_kind
 from app.multigrid.hierarchy import check_room
+from app.options import as_texts
+from app.petsc import mpi_comm
 from app.problems.problem import Problem
 from app.solution import Solution
 from app.solver import ContactSolver
@@ -78,10 +81,12 @@ def refine(
     >>> refined.reached, refined.errors.largest < 0.03
     (True, True)
     """
-    check(problem, until, most_cells)
+    comm = ending.share(mpi_comm(comm))
+    agree(comm, check, problem, until, most_cells)
+    check_alike(comm, (until, most_cells, stiffness), "refine")
     by_load = any(loading.get(kind) is not None for kind in ("load", "mean_pressure"))
     rows, numbers = [], []
-    options = dict(options or {})
+    options = agree(comm, as_texts, options or {})
     while True:
         grid = problem.grid
         with ContactSolver(problem, method, options, comm, listeners=listeners) as solver:

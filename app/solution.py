@@ -8,13 +8,14 @@ import numpy as np
 
 from app.contact.certificate import Certificate
 from app.contact.grid_errors import GridErrors
-from app.errors import InputError
+from app.errors import InputError, agree, check_alike
 from app.halfspace.communication import Traffic
 from app.halfspace.grid import Grid, Slabs
 from app.output.contact_fields import OF_SOLUTION, ContactFields
 
 # Attributes that who saves may know better: those of a whole run, and errors from more grids.
 OF_RUN = {"command_line", "notes", "options", "setup_seconds", "stiffness", *GridErrors._fields}
+_LARGE = 65_000  # bytes: HDF5 has no larger attributes
 _OF_FILE = {"contact_patches", "largest_patch"}  # are counted for it, if nobody has
 
 
@@ -224,6 +225,12 @@ class Solution(ContactFields):
         h = whole.pop("undeformed_distance")
         return replace(self, **whole, distance=lambda: h, slabs=Slabs(self.grid.ny), comm=MPI.COMM_SELF)
 
+    def _rows_of(self, value):
+        """Those here of an array of the cells, of all or of these; None of anything else. Not collective."""
+        if np.shape(value) == self.displacement.shape:
+            return value
+        return np.asarray(value)[self.slabs.rows] if np.shape(value) == self.grid.shape else None
+
     def save(self, path, steps=None, **attributes):
         """Write a result file (HDF5), whole or not at all. Collective.
 
@@ -234,8 +241,8 @@ class Solution(ContactFields):
         steps : mapping of str to ndarray, shape (steps,), optional
             Table of the load path that ended here, `app.path.LoadPath.table`; the group ``path`` of the file.
         **attributes
-            More root attributes; arrays of the shape of `pressure` are more fields, which `app.read_result` has in
-            ``extra``. Of those that are there `OF_RUN` may be others.
+            More root attributes; arrays of all cells, or of the rows here, are more fields, which `app.read_result`
+            has in ``extra``. Of those that are there `OF_RUN` may be others.
 
         Raises
         ------
@@ -256,12 +263,31 @@ class Solution(ContactFields):
         }
         facts = self.attributes | ({} if attributes.keys() >= _OF_FILE else self.count_patches())
         own = {*facts, *OF_SOLUTION, *Result.__dataclass_fields__} - OF_RUN - _OF_FILE
-        for name in sorted(own & attributes.keys()):
-            raise InputError(f"result file {path}: {name} is there already; allowed: another name")
-        try:
-            more = {name: value for name, value in attributes.items() if np.shape(value) == u.shape}
-        except ValueError:  # a list of lists of several lengths
-            raise InputError(f"result file {path}: attributes: needed: numbers, texts, and arrays") from None
+
+        def sort_out():
+            for name in sorted(own & attributes.keys()):
+                raise InputError(f"result file {path}: {name} is there already; allowed: another name")
+            try:
+                rows = {name: self._rows_of(value) for name, value in attributes.items()}
+                large = [
+                    name
+                    for name in rows
+                    if rows[name] is None and np.asarray(attributes[name]).nbytes >= _LARGE
+                ]
+            except ValueError:  # a list of lists of several lengths
+                raise InputError(
+                    f"result file {path}: attributes: needed: numbers, texts, and arrays"
+                ) from None
+            for name in large:
+                raise InputError(
+                    f"result file {path}: {name}: needed: an array of the cells, or less than 64 KB"
+                )
+            return {name: value for name, value in rows.items() if value is not None}
+
+        more = agree(self.comm, sort_out)
+        check_alike(
+            self.comm, (list(attributes), list(more)), f"result file {path}: names of attributes, or fields"
+        )
         fields |= more
         facts |= {name: value for name, value in attributes.items() if name not in more}
         try:
@@ -270,3 +296,10 @@ class Solution(ContactFields):
             )
         except OSError as error:
             raise InputError(f"result file {path}: cannot be written: {error}") from None
+
+
+def identity(start):
+    """What tells a Solution from another one, the same on all ranks; of anything else its type. Not collective."""
+    if not isinstance(start, Solution):
+        return type(start).__name__
+    return start.load, start.approach, start.max_pressure, start.contact_cells

@@ -18,7 +18,6 @@ import weakref
 from dataclasses import replace
 
 import numpy as np
-from mpi4py import MPI
 
 from app import ending
 from app.analytic import analytic_values, theories
@@ -33,7 +32,6 @@ from app.halfspace.communication import Communicator
 from app.halfspace.influence import influence_quadrant
 from app.halfspace.reductions import minimum_over
 from app.method_solver import (
-    check_kind,
     choose,
     database_of,
     make_hierarchy,
@@ -46,7 +44,7 @@ from app.notes import notes_on
 from app.options import as_line
 from app.path import LoadPath
 from app.petsc import Resources, mpi_comm, one_at_a_time
-from app.solution import Solution
+from app.solution import Solution, identity
 from app.stiffness import contact_stiffness
 from app.strategy import check_single
 
@@ -127,9 +125,6 @@ class ContactSolver:
     @one_at_a_time
     def __init__(self, problem, method=None, options=None, comm=None, prefix="", listeners=()):
         started, comm = time.perf_counter(), mpi_comm(comm)
-        check_kind("comm", comm, MPI.Intracomm, "a communicator of mpi4py or petsc4py")
-        if comm == MPI.COMM_NULL:
-            raise InputError("comm: this rank is none of its ranks; only those may make a solver")
         self._resources, self._distances = Resources(), []
         self._finalizer = weakref.finalize(self, one_at_a_time(self._resources.free))
         self.problem = problem
@@ -240,7 +235,7 @@ class ContactSolver:
         self._refuse_if_closed()
         given = {"approach": approach, "load": load, "mean_pressure": mean_pressure, "mean_gap": mean_gap}
         ending.share(self._outer_comm)
-        check_alike(self.comm, (given, start is None), "loading or start")
+        check_alike(self.comm, (given, identity(start)), "loading or start")
         solution = self._team.call(self._solve, given, start, summary=Solution.without_rows)
         if solution.comm is not self._outer_comm:  # the summary
             solution = solution.without_rows(self._outer_comm)

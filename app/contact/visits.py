@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 
 from app.contact.grid_errors import estimated_errors
-from app.multigrid.direct import begins_directly
+from app.multigrid.direct import may_begin
 
 
 class Visits:
@@ -88,13 +88,13 @@ class Visits:
 def _route(hierarchy, distances, loading, nested):
     """Numbers of the levels to visit. Not collective.
 
-    Without nested iteration that is the target alone; a prescribed load is met on a grid that is solved directly first,
-    which is where the approach to begin with comes from. Grids so coarse that no cell is admissible say nothing, and a
-    function may have one on a grid and none on the next finer one.
+    Without nested iteration that is the target alone; a prescribed load is met on a small grid first, which is where
+    the approach to begin with comes from. Grids so coarse that no cell is admissible say nothing, and a function may
+    have one on a grid and none on the next finer one.
     """
     last = len(hierarchy.levels) - 1
     sighted = [number for number, distance in enumerate(distances) if distance.statistics.cells]
     if nested:
         return range(max(set(range(last)).difference(sighted), default=-1) + 1, last + 1)
-    small = [number for number in sighted if begins_directly(hierarchy, number)]
+    small = [number for number in sighted if may_begin(hierarchy, number)]
     return [*small[-1:], last] if loading.prescribes_load else [last]

@@ -16,12 +16,14 @@ def solves_directly(operator):
     return operator.slabs.size == 1 and operator.grid.n <= LARGEST_DIRECT
 
 
-def begins_directly(hierarchy, number):
-    """Whether a level is solved directly, if an iteration begins with it: it is small, and not the target.
+def may_begin(hierarchy, number):
+    """Whether a level is one to begin with: it is small, on however many ranks, and not the target. Not collective."""
+    return number < len(hierarchy.levels) - 1 and hierarchy.levels[number].grid.n <= LARGEST_DIRECT
 
-    Not collective.
-    """
-    return number < len(hierarchy.levels) - 1 and solves_directly(hierarchy.levels[number])
+
+def begins_directly(hierarchy, number):
+    """Whether a level is solved directly, if an iteration begins with it. Not collective."""
+    return may_begin(hierarchy, number) and solves_directly(hierarchy.levels[number])
 
 
 def stored_matrix(operator):

@@ -6,7 +6,7 @@ from numbers import Integral
 
 import numpy as np
 
-from app.errors import InputError
+from app.errors import InputError, agree, check_alike
 
 # What a Solution calls some attributes of the file.
 OF_SOLUTION = {"message": "reason", "iterations": "active_set_iterations", "rtol": "lcp_rtol"}
@@ -71,10 +71,17 @@ class ContactFields:
         """
         from app.halfspace.reductions import minimum_over, sum_over
 
-        if name not in ("pressure", "gap"):
-            raise InputError(f"distribution {name!r}: allowed: pressure, gap")
-        if not (isinstance(bins, Integral) and bins >= 1):
-            raise InputError(f"distribution in {bins!r} bins: allowed: a whole number of at least 1")
+        def check():
+            if name not in ("pressure", "gap"):
+                raise InputError(f"distribution {name!r}: allowed: pressure, gap")
+            if not (isinstance(bins, Integral) and bins >= 1):
+                raise InputError(f"distribution in {bins!r} bins: allowed: a whole number of at least 1")
+
+        if self.comm is None:
+            check()
+        else:
+            agree(self.comm, check)
+            check_alike(self.comm, (name, bins, bool(logarithmic)), "distribution")
         values = getattr(self, name)
         values = values[(self.contact == (name == "pressure")) & (values > 0)]
         low, high = minimum_over(self.comm, [values.min(initial=np.inf), -values.max(initial=0.0)])

@@ -1,6 +1,7 @@
 """Solvers on all ranks, on some of them, and what every rank hears of bad input."""
 
 import gc
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from cases import APPROACH, hertz, punch
 from mpi4py import MPI
 from running import solve
 
-from app import ContactProblem, ContactSolver, Grid, Material, read_result
+from app import ContactProblem, ContactSolver, Grid, Material, Sphere, read_result, refine
 from app.errors import InputError
 
 TIGHT = {"lcp_rtol": 1e-9, "lcp_cells_per_rank": 32}
@@ -220,12 +221,98 @@ def test_random_distances_without_a_seed_are_refused(comm):
     gap, phase = np.random.default_rng(comm.rank).random((2, 8, 8))
     last_bits = 1e6 + np.random.default_rng(1).random((8, 8)) + 1e-9 * gap
     with ContactSolver(own(last_bits)) as solver:
-        for others in (gap, np.where(gap < 0.3, np.nan, 0.1), lambda x, y: x**2 + np.cos(x + phase[0, 0])):
+        turned = np.random.default_rng(2).random((8, 8))
+        turned = turned[:, :: -1 if comm.rank else 1]
+        shifted = np.roll(turned if comm.rank == 0 else turned[:, ::-1], comm.rank, axis=1)
+        for others in (
+            gap,
+            np.where(gap < 0.3, np.nan, 0.1),
+            lambda x, y: x**2 + np.cos(x + phase[0, 0]),
+            turned,
+            shifted,
+            lambda x, y: x**2 + (1 + comm.rank) * (y - first.grid.y().mean()) ** 2,
+        ):
             with pytest.raises(InputError, match="not the same on all ranks; .* seed"):
                 solve(own(others), 0.1)
             with pytest.raises(InputError, match="not the same on all ranks; .* seed"):
                 solver.update(own(others))
         assert solver.solve(approach=1e6 + 0.1).converged
+
+
+@pytest.mark.mpi(2, 3)
+def test_a_start_is_the_same_on_all_ranks(comm):
+    with ContactSolver(hertz(16)) as solver:
+        starts = [solver.solve(load=load) for load in (5000.0, 8000.0)]
+        for different in (
+            starts[comm.rank % 2],
+            None if comm.rank else starts[0],
+            starts[0] if comm.rank else "x",
+        ):
+            with pytest.raises(InputError, match="loading or start: not the same on all ranks"):
+                solver.solve(load=6000.0, start=different)
+        assert solver.solve(load=6000.0, start=starts[0]).converged
+
+
+@pytest.mark.mpi(1, 2, 3)
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"until": -1},
+        {"until": 0.2},
+        {"most_cells": 300},
+        {"stiffness": True},
+        {"options": 3},
+        {"comm": "all"},
+    ],
+    ids=str,
+)
+def test_grids_are_refined_by_all_ranks_alike(comm, other):
+    ball = ContactProblem(Grid.from_domain(8, 8, (-1, 1, -1, 1)), Material.combined(80000, 0.3), Sphere(10.0))
+    refused = comm.size > 1 or not {"options", "comm"}.isdisjoint(other) or other.get("until") == -1
+    if other == {"comm": "all"} and comm.size > 1:
+        return  # who has no communicator cannot be waited for
+    given = {"until": 0.3, "most_cells": 1000, "load": 100.0} | (other if comm.rank == comm.size - 1 else {})
+    with pytest.raises(InputError, match="refine|options|comm") if refused else nullcontext():
+        refine(ball, **given)
+
+
+@pytest.mark.mpi(2, 3)
+def test_what_is_saved_or_told_is_the_same_on_all_ranks(comm, tmp_path):
+    last = comm.rank == comm.size - 1
+    path = comm.bcast(tmp_path / "s.h5")
+    found = solve(hertz(24), APPROACH)
+    wear = np.arange(24.0 * 24).reshape(24, 24)
+    for given, message in (
+        ({"load" if last else "wear": wear}, "load is there already"),
+        ({"wear": wear} if last else {"wear": 1.0}, "not the same on all ranks"),
+        ({"wear": np.zeros(10**4)}, "needed: an array of the cells, or less than 64 KB"),
+    ):
+        with pytest.raises(InputError, match=message):
+            found.save(path, **given)
+    for name, rows in (("all", wear), ("here", wear[found.slabs.rows])):
+        found.save(path, wear=rows, kind=name)
+        read = read_result(path)
+        np.testing.assert_array_equal(read.extra["wear"], wear)
+        assert read.attributes["kind"] == name
+        comm.Barrier()
+    for given in (("foo" if last else "gap",), ("gap" if last else "pressure",), ("gap", 10 + last)):
+        with pytest.raises(InputError, match="distribution"):
+            found.distribution(*given)
+    edges, density = found.distribution("gap", 10)
+    assert density @ np.diff(edges) == pytest.approx(1)
+
+
+@pytest.mark.mpi(1, 3)
+@pytest.mark.parametrize("method", ["norm", "mg_v10"])
+def test_the_grid_to_begin_with_does_not_depend_on_the_ranks(comm, method):
+    """Small grids may be shared, too: then they are not solved directly, but are the same."""
+    options = {"lcp_cells_per_rank": 16, "lcp_rtol": 1e-9}
+    found, alone = (
+        solve(hertz(48), None, method, load=2e4, comm=one, **options) for one in (comm, MPI.COMM_SELF)
+    )
+    assert found.iterations == alone.iterations
+    assert set(found.history["level"]) == set(alone.history["level"])
+    assert_close(whole(found), alone.pressure)
 
 
 @pytest.mark.mpi(2, 3)
