@@ -108,7 +108,11 @@ class Request:
         self.stiffness = options["stiffness"]
         self.wants_monitor = options["lcp_monitor"]
         if left := set(options.unused()) - own.asked:
-            raise InputError(unknown_options(left, (), what="unknown or unused"))
+            idle = [option for option in PROBLEM_OPTIONS if option.name in left]
+            what = (
+                f"has no effect here; it is: {idle[0].meaning}" if len(idle) == 1 else "have no effect here"
+            )
+            raise InputError(f"{', '.join(sorted(f'-{option.name}' for option in idle))}: {what}")
         taken = {option.name for option in PROBLEM_OPTIONS} | own.asked
         self.method, self.options = given.files_and_words(given.texts.keys() - taken)
         _refuse_method(self.options)

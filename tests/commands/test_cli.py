@@ -54,7 +54,7 @@ CASES = {
     "unknown option of the method": ([*HERTZ, "-lcp_rtool", "1e-3"], "unknown option: -lcp_rtool"),
     "misspelt PETSc option": ([*HERTZ, "-ksp_rtoll", "1e-3"], "option: -ksp_rtoll (did you mean -ksp_rtol?)"),
     "misspelt logging option": ([*HERTZ, "-log_vieww"], "-log_vieww"),
-    "options of another problem": ([*HERTZ, "-punch_diameter", "3", "-gap_file", "a"], "s: -gap_file, -punch_diameter"),
+    "options of another problem": ([*HERTZ, "-punch_diameter", "3", "-gap_file", "a"], "-gap_file, -punch_diameter: "),
     "stray word": ([*HERTZ, "16"], "16: neither an option"),
     "approach and load": ([*HERTZ, "-approach", "0.1", "-load", "5"], "both -approach and -load"),
     "nu too large": ([*HERTZ, "-poisson_ratio", "0.51"], "-poisson_ratio 0.51: not allowed; allowed: from 0 to 0.5"),
@@ -120,7 +120,8 @@ CASES = {
     "no path": ([*HERTZ, "-load_path", "1:2"], "-load_path 1:2: not allowed; allowed: first:last:n"),
     "path and approach": ([*HERTZ, "-load_path", "1,2", "-approach", "1"], "both -approach and -load_path"),
     "path of negative loads": ([*HERTZ, "-load_path", "1,-2"], "load -2: the bodies do not stick together"),
-    "resumes nothing": ([*HERTZ, "-resume"], "-resume"),
+    "resumes nothing": ([*HERTZ, "-resume"], "-resume: has no effect here; it is: path: go on after the steps"),
+    "diameter of no punch": ([*HERTZ, "-punch_diameter", "3"], "-punch_diameter: has no effect here; it is: diam"),
     "refines a path": ([*HERTZ, "-load_path", "1,2", "-refine_until", "0.1"], "of one loading only"),
     "refines a file": (
         with_file(
