@@ -99,17 +99,23 @@ def _find(probe, path):
         raise ValueError(f"result file {path}: {probe.parent} is not the folder that rank 0 has; share it")
 
 
+def digest(path):
+    """SHA-256 of a file, in hexadecimal digits; read piece by piece. Not collective."""
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def fingerprint(path):
     """Size and digest of a file, None if there is none: of large ones some pieces only. Not collective."""
     path = Path(path)
     if not path.is_file():
         return None
-    size, digest = path.stat().st_size, hashlib.sha256()
+    size, pieces = path.stat().st_size, hashlib.sha256()
     with path.open("rb") as file:
         for number in range(_PIECES):
             file.seek(number * max(size - _PIECE, 0) // (_PIECES - 1))
-            digest.update(file.read(_PIECE))
-    return size, digest.hexdigest()
+            pieces.update(file.read(_PIECE))
+    return size, pieces.hexdigest()
 
 
 def _target(path):
