@@ -1,13 +1,14 @@
 """Verification: figures and their limits, exact solutions of small problems, the document and the command."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from app import ContactProblem, Grid, Material, solver, verify
 from app.contact.certificate import certify
-from app.verification import certificates, document
+from app.verification import certificates, document, oracles
 from app.verification.check import Check, Figure, order
 from app.verification.dense import DenseProblem, by_lemke
 
@@ -73,6 +74,17 @@ def test_a_certificate_has_to_be_right_and_to_say_something(monkeypatch, measure
     monkeypatch.setattr(certificates, "certify", scaled)
     monkeypatch.setattr(solver, "certify", scaled)
     assert all(figure.passed for figure in measure(True)) == passes
+
+
+def test_a_method_that_never_converges_is_compared_with_nothing(monkeypatch):
+    def gives_up(problem, method, **how):
+        assert method == "fmg_v11"
+        return SimpleNamespace(converged=False, pressure=np.full(problem.grid.shape, 77.0))
+
+    monkeypatch.setattr(oracles, "methods", lambda periodic: ["fmg_v11"])
+    monkeypatch.setattr(oracles, "solved", gives_up)
+    figures = oracles.every_method(True)
+    assert figures and not any(figure.passed for figure in figures)
 
 
 @pytest.fixture
