@@ -25,7 +25,7 @@ def main(given):
     from app.commands import monitor
     from app.commands.load_path import run_path
     from app.commands.problem_options import Request, help_text, suggesting
-    from app.commands.report import along, grids, report
+    from app.commands.summary import along, grids, summary
     from app.refinement import refine
     from app.solver import ContactSolver
 
@@ -57,7 +57,7 @@ def main(given):
 
     said, steps, done, status = "", None, None, 0
     with PETSc.Log.Stage("Solve"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of what the report says: not converged
+        warnings.simplefilter("ignore", RuntimeWarning)  # of what the summary says: not converged
         if request.refine_until:
             refined = refine(
                 request.problem, request.refine_until, request.refine_max, request.method, request.options,
@@ -90,7 +90,7 @@ def main(given):
         done()
     if said:
         session.say(said)
-    session.say(report(solution.attributes | facts, solution.grid, request.output))
+    session.say(summary(solution.attributes | facts, solution.grid, request.output))
     for line in notes:
         session.warn(line)
     return status if solution.converged else 3
