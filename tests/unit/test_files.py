@@ -10,6 +10,7 @@ import pytest
 from mpi4py import MPI
 
 from app.commands.load_path import _identity
+from app.errors import InputError
 from app.output.files import check_output_path, temporary_name, whole_file
 from app.output.result import read_result
 from app.runs.run import Run
@@ -56,6 +57,20 @@ def test_link_that_leads_to_no_file(tmp_path):
     ):
         with pytest.raises(ValueError, match=reason):
             check_output_path(tmp_path / f"{name}.h5")
+
+
+def test_files_of_other_users_in_a_sticky_folder(tmp_path, monkeypatch):
+    """As in /tmp: a file can be made beside them, but the rename in the end would be refused, when all is done."""
+    path = tmp_path / "result.h5"
+    tmp_path.chmod(0o1777)
+    path.touch()
+    assert check_output_path(path) == path
+    monkeypatch.setattr(os, "geteuid", lambda: path.stat().st_uid + 1)
+    with pytest.raises(InputError, match=r"result\.h5: is another user's"):
+        check_output_path(path)
+    assert check_output_path(tmp_path / "other.h5") == tmp_path / "other.h5"
+    tmp_path.chmod(0o777)
+    assert check_output_path(path) == path
 
 
 def test_every_name_that_the_folder_takes_can_be_written(tmp_path):
