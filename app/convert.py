@@ -13,7 +13,6 @@ Root attributes: ``source`` (file name), ``sha256`` (of it), ``format``, ``chann
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import subprocess
@@ -63,7 +62,7 @@ def _main(argv):
     add("--orient", type=argument(some_of(*TURNS)), default=(), metavar="HOW", help=how)
     add("--spacing", type=argument(_spacing), metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
     arguments = parser.parse_args(argv)
-    from app.output.files import check_output_path
+    from app.output.files import check_output_path, digest
 
     path, file = arguments.file, _without_dataset(arguments.file)
     if not file.is_file():
@@ -73,7 +72,7 @@ def _main(argv):
     _settle(source, arguments)
     summary, doubts = _summary(source)  # refuses what no solve would read
     with writing(arguments.output):
-        _write(arguments.output, source, {**origin, "source": file.name, "sha256": _checksum(file)})
+        _write(arguments.output, source, {**origin, "source": file.name, "sha256": digest(file)})
     streams.say(f"{arguments.output}: {summary}")
     for note in doubts:
         streams.complain(f"warning: {note}")
@@ -189,11 +188,6 @@ def _write(output, source, origin):
         dataset.attrs.update(unit=source.unit, spacing=spacing, spacing_unit=source.lateral)
         file["mask"] = np.isnan(heights).astype(np.uint8)
         file.attrs.update(origin, version=__version__)
-
-
-def _checksum(path):
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _summary(source):

@@ -94,7 +94,8 @@ def _main(argv):
         # What an earlier call found says nothing about this program any more.
         for data in (tables, *rest.values()):
             data.pop(name, None)
-        (folder / f"{name}.png").unlink(missing_ok=True)
+        for stale in folder / f"{name}.png", folder / "runs" / f"{name}.csv":
+            stale.unlink(missing_ok=True)
         streams.complain(f"{name}: left out, because a run failed: {message}")
     done = [item for item in items if all(map(_usable, found[item.name].values()))]
     _write(folder, tables, rest, done, plans, found, arguments.quick, time.perf_counter() - started)

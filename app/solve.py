@@ -25,7 +25,7 @@ def main(given):
     from app.commands import monitor
     from app.commands.load_path import run_path
     from app.commands.problem_options import Request, help_text, suggesting
-    from app.commands.report import along, grids, report
+    from app.commands.summary import along, grids, summary
     from app.refinement import refine
     from app.solver import ContactSolver
 
@@ -42,12 +42,10 @@ def main(given):
     facts = {"command_line": shlex.join(sys.argv)}
     with PETSc.Log.Stage("Setup"), suggesting(given.texts):
         request, solver = Request(given, MPI.COMM_WORLD), None
+        shown = request.wants_monitor or not request.path  # which has a bar, or lines, of its own
+        listeners = monitor.listeners(request.wants_monitor) if shown else []
         if not request.refine_until:
-            solver = ContactSolver(request.problem, request.method, request.options)
-            shown = request.wants_monitor or not request.path  # which has a bar, or lines, of its own
-            solver.listeners += (
-                monitor.listeners(request.wants_monitor, solver.settings.rtol) if shown else []
-            )
+            solver = ContactSolver(request.problem, request.method, request.options, listeners=listeners)
             facts["setup_seconds"] = time.perf_counter() - started
     gc.freeze()  # all this stays: looking for garbage in it takes as long as a small solve
 
@@ -59,9 +57,8 @@ def main(given):
 
     said, steps, done, status = "", None, None, 0
     with PETSc.Log.Stage("Solve"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of what the report says: not converged
+        warnings.simplefilter("ignore", RuntimeWarning)  # of what the summary says: not converged
         if request.refine_until:
-            listeners = monitor.listeners(request.wants_monitor, 1e-6)
             refined = refine(
                 request.problem, request.refine_until, request.refine_max, request.method, request.options,
                 listeners=listeners, stiffness=request.stiffness, **request.loading,
@@ -93,7 +90,7 @@ def main(given):
         done()
     if said:
         session.say(said)
-    session.say(report(solution.attributes | facts, solution.grid, request.output))
+    session.say(summary(solution.attributes | facts, solution.grid, request.output))
     for line in notes:
         session.warn(line)
     return status if solution.converged else 3

@@ -133,8 +133,7 @@ class ContactSolver:
         self.hierarchy = self._strategy = None
         try:
             self.settings = chosen = agree(self.comm, choose, problem, method, options, prefix, listeners)
-            self.listeners = list(listeners)
-            grid = problem.grid
+            self.listeners, grid = list(listeners), problem.grid
             # Processors may round differently.
             sizes = [f"{size:.6g}" for size in (grid.dx, grid.dy, problem.material.compliance)]
             check_alike(self.comm, (grid.shape, grid.periodic, sizes, chosen), "grid, material or options")
@@ -236,6 +235,8 @@ class ContactSolver:
         given = {"approach": approach, "load": load, "mean_pressure": mean_pressure, "mean_gap": mean_gap}
         ending.share(self._outer_comm)
         check_alike(self.comm, (given, identity(start)), "loading or start")
+        for listener in self.listeners:
+            listener.begin(self.settings)
         solution = self._team.call(self._solve, given, start, summary=Solution.without_rows)
         if solution.comm is not self._outer_comm:  # the summary
             solution = solution.without_rows(self._outer_comm)

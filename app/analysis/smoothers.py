@@ -67,21 +67,6 @@ class LineContact:
         """Pressure of the cylinder, sqrt(1 - (x/a)^2) of its maximum, shape (n,). Not collective."""
         return np.sqrt(1 - (self.grid.x() / self.half_width) ** 2)
 
-    def undeformed_distance(self):
-        """Undeformed distance h per unit of maximum pressure, shape (n,) [mm / (N/mm2)].
-
-        Not collective. A parabola with the radius and approach that give `pressure`, for a strip much longer
-        than wide [1]_: A p = -h up to the discretisation error.
-
-        References
-        ----------
-        .. [1] K.L. Johnson, Contact Mechanics, Sec. 4.2(c), with the reference point of the displacement at
-           infinity instead of at a depth.
-        """
-        a, x = self.half_width, self.grid.x()
-        approach = np.log(4 * self.half_length / a) + 0.5
-        return a / self.material.contact_modulus * ((x / a) ** 2 - approach)
-
 
 @dataclass(frozen=True)
 class Modes:
@@ -130,22 +115,17 @@ class ModePair:
     ----------
     number : int
         The paper's number.
-    x, vector, value : ndarray, ndarray of complex, complex
-        Cell centres [mm], eigenvector and eigenvalue on the fine grid.
-    coarse_x, coarse_vector, coarse_value : as above, or None
+    vector, value : ndarray of complex, complex
+        Eigenvector and eigenvalue on the fine grid.
+    coarse_vector, coarse_value : as above, or None
         On the grid of half as many cells; the phase of the vector is turned to match the fine one.
-    agreement : float or None
-        Cosine of the angle between the coarse mode and the fine one averaged over pairs of cells.
     """
 
     number: int
-    x: np.ndarray
     vector: np.ndarray
     value: complex
-    coarse_x: np.ndarray | None = None
     coarse_vector: np.ndarray | None = None
     coarse_value: complex | None = None
-    agreement: float | None = None
 
 
 def jacobi(matrix, omega=1.0):
@@ -257,13 +237,10 @@ def compare_grids(contact=None):
         if number in SMOOTH_MODES:
             j_coarse = paper_mode(number, half.cells)
             w = coarse.vectors[:, j_coarse]
-            averaged = v.reshape(-1, 2).mean(axis=1)
-            overlap = np.vdot(w, averaged)
+            overlap = np.vdot(w, v.reshape(-1, 2).mean(axis=1))
             partner = {
-                "coarse_x": half.grid.x(),
                 "coarse_vector": w * overlap / np.abs(overlap),
                 "coarse_value": coarse.values[j_coarse],
-                "agreement": float(np.abs(overlap) / (np.linalg.norm(w) * np.linalg.norm(averaged))),
             }
-        pairs.append(ModePair(number, contact.grid.x(), v, fine.values[j], **partner))
+        pairs.append(ModePair(number, v, fine.values[j], **partner))
     return pairs

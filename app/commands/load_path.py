@@ -10,7 +10,7 @@ from pathlib import Path
 from app.commands.session import note, say, warn
 from app.errors import InputError, agree
 from app.options import Option, as_line, flag, series, word
-from app.output.files import check_output_path, remove
+from app.output.files import check_output_path, digest, remove
 
 KINDS = ("load", "mean_pressure", "approach", "mean_gap")
 _UNITS = ("N", "N/mm2", "mm", "mm of a periodic patch")
@@ -229,8 +229,7 @@ def _identity(wanted, solver):
     """Digest of all that the table depends on."""
     from app import __version__
 
-    read = [Path(name) for name in wanted.inputs if Path(name).is_file()]
-    files = [hashlib.sha256(file.read_bytes()).hexdigest() for file in read]
+    files = [digest(name) for name in wanted.inputs if Path(name).is_file()]
     parts = (wanted.rows_depend_on, *files, wanted.kind, *wanted.numbers, solver.comm.size, __version__)
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 

@@ -13,13 +13,13 @@ _HEADER = (
 )
 
 
-def listeners(monitor, rtol):
+def listeners(monitor):
     """Listeners for the solver: the monitor, if it is wanted; else a bar, if anybody looks. Not collective."""
     from mpi4py import MPI
 
     if monitor:
         return [Monitor()]
-    return [Progress(rtol)] if MPI.COMM_WORLD.rank == 0 and sys.stderr.isatty() else []
+    return [Progress()] if MPI.COMM_WORLD.rank == 0 and sys.stderr.isatty() else []
 
 
 class Monitor(Listener):
@@ -48,8 +48,12 @@ class Monitor(Listener):
 class Progress(Listener):
     """A bar on the terminal for each solve: how many of the decades to the wanted residual are done on this grid."""
 
-    def __init__(self, rtol):
-        self._rtol, self._bar = rtol, None
+    def __init__(self):
+        self._bar = None
+
+    def begin(self, settings):
+        """Hear of the wanted residual; a refinement tightens it from grid to grid."""
+        self._rtol = settings.rtol
 
     def start(self, state, level):
         """Show a bar, if there is none yet."""

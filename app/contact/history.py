@@ -12,6 +12,9 @@ from app.contact.grid_errors import UNKNOWN, GridErrors
 class Listener:
     """Hears of the iteration while it runs; called on the ranks that take part in a grid."""
 
+    def begin(self, settings):
+        """Hear of a solve, on all ranks, and the settings of its method: ``settings.rtol`` is -lcp_rtol."""
+
     def start(self, state, level):
         """Hear of a grid, with the contact set it starts from in ``state.contact``; it may be empty."""
 

@@ -10,6 +10,7 @@ import itertools
 import os
 import re
 import socket
+import stat
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -46,8 +47,8 @@ def check_output_path(path, inputs=(), what="result file", suffixes=SUFFIXES):
     Raises
     ------
     InputError
-        If the suffix is unknown, the path is not a regular file or one of the inputs, or its folder is missing,
-        read-only, or the name is too long for it.
+        If the suffix is unknown, the path is not a regular file, or one of the inputs, or of another user in a folder
+        such as /tmp, or its folder is missing, read-only, or the name is too long for it.
     """
     path = Path(path)
     if path.suffix.lower() not in suffixes:
@@ -58,6 +59,10 @@ def check_output_path(path, inputs=(), what="result file", suffixes=SUFFIXES):
             raise InputError(f"{what} {path}: exists and is not a regular file")
         if not target.parent.is_dir():
             raise InputError(f"{what} {path}: folder {target.parent} does not exist")
+        if target.exists() and _guarded(target):
+            raise InputError(
+                f"{what} {path}: is another user's, and {target.parent} keeps it; choose another name"
+            )
     except OSError as error:
         raise InputError(f"{what} {path}: {error.strerror}") from None
     for other in inputs:
@@ -99,17 +104,23 @@ def _find(probe, path):
         raise ValueError(f"result file {path}: {probe.parent} is not the folder that rank 0 has; share it")
 
 
+def digest(path):
+    """SHA-256 of a file, in hexadecimal digits; read piece by piece. Not collective."""
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def fingerprint(path):
     """Size and digest of a file, None if there is none: of large ones some pieces only. Not collective."""
     path = Path(path)
     if not path.is_file():
         return None
-    size, digest = path.stat().st_size, hashlib.sha256()
+    size, pieces = path.stat().st_size, hashlib.sha256()
     with path.open("rb") as file:
         for number in range(_PIECES):
             file.seek(number * max(size - _PIECE, 0) // (_PIECES - 1))
-            digest.update(file.read(_PIECE))
-    return size, digest.hexdigest()
+            pieces.update(file.read(_PIECE))
+    return size, pieces.hexdigest()
 
 
 def _target(path):
@@ -119,6 +130,12 @@ def _target(path):
         if not target.is_symlink():
             return target
     raise InputError(f"{path}: the symbolic link leads to itself")
+
+
+def _guarded(target):
+    """Whether the folder of a file lets its owner alone take its place, as /tmp does, and that is not us."""
+    folder = target.parent.stat()
+    return folder.st_mode & stat.S_ISVTX and os.geteuid() not in (0, folder.st_uid, target.stat().st_uid)
 
 
 def _same_file(one, other):

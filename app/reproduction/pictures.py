@@ -15,7 +15,7 @@ from app.problems.statistics import normal_plot
 from app.problems.surfaces import WavySurface
 from app.reproduction import studies, trace
 from app.reproduction.item import CASES, Item, solver_run
-from app.reproduction.tables import PAPER, evaluate_methods, traced
+from app.reproduction.tables import PAPER, converged, evaluate_methods, traced
 
 HERTZ_DOMAIN = (-10.0, 10.0, -6.0, 6.0)
 PUNCH_DOMAIN = (-6.0, 6.0, -5.0, 5.0)
@@ -158,7 +158,7 @@ def _contact_panel(axes, fields, which):
 
 
 _CONTACT_COLUMNS = (("norm", "first", "start: h ≤ 0"), ("fmg_v11", "first", "start: full multigrid"),
-                    ("fmg_v11", "last", "converged"))  # fmt: skip
+                    ("fmg_v11", "last", "end: full multigrid"))  # fmt: skip
 
 
 def _plan_contact(problem, cases):
@@ -177,14 +177,15 @@ def _plan_contact(problem, cases):
 def _contact_panels(figure, outcomes, cases, names):
     panels = figure.subplots(len(cases), 3, sharex=True, sharey=True, squeeze=False)
     for number, (row, case) in enumerate(zip(panels, cases, strict=True)):
-        converged = np.array(outcomes[str(case), "fmg_v11"]["last"])
+        end = outcomes[str(case), "fmg_v11"]
+        last, wrong = np.array(end["last"]), "" if converged(end) else ", not converged"
         for axes, (method, which, title) in zip(row, _CONTACT_COLUMNS, strict=True):
             fields = outcomes[str(case), method]
             _contact_panel(axes, fields, which)
             contact = np.array(fields[which])
-            different = int((contact != converged).sum())
+            different = int((contact != last).sum())
             told = f"{int(contact.sum())} cells" + (
-                f", {different} unlike the last" if which == "first" else ""
+                f", {different} unlike the last" if which == "first" else wrong
             )
             axes.set_title(f"{title}\n{told}" if number == 0 else told, loc="left")
         row[0].set_ylabel(f"{names[case]}\ny  [mm]" if names else "y  [mm]")

@@ -43,7 +43,7 @@ _TRIPLES = "Triples are minimum · median · maximum over the surfaces."
 
 @dataclass(frozen=True)
 class Entry:
-    """One number of a table, or pair of numbers, by the paper and by us; None: diverged or not available."""
+    """One number of a table, or pair of numbers, by the paper and by us; None: diverged."""
 
     row: str
     column: str
@@ -86,7 +86,7 @@ def entries(name, ours):
     for size, row in ours.items():
         grid = f"{size} × {size}"
         for column, value in row.items():
-            theirs = PAPER[name].get(size, {}).get(column)
+            theirs = PAPER[name][size][column]
             if column == "errors":
                 # Iterations beyond the paper's last change nothing in the digits shown.
                 for i, (p, q) in enumerate(zip(theirs, value or [None] * len(theirs), strict=False)):
@@ -143,7 +143,7 @@ def _study_cell(name, value):
     if isinstance(value, list):
         spec = ".2%" if name.endswith(("share", "contact")) else ".3g"
         return " · ".join(format(number, spec) for number in value)
-    return "" if value is None else format(value, _FORMATS.get(name, ""))
+    return "not solved" if value is None else format(value, _FORMATS.get(name, ""))
 
 
 def _check_rows(checks):

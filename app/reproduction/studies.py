@@ -10,7 +10,7 @@ from app import Grid, Material, read_result
 from app.problems.statistics import roughness
 from app.problems.surfaces import SelfAffineSurface
 from app.reproduction.item import CASES, QUICK, Item, solver_run
-from app.reproduction.tables import counts, inexact_counts
+from app.reproduction.tables import converged, counts, inexact_counts
 from app.runs.run import Run, collect_result
 
 SEEDS = (1, 2, 3, 4, 5, 6, 8, 9, 10, 11)  # 7 is the one of the tables
@@ -139,7 +139,7 @@ def evaluate_selfaffine(outcomes):
     """Rows of the table, one per load, and the single points; pressures in units of E* times the rms slope."""
     points = []
     for (load, seed, slope), outcome in outcomes.items():
-        if outcome["converged"]:
+        if converged(outcome):
             unit = MATERIAL.contact_modulus * float(slope)
             points.append({
                 "load": float(load),
@@ -177,16 +177,16 @@ def _plan_beyond(limits, scratch):
     }
 
 
+_NUMBERS = "work_units", "operator_applications", "solve_seconds", "load"
+_FOUND = {"iterations": "active_set_iterations", **dict(zip(_NUMBERS, _NUMBERS, strict=True))}
+
+
 def _evaluate_beyond(outcomes):
     rows = [
         {
             "grid": int(n),
             "method": method,
-            "iterations": outcome["active_set_iterations"],
-            "work_units": outcome["work_units"],
-            "operator_applications": outcome["operator_applications"],
-            "solve_seconds": outcome["solve_seconds"],
-            "load": outcome["load"],
+            **{name: outcome[key] if converged(outcome) else None for name, key in _FOUND.items()},
         }
         for (n, method), outcome in outcomes.items()
     ]

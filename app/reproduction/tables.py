@@ -29,9 +29,14 @@ def traced(problem, method, n, collect, **options):
     return Run(run.files, run.options, module=trace.__name__, collect=collect)
 
 
+def converged(outcome):
+    """Whether a run converged, a trace too; it came to a result in any case."""
+    return outcome["exit_status"] == 0
+
+
 def counts(outcome, work="work_units"):
     """``[active set iterations, work units]``; None if the run did not converge."""
-    if not outcome["converged"]:
+    if not converged(outcome):
         return None
     return [outcome["active_set_iterations"], round(outcome[work], 1)]
 
@@ -87,11 +92,11 @@ def _plan_table4(limits, scratch):
 
 
 def _evaluate_table4(outcomes):
-    errors = {case: outcome["errors"] for case, outcome in outcomes.items()}
     data = {}
-    for (size, what), found in errors.items():
-        rounded = [round(error, 2) for error in found]
-        data[size, what] = rounded[-1] if what == "discrete" else rounded
+    for (size, what), outcome in outcomes.items():
+        errors = [round(error, 2) for error in outcome["errors"]]
+        found = errors[-1] if what == "discrete" else errors
+        data[size, what] = found if converged(outcome) else None
     return nest(data)
 
 

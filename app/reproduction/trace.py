@@ -101,14 +101,13 @@ def collect_errors(path):
     Returns
     -------
     dict
-        `errors` before iteration 1 and after each [N/mm2]; `changed`: whether C changed in each iteration.
+        `errors` before iteration 1 and after each [N/mm2].
     """
     with h5py.File(path) as file:
         p, contact, exact = (file[name][()] for name in ("pressure", "contact", "exact_pressure"))
     inside = contact[-1] == 1
     errors = np.sqrt(np.mean((p - exact)[:, inside] ** 2, axis=1))
-    changed = (contact[1:] != contact[:-1]).any(axis=(1, 2))
-    return {"errors": errors.tolist(), "changed": changed.tolist()}
+    return {"errors": errors.tolist()}
 
 
 def collect_contact(path):

@@ -54,7 +54,7 @@ class Processes:
                 self._running.add(process)
             try:
                 process.wait(timeout)
-            except subprocess.TimeoutExpired:
+            except BaseException:  # the time limit, Ctrl-C
                 _end(process)
                 raise
             finally:

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from app.options import FILES, named_files
+from app.output.files import digest
 from app.output.result import read_result
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -151,7 +152,7 @@ def _digest(path):
 
 @cache
 def _digest_of(path, *state):
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    return digest(path)
 
 
 @cache

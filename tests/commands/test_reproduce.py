@@ -130,11 +130,13 @@ def test_second_call_goes_on_and_adds(folder, capsys, monkeypatch):
 def test_failed_run_leaves_its_item_out(tmp_path, capsys, monkeypatch):
     failed = {"exit_status": 1, "message": "ValueError: broken"}
     monkeypatch.setattr(batch, "perform", lambda *arguments: failed)
-    (tmp_path / "out").mkdir()
+    (tmp_path / "out/runs").mkdir(parents=True)
     (tmp_path / "out/tables.json").write_text('{"source": "", "table1": {"64": {"0.8": [9, 0.2]}}}')
+    (tmp_path / "out/runs/table1.csv").write_text("case,exit_status\n64 0.8,0\n")
     assert reproduce.main(["table1", "fig10", "-o", str(tmp_path / "out"), "--quick"]) == 1
     assert "table1: left out, because a run failed: 64 0.8: ValueError: broken" in capsys.readouterr().err
     assert json.loads((tmp_path / "out/tables.json").read_text()).keys() == {"source"}
+    assert not (tmp_path / "out/runs/table1.csv").exists()
     assert (tmp_path / "out/fig10.png").is_file() and (tmp_path / "out/report.html").is_file()
 
 

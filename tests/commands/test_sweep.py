@@ -478,6 +478,24 @@ def test_a_run_that_hangs_or_crashes_is_a_row(tmp_path):
         processes.call([sys.executable, "-c", ""])
 
 
+def test_an_interrupt_of_the_one_who_waits_ends_the_process(tmp_path):
+    """As of `app.verify`, which waits for its ranks itself; a sweep's threads hear of no interrupt."""
+    child = tmp_path / "process"
+    interrupts = (
+        "import os, pathlib, signal, sys, time\n"
+        "pathlib.Path(sys.argv[1]).write_text(str(os.getpid()))\n"
+        "os.kill(os.getppid(), signal.SIGINT)\n"
+        "time.sleep(20)"
+    )
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            Processes().call([sys.executable, "-c", interrupts, str(child)])
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert not Path("/proc", child.read_text()).exists()
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_every_kind_of_table(tmp_path, performed, suffix):
     path = write(tmp_path, "options: {grid: [8, crash], lcp_rtol: [1e-6, 1e-8]}")

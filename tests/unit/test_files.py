@@ -3,11 +3,17 @@
 import os
 import subprocess
 import sys
+import tracemalloc
+from types import SimpleNamespace
 
 import pytest
+from mpi4py import MPI
 
+from app.commands.load_path import _identity
+from app.errors import InputError
 from app.output.files import check_output_path, temporary_name, whole_file
 from app.output.result import read_result
+from app.runs.run import Run
 
 
 def write(path, text):
@@ -53,6 +59,20 @@ def test_link_that_leads_to_no_file(tmp_path):
             check_output_path(tmp_path / f"{name}.h5")
 
 
+def test_files_of_other_users_in_a_sticky_folder(tmp_path, monkeypatch):
+    """As in /tmp: a file can be made beside them, but the rename in the end would be refused, when all is done."""
+    path = tmp_path / "result.h5"
+    tmp_path.chmod(0o1777)
+    path.touch()
+    assert check_output_path(path) == path
+    monkeypatch.setattr(os, "geteuid", lambda: path.stat().st_uid + 1)
+    with pytest.raises(InputError, match=r"result\.h5: is another user's"):
+        check_output_path(path)
+    assert check_output_path(tmp_path / "other.h5") == tmp_path / "other.h5"
+    tmp_path.chmod(0o777)
+    assert check_output_path(path) == path
+
+
 def test_every_name_that_the_folder_takes_can_be_written(tmp_path):
     longest = os.pathconf(tmp_path, "PC_NAME_MAX")
     path = check_output_path(tmp_path / ("a" * (longest - 3) + ".h5"))
@@ -84,6 +104,25 @@ def test_what_killed_runs_leave_is_cleared_by_the_next(tmp_path):
         other.write_text("not ours to remove")
     write(path, "whole")
     assert set(tmp_path.iterdir()) == {path, *others}
+
+
+@pytest.mark.parametrize("of", ["path", "sweep"])
+def test_no_input_is_held_in_memory_to_be_told_from_another(tmp_path, of):
+    """Measured surfaces are large, and rank 0 of a path has work arrays beside them."""
+    size, file = 32 << 20, tmp_path / "surface.npy"
+    with file.open("wb") as large:
+        large.truncate(size)
+    path = SimpleNamespace(inputs=[file, tmp_path / "absent"], rows_depend_on="", kind="load", numbers=(1.0,))
+    keys, run = [], Run(options={"surface_file": str(file)})
+    for end in b"", b"\1":
+        with file.open("ab") as large:
+            large.write(end)
+        tracemalloc.start()
+        keys.append(_identity(path, SimpleNamespace(comm=MPI.COMM_SELF)) if of == "path" else run.key())
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert peak < size / 4
+    assert keys[0] != keys[1]
 
 
 def test_temporary_names_are_all_different(tmp_path):

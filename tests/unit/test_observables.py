@@ -8,7 +8,7 @@ from cases import APPROACH, hertz
 from running import solve
 
 from app import ContactProblem, ContactSolver, Grid, Material
-from app.commands.report import report
+from app.commands.summary import summary
 from app.errors import InputError
 from app.halfspace.connected import connected_sets
 
@@ -183,7 +183,7 @@ def test_the_share_of_contact_is_of_the_cells_where_it_is_possible(holes, whole)
     gap.reshape(-1)[gap.size - holes :] = np.nan
     found = solve(ContactProblem(Grid(32, 32, 1.0, 1.0), Material.combined(80000, 0.3), gap), approach=0.1)
     assert found.contact_cells == 1
-    assert f"1 cell, {100 / (1024 - holes):.4g}% {whole}\n" in report(found.attributes, found.grid)
+    assert f"1 cell, {100 / (1024 - holes):.4g}% {whole}\n" in summary(found.attributes, found.grid)
 
 
 def test_an_interrupt_while_sets_are_told_apart_stays_one():

@@ -12,12 +12,28 @@ from app.reproduction.report import Entry
 
 def test_counts_of_the_paper():
     outcome = {
-        "converged": True, "active_set_iterations": 6, "work_units": 26.25, "inner_iterations": 71,
+        "exit_status": 0, "active_set_iterations": 6, "work_units": 26.25, "inner_iterations": 71,
     }  # fmt: skip
     data = tables.evaluate_methods({("32", "V11"): outcome, ("32", "norm_cg"): outcome})
     assert data == {"32": {"V11": [6, 26.2], "norm_cg": [6, 71]}}
     assert tables.inexact_counts(outcome, 4) == [6, 36]
-    assert tables.inexact_counts({**outcome, "converged": False}, 4) is None
+    assert tables.inexact_counts({**outcome, "exit_status": 3}, 4) is None
+
+
+def test_what_does_not_converge_is_no_number_of_the_paper():
+    """Status 3 has a result, of which no table and no study prints a digit."""
+    trace = {"errors": [9.004, 45.286], "exit_status": 0}
+    stopped = {**trace, "exit_status": 3}
+    (table4,) = reproduce.select(["table4"])
+    for outcome, discrete, errors in (trace, 45.29, [9.0, 45.29]), (stopped, None, None):
+        data = table4.evaluate({("8", "errors"): outcome, ("8", "discrete"): outcome})
+        assert data == {"8": {"errors": errors, "discrete": discrete}}
+    assert {report.show(entry.ours) for entry in report.entries("table4", data)} == {"diverged"}
+    numbers = "active_set_iterations", "work_units", "operator_applications", "solve_seconds", "load"
+    solve = {**dict.fromkeys(numbers, 77.0), "exit_status": 3}
+    (beyond,) = reproduce.select(["beyond"])
+    section = report.study_section(beyond, beyond.evaluate({("512", "fast"): solve}))
+    assert "77" not in section.text() and "not solved" in section.text()
 
 
 @pytest.mark.parametrize(
@@ -122,6 +138,8 @@ def test_contact_panels_show_start_and_end():
     n = 4
     fields = {"x": list(range(n)), "y": list(range(n)), "admissible": np.ones((n, n), int).tolist()}
     full, empty = np.ones((n, n), int).tolist(), np.zeros((n, n), int).tolist()
-    outcomes = {("1", m): {**fields, "first": full, "last": empty} for m in ("norm", "fmg_v11")}
-    titles = [axes.get_title(loc="left") for axes in drawn("fig8", outcomes).axes]
-    assert "16 cells, 16 unlike the last" in titles[0] and titles[2].endswith("converged\n0 cells")
+    for status, told in (0, "0 cells"), (3, "0 cells, not converged"):
+        found = {**fields, "first": full, "last": empty, "exit_status": status}
+        figure = drawn("fig8", {("1", method): found for method in ("norm", "fmg_v11")})
+        titles = [axes.get_title(loc="left") for axes in figure.axes]
+        assert "16 cells, 16 unlike the last" in titles[0] and titles[2].endswith(f"multigrid\n{told}")

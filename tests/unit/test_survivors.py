@@ -28,6 +28,7 @@ from app.halfspace.product import DenseProduct
 from app.multigrid.hierarchy import Hierarchy
 from app.petsc import OptionDatabase, options_set
 from app.primal import kernels
+from app.refinement import refine
 
 
 def test_options_are_as_they_were_after_the_block_that_sets_them():
@@ -102,6 +103,9 @@ class Hears(Listener):
     def __init__(self):
         self.told = []
 
+    def begin(self, settings):
+        self.told.append(settings.rtol)
+
     def start(self, state, level):
         self.told.append("start")
 
@@ -114,9 +118,9 @@ class Hears(Listener):
 
 def test_listeners_hear_of_every_iteration():
     hears = Hears()
-    with ContactSolver(hertz(12), "norm", listeners=[hears]) as solver:
+    with ContactSolver(hertz(12), "norm", {"lcp_rtol": 1e-5}, listeners=[hears]) as solver:
         found = solver.solve(approach=APPROACH)
-    assert hears.told == ["start", *found.history["iteration"], "end"]
+    assert hears.told == [1e-5, "start", *found.history["iteration"], "end"]
 
 
 @pytest.mark.parametrize("listeners", [[print], [Hears], [None], Hears(), 3])
@@ -132,11 +136,21 @@ def test_each_solve_has_a_bar_of_its_own():
     """As those of a refinement, which share their listeners."""
     with (
         mock.patch("tqdm.tqdm") as bar,
-        ContactSolver(hertz(12), "norm", listeners=[Progress(1e-6)]) as solver,
+        ContactSolver(hertz(12), "norm", listeners=[Progress()]) as solver,
     ):
         for opened in (1, 2):
             solver.solve(approach=APPROACH)
             assert bar.call_count == bar.return_value.close.call_count == opened
+
+
+def test_a_bar_is_full_where_its_solve_ends():
+    """At the tolerance of its grid, which a refinement tightens."""
+    full = []
+    with mock.patch("tqdm.tqdm") as bar:
+        bar.return_value.close.side_effect = lambda: full.append(bar.return_value.n)
+        options, listeners = {"lcp_rtol": 1e-3}, [Progress()]
+        refine(hertz(12), 1e-6, 24**2, "norm", options, listeners=listeners, approach=APPROACH)
+    assert full == [100, 100]
 
 
 def test_the_monitor_begins_again_with_each_solve(capsys):
@@ -151,7 +165,8 @@ def test_the_monitor_begins_again_with_each_solve(capsys):
 
 def test_the_bar_of_a_solver_that_diverges():
     with mock.patch("tqdm.tqdm") as bar:
-        progress = Progress(1e-6)
+        progress = Progress()
+        progress.begin(SimpleNamespace(rtol=1e-6))
         progress.start(None, 0)
         for residual, done in ((math.nan, 0), (math.inf, 0), (1e-3, 50), (0.0, 100)):
             progress.iteration({"residual": residual, "level": 0, "iteration": 1, "contact_cells": 1}, None)

@@ -1,10 +1,14 @@
 """Verification: figures and their limits, exact solutions of small problems, the document and the command."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from app import ContactProblem, Grid, Material, verify
-from app.verification import document
+from app import ContactProblem, Grid, Material, solver, verify
+from app.contact.certificate import certify
+from app.verification import certificates, document, oracles
 from app.verification.check import Check, Figure, order
 from app.verification.dense import DenseProblem, by_lemke
 
@@ -58,6 +62,29 @@ def test_pivoting_ends_at_the_edge_of_full_contact():
         for less in 0, 1e-16, 1e-15:
             p = DenseProblem(problem).at(gap.mean() - less).astype(float)
             np.testing.assert_allclose(p, full, rtol=0, atol=1e-11 * full.max())
+
+
+@pytest.mark.parametrize(("factor", "passes"), [(1.0, True), (0.01, False), (100.0, False), (np.inf, False)])
+@pytest.mark.parametrize("measure", [certificates.of_anything, certificates.of_answers])
+def test_a_certificate_has_to_be_right_and_to_say_something(monkeypatch, measure, factor, passes):
+    def scaled(state, *wanted):
+        proof = certify(state, *wanted)
+        return replace(proof, error_bound=factor * proof.error_bound)
+
+    monkeypatch.setattr(certificates, "certify", scaled)
+    monkeypatch.setattr(solver, "certify", scaled)
+    assert all(figure.passed for figure in measure(True)) == passes
+
+
+def test_a_method_that_never_converges_is_compared_with_nothing(monkeypatch):
+    def gives_up(problem, method, **how):
+        assert method == "fmg_v11"
+        return SimpleNamespace(converged=False, pressure=np.full(problem.grid.shape, 77.0))
+
+    monkeypatch.setattr(oracles, "methods", lambda periodic: ["fmg_v11"])
+    monkeypatch.setattr(oracles, "solved", gives_up)
+    figures = oracles.every_method(True)
+    assert figures and not any(figure.passed for figure in figures)
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ _WITH_ERROR = ("load", "approach", "max_pressure", "contact_area")
 _ANALYTIC = (*_WITH_ERROR, "semi_axis_major", "semi_axis_minor", "stiffness")
 
 
-def report(facts, grid, output=None):
+def summary(facts, grid, output=None):
     """Text for standard output.
 
     Not collective.
