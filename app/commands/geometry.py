@@ -50,7 +50,7 @@ MATERIAL_OPTIONS = [
 SHAPES = ("hertz", "punch", "file", "python", "rough", "sphere", "cylinder", "cone")
 GEOMETRY_OPTIONS = [
     Option("problem", choice(*SHAPES), REQUIRED, "what is pressed together"),
-    Option("grid", grid_size, REQUIRED, "nx,ny or n: cells (default: a file's; hertz, sphere: 256)"),
+    Option("grid", grid_size, REQUIRED, "nx,ny or n: cells (default: a file's; hertz, sphere without -domain: 256)"),
     Option("domain", domain, REQUIRED, "x0,x1,y0,y1: potential contact area [mm] (default: a file's, or Hertz's)"),
     Option("periodic", flag, False, "the patch repeats for ever in x and y"),
     Option("periodic_symbol", choice(*SYMBOLS), SYMBOLS[0], "its numbers are values of waves, or constant on cells"),
@@ -286,8 +286,9 @@ def _generated(options, name, grid, measured):
     extent = (extent[1] - x0, extent[3] - y0) if extent else (grid.nx * grid.dx, grid.ny * grid.dy)
     found = []
     if papers:
-        parameters = (options[f"surface_{name}"] for name in ("modes", "decay", "sigma", "seed"))
-        found.append(WavySurface(*parameters, extent, (x0, y0)))
+        parameters = [options[f"surface_{name}"] for name in ("modes", "decay", "sigma", "seed")]
+        if options["surface_sigma"] > 0:  # else it is smooth
+            found.append(WavySurface(*parameters, extent, (x0, y0)))
     if self_affine:
         if not options.given(*ROUGHNESS):
             raise InputError(

@@ -29,6 +29,7 @@ def summary(facts, grid, output=None):
         if f"surface_read{number}" in facts:
             read = facts[f"surface_read{number}"]
             lines.append(f"surface file {facts[f'surface_file{number}']}: {read}")
+    lines += _generated(facts)
     lines.append(
         f"approach {facts['approach']:.8g} mm, load {facts['load']:.8g} N, "
         f"maximum pressure {facts['max_pressure']:.8g} N/mm2"
@@ -54,6 +55,23 @@ def summary(facts, grid, output=None):
     if output:
         lines.append(f"result in {output}")
     return "\n  ".join(lines)
+
+
+def _generated(facts):
+    """What random surfaces there are: a punch has one, though nobody has asked for it."""
+    seed, found = f"seed {facts.get('surface_seed')}", []
+    if "surface_sigma" in facts:
+        modes = " x ".join(map(str, facts["surface_modes"]))
+        found.append(
+            f"surface: the paper's waves, {modes} of them, standard deviation {facts['surface_sigma']:g} mm, {seed}"
+        )
+    if "surface_hurst" in facts:
+        found.append(
+            f"surface: self-affine, Hurst exponent {facts['surface_hurst']:g}, roll-off "
+            f"{facts['surface_rolloff']:g} mm, cut-off {facts['surface_cutoff']:g} mm, "
+            f"rms slope {facts['surface_rms_slope']:.4g}, {seed}"
+        )
+    return found
 
 
 def _theories(facts):

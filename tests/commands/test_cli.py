@@ -257,6 +257,22 @@ def test_what_is_analytic_is_not_all_hertz_s_and_rounding_is_no_angle(cli_here):
     assert "the longer at 0 degrees" in cli_here("-problem", "hertz", *ellipse).stdout
 
 
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ([], "surface: the paper's waves, 12 x 10 of them, standard deviation 0.1 mm, seed 7"),
+        (["-surface_sigma", "0"], "analytic solution, and how far off this is: approach 5e-05"),
+        (
+            ["-surface_cutoff", "0.5", "-surface_rms_slope", "0.1", "-surface_seed", "3"],
+            "surface: self-affine, Hurst exponent 0.8, roll-off 4 mm, cut-off 0.5 mm, rms slope 0.1, seed 3",
+        ),
+    ],
+)
+def test_random_surfaces_are_told_also_those_that_nobody_asked_for(cli_here, more, message):
+    punch = ["-problem", "punch", "-punch_diameter", "2", "-contact_modulus", "1e5", "-domain", "-2,2,-2,2"]
+    assert message in cli_here(*punch, "-load", "10", "-grid", "32", *more).stdout
+
+
 def test_nothing_at_all_is_told_where_to_begin():
     done = run("-m", "app.solve")
     assert (done.returncode, done.stdout) == (2, "")
