@@ -2,7 +2,8 @@
 
 A *path* is a mapping of columns, one entry per step, as in group ``path`` of a result file: ``load`` [N], ``approach``,
 ``mean_gap`` [mm], ``mean_pressure``, ``max_pressure`` [N/mm2], ``contact_fraction``, ``contact_fraction_corrected``,
-``contact_area`` [mm2], ``stiffness`` or ``stiffness_by_differences`` [N/mm]. What is missing is not drawn.
+``contact_area`` [mm2], ``stiffness`` or ``stiffness_by_differences`` [N/mm], ``persson_fraction``. What is missing is
+not drawn.
 
 Not collective: call on one rank.
 """
@@ -26,7 +27,6 @@ _LABELS = {
     "work_units": "work units",
     "solve_seconds": "time of the solve  [s]",
 }
-_BODIES = ("hertz", "sphere", "cylinder", "cone", "punch")  # which are not nominally flat all over the patch
 _MOST_SERIES = 12
 _MOST_TICKS = 6
 
@@ -34,13 +34,12 @@ _MOST_TICKS = 6
 class Path(NamedTuple):
     """Columns of a path, its name, and what its loads are compared with.
 
-    `scale` is E* times rms slope [N/mm2], NaN where nobody knows them; those are of no `shaped` bodies.
+    `scale` is E* times rms slope of nominally flat bodies [N/mm2], NaN of others.
     """
 
     columns: dict
     name: str = ""
     scale: float = np.nan
-    shaped: bool = False
 
     def positive(self, *names, lowest=0.0):
         """Columns without the steps at which one of them is no number above `lowest`; None if that leaves nothing."""
@@ -52,26 +51,33 @@ class Path(NamedTuple):
 
     @property
     def relative(self):
-        """1 / (E* h'rms) [mm2/N], NaN if nobody knows it."""
+        """1 / (E* h'rms) [mm2/N], NaN without `scale`."""
         return 1 / self.scale if self.scale > 0 else np.nan
 
 
 def path_of(result, name=""):
     """Path of a result, None if it has none. Not collective."""
     columns = getattr(result, "path", None)
-    if not columns:
-        return None
-    values = result.attributes
-    scale = values.get("contact_modulus", np.nan) * values.get("rms_slope", np.nan)
-    return Path(columns, name, scale, values.get("problem") in _BODIES)
+    return _path(columns, name) if columns else None
+
+
+def _path(columns, name):
+    """Path whose scale Persson's fractions tell; only nominally flat bodies have these."""
+    path = Path(columns, name)
+    known = path.positive("persson_fraction", "mean_pressure")
+    if known is None:
+        return path
+    light = known[0].argmin()  # where Persson's fraction is far from 1, and tells p' to all digits
+    with np.errstate(divide="ignore"):
+        return path._replace(scale=float(known[1, light] / persson_pressure(known[0, light])))
 
 
 @styled
 def path_figure(paths, heading=""):
     """Contact fraction and kappa, mean gap and stiffness of load paths; or load and area against approach.
 
-    The first where mean pressure, E* and rms slope are known and there is a contact fraction of less than one: of rough
-    surfaces. Persson's and Bush, Gibson and Thomas's theories are drawn beside it.
+    The first where mean pressure, Persson's and a contact fraction are known: of rough surfaces on a plane. Persson's
+    and Bush, Gibson and Thomas's theories are drawn beside it.
 
     Parameters
     ----------
@@ -79,9 +85,7 @@ def path_figure(paths, heading=""):
     heading : str
     """
     rough = all(
-        not path.shaped
-        and np.isfinite(path.relative)
-        and path.positive("mean_pressure", "contact_fraction") is not None
+        np.isfinite(path.relative) and path.positive("mean_pressure", "contact_fraction") is not None
         for path in paths
     )
     figure = new_figure(12.0, 8.6, heading)
@@ -269,14 +273,7 @@ def numbers(texts):
 
 def path_of_csv(columns, name=""):
     """Path of a table without ``exit_status``."""
-    columns = {key: numbers(texts) for key, texts in columns.items()}
-    path = Path(columns, name)
-    known = path.positive("persson_fraction", "mean_pressure")
-    if known is None:
-        return path
-    light = known[0].argmin()  # where Persson's fraction is far from 1, and tells p' to all digits
-    with np.errstate(divide="ignore"):
-        return path._replace(scale=float(known[1, light] / persson_pressure(known[0, light])))
+    return _path({key: numbers(texts) for key, texts in columns.items()}, name)
 
 
 @styled

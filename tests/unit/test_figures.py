@@ -180,13 +180,20 @@ def test_twelve_lines_are_all_different():
     assert all(one != other for k, one in enumerate(drawn) for other in drawn[:k])
 
 
-def test_theories_come_from_the_table_of_a_path():
-    """Of pressures over E* h'rms the table tells Persson's fraction; the picture is that of a result's path."""
+def test_theories_stand_beside_the_path_of_a_file_as_beside_its_table(result):
+    """Where Persson's fractions are known, whatever the problem is called; they tell E* h'rms."""
     columns = {"mean_pressure": np.array([3.0, 300.0, 3e5]), "contact_fraction": np.array([0.1, 0.5, 1.0])}
-    columns["persson_fraction"] = persson_fraction(columns["mean_pressure"] / 5000)
-    path = paths.path_of_csv({name: list(map(repr, map(float, column))) for name, column in columns.items()})
-    assert path.scale == pytest.approx(5000, rel=1e-12)
-    assert "κ" in paths.path_figure([path]).axes[1].get_ylabel()
+    columns |= {"load": columns["mean_pressure"], "approach": np.array([1.0, 2.0, 3.0])}
+    persson = {"persson_fraction": persson_fraction(columns["mean_pressure"] / 5000)}
+    known = with_attributes(
+        result, problem="given", contact_modulus=1e5, rms_slope=0.02
+    )  # as of a ball, a function
+    for flat in (True, False):
+        found = columns | persson if flat else columns
+        table = {name: list(map(repr, map(float, column))) for name, column in found.items()}
+        for path in (paths.path_of(replace(known, path=found)), paths.path_of_csv(table)):
+            assert path.scale == pytest.approx(5000 if flat else np.nan, rel=1e-12, nan_ok=True)
+            assert ("κ" in paths.path_figure([path]).axes[1].get_ylabel()) == flat
 
 
 def test_patches_are_told_apart_across_the_sides_of_a_periodic_patch():
@@ -245,31 +252,13 @@ def test_path_of_a_rough_surface_stands_beside_the_theories():
     assert [axes.texts[0].get_text() for axes in others] == ["no mean gap", "no stiffness"] or others[0].texts
 
 
-def test_path_of_a_smooth_body_has_no_theory_of_rough_surfaces(result):
-    columns = {
-        "load": np.array([1.0, 2.0]),
-        "approach": np.array([1.0, 2.0]),
-        "mean_pressure": np.array([1.0, 2.0]),
-    }
-    result = replace(result, path=columns | {"contact_fraction": np.array([0.1, 0.2])})
-    rough = {
-        "problem": "sphere",
-        "surfaces": 1,
-        "contact_modulus": 1e5,
-        "rms_slope": 0.02,
-    }  # nor has a rough ball
-    for attributes in (result.attributes, result.attributes | rough):
-        figure = paths.path_figure([paths.path_of(replace(result, attributes=attributes))])
-        assert figure.axes[0].get_ylabel() == "load F  [N]"
-
-
 def test_each_path_shows_its_exact_stiffness_whatever_the_others_know():
     p = np.geomspace(1, 100, 5)
     known = {"load": p, "approach": p, "mean_pressure": p, "contact_fraction": 1e-3 * p}
-    exact = paths.Path(known | {"stiffness": 2 * p, "stiffness_by_differences": p}, "exact", scale=1e4)
-    other = paths.Path(known | {"stiffness_by_differences": 3 * p}, "other", scale=1e4)
-    for shaped in (False, True):
-        drawn = paths.path_figure([one._replace(shaped=shaped) for one in (exact, other)]).axes[3]
+    exact = paths.Path(known | {"stiffness": 2 * p, "stiffness_by_differences": p}, "exact")
+    other = paths.Path(known | {"stiffness_by_differences": 3 * p}, "other")
+    for scale in (1e4, np.nan):
+        drawn = paths.path_figure([one._replace(scale=scale) for one in (exact, other)]).axes[3]
         assert drawn.lines[0].get_ydata() == pytest.approx(2 * p)
         assert drawn.lines[1].get_ydata() == pytest.approx(3 * p)
         assert drawn.get_ylabel().endswith("by differences: other")
