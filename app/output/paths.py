@@ -99,16 +99,20 @@ def path_figure(paths, heading=""):
 
 def _curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True)):
     """Draw a column against another for all paths; return all values in x and y, positive ones on logarithmic axes."""
-    drawn = []
-    for number, path in enumerate(paths):
-        found = path.positive(x, y, lowest=0.0 if any(logs) else -np.inf)
+    drawn, lowest = [], 0.0 if any(logs) else -np.inf
+
+    def known(*names):
+        return [path.positive(*names, lowest=lowest) for path in paths]
+
+    for number, (path, found) in enumerate(zip(paths, known(x, y), strict=True)):
         if found is None:
             continue
         values = found * np.array(scale(path))[:, None]
         axes.plot(*values, **series(number), label=path.name or "computed")
         drawn.append(values)
     if not drawn:
-        return say_instead(axes, f"no {y.replace('_', ' ')}")
+        absent = next((name for name in (x, y) if all(one is None for one in known(name))), y)
+        return say_instead(axes, f"no {absent.replace('_', ' ')}")
     drawn = np.hstack(drawn)
     for axis, values, log in zip((axes.xaxis, axes.yaxis), drawn, logs, strict=True):
         if log:
