@@ -199,6 +199,10 @@ def opened(path):
             yield file
     except ValueError as error:
         raise InputError(f"result file {path}: {one_line(error)}") from error
+    except TypeError as error:
+        if "No NumPy equivalent" not in str(error):  # of the type of something in the file
+            raise
+        raise InputError(f"result file {path}: {one_line(error)}") from error
     except (OSError, RuntimeError, KeyError) as error:  # the last two: links that lead nowhere or in a circle
         raise InputError(f"result file {path}: not a readable HDF5 file ({one_line(error)})") from error
 

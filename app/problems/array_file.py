@@ -6,6 +6,7 @@ import codecs
 import zipfile
 import zlib
 from pathlib import Path
+from tokenize import TokenError
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from app.problems.text_table import read_table
 _STRANGE = 0.01  # share of characters beyond ASCII that texts of numbers do not reach
 _NEVER = [bytes([code]) for code in range(32) if code not in b"\t\n\v\f\r\x1a"]  # in no text
 TEXTS = (".txt", ".csv", ".dat", ".xyz", ".asc")  # names of texts; others may be of anything
+_HEADER = SyntaxError, TokenError  # of arrays, which numpy reads as Python
 _BYTES_PER_BYTE = 40  # of memory, for a byte of text: a line is a list of texts, then of numbers
 
 
@@ -73,7 +75,7 @@ class ArrayFile:
                 self._rows = self._read_text()
             else:
                 self._rows = self._open_hdf5()
-        except (ValueError, OSError, EOFError, KeyError, RuntimeError, MemoryError) as error:
+        except (ValueError, OSError, EOFError, KeyError, RuntimeError, MemoryError, *_HEADER) as error:
             # RuntimeError: a dataset that is linked to itself.
             elsewhere = self.elsewhere if self.is_text and suffix not in TEXTS else ""
             raise ValueError(f"{self.what} {name}: cannot be read: {elsewhere}{one_line(error)}") from None
@@ -136,7 +138,11 @@ class ArrayFile:
             name = self._only(found)
         if not isinstance(file.get(name), h5py.Dataset):
             raise ValueError(f"no dataset /{name}")
-        self.attributes = {key: value for key, value in file[name].attrs.items() if np.size(value)}
+        try:
+            self.attributes = {key: value for key, value in file[name].attrs.items() if np.size(value)}
+            _ = file[name].dtype
+        except TypeError as error:  # a type that numpy has not
+            raise ValueError(one_line(error)) from None
         return file[name]
 
     def _read_text(self):

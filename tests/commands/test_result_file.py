@@ -12,6 +12,7 @@ from mpi4py import MPI
 from processes import TESTS, run
 from results import assert_same, full_disk, made_up_result, write
 
+from app.errors import InputError
 from app.halfspace.grid import Slabs
 from app.output.files import check_output_path, whole_file
 from app.output.result import FIELDS, read_result
@@ -103,6 +104,17 @@ def test_reading_refuses_other_files(path, tmp_path):
         del file["gap"]
         file["gap"] = np.zeros((48, 64), dtype="S3")
     with pytest.raises(ValueError, match=r"dataset gap: type \|S3"):
+        read_result(path)
+
+
+@pytest.mark.parametrize("where", ["attribute", "dataset"])
+def test_reading_refuses_types_that_numpy_has_not(path, where):
+    with h5py.File(path, "r+") as file:
+        if where == "attribute":
+            h5py.h5a.create(file.id, b"when", h5py.h5t.UNIX_D32LE, h5py.h5s.create(h5py.h5s.SCALAR))
+        else:
+            h5py.h5d.create(file.id, b"when", h5py.h5t.UNIX_D32LE, file["gap"].id.get_space())
+    with pytest.raises(InputError, match="result.h5: No NumPy equivalent"):
         read_result(path)
 
 
