@@ -9,6 +9,7 @@ status 0, or 2 with one line on standard error if there is something wrong with 
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 
@@ -31,7 +32,7 @@ def analytic_reference(result):
     values = result.attributes
     if (
         values.get("problem") != "hertz"
-        or values["approach"] <= 0
+        or not 0 < values["approach"] < math.inf
         or values.get("periodic")
         or values.get("surfaces")
     ):

@@ -40,7 +40,7 @@ def distribution_figure(result):
     pressure, gap, patches = figure.subplots(1, 3)
     p = finite_pressure(result.pressure)
     _density(pressure, p[p > 0], "pressure p  [N/mm²]", "[mm²/N]")
-    apart = result.gap[(result.contact == 0) & (result.gap > 0)]
+    apart = result.gap[(result.contact == 0) & (result.gap > 0) & np.isfinite(result.gap)]
     unit = length_unit(float(apart.max(initial=0.0)))
     _density(gap, apart * unit.per_mm, f"gap e  [{unit.name}]", f"[1/{unit.name}]")
     _draw_patches(patches, result)

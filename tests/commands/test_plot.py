@@ -162,7 +162,14 @@ def test_results_out_of_the_ordinary_are_drawn_too(result, tmp_path):
         displacement=np.full_like(result.pressure, np.nan),
         history={k: np.full_like(v, np.inf) if k == "residual" else v for k, v in result.history.items()},
     )
-    for number, case in enumerate([none, diverged, made_up_result(40, 1), made_up_result(40, 30, 3.0)]):
+    infinite = replace(
+        with_attributes(diverged, approach=np.nan), gap=np.where(result.gap > 0, np.inf, result.gap)
+    )
+    infinitely = replace(
+        with_attributes(infinite, approach=np.inf), gap=np.where(result.y > 0, result.gap.T, np.inf).T
+    )
+    cases = none, diverged, infinite, infinitely, made_up_result(40, 1), made_up_result(40, 30, 3.0)
+    for number, case in enumerate(cases):
         folder = tmp_path / str(number)
         folder.mkdir()
         assert all(path.stat().st_size > 500 for path in draw(case, folder, dpi=20))
