@@ -91,7 +91,8 @@ MATERIAL = ("contact_modulus", ("young", "poisson"), ("shear_modulus", "poisson_
 ROUGHNESS = ("surface_rms_slope", "surface_rms_height")
 RADII = (("hertz_rx", "hertz_ry"), ("body1_radii", "body2_radii", "body_angle"))
 ALTERNATIVES = (MATERIAL, ROUGHNESS, RADII)  # exactly, or at most, one of each
-FILES = ("gap_file", "problem_type", "surface_file", "surface_file2")
+SURFACE_FILES = ("surface_file", "surface_file2")
+FILES = ("gap_file", "problem_type", *SURFACE_FILES)
 _PAPERS = ("surface_sigma", "surface_decay", "surface_modes")
 _SELF_AFFINE = ("surface_hurst", "surface_rolloff", "surface_cutoff", *ROUGHNESS)
 
@@ -184,7 +185,7 @@ def _shape(name, options):
     from app.problems.gap_file import GapFile
 
     if name == "file":
-        if options.given("surface_unit") and not options["surface_file"]:
+        if options.given("surface_unit") and not any(options[file] for file in SURFACE_FILES):
             raise InputError(
                 f"-surface_unit {options['surface_unit']}: has no effect here; gap files are in mm, "
                 "heights of -surface_file have units"
@@ -218,7 +219,7 @@ def _measured(options):
     from app.problems.measured import read_surface
 
     found = []
-    for name in ("surface_file", "surface_file2"):
+    for name in SURFACE_FILES:
         if options[name]:
             check_order(*_filters(options))
             surface = read_surface(

@@ -147,6 +147,9 @@ def test_files_and_own_problems_take_surfaces_too(tmp_path, monkeypatch):
     options = {"surface_file": "heights.npy", "surface_unit": "um", "domain": "0,4,0,3"}
     of_file = made(problem="file", gap_file="gap.npy", **options)
     np.testing.assert_allclose(of_file.shape_on(of_file.grid), gap - 1e-3 * heights, rtol=1e-14)
+    other = {name.replace("surface_file", "surface_file2"): text for name, text in options.items()}
+    on_other = made(problem="file", gap_file="gap.npy", **other)
+    np.testing.assert_array_equal(on_other.shape_on(on_other.grid), of_file.shape_on(of_file.grid))
     own = made(problem="python", problem_type="own_bowl.py:bowl", **options)
     x, y = own.grid.x(), own.grid.y()[:, None]
     np.testing.assert_allclose(own.shape_on(own.grid), x**2 + y**2 - 1e-3 * heights, rtol=1e-13)
