@@ -272,7 +272,8 @@ def _main(argv):
         return 0
     names = [arguments.output / f"subsurface.{kind}" for kind in ("h5", arguments.format)]
     if arguments.output.exists():
-        check_output_path(names[0], [arguments.result], "-o")
+        for name in names:
+            check_output_path(name, [arguments.result], "-o", (name.suffix,))
     found = survey(below, arguments.depths, arguments.at, arguments.deepest)
     planes = {depth: below.plane(depth) for depth in arguments.planes}
     figure = picture(result, found, arguments.section)

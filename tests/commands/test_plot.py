@@ -11,7 +11,7 @@ from results import MAX_PRESSURE, SEMI_AXES, made_up_result, with_attributes, wr
 
 from app.halfspace.grid import Slabs
 from app.output.result import HISTORY
-from app.plot import analytic_reference, draw, main
+from app.plot import PICTURES, analytic_reference, main, pictures_of, save
 
 NAMES = ["contact", "pressure", "deformation", "sections", "distributions", "history", "summary"]
 START = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
@@ -108,6 +108,20 @@ def test_what_cannot_be_drawn_leaves_no_folder(result, tmp_path, capsys):
     assert list(tmp_path.iterdir()) == [tmp_path / "no_path.h5"]
 
 
+def test_what_is_wrong_with_the_last_file_is_told_before_the_first_is_drawn(path, result, tmp_path, capsys):
+    good, bad, lacking, out = (tmp_path / name for name in ("good.csv", "bad.csv", "lacking.h5", "out"))
+    good.write_text("load,approach,contact_area\n1,0.01,0.1\n2,0.02,0.2\n")
+    bad.write_text("grid,exit_status\n32,0\n")
+    write(lacking, MPI.COMM_SELF, Slabs(96), with_attributes(result, without=["hertz_rx"]))
+    for last, only, message in (
+        (bad, [], "bad.csv: nothing to draw"),
+        (lacking, [], "attribute hertz_rx is missing"),
+        (path, ["--only", "path"], "has nothing of it to draw"),
+    ):
+        assert main([str(good), str(last), "-o", str(out), *only]) == 2
+        assert message in capsys.readouterr().err and not out.exists()
+
+
 def test_files_of_one_name_have_folders_that_tell_them_apart(path, tmp_path, capsys):
     """A path and its table, beside each other or in two folders; the same file twice is no use."""
     text, out = "load,approach,contact_area\n1,0.01,0.1\n2,0.02,0.2\n", tmp_path / "out"
@@ -172,4 +186,4 @@ def test_results_out_of_the_ordinary_are_drawn_too(result, tmp_path):
     for number, case in enumerate(cases):
         folder = tmp_path / str(number)
         folder.mkdir()
-        assert all(path.stat().st_size > 500 for path in draw(case, folder, dpi=20))
+        assert all(path.stat().st_size > 500 for path in save(pictures_of(case, PICTURES), folder, dpi=20))

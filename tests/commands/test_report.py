@@ -153,6 +153,15 @@ def test_subsurface_does_not_take_the_place_of_its_result(path, tmp_path, capsys
     assert read_result(result).load
 
 
+@pytest.mark.parametrize("name", ["subsurface.h5", "subsurface.png"])
+def test_subsurface_writes_nothing_where_one_of_its_files_cannot_be(path, tmp_path, capsys, name):
+    folder = tmp_path / "below"
+    (folder / name).mkdir(parents=True)
+    assert subsurface.main([str(path), "-o", str(folder)]) == 2
+    assert f"{name}: exists and is not a regular file" in capsys.readouterr().err
+    assert list(folder.iterdir()) == [folder / name]
+
+
 def test_subsurface_writes_sections_line_and_planes(path, made, tmp_path, capsys):
     folder = tmp_path / "below"
     assert subsurface.main([str(path), "-o", str(folder), "--planes", "0.5,2", "--depths", "40"]) == 0
