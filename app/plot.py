@@ -26,7 +26,7 @@ def analytic_reference(result):
 
     Raises
     ------
-    ValueError
+    InputError
         If the result says it is a Hertz contact but lacks one of its numbers.
     """
     values = result.attributes
@@ -42,7 +42,7 @@ def analytic_reference(result):
     needed = ("hertz_rx", "hertz_ry", "contact_modulus")
     missing = [name for name in needed if name not in values]
     if missing:
-        raise ValueError(f"problem is hertz, but attribute {', '.join(missing)} is missing")
+        raise InputError(f"problem is hertz, but attribute {', '.join(missing)} is missing")
     exact = EllipticHertz.from_approach(*(values[name] for name in needed), values["approach"])
     return figures.Reference(exact.pressure, "Hertz")
 
@@ -183,7 +183,7 @@ def _draw_all(arguments):
 
 def main(argv=None):
     """Run the command and return its exit status."""
-    return run(_main, argv, told=ValueError)
+    return run(_main, argv)
 
 
 def _main(argv):

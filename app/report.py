@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, field
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -106,7 +107,7 @@ def plain(value):
     """Text of an attribute: numbers with as many digits as are read."""
     if isinstance(value, str):
         return value
-    return ", ".join(f"{number:.6g}" for number in np.ravel(value))
+    return ", ".join(f"{part:.6g}" if isinstance(part, Real) else str(part) for part in np.ravel(value))
 
 
 def _is_number(value):
@@ -295,7 +296,7 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
 
 def main(argv=None):
     """Run the command and return its exit status."""
-    return run(_main, argv, told=ValueError)
+    return run(_main, argv)
 
 
 def _main(argv):

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from app.errors import InputError
 from app.output.style import DASHED, DOTTED, log_axis, new_figure, say_instead, series, styled
 from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction, persson_pressure
 from app.units import length_unit
@@ -242,24 +243,24 @@ def read_csv(path):
 
     Raises
     ------
-    ValueError
+    InputError
         If it is no such table.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets mark it
             rows = list(csv.DictReader(file, strict=True))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(f"table {path}: cannot be read: {error}") from None
+        raise InputError(f"table {path}: cannot be read: {error}") from None
     if not rows or None in rows[0] or any(None in row.values() for row in rows):
-        raise ValueError(f"table {path}: needed: a line of names and lines of as many values")
+        raise InputError(f"table {path}: needed: a line of names and lines of as many values")
     columns = {name: [row[name] for row in rows] for name in rows[0]}
     if "exit_status" not in columns and not {"load", "approach"} <= columns.keys():
-        raise ValueError(f"table {path}: neither a table of app.sweep nor a load path")
+        raise InputError(f"table {path}: neither a table of app.sweep nor a load path")
     if (
         "exit_status" not in columns
         and path_of_csv(columns).positive("load", "approach", lowest=-np.inf) is None
     ):
-        raise ValueError(f"table {path}: no step has numbers for load and approach")
+        raise InputError(f"table {path}: no step has numbers for load and approach")
     return columns
 
 

@@ -39,16 +39,16 @@ def write_xdmf(results, path=None):
 
     Raises
     ------
-    ValueError
+    InputError
         If a file is no result file, or lies in another folder.
     """
     results = [Path(result) for result in results]
     path = results[0].with_suffix(".xdmf") if path is None else Path(path)
     if path.suffix != ".xdmf":
-        raise ValueError(f"{path}: the name must end in .xdmf")
+        raise InputError(f"{path}: the name must end in .xdmf")
     for result in results:
         if result.parent.resolve() != path.resolve().parent:  # a link may stand there for the result
-            raise ValueError(f"{path}: must lie in the folder of {result}, which it refers to")
+            raise InputError(f"{path}: must lie in the folder of {result}, which it refers to")
     grids = [_read(result) for result in results]
     loads = [load for load, _ in grids]
     rising = len(loads) > 1 and (np.diff(loads) > 0).all()

@@ -10,7 +10,7 @@ from tokenize import TokenError
 
 import numpy as np
 
-from app.errors import one_line
+from app.errors import InputError, one_line
 from app.memory import check_fits
 from app.problems.problem import refuse_large
 from app.problems.text_table import read_table
@@ -47,7 +47,7 @@ class ArrayFile:
 
     Raises
     ------
-    ValueError, OSError
+    InputError
         If there is no such file or dataset, or it is not a 2-D array of real numbers.
     """
 
@@ -61,11 +61,11 @@ class ArrayFile:
         path, _, dataset = name.partition(":/")
         self.file, self.path, self._dataset = name, Path(path), dataset
         if not self.path.is_file():
-            raise ValueError(f"{self.what} {path}: {self._why_not()}")
+            raise InputError(f"{self.what} {path}: {self._why_not()}")
         suffix = self.path.suffix.lower()
         self.is_text = suffix not in (".npy", ".npz", ".h5", ".hdf5")
         if skip and not self.is_text:
-            raise ValueError(f"{self.what} {path}: {skip} lines to skip: allowed of text, which it is not")
+            raise InputError(f"{self.what} {path}: {skip} lines to skip: allowed of text, which it is not")
         try:
             if suffix == ".npy":
                 self._rows = self._map_npy()
@@ -78,9 +78,9 @@ class ArrayFile:
         except (ValueError, OSError, EOFError, KeyError, RuntimeError, MemoryError, *_HEADER) as error:
             # RuntimeError: a dataset that is linked to itself.
             elsewhere = self.elsewhere if self.is_text and suffix not in TEXTS else ""
-            raise ValueError(f"{self.what} {name}: cannot be read: {elsewhere}{one_line(error)}") from None
+            raise InputError(f"{self.what} {name}: cannot be read: {elsewhere}{one_line(error)}") from None
         if self._rows.ndim != 2 or not all(self._rows.shape) or self._rows.dtype.kind not in "fiu":
-            raise ValueError(
+            raise InputError(
                 f"{self.what} {name}: holds {self._rows.dtype} of shape {self._rows.shape}; "
                 "needed: real numbers of shape (ny, nx)"
             )

@@ -138,6 +138,12 @@ def test_files_of_one_name_have_folders_that_tell_them_apart(path, tmp_path, cap
     assert "two are named result" in capsys.readouterr().err
 
 
+def test_a_mistake_of_the_program_is_not_told_as_bad_input(path, tmp_path, monkeypatch):
+    monkeypatch.setattr("app.plot._draw_all", lambda arguments: float("of ours"))
+    with pytest.raises(ValueError, match="of ours"):
+        main([str(path), "-o", str(tmp_path / "out")])
+
+
 def test_exit_status_of_the_command(tmp_path):
     command = [sys.executable, "-m", "app.plot", "absent.h5", "-o", tmp_path]
     run = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)

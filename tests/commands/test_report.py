@@ -85,6 +85,8 @@ def test_report_sets_analytic_values_beside_and_leaves_rounding_out(undrawn):
         off = values[name] / values[f"analytic_{name}"] - 1
         assert numbers[label]["analytic"].endswith(f"({off:+.1e})")
     assert numbers["load"]["analytic"] == ""  # prescribed
+    named = with_attributes(result, surface_parts=np.array(["one", "two"], object))
+    assert report.request_section(named).facts["surface_parts"] == "one, two"
     facts = report.request_section(result).facts | {"load": report.plain(10000 / 3)}
     assert facts["load"] == "3333.33" and facts["hertz_rx"] == "100"
     assert "computed</th><th>analytic" in report.web_page(result, with_stress=False)

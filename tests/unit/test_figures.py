@@ -164,7 +164,9 @@ def test_narrow_patches_are_readable(nx, ny, width, height):
     assert ("scale" in axes.get_xlabel()) == (max(width, height) > 10)
 
 
-@pytest.mark.parametrize("values", [[3.0, 3.1], [1.0], [0.9, 4.0], [1e-9, 1e5], [1.1, 95.0], [0.2, 40.0], []])
+@pytest.mark.parametrize(
+    "values", [[3.0, 3.1], [1.0], [0.9, 4.0], [1e-9, 1e5], [1.1, 95.0], [0.2, 40.0], [], [1e-9, 1e300]]
+)
 def test_a_logarithmic_axis_has_three_numbers_at_least(values):
     axes = style.new_figure(4, 3).subplots()
     style.log_axis(axes.xaxis, np.array(values))
