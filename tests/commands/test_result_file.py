@@ -173,6 +173,11 @@ def test_writing_refuses_what_does_not_fit(result, path, change, message):
     assert [f.name for f in path.parent.iterdir()] == [path.name]
 
 
+def test_a_mistake_of_the_program_is_raised_as_it_is(result, path):
+    with pytest.raises(TypeError, match="NoneType"):
+        write(path, SELF, Slabs(48), result, fields=None)
+
+
 def test_full_disk_leaves_the_previous_result(result, path):
     before = path.read_bytes()
     with full_disk(), pytest.raises(OSError, match="File too large"):
