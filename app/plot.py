@@ -33,7 +33,7 @@ def analytic_reference(result):
     if (
         values.get("problem") != "hertz"
         or not 0 < values["approach"] < math.inf
-        or values.get("periodic")
+        or result.grid.periodic
         or values.get("surfaces")
     ):
         return None

@@ -198,7 +198,7 @@ def request_section(result):
     cell = length_unit(max(grid.dx, grid.dy))
     facts = {
         "problem": figures.PROBLEMS.get(values.get("problem"), values.get("problem", "")),
-        "patch": f"{size} {unit.name}, {'repeated for ever in x and y' if values.get('periodic') else 'alone'}",
+        "patch": f"{size} {unit.name}, {'repeated for ever in x and y' if grid.periodic else 'alone'}",
         "cells": f"{nx} × {ny}, each {grid.dx * cell.per_mm:.4g} × {grid.dy * cell.per_mm:.4g} {cell.name}",
     }
     facts |= {

@@ -150,12 +150,9 @@ def survey(below, depths=64, at=None, deepest=None, along="xy"):
 
 def picture(result, found, along="x"):
     """Figure of a survey. Not collective."""
-    if along == "x":
-        of_section = result.x, result.grid.dx, found.depths, found.section_x
-    else:
-        of_section = result.y, result.grid.dy, found.depths, found.section_y
+    section = found.section_x if along == "x" else found.section_y
     heading = f"{figures.title(result)}, ν = {found.poisson_ratio:.3g}"
-    return curves.stress_figure(along, *of_section, found.line, found.at, heading)
+    return curves.stress_figure(along, result.grid, found.depths, section, found.line, found.at, heading)
 
 
 def write(path, result, found, planes):

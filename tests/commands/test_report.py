@@ -244,6 +244,25 @@ def test_xdmf_names_what_is_in_the_file(path, made, capsys):
     assert origin[0] + steps[0] == 0  # z, whose upper side is the surface
 
 
+def test_xdmf_of_a_row_of_cells_has_their_size_and_refuses_one_that_is_none(tmp_path, capsys):
+    path = tmp_path / "row.h5"
+    row = with_attributes(made_up_result(64, 1), cell_size=np.array([0.1, 7.0]))
+    write(path, MPI.COMM_SELF, Slabs(1), row)
+    assert xdmf.main([str(path)]) == 0
+    root, _ = items(path.with_suffix(".xdmf"))
+    origin, steps = (np.array(item.text.split(), float) for item in root.find(".//Geometry"))
+    grid = read_result(path).grid
+    assert [*steps[1:], *origin[1:]] == [grid.dy, grid.dx, grid.y0, grid.x0]
+    assert steps[1:] == pytest.approx([7, 20 / 64])
+    capsys.readouterr()
+    for size in ("wide", -7.0, np.array([0.1, -7.0])):
+        with h5py.File(path, "r+") as file:
+            file.attrs["cell_size"] = size
+        assert xdmf.main([str(path)]) == 2
+        said = capsys.readouterr().err
+        assert said.startswith(f"error: result file {path}: ") and said.count("\n") == 1
+
+
 def test_xdmf_of_a_link_names_the_link(path, tmp_path, capsys):
     folder = tmp_path / "links"
     folder.mkdir()

@@ -231,7 +231,8 @@ def test_spectrum_of_a_wave_is_a_peak_in_its_place():
     grid = Grid.from_domain(128, 128, (0, 2, 0, 2))
     wave = 1e-3 * np.cos(2 * np.pi * 12 * grid.x() / 2) + 1e-6 * np.random.default_rng(3).random((128, 128))
     surface = replace(made, x=grid.x(), y=grid.y(), undeformed_distance=wave)
-    q, density = curves.spectrum_figure(with_attributes(surface, periodic=1)).axes[0].lines[0].get_data()
+    periodic = curves.spectrum_figure(with_attributes(surface, periodic_symbol="spectral"))
+    q, density = periodic.axes[0].lines[0].get_data()
     assert q[np.argmax(density)] == pytest.approx(2 * np.pi * 6, rel=0.02)
     bowl = surface.undeformed_distance + 0.1 * (grid.x() - 1) ** 2 + 0.2 * grid.y()[:, None]
     q, density = (
@@ -280,12 +281,13 @@ def test_corrected_fractions_are_within_the_picture():
 
 
 def test_contours_of_stress_are_drawn_where_they_can_be_told_apart():
-    x, z = np.linspace(-1, 1, 201), np.linspace(0, 1, 21)
+    grid, z = Grid.from_domain(201, 1, (-1.005, 1.005, 0, 1)), np.linspace(0, 1, 21)
+    x = grid.x()
     hottest = Hottest(1.0, 0.0, 0.0, 0.5, np.zeros(6))
     for waves, drawn in ((1, True), (40, False)):
         section = np.zeros((6, 21, 201))
         section[2] = -np.exp(-((z[:, None] - 0.5) ** 2)) * np.cos(np.pi * waves * x / 2) ** 2
-        figure = curves.stress_figure("x", x, x[1] - x[0], z, section, section[:, :, 100], hottest, "")
+        figure = curves.stress_figure("x", grid, z, section, section[:, :, 100], hottest, "")
         collections = [type(one).__name__ for one in figure.axes[0].collections]
         assert (collections != ["QuadMesh"]) == drawn
 
@@ -294,7 +296,8 @@ def test_stress_below_a_single_column_has_its_width_and_the_legend_touches_no_cu
     z, section = np.linspace(0, 1, 21), np.zeros((6, 21, 1))
     section[2, :, 0] = -1
     hottest = Hottest(26395.0, 3.0, 0.0, 0.5, np.zeros(6))
-    figure = curves.stress_figure("x", np.array([3.0]), 2.0, z, section, section[:, :, 0], hottest, "")
+    grid = Grid.from_domain(1, 1, (2, 4, 0, 1))
+    figure = curves.stress_figure("x", grid, z, section, section[:, :, 0], hottest, "")
     left, right = figure.axes[:2]
     assert left.get_xlim() == pytest.approx((2, 4)) and left.get_ylim() == (1, 0)
     assert left.get_legend().get_texts()[0].get_text().startswith("26395 N/mm²")
