@@ -14,11 +14,14 @@ import sys
 from pathlib import Path
 
 from app.commands import streams
-from app.commands.arguments import Parser, check_folder, run, writing
+from app.commands.arguments import Parser, argument, check_folder, run, writing
 from app.errors import InputError
+from app.options import integer
 from app.output import curves, figures, paths, style
 from app.output.result import read_result
 from app.reference.hertz import EllipticHertz
+
+_dots = integer(20, "a whole number from 20 to 1200", 1200)
 
 
 def analytic_reference(result):
@@ -134,10 +137,9 @@ def _arguments(argv):
         help="this picture of results; may be repeated",
     )
     parser.add_argument("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")
-    parser.add_argument("--dpi", type=int, default=200, help="pixels per inch, 20 to 1200; default: 200")
+    dots = "pixels per inch, 20 to 1200; default: 200"
+    parser.add_argument("--dpi", type=argument(_dots), default=200, help=dots)
     arguments = parser.parse_args(argv)
-    if not 20 <= arguments.dpi <= 1200:
-        raise InputError(f"--dpi {arguments.dpi}: must be from 20 to 1200")
     first = arguments.files[0]
     arguments.output = arguments.output or (
         first.parent if arguments.files[1:] else first.parent / first.stem

@@ -303,10 +303,7 @@ def _main(argv):
     parser = Parser(prog="python -m app.report", description="Tell all about a result in one web page.")
     parser.add_argument("result", type=Path, metavar="RESULT.h5", help="result file of app.solve")
     parser.add_argument("-o", "--output", type=Path, metavar="F.html", help="default: RESULT.html")
-    parser.add_argument("--poisson", type=float, metavar="NU", help="of the body whose stress is wanted")
-    parser.add_argument(
-        "--body", type=int, choices=(1, 2), help="whose stress, where the result knows both bodies"
-    )
+    subsurface.add_body(parser.add_argument)
     parser.add_argument("--no-stress", action="store_true", help="do not look below the surface; saves time")
     arguments = parser.parse_args(argv)
     if arguments.no_stress and (arguments.poisson is not None or arguments.body):

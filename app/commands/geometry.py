@@ -15,6 +15,7 @@ from app.options import (
     domain,
     flag,
     from_zero,
+    half,
     integer,
     pair,
     pair_of_reals,
@@ -36,7 +37,6 @@ frequencies = pair("M,N or M, whole numbers from 1 to 10000", highest=10000)
 moduli = pair_of_reals("E1,E2, positive numbers; inf: a rigid body", above=0, highest=np.inf)
 ratios = pair_of_reals("nu1,nu2, numbers from 0 to 0.5", lowest=0, highest=0.5)
 radii = pair_of_reals("two numbers, not 0; inf: straight; negative: concave", nonzero=True, highest=np.inf)
-half = real("from 0 to 0.5", lowest=0, highest=0.5)
 slant = real("above 0, at most 89.9", above=0, highest=89.9)
 share = real("above 0, at most 1", above=0, highest=1)
 

@@ -112,12 +112,10 @@ def test_text_of_the_user_is_no_markup(made, undrawn):
         (report, ["RESULT", "-o", "report.pdf"], "must end in .html"),
         (report, ["RESULT", "-o", "/proc/report.html"], "cannot write in /proc"),
         (report, ["RESULT", "-o", "no/report.html"], "no does not exist"),
-        (
-            report,
-            ["RESULT", "--poisson", "0.7", "-o", "TMP/r.html"],
-            "Poisson ratio 0.7: must be from 0 to 0.5",
-        ),
-        (subsurface, ["RESULT", "--poisson", "-1"], "Poisson ratio -1"),
+        (report, ["absent.h5", "--poisson", "0.7"], "--poisson 0.7: not allowed; allowed: from 0 to 0.5"),
+        (report, ["RESULT", "--body", "3"], "--body 3: not allowed; allowed: 1 or 2"),
+        (subsurface, ["absent.h5", "--poisson", "-1"], "--poisson -1: not allowed; allowed: from 0 to 0.5"),
+        (subsurface, ["RESULT", "--poisson", "abc"], "--poisson abc: not allowed; allowed: from 0 to 0.5"),
         (subsurface, ["RESULT", "--body", "2"], "not those of the bodies"),
         (subsurface, ["RESULT", "--planes", "1"], "no effect without -o"),
         (
