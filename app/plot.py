@@ -30,11 +30,11 @@ def analytic_reference(result):
     Raises
     ------
     InputError
-        If the result says it is a Hertz contact but lacks one of its numbers.
+        If the result says it is Hertz's contact, or a sphere, but lacks one of its numbers.
     """
     values = result.attributes
     if (
-        values.get("problem") != "hertz"
+        values.get("problem") not in ("hertz", "sphere")
         or not 0 < values["approach"] < math.inf
         or result.grid.periodic
         or values.get("surfaces")
@@ -45,7 +45,7 @@ def analytic_reference(result):
     needed = ("hertz_rx", "hertz_ry", "contact_modulus")
     missing = [name for name in needed if name not in values]
     if missing:
-        raise InputError(f"problem is hertz, but attribute {', '.join(missing)} is missing")
+        raise InputError(f"problem is {values['problem']}, but attribute {', '.join(missing)} is missing")
     exact = EllipticHertz.from_approach(*(values[name] for name in needed), values["approach"])
     return figures.Reference(exact.pressure, "Hertz")
 

@@ -232,11 +232,15 @@ def path_section(result, pictures):
     return Section("path", "Load path", texts, rows=rows, pictures=pictures)
 
 
-def stress_section(result, below):
-    """Largest stresses below the surface; `below` is None where Poisson's ratio is not known."""
-    if below is None:
+def stress_section(result, poisson_ratio=None, body=None):
+    """Largest stresses below the surface, or why they are not known; other arguments as of `app.subsurface.stress`."""
+    if poisson_ratio is None and subsurface.known_poisson_ratio(result.attributes, body) is None:
         text = "Poisson's ratio is not known, so the stresses are not (--poisson gives it)."
         return Section("stress", "Below the surface", [text])
+    if not np.isfinite(result.pressure).all():
+        text = "Pressures of this run are not finite, so there are no stresses."
+        return Section("stress", "Below the surface", [text])
+    below = subsurface.stress(result, poisson_ratio, body)
     found = subsurface.survey(below, along="x")
     texts = subsurface.summary(found.hottest, found.sheared, result, below.nu)
     texts = [text[0].upper() + " ".join(text[1:].split()) + "." for text in texts]
@@ -262,11 +266,7 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
     str
     """
     values = result.attributes
-    below, with_stress = None, with_stress and bool(np.isfinite(result.pressure).all())
-    if with_stress and (
-        poisson_ratio is not None or subsurface.known_poisson_ratio(values, body) is not None
-    ):
-        below = subsurface.stress(result, poisson_ratio, body)
+    stresses = [stress_section(result, poisson_ratio, body)] if with_stress else []  # refuses bodies
     pictures = {
         name: page.png(figure)
         for name, figure in pictures_of(result, [name for name in PICTURES if name not in _IN_SUMMARY])
@@ -279,8 +279,7 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
         sections.insert(1, Section("notes", "To look at twice", values["notes"].splitlines()))
     if result.path:
         sections.append(path_section(result, of_path))
-    if with_stress:
-        sections.append(stress_section(result, below))
+    sections += stresses
     sections.append(Section("pictures", "Pictures", pictures=pictures))
     sections.append(request_section(result))
     made = {label: plain(values[name]) for name, label in _ORIGIN.items() if name in values}

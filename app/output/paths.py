@@ -318,10 +318,11 @@ def sweep_figure(columns, heading=""):
     for axes in figure.axes[count:]:
         axes.remove()
     if others:
+        of = ", ".join("option file" if name == "option_files" else f"-{name}" for name in others)
         figure.axes[across - 1].legend(
             loc="upper left",
             bbox_to_anchor=(1.02, 1),
-            title=", ".join("option file" if name == "option_files" else f"-{name}" for name in others),
+            title=f"{of}: {_MOST_SERIES} of {len(groups)}" if len(groups) > _MOST_SERIES else of,
             fontsize=9,
             title_fontsize=9,
         )

@@ -160,6 +160,10 @@ def test_reference_is_the_hertz_contact_of_the_paper(result):
     a, b = SEMI_AXES
     assert exact.pressure(0.6 * a, 0.0) == pytest.approx(0.8 * MAX_PRESSURE, rel=1e-6)
     assert exact.pressure(0.0, 0.6 * b) == pytest.approx(0.8 * MAX_PRESSURE, rel=1e-6)
+    assert analytic_reference(with_attributes(result, problem="sphere")).pressure(0.0, 0.0) == exact.pressure(
+        0.0, 0.0
+    )
+    assert analytic_reference(with_attributes(result, problem="sphere", surfaces=1)) is None
     assert analytic_reference(with_attributes(result, problem="punch")) is None
     assert analytic_reference(with_attributes(result, without=["problem"])) is None
     assert analytic_reference(with_attributes(result, approach=-0.1)) is None

@@ -69,6 +69,9 @@ def test_report_has_the_path_and_says_what_is_not_known(made, undrawn):
     assert "2 steps." in text and "load [N]" in text and "−0.0016" in text
     assert "NOT SOLVED" in text
     assert "ratio is not known" in text
+    diverged = replace(made, pressure=np.full_like(made.pressure, np.nan))
+    assert "not finite, so there are no stresses" in report.web_page(diverged, 0.3)
+    assert "no stresses" not in report.web_page(diverged, with_stress=False)
     text = report.web_page(with_attributes(made, without=["error_bound"]), with_stress=False)
     assert "Nothing is proved" in text and "von Mises" not in text
 

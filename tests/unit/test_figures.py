@@ -365,3 +365,15 @@ def test_sweep_is_drawn_against_the_option_with_most_values():
     assert axes.get_xlabel() == "-grid" and axes.get_ylabel() == "work units"
     assert [list(line.get_ydata()) for line in axes.lines] == [[10, 11, 12], [20, 22]]
     assert paths.sweep_figure(columns | {"grid": ["32"] * 6}) is None
+
+
+@pytest.mark.parametrize(("methods", "said"), [(12, "-method"), (13, "-method: 12 of 13")])
+def test_the_legend_of_a_sweep_tells_how_many_lines_are_drawn(methods, said):
+    columns = {
+        "grid": ["32", "64"] * methods,
+        "method": [f"m{k // 2}" for k in range(2 * methods)],
+        "exit_status": ["0"] * 2 * methods,
+        "work_units": [str(k) for k in range(1, 2 * methods + 1)],
+    }
+    (axes,) = paths.sweep_figure(columns).axes
+    assert len(axes.lines) == 12 and axes.get_legend().get_title().get_text() == said
