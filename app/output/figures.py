@@ -39,6 +39,8 @@ PROBLEMS = {
     "given": "Contact problem",
 }
 
+_ASTRAY = 1e200  # residuals from here on are not drawn: axes compute with larger numbers
+
 
 class Reference(NamedTuple):
     """An analytic pressure to compare with: ``pressure(x, y)`` [N/mm2] of arrays [mm], and its name."""
@@ -201,7 +203,7 @@ def _draw_gap(axes, sides, gap, ends):
 def draw_residual(axes, result):
     """Residual of every active set iteration."""
     residual = result.history["residual"]
-    residual = np.where((residual > 0) & np.isfinite(residual), residual, np.nan)
+    residual = np.where((residual > 0) & (residual < _ASTRAY), residual, np.nan)
     iterations = np.arange(1, residual.size + 1)
     axes.set(xlabel="active set iteration", ylabel="residual  ‖r‖ / ‖h‖")
     if not iterations.size:

@@ -44,7 +44,6 @@ _FILLS = ("full", "none", "left")
 _INCHES_PER_TICK = 0.75
 _SUBS = ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7))  # of the decades of logarithmic axes: ticks
 _LEAST_TICKS = 3  # with numbers, on logarithmic axes
-_DRAWN = 1e-150, 1e150  # on these; ratios are numbers
 
 
 def styled(draw):
@@ -89,7 +88,7 @@ def log_axis(axis, values):
     axes = axis.axes
     in_x = axis is axes.xaxis
     values = np.ravel(values)
-    values = np.clip(values[np.isfinite(values) & (values > 0)], *_DRAWN)
+    values = values[np.isfinite(values) & (values > 0)]
     low, high = (values.min(), values.max()) if values.size else (0.1, 1.0)
     if high < 2 * low:
         low, high = low / 1.5, high * 1.5
