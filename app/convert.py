@@ -45,7 +45,7 @@ def instruments_python():
 
 def main(argv=None):
     """Run the command and return its exit status."""
-    return run(_main, argv, told=ValueError)
+    return run(_main, argv)
 
 
 def _main(argv):

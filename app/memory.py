@@ -10,7 +10,7 @@ import os
 import resource
 from pathlib import Path
 
-from app.errors import agree
+from app.errors import InputError, agree
 
 DOUBLES = {"fast": 10, "primal": 11, "active_set": 15, "tao": 37, "snesvi": 37}  # per cell, on one rank
 DOUBLE_PRECISION = 2  # more of the first two, without single precision
@@ -79,7 +79,7 @@ def check_share(grid, cells):
 
 def _check(grid, needed, there, where):
     if needed > there:
-        raise ValueError(
+        raise InputError(
             f"grid {grid.nx},{grid.ny}: needs about {_size(needed)} {where}; {_size(there)} are free: "
             f"about {int(grid.n * there / needed):.2g} cells would fit"
         )
@@ -97,13 +97,13 @@ def check_fits(size, what):
 
     Raises
     ------
-    ValueError
+    InputError
     """
     if size < SMALL:
         return
     there = min(available(), _address_space())
     if size > there:
-        raise ValueError(f"{what}: needs {_size(size)} of memory; {_size(there)} are free")
+        raise InputError(f"{what}: needs {_size(size)} of memory; {_size(there)} are free")
 
 
 def available():

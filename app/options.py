@@ -263,11 +263,11 @@ def _several(text, kind, count, allowed, fit):
     return values
 
 
-def integer(lowest, allowed):
-    """Kind: an integer, at least `lowest`."""
+def integer(lowest, allowed, highest=np.inf):
+    """Kind: an integer from `lowest` to `highest`."""
 
     def parse(text):
-        [value] = _several(text, _whole, 1, allowed, lambda value: value >= lowest)
+        [value] = _several(text, _whole, 1, allowed, lambda value: lowest <= value <= highest)
         return value
 
     return parse
@@ -366,4 +366,5 @@ def domain(text):
 
 positive = real("a positive number", above=0)
 from_zero = real("a number from 0", lowest=0)
+half = real("from 0 to 0.5", lowest=0, highest=0.5)  # Poisson's ratios
 count = integer(1, "a whole number of at least 1")

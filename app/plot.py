@@ -9,15 +9,19 @@ status 0, or 2 with one line on standard error if there is something wrong with 
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 
 from app.commands import streams
-from app.commands.arguments import Parser, check_folder, run, writing
+from app.commands.arguments import Parser, argument, check_folder, run, writing
 from app.errors import InputError
+from app.options import integer
 from app.output import curves, figures, paths, style
 from app.output.result import read_result
 from app.reference.hertz import EllipticHertz
+
+_dots = integer(20, "a whole number from 20 to 1200", 1200)
 
 
 def analytic_reference(result):
@@ -25,14 +29,14 @@ def analytic_reference(result):
 
     Raises
     ------
-    ValueError
-        If the result says it is a Hertz contact but lacks one of its numbers.
+    InputError
+        If the result says it is Hertz's contact, or a sphere, but lacks one of its numbers.
     """
     values = result.attributes
     if (
-        values.get("problem") != "hertz"
-        or values["approach"] <= 0
-        or values.get("periodic")
+        values.get("problem") not in ("hertz", "sphere")
+        or not 0 < values["approach"] < math.inf
+        or result.grid.periodic
         or values.get("surfaces")
     ):
         return None
@@ -41,7 +45,7 @@ def analytic_reference(result):
     needed = ("hertz_rx", "hertz_ry", "contact_modulus")
     missing = [name for name in needed if name not in values]
     if missing:
-        raise ValueError(f"problem is hertz, but attribute {', '.join(missing)} is missing")
+        raise InputError(f"problem is {values['problem']}, but attribute {', '.join(missing)} is missing")
     exact = EllipticHertz.from_approach(*(values[name] for name in needed), values["approach"])
     return figures.Reference(exact.pressure, "Hertz")
 
@@ -73,9 +77,9 @@ def pictures_of(result, names):
             yield name, figure
 
 
-def draw(result, folder, kind="png", dpi=200, names=PICTURES):
-    """Write pictures of a result to a folder and return their paths."""
-    return [_save(figure, folder / f"{name}.{kind}", dpi) for name, figure in pictures_of(result, names)]
+def save(pictures, folder, kind="png", dpi=200):
+    """Write pictures, pairs of name and figure, to a folder, and return their paths."""
+    return [_save(figure, folder / f"{name}.{kind}", dpi) for name, figure in pictures]
 
 
 def _save(figure, path, dpi):
@@ -89,16 +93,30 @@ def _read(file):
     return paths.read_csv(file) if file.suffix.lower() == ".csv" else read_result(file)
 
 
-def _draw_table(columns, file, folder, kind, dpi):
-    """Write the picture of a table and return its path."""
-    if "exit_status" in columns:
-        figure = paths.sweep_figure(columns, file.stem)
+def _pictures(file, data, only):
+    """Pictures of a file that was read: name, figure, made when asked for; InputError if there are none."""
+    if not isinstance(data, dict):
+        figure = None
+        for name, figure in pictures_of(data, only or PICTURES):
+            yield name, figure
         if figure is None:
-            raise ValueError(
+            raise InputError(f"--only {', '.join(only)}: result file {file} has nothing of it to draw")
+    elif "exit_status" in data:
+        figure = paths.sweep_figure(data, file.stem)
+        if figure is None:
+            raise InputError(
                 f"table {file}: nothing to draw: no option with two numbers or more, or nothing measured"
             )
-        return _save(figure, folder / f"sweep.{kind}", dpi)
-    return _save(paths.path_figure([paths.path_of_csv(columns)], file.stem), folder / f"path.{kind}", dpi)
+        yield "sweep", figure
+    else:
+        yield "path", paths.path_figure([paths.path_of_csv(data)], file.stem)
+
+
+def _path(data, name):
+    """Path of what was read, None if it has none."""
+    if isinstance(data, dict):
+        return None if "exit_status" in data else paths.path_of_csv(data, name)
+    return paths.path_of(data, name)
 
 
 def _arguments(argv):
@@ -119,10 +137,9 @@ def _arguments(argv):
         help="this picture of results; may be repeated",
     )
     parser.add_argument("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")
-    parser.add_argument("--dpi", type=int, default=200, help="pixels per inch, 20 to 1200; default: 200")
+    dots = "pixels per inch, 20 to 1200; default: 200"
+    parser.add_argument("--dpi", type=argument(_dots), default=200, help=dots)
     arguments = parser.parse_args(argv)
-    if not 20 <= arguments.dpi <= 1200:
-        raise InputError(f"--dpi {arguments.dpi}: must be from 20 to 1200")
     first = arguments.files[0]
     arguments.output = arguments.output or (
         first.parent if arguments.files[1:] else first.parent / first.stem
@@ -151,24 +168,15 @@ def _names(files):
 
 def _draw_all(arguments):
     """Draw all files; return the names of the pictures."""
-    kind, dpi, several = arguments.format, arguments.dpi, len(arguments.files) > 1
+    kind, dpi, only, several = arguments.format, arguments.dpi, arguments.only, len(arguments.files) > 1
     for file in arguments.files[1:]:
-        _read(file)  # what cannot be read is told before anything is drawn
+        next(_pictures(file, _read(file), only))  # what is wrong with it is told before anything is written
     along, drawn = [], []
     for file, name in zip(arguments.files, arguments.names, strict=True):
         data = _read(file)
         folder = arguments.output / name if several else arguments.output
-        if isinstance(data, dict):
-            path = None if "exit_status" in data else paths.path_of_csv(data, name)
-            drawn.append(_draw_table(data, file, folder, kind, dpi))
-        else:
-            path = paths.path_of(data, name)
-            made = draw(data, folder, kind, dpi, arguments.only or PICTURES)
-            if not made:
-                raise ValueError(
-                    f"--only {', '.join(arguments.only)}: result file {file} has nothing of it to draw"
-                )
-            drawn += made
+        drawn += save(_pictures(file, data, only), folder, kind, dpi)
+        path = _path(data, name)
         along += [path] if path else []
     if len(along) > 1:
         drawn.append(_save(paths.path_figure(along), arguments.output / f"paths.{kind}", dpi))
@@ -177,7 +185,7 @@ def _draw_all(arguments):
 
 def main(argv=None):
     """Run the command and return its exit status."""
-    return run(_main, argv, told=ValueError)
+    return run(_main, argv)
 
 
 def _main(argv):

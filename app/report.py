@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, field
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -106,7 +107,7 @@ def plain(value):
     """Text of an attribute: numbers with as many digits as are read."""
     if isinstance(value, str):
         return value
-    return ", ".join(f"{number:.6g}" for number in np.ravel(value))
+    return ", ".join(f"{part:.6g}" if isinstance(part, Real) else str(part) for part in np.ravel(value))
 
 
 def _is_number(value):
@@ -197,7 +198,7 @@ def request_section(result):
     cell = length_unit(max(grid.dx, grid.dy))
     facts = {
         "problem": figures.PROBLEMS.get(values.get("problem"), values.get("problem", "")),
-        "patch": f"{size} {unit.name}, {'repeated for ever in x and y' if values.get('periodic') else 'alone'}",
+        "patch": f"{size} {unit.name}, {'repeated for ever in x and y' if grid.periodic else 'alone'}",
         "cells": f"{nx} × {ny}, each {grid.dx * cell.per_mm:.4g} × {grid.dy * cell.per_mm:.4g} {cell.name}",
     }
     facts |= {
@@ -231,11 +232,15 @@ def path_section(result, pictures):
     return Section("path", "Load path", texts, rows=rows, pictures=pictures)
 
 
-def stress_section(result, below):
-    """Largest stresses below the surface; `below` is None where Poisson's ratio is not known."""
-    if below is None:
+def stress_section(result, poisson_ratio=None, body=None):
+    """Largest stresses below the surface, or why they are not known; other arguments as of `app.subsurface.stress`."""
+    if poisson_ratio is None and subsurface.known_poisson_ratio(result.attributes, body) is None:
         text = "Poisson's ratio is not known, so the stresses are not (--poisson gives it)."
         return Section("stress", "Below the surface", [text])
+    if not np.isfinite(result.pressure).all():
+        text = "Pressures of this run are not finite, so there are no stresses."
+        return Section("stress", "Below the surface", [text])
+    below = subsurface.stress(result, poisson_ratio, body)
     found = subsurface.survey(below, along="x")
     texts = subsurface.summary(found.hottest, found.sheared, result, below.nu)
     texts = [text[0].upper() + " ".join(text[1:].split()) + "." for text in texts]
@@ -261,11 +266,7 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
     str
     """
     values = result.attributes
-    below, with_stress = None, with_stress and bool(np.isfinite(result.pressure).all())
-    if with_stress and (
-        poisson_ratio is not None or subsurface.known_poisson_ratio(values, body) is not None
-    ):
-        below = subsurface.stress(result, poisson_ratio, body)
+    stresses = [stress_section(result, poisson_ratio, body)] if with_stress else []  # refuses bodies
     pictures = {
         name: page.png(figure)
         for name, figure in pictures_of(result, [name for name in PICTURES if name not in _IN_SUMMARY])
@@ -278,8 +279,7 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
         sections.insert(1, Section("notes", "To look at twice", values["notes"].splitlines()))
     if result.path:
         sections.append(path_section(result, of_path))
-    if with_stress:
-        sections.append(stress_section(result, below))
+    sections += stresses
     sections.append(Section("pictures", "Pictures", pictures=pictures))
     sections.append(request_section(result))
     made = {label: plain(values[name]) for name, label in _ORIGIN.items() if name in values}
@@ -295,17 +295,14 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
 
 def main(argv=None):
     """Run the command and return its exit status."""
-    return run(_main, argv, told=ValueError)
+    return run(_main, argv)
 
 
 def _main(argv):
     parser = Parser(prog="python -m app.report", description="Tell all about a result in one web page.")
     parser.add_argument("result", type=Path, metavar="RESULT.h5", help="result file of app.solve")
     parser.add_argument("-o", "--output", type=Path, metavar="F.html", help="default: RESULT.html")
-    parser.add_argument("--poisson", type=float, metavar="NU", help="of the body whose stress is wanted")
-    parser.add_argument(
-        "--body", type=int, choices=(1, 2), help="whose stress, where the result knows both bodies"
-    )
+    subsurface.add_body(parser.add_argument)
     parser.add_argument("--no-stress", action="store_true", help="do not look below the surface; saves time")
     arguments = parser.parse_args(argv)
     if arguments.no_stress and (arguments.poisson is not None or arguments.body):

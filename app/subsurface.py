@@ -19,7 +19,7 @@ from app.commands import streams
 from app.commands.arguments import Parser, argument, check_folder, count, run, writing
 from app.errors import InputError
 from app.halfspace.stress import COMPONENTS, Hottest, SubsurfaceStress, max_shear, von_mises
-from app.options import pair_of_reals, real
+from app.options import half, integer, pair_of_reals, real
 from app.output import curves, figures, style
 from app.output.files import check_output_path, whole_hdf5
 from app.output.result import read_result
@@ -27,6 +27,7 @@ from app.units import length_unit
 
 _DEEP = 4.0  # sections reach to so many times the depth of the largest stress
 _point = pair_of_reals("X,Y, two finite numbers [mm]")
+_body = integer(1, "1 or 2", 2)
 _depth = real("one positive number [mm]", above=0)
 _each_depth = real("numbers from 0 [mm], with commas between", lowest=0)
 
@@ -84,10 +85,7 @@ def stress(solution, poisson_ratio=None, body=None):
         )
     if solution.pressure.shape != grid.shape:
         raise InputError("solution: has the rows of one rank; needed: solution.gather() on one rank")
-    try:
-        return SubsurfaceStress(solution.pressure, grid, poisson_ratio)
-    except ValueError as error:
-        raise InputError(str(error)) from None
+    return SubsurfaceStress(solution.pressure, grid, poisson_ratio)
 
 
 def known_poisson_ratio(facts, body=None):
@@ -153,12 +151,9 @@ def survey(below, depths=64, at=None, deepest=None, along="xy"):
 
 def picture(result, found, along="x"):
     """Figure of a survey. Not collective."""
-    if along == "x":
-        of_section = result.x, result.grid.dx, found.depths, found.section_x
-    else:
-        of_section = result.y, result.grid.dy, found.depths, found.section_y
+    section = found.section_x if along == "x" else found.section_y
     heading = f"{figures.title(result)}, ν = {found.poisson_ratio:.3g}"
-    return curves.stress_figure(along, *of_section, found.line, found.at, heading)
+    return curves.stress_figure(along, result.grid, found.depths, section, found.line, found.at, heading)
 
 
 def write(path, result, found, planes):
@@ -192,16 +187,19 @@ def write(path, result, found, planes):
                     dimension.attach_scale(file[axis])
 
 
+def add_body(add):
+    """Arguments that say below the surface of which body to look: ``add`` is that of the command's parser."""
+    add("--poisson", type=argument(half), metavar="NU", help="of the body, 0 to 0.5; default: the result's")
+    add("--body", type=argument(_body), metavar="K", help="1 or 2, where the result knows both bodies")
+
+
 def _arguments(argv):
     parser = Parser(prog="python -m app.subsurface", description="Stress below the contact of a result file.")
     parser.add_argument("result", type=Path, metavar="RESULT.h5", help="result file of app.solve")
     parser.add_argument(
         "-o", "--output", type=Path, metavar="DIR", help="folder for subsurface.h5 and the picture"
     )
-    parser.add_argument(
-        "--poisson", type=float, metavar="NU", help="of the body, 0 to 0.5; default: the result's"
-    )
-    parser.add_argument("--body", type=int, choices=(1, 2), help="where the result knows both bodies")
+    add_body(parser.add_argument)
     parser.add_argument(
         "--at",
         type=argument(_point),
@@ -260,7 +258,7 @@ def summary(hottest, sheared, result, poisson_ratio):
 
 def main(argv=None):
     """Run the command and return its exit status."""
-    return run(_main, argv, told=ValueError)
+    return run(_main, argv)
 
 
 def _main(argv):
@@ -272,7 +270,8 @@ def _main(argv):
         return 0
     names = [arguments.output / f"subsurface.{kind}" for kind in ("h5", arguments.format)]
     if arguments.output.exists():
-        check_output_path(names[0], [arguments.result], "-o")
+        for name in names:
+            check_output_path(name, [arguments.result], "-o", (name.suffix,))
     found = survey(below, arguments.depths, arguments.at, arguments.deepest)
     planes = {depth: below.plane(depth) for depth in arguments.planes}
     figure = picture(result, found, arguments.section)

@@ -17,7 +17,7 @@ from app.output.xdmf import write_xdmf
 
 def main(argv=None):
     """Run the command and return its exit status."""
-    return run(_main, argv, told=ValueError)
+    return run(_main, argv)
 
 
 def _main(argv):

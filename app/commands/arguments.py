@@ -67,16 +67,16 @@ def writing(output):
         raise InputError(f"-o {output}: cannot be written: {error.strerror or one_line(error)}") from None
 
 
-def run(main, argv, told=InputError):
+def run(main, argv):
     """Call a command's ``main(argv)`` so that SIGTERM ends it like Ctrl-C; return its exit status.
 
-    OSError, MemoryError and what is `told` are the user's to hear of: ValueError where files of others are read.
+    InputError, OSError and MemoryError are the user's to hear of; anything else is a mistake of the program.
     """
     streams.repair()
     previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         return main(argv)
-    except (told, OSError, MemoryError) as error:
+    except (InputError, OSError, MemoryError) as error:
         streams.complain(f"error: {one_line(error)}")
         return 2
     except KeyboardInterrupt:

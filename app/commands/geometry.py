@@ -15,6 +15,7 @@ from app.options import (
     domain,
     flag,
     from_zero,
+    half,
     integer,
     pair,
     pair_of_reals,
@@ -36,7 +37,6 @@ frequencies = pair("M,N or M, whole numbers from 1 to 10000", highest=10000)
 moduli = pair_of_reals("E1,E2, positive numbers; inf: a rigid body", above=0, highest=np.inf)
 ratios = pair_of_reals("nu1,nu2, numbers from 0 to 0.5", lowest=0, highest=0.5)
 radii = pair_of_reals("two numbers, not 0; inf: straight; negative: concave", nonzero=True, highest=np.inf)
-half = real("from 0 to 0.5", lowest=0, highest=0.5)
 slant = real("above 0, at most 89.9", above=0, highest=89.9)
 share = real("above 0, at most 1", above=0, highest=1)
 
@@ -91,7 +91,8 @@ MATERIAL = ("contact_modulus", ("young", "poisson"), ("shear_modulus", "poisson_
 ROUGHNESS = ("surface_rms_slope", "surface_rms_height")
 RADII = (("hertz_rx", "hertz_ry"), ("body1_radii", "body2_radii", "body_angle"))
 ALTERNATIVES = (MATERIAL, ROUGHNESS, RADII)  # exactly, or at most, one of each
-FILES = ("gap_file", "problem_type", "surface_file", "surface_file2")
+SURFACE_FILES = ("surface_file", "surface_file2")
+FILES = ("gap_file", "problem_type", *SURFACE_FILES)
 _PAPERS = ("surface_sigma", "surface_decay", "surface_modes")
 _SELF_AFFINE = ("surface_hurst", "surface_rolloff", "surface_cutoff", *ROUGHNESS)
 
@@ -184,7 +185,7 @@ def _shape(name, options):
     from app.problems.gap_file import GapFile
 
     if name == "file":
-        if options.given("surface_unit") and not options["surface_file"]:
+        if options.given("surface_unit") and not any(options[file] for file in SURFACE_FILES):
             raise InputError(
                 f"-surface_unit {options['surface_unit']}: has no effect here; gap files are in mm, "
                 "heights of -surface_file have units"
@@ -218,7 +219,7 @@ def _measured(options):
     from app.problems.measured import read_surface
 
     found = []
-    for name in ("surface_file", "surface_file2"):
+    for name in SURFACE_FILES:
         if options[name]:
             check_order(*_filters(options))
             surface = read_surface(

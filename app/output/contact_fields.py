@@ -16,7 +16,7 @@ class ContactFields:
     """Patches and distributions, and a line that says what it is; who only reads a file need not wait for MPI or numba.
 
     Who derives from it has `pressure`, `gap` and `contact`, shape (rows, nx); `grid`; `slabs` and `comm`, None where
-    all rows are here; and the numbers that `describe` tells.
+    all rows are here; and the numbers that `__repr__` tells.
     """
 
     def __repr__(self):
@@ -44,7 +44,7 @@ class ContactFields:
         return {"contact_patches": len(areas), "largest_patch": float(areas.max(initial=0.0))}
 
     def distribution(self, name, bins=100, logarithmic=False):
-        """Distribution of the pressure over the cells in contact, or of the gap over those that are open.
+        """Distribution of positive pressures over cells in contact, or of positive gaps over those that are open.
 
         Collective.
 

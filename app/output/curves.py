@@ -9,7 +9,7 @@ import numpy as np
 
 from app.halfspace.stress import max_shear, von_mises
 from app.output.figures import number, title
-from app.output.maps import finite_pressure
+from app.output.maps import cell_edges, finite_pressure
 from app.output.style import (
     BLUE,
     DASHED,
@@ -40,7 +40,7 @@ def distribution_figure(result):
     pressure, gap, patches = figure.subplots(1, 3)
     p = finite_pressure(result.pressure)
     _density(pressure, p[p > 0], "pressure p  [N/mm²]", "[mm²/N]")
-    apart = result.gap[(result.contact == 0) & (result.gap > 0)]
+    apart = result.gap[(result.contact == 0) & (result.gap > 0) & np.isfinite(result.gap)]
     unit = length_unit(float(apart.max(initial=0.0)))
     _density(gap, apart * unit.per_mm, f"gap e  [{unit.name}]", f"[1/{unit.name}]")
     _draw_patches(patches, result)
@@ -97,7 +97,7 @@ def rough_part(result):
     if min(h.shape) < 8 or not np.isfinite(h).all():
         return None
     rest = h - h.mean()
-    if not result.attributes.get("periodic"):
+    if not result.grid.periodic:
         x, y = (np.linspace(-1, 1, n) for n in h.shape[::-1])
         ones_x, ones_y = np.ones_like(x), np.ones_like(y)
         terms = [(ones_y, ones_x), (ones_y, x), (y, ones_x), (y, x), (ones_y, x**2), (y**2, ones_x)]
@@ -118,7 +118,7 @@ def spectrum_figure(result):
     if surface is None:
         return None
     values, grid = result.attributes, result.grid
-    spectrum = radial_spectrum(surface, grid.dx, grid.dy, window=not values.get("periodic"))
+    spectrum = radial_spectrum(surface, grid.dx, grid.dy, window=not grid.periodic)
     unit = length_unit(max(np.ptp(result.x), np.ptp(result.y)))
     q, density = spectrum.wave_number / unit.per_mm, spectrum.density
     known = density > 1e-14 * density.max()  # below that is round-off
@@ -158,29 +158,29 @@ def _maxima(mises, depths, depth):
 
 
 @styled
-def stress_figure(along, centres, cell, depths, section, line, hottest, heading):
+def stress_figure(along, grid, depths, section, line, hottest, heading):
     """Von Mises stress on a section through the most stressed point, and stresses on the line through it.
 
     Parameters
     ----------
     along : str
         "x" or "y".
-    centres, depths : ndarray, [mm]
-        Of the section; depths from 0 on.
-    cell : float
-        Side of a cell along the section [mm].
-    section : ndarray, shape (6, depths, centres), [N/mm2]
+    grid : Grid
+    depths : ndarray, [mm]
+        From 0 on.
+    section : ndarray, shape (6, depths, nx or ny), [N/mm2]
     line : ndarray, shape (6, depths), [N/mm2]
     hottest : app.halfspace.stress.Hottest
     heading : str
     """
     figure = new_figure(13.5, 5.2, heading)
     left, right = figure.subplots(1, 2, gridspec_kw={"width_ratios": [1.6, 1]})
+    centres = grid.x() if along == "x" else grid.y()
     unit = length_unit(max(np.ptp(centres), depths[-1]))
     deep = length_unit(depths[-1])
     x, z = centres * unit.per_mm, depths * deep.per_mm
     mises = von_mises(section)
-    sides = (centres[0] + cell * (np.arange(centres.size + 1) - 0.5)) * unit.per_mm
+    sides = cell_edges(grid, along) * unit.per_mm
     bottom = z[-1] or 1.0
     between = np.concatenate([z[:1], (z[1:] + z[:-1]) / 2, [bottom]])
     colours = {"cmap": _STRESS_MAP, "vmin": 0, "vmax": mises.max() or 1.0}

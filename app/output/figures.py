@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from app.halfspace.grid import plan
-from app.output.maps import LENGTH_MAP, Canvas, finite_pressure, map_of
+from app.output.maps import LENGTH_MAP, Canvas, cell_edges, finite_pressure, map_of
 from app.output.style import (
     BLUE,
     DASHED,
@@ -38,6 +38,8 @@ PROBLEMS = {
     "rough": "Rough surface",
     "given": "Contact problem",
 }
+
+_ASTRAY = 1e200  # residuals from here on are not drawn: axes compute with larger numbers
 
 
 class Reference(NamedTuple):
@@ -150,20 +152,18 @@ def draw_section(axes, result, along, row, column, reference):
     """Pressure, and over it the gap on a scale of its own."""
     unit = length_unit(max(np.ptp(result.x), np.ptp(result.y)))
     if along == "x":
-        centres, cell, across = result.x, result.grid.dx, f"y = {result.y[row] * unit.per_mm:.3g}"
-        here = row
+        across, here = f"y = {result.y[row] * unit.per_mm:.3g}", row
     else:
-        centres, cell, across = result.y, result.grid.dy, f"x = {result.x[column] * unit.per_mm:.3g}"
-        here = slice(None), column
+        across, here = f"x = {result.x[column] * unit.per_mm:.3g}", (slice(None), column)
     values, gap = result.pressure[here], np.where(result.contact[here] == 1, 0.0, result.gap[here])
-    edges = (centres[0] + cell * (np.arange(centres.size + 1) - 0.5)) * unit.per_mm
-    axes.stairs(values, edges, fill=True, color=PALE)
-    axes.stairs(values, edges, color=BLUE, linewidth=1.4, label="computed", baseline=None)
+    sides = cell_edges(result.grid, along) * unit.per_mm
+    axes.stairs(values, sides, fill=True, color=PALE)
+    axes.stairs(values, sides, color=BLUE, linewidth=1.4, label="computed", baseline=None)
     # Not the whole patch but where the bodies touch, in this section or beside it.
     touching = np.flatnonzero(result.contact.any(axis=0 if along == "x" else 1))
-    ends = (edges[touching[0]], edges[touching[-1] + 1]) if touching.size else (edges[0], edges[-1])
+    ends = (sides[touching[0]], sides[touching[-1] + 1]) if touching.size else (sides[0], sides[-1])
     margin = 0.15 * (ends[1] - ends[0])
-    ends = max(edges[0], ends[0] - margin), min(edges[-1], ends[1] + margin)
+    ends = max(sides[0], ends[0] - margin), min(sides[-1], ends[1] + margin)
     exact = np.zeros(0)
     if reference is not None:
         s = np.linspace(*ends, 1001)
@@ -180,17 +180,17 @@ def draw_section(axes, result, along, row, column, reference):
     axes.set_ylim(0, max(1.1 * finite_pressure(values).max(), 1.35 * exact.max(initial=0.0)) or 1.0)
     linear_ticks(axes.xaxis, 5.0)
     if reference is None:
-        _draw_gap(axes, edges, gap, ends)
+        _draw_gap(axes, sides, gap, ends)
 
 
-def _draw_gap(axes, edges, gap, ends):
+def _draw_gap(axes, sides, gap, ends):
     """The gap from above, so that it does not cross the pressure."""
-    shown = gap[(edges[1:] > ends[0]) & (edges[:-1] < ends[1])]
+    shown = gap[(sides[1:] > ends[0]) & (sides[:-1] < ends[1])]
     highest = float(np.nanmax(shown, initial=0.0))
     if not 0 < highest < np.inf:
         return
     unit, right = length_unit(highest), axes.twinx()
-    right.stairs(gap * unit.per_mm, edges, color=ORANGE, linewidth=1.0, baseline=None)
+    right.stairs(gap * unit.per_mm, sides, color=ORANGE, linewidth=1.0, baseline=None)
     right.set(ylim=(2.6 * highest * unit.per_mm, 0))
     right.set_ylabel(f"gap e  [{unit.name}]", color=ORANGE, loc="top")
     right.spines["right"].set_visible(True)
@@ -203,7 +203,7 @@ def _draw_gap(axes, edges, gap, ends):
 def draw_residual(axes, result):
     """Residual of every active set iteration."""
     residual = result.history["residual"]
-    residual = np.where((residual > 0) & np.isfinite(residual), residual, np.nan)
+    residual = np.where((residual > 0) & (residual < _ASTRAY), residual, np.nan)
     iterations = np.arange(1, residual.size + 1)
     axes.set(xlabel="active set iteration", ylabel="residual  ‖r‖ / ‖h‖")
     if not iterations.size:

@@ -124,7 +124,7 @@ class Canvas:
         """Draw the contact area, its patches told apart by colours that mean nothing else."""
         has_outside = self.background(axes)
         result = self.result
-        labels, cells = connected_sets(result.contact == 1, result.attributes.get("periodic"))
+        labels, cells = connected_sets(result.contact == 1, bool(self.grid.periodic))
         share, b = block_mean(result.contact.astype(float), MOST_PIXELS)
         palette = np.array([to_rgb(colour) for colour in (PATCH_COLOURS if len(cells) > 1 else (BLUE,))])
         order = np.empty(len(cells), int)
@@ -159,6 +159,12 @@ class Canvas:
         if known.size and largest and np.ptp(known) < _CONSTANT * largest:
             limits = {"vmin": 0.9 * known[0] * unit.per_mm, "vmax": 1.1 * known[0] * unit.per_mm}
         self.field(axes, field * unit.per_mm, colours, label.format(unit.name), **limits)
+
+
+def cell_edges(grid, along):
+    """Sides of the cells of a row, along "x", or of a column [mm]."""
+    start, cell, n = (grid.x0, grid.dx, grid.nx) if along == "x" else (grid.y0, grid.dy, grid.ny)
+    return start + cell * np.arange(n + 1)
 
 
 def finite_pressure(pressure):

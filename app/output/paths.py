@@ -2,7 +2,8 @@
 
 A *path* is a mapping of columns, one entry per step, as in group ``path`` of a result file: ``load`` [N], ``approach``,
 ``mean_gap`` [mm], ``mean_pressure``, ``max_pressure`` [N/mm2], ``contact_fraction``, ``contact_fraction_corrected``,
-``contact_area`` [mm2], ``stiffness`` or ``stiffness_by_differences`` [N/mm]. What is missing is not drawn.
+``contact_area`` [mm2], ``stiffness`` or ``stiffness_by_differences`` [N/mm], ``persson_fraction``. What is missing is
+not drawn.
 
 Not collective: call on one rank.
 """
@@ -14,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from app.errors import InputError
 from app.output.style import DASHED, DOTTED, log_axis, new_figure, say_instead, series, styled
 from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction, persson_pressure
 from app.units import length_unit
@@ -26,7 +28,6 @@ _LABELS = {
     "work_units": "work units",
     "solve_seconds": "time of the solve  [s]",
 }
-_BODIES = ("hertz", "sphere", "cylinder", "cone", "punch")  # which are not nominally flat all over the patch
 _MOST_SERIES = 12
 _MOST_TICKS = 6
 
@@ -34,13 +35,12 @@ _MOST_TICKS = 6
 class Path(NamedTuple):
     """Columns of a path, its name, and what its loads are compared with.
 
-    `scale` is E* times rms slope [N/mm2], NaN where nobody knows them; those are of no `shaped` bodies.
+    `scale` is E* times rms slope of nominally flat bodies [N/mm2], NaN of others.
     """
 
     columns: dict
     name: str = ""
     scale: float = np.nan
-    shaped: bool = False
 
     def positive(self, *names, lowest=0.0):
         """Columns without the steps at which one of them is no number above `lowest`; None if that leaves nothing."""
@@ -52,26 +52,33 @@ class Path(NamedTuple):
 
     @property
     def relative(self):
-        """1 / (E* h'rms) [mm2/N], NaN if nobody knows it."""
+        """1 / (E* h'rms) [mm2/N], NaN without `scale`."""
         return 1 / self.scale if self.scale > 0 else np.nan
 
 
 def path_of(result, name=""):
     """Path of a result, None if it has none. Not collective."""
     columns = getattr(result, "path", None)
-    if not columns:
-        return None
-    values = result.attributes
-    scale = values.get("contact_modulus", np.nan) * values.get("rms_slope", np.nan)
-    return Path(columns, name, scale, values.get("problem") in _BODIES)
+    return _path(columns, name) if columns else None
+
+
+def _path(columns, name):
+    """Path whose scale Persson's fractions tell; only nominally flat bodies have these."""
+    path = Path(columns, name)
+    known = path.positive("persson_fraction", "mean_pressure")
+    if known is None:
+        return path
+    light = known[0].argmin()  # where Persson's fraction is far from 1, and tells p' to all digits
+    with np.errstate(divide="ignore"):
+        return path._replace(scale=float(known[1, light] / persson_pressure(known[0, light])))
 
 
 @styled
 def path_figure(paths, heading=""):
     """Contact fraction and kappa, mean gap and stiffness of load paths; or load and area against approach.
 
-    The first where mean pressure, E* and rms slope are known and there is a contact fraction of less than one: of rough
-    surfaces. Persson's and Bush, Gibson and Thomas's theories are drawn beside it.
+    The first where mean pressure, Persson's and a contact fraction are known: of rough surfaces on a plane. Persson's
+    and Bush, Gibson and Thomas's theories are drawn beside it.
 
     Parameters
     ----------
@@ -79,9 +86,7 @@ def path_figure(paths, heading=""):
     heading : str
     """
     rough = all(
-        not path.shaped
-        and np.isfinite(path.relative)
-        and path.positive("mean_pressure", "contact_fraction") is not None
+        np.isfinite(path.relative) and path.positive("mean_pressure", "contact_fraction") is not None
         for path in paths
     )
     figure = new_figure(12.0, 8.6, heading)
@@ -95,16 +100,20 @@ def path_figure(paths, heading=""):
 
 def _curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True)):
     """Draw a column against another for all paths; return all values in x and y, positive ones on logarithmic axes."""
-    drawn = []
-    for number, path in enumerate(paths):
-        found = path.positive(x, y, lowest=0.0 if any(logs) else -np.inf)
+    drawn, lowest = [], 0.0 if any(logs) else -np.inf
+
+    def known(*names):
+        return [path.positive(*names, lowest=lowest) for path in paths]
+
+    for number, (path, found) in enumerate(zip(paths, known(x, y), strict=True)):
         if found is None:
             continue
         values = found * np.array(scale(path))[:, None]
         axes.plot(*values, **series(number), label=path.name or "computed")
         drawn.append(values)
     if not drawn:
-        return say_instead(axes, f"no {y.replace('_', ' ')}")
+        absent = next((name for name in (x, y) if all(one is None for one in known(name))), y)
+        return say_instead(axes, f"no {absent.replace('_', ' ')}")
     drawn = np.hstack(drawn)
     for axis, values, log in zip((axes.xaxis, axes.yaxis), drawn, logs, strict=True):
         if log:
@@ -234,24 +243,24 @@ def read_csv(path):
 
     Raises
     ------
-    ValueError
+    InputError
         If it is no such table.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets mark it
             rows = list(csv.DictReader(file, strict=True))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(f"table {path}: cannot be read: {error}") from None
+        raise InputError(f"table {path}: cannot be read: {error}") from None
     if not rows or None in rows[0] or any(None in row.values() for row in rows):
-        raise ValueError(f"table {path}: needed: a line of names and lines of as many values")
+        raise InputError(f"table {path}: needed: a line of names and lines of as many values")
     columns = {name: [row[name] for row in rows] for name in rows[0]}
     if "exit_status" not in columns and not {"load", "approach"} <= columns.keys():
-        raise ValueError(f"table {path}: neither a table of app.sweep nor a load path")
+        raise InputError(f"table {path}: neither a table of app.sweep nor a load path")
     if (
         "exit_status" not in columns
         and path_of_csv(columns).positive("load", "approach", lowest=-np.inf) is None
     ):
-        raise ValueError(f"table {path}: no step has numbers for load and approach")
+        raise InputError(f"table {path}: no step has numbers for load and approach")
     return columns
 
 
@@ -269,14 +278,7 @@ def numbers(texts):
 
 def path_of_csv(columns, name=""):
     """Path of a table without ``exit_status``."""
-    columns = {key: numbers(texts) for key, texts in columns.items()}
-    path = Path(columns, name)
-    known = path.positive("persson_fraction", "mean_pressure")
-    if known is None:
-        return path
-    light = known[0].argmin()  # where Persson's fraction is far from 1, and tells p' to all digits
-    with np.errstate(divide="ignore"):
-        return path._replace(scale=float(known[1, light] / persson_pressure(known[0, light])))
+    return _path({key: numbers(texts) for key, texts in columns.items()}, name)
 
 
 @styled
@@ -316,10 +318,11 @@ def sweep_figure(columns, heading=""):
     for axes in figure.axes[count:]:
         axes.remove()
     if others:
+        of = ", ".join("option file" if name == "option_files" else f"-{name}" for name in others)
         figure.axes[across - 1].legend(
             loc="upper left",
             bbox_to_anchor=(1.02, 1),
-            title=", ".join("option file" if name == "option_files" else f"-{name}" for name in others),
+            title=f"{of}: {_MOST_SERIES} of {len(groups)}" if len(groups) > _MOST_SERIES else of,
             fontsize=9,
             title_fontsize=9,
         )

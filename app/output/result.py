@@ -156,14 +156,22 @@ class Result(ContactFields):
 
     @property
     def grid(self):
-        """Its `Grid`, from the cell centres; a single one does not tell the size of its cell."""
-        from app.halfspace.grid import Grid
+        """Its `Grid`, see `grid_of`."""
+        return grid_of(self.x, self.y, self.attributes)
 
-        domain = []
-        for centres, size in zip((self.x, self.y), self.attributes.get("cell_size", (1.0, 1.0)), strict=True):
-            half = (np.ptp(centres) / (centres.size - 1) if centres.size > 1 else size) / 2
-            domain += [centres[0] - half, centres[-1] + half]
-        return Grid.from_domain(self.x.size, self.y.size, domain, self.attributes.get("periodic_symbol", ""))
+
+def grid_of(x, y, attributes):
+    """`Grid` of cell centres [mm], where a single one does not tell the size of its cell, and attributes of a result.
+
+    Not collective.
+    """
+    from app.halfspace.grid import Grid
+
+    domain = []
+    for centres, size in zip((x, y), attributes.get("cell_size", (1.0, 1.0)), strict=True):
+        half = (np.ptp(centres) / (centres.size - 1) if centres.size > 1 else size) / 2
+        domain += [centres[0] - half, centres[-1] + half]
+    return Grid.from_domain(x.size, y.size, domain, attributes.get("periodic_symbol", ""))
 
 
 def read_result(path):
@@ -199,6 +207,10 @@ def opened(path):
             yield file
     except ValueError as error:
         raise InputError(f"result file {path}: {one_line(error)}") from error
+    except TypeError as error:
+        if "No NumPy equivalent" not in str(error):  # of the type of something in the file
+            raise
+        raise InputError(f"result file {path}: {one_line(error)}") from error
     except (OSError, RuntimeError, KeyError) as error:  # the last two: links that lead nowhere or in a circle
         raise InputError(f"result file {path}: not a readable HDF5 file ({one_line(error)})") from error
 
@@ -225,7 +237,7 @@ def _read_hdf5(file):
     units = {
         name: str(file[name].attrs.get("unit", "1")) for name in (*data, *extra) if "unit" in file[name].attrs
     }
-    attributes = {name: _attribute(name, value) for name, value in file.attrs.items()}
+    attributes = read_attributes(file)
     steps = _columns(file, "path")
     if steps and not np.size(steps.get("load", ())):
         raise InputError("path: has no loads")
@@ -269,6 +281,11 @@ def _are_centres(values):
     with np.errstate(invalid="ignore", over="ignore"):
         step = (values[-1] - values[0]) / (values.size - 1)
         return _LEAST < step < 1 / _LEAST and np.abs(np.diff(values) - step).max() < _UNEVEN * step
+
+
+def read_attributes(file):
+    """Attributes of an open file as Python has them; InputError if one is not of its kind. Not collective."""
+    return {name: _attribute(name, value) for name, value in file.attrs.items()}
 
 
 def _attribute(name, value):

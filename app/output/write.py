@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import h5py
 import numpy as np
 
-from app.errors import InputError, one_line
+from app.errors import InputError, agree, one_line
 from app.halfspace.grid import runs
 from app.output.files import check_output_path, publish, remove, temporary_name
 from app.output.result import ATTRIBUTES, AXES, FIELDS, HISTORY, HISTORY_UNITS, UNITS, cast, require
@@ -64,28 +64,19 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, units=Non
     OSError
         If writing fails.
     """
-    path, plan = comm.bcast(
-        _together(
-            comm,
-            InputError,
-            lambda: (
-                check_output_path(path),
-                _plan(slabs, fields, x, y, attributes, history, units, steps),
-            ),
-            only_root=True,
-        )
-    )
-    rows = _together(comm, InputError, lambda: _local_rows(comm, slabs, fields, plan))
+    path = agree(comm, check_output_path, path, only_root=True)
+    plan = agree(comm, _plan, slabs, fields, x, y, attributes, history, units, steps, only_root=True)
+    rows = agree(comm, _local_rows, comm, slabs, fields, plan)
     temporary = comm.bcast(temporary_name(path) if comm.rank == 0 else None)
     try:
         # With HDF5 on MPI-IO the ranks share the writing of metadata, and an error in it, or in opening
         # the file, on one rank leaves the others waiting for ever. So rank 0 alone writes all metadata,
         # every rank tries to open the file (folder not shared, too many open files), and only rows of
         # data go through MPI-IO.
-        _together(comm, OSError, lambda: _lay_out(temporary, plan), only_root=True)
-        _together(comm, OSError, lambda: temporary.open("r+b").close())
+        _together(comm, lambda: _lay_out(temporary, plan), only_root=True)
+        _together(comm, lambda: temporary.open("r+b").close())
         _write_rows(temporary, comm, slabs, rows)
-        _together(comm, OSError, lambda: publish(temporary, path), only_root=True)
+        _together(comm, lambda: publish(temporary, path), only_root=True)
     except OSError:
         if comm.rank == 0:
             remove(temporary)
@@ -154,7 +145,9 @@ def _local_rows(comm, slabs, fields, plan):
     shape = slabs.local, plan["axes"]["x"].size
     for name, values in rows.items():
         if values.shape != shape:
-            raise InputError(f"field {name}: shape {values.shape}, rows and columns of this rank are {shape}")
+            raise InputError(
+                f"field {name}: shape {values.shape}, rows and columns of rank {comm.rank} are {shape}"
+            )
         cast(f"field {name}", values[:0], plan["types"][name])  # HDF5 does it, run by run
     return rows
 
@@ -217,27 +210,26 @@ def _write_rows(path, comm, slabs, rows):
                     file[name][start + part.start : start + part.stop] = values[part]
 
     if np.count_nonzero(slabs.counts) == 1:
-        _together(comm, OSError, lambda: write() if slabs.local else None)
+        _together(comm, lambda: write() if slabs.local else None)
     elif h5py.get_config().mpi:
-        _together(comm, OSError, lambda: write(driver="mpio", comm=comm))
+        _together(comm, lambda: write(driver="mpio", comm=comm))
     else:
         for turn in range(comm.size):
-            _together(comm, OSError, lambda: write() if turn == comm.rank else None)  # noqa: B023
+            _together(comm, lambda: write() if turn == comm.rank else None)  # noqa: B023
 
 
-def _together(comm, kind, step, only_root=False):
-    """Run `step` on all ranks (or rank 0) and return its value; if it fails on any, raise `kind` on all. Collective.
+def _together(comm, step, only_root=False):
+    """Run what writes on all ranks (or rank 0); if it fails on any, raise OSError on all. Collective.
 
     Other than `app.errors.agree` it says which rank, and whatever HDF5 raises counts.
     """
-    value = complaint = None
+    complaint = None
     try:
         if comm.rank == 0 or not only_root:
-            value = step()
+            step()
     except Exception as error:
         # Its text only: an exception in a variable would keep alive all objects of this rank, but not of the others.
         complaint = one_line(error)
     for rank, message in enumerate(comm.allgather(complaint)):
         if message is not None:
-            raise kind(message if comm.size == 1 else f"rank {rank}: {message}")
-    return value
+            raise OSError(message if comm.size == 1 else f"rank {rank}: {message}")

@@ -17,7 +17,7 @@ import numpy as np
 
 from app.errors import InputError
 from app.output.files import write_text
-from app.output.result import AXES, FIELDS, opened, read_dataset
+from app.output.result import AXES, FIELDS, grid_of, opened, read_attributes, read_dataset
 
 _HEAD = '<?xml version="1.0"?>\n<Xdmf Version="3.0">\n<Domain>\n'
 _TAIL = "</Domain>\n</Xdmf>\n"
@@ -39,16 +39,16 @@ def write_xdmf(results, path=None):
 
     Raises
     ------
-    ValueError
+    InputError
         If a file is no result file, or lies in another folder.
     """
     results = [Path(result) for result in results]
     path = results[0].with_suffix(".xdmf") if path is None else Path(path)
     if path.suffix != ".xdmf":
-        raise ValueError(f"{path}: the name must end in .xdmf")
+        raise InputError(f"{path}: the name must end in .xdmf")
     for result in results:
         if result.parent.resolve() != path.resolve().parent:  # a link may stand there for the result
-            raise ValueError(f"{path}: must lie in the folder of {result}, which it refers to")
+            raise InputError(f"{path}: must lie in the folder of {result}, which it refers to")
     grids = [_read(result) for result in results]
     loads = [load for load, _ in grids]
     rising = len(loads) > 1 and (np.diff(loads) > 0).all()
@@ -68,31 +68,26 @@ def _read(result):
         if wrong := [name for name in FIELDS if there.get(name) != (y.size, x.size)]:
             raise InputError(f"dataset {', '.join(wrong)} is missing, or of another shape than y and x say")
         fields = {name: file[name].dtype for name, shape in there.items() if shape == (y.size, x.size)}
-        load = file.attrs.get("load", np.nan)
-        cell = np.resize(file.attrs.get("cell_size", 1.0), 2)
-        return float(load) if np.isscalar(load) else np.nan, _grid(result, x, y, cell, fields)
+        attributes = read_attributes(file)
+        return float(attributes.get("load", np.nan)), _grid(result, grid_of(x, y, attributes), fields)
 
 
-def _grid(result, x, y, cell, fields):
-    """Text of a grid as a function of its time; a single cell centre does not tell the size of its `cell`."""
-    dx, dy = (
-        float((c[-1] - c[0]) / (c.size - 1) if c.size > 1 else size)
-        for c, size in zip((x, y), cell, strict=True)
-    )
-    dz = min(dx, dy)
-    corner = f"{-dz!r} {float(y[0]) - dy / 2!r} {float(x[0]) - dx / 2!r}"
+def _grid(result, grid, fields):
+    """Text of a grid as a function of its time."""
+    nx, ny, dz = grid.nx, grid.ny, min(grid.dx, grid.dy)
+    corner, sides = f"{-dz!r} {grid.y0!r} {grid.x0!r}", f"{dz!r} {grid.dy!r} {grid.dx!r}"
     attributes = "".join(
         f"<Attribute Name={quoteattr(name)} AttributeType=\"Scalar\" Center=\"Cell\">\n"
-        f"{_item(f'1 {y.size} {x.size}', 'HDF', f'{result.name}:/{name}', kind)}</Attribute>\n"
+        f"{_item(f'1 {ny} {nx}', 'HDF', f'{result.name}:/{name}', kind)}</Attribute>\n"
         for name, kind in fields.items()
     )
 
     def text(time):
         return (
             f"<Grid Name={quoteattr(result.stem)} GridType=\"Uniform\">\n<Time Value=\"{time!r}\"/>\n"
-            f'<Topology TopologyType="3DCoRectMesh" Dimensions="2 {y.size + 1} {x.size + 1}"/>\n'
+            f'<Topology TopologyType="3DCoRectMesh" Dimensions="2 {ny + 1} {nx + 1}"/>\n'
             f'<Geometry GeometryType="ORIGIN_DXDYDZ">\n'
-            f"{_item('3', 'XML', corner)}{_item('3', 'XML', f'{dz!r} {dy!r} {dx!r}')}</Geometry>\n{attributes}</Grid>\n"
+            f"{_item('3', 'XML', corner)}{_item('3', 'XML', sides)}</Geometry>\n{attributes}</Grid>\n"
         )
 
     return text

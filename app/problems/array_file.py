@@ -6,10 +6,11 @@ import codecs
 import zipfile
 import zlib
 from pathlib import Path
+from tokenize import TokenError
 
 import numpy as np
 
-from app.errors import one_line
+from app.errors import InputError, one_line
 from app.memory import check_fits
 from app.problems.problem import refuse_large
 from app.problems.text_table import read_table
@@ -17,6 +18,7 @@ from app.problems.text_table import read_table
 _STRANGE = 0.01  # share of characters beyond ASCII that texts of numbers do not reach
 _NEVER = [bytes([code]) for code in range(32) if code not in b"\t\n\v\f\r\x1a"]  # in no text
 TEXTS = (".txt", ".csv", ".dat", ".xyz", ".asc")  # names of texts; others may be of anything
+_HEADER = SyntaxError, TokenError  # of arrays, which numpy reads as Python
 _BYTES_PER_BYTE = 40  # of memory, for a byte of text: a line is a list of texts, then of numbers
 
 
@@ -45,7 +47,7 @@ class ArrayFile:
 
     Raises
     ------
-    ValueError, OSError
+    InputError
         If there is no such file or dataset, or it is not a 2-D array of real numbers.
     """
 
@@ -59,11 +61,11 @@ class ArrayFile:
         path, _, dataset = name.partition(":/")
         self.file, self.path, self._dataset = name, Path(path), dataset
         if not self.path.is_file():
-            raise ValueError(f"{self.what} {path}: {self._why_not()}")
+            raise InputError(f"{self.what} {path}: {self._why_not()}")
         suffix = self.path.suffix.lower()
         self.is_text = suffix not in (".npy", ".npz", ".h5", ".hdf5")
         if skip and not self.is_text:
-            raise ValueError(f"{self.what} {path}: {skip} lines to skip: allowed of text, which it is not")
+            raise InputError(f"{self.what} {path}: {skip} lines to skip: allowed of text, which it is not")
         try:
             if suffix == ".npy":
                 self._rows = self._map_npy()
@@ -73,12 +75,12 @@ class ArrayFile:
                 self._rows = self._read_text()
             else:
                 self._rows = self._open_hdf5()
-        except (ValueError, OSError, EOFError, KeyError, RuntimeError, MemoryError) as error:
+        except (ValueError, OSError, EOFError, KeyError, RuntimeError, MemoryError, *_HEADER) as error:
             # RuntimeError: a dataset that is linked to itself.
             elsewhere = self.elsewhere if self.is_text and suffix not in TEXTS else ""
-            raise ValueError(f"{self.what} {name}: cannot be read: {elsewhere}{one_line(error)}") from None
+            raise InputError(f"{self.what} {name}: cannot be read: {elsewhere}{one_line(error)}") from None
         if self._rows.ndim != 2 or not all(self._rows.shape) or self._rows.dtype.kind not in "fiu":
-            raise ValueError(
+            raise InputError(
                 f"{self.what} {name}: holds {self._rows.dtype} of shape {self._rows.shape}; "
                 "needed: real numbers of shape (ny, nx)"
             )
@@ -136,7 +138,11 @@ class ArrayFile:
             name = self._only(found)
         if not isinstance(file.get(name), h5py.Dataset):
             raise ValueError(f"no dataset /{name}")
-        self.attributes = {key: value for key, value in file[name].attrs.items() if np.size(value)}
+        try:
+            self.attributes = {key: value for key, value in file[name].attrs.items() if np.size(value)}
+            _ = file[name].dtype
+        except TypeError as error:  # a type that numpy has not
+            raise ValueError(one_line(error)) from None
         return file[name]
 
     def _read_text(self):

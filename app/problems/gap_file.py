@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from app.errors import InputError
 from app.problems.array_file import ArrayFile
 
 
@@ -25,7 +26,7 @@ class GapFile(ArrayFile):
     def check_grid(self, grid):
         """Refuse a grid of another shape."""
         if self.shape != grid.shape:
-            raise ValueError(
+            raise InputError(
                 f"gap file {self.file}: has shape {self.shape}; -grid {grid.nx},{grid.ny} "
                 f"needs (ny, nx) = {grid.shape}"
             )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import chain, count
 
 import numpy as np
 
@@ -207,9 +208,10 @@ class ContactProblem(Problem):
             said = {"surface_read": surface.understood(self.grid)} if is_measured(surface) else {}
             for name, value in {**surface.describe(), **said}.items():
                 # Further surfaces of a kind have names of their own.
-                names = (name, *(f"{name}{k}" for k in range(2, len(self.surfaces) + 1)))
+                names = chain([name], (f"{name}{k}" for k in count(2)))
                 facts[next(free for free in names if free not in facts)] = value
         if self.surfaces:
-            facts["surfaces"] = len(self.surfaces)
+            inner = facts.get("surfaces", 0) if isinstance(self.shape, ContactProblem) else 0
+            facts["surfaces"] = inner + len(self.surfaces)
         facts["problem"] = self.name
         return facts

@@ -64,7 +64,7 @@ class HeightArray:
     def __init__(self, heights, orient=(), unit=None, spacing=None):
         heights = np.array(heights)
         if heights.ndim != 2 or not heights.size:
-            raise ValueError(
+            raise InputError(
                 f"surface {self.file}: has shape {heights.shape}; needed: (ny, nx), or a file name"
             )
         self._rows, self.unit = turned(heights, orient), unit
@@ -107,10 +107,10 @@ class HeightFile(ArrayFile):
         self.unit, self.spacing, self.lateral = self._said("unit"), None, None
         if "spacing" in self.attributes:
             self.lateral = self._said("spacing_unit") or self.unit
-            self.spacing = tuple(np.atleast_1d(np.asarray(self.attributes["spacing"], float)))
-            if len(self.spacing) != 2 or not (np.isfinite(self.spacing).all() and min(self.spacing) > 0):
-                raise ValueError(
-                    f"surface file {name}: spacing {self.spacing}: needed: two positive numbers dx, dy"
+            self.spacing = _sides(self.attributes["spacing"])
+            if self.spacing is None:
+                raise InputError(
+                    f"surface file {name}: spacing {self.attributes['spacing']}: needed: two positive numbers dx, dy"
                 )
         elif self._read_head():
             pass
@@ -118,7 +118,7 @@ class HeightFile(ArrayFile):
             try:
                 self._rows, self.spacing = gridded(self._rows)
             except ValueError as error:
-                raise ValueError(
+                raise InputError(
                     f"surface file {name}: its lines of 3 numbers are no points x, y, z of a grid: {error} "
                     "(a map of 3 columns can be given as .npy)"
                 ) from None
@@ -140,7 +140,7 @@ class HeightFile(ArrayFile):
             heights = np.zeros(self._written.shape, bool)
             heights[row:, column:] = True
             j, i = np.nonzero(turned(heights, self._orient))
-            raise ValueError(
+            raise InputError(
                 f"surface file {self.file}: the first {what}: equal steps, as of coordinates, not of heights; leave "
                 f"them out in the file or by -surface_crop {i.min()},{i.max() + 1},{j.min()},{j.max() + 1} (in Python "
                 f"crop=), or keep them by 0,{nx},0,{ny}"
@@ -168,7 +168,7 @@ class HeightFile(ArrayFile):
             return None
         unit = unit_named(self.attributes[key])
         if unit is None:
-            raise ValueError(
+            raise InputError(
                 f"surface file {self.file}: {key} {self.attributes[key]!r}; allowed: {', '.join(UNITS)}"
             )
         return unit
@@ -205,13 +205,19 @@ def agreed_spacing(source, lateral, given, orient):
         return tuple(UNITS[lateral] * side for side in source.spacing)
     if given is None:
         return None
+    sides = _sides(given)
+    if sides is None:
+        raise InputError(f"spacing {given!r}: needed: two positive numbers dx, dy [mm]")
+    return turned_spacing(sides, orient)
+
+
+def _sides(given):
+    """dx, dy; None if they are no two positive numbers."""
     try:
         dx, dy = map(float, given)
     except (TypeError, ValueError):
-        dx = dy = 0.0
-    if not (0 < dx < np.inf and 0 < dy < np.inf):
-        raise InputError(f"spacing {given!r}: needed: two positive numbers dx, dy [mm]")
-    return turned_spacing((dx, dy), orient)
+        return None
+    return (dx, dy) if 0 < dx < np.inf and 0 < dy < np.inf else None
 
 
 def checked_crop(source, crop):

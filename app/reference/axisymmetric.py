@@ -67,7 +67,7 @@ class Sphere(AxisymmetricContact):
 
     Raises
     ------
-    ValueError
+    InputError
         If the radius or the modulus is not positive or a value not finite.
     """
 
@@ -83,7 +83,7 @@ class Sphere(AxisymmetricContact):
 
     @classmethod
     def from_load(cls, radius, e_star, load):
-        """Return the contact under `load` [N]; ValueError if it is negative."""
+        """Return the contact under `load` [N]; InputError if it is negative."""
         return cls(radius, e_star, 1.0).at_load(load)
 
     @property
@@ -132,7 +132,7 @@ class FlatCircularPunch(AxisymmetricContact):
 
     Raises
     ------
-    ValueError
+    InputError
         If the radius or the modulus is not positive or a value not finite.
     """
 
@@ -148,7 +148,7 @@ class FlatCircularPunch(AxisymmetricContact):
 
     @classmethod
     def from_load(cls, radius, e_star, load):
-        """Return the contact under `load` [N]; ValueError if it is negative."""
+        """Return the contact under `load` [N]; InputError if it is negative."""
         return cls(radius, e_star, 1.0).at_load(load)
 
     @property
@@ -184,7 +184,7 @@ class FlatCircularPunch(AxisymmetricContact):
 
         Raises
         ------
-        ValueError
+        InputError
             If a side is not positive and finite.
         """
         require_positive(dx=dx, dy=dy)
@@ -229,7 +229,7 @@ class Cone(AxisymmetricContact):
 
     Raises
     ------
-    ValueError
+    InputError
         If the slope or the modulus is not positive or a value not finite.
     """
 
@@ -245,7 +245,7 @@ class Cone(AxisymmetricContact):
 
     @classmethod
     def from_load(cls, slope, e_star, load):
-        """Return the contact under `load` [N]; ValueError if it is negative."""
+        """Return the contact under `load` [N]; InputError if it is negative."""
         return cls(slope, e_star, 1.0).at_load(load)
 
     @property

@@ -9,12 +9,14 @@ from typing import ClassVar
 
 import numpy as np
 
+from app.errors import InputError
+
 
 def require_positive(**values):
-    """Raise ValueError for the first of `values` that is not positive and finite."""
+    """Raise InputError for the first of `values` that is not positive and finite."""
     for name, value in values.items():
         if not 0 < value < math.inf:
-            raise ValueError(f"{name} {value:g}: must be positive and finite")
+            raise InputError(f"{name} {value:g}: must be positive and finite")
 
 
 class NormalContact(ABC):
@@ -48,12 +50,12 @@ class NormalContact(ABC):
     def __post_init__(self):
         require_positive(**{f.name: getattr(self, f.name) for f in fields(self) if f.name != "approach"})
         if not math.isfinite(self.approach):
-            raise ValueError(f"approach {self.approach:g}: must be finite")
+            raise InputError(f"approach {self.approach:g}: must be finite")
 
     def at_load(self, load):
         """Return the same bodies pressed together by `load` [N], at least 0."""
         if not 0 <= load < math.inf:
-            raise ValueError(f"load {load:g}: must be finite and not negative")
+            raise InputError(f"load {load:g}: must be finite and not negative")
         unit = replace(self, approach=1.0)
         return replace(self, approach=(load / unit.load) ** (1 / self.load_exponent))
 

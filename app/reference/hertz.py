@@ -22,13 +22,18 @@ from functools import cached_property, lru_cache
 import numpy as np
 from scipy.special import elliprd, elliprf
 
+from app.errors import InputError
 from app.reference.base import NormalContact
+
+_MOST = 300.0  # logarithm of rx / ry, whose square is a number
 
 
 @lru_cache(maxsize=64)
 def axis_ratio(rx, ry):
     """Return b/a of the contact ellipse of bodies with relative radii of curvature `rx`, `ry` > 0."""
     log_radii = math.log(rx) - math.log(ry)
+    if abs(log_radii) > _MOST:
+        raise InputError(f"rx {rx:g}, ry {ry:g}: must be less unlike")
 
     def excess(log_k):
         k2 = math.exp(2 * log_k)
@@ -57,7 +62,7 @@ class EllipticHertz(NormalContact):
 
     Raises
     ------
-    ValueError
+    InputError
         If a radius or the modulus is not positive or a value not finite.
     """
 
@@ -74,7 +79,7 @@ class EllipticHertz(NormalContact):
 
     @classmethod
     def from_load(cls, rx, ry, e_star, load):
-        """Return the contact under `load` [N]; ValueError if it is negative."""
+        """Return the contact under `load` [N]; InputError if it is negative."""
         return cls(rx, ry, e_star, 1.0).at_load(load)
 
     @cached_property

@@ -11,7 +11,7 @@ from results import MAX_PRESSURE, SEMI_AXES, made_up_result, with_attributes, wr
 
 from app.halfspace.grid import Slabs
 from app.output.result import HISTORY
-from app.plot import analytic_reference, draw, main
+from app.plot import PICTURES, analytic_reference, main, pictures_of, save
 
 NAMES = ["contact", "pressure", "deformation", "sections", "distributions", "history", "summary"]
 START = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
@@ -60,8 +60,11 @@ def test_without_a_folder_pictures_lie_beside_the_file_and_only_some_are_drawn(p
         (["absent.h5", "-o", "DIR"], "absent.h5: no such file"),
         ([__file__, "-o", "DIR"], "not a readable HDF5 file"),
         (["RESULT", "-o", "DIR", "--format", "bmp"], "bmp"),
-        (["RESULT", "-o", "DIR", "--dpi", "many"], "many"),
-        (["RESULT", "-o", "DIR", "--dpi", "5"], "--dpi 5: must be from 20 to 1200"),
+        (["RESULT", "-o", "DIR", "--dpi", "many"], "--dpi many: not allowed"),
+        (
+            ["RESULT", "-o", "DIR", "--dpi", "5"],
+            "--dpi 5: not allowed; allowed: a whole number from 20 to 1200",
+        ),
         (["RESULT", "-o", "DIR/below"], "does not exist"),
         (["RESULT", "-o", "RESULT"], "not a folder"),
     ],
@@ -108,6 +111,20 @@ def test_what_cannot_be_drawn_leaves_no_folder(result, tmp_path, capsys):
     assert list(tmp_path.iterdir()) == [tmp_path / "no_path.h5"]
 
 
+def test_what_is_wrong_with_the_last_file_is_told_before_the_first_is_drawn(path, result, tmp_path, capsys):
+    good, bad, lacking, out = (tmp_path / name for name in ("good.csv", "bad.csv", "lacking.h5", "out"))
+    good.write_text("load,approach,contact_area\n1,0.01,0.1\n2,0.02,0.2\n")
+    bad.write_text("grid,exit_status\n32,0\n")
+    write(lacking, MPI.COMM_SELF, Slabs(96), with_attributes(result, without=["hertz_rx"]))
+    for last, only, message in (
+        (bad, [], "bad.csv: nothing to draw"),
+        (lacking, [], "attribute hertz_rx is missing"),
+        (path, ["--only", "path"], "has nothing of it to draw"),
+    ):
+        assert main([str(good), str(last), "-o", str(out), *only]) == 2
+        assert message in capsys.readouterr().err and not out.exists()
+
+
 def test_files_of_one_name_have_folders_that_tell_them_apart(path, tmp_path, capsys):
     """A path and its table, beside each other or in two folders; the same file twice is no use."""
     text, out = "load,approach,contact_area\n1,0.01,0.1\n2,0.02,0.2\n", tmp_path / "out"
@@ -124,6 +141,12 @@ def test_files_of_one_name_have_folders_that_tell_them_apart(path, tmp_path, cap
     assert "two are named result" in capsys.readouterr().err
 
 
+def test_a_mistake_of_the_program_is_not_told_as_bad_input(path, tmp_path, monkeypatch):
+    monkeypatch.setattr("app.plot._draw_all", lambda arguments: float("of ours"))
+    with pytest.raises(ValueError, match="of ours"):
+        main([str(path), "-o", str(tmp_path / "out")])
+
+
 def test_exit_status_of_the_command(tmp_path):
     command = [sys.executable, "-m", "app.plot", "absent.h5", "-o", tmp_path]
     run = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
@@ -137,10 +160,14 @@ def test_reference_is_the_hertz_contact_of_the_paper(result):
     a, b = SEMI_AXES
     assert exact.pressure(0.6 * a, 0.0) == pytest.approx(0.8 * MAX_PRESSURE, rel=1e-6)
     assert exact.pressure(0.0, 0.6 * b) == pytest.approx(0.8 * MAX_PRESSURE, rel=1e-6)
+    assert analytic_reference(with_attributes(result, problem="sphere")).pressure(0.0, 0.0) == exact.pressure(
+        0.0, 0.0
+    )
+    assert analytic_reference(with_attributes(result, problem="sphere", surfaces=1)) is None
     assert analytic_reference(with_attributes(result, problem="punch")) is None
     assert analytic_reference(with_attributes(result, without=["problem"])) is None
     assert analytic_reference(with_attributes(result, approach=-0.1)) is None
-    assert analytic_reference(with_attributes(result, periodic=1)) is None
+    assert analytic_reference(with_attributes(result, periodic_symbol="love")) is None
     by_modulus = with_attributes(
         result, without=["shear_modulus", "poisson_ratio"], contact_modulus=82000 / 0.72
     )
@@ -162,7 +189,14 @@ def test_results_out_of_the_ordinary_are_drawn_too(result, tmp_path):
         displacement=np.full_like(result.pressure, np.nan),
         history={k: np.full_like(v, np.inf) if k == "residual" else v for k, v in result.history.items()},
     )
-    for number, case in enumerate([none, diverged, made_up_result(40, 1), made_up_result(40, 30, 3.0)]):
+    infinite = replace(
+        with_attributes(diverged, approach=np.nan), gap=np.where(result.gap > 0, np.inf, result.gap)
+    )
+    infinitely = replace(
+        with_attributes(infinite, approach=np.inf), gap=np.where(result.y > 0, result.gap.T, np.inf).T
+    )
+    cases = none, diverged, infinite, infinitely, made_up_result(40, 1), made_up_result(40, 30, 3.0)
+    for number, case in enumerate(cases):
         folder = tmp_path / str(number)
         folder.mkdir()
-        assert all(path.stat().st_size > 500 for path in draw(case, folder, dpi=20))
+        assert all(path.stat().st_size > 500 for path in save(pictures_of(case, PICTURES), folder, dpi=20))

@@ -69,6 +69,9 @@ def test_report_has_the_path_and_says_what_is_not_known(made, undrawn):
     assert "2 steps." in text and "load [N]" in text and "−0.0016" in text
     assert "NOT SOLVED" in text
     assert "ratio is not known" in text
+    diverged = replace(made, pressure=np.full_like(made.pressure, np.nan))
+    assert "not finite, so there are no stresses" in report.web_page(diverged, 0.3)
+    assert "no stresses" not in report.web_page(diverged, with_stress=False)
     text = report.web_page(with_attributes(made, without=["error_bound"]), with_stress=False)
     assert "Nothing is proved" in text and "von Mises" not in text
 
@@ -85,6 +88,8 @@ def test_report_sets_analytic_values_beside_and_leaves_rounding_out(undrawn):
         off = values[name] / values[f"analytic_{name}"] - 1
         assert numbers[label]["analytic"].endswith(f"({off:+.1e})")
     assert numbers["load"]["analytic"] == ""  # prescribed
+    named = with_attributes(result, surface_parts=np.array(["one", "two"], object))
+    assert report.request_section(named).facts["surface_parts"] == "one, two"
     facts = report.request_section(result).facts | {"load": report.plain(10000 / 3)}
     assert facts["load"] == "3333.33" and facts["hertz_rx"] == "100"
     assert "computed</th><th>analytic" in report.web_page(result, with_stress=False)
@@ -110,12 +115,10 @@ def test_text_of_the_user_is_no_markup(made, undrawn):
         (report, ["RESULT", "-o", "report.pdf"], "must end in .html"),
         (report, ["RESULT", "-o", "/proc/report.html"], "cannot write in /proc"),
         (report, ["RESULT", "-o", "no/report.html"], "no does not exist"),
-        (
-            report,
-            ["RESULT", "--poisson", "0.7", "-o", "TMP/r.html"],
-            "Poisson ratio 0.7: must be from 0 to 0.5",
-        ),
-        (subsurface, ["RESULT", "--poisson", "-1"], "Poisson ratio -1"),
+        (report, ["absent.h5", "--poisson", "0.7"], "--poisson 0.7: not allowed; allowed: from 0 to 0.5"),
+        (report, ["RESULT", "--body", "3"], "--body 3: not allowed; allowed: 1 or 2"),
+        (subsurface, ["absent.h5", "--poisson", "-1"], "--poisson -1: not allowed; allowed: from 0 to 0.5"),
+        (subsurface, ["RESULT", "--poisson", "abc"], "--poisson abc: not allowed; allowed: from 0 to 0.5"),
         (subsurface, ["RESULT", "--body", "2"], "not those of the bodies"),
         (subsurface, ["RESULT", "--planes", "1"], "no effect without -o"),
         (
@@ -151,6 +154,15 @@ def test_subsurface_does_not_take_the_place_of_its_result(path, tmp_path, capsys
     assert subsurface.main([str(result), "-o", str(tmp_path)]) == 2
     assert "is the input" in capsys.readouterr().err
     assert read_result(result).load
+
+
+@pytest.mark.parametrize("name", ["subsurface.h5", "subsurface.png"])
+def test_subsurface_writes_nothing_where_one_of_its_files_cannot_be(path, tmp_path, capsys, name):
+    folder = tmp_path / "below"
+    (folder / name).mkdir(parents=True)
+    assert subsurface.main([str(path), "-o", str(folder)]) == 2
+    assert f"{name}: exists and is not a regular file" in capsys.readouterr().err
+    assert list(folder.iterdir()) == [folder / name]
 
 
 def test_subsurface_writes_sections_line_and_planes(path, made, tmp_path, capsys):
@@ -231,6 +243,25 @@ def test_xdmf_names_what_is_in_the_file(path, made, capsys):
     origin, steps = (np.array(item.text.split(), float) for item in root.find(".//Geometry"))
     assert origin[1:] == pytest.approx([-6, -10]) and steps[1:] == pytest.approx([12 / 48, 20 / 64])
     assert origin[0] + steps[0] == 0  # z, whose upper side is the surface
+
+
+def test_xdmf_of_a_row_of_cells_has_their_size_and_refuses_one_that_is_none(tmp_path, capsys):
+    path = tmp_path / "row.h5"
+    row = with_attributes(made_up_result(64, 1), cell_size=np.array([0.1, 7.0]))
+    write(path, MPI.COMM_SELF, Slabs(1), row)
+    assert xdmf.main([str(path)]) == 0
+    root, _ = items(path.with_suffix(".xdmf"))
+    origin, steps = (np.array(item.text.split(), float) for item in root.find(".//Geometry"))
+    grid = read_result(path).grid
+    assert [*steps[1:], *origin[1:]] == [grid.dy, grid.dx, grid.y0, grid.x0]
+    assert steps[1:] == pytest.approx([7, 20 / 64])
+    capsys.readouterr()
+    for size in ("wide", -7.0, np.array([0.1, -7.0])):
+        with h5py.File(path, "r+") as file:
+            file.attrs["cell_size"] = size
+        assert xdmf.main([str(path)]) == 2
+        said = capsys.readouterr().err
+        assert said.startswith(f"error: result file {path}: ") and said.count("\n") == 1
 
 
 def test_xdmf_of_a_link_names_the_link(path, tmp_path, capsys):

@@ -12,6 +12,7 @@ from mpi4py import MPI
 from processes import TESTS, run
 from results import assert_same, full_disk, made_up_result, write
 
+from app.errors import InputError
 from app.halfspace.grid import Slabs
 from app.output.files import check_output_path, whole_file
 from app.output.result import FIELDS, read_result
@@ -106,6 +107,17 @@ def test_reading_refuses_other_files(path, tmp_path):
         read_result(path)
 
 
+@pytest.mark.parametrize("where", ["attribute", "dataset"])
+def test_reading_refuses_types_that_numpy_has_not(path, where):
+    with h5py.File(path, "r+") as file:
+        if where == "attribute":
+            h5py.h5a.create(file.id, b"when", h5py.h5t.UNIX_D32LE, h5py.h5s.create(h5py.h5s.SCALAR))
+        else:
+            h5py.h5d.create(file.id, b"when", h5py.h5t.UNIX_D32LE, file["gap"].id.get_space())
+    with pytest.raises(InputError, match="result.h5: No NumPy equivalent"):
+        read_result(path)
+
+
 @pytest.mark.parametrize(
     ("name", "values", "message"),
     [
@@ -159,6 +171,11 @@ def test_writing_refuses_what_does_not_fit(result, path, change, message):
         write(path, SELF, Slabs(48), result, **change(result))
     assert path.read_bytes() == before
     assert [f.name for f in path.parent.iterdir()] == [path.name]
+
+
+def test_a_mistake_of_the_program_is_raised_as_it_is(result, path):
+    with pytest.raises(TypeError, match="NoneType"):
+        write(path, SELF, Slabs(48), result, fields=None)
 
 
 def test_full_disk_leaves_the_previous_result(result, path):

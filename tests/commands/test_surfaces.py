@@ -212,10 +212,16 @@ def test_what_is_refused_as_text_is_no_map_of_three_columns(convert, tmp_path, s
         (["s.npy", "--unit", "um", "--spacing", "1"], "1: not allowed; allowed: DX,DY"),
         (["s.npy", "-o", "s.txt"], "the name must end in .h5"),
         (["none.npy"], "no such file"),
+        (["wide.h5"], "wide.h5: spacing wide: needed: two positive numbers"),
+        (["s.txt"], "s.txt: cannot be read: "),
     ],
 )
 def test_not_converted(convert, tmp_path, arguments, message):
     np.save(tmp_path / "s.npy", HEIGHTS)
+    with h5py.File(tmp_path / "wide.h5", "w") as file:
+        file["heights"] = HEIGHTS
+        file["heights"].attrs.update(unit="um", spacing="wide")
+    (tmp_path / "s.txt").write_text("wide\n")
     done = convert(tmp_path / arguments[0], "-o", tmp_path / "s.h5", *arguments[1:])
     assert done.returncode == 2 and not (tmp_path / "s.h5").exists()
     assert done.stderr.startswith("error: ") and message in done.stderr and done.stderr.count("\n") == 1

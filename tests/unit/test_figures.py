@@ -53,8 +53,12 @@ def image_values(figure):
 
 def test_sections_have_no_gap_in_contact(result):
     noisy = replace(result, gap=np.where(result.contact == 1, 1e-9, result.gap))
-    for drawn in (axes for axes in figures.section_figure(noisy).axes if "gap" in axes.get_ylabel()):
-        assert (drawn.patches[0].get_data().values != 1e-6).all()
+    drawn = [axes for axes in figures.section_figure(noisy).axes if "gap" in axes.get_ylabel()]
+    row, column = figures.hottest_cell(result)
+    for axes, here in zip(drawn, ((row, slice(None)), (slice(None), column)), strict=True):
+        contact, values = result.contact[here] == 1, axes.patches[0].get_data().values
+        assert contact.any() and not values[contact].any()
+        assert values == pytest.approx(result.gap[here] * values.max() / result.gap[here].max())
     full = replace(result, gap=np.full_like(result.gap, 1e-9), contact=np.ones_like(result.contact))
     assert len(figures.section_figure(full).axes) == 2
 
@@ -91,14 +95,13 @@ def test_block_mean_keeps_means_and_skips_nan():
     assert mean[1, 1] == pytest.approx(np.nanmean(field[4:8, 4:8]))
 
 
-def test_history_names_the_grids_of_a_nested_iteration(result):
-    def names(r):
-        return [
-            label.get_text()
-            for axes in figures.history_figure(r).axes[0].child_axes
-            for label in axes.get_xticklabels()
-        ]
+def names(result):
+    """Of the grids above a history."""
+    above = figures.history_figure(result).axes[0].child_axes
+    return [label.get_text() for axes in above for label in axes.get_xticklabels()]
 
+
+def test_history_names_the_grids_of_a_nested_iteration(result):
     assert names(result) == ["16 × 12", "32 × 24", "64 × 48", "128 × 96"]
     downwards = replace(result, history=result.history | {"level": 3 - result.history["level"]})
     assert names(downwards) == names(result)
@@ -180,13 +183,20 @@ def test_twelve_lines_are_all_different():
     assert all(one != other for k, one in enumerate(drawn) for other in drawn[:k])
 
 
-def test_theories_come_from_the_table_of_a_path():
-    """Of pressures over E* h'rms the table tells Persson's fraction; the picture is that of a result's path."""
+def test_theories_stand_beside_the_path_of_a_file_as_beside_its_table(result):
+    """Where Persson's fractions are known, whatever the problem is called; they tell E* h'rms."""
     columns = {"mean_pressure": np.array([3.0, 300.0, 3e5]), "contact_fraction": np.array([0.1, 0.5, 1.0])}
-    columns["persson_fraction"] = persson_fraction(columns["mean_pressure"] / 5000)
-    path = paths.path_of_csv({name: list(map(repr, map(float, column))) for name, column in columns.items()})
-    assert path.scale == pytest.approx(5000, rel=1e-12)
-    assert "κ" in paths.path_figure([path]).axes[1].get_ylabel()
+    columns |= {"load": columns["mean_pressure"], "approach": np.array([1.0, 2.0, 3.0])}
+    persson = {"persson_fraction": persson_fraction(columns["mean_pressure"] / 5000)}
+    known = with_attributes(
+        result, problem="given", contact_modulus=1e5, rms_slope=0.02
+    )  # as of a ball, a function
+    for flat in (True, False):
+        found = columns | persson if flat else columns
+        table = {name: list(map(repr, map(float, column))) for name, column in found.items()}
+        for path in (paths.path_of(replace(known, path=found)), paths.path_of_csv(table)):
+            assert path.scale == pytest.approx(5000 if flat else np.nan, rel=1e-12, nan_ok=True)
+            assert ("κ" in paths.path_figure([path]).axes[1].get_ylabel()) == flat
 
 
 def test_patches_are_told_apart_across_the_sides_of_a_periodic_patch():
@@ -219,7 +229,8 @@ def test_spectrum_of_a_wave_is_a_peak_in_its_place():
     grid = Grid.from_domain(128, 128, (0, 2, 0, 2))
     wave = 1e-3 * np.cos(2 * np.pi * 12 * grid.x() / 2) + 1e-6 * np.random.default_rng(3).random((128, 128))
     surface = replace(made, x=grid.x(), y=grid.y(), undeformed_distance=wave)
-    q, density = curves.spectrum_figure(with_attributes(surface, periodic=1)).axes[0].lines[0].get_data()
+    periodic = curves.spectrum_figure(with_attributes(surface, periodic_symbol="spectral"))
+    q, density = periodic.axes[0].lines[0].get_data()
     assert q[np.argmax(density)] == pytest.approx(2 * np.pi * 6, rel=0.02)
     bowl = surface.undeformed_distance + 0.1 * (grid.x() - 1) ** 2 + 0.2 * grid.y()[:, None]
     q, density = (
@@ -242,34 +253,16 @@ def test_path_of_a_rough_surface_stands_beside_the_theories():
     assert persson.get_ydata()[0] / persson.get_xdata()[0] == pytest.approx(np.sqrt(8 / np.pi), rel=1e-3)
     assert bgt.get_ydata()[0] / bgt.get_xdata()[0] == pytest.approx(np.sqrt(2 * np.pi))
     assert kappa.lines[0].get_ydata()[:5] == pytest.approx(2.2)
-    assert [axes.texts[0].get_text() for axes in others] == ["no mean gap", "no stiffness"] or others[0].texts
-
-
-def test_path_of_a_smooth_body_has_no_theory_of_rough_surfaces(result):
-    columns = {
-        "load": np.array([1.0, 2.0]),
-        "approach": np.array([1.0, 2.0]),
-        "mean_pressure": np.array([1.0, 2.0]),
-    }
-    result = replace(result, path=columns | {"contact_fraction": np.array([0.1, 0.2])})
-    rough = {
-        "problem": "sphere",
-        "surfaces": 1,
-        "contact_modulus": 1e5,
-        "rms_slope": 0.02,
-    }  # nor has a rough ball
-    for attributes in (result.attributes, result.attributes | rough):
-        figure = paths.path_figure([paths.path_of(replace(result, attributes=attributes))])
-        assert figure.axes[0].get_ylabel() == "load F  [N]"
+    assert [axes.texts[0].get_text() for axes in others] == ["no mean gap", "no stiffness"]
 
 
 def test_each_path_shows_its_exact_stiffness_whatever_the_others_know():
     p = np.geomspace(1, 100, 5)
     known = {"load": p, "approach": p, "mean_pressure": p, "contact_fraction": 1e-3 * p}
-    exact = paths.Path(known | {"stiffness": 2 * p, "stiffness_by_differences": p}, "exact", scale=1e4)
-    other = paths.Path(known | {"stiffness_by_differences": 3 * p}, "other", scale=1e4)
-    for shaped in (False, True):
-        drawn = paths.path_figure([one._replace(shaped=shaped) for one in (exact, other)]).axes[3]
+    exact = paths.Path(known | {"stiffness": 2 * p, "stiffness_by_differences": p}, "exact")
+    other = paths.Path(known | {"stiffness_by_differences": 3 * p}, "other")
+    for scale in (1e4, np.nan):
+        drawn = paths.path_figure([one._replace(scale=scale) for one in (exact, other)]).axes[3]
         assert drawn.lines[0].get_ydata() == pytest.approx(2 * p)
         assert drawn.lines[1].get_ydata() == pytest.approx(3 * p)
         assert drawn.get_ylabel().endswith("by differences: other")
@@ -286,12 +279,13 @@ def test_corrected_fractions_are_within_the_picture():
 
 
 def test_contours_of_stress_are_drawn_where_they_can_be_told_apart():
-    x, z = np.linspace(-1, 1, 201), np.linspace(0, 1, 21)
+    grid, z = Grid.from_domain(201, 1, (-1.005, 1.005, 0, 1)), np.linspace(0, 1, 21)
+    x = grid.x()
     hottest = Hottest(1.0, 0.0, 0.0, 0.5, np.zeros(6))
     for waves, drawn in ((1, True), (40, False)):
         section = np.zeros((6, 21, 201))
         section[2] = -np.exp(-((z[:, None] - 0.5) ** 2)) * np.cos(np.pi * waves * x / 2) ** 2
-        figure = curves.stress_figure("x", x, x[1] - x[0], z, section, section[:, :, 100], hottest, "")
+        figure = curves.stress_figure("x", grid, z, section, section[:, :, 100], hottest, "")
         collections = [type(one).__name__ for one in figure.axes[0].collections]
         assert (collections != ["QuadMesh"]) == drawn
 
@@ -300,7 +294,8 @@ def test_stress_below_a_single_column_has_its_width_and_the_legend_touches_no_cu
     z, section = np.linspace(0, 1, 21), np.zeros((6, 21, 1))
     section[2, :, 0] = -1
     hottest = Hottest(26395.0, 3.0, 0.0, 0.5, np.zeros(6))
-    figure = curves.stress_figure("x", np.array([3.0]), 2.0, z, section, section[:, :, 0], hottest, "")
+    grid = Grid.from_domain(1, 1, (2, 4, 0, 1))
+    figure = curves.stress_figure("x", grid, z, section, section[:, :, 0], hottest, "")
     left, right = figure.axes[:2]
     assert left.get_xlim() == pytest.approx((2, 4)) and left.get_ylim() == (1, 0)
     assert left.get_legend().get_texts()[0].get_text().startswith("26395 N/mm²")
@@ -332,10 +327,22 @@ def test_a_displacement_constant_but_for_rounding_is_one_colour():
     assert image.get_clim() == pytest.approx((2.34, 2.86))
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_residual_beyond_all_numbers_is_not_drawn(result):
+    residual = np.geomspace(1e-6, 1e300, len(result.history["level"]))
+    figure = figures.history_figure(replace(result, history=result.history | {"residual": residual}))
+    figure.canvas.draw()
+    axes = figure.axes[0]
+    drawn = np.concatenate([line.get_ydata() for line in axes.lines if line.get_label() != "tolerance"])
+    assert np.array_equal(drawn[np.isfinite(drawn)], residual[residual < 1e200])
+
+
 def test_levels_beyond_the_coarsest_grid_are_named_like_it():
     result = made_up_result(32, 24)
-    result.history["level"][0] = -(10**15)
-    assert figures.history_figure(result)
+    level = result.history["level"].copy()
+    level[0] = -(10**15)
+    beyond = replace(result, history=result.history | {"level": level})
+    assert names(beyond) == ["4 × 3", *names(result)]
 
 
 def test_path_without_roughness_is_drawn_by_load_and_approach():
@@ -366,3 +373,15 @@ def test_sweep_is_drawn_against_the_option_with_most_values():
     assert axes.get_xlabel() == "-grid" and axes.get_ylabel() == "work units"
     assert [list(line.get_ydata()) for line in axes.lines] == [[10, 11, 12], [20, 22]]
     assert paths.sweep_figure(columns | {"grid": ["32"] * 6}) is None
+
+
+@pytest.mark.parametrize(("methods", "said"), [(12, "-method"), (13, "-method: 12 of 13")])
+def test_the_legend_of_a_sweep_tells_how_many_lines_are_drawn(methods, said):
+    columns = {
+        "grid": ["32", "64"] * methods,
+        "method": [f"m{k // 2}" for k in range(2 * methods)],
+        "exit_status": ["0"] * 2 * methods,
+        "work_units": [str(k) for k in range(1, 2 * methods + 1)],
+    }
+    (axes,) = paths.sweep_figure(columns).axes
+    assert len(axes.lines) == 12 and axes.get_legend().get_title().get_text() == said

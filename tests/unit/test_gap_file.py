@@ -89,6 +89,31 @@ def save_bytes(content):
     return lambda path: path.write_bytes(content)
 
 
+def save_header(text):
+    """What numpy reads as Python."""
+
+    def save(path):
+        np.save(path, SQUARE)
+        start = path.read_bytes()[:10]
+        path.write_bytes(start + text.ljust(117).encode() + b"\n" + SQUARE.tobytes())
+
+    return save
+
+
+def save_times(of_an_attribute):
+    """A dataset, or an attribute of one, of a type that numpy has not."""
+
+    def save(path):
+        with h5py.File(path, "w") as file:
+            dataset = file.create_dataset("a", data=SQUARE)
+            if of_an_attribute:
+                h5py.h5a.create(dataset.id, b"when", h5py.h5t.UNIX_D32LE, h5py.h5s.create(h5py.h5s.SCALAR))
+            else:
+                h5py.h5d.create(file.id, b"b", h5py.h5t.UNIX_D32LE, dataset.id.get_space())
+
+    return save
+
+
 SQUARE = np.ones((8, 8))
 
 
@@ -105,6 +130,9 @@ SQUARE = np.ones((8, 8))
         ("gap.npy", save_array(np.array([["a", "b"]])), "U1"),
         ("gap.npy", save_part(save_array(SQUARE), 0.6), "cannot be read: it ends before"),
         ("gap.npy", save_part(save_array(SQUARE), 0.05), "cannot be read"),
+        ("gap.npy", save_header("{'descr': ("), "cannot be read"),
+        ("gap.npy", save_header("{'descr': 1 2}"), "cannot be read"),
+        ("gap.npy", save_header("  {}\n {}"), "cannot be read"),
         ("gap.npy", save_bytes(b""), "cannot be read"),
         ("gap.npy", save_archive, "archive"),
         ("gap.npz", save_archives(a=SQUARE, b=SQUARE), "FILE:/DATASET; there are: a, b"),
@@ -122,6 +150,8 @@ SQUARE = np.ones((8, 8))
         ("gap.h5:/a", save_hdf5(a=h5py.Empty("f8")), "shape None"),
         ("gap.h5:/a", save_hdf5(a=SQUARE.astype(complex)), "complex128"),
         ("gap.h5:/a", save_hdf5(a="text"), "object"),
+        ("gap.h5:/a", save_times(of_an_attribute=True), "cannot be read: No NumPy equivalent"),
+        ("gap.h5:/b", save_times(of_an_attribute=False), "cannot be read: No NumPy equivalent"),
         ("gap.npy", save_bytes(b"0.1 0.2"), "no .npy file"),
         ("gap.h5:a", save_hdf5(a=SQUARE), "FILE:/DATASET"),
         ("gap.txt", save_bytes(b""), "empty"),

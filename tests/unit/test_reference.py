@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from app.errors import InputError
 from app.reference import Cone, EllipticHertz, FlatCircularPunch, Sphere
 
 E_STAR = 82000 / 0.72  # the paper's steel: G / (1 - nu)
@@ -267,17 +268,23 @@ def test_bad_values_are_named(kind, geometry, bad):
         values[i] = bad
         name = list(kind.__dataclass_fields__)[i]
         for construct in (kind.from_approach, kind.from_load):
-            with pytest.raises(ValueError, match=rf"^{name} {bad:g}: must be positive and finite"):
+            with pytest.raises(InputError, match=rf"^{name} {bad:g}: must be positive and finite"):
                 construct(*values, 1.0)
+
+
+def test_radii_of_too_great_a_ratio_are_refused():
+    with pytest.raises(InputError, match="rx 1e-100, ry 1e\\+100: must be less unlike"):
+        _ = EllipticHertz.from_approach(1e-100, 1e100, 1.0, 1.0).a
+    assert EllipticHertz.from_approach(1e-60, 1e60, 1.0, 1.0).a > 0
 
 
 @each_case
 def test_bad_loadings_are_named(kind, geometry):
     for bad in (np.nan, np.inf):
-        with pytest.raises(ValueError, match=rf"^approach {bad:g}: must be finite"):
+        with pytest.raises(InputError, match=rf"^approach {bad:g}: must be finite"):
             kind.from_approach(*geometry, E_STAR, bad)
     for bad in (-1.0, np.nan, np.inf):
-        with pytest.raises(ValueError, match=rf"^load {bad:g}: must be finite and not negative"):
+        with pytest.raises(InputError, match=rf"^load {bad:g}: must be finite and not negative"):
             kind.from_load(*geometry, E_STAR, bad)
-    with pytest.raises(ValueError, match="^dx 0: must be positive"):
+    with pytest.raises(InputError, match="^dx 0: must be positive"):
         contact(*CASES["punch"]).mean_pressure_on_cell(0, 0, 0, 1)

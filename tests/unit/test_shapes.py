@@ -147,8 +147,25 @@ def test_files_and_own_problems_take_surfaces_too(tmp_path, monkeypatch):
     options = {"surface_file": "heights.npy", "surface_unit": "um", "domain": "0,4,0,3"}
     of_file = made(problem="file", gap_file="gap.npy", **options)
     np.testing.assert_allclose(of_file.shape_on(of_file.grid), gap - 1e-3 * heights, rtol=1e-14)
+    other = {name.replace("surface_file", "surface_file2"): text for name, text in options.items()}
+    on_other = made(problem="file", gap_file="gap.npy", **other)
+    np.testing.assert_array_equal(on_other.shape_on(on_other.grid), of_file.shape_on(of_file.grid))
     own = made(problem="python", problem_type="own_bowl.py:bowl", **options)
     x, y = own.grid.x(), own.grid.y()[:, None]
     np.testing.assert_allclose(own.shape_on(own.grid), x**2 + y**2 - 1e-3 * heights, rtol=1e-13)
     assert own.describe()["problem"] == "own_bowl.py:bowl" and own.describe()["surface_file"] == "heights.npy"
     assert of_file.describe()["gap_file"] == "gap.npy"
+
+
+def test_surfaces_on_a_problem_with_surfaces_have_facts_of_their_own():
+    """However many lie on however many: numbers go on, and all surfaces are counted."""
+    grid, material = Grid.from_domain(16, 16, (0, 1, 0, 1)), Material(82000.0, 0.28)
+    seeds = [[1], [2, 3], [4]]
+    problem = None
+    for of_it in seeds:
+        rough = [SelfAffineSurface(0.8, 1.0, 0.2, (1, 1), seed, rms_slope=0.1) for seed in of_it]
+        problem = ContactProblem(grid, material, problem, surfaces=rough)
+    facts = problem.describe()
+    assert [facts[f"surface_seed{k}"] for k in ("", 2, 3, 4)] == [1, 2, 3, 4]
+    assert facts["surfaces"] == 4
+    assert ContactProblem(grid, material, problem).describe()["surfaces"] == 4
