@@ -184,7 +184,7 @@ def _draw_stiffness_against(axes, paths, x, scale=lambda path: (1.0, 1.0)):
         return False
     others = [path.name for path, known in zip(paths, exact, strict=True) if not known]
     names = ", ".join(others) if len(others) < 4 else f"{len(others)} of {len(paths)} paths"
-    of = f"\nby differences: {names}" if any(exact) and others else ""
+    of = f"\nby differences{f': {names}' if any(exact) else ''}" if others else ""
     axes.set(ylabel=f"stiffness dF/dδ  [N/mm]{of}")
     return True
 

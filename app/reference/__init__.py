@@ -1,4 +1,4 @@
-"""Analytic solutions of contact problems; depends on nothing else in the project.
+"""Analytic solutions of contact problems; depends on nothing else in the project but its errors.
 
 Each name brings its module when it is first asked for: their special functions take long to load.
 """

@@ -267,7 +267,10 @@ def test_each_path_shows_its_exact_stiffness_whatever_the_others_know():
         assert drawn.lines[1].get_ydata() == pytest.approx(3 * p)
         assert drawn.get_ylabel().endswith("by differences: other")
     alone = paths.path_figure([other]).axes[3]
-    assert "differences" not in alone.get_ylabel() and alone.lines[0].get_ydata() == pytest.approx(3 * p)
+    assert alone.get_ylabel().endswith("\nby differences") and alone.lines[0].get_ydata() == pytest.approx(
+        3 * p
+    )
+    assert "differences" not in paths.path_figure([exact]).axes[3].get_ylabel()
 
 
 def test_corrected_fractions_are_within_the_picture():
