@@ -72,6 +72,7 @@ def test_pictures_and_a_gap_file_of_its_own(cli_here, tmp_path, capfd):
 def test_the_default_method_tells_what_it_does(cli, tmp_path):
     """-lcp_monitor, -ksp_view and -log_view of a run without a method file."""
     options = (*arguments("rough", tmp_path), "-periodic", "-lcp_monitor", "-ksp_view", "-log_view")
+    options += ("-lcp_coarsest", 4)
     done = cli("-output", tmp_path / "out.h5", *options)
     assert (done.returncode, done.stderr) == (0, "")
     assert "sweeps with the centre of B, A on 4 x 4 cells added to the first" in done.stdout
