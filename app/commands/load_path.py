@@ -140,7 +140,7 @@ def run_path(wanted, solver, stiffness, save):
                     save(solution, wanted.of_step(row["step"]))
                 notes.append(solution.notes)
                 agree(solver.comm, book.add, row, solution.notes)
-                _show(row, bar)
+                _show(row, bar, wanted.kind)
         if wanted.csv:
             agree(solver.comm, path.save, wanted.csv)
     except BaseException:  # Ctrl-C above all
@@ -234,9 +234,10 @@ def _identity(wanted, solver):
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
 
-def _show(row, bar):
-    """Tell of a step by the bar on a terminal, else in a line."""
-    numbers = ", ".join(f"{name.replace('_', ' ')} {row[name]:.6g}{unit}" for name, unit in _SHOWN.items())
+def _show(row, bar, kind):
+    """Tell of a step by the bar on a terminal, else in a line: first of all what is prescribed."""
+    shown = {kind: f" {_UNITS[KINDS.index(kind)].partition(' ')[0]}"} | _SHOWN
+    numbers = ", ".join(f"{name.replace('_', ' ')} {row[name]:.6g}{unit}" for name, unit in shown.items())
     failed = "" if row["converged"] else ", NOT CONVERGED"
     if bar.disable:
         say(f"step {row['step']} of {bar.total}: {numbers}{failed}")

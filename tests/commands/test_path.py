@@ -25,6 +25,15 @@ def table(path):
     return {name: [row[name] for row in rows] for name in rows[0]}
 
 
+def test_each_step_tells_first_what_is_prescribed(cli_here):
+    for kind, said in (
+        ("mean_pressure", "mean pressure 10 N/mm2, load 2400 N, "),
+        ("load", "load 10 N, approach "),
+    ):
+        done = cli_here(*HERTZ[:-1], 16, "-domain", "-10,10,-6,6", f"-{kind}_path", "10,20")
+        assert f"step 1 of 2: {said}" in done.stdout
+
+
 def test_interrupted_and_resumed_path_gives_the_identical_table(cli_here, tmp_path):
     whole, broken = tmp_path / "whole.h5", tmp_path / "broken.h5"
     assert cli_here(*PATH, "-path_fields", "-output", whole).returncode == 0
