@@ -15,7 +15,8 @@ A sweep is a YAML file; names and values are those of the command line, files ar
       - {grid: 128, approach: [0.01, 0.25]}
 
 Each combination is a process of its own (under mpiexec with ``--ranks`` above 1) and a row of the table, also if
-the program refuses it, diverges or crashes: then `exit_status` and `message` say so. The result files give
+the program refuses it, diverges or crashes: then `exit_status` and `message` say so; of a load path it is the last
+step (`load: [1, 2]` gives a row to each load). The result files give
 `worst_negative_gap` [mm], `worst_negative_pressure` [N/mm2] and `complementarity`, max |p e| / (max p max |h|).
 What is finished is kept in ``out.runs.jsonl`` beside the table; ``--resume`` goes on from there, as far as options,
 the files they name, and the program are the same; what was refused, or crashed, is tried again.

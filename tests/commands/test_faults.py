@@ -6,6 +6,8 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -94,15 +96,27 @@ def test_two_runs_to_one_output(path_of_two, tmp_path):
     assert read_result(tmp_path / "result.h5").attributes["load"] in [s.load for s in solutions]
 
 
+def _running(result):
+    """Whether a process still has the name of a result among its words."""
+    for words in Path("/proc").glob("[0-9]*/cmdline"):
+        with suppress(OSError):  # it has ended meanwhile
+            if str(result).encode() in words.read_bytes():
+                return True
+    return False
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_run_killed_at_a_hundred_moments(tmp_path):
     """By ``run/test --slow tests/commands/test_faults.py -k hundred``: over an existing result, on one rank and two."""
     result, dice = tmp_path / "result.h5", random.Random(2)
     command = [sys.executable, *solve_arguments("hertz"), "-grid", "64", "-output", str(result)]
-    started = time.monotonic()
-    assert subprocess.run(command, timeout=LIMIT, stdout=subprocess.DEVNULL).returncode == 0
-    seconds, kept = time.monotonic() - started, result.read_bytes()
+    times = []
+    for _ in range(3):  # others may use the machine
+        started = time.monotonic()
+        assert subprocess.run(command, timeout=LIMIT, stdout=subprocess.DEVNULL).returncode == 0
+        times.append(time.monotonic() - started)
+    seconds, kept = min(times), result.read_bytes()
     killed = replaced = 0
     for number in range(100):
         line = command if number % 5 else ["mpiexec", "-n", "2", *command]
@@ -119,7 +133,8 @@ def test_run_killed_at_a_hundred_moments(tmp_path):
         assert read_result(result).attributes["converged"] is True
     assert killed > 50
     print(f"killed {killed} of 100 runs; {replaced} had written a new result")
-    time.sleep(2)
+    while _running(result):  # ranks of mpiexec, some moments longer
+        time.sleep(0.1)
     assert subprocess.run(command, timeout=LIMIT, stdout=subprocess.DEVNULL).returncode == 0
     assert list(tmp_path.iterdir()) == [result]
 
