@@ -101,12 +101,11 @@ def _read(path, arguments):
     except ValueError:
         if suffix in _PLAIN or skip or not instruments_python():
             raise
-        heights, facts = None, {}
+        facts = {}
         with suppress(InputError):
             heights, facts = _read_instruments(path, channel)
-        if not (
-            facts.get("unit") and facts.get("spacing")
-        ):  # of any other text the numbers are picked out of its words
+        # Of a text whose format is not known the numbers are picked out of its words.
+        if not (facts.get("unit") and facts.get("spacing")):
             raise  # what is wrong with it as text says more
         return _of_instruments(path, heights, facts, arguments)
     source.refuse_coordinates()

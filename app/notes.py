@@ -15,9 +15,7 @@ COARSE, COARSE_FLAT = 0.05, 5e-3  # ... and the same where cells are as wide as 
 SPIKE = 12.0  # rms steps by which a point may stand above all beside it: of Gaussian noise, however long, it is five
 TALL = 0.1  # rms height over the shorter side of the patch: with wrong units, or slopes that are steep anyway
 SQUARISH = 0.2  # of cells by a domain that are meant to be square, perhaps: logarithm of their sides' ratio
-SEAM = (
-    3.0  # steps where a periodic patch repeats, in those from cell to cell: larger ones are not the surface's
-)
+SEAM = 3.0  # steps where a periodic patch repeats, in those beside: larger ones are not the surface's
 FEW_CELLS = 10  # of contact, fewer of which do not show its shape
 LARGE_PATCH = 100  # cells of a patch that is meant to show one
 

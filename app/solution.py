@@ -225,11 +225,23 @@ class Solution(ContactFields):
         h = whole.pop("undeformed_distance")
         return replace(self, **whole, distance=lambda: h, slabs=Slabs(self.grid.ny), comm=MPI.COMM_SELF)
 
-    def _rows_of(self, value):
-        """Those here of an array of the cells, of all or of these; None of anything else. Not collective."""
-        if np.shape(value) == self.displacement.shape:
-            return value
-        return np.asarray(value)[self.slabs.rows] if np.shape(value) == self.grid.shape else None
+    def _fields_among(self, attributes, taken, what):
+        """Attributes that are arrays of the cells, of all or of those here: their rows here. Not collective."""
+        found = {}
+        for name, value in attributes.items():
+            if name in taken:
+                raise InputError(f"{what}: {name} is there already; allowed: another name")
+            try:
+                array = np.asarray(value)
+            except ValueError:  # a list of lists of several lengths
+                raise InputError(f"{what}: attributes: needed: numbers, texts, and arrays") from None
+            if array.shape == self.displacement.shape:
+                found[name] = array
+            elif array.shape == self.grid.shape:
+                found[name] = array[self.slabs.rows]
+            elif array.nbytes >= _LARGE:
+                raise InputError(f"{what}: {name}: needed: an array of the cells, or less than 64 KB")
+        return found
 
     def save(self, path, steps=None, **attributes):
         """Write a result file (HDF5), whole or not at all. Collective.
@@ -263,31 +275,9 @@ class Solution(ContactFields):
         }
         facts = self.attributes | ({} if attributes.keys() >= _OF_FILE else self.count_patches())
         own = {*facts, *OF_SOLUTION, *Result.__dataclass_fields__} - OF_RUN - _OF_FILE
-
-        def sort_out():
-            for name in sorted(own & attributes.keys()):
-                raise InputError(f"result file {path}: {name} is there already; allowed: another name")
-            try:
-                rows = {name: self._rows_of(value) for name, value in attributes.items()}
-                large = [
-                    name
-                    for name in rows
-                    if rows[name] is None and np.asarray(attributes[name]).nbytes >= _LARGE
-                ]
-            except ValueError:  # a list of lists of several lengths
-                raise InputError(
-                    f"result file {path}: attributes: needed: numbers, texts, and arrays"
-                ) from None
-            for name in large:
-                raise InputError(
-                    f"result file {path}: {name}: needed: an array of the cells, or less than 64 KB"
-                )
-            return {name: value for name, value in rows.items() if value is not None}
-
-        more = agree(self.comm, sort_out)
-        check_alike(
-            self.comm, (list(attributes), list(more)), f"result file {path}: names of attributes, or fields"
-        )
+        more = agree(self.comm, self._fields_among, attributes, own, f"result file {path}")
+        names = list(attributes), list(more)
+        check_alike(self.comm, names, f"result file {path}: names of attributes, or fields")
         fields |= more
         facts |= {name: value for name, value in attributes.items() if name not in more}
         try:

@@ -28,7 +28,7 @@ _NUMBER = re.compile(
     r"(?<![\w./])\d+(\.\d+)?(e[+-]?\d+)?(?![\w/]|\.\w)"
 )  # none of those within names of files
 _PLURAL = re.compile(r"(# \w+?)s\b")  # of what there are some
-_SHOWN = {"load": " N", "approach": " mm", "contact_fraction": "", "max_pressure": " N/mm2"}
+_SHOWN = ("load", "approach", "contact_fraction", "max_pressure")
 
 
 @dataclass(frozen=True)
@@ -236,7 +236,9 @@ def _identity(wanted, solver):
 
 def _show(row, bar, kind):
     """Tell of a step by the bar on a terminal, else in a line: first of all what is prescribed."""
-    shown = {kind: f" {_UNITS[KINDS.index(kind)].partition(' ')[0]}"} | _SHOWN
+    from app.path import UNITS
+
+    shown = {name: f" {UNITS[name]}".removesuffix(" 1") for name in (kind, *_SHOWN)}
     numbers = ", ".join(f"{name.replace('_', ' ')} {row[name]:.6g}{unit}" for name, unit in shown.items())
     failed = "" if row["converged"] else ", NOT CONVERGED"
     if bar.disable:

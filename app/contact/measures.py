@@ -42,10 +42,7 @@ class Roughness(NamedTuple):
 
     rms_height: float  # about the mean, over the admissible cells [mm]
     rms_slope: float  # of the gradient's length; NaN where no two admissible cells lie side by side
-    steps_at_sides: tuple = (
-        0.0,
-        0.0,
-    )  # rms, from cell to cell across the sides of a periodic patch, and beside [mm]
+    steps_at_sides: tuple  # rms, from cell to cell across the sides of a periodic patch, and beside [mm]
 
 
 def measure_contact(state):

@@ -74,9 +74,9 @@ def copy_at(t, field, before, after, out):
 
 @njit()
 def wrap(row, nx, width):
-    """Into the ends, of some cells each, of a row of nx cells: what comes there over a period."""
-    for i in range(width):
-        row[i], row[width + nx + i] = row[nx + i], row[width + i]
+    """Into the ends, of some cells each, of a row of nx cells: what comes there over a period, however short."""
+    for i in range(width):  # from inside: where there are fewer cells, what is there already goes on
+        row[width - 1 - i], row[width + nx + i] = row[width - 1 - i + nx], row[width + i]
 
 
 @njit()

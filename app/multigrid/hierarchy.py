@@ -88,12 +88,17 @@ def _check_same_on_all(comm, problem):
     if comm.size == 1:
         return
     weights = np.random.default_rng(0).uniform(0.5, 1.5, problem.grid.nx)
-    for row in sorted({int(share * problem.grid.ny) for share in _TELLING}):
-        values = agree(comm, checked_shape, problem, problem.grid, slice(row, row + 1))[0]
+    rows = sorted({int(share * problem.grid.ny) for share in _TELLING})
+
+    def sums(row):
+        values = checked_shape(problem, problem.grid, slice(row, row + 1))[0]
         known = ~np.isnan(values)
         values, of_known = values[known], weights[known]
         slack = 1e-6 * np.ptp(values) + 1e-12 * np.abs(values).max() if values.size else 0.0
-        told = comm.allgather((of_known.sum(), of_known @ values, values.size * slack))
+        return of_known.sum(), of_known @ values, values.size * slack
+
+    of_ranks = comm.allgather(agree(comm, lambda: [sums(row) for row in rows]))
+    for row, told in zip(rows, zip(*of_ranks, strict=True), strict=True):
         if any(where != told[0][0] or abs(total - told[0][1]) > told[0][2] for where, total, _ in told):
             raise InputError(
                 f"problem {problem.name}: undeformed distances in row {row} are not the same on all ranks; needed: all "

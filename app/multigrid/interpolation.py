@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from app.compiled import njit
-from app.halfspace.reductions import any_order, mix_rows
+from app.halfspace.reductions import any_order, mix_rows, wrap
 
 _POINTS = 6  # cells that a quintic goes through: loops are written out for them
 BESIDE = _POINTS // 2  # coarse cells on either side of a fine one, for which there must be room
@@ -78,15 +78,13 @@ def quintics(coarse, fine, rows, weights_y, columns, weights_x, halved, row):
         Room for one.
     """
     nx = coarse.shape[1]
-    inside = row[BESIDE : BESIDE + nx]
     for j in range(fine.shape[0]):
         k = rows[j]
         _mix_six(
             coarse[k], coarse[k + 1], coarse[k + 2], coarse[k + 3], coarse[k + 4], coarse[k + 5],
-            weights_y[j], inside,
+            weights_y[j], row[BESIDE : BESIDE + nx],
         )  # fmt: skip
-        for i in range(BESIDE):  # there may be fewer columns than that
-            row[i], row[BESIDE + nx + i] = inside[(i - BESIDE) % nx], inside[i % nx]
+        wrap(row, nx, BESIDE)
         if halved:
             _halved_by_quintics(row, weights_x[0], fine[j])
             continue
