@@ -8,6 +8,7 @@ Whatever happens on whatever ranks, all of them end.
 
 from __future__ import annotations
 
+import ctypes
 import os
 import platform
 import re
@@ -25,6 +26,13 @@ from app.commands import streams
 from app.errors import FailedElsewhere, InputError, agree, described, one_line
 from app.petsc_path import HOW_TO_GET
 
+# mallopt's numbers, names in the environment and values: freed work arrays are made anew all the time, and their pages,
+# but for huge arrays', need not be found again.
+_MALLOC = {
+    -1: ("MALLOC_TRIM_THRESHOLD_", 2**31 - 1),
+    -2: ("MALLOC_TOP_PAD_", 2**24),
+    -3: ("MALLOC_MMAP_THRESHOLD_", 2**26),
+}
 # Names that begin so are of somebody else than mpiexec of Open MPI who starts ranks: the number of hosts is not known.
 _LAUNCHERS = ("PMI", "SLURM_STEP", "PALS_", "FLUX_", "ALPS_", "JSM_")
 
@@ -41,6 +49,7 @@ def start(argv):
     InputError
         If options cannot be read, PETSc does not accept those it needs at its start, or petsc4py does not load.
     """
+    _keep_pages(os.environ)
     folder_is_gone = _leave_removed_folder()
     if not {"", os.getcwd()} & set(sys.path):  # noqa: PTH109
         sys.path.append("")  # where users have parts of their own; behind ours, whatever a folder holds
@@ -92,6 +101,15 @@ def for_mpi(environment):
         chosen["OMPI_MCA_btl_tcp_if_include"] = "lo"
     said = chosen.keys() | {"OMPI_MCA_btl_tcp_if_exclude"}
     return chosen if together and not said & environment.keys() else {}
+
+
+def _keep_pages(environment):
+    """Let malloc keep what is freed, if it is glibc's, and as far as the environment does not say how it is to be."""
+    with suppress(AttributeError, ValueError):
+        mallopt = ctypes.CDLL(None).mallopt
+        for number, (name, value) in _MALLOC.items():
+            if name not in environment:
+                mallopt(number, value)
 
 
 def _leave_removed_folder():

@@ -109,7 +109,7 @@ def _prove(state, enough):
     grid = state.patch
     smallest = 2 * state.operator.compliance / np.hypot(1 / grid.dx, 1 / grid.dy)  # eigenvalue
     penetrates, largest, sums = np.empty(len(b), bool), np.full(6, -np.inf), np.zeros(6)
-    _survey(b, u, p, admissible, smallest, penetrates, largest, sums)
+    _survey(b, u, p, admissible, smallest, not state.grid.periodic, penetrates, largest, sums)
     sums, lowest = sums_and_minima(state.comm, sums, -largest)
     lift, penetration, deepest, tension, product, highest = (-lowest).tolist()
     of_u, energy, defect, to_p, moved, of_p = sums
@@ -270,16 +270,16 @@ _NOTHING = (0.0,) * 8  # what `_survey_row` finds where there is no pressure and
 
 
 @njit()
-def _survey(b, u, p, admissible, smallest, penetrates, largest, sums):
+def _survey(b, u, p, admissible, smallest, lifts, penetrates, largest, sums):
     """Largest of -e / u, -e, |h|, -p, |p e|, p; sums of u u, p u, p e, p g, w w, p p: added to what is there.
 
     h and e are zero in inadmissible cells; g and w by the smallest eigenvalue. Most rows have gaps and no pressure: a
-    glance is enough. `penetrates` is told which rows have e < 0.
+    glance is enough. `penetrates` is told which rows have e < 0. -e / u is divided if it `lifts` alone.
     """
     for j in range(b.shape[0]):
         penetration, deepest, highest, of_u = _glance_row(b[j], u[j], p[j], admissible[j])
         penetrates[j] = penetration > 0
-        lift = _lift_row(b[j], u[j], admissible[j]) if penetration > 0 else 0.0
+        lift = _lift_row(b[j], u[j], admissible[j]) if lifts and penetration > 0 else 0.0
         row = _NOTHING
         if not (penetration <= 0 and highest <= 0):  # or NaN
             row = _survey_row(b[j], u[j], p[j], admissible[j], smallest)
@@ -317,7 +317,7 @@ def warm_up(periodic=False):
     field, mask, rows = np.zeros((0, 0)), np.zeros((0, 0), bool), np.zeros(0, bool)
     fixed = field.view()
     fixed.flags.writeable = False
-    _survey(fixed, field, fixed, mask, 1.0, rows, np.zeros(6), np.zeros(6))
+    _survey(fixed, field, fixed, mask, 1.0, not periodic, rows, np.zeros(6), np.zeros(6))
     _lift(fixed, field, mask, 0.0, rows, np.zeros((3, 2)))
     if periodic:
         _gaps(fixed, field, fixed, mask, 1.0)

@@ -1,7 +1,10 @@
 """How a command starts MPI, and how those without it end."""
 
 import os
+import platform
 import signal
+import subprocess
+import sys
 from importlib import import_module
 from unittest import mock
 
@@ -37,6 +40,28 @@ def test_networks_are_looked_for_unless_all_ranks_are_on_this_host(environment, 
     found = session.for_mpi(environment)
     assert bool(found) == alone
     assert not found.keys() & environment.keys()
+
+
+FAULTS = """
+import os, resource, sys
+from app.commands.session import _keep_pages
+_keep_pages(os.environ)
+text = sys.argv[1] * 20_000_000
+del text
+before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+text = sys.argv[1] * 20_000_000
+print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
+"""
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="another malloc")
+@pytest.mark.parametrize("asked", [{}, {"MALLOC_MMAP_THRESHOLD_": "131072"}])
+def test_what_is_freed_keeps_its_pages_unless_the_environment_says_otherwise(asked):
+    plain = {name: value for name, value in os.environ.items() if not name.startswith("MALLOC_")}
+    found = subprocess.run(
+        [sys.executable, "-c", FAULTS, "x"], env=plain | asked, capture_output=True, text=True, check=True
+    )
+    assert (int(found.stdout) > 1000) == bool(asked)  # 20 MB are 4883 pages
 
 
 def test_the_environment_comes_back(monkeypatch):
