@@ -40,6 +40,7 @@ class Update(NamedTuple):
     h_on_contact: float = float("nan")  # ||h||_2 over the new set [mm]; NaN: nobody knows
     load: float = float("nan")  # of the pressure there is [N]; NaN: nobody knows
     approach: float = float("nan")  # [mm]; NaN: that of the state
+    moves: float = float("inf")  # norm of what that displaces, about [mm]; infinite: nobody knows
 
     @property
     def changed(self):

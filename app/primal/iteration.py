@@ -24,6 +24,7 @@ _UNSURE = 0.5  # of the error aimed at the solver's residual may be wrong by
 _OFF = 100.0  # times the error that the residual says: then it is not the residual that is wrong, but p
 _DOUBT = 0.6  # of what a verification asks for is aimed at after it
 _LOWER = 0.1  # of what was reached is aimed at where the load is less than what was left on the free cells
+_SETTLED = "residual small enough, and so is what the contact area still changes by"
 _FLAT = 1e-12  # of the root mean square height: deviation that is rounding
 _NO_PRESSURE = "the load is less than rounding leaves of the pressure"
 
@@ -71,12 +72,15 @@ def primal_active_set(primal, solver, stop, history):
         if near and not stop.final and update.changed <= _LOOSE * primal.cells:
             primal.take(solver)
             return Outcome(True, CONVERGED, k, residual)
-        if near and not update.changed and sure:
+        # 5. No cell changes, or those that do are, like the residual, too little to matter.
+        settled = near and not update.changed
+        settled |= stop.final and not accuracy.doubted and np.hypot(norm, update.moves) <= goal
+        if settled and sure:
             primal.take(solver)
-            solved, found = _is_solved(primal, solver, stop, accuracy, norm)  # 5. and 6.
+            solved, found = _is_solved(primal, solver, stop, accuracy, norm, update)  # 6.
             residual = found.residual / state.distance.norm() if found else residual
             if solved:
-                return Outcome(True, CONVERGED, k, residual)
+                return Outcome(True, _SETTLED if update.changed else CONVERGED, k, residual)
             if accuracy.exhausted:
                 raise NeedsSafeguard(Outcome(False, _NO_PRESSURE, k, residual))
         elif update.added or norm <= solver.doubt or (near and not sure):
@@ -166,8 +170,8 @@ class _Progress:
         return self._residual.stalls
 
 
-def _is_solved(primal, solver, stop, accuracy, norm):
-    """Steps 5 and 6, where the residual of the solver says so.
+def _is_solved(primal, solver, stop, accuracy, norm, update):
+    """Step 6, where the residual of the solver, and what the `update` of the contact set moves, say so.
 
     If it is not, the free cells are as before; p is made anew where it may be wrong, and not the residual; else the aim
     is lower. Nothing may lag: what the solver carries along is where `verify` works.
@@ -194,7 +198,9 @@ def _is_solved(primal, solver, stop, accuracy, norm):
     reached = norm / np.sqrt(primal.cells)
     off = error is not None and error > _OFF * reached
     # The second time, or for the certificate, too: what is carried along may have become inaccurate.
-    if passed or accuracy.doubted or primal.is_nearly or off:
+    if update.added:
+        primal.touch_captured()
+    if update.added or passed or accuracy.doubted or primal.is_nearly or off:
         primal.restore_mean(solver)
         primal.refresh(exact=True)
     if off and not accuracy.doubted:

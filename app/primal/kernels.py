@@ -12,27 +12,31 @@ from app.halfspace.reductions import any_order
 
 @any_order
 def _exchange_row(p, w, change, b, admissible, contact, least_pressure, least_gap, captured):
-    cells, free, caught, total = 0, 0, 0, 0.0
+    cells, free, caught, total, gaps, pressures = 0, 0, 0, 0.0, 0.0, 0.0
     for i in range(p.size):
         inside, here = contact[i], w[i] + change[i]
+        gap, pressure = here - b[i], np.float64(p[i])
         out = inside & (p[i] < least_pressure)
-        new = (not inside) & admissible[i] & (here - b[i] < least_gap)
+        new = (not inside) & admissible[i] & (gap < least_gap)
+        gaps += gap * gap if new else 0.0
+        pressures += pressure * pressure if out else 0.0
         captured[i] = new
         contact[i] = (inside & (not out)) | new
         free += out
         caught += new
         cells += contact[i]
         total += here
-    return cells, caught, free, total
+    return cells, caught, free, total, gaps, pressures
 
 
 @njit()
 def exchange(p, w, change, b, admissible, contact, least_pressure, least_gap, captured):
     """Release cells of C with p < least_pressure, capture others with w + change - b < least_gap.
 
-    Return the cells in C then, how many were captured and released, and the sum of w + change.
+    Return the cells in C then, how many were captured and released, the sum of w + change, and those of the squares of
+    the gaps of captured cells and of the pressures of released ones.
     """
-    cells, caught, free, total = 0, 0, 0, 0.0
+    cells, caught, free, total, gaps, pressures = 0, 0, 0, 0.0, 0.0, 0.0
     for j in range(p.shape[0]):
         here = _exchange_row(
             p[j], w[j], change[j], b[j], admissible[j], contact[j], least_pressure, least_gap, captured[j]
@@ -41,7 +45,9 @@ def exchange(p, w, change, b, admissible, contact, least_pressure, least_gap, ca
         caught += here[1]
         free += here[2]
         total += here[3]
-    return cells, caught, free, total
+        gaps += here[4]
+        pressures += here[5]
+    return cells, caught, free, total, gaps, pressures
 
 
 @any_order

@@ -206,22 +206,23 @@ class PrimalState:
             solver.carried, self.w, solver.change, state.distance.b, state.admissible, state.contact,
             least_pressure, least_gap, self._captured,
         )  # fmt: skip
-        *counts, total = state.sum(counts)
+        *counts, total, gaps, pressures = state.sum(counts)
         cells, captured, released = map(int, counts)
+        moves = float(np.sqrt(gaps + pressures / solver.preconditioner.stiffness**2))
         approach = state.distance.reference - float(total) / self.cells
         if self.loading.prescribes_load and not cells:
             np.logical_not(self.inverse.mask, out=state.contact)  # as it was
-            cells, released = released, 0
+            cells, released, moves = released, 0, 0.0
         elif (
             not self.loading.prescribes_load
             and cells == self.cells
             and -self.mean_displacement < state.highest
         ):
             opened = self._open_least(solver)
-            cells, released = cells - opened, released + opened
+            cells, released, moves = cells - opened, released + opened, np.inf
         if captured or released:
             self._contact_changed(solver)
-        return Update(cells, captured, released, residual, load=self.load, approach=approach)
+        return Update(cells, captured, released, residual, load=self.load, approach=approach, moves=moves)
 
     def _open_least(self, solver):
         """Open the cells with the least pressure, which becomes zero; return how many. Collective."""
@@ -230,6 +231,10 @@ class PrimalState:
         self.state.contact[opened] = False
         self.add_mean_pressure(-least, solver.carried)
         return int(self.state.sum([np.count_nonzero(opened)])[0])
+
+    def touch_captured(self):
+        """The gap of cells just captured becomes zero, and p is to follow. Not collective."""
+        np.copyto(self.w, self.state.distance.b, where=self._captured)
 
     def close(self, solver):
         """The gap of cells just captured becomes zero, what that leaves to do elsewhere is begun with.
