@@ -25,8 +25,8 @@ On each grid, from the coarsest to the target (`nested`):
    (`app.fast.levels`); then cells with p < 0 are released from C and cells with e < 0 captured. Where some are
    captured, or levels tell no more, p follows by a product with B; else CG goes on with what it has carried along.
 4. *Enough.* A coarse grid is left when few cells change and the residual is small against the deviation of h0 from its
-   mean, or the approach beyond first touch, if that is less. The target grid is left by one product A p in double
-   precision; it and the certificate decide.
+   mean, or the approach beyond first touch, if that is less. The target grid is left when no cell changes, or those
+   that do change nothing that matters, by one product A p in double precision; it and the certificate decide.
 5. *Approach.* A prescribed approach prescribes the mean of w: directions of CG have no mean, and the mean pressure is
    the Lagrange multiplier.
 6. *Safeguard.* Where it makes no progress, that of `app.fast` takes over, in terms of pressures.

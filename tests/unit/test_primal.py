@@ -10,18 +10,21 @@ from mpi4py import MPI
 from operators import PERIODIC, STEEL, mat_times, random_field
 from petsc4py import PETSc
 
-from app import ContactSolver
+from app import ContactProblem, ContactSolver, SelfAffineSurface, solve
 from app.contact.distance import UndeformedDistance
+from app.contact.iteration import CONVERGED
 from app.contact.loading import PrescribedApproach, PrescribedLoad
 from app.contact.state import ContactState
 from app.errors import InputError
+from app.fast.stopping import InexactStop
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.halo import Halo
+from app.halfspace.influence import Material
 from app.halfspace.operator import InfluenceOperator
 from app.method import read_method_file
 from app.multigrid.hierarchy import Hierarchy
 from app.petsc import OptionDatabase
-from app.primal import kernels, stencil
+from app.primal import iteration, kernels, stencil
 from app.primal.operator import InverseOperator
 from app.primal.solver import PrimalSolver
 from app.primal.state import PrimalState
@@ -466,9 +469,66 @@ def test_every_step_keeps_p_and_the_loading(steps, loading, holes):
             wrong[1].sum(),
             wrong[0].sum(),
         )
+        moves = (w - state.distance.b)[wrong[1]], p[wrong[0]] / solver.preconditioner.stiffness
+        assert update.moves == pytest.approx(np.linalg.norm(np.concatenate(moves)), rel=1e-6)
         check(closed=False)
         primal.close(solver)
         check()
+
+
+@pytest.mark.parametrize("loading", ["load", "approach"])
+def test_cells_that_change_by_too_little_to_matter_need_no_more_sets(monkeypatch, loading):
+    ends, verified, verify, steel = [], [], iteration.verify, Material.combined(80000.0, 0.3)
+    monkeypatch.setattr(iteration, "verify", lambda *given: verified.append(None) or verify(*given))
+    patch = Grid.from_domain(48, 48, (0, 1, 0, 1))
+
+    def problem_of(seed):
+        height = SelfAffineSurface(0.8, 1 / 4, 1 / 12, (1.0, 1.0), seed, rms_slope=0.1)
+        return ContactProblem(patch, steel, surfaces=[height], periodic=True)
+
+    for seed in range(1, 13):
+        problem = problem_of(seed)
+        deviation = problem.shape_on(patch).std()
+        with ContactSolver(problem, options={"lcp_rtol": 1e-10}) as solver:
+            right = solver.solve(load=0.03 * steel.contact_modulus)
+        verified.clear()
+        found = solve(problem, options={"lcp_rtol": 1e-4}, **{loading: getattr(right, loading)})
+        assert len(verified) == 1  # it passes at once
+        gap = found.gap[found.contact]
+        off = gap - gap.mean() if loading == "load" else gap
+        assert np.sqrt(np.mean(off**2)) < 1e-4 * deviation
+        assert np.linalg.norm(found.pressure - right.pressure) < 2e-3 * np.linalg.norm(right.pressure)
+        ends.append(found.attributes["reason"])
+    assert len(set(ends)) == 2
+
+    exchange = PrimalState.exchange
+    monkeypatch.setattr(
+        PrimalState, "exchange", lambda *given: exchange(*given)._replace(moves=np.inf)
+    )  # they do matter
+    for seed in range(1, 13):
+        found = solve(problem_of(seed), load=0.03 * steel.contact_modulus, options={"lcp_rtol": 1e-4})
+        assert found.attributes["reason"] == CONVERGED
+
+
+@pytest.mark.parametrize(
+    "loading", [partial(PrescribedLoad, 1e2), partial(PrescribedApproach, 0.03)], ids=["load", "approach"]
+)
+def test_if_they_matter_after_all_it_goes_on(steps, loading):
+    primal, solver = steps(loading())
+    state = primal.state
+    primal.start(solver)
+    primal.guess(solver)
+    norm = solver.improve(primal, 0.0)[2]
+    update = primal.exchange(solver, 0.0, 0.0, norm)
+    free = ~state.contact
+    primal.take(solver)
+    accuracy = iteration._Accuracy(1e-9, 1e-6)
+    stop = InexactStop(1e-6, 100, True)
+    solved, _ = iteration._is_solved(primal, solver, stop, accuracy, norm, update)
+    assert update.added and not solved and accuracy.doubted
+    np.testing.assert_array_equal(free, ~state.contact)
+    np.testing.assert_array_equal(primal.w[state.contact], state.distance.b[state.contact])
+    np.testing.assert_allclose(state.p, pressure_of(primal), rtol=0, atol=1e-11 * abs(state.p).max())
 
 
 def test_under_a_load_something_stays_in_contact(steps):
