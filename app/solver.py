@@ -145,6 +145,10 @@ class ContactSolver:
             raise
         self.setup_seconds = time.perf_counter() - started
 
+    def __repr__(self):
+        grid, closed = self.problem.grid, "" if self._finalizer.alive else ", closed"
+        return f"<ContactSolver: {grid.nx} x {grid.ny} cells{closed}>"
+
     # -- set-up ------------------------------------------------------------------------------------------
 
     def _prepare(self):

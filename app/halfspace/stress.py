@@ -112,6 +112,9 @@ class SubsurfaceStress:
         self.grid, self.nu = grid, float(poisson_ratio)
         self._below = Waves(pressure, grid, self.nu) if grid.periodic else Cells(pressure, grid, self.nu)
 
+    def __repr__(self):
+        return f"<SubsurfaceStress: below {self.grid.nx} x {self.grid.ny} cells, Poisson ratio {self.nu:g}>"
+
     def plane(self, depth):
         """Stress on a horizontal plane below the cell centres.
 

@@ -321,13 +321,15 @@ class SelfAffineSurface(_Function):
         sums = sum(np.array([power.sum(), np.sum(power * q**2)]) for _, power, q in self._strips())
         if not sums[0]:
             raise InputError(
-                f"no wave of period {period[0]:g},{period[1]:g} is between {shortest_wavelength:g}"
-                f" and {longest:g} long"
+                f"no wave of period {period[0]:g},{period[1]:g} is between {shortest_wavelength:g} and {longest:g} long"
             )
         # Parseval's theorem: a cosine has mean square 1/2.
         height, slope = np.sqrt(sums / 2)
         self._factor = factor = target / (slope if rms_height is None else height)
         self.rms_height, self.rms_slope = float(factor * height), float(factor * slope)
+
+    def __repr__(self):
+        return f"<SelfAffineSurface: Hurst exponent {self.hurst:g}, rms slope {self.rms_slope:.4g}, seed {self.seed}>"
 
     def check_grid(self, grid):
         """Refuse a grid that cannot carry the shortest wave, see `check_cut_off`, or is longer than the period."""

@@ -152,6 +152,15 @@ def test_a_solver_cannot_be_pickled_and_says_what_can():
     assert "load 5 N" in repr(there)
 
 
+def test_what_is_printed_at_a_prompt_says_what_it_is():
+    assert repr(ROUGH) == f"<SelfAffineSurface: Hurst exponent 0.8, rms slope {ROUGH.rms_slope:.4g}, seed 1>"
+    with ContactSolver(BALL) as solver:
+        assert repr(solver) == "<ContactSolver: 8 x 6 cells>"
+        found = solver.solve(load=5)
+    assert repr(solver) == "<ContactSolver: 8 x 6 cells, closed>"
+    assert repr(stress(found, 0.3)) == "<SubsurfaceStress: below 8 x 6 cells, Poisson ratio 0.3>"
+
+
 def test_a_result_read_is_as_good_as_the_solution(tmp_path):
     pair = Material.pair((210e9, 3e9), (0.3, 0.3))
     found = solve(ContactProblem(GRID, pair, Sphere(10)), load=5e7)
