@@ -9,7 +9,7 @@ from typing import NamedTuple
 from app import ending
 from app.contact.grid_errors import GridErrors, GridNumbers, errors_from
 from app.errors import InputError, agree, check_alike
-from app.method_solver import check_kind
+from app.method_solver import check_cells, check_kind
 from app.multigrid.hierarchy import check_room
 from app.options import as_texts
 from app.petsc import mpi_comm
@@ -110,8 +110,12 @@ def refine(
 
 
 def _has_room(solver, grid):
-    """Whether there is memory for a grid beside that of a solver; if not, what was found is not lost. Collective."""
+    """Whether there are numbers and memory for a grid beside that of a solver; if not, what was found is not lost.
+
+    Collective.
+    """
     try:
+        check_cells(grid)
         check_room(solver.comm, grid, solver.settings)
     except InputError:
         return False

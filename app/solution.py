@@ -61,7 +61,7 @@ class Solution(ContactFields):
         Relative rms difference of the pressures on the last two grids; NaN where it is not known.
     load_error, approach_error, max_pressure_error, contact_area_error : float
         Estimated relative errors that the size of the cells makes in these numbers, rather too large; the approach
-        counts from first touch. NaN without nested iteration; see `app.contact.grid_errors`.
+        counts from first touch. NaN but of the default methods with nested iteration; see `app.contact.grid_errors`.
     fallbacks : int
         Grids on which the safeguard took over.
     certificate : Certificate
@@ -265,6 +265,7 @@ class Solution(ContactFields):
         from app.output.write import ByRows, write_result
         from app.path import UNITS
 
+        check_alike(self.comm, list(attributes), f"result file {path}: names of attributes")
         h, u = self.undeformed_distance, self.displacement
         fields = {
             "pressure": self.pressure,
@@ -276,8 +277,7 @@ class Solution(ContactFields):
         facts = self.attributes | ({} if attributes.keys() >= _OF_FILE else self.count_patches())
         own = {*facts, *OF_SOLUTION, *Result.__dataclass_fields__} - OF_RUN - _OF_FILE
         more = agree(self.comm, self._fields_among, attributes, own, f"result file {path}")
-        names = list(attributes), list(more)
-        check_alike(self.comm, names, f"result file {path}: names of attributes, or fields")
+        check_alike(self.comm, list(more), f"result file {path}: names of fields")
         fields |= more
         facts |= {name: value for name, value in attributes.items() if name not in more}
         try:

@@ -241,11 +241,13 @@ class ContactSolver:
         check_alike(self.comm, (given, identity(start)), "loading or start")
         for listener in self.listeners:
             listener.begin(self.settings)
-        solution = self._team.call(self._solve, given, start, summary=Solution.without_rows)
+        try:
+            solution = self._team.call(self._solve, given, start, summary=Solution.without_rows)
+        finally:
+            for listener in self.listeners:
+                listener.end()
         if solution.comm is not self._outer_comm:  # the summary
             solution = solution.without_rows(self._outer_comm)
-        for listener in self.listeners:
-            listener.end()
         if not solution.converged:
             warn_caller(f"not converged: {solution.message}")
         return solution
@@ -293,16 +295,14 @@ class ContactSolver:
             If a number is not allowed.
         """
         if len(loadings) != 1 or not loadings.keys() <= LOADINGS.keys():
-            raise InputError(
-                f"path: exactly one of {', '.join(LOADINGS)} is needed, with a number for each step"
-            )
+            raise InputError(f"path: needed: exactly one of {', '.join(LOADINGS)}, a number for each step")
         self._refuse_if_closed()
         [(kind, numbers)] = loadings.items()
         return LoadPath(self, kind, numbers, stiffness, rows)
 
     @one_at_a_time
     def check(self, **loading):
-        """Refuse a loading that `solve` would refuse; solve nothing. Collective."""
+        """Refuse a loading that `solve` would refuse. Collective."""
         self._refuse_if_closed()
         check_alike(self.comm, loading, "loading")
         self._team.call(self._loading, loading, summary=lambda _: None)
@@ -386,10 +386,10 @@ class ContactSolver:
         return loading
 
     def _solution(self, state, loading, outcome, history, started, products, before):
+        proof = certify(state, self.settings.error_bound)  # which may take a product
         applications = self.hierarchy.operator_applications() - products
         seconds = time.perf_counter() - started
-        prescribed = loading.load if loading.prescribes_load else None
-        proof, found = certify(state, self.settings.error_bound), measures.measure_contact(state)
+        prescribed, found = loading.load if loading.prescribes_load else None, measures.measure_contact(state)
         proof = proof.under(prescribed, found.load)
         outcome = outcome.if_proved(proof.error_bound, self.settings.error_bound)
         p, distance, depth = state.p, state.distance, state.depth
@@ -403,7 +403,7 @@ class ContactSolver:
         return Solution(
             pressure=p,
             displacement=state.u,
-            distance=lambda: distance.h_at(depth),
+            distance=one_at_a_time(lambda: distance.h_at(depth)),
             contact=state.contact.copy(),
             converged=outcome.converged,
             message=outcome.reason,

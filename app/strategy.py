@@ -304,7 +304,7 @@ class Reference(Strategy):
         state = self._new_state()
         state.approach = loading.approach
         try:
-            return state, self.solver.solve(state, history)
+            return state, self.solver.solve(state, history, start)
         except PETSc.Error as error:
             state.destroy()
             if error.ierr not in _WRONG_CHOICES:

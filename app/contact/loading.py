@@ -326,7 +326,7 @@ def prescribe(grid, distance, **given):
         If not exactly one is given, or it is not allowed.
     """
     given = {kind: number for kind, number in given.items() if number is not None}
-    if len(given) != 1:
+    if len(given) != 1 or not given.keys() <= LOADINGS.keys():
         *others, last = (f"{kind} [{unit}]" for kind, unit in LOADINGS.items())
         raise InputError(f"exactly one of {', '.join(others)} and {last} is needed")
     [(kind, number)] = given.items()

@@ -44,8 +44,8 @@ class _ReferenceSolver:
         self.mat = self.operator.mat(self.comm)
         self._h = self.mat.createVecRight()
 
-    def solve(self, state, history):
-        """Solve the problem in `state`. Collective.
+    def solve(self, state, history, start=None):
+        """Solve the problem in `state`, from the pressure of a Solution `start`, if there is one. Collective.
 
         Returns
         -------
@@ -60,7 +60,10 @@ class _ReferenceSolver:
             listener.start(state, self.level)
         self.operator.mask[...] = True  # the matrix is A, not C A C
         state.contact = np.zeros(state.u.shape, bool)  # no longer the operator's
-        state.start_from_interpenetration()
+        if start is None:
+            state.start_from_interpenetration()
+        else:
+            state.pressure.setArray(np.where(state.admissible, start.pressure, 0.0).reshape(-1))
         self._record = _Record(state, history, self)
         lower, upper = state.pressure.duplicate(), state.pressure.duplicate()
         lower.set(0)
@@ -68,16 +71,20 @@ class _ReferenceSolver:
         self._h.setArray(np.where(state.admissible, -state.distance.b, 0.0).reshape(-1))
         acceptable = self.stop.allowed(state)
         try:
-            reason = self._run(state.pressure, lower, upper, 0.1 * acceptable)
-        except PETSc.Error as error:
-            if error.ierr not in _GIVES_UP:
-                raise
-            reason = error_message(error)
-        norm, overlap = self._residual(state)
-        self._record.end(norm)
-        self._record = None  # which refers to this: a circle would keep all arrays until garbage is collected
-        for vec in (lower, upper):
-            vec.destroy()
+            try:
+                reason = self._run(state.pressure, lower, upper, 0.1 * acceptable)
+            except PETSc.Error as error:
+                if error.ierr not in _GIVES_UP:
+                    raise
+                reason = error_message(error)
+            norm, overlap = self._residual(state)
+            self._record.end(norm)
+        finally:
+            self._record = (
+                None  # which refers to this: a circle would keep all arrays until garbage is collected
+            )
+            for vec in (lower, upper):
+                vec.destroy()
         converged = np.hypot(norm, overlap) <= acceptable
         if not converged:
             wrong = "the residual is too large" if norm > overlap else "the bodies penetrate outside contact"

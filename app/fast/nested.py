@@ -104,15 +104,17 @@ def safeguarded(hierarchy, number, state, loading, stop, history):
     operator = state.operator
     with operator.in_double():
         solver = LinearSolver(hierarchy, number, operator.petsc_comm, operator=operator)
-        if loading.prescribes_load:
-            tight = stop.tighter(0.1)  # what is settled then must still pass
+        tight = stop.tighter(0.1)  # what a load settles then must still pass
 
-            def solve(_):  # the state has the approach
-                return projected_newton(state, solver, tight, history)
+        def solve(_):  # the state has the approach
+            return projected_newton(state, solver, tight, history)
 
-            step = state.gap_on_contact_or_overlap()[0]
-            outcome = search_load(state, loading, solve, stop, 0.1 * stop.rtol, step)
-        else:
-            outcome = projected_newton(state, solver, stop, history)
-        solver.destroy()
+        try:
+            if loading.prescribes_load:
+                step = state.gap_on_contact_or_overlap()[0]
+                outcome = search_load(state, loading, solve, stop, 0.1 * stop.rtol, step)
+            else:
+                outcome = projected_newton(state, solver, stop, history)
+        finally:
+            solver.destroy()
     return outcome._replace(fallbacks=outcome.fallbacks + 1)

@@ -302,8 +302,10 @@ class InfluenceOperator:
         PETSc's "local" sweeps (its default) would make the result depend on the number of ranks, and the
         multigrid method diverge; here they are the global ones.
         """
-        if shift:
-            raise ValueError("Gauss-Seidel with a diagonal shift is not available")
+        if shift or kind & ~(_FORWARD | _BACKWARD | _ZERO_GUESS):
+            raise ValueError(
+                "Gauss-Seidel with a diagonal shift, or by parts of the matrix, is not available"
+            )
         if not self.active:
             x.stateIncrease()  # as on the others, which alone may not call what is collective
             return

@@ -104,12 +104,21 @@ def any_nonzero(block):
 
 def sum_over(comm, values):
     """Sum a few numbers over the ranks of `comm`; None: return them as they are. Collective."""
-    return values if comm is None else _reduce(comm, values, MPI.SUM)
+    if comm is None:
+        return values
+    result = np.array(values, dtype=float)
+    comm.Allreduce(result.copy(), result, MPI.SUM)
+    return result
 
 
 def minimum_over(comm, values):
-    """Smallest of each of a few numbers over the ranks of `comm`; None: return them as they are. Collective."""
-    return values if comm is None else _reduce(comm, values, MPI.MIN)
+    """Smallest of each of a few numbers over the ranks of `comm`; None: return them as they are. Collective.
+
+    NaN is the smallest, whichever rank has it: MPI.MIN would lose it or not.
+    """
+    if comm is None:
+        return values
+    return sums_and_minima(comm, [], np.ravel(values))[1].reshape(np.shape(values))
 
 
 def sums_and_minima(comm, sums, lowest):
@@ -138,9 +147,3 @@ def _operation():
         np.minimum(a[summed:], b[summed:], out=b[summed:])
 
     return MPI.Op.Create(merge, commute=True)
-
-
-def _reduce(comm, values, operation):
-    result = np.array(values, dtype=float)
-    comm.Allreduce(result.copy(), result, operation)
-    return result

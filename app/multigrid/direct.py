@@ -69,6 +69,7 @@ class DirectSolver:
         self._matrix = stored_matrix(operator)
         self._work = PETSc.Vec().createSeq(operator.grid.n)
         self._cells = self._factors = None
+        self._failure = ""
 
     def set_contact(self):
         """Take over the contact set that is in the operator's mask now."""
@@ -80,18 +81,16 @@ class DirectSolver:
         _cut(self._matrix, cells, system)
         self._cells = cells
         self._factors, failed = dpotrf(system.T, clean=False, overwrite_a=True) if len(cells) else (system, 0)
-        if failed:
-            self._cells = None
-            raise ValueError("direct solve: the influence matrix of the contact set is not positive definite")
+        self._failure = "the influence matrix of the contact set is not positive definite" if failed else ""
 
     def solve(self, b, allowed=0.0):
         """See `LinearSolver.solve`."""
         right = b.getArray(readonly=True)[self._cells]
         with self._work as x:
             x[...] = 0
-            if len(right):
+            if len(right) and not self._failure:
                 x[self._cells] = dpotrs(self._factors, right)[0]
-        return self._work, 1, ""
+        return self._work, 1, self._failure
 
     def destroy(self):
         """Free the work vector."""

@@ -20,7 +20,8 @@ def reason_names(reasons):
 
 
 _REASONS = reason_names(PETSc.KSP.ConvergedReason)
-_NEED_PARTS = ("shell", "composite", "galerkin", "fieldsplit", "ksp", "mat")  # that options alone cannot give
+# PCs that need parts which options alone cannot give, or the triangles of a matrix
+_NEED_PARTS = ("shell", "composite", "galerkin", "fieldsplit", "ksp", "mat", "eisenstat")
 
 
 class LinearSolver:
@@ -64,7 +65,7 @@ class LinearSolver:
         options = PETSc.Options()
         pc_type = options.getString("pc_type", "")
         if pc_type in _NEED_PARTS:
-            raise ValueError(f"-pc_type {pc_type}: needs parts that options cannot give")
+            raise ValueError(f"-pc_type {pc_type}: needs parts that options, or this matrix, cannot give")
         self.ksp = ksp = PETSc.KSP().create(comm)
         ksp.setOperators(self.mat)
         if pc_type == "mg":

@@ -176,6 +176,8 @@ def left_in_cells(s, free, weights, x, x_before, x_after, coarse, skipped, facto
     """As `free_in_cells`, of what sweeps have left: (s - B3 x) / B3_00. `room`: float32, for three rows, wrapped."""
     (scale, wx, wy, wd), (fy, fx) = weights, factors
     coarse[...] = 0
+    if not len(x):
+        return
     for j in range(-1, len(x) + 1):
         copy_at(len(x_before) + j, x, x_before, x_after, room[j % 3, 1:-1])
         wrap(room[j % 3], row.size, 1)
@@ -322,6 +324,8 @@ def _add_row(above, here, below, scale, wx, wy, wd, out):
 def add_centre(d, before, after, weights, room, out):
     """out += the centre of B times d; there must be a row beside the slab, or more. `room`: for three rows."""
     scale, wx, wy, wd = 1.0 / weights[0], weights[1], weights[2], weights[3]
+    if not len(d):
+        return
     for j in range(-1, len(d) + 1):
         row = room[j % 3]
         copy_at(len(before) + j, d, before, after, row[1:-1])
