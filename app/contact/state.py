@@ -98,6 +98,7 @@ class ContactState:
         self._released = np.zeros(operator.local_shape, bool)
         self.contact = operator.mask  # the very array the operator uses, with what the last state left in it
         self.contact[...] = False
+        self._of_window = window is not None
         self.window, self.patch = window or whole(operator.grid), patch or operator.grid
         self.work = None  # a field that the certificate may write into, if somebody has one at rest
 
@@ -333,7 +334,9 @@ class ContactState:
         self.compute_displacement(exact=True)
 
     def destroy(self):
-        """Free the vectors made here. Collective."""
+        """Free the vectors made here, and the distances of a window, which are made for it. Collective."""
         self.pressure.destroy()
+        if self._of_window and self.distance is not None:
+            self.distance.destroy()
         if "right" in vars(self):
             self.right.destroy()

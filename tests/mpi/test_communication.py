@@ -16,7 +16,7 @@ from app.halfspace.fetch import Fetch
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.ranks import Ranks
-from app.halfspace.reductions import sums_and_minima
+from app.halfspace.reductions import minimum_over, sums_and_minima
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.output.result import read_result
@@ -290,3 +290,12 @@ def test_what_fails_in_a_team_is_heard_by_those_who_wait_and_keeps_nobody(comm):
             assert team.call(fail, error, 1) == (comm.rank if comm.rank < 2 else 0)
     team.destroy()
     everybody.Free()
+
+
+@pytest.mark.mpi(2, 3)
+@pytest.mark.parametrize("last", [False, True])
+def test_minima_know_what_is_no_number(comm, last):
+    """MPI.MIN tells NaN or not, depending on which rank has it."""
+    here = comm.rank == (comm.size - 1 if last else 0)
+    found = minimum_over(comm, [[comm.rank, np.nan if here else 1.0]])
+    np.testing.assert_array_equal(found, [[0.0, np.nan]])

@@ -11,6 +11,7 @@ import pytest
 from cases import hertz, punch
 
 from app import ContactProblem, ContactSolver, Grid, Listener, Material, SelfAffineSurface
+from app.contact.distance import UndeformedDistance
 from app.fast.circulant import circulant_of
 from app.fast.levels import influence_of
 from app.fast.solver import TrackingSolver
@@ -249,3 +250,14 @@ def test_a_periodic_patch_has_its_solvers_before_the_first_solve(monkeypatch):
         first, second = (solver.solve(load=0.01) for _ in range(2))
         assert not made
         np.testing.assert_array_equal(first.pressure, second.pressure)
+
+
+@pytest.mark.parametrize("kind", ["approach", "load"])
+def test_distances_of_windows_are_freed_with_them(monkeypatch, kind):
+    """PETSc keeps what Python drops until a solver is closed; a loop over loads closes none."""
+    parts, part_of = [], UndeformedDistance.part_of
+    monkeypatch.setattr(UndeformedDistance, "part_of", lambda *of: parts.append(part_of(*of)) or parts[-1])
+    with ContactSolver(bowl(256)) as solver:
+        solver.solve(**{kind: {"approach": 0.01, "load": 0.05}[kind]})
+    assert len(parts) > 1  # of a coarse grid, too
+    assert all(not part.rhs for part in parts)

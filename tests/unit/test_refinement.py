@@ -7,7 +7,7 @@ import pytest
 from cases import APPROACH, hertz, periodic_rough, self_affine
 from running import solve
 
-from app import ContactProblem, FlatPunch, Grid, Material, Sphere, refine
+from app import ContactProblem, FlatPunch, Grid, Material, Sphere, refine, refinement
 from app.contact.grid_errors import GridNumbers, errors_from
 from app.errors import InputError
 
@@ -100,6 +100,16 @@ def test_stops_at_the_largest_grid():
     assert not grids.reached
     assert grids.solution.grid.n == 1024
     assert grids.stiffness == pytest.approx(grids.solution.attributes["analytic_stiffness"], rel=0.05)
+
+
+def test_stops_before_the_largest_grid_that_petsc_can_count(monkeypatch):
+    def few(grid):
+        if grid.n > 1024:
+            raise InputError("too many")
+
+    monkeypatch.setattr(refinement, "check_cells", few)
+    grids = refine(hertz(16), 1e-6, load=80000.0)
+    assert (grids.solution.grid.n, len(grids.rows)) == (1024, 2)
 
 
 def test_refuses_what_has_no_finer_grid():

@@ -1,16 +1,17 @@
 """Laws that mutants broke unnoticed: see docs/mutation.md."""
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 from unittest import mock
 
 import numpy as np
 import pytest
-from cases import APPROACH, hertz
+from cases import APPROACH, hertz, periodic_rough
 from mpi4py import MPI
 from running import solve
 
-from app import ContactProblem, ContactSolver, strategy
+from app import ContactProblem, ContactSolver, petsc, strategy
 from app.commands.monitor import Monitor, Progress
 from app.contact.certificate import certify
 from app.contact.distance import UndeformedDistance
@@ -27,7 +28,7 @@ from app.halfspace.operator import InfluenceOperator, vec_of
 from app.halfspace.product import DenseProduct
 from app.multigrid.hierarchy import Hierarchy
 from app.petsc import OptionDatabase, options_set
-from app.primal import kernels
+from app.primal import kernels, stencil
 from app.refinement import refine
 
 
@@ -228,3 +229,65 @@ def test_a_vec_is_in_the_memory_of_its_field():
     vec.set(1.0)
     assert (field == 1).all()
     vec.destroy()
+
+
+def test_listeners_hear_the_end_of_a_solve_that_is_refused():
+    hears = Hears()
+    with ContactSolver(hertz(12), listeners=[hears]) as solver, pytest.raises(InputError):
+        solver.solve(load=-1)
+    assert hears.told[-1] == "end"
+
+
+@pytest.mark.parametrize("kind", [32, 32 | 16, 64, 128])
+def test_sweeps_by_parts_of_the_matrix_are_refused(kind):
+    """SOR_EISENSTAT and its like; x as it was would be taken for an answer."""
+    operator = InfluenceOperator(Grid(4, 3, 1.0, 1.0), 1e-5)
+    with pytest.raises(ValueError, match="by parts of the matrix"):
+        operator.SOR(None, None, 1.0, kind, 0.0, 1, 1, None)
+
+
+def test_preconditioners_that_need_the_matrix_are_refused():
+    with pytest.raises(InputError, match="-pc_type eisenstat"):
+        ContactSolver(hertz(12), "norm", {"pc_type": "eisenstat"})
+
+
+@pytest.mark.parametrize("loop", ["add_centre", "left_in_cells"])
+def test_without_rows_nothing_is_read(loop):
+    """On ranks without rows; the row before the first one would be before the array."""
+    none, weights = np.zeros((0, 4)), (1.0, *(np.float32(0),) * 3)
+    given = {
+        "add_centre": (none, none, none, weights, np.zeros((3, 6)), none),
+        "left_in_cells": (none, none > 0, weights, none, none, none, none, 0, (1, 1), np.zeros((3, 6)), np.zeros(4)),
+    }  # fmt: skip
+    getattr(stencil, loop).py_func(*given[loop])
+
+
+def test_the_gap_waits_for_a_solve_in_another_thread():
+    found = solve(hertz(12), APPROACH)
+    with ThreadPoolExecutor(1) as pool:
+        with petsc._ONE_AT_A_TIME:
+            gap = pool.submit(lambda: found.gap)
+            with pytest.raises(TimeoutError):
+                gap.result(0.05)
+        assert gap.result().shape == found.pressure.shape
+
+
+@pytest.mark.parametrize("method", ["fmg_v11", "norm", None])
+def test_products_of_the_certificate_count(method):
+    with ContactSolver(periodic_rough(32), method) as solver:
+        before = solver.hierarchy.operator_applications()
+        found = solver.solve(load=30.0)
+        assert found.operator_applications == solver.hierarchy.operator_applications() - before
+
+
+def test_tao_begins_with_what_it_is_given():
+    with ContactSolver(hertz(16), options={"lcp_type": "tao"}) as solver:
+        first = solver.solve(approach=APPROACH)
+        again = solver.solve(approach=APPROACH, start=first)
+    assert again.operator_applications < first.operator_applications / 2
+    assert again.load == pytest.approx(first.load, rel=1e-5)
+
+
+def test_what_is_no_loading_is_refused():
+    with ContactSolver(hertz(12)) as solver, pytest.raises(InputError, match="exactly one"):
+        solver.check(force=1.0)
