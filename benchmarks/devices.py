@@ -85,6 +85,7 @@ FREE = (
     Constant("RELEASED", "share of the load released on a coarse grid without a product", "app.fast.iteration"),
     Constant("NEAR", "tolerances by which the approach to a load may be off on a coarse grid", "app.fast.iteration"),
     Constant("SINGLE", "residual over h on C that is too small for single precision", "app.fast.iteration"),
+    Constant("FALLEN", "of the largest load since u was computed: below, it is anew", "app.fast.iteration"),
     Constant("PATIENCE", "iterations without halving the residual, then the safeguard", "app.fast.progress"),
     Constant("_TELLING", "rms residuals that the approach has to move by for a secant to count", "app.contact.loading"),
     Constant("_AT_ONCE", "factor by which the slope may change at once", "app.contact.loading"),

@@ -26,6 +26,9 @@ from app.fast.progress import NeedsSafeguard, Progress
 RELEASED = 0.01  # share of the load that may be released on a coarse grid without asking what that does to u
 NEAR = 3.0  # times its tolerance may the approach to a load still be off on a coarse grid
 SINGLE = 1e-6  # of ||h|| on C: a smaller residual is not for single precision to compute
+FALLEN = (
+    0.01  # of the largest load since u was computed: below it what rounding has left of that in u is too much
+)
 
 
 def inexact_active_set(state, solver, loading, stop, history):
@@ -36,13 +39,14 @@ def inexact_active_set(state, solver, loading, stop, history):
     Raises
     ------
     NeedsSafeguard
-        If the residual stagnates.
+        If the residual stagnates, or the linear solver fails.
     """
     if not begin(state, solver, loading, history):
         return Outcome(not loading.prescribes_load, NO_CONTACT)
     solver.begin(by_levels=stop.defect_correction > 0)
     h_on_contact, norm, cells = state.norms_on_contact()  # of C^k; later the last update knows
     progress, rehearsal_failed = Progress(norm), False  # the last verification was one, and did not pass
+    load = heaviest = 0.0
     for k in range(1, stop.max_it + 1):
         allowed, done, computed = stop.allowed(state, h_on_contact), False, False
         levels_may_leave, by_levels = max(allowed, 0.5 * progress.by_product), solver.by_levels
@@ -61,15 +65,17 @@ def inexact_active_set(state, solver, loading, stop, history):
         if ready and stop.says_little(state, h_on_contact):
             solver.carry(state)
             too_loose = not stop.certified(state)
-        if ready and not stop.final:
+        fallen = load < FALLEN * heaviest
+        if ready and not (stop.final or fallen):
             update, done = _leave_coarse(state, solver, tension, loading, NEAR * allowed / np.sqrt(cells))
-        elif ready and not too_loose:
+        elif ready and stop.final and not too_loose:
+            rehearse = not (rehearsal_failed or fallen)
             update, done, rehearsal_failed = _verify(
-                state, solver, tension, loading, stop, levels_may_leave, not rehearsal_failed
+                state, solver, tension, loading, stop, levels_may_leave, rehearse
             )
             computed = not rehearsal_failed
         else:
-            computed = allowed < goal and norm <= goal
+            computed = (allowed < goal and norm <= goal) or fallen
             released = solver.release(state, carry=not computed)  # (4.a), and u along with it
             if computed:
                 state.compute_displacement(exact=allowed < SINGLE * h_on_contact)
@@ -81,11 +87,13 @@ def inexact_active_set(state, solver, loading, stop, history):
         if computed and by_levels:
             progress.after_product(update.residual)
             solver.by_levels &= not progress.products.stalls
+        load = update.load
+        heaviest = load if computed else max(load, heaviest)
         history.add(state, solver, update, its)
         h_on_contact, cells, norm = update.h_on_contact, max(update.cells, 1), update.residual
         residual = update.residual / state.distance.norm()
         if wrong := what_is_wrong(failure, residual):
-            return Outcome(False, wrong, k, residual)
+            raise NeedsSafeguard(Outcome(False, wrong, k, residual))
         if done and stop.certified(state):
             return Outcome(True, CONVERGED, k, residual)
         if done or too_loose:

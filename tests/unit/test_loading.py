@@ -306,3 +306,27 @@ def test_load_and_approach_of_hertz():
     exact = hertz(8).reference(APPROACH)
     found = solve(hertz(128), None, "fast", exact.load)
     assert found.approach == pytest.approx(APPROACH, rel=1e-4)
+
+
+def surface_of_few_heights(kind, n):
+    """A gap with many lowest cells, that means over cells take for less rough than it is."""
+    if kind == "grooves":
+        return 0.1 * np.tile([0.0, 1.0], (n, n // 2))
+    if kind == "pins":
+        return 0.1 * (np.add.outer(np.arange(n) % 4, np.arange(n) % 4) > 0)
+    return np.round(3 * np.random.default_rng(1).random((n, n))) / 3 * 0.1
+
+
+@pytest.mark.parametrize("load", [1e-7, 1e-5, 1e-3, 0.1])
+@pytest.mark.parametrize(("kind", "n"), [("grooves", 32), ("pins", 64), ("quantized", 128)])
+def test_light_loads_on_surfaces_of_few_heights(kind, n, load):
+    """The first load on the target grid is up to 1e11 times as large: u must not keep the rounding of that."""
+    gap = surface_of_few_heights(kind, n)
+    grid = Grid.from_domain(n, n, (-1, 1, -1, 1))
+    found = solve(ContactProblem(grid, Material.from_contact_modulus(1e5), gap), None, None, load)
+    assert found.fallbacks == 0 and found.iterations < 25 and found.operator_applications < 100
+    assert found.load == pytest.approx(load, rel=1e-6)
+    assert found.error_bound < 1e-2
+    e, p = found.gap, found.pressure
+    assert -e.min() < 1e-3 * found.displacement.max() and (p >= 0).all()
+    assert abs(e[p > 0]).max() < 1e-3 * found.displacement.max()

@@ -13,6 +13,7 @@ from app.contact.history import History, Listener
 from app.contact.state import ContactState
 from app.fast import nested, progress
 from app.fast.safeguard import projected_newton
+from app.fast.solver import TrackingSolver
 from app.fast.stopping import InexactStop
 from app.halfspace.grid import Grid
 from app.halfspace.operator import InfluenceOperator
@@ -127,6 +128,23 @@ def test_a_light_load_displaces_by_its_pressure_to_rounding(monkeypatch):
     InfluenceOperator(problem.grid, problem.material.compliance).displacement(found.pressure, u)
     assert u.max() < 1e-6 * np.nanmax(found.undeformed_distance)
     np.testing.assert_allclose(found.displacement, u, rtol=0, atol=1e-13 * u.max())
+
+
+def test_a_linear_solver_that_fails_is_no_end(monkeypatch):
+    improve, failed = TrackingSolver.improve, []
+
+    def fails_once(solver, state, *how):
+        its, failure, norm = improve(solver, state, *how)
+        if state.grid.n == 64**2 and not failed:
+            failed.append(True)
+            failure = "DIVERGED_INDEFINITE_MAT"
+        return its, failure, norm
+
+    expected = solve(punch(64), 0.01, "fast")
+    monkeypatch.setattr(TrackingSolver, "improve", fails_once)
+    found = solve(punch(64), 0.01, "fast")
+    assert failed and found.converged and found.fallbacks == 1
+    assert found.load == pytest.approx(expected.load, rel=1e-5)
 
 
 def test_the_safeguard_says_when_it_runs_out_of_iterations(monkeypatch):
