@@ -18,6 +18,7 @@ PATIENCE = 3.0  # s; of a rank that has met an error, until it believes that the
 
 _PLACE = MPI.Comm.Create_keyval(delete_fn=lambda comm, key, place: place.Free())
 _shared = MPI.COMM_SELF  # where those meet that share the solver which this process has used last
+_open = []  # those of solvers of several ranks that are not closed
 _hooks = []  # of ours, to know them
 
 
@@ -63,7 +64,8 @@ def share(comm):
     """Let an exception that nobody catches end the ranks of this communicator, as long as no other one is shared.
 
     Collective when first called for it. The others wait for this rank wherever it fails, in a solver or between two
-    calls of one. Exceptions that are caught end nothing, nor do those of a notebook or at a prompt.
+    calls of one. As long as one `Waits` they do beside solvers of a single rank, too. Exceptions that are caught end
+    nothing, nor do those of a notebook or at a prompt.
 
     Returns
     -------
@@ -78,13 +80,30 @@ def share(comm):
     return comm
 
 
+class Waits:
+    """As long as it is not destroyed the ranks of a communicator wait for each other. Collective when first made."""
+
+    def __init__(self, comm):
+        self.place = meeting_place(comm)
+        _open.append(self)
+
+    def destroy(self):
+        """They do no longer, but for an exception that is on its way: nobody may catch it. Not collective."""
+        global _shared
+        _open.remove(self)
+        if sys.exc_info()[0] is not None:
+            _shared = self.place
+
+
 def _after(previous):
     """A `sys.excepthook` that does what the previous one did, then ends what waits for this rank."""
 
     def end(kind, error, trace):
         previous(kind, error, trace)
         at_a_prompt = hasattr(sys, "ps1") or sys.flags.inspect
-        if at_a_prompt or _shared == MPI.COMM_NULL or _shared.size == 1 or all_come(_shared):
+        places = [_shared, *(one.place for one in reversed(_open))]
+        place = next((place for place in places if place != MPI.COMM_NULL and place.size > 1), None)
+        if at_a_prompt or place is None or all_come(place):
             return
         rank = MPI.COMM_WORLD.rank
         with suppress(OSError):

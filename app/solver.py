@@ -127,8 +127,8 @@ class ContactSolver:
         started, comm = time.perf_counter(), mpi_comm(comm)
         self._resources, self._distances = Resources(), []
         self._finalizer = weakref.finalize(self, one_at_a_time(self._resources.free))
-        self.problem = problem
-        self._outer_comm = ending.share(comm)
+        self.problem, self._outer_comm = problem, ending.share(comm)
+        self._resources.add(ending.Waits(comm))
         self.comm = self._resources.comm = Communicator(self._outer_comm.Dup())
         self.hierarchy = self._strategy = None
         try:

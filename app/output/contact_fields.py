@@ -28,6 +28,17 @@ class ContactFields:
             f"{self.error_bound:.1g}{said}>"
         )
 
+    def __getattr__(self, name):
+        """An attribute of the file, by the name that it has there, or in a `Solution`."""
+        # There are none yet while it is unpickled.
+        known = self.attributes if self.__dict__ and name != "attributes" and name[0] != "_" else {}
+        if (there := OF_SOLUTION.get(name, name)) in known:
+            return known[there]
+        raise AttributeError(f"this {type(self).__name__.lower()} has no {name}; what it has: .attributes")
+
+    def __dir__(self):
+        return [*super().__dir__(), *self.attributes, *OF_SOLUTION]
+
     def contact_patches(self):
         """Areas of the patches of contact, from large to small [mm2]; the same on all ranks. Collective.
 

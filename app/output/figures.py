@@ -56,8 +56,7 @@ def title(result, path=False):
     problem = values.get("problem", "contact problem")
     state = "" if values["converged"] else ", NOT CONVERGED"
     load = f"load {number(values['load'])} N"
-    if path:
-        loads = result.path["load"]
+    if path and len(loads := result.path["load"]) > 1:
         load = f"{len(loads)} loads from {number(min(loads))} to {number(max(loads))} N"
     return f"{PROBLEMS.get(problem, problem)}, {nx} × {ny} cells, {load}{state}"
 

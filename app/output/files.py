@@ -50,9 +50,12 @@ def check_output_path(path, inputs=(), what="result file", suffixes=SUFFIXES):
         If the suffix is unknown, the path is not a regular file, or one of the inputs, or of another user in a folder
         such as /tmp, or its folder is missing, read-only, or the name is too long for it.
     """
-    path = Path(path)
-    if path.suffix.lower() not in suffixes:
-        raise InputError(f"{what} {path}: the name must end in {' or '.join(suffixes)}")
+    try:
+        given, path = str(path), Path(path)
+    except TypeError:
+        raise InputError(f"{what}: is {type(path).__name__}; needed: a file name") from None
+    if given.endswith("/") or path.suffix.lower() not in suffixes:
+        raise InputError(f"{what} {given}: the name must end in {' or '.join(suffixes)}")
     try:
         target = _target(path)
         if target.exists() and not target.is_file():

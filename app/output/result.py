@@ -35,7 +35,7 @@ import numpy as np
 
 from app.errors import InputError, one_line
 from app.memory import check_fits
-from app.output.contact_fields import OF_SOLUTION, ContactFields
+from app.output.contact_fields import ContactFields
 
 FIELDS = {
     "pressure": np.float64,
@@ -134,15 +134,6 @@ class Result(ContactFields):
     path: dict = field(default_factory=dict)
 
     slabs = comm = None  # all rows are here
-
-    def __getattr__(self, name):
-        attributes = self.__dict__.get("attributes", {})  # there are none yet while it is unpickled
-        if (there := OF_SOLUTION.get(name, name)) in attributes:
-            return attributes[there]
-        raise AttributeError(f"this result has no {name}; what it has: .attributes")
-
-    def __dir__(self):
-        return [*super().__dir__(), *self.attributes, *OF_SOLUTION]
 
     @property
     def error_bound(self):

@@ -370,6 +370,8 @@ def read_surface(
             if crop is None:
                 source.refuse_coordinates()
         else:
+            if skip:
+                raise InputError(f"surface skip {skip}: of an array there are no lines")
             source = HeightArray(
                 real_numbers("surface", path, "a file name, or an array of real numbers"), orient
             )

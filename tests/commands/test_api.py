@@ -89,8 +89,10 @@ def fails(self, *arguments):
         "with ContactSolver(problem, options=shared) as solver:\n    solver.solve(load=10.0)",
         "solve(problem, load=10.0)\nif rank == 1:\n    fails(None)\nsolve(problem, load=10.0)",
         "Listener.start = fails\nContactSolver(problem, listeners=[Listener()] * rank).solve(load=10.0)",
+        "with ContactSolver(problem) as solver:\n    solve(problem, load=5.0, comm=MPI.COMM_SELF)\n"
+        "    if rank == 1:\n        fails(None)\n    solver.solve(load=10.0)",
     ],
-    ids=["in the solver", "between two solves", "in a listener"],
+    ids=["in the solver", "between two solves", "in a listener", "after a solve of its own"],
 )
 def test_an_exception_on_one_rank_ends_all(ranks, where, tmp_path):
     """They would wait for it for ever."""
@@ -119,6 +121,11 @@ with ContactSolver(problem, options=shared) as solver:
     except MemoryError:
         Circulant.precondition = sound
 found = solve(problem, load=10.0, options=shared)
+try:
+    with ContactSolver(problem, options=shared):
+        fails(None)
+except MemoryError:
+    pass
 alone = solve(problem, load=10.0, comm=MPI.COMM_SELF)
 assert abs(found.approach - alone.approach) < 1e-5 * alone.approach
 if rank == 1:

@@ -264,3 +264,23 @@ def test_a_gap_of_numbers_is_told_how_to_take_arrays(number):
     with pytest.raises((TypeError, ValueError), match=r"arrays x, y; np.vectorize\(f\)"):
         ContactProblem(GRID, STEEL, number).shape_on(GRID)
     assert ContactProblem(GRID, STEEL, np.vectorize(number)).shape_on(GRID).shape == GRID.shape
+
+
+def test_numbers_of_the_file_have_its_names_in_a_solution():
+    found = solve(BALL, load=5)
+    assert (found.reason, found.lcp_rtol) == (found.message, found.rtol)
+    assert found.contact_modulus == found.attributes["contact_modulus"]
+    assert {"reason", "contact_modulus"} <= set(dir(found))
+    with pytest.raises(AttributeError, match="this solution has no nothing; what it has: .attributes"):
+        _ = found.nothing
+
+
+@pytest.mark.parametrize("name", [None, 3, "folder.h5/"])
+def test_a_result_needs_the_name_of_a_file(name, tmp_path):
+    with pytest.raises(InputError, match="result file"):
+        solve(BALL, load=5).save(f"{tmp_path}/{name}" if isinstance(name, str) else name)
+
+
+def test_an_array_has_no_lines_to_skip():
+    with pytest.raises(InputError, match="surface skip 3: of an array there are no lines"):
+        read_surface(HEIGHTS, "um", skip=3, spacing=(1e-3, 1e-3))
