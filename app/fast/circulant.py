@@ -124,7 +124,9 @@ class Circulant:
             self.between = Between(operator.grid.shape, operator.slabs, operator.comm, blocks)
         sides = operator.grid.dx, operator.grid.dy
         square = max(sides) <= _STRETCHED * min(sides)
-        self._stencils = stencil, _of_sum_zero(stencil) if square else stencil
+        # On a periodic patch there are no blocks, and neighbours may cancel out, as on 2 x 2 cells.
+        scattered = _of_sum_zero(stencil) if square and self.between is not None else stencil
+        self._stencils = stencil, scattered
         self._scattered = False
         self.extension.set_stencil(stencil)
         self._contact = -1  # number of the set that the extension knows
