@@ -64,6 +64,7 @@ def projected_newton(state, solver, stop, history):
         d = direction.getArray(readonly=True).reshape(gap.shape) - closed * p
         descent, alpha = state.sum([np.vdot(gap, d)])[0], 1.0
         if not math.isfinite(descent):
+            _contact_from(state, gap, before)
             return Outcome(False, what_is_wrong(failure, float("inf")), k, residual)
         for _ in range(_HALVINGS):
             change = np.maximum(p + alpha * d, 0.0) - p
@@ -74,6 +75,7 @@ def projected_newton(state, solver, stop, history):
                 break
             alpha *= 0.5
         else:
+            _contact_from(state, gap, before)  # with the cells, too, that the system was without
             return Outcome(False, "rounding leaves no step that makes it better", k, residual)
         np.add(p, change, out=state.values)
         state.u[...], gap = trial_u, trial_gap

@@ -147,6 +147,34 @@ def test_a_linear_solver_that_fails_is_no_end(monkeypatch):
     assert found.load == pytest.approx(expected.load, rel=1e-5)
 
 
+class Uphill:
+    """A linear solver whose direction makes everything worse, however little of it is gone."""
+
+    def __init__(self, length):
+        self._length = length
+
+    def set_contact(self):
+        pass
+
+    def solve(self, defect, allowed):
+        direction = defect.copy()
+        direction.scale(-self._length)
+        return direction, 1, ""
+
+
+@pytest.mark.parametrize(("length", "reason"), [(1.0, "no step"), (np.inf, "not a finite number")])
+def test_what_it_gives_up_has_no_pressure_outside_contact(length, reason, monkeypatch):
+    """The system of its last step is without cells that are nearly free."""
+    operator = InfluenceOperator(Grid(6, 5, 1.0, 1.0), 1.0)
+    state = ContactState(operator, UndeformedDistance(operator, np.ones((5, 6))))
+    state.values[2, 1:4] = 1.0, 1e-3, 1e-4
+    monkeypatch.setattr(History, "start", lambda *_: None)
+    outcome = projected_newton(state, Uphill(length), InexactStop(1e-10, 10), History())
+    assert not outcome.converged and reason in outcome.reason
+    np.testing.assert_array_equal(state.contact, state.p > 0)
+    state.destroy()
+
+
 def test_the_safeguard_says_when_it_runs_out_of_iterations(monkeypatch):
     monkeypatch.setattr(progress, "PATIENCE", 0)
     for load in (None, 3e4):
