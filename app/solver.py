@@ -258,10 +258,9 @@ class ContactSolver:
         products = self.hierarchy.operator_applications()
         loading, distance, depth = self._loading(given), self._distances[-1], np.inf
         if not loading.prescribes_load:
-            if loading.approach > self.touching:
-                depth = loading.approach - distance.reference
-            else:
-                start = None  # there is no pressure
+            depth = loading.depth_on(distance)
+            if depth <= distance.touching:
+                start, depth = None, np.inf  # there is no pressure
         if distance.digits_lost(depth):
             self._measure_shapes()
         history = History(self.listeners)
@@ -379,7 +378,7 @@ class ContactSolver:
             if loading.prescribes_load:
                 pressure = loading.load / self.problem.grid.cell_area
             else:
-                pressure = max(loading.approach - self.touching, 0.0) / self._largest
+                pressure = max(loading.depth_on(self._distances[-1]), 0.0) / self._largest
             check_single("pressures", pressure, "N/mm2")
         if loading.prescribes_load and loading.load == 0:
             return PrescribedApproach(self.touching)  # it is not unique: where the bodies just touch

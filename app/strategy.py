@@ -302,7 +302,7 @@ class Reference(Strategy):
 
     def _solve(self, loading, history, start):
         state = self._new_state()
-        state.approach = loading.approach
+        state.depth = loading.depth_on(state.distance)
         try:
             return state, self.solver.solve(state, history, start)
         except PETSc.Error as error:

@@ -111,5 +111,5 @@ class FullContact:
         if not np.isfinite(state.highest):
             return False
         if wanted is None:
-            return loading.approach - state.distance.reference >= state.highest
+            return loading.depth_on(state.distance) >= state.highest
         return wanted >= state.distance.least_mean_pressure

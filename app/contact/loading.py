@@ -16,7 +16,7 @@ active set iteration `update`, between u = A p and (4.b), and on the target, whe
 from __future__ import annotations
 
 from itertools import pairwise
-from math import sqrt
+from math import sqrt, ulp
 
 import numpy as np
 
@@ -31,6 +31,7 @@ _NEARLY = 0.9  # of the mean slope, that rounding makes of it where a contact se
 _BLAMED = 0.25  # of the rms residual: by so much the approach that the load asks for may be wrong
 LOADINGS = {"approach": "mm", "load": "N", "mean_pressure": "N/mm2", "mean_gap": "mm"}
 _ROUNDING = 1e-12  # of an approach, for full contact
+_FEW = 4  # units in the last place, that numbers as users compute them may be wrong by
 _SECANTS = 2  # meet a load as a rule; scipy.optimize, for the rest, takes as long to load as a small solve
 
 
@@ -39,13 +40,25 @@ class _SearchOver(Exception):
 
 
 class PrescribedApproach:
-    """The approach is given [mm]."""
+    """The approach is given [mm].
+
+    Parameters
+    ----------
+    approach : float
+        delta [mm].
+    depth : float, optional
+        The same beyond the reference, if it is known without the rounding of the approach [mm].
+    """
 
     prescribes_load = False
     known = None  # nothing is found out that other ranks would have to be told
 
-    def __init__(self, approach):
-        self.approach = float(approach)
+    def __init__(self, approach, depth=None):
+        self.approach, self._depth = float(approach), depth
+
+    def depth_on(self, distance):
+        """Return the approach beyond the reference of an `UndeformedDistance` [mm]. Not collective."""
+        return self.approach - distance.reference if self._depth is None else self._depth
 
     def first_solve(self, state, solve):
         """Solve on the first grid of all: ``solve(loading)`` from C = {h <= 0}, step 1. Collective.
@@ -54,13 +67,13 @@ class PrescribedApproach:
         -------
         Outcome
         """
-        state.approach = self.approach
+        state.depth = self.depth_on(state.distance)
         state.start_from_interpenetration()
         return solve(self)
 
     def resume(self, state, load):
         """Choose the approach to begin with, where `state` is a solution with a load. Not collective."""
-        state.approach = self.approach
+        state.depth = self.depth_on(state.distance)
 
     def solved(self, depth):
         """Hear of the depth that a grid has ended with [mm]. Not collective."""
@@ -71,8 +84,9 @@ class PrescribedApproach:
 
     def begin(self, state):
         """Prepare the iteration on a grid. Not collective."""
-        if state.approach < self.approach:  # the grid before was in full contact, perhaps, or had no holes
-            state.approach = self.approach
+        depth = self.depth_on(state.distance)
+        if state.depth < depth:  # the grid before was in full contact, perhaps, or had no holes
+            state.depth = depth
 
     def update(self, state):
         """Keep the approach; return by how much it moved [mm]. Not collective."""
@@ -134,7 +148,7 @@ class PrescribedLoad:
             nonlocal outcome
             if depth not in loads:
                 state.depth = depth
-                outcome = solve(PrescribedApproach(state.approach)).after(outcome)
+                outcome = solve(PrescribedApproach(state.approach, state.depth)).after(outcome)
                 if not outcome.converged:
                     raise _SearchOver
                 loads[depth] = state.load
@@ -339,19 +353,35 @@ def prescribe(grid, distance, **given):
         return PrescribedLoad(value if kind == "load" else value * grid.area)
     # On a periodic patch displacements have no mean: mean(gap) = mean(undeformed distance) - approach.
     holes = grid.n - distance.statistics.cells
-    mean = distance.approach_at(distance.statistics.mean)
-    little = _ROUNDING * (abs(mean) + distance.deviation)
+    mean, reference = distance.statistics.mean, distance.reference
+    full = distance.approach_at(mean)
+    little = _ROUNDING * (abs(full) + distance.deviation)
     if kind == "mean_gap":
         _check_mean_gap(value, grid, holes, little)
-        return PrescribedApproach(mean - max(value, 0.0))
-    if not grid.periodic or holes:
+        # no digits are lost to the reference
+        depth = _without_rounding(mean - max(value, 0.0), mean, distance.touching, mean)
+        return PrescribedApproach(distance.approach_at(depth), depth)
+    if not grid.periodic:
         return PrescribedApproach(value)
-    if value - mean > little:
+    if value - full > little and not holes:
         raise InputError(
             f"approach {value:g}: the mean gap of this periodic patch would be negative; "
-            f"allowed: at most {mean!r} mm, full contact"
+            f"allowed: at most {full!r} mm, full contact"
         )
-    return PrescribedApproach(min(value, mean))
+    value, mean = (value, np.inf) if holes else (min(value, full), mean)
+    size = max(abs(value), abs(reference))
+    return PrescribedApproach(value, _without_rounding(value - reference, size, distance.touching, mean))
+
+
+def _without_rounding(depth, size, touching, full):
+    """A depth, or that of first touch or full contact, if it differs by no more than numbers of a size are rounded by.
+
+    A contact, or a gap that is left, of rounding alone has no digits.
+    """
+    rounding = _FEW * ulp(size)
+    if full - depth <= rounding:
+        return full
+    return touching if 0 < depth - touching <= rounding else depth
 
 
 def _number(kind, given):

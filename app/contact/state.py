@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 from functools import cached_property
-from math import sqrt, ulp
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -142,7 +142,7 @@ class ContactState:
         cells, mean, _ = self.distance.statistics
         if not self.grid.periodic or cells < self.grid.n:
             return np.inf
-        return mean - _ROUND_OFF * abs(mean) - 4 * ulp(abs(self.distance.reference))
+        return mean - _ROUND_OFF * abs(mean)
 
     @property
     def rhs(self):

@@ -255,7 +255,7 @@ def verify(primal, found):
         state.depth = 0.0
         state.depth = state.mean_gap_on_contact()
     else:
-        state.approach = loading.approach
+        state.depth = loading.depth_on(state.distance)
     return state.activate_penetrating()
 
 

@@ -47,7 +47,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
     last, comm = len(hierarchy.levels) - 1, hierarchy.comm
     if not loading.prescribes_load:
         state = ContactState(hierarchy.target, distances[last])
-        state.approach = loading.approach
+        state.depth = loading.depth_on(state.distance)
         if state.first_touch() >= state.depth:  # rounding would look for a pressure in cells that just touch
             history.start(state, kept.solver(last, hierarchy.target))
             state.start_from_interpenetration()

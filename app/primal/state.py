@@ -54,7 +54,12 @@ class PrimalState:
     @property
     def mean_displacement(self):
         """What the mean of w has to be under a prescribed approach: minus the depth [mm]. Not collective."""
-        return -(self.loading.approach - self.state.distance.reference)
+        return -self.prescribed_depth
+
+    @property
+    def prescribed_depth(self):
+        """The depth of a prescribed approach, infinite under a load [mm]. Not collective."""
+        return np.inf if self.loading.prescribes_load else self.loading.depth_on(self.state.distance)
 
     def mean(self, field):
         """Mean of a field over all cells of the patch. Collective."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app import ContactProblem, ContactSolver, Grid, Material
+from app import ContactProblem, ContactSolver, Grid, Material, solve
 from app.contact.loading import LOADINGS
 from app.errors import InputError
 
@@ -46,6 +46,46 @@ def test_mean_gap_is_met(solvers):
     assert by_gap.mean_gap == pytest.approx(1e-3, abs=1e-14)
     assert by_gap.approach == pytest.approx(by_approach.approach, abs=1e-14)
     np.testing.assert_allclose(by_gap.pressure, by_approach.pressure, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("constant", [1e3, -1e6])
+def test_a_constant_in_the_heights_changes_nothing_for_a_mean_gap(constant):
+    gap = constant + 1e-3 * np.random.default_rng(1).random((16, 16))
+    lowest = gap - gap.min()  # without rounding
+    touching = lowest.mean()
+    # Below the last digits of the constant, too, and as near to the ends.
+    for mean_gap in (1e-13, 1e-9, touching / 2, touching - 1e-9, touching - 1e-12):
+        found, expected = (
+            solve(
+                ContactProblem(Grid.from_domain(16, 16, (0, 1, 0, 1)), STEEL, of, periodic=True),
+                mean_gap=mean_gap,
+                options={"lcp_error_bound": 1e-8},
+            )
+            for of in (gap, lowest)
+        )
+        assert found.mean_gap == expected.mean_gap == pytest.approx(mean_gap, rel=1e-6, abs=1e-15)
+        assert found.load == pytest.approx(expected.load, rel=1e-9)
+        assert found.approach == pytest.approx(gap.min() + expected.approach, rel=1e-15)
+
+
+CHECKERS = np.indices((34, 13)).sum(axis=0) % 2
+
+
+def checkers(size=1.0, constant=0.2):
+    """Half of the cells touch first."""
+    return ContactProblem(
+        Grid.from_domain(13, 34, (0, 13, 0, 34)), STEEL, constant + size * CHECKERS, periodic=True
+    )
+
+
+@pytest.mark.parametrize("method", [None, "norm"])
+def test_a_depth_of_rounding_is_first_touch(method):
+    gap = checkers().gap
+    by_mean = float(gap.mean() - np.spacing(gap.mean()) - gap.min())
+    for loading in ({"approach": np.nextafter(0.2, 9)}, {"approach": 0.2 + 1e-16}, {"mean_gap": by_mean}):
+        solution = solve(checkers(), method=method, **loading)
+        assert solution.converged and solution.load == 0.0
+        np.testing.assert_array_equal(solution.undeformed_distance, CHECKERS)
 
 
 @pytest.mark.parametrize("load", [{"load": 0}, {"mean_pressure": 0}])
