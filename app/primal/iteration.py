@@ -23,6 +23,7 @@ _SURE = 0.5  # of the residual allowed is asked of the preconditioned one, which
 _UNSURE = 0.5  # of the error aimed at the solver's residual may be wrong by
 _OFF = 100.0  # times the error that the residual says: then it is not the residual that is wrong, but p
 _DOUBT = 0.6  # of what a verification asks for is aimed at after it
+_LIGHT = 1e-11  # of a prescribed depth: error that can be aimed at, however high the surface is
 _LOWER = 0.1  # of what was reached is aimed at where the load is less than what was left on the free cells
 _SETTLED = "residual small enough, and so is what the contact area still changes by"
 _FLAT = 1e-12  # of the root mean square height: deviation that is rounding
@@ -53,7 +54,7 @@ def primal_active_set(primal, solver, stop, history):
     state, progress = primal.state, _Progress()
     solver.begin(state, primal.loading, stop.defect_correction)
     primal.start(solver)
-    accuracy = _Accuracy(allowed_gap(primal, stop), stop.rtol)
+    accuracy = _Accuracy(allowed_gap(primal, stop), stop.rtol, primal.prescribed_depth)
     history.start(state, solver)
     primal.guess(solver, exact=stop.final)
     for k in range(1, stop.max_it + 1):
@@ -115,6 +116,8 @@ class _Accuracy:
         Root mean square error of the gap that is small enough [mm].
     rtol : float
         What it was made from on the target grid, the only one that aims lower.
+    depth : float, optional
+        That is prescribed [mm]: displacements where contact is light.
 
     Attributes
     ----------
@@ -127,8 +130,9 @@ class _Accuracy:
         One has, though no smaller error can be aimed at.
     """
 
-    def __init__(self, allowed, rtol):
-        self.allowed, self.aim, self._lowest = allowed, _SURE * allowed, ROUNDING / rtol * allowed
+    def __init__(self, allowed, rtol, depth=np.inf):
+        self.allowed, self.aim = allowed, _SURE * allowed
+        self._lowest = min(ROUNDING / rtol * allowed, _LIGHT * depth)
         self.doubted = self.exhausted = False
 
     def keep(self):

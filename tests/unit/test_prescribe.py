@@ -88,6 +88,20 @@ def test_a_depth_of_rounding_is_first_touch(method):
         np.testing.assert_array_equal(solution.undeformed_distance, CHECKERS)
 
 
+@pytest.mark.parametrize("beyond", [1e-14, 1e-12, 1e-9, 1e-6])
+@pytest.mark.parametrize(("size", "constant"), [(1.0, 0.0), (1.0, 0.2), (1e-9, 0.0), (1e-9, 1e-9)])
+def test_light_contact_is_in_proportion_to_its_depth(size, constant, beyond):
+    loads = []
+    for depth in (beyond, 1e-3):
+        approach = constant + depth * size
+        solution = solve(checkers(size, constant), approach=approach)
+        assert solution.converged and not solution.fallbacks
+        np.testing.assert_array_equal(solution.contact, CHECKERS == 0)
+        assert not solution.pressure[~solution.contact].any()
+        loads.append(solution.load / (approach - constant))
+    assert loads[0] == pytest.approx(loads[1], rel=2e-3)
+
+
 @pytest.mark.parametrize("load", [{"load": 0}, {"mean_pressure": 0}])
 def test_no_load_is_first_touch(solvers, load):
     solution = solvers["periodic"].solve(**load)
