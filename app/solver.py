@@ -259,8 +259,8 @@ class ContactSolver:
         loading, distance, depth = self._loading(given), self._distances[-1], np.inf
         if not loading.prescribes_load:
             depth = loading.depth_on(distance)
-            if depth <= distance.touching:
-                start, depth = None, np.inf  # there is no pressure
+            if depth <= distance.touching:  # there is no pressure; who touches is told by the last digits
+                start, depth = None, depth if depth == distance.touching else np.inf
         if distance.digits_lost(depth):
             self._measure_shapes()
         history = History(self.listeners)
