@@ -32,6 +32,7 @@ from app.options import (
     flag,
     from_zero,
     integer,
+    is_off,
     real,
     unknown_options,
 )
@@ -48,7 +49,7 @@ METHOD_OPTIONS = [
     Option("lcp_nested", flag, False, "nested iteration (FMG): solve on coarser grids first"),
     Option("lcp_rtol", _tolerance, 1e-6, "accepted ||r|| / ||h||, eq. (5.1); fast: also 100 times it, h on C alone"),
     Option("lcp_error_bound", _tolerance, 0.01, "proved error (energy norm) up to which a solution counts as solved"),
-    Option("lcp_max_it", count, 100, "iterations on one grid: active set, or those of tao and snesvi"),
+    Option("lcp_max_it", count, 100, "iterations in a row on one grid: active set, or those of tao and snesvi"),
     Option("lcp_coarse_rtol", from_zero, 0.0, "fast, primal: ||r|| / ||h|| on C that is enough on coarser grids"),
     Option("lcp_predictor", from_zero, 0.0, "fast: share of the change of u to be expected that step 4.b believes"),
     Option("lcp_defect_correction", from_zero, 0.0, "fast, primal: by levels till this share of r is left; 0: by FFT"),
@@ -84,6 +85,17 @@ _AS_GIVEN = """
     nested rtol error_bound max_it coarse_rtol predictor defect_correction window beta coarsest cells_per_rank
     shared_memory
 """.split()
+_CHANGES = "what the linear solver makes is a change of the pressure, not PETSc's solution"
+_REFUSED = {  # PETSc's options by how their names end: strategies that they spoil, or end, and why
+    "ksp_error_if_not_converged": (_ACTIVE_SET, "contact sets are not solved further than is worth it"),
+    "ksp_guess_type": (
+        (DEFAULT, PERIODIC, "tao", "snesvi"),
+        "solutions of other contact sets do not fit the next one",
+    ),
+    "ksp_knoll": ((DEFAULT, PERIODIC), _CHANGES),
+    "ksp_monitor_error": (_STRATEGIES, "needs a DM of PETSc's, there is none"),
+    "ksp_monitor_solution": ((DEFAULT, PERIODIC), _CHANGES),
+}
 _NEED_ENTRIES = ("hypre", "hmg", "kaczmarz", "redistribute")  # PETSc's preconditioners that crash without
 
 
@@ -192,7 +204,7 @@ def settings(method=None, options=None, periodic=False):
         raise InputError(
             f"-lcp_type {strategy}: works on {works}; allowed on {here} ones: {default}, active_set, tao, snesvi"
         )
-    _refuse_what_crashes(strategy, texts)
+    _refuse_what_fails(strategy, texts)
     return Settings(
         strategy,
         lifted=reader["lcp_prolongation"] == "lift",
@@ -259,9 +271,13 @@ def _idle(texts):
     return idle
 
 
-def _refuse_what_crashes(strategy, texts):
+def _refuse_what_fails(strategy, texts):
     bounded = any(name.endswith("ksp_chebyshev_eigenvalues") for name in texts)
     for name, text in texts.items():
+        for end, (spoilt, why) in _REFUSED.items():
+            if name.endswith(end) and strategy in spoilt and not is_off(text):
+                others = " or ".join(other for other in _STRATEGIES if other not in spoilt)
+                raise InputError(f"-{name}: {why}" + (f"; allowed with -lcp_type {others}" if others else ""))
         if name.endswith("ksp_type") and text == "chebyshev" and not bounded:
             raise InputError(
                 f"-{name} chebyshev: PETSc estimates its bounds before there is a contact set; needed: "

@@ -31,9 +31,14 @@ from app.petsc import (
 from app.problems.problem import Problem
 from app.strategy import STRATEGIES
 
-# Options that PETSc looks up only while solving, or never marks as used, ...
-_READ_LATE = re.compile(r"(\w+_)?((ksp|snes|tao)_converged_reason|ksp_view_pre|(pc|mat|snes|tao)_view\w*)")
-_PROBE = "pc_use_amat"  # ... and one with the same default that every object with that prefix looks up
+# What PETSc looks up only while solving; and one with default false that the same object, of whatever type, looks
+# up in set-up. A matrix has the prefix of the KSP on a block of it.
+_READ_LATE = {
+    r"(|\w+_)ksp_converged_reason": "ksp_error_if_not_converged",
+    r"((?:\w+_)?sub_)mat_view": "ksp_error_if_not_converged",
+    r"()snes_(converged_reason|view(_pre|_solution)?)": "snes_error_if_not_converged",
+    r"()tao_(ls_)?view": "tao_recycle_history",
+}
 # PETSc looks at the viewer only when there is something to view.
 _VIEW = re.compile(r"(\w+_)?(ksp|pc|mat|snes|tao)_view\w*")
 _VIEWERS = "ascii", "binary", "draw", "hdf5", "matlab", "saws", "socket", "string", "vtk"
@@ -157,8 +162,14 @@ def _strategy(hierarchy, chosen):
 
 def read_by(database, make):
     """Call `make` with the options of a database; return the names of those that nobody reads. Collective as `make`."""
-    late = {name: match[1] or "" for name in database.texts() if (match := _READ_LATE.fullmatch(name))}
-    probes = {f"{prefix}{_PROBE}" for prefix in late.values()} - database.texts().keys()
+    given = database.texts()
+    late = {
+        name: f"{match[1]}{probe}"
+        for name in given
+        for pattern, probe in _READ_LATE.items()
+        if (match := re.fullmatch(pattern, name))
+    }
+    probes = set(late.values()) - given.keys()
     for probe in probes:
         database.set(probe, "false")
     with database.active():
@@ -166,7 +177,7 @@ def read_by(database, make):
     unused = set(database.unused())
     for probe in probes:
         database.drop(probe)
-    return {name for name in unused - probes if name not in late or f"{late[name]}{_PROBE}" in unused}
+    return {name for name in unused - probes if late.get(name, name) in unused}
 
 
 def refuse_unread(unread, chosen, periodic):

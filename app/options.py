@@ -298,11 +298,16 @@ def some_of(*names):
     return parse
 
 
+def is_off(text):
+    """Whether a text switches off, as PETSc reads it, too. Not collective."""
+    return text.lower() in ("0", "false", "no", "off")
+
+
 def flag(text):
     """Kind: on or off; the bare option means on."""
     if text.lower() in ("", "1", "true", "yes", "on"):
         return True
-    if text.lower() in ("0", "false", "no", "off"):
+    if is_off(text):
         return False
     raise ValueError("true or false")
 

@@ -17,7 +17,7 @@ import numpy as np
 from app.analytic import ANALYTIC, THEORIES
 from app.contact.extent import ContactExtent
 from app.contact.grid_errors import GridErrors
-from app.contact.loading import LOADINGS
+from app.contact.loading import LOADINGS, as_number
 from app.errors import InputError, agree, check_alike
 
 # Columns of the table: name -> unit.
@@ -213,12 +213,12 @@ class LoadPath:
 
 def _as_numbers(kind, numbers):
     try:
-        found = [] if isinstance(numbers, str | bytes | Mapping) else [float(number) for number in numbers]
-    except (TypeError, ValueError):
+        found = [] if isinstance(numbers, str | bytes | Mapping) else list(numbers)
+    except TypeError:
         found = []
     if not found:
         raise InputError(f"path: {kind}: needed: a list of one number or more [{LOADINGS[kind]}]")
-    return found
+    return [as_number(kind, number) for number in found]
 
 
 def _slope(x, y):

@@ -101,6 +101,9 @@ def refine(
             reached = solution.converged and errors.largest <= until
             last = 4 * grid.n > most_cells or not _has_room(solver, grid.refine())
             if reached or not solution.converged or last:
+                if solution.converged and not reached:
+                    short = f"refined to {grid.nx} x {grid.ny} cells, not to errors below {until:g}"
+                    solution = replace(solution, notes=(*solution.notes, short))
                 if stiffness:
                     solution = replace(solution, stiffness=solver.stiffness(solution))
                 exact = solution.stiffness if stiffness else float("nan")

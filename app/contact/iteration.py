@@ -63,7 +63,7 @@ def active_set(state, solver, loading, stop, history):
                 return Outcome(True, CONVERGED, k, residual)
     more = "more by -lcp_max_it, or the default method, which has a safeguard"
     return Outcome(
-        False, f"{stop.max_it} active set iterations were not enough: {more}", stop.max_it, residual
+        False, f"{stop.max_it} active set iterations in a row were not enough: {more}", stop.max_it, residual
     )
 
 

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 from math import sqrt, ulp
+from numbers import Real
 
 import numpy as np
 
@@ -344,7 +345,7 @@ def prescribe(grid, distance, **given):
         *others, last = (f"{kind} [{unit}]" for kind, unit in LOADINGS.items())
         raise InputError(f"exactly one of {', '.join(others)} and {last} is needed")
     [(kind, number)] = given.items()
-    value = _number(kind, number)
+    value = as_number(kind, number)
     if kind in ("load", "mean_pressure"):
         if value < 0:
             raise InputError(
@@ -384,17 +385,28 @@ def _without_rounding(depth, size, touching, full):
     return touching if 0 < depth - touching <= rounding else depth
 
 
-def _number(kind, given):
-    try:
-        value = float(given)
-    except (TypeError, ValueError):
-        if hasattr(given, "__len__") and not isinstance(given, str):
+def as_number(kind, given):
+    """The number of a loading, by Python or numpy, an array without dimensions, too. Not collective.
+
+    Raises
+    ------
+    InputError
+        If it is something else, or too large or small.
+    """
+    if isinstance(given, np.ndarray) and not given.shape:
+        given = given[()]
+    if isinstance(given, bool) or not isinstance(given, Real):
+        if hasattr(given, "__len__") and not isinstance(given, str | bytes):
             raise InputError(
                 f"{kind}: {len(given)} numbers; allowed: a number; many, one after the other: ContactSolver.path"
-            ) from None
-        value = float("nan")
+            )
+        raise InputError(f"{kind}: is {type(given).__name__}; needed: a number [{LOADINGS[kind]}]")
+    try:
+        value = float(given)
+    except OverflowError:
+        value = np.inf
     if not (value == 0 or 1 / LARGEST <= abs(value) <= LARGEST):
-        raise InputError(f"{kind} {given}: allowed: a number of size {1 / LARGEST:g} to {LARGEST:g}, or 0")
+        raise InputError(f"{kind} {value:g}: allowed: a number of size {1 / LARGEST:g} to {LARGEST:g}, or 0")
     return value
 
 

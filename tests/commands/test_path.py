@@ -201,6 +201,7 @@ def test_refine_until(cli_here, tmp_path):
     assert result.pressure.shape[0] > 32
     assert 0 < result.attributes["load_error"] < result.attributes["contact_area_error"] <= 0.02
     assert result.attributes["stiffness"] == pytest.approx(result.attributes["analytic_stiffness"], rel=0.02)
-    coarse = cli_here(*HERTZ, "-refine_until", "0.001", "-refine_max", 2000)
+    coarse = cli_here(*HERTZ, "-refine_until", "0.001", "-refine_max", 2000, "-output", tmp_path / "b.h5")
     assert coarse.returncode == 3
     assert "is NOT below 0.001" in coarse.stdout
+    assert "not to errors below 0.001" in read_result(tmp_path / "b.h5").attributes["notes"]

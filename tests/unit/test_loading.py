@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from cases import APPROACH, hertz, punch, self_affine
+from cases import APPROACH, hertz, periodic_rough, punch, self_affine
 from mpi4py import MPI
 from processes import run
 from running import assert_solves_lcp, solve
@@ -330,3 +330,12 @@ def test_light_loads_on_surfaces_of_few_heights(kind, n, load):
     e, p = found.gap, found.pressure
     assert -e.min() < 1e-3 * found.displacement.max() and (p >= 0).all()
     assert abs(e[p > 0]).max() < 1e-3 * found.displacement.max()
+
+
+@pytest.mark.parametrize("method", ["norm", "fmg_v11"])
+def test_the_limit_is_of_iterations_in_a_row(method):
+    """A search for a load makes several rows of them."""
+    solution = solve(periodic_rough(32), None, method, load=20.0, lcp_max_it=1)
+    assert not solution.converged
+    assert solution.message.startswith("1 active set iterations in a row were not enough")
+    assert solution.iterations > 1

@@ -4,6 +4,7 @@ import math
 import pickle
 import re
 from concurrent.futures import ThreadPoolExecutor
+from fractions import Fraction
 
 import h5py
 import numpy as np
@@ -91,6 +92,14 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
         ("names of options", lambda: ContactSolver(BALL, options={3: 8})),
         ("-lcp_rtol: needed: names without", lambda: ContactSolver(BALL, options={"-lcp_rtol": 1e-8})),
         ("3 numbers; allowed: .*ContactSolver.path", lambda: solve(BALL, load=[1, 2, 3])),
+        ("approach: 1 numbers; allowed: a number", lambda: solve(BALL, approach=np.array([1e-3]))),
+        ("approach: is str; needed: a number \\[mm\\]", lambda: solve(BALL, approach="1e-3")),
+        ("approach: is bool; needed", lambda: solve(BALL, approach=True)),
+        ("load: is bool_?; needed: a number \\[N\\]", lambda: solve(BALL, load=np.array(True))),
+        ("mean_pressure: is bytes", lambda: solve(BALL, mean_pressure=b"1")),
+        ("approach: is complex", lambda: solve(BALL, approach=1e-3 + 0j)),
+        ("load inf: allowed: a number of size", lambda: solve(BALL, load=10**400)),
+        ("load: is str", lambda: ContactSolver(BALL).path(load=[1, "2"])),
         (r"in surfaces=\[...\]", lambda: ContactProblem(GRID, STEEL, ROUGH)),
         ("at most 1", lambda: SelfAffineSurface(1.8, 1, 0.5, (3, 3), 1)),
         (
@@ -117,6 +126,11 @@ def test_masked_points_are_missing_points():
     by_function = ContactProblem(GRID, STEEL, lambda x, y: masked).shape_on(GRID)
     np.testing.assert_array_equal(by_array, np.where(masked.mask, np.nan, HEIGHTS))
     np.testing.assert_array_equal(by_function, by_array)
+
+
+@pytest.mark.parametrize("number", [2, Fraction(2), np.float32(2), np.int8(2), np.array(2.0), np.array(2)])
+def test_any_real_number_is_a_load(number):
+    assert solve(BALL, load=number).load == solve(BALL, load=2.0).load
 
 
 def test_what_was_handed_over_stays_as_it_was():

@@ -115,7 +115,7 @@ REFUSED = {
         "exactly one of approach .mm., load .N., mean_pressure .N/mm2. and mean_gap .mm. is needed",
     ),
     "two": ("periodic", {"load": 1, "mean_gap": 0}, "exactly one"),
-    "no number": ("free", {"mean_pressure": "much"}, "mean_pressure much: allowed: a number"),
+    "no number": ("free", {"mean_pressure": "much"}, "mean_pressure: is str; needed: a number"),
     "tension": (
         "free",
         {"mean_pressure": -1},

@@ -89,6 +89,7 @@ def test_refines_until_the_errors_are_small():
     grids = refine(hertz(16), 0.01, approach=APPROACH)
     assert grids.reached
     assert [row["nx"] for row in grids.rows] == [16 * 2**k for k in range(len(grids.rows))]
+    assert not any("refined" in note for note in grids.solution.notes)
     assert grids.errors.largest <= 0.01 < max(grids.rows[-2][name] for name in PAIRS.values())
     known = hertz(16).reference(APPROACH)
     for name in PAIRS:
@@ -99,6 +100,7 @@ def test_stops_at_the_largest_grid():
     grids = refine(hertz(16), 1e-6, 2000, load=80000.0, stiffness=True)
     assert not grids.reached
     assert grids.solution.grid.n == 1024
+    assert "refined to 32 x 32 cells, not to errors below 1e-06" in grids.solution.notes
     assert grids.stiffness == pytest.approx(grids.solution.attributes["analytic_stiffness"], rel=0.05)
 
 

@@ -396,7 +396,7 @@ LOADINGS = {
     "nan": ({"approach": np.nan}, "approach nan: allowed: a number"),
     "infinite": ({"load": np.inf}, "load inf: allowed: a number"),
     "huge": ({"approach": 1e60}, "approach 1e.60: allowed: a number"),
-    "text": ({"approach": "deep"}, "approach deep"),
+    "text": ({"approach": "deep"}, "approach: is str; needed: a number"),
     "pull": ({"load": -1.0}, "load -1"),
     "array": ({"load": [1.0, 2.0]}, "allowed: a number"),
     "start": ({"approach": 0.1, "start": "here"}, "start"),

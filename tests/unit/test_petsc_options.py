@@ -1,0 +1,102 @@
+"""PETSc's options: who reads them, and those that a method cannot do."""
+
+import warnings
+
+import pytest
+from cases import hertz, periodic_rough
+
+from app import ContactSolver
+from app.errors import InputError
+
+PROBLEM = hertz(16)
+SNESVI, TAO = {"snesvi": {"lcp_type": "snesvi"}}, {"tao": {"lcp_type": "tao"}}
+PLAIN_CG = {"cg": {"ksp_type": "cg", "pc_type": "none"}}
+REFERENCE = "snes_converged_reason snes_view tao_converged_reason tao_view"
+NONSENSE = f"pc_view pc_view_nonsense mat_viewfoo mat_view_nonsense snes_view_zzz tao_view_zzz {REFERENCE}"
+READ = [
+    (None, "ksp_converged_reason"),
+    ("norm", "ksp_converged_reason"),
+    (PLAIN_CG, "ksp_converged_reason"),
+    ("fmg_v11", "ksp_converged_reason mg_levels_ksp_converged_reason mg_levels_1_ksp_converged_reason"),
+    ("fmg_v11", "mg_coarse_ksp_converged_reason mg_coarse_sub_ksp_converged_reason mat_view mg_coarse_sub_mat_view"),
+    (SNESVI, "ksp_converged_reason snes_converged_reason snes_view snes_view_pre snes_view_solution"),
+    (TAO, "ksp_converged_reason tao_converged_reason tao_view tao_ls_view"),
+]  # fmt: skip
+UNREAD = [
+    (None, f"{NONSENSE} foo_ksp_converged_reason mat_view"),
+    ("norm", "snes_view tao_view mat_view"),
+    ("fmg_v11", f"{NONSENSE} mg_levels_pc_view_q mg_levels_9_ksp_converged_reason mg_levels_mat_view"),
+    (SNESVI, "snes_view_zzz tao_view tao_converged_reason"),
+    (TAO, "tao_view_zzz snes_view snes_converged_reason"),
+]
+PYTHON_KSP = {"ksp_monitor_solution": "", "ksp_guess_type": "fischer", "ksp_knoll": ""}
+
+
+def each(table):
+    return [(method, name) for method, names in table for name in names.split()]
+
+
+@pytest.mark.parametrize(("method", "name"), each(READ))
+def test_what_is_accepted_is_read_by_the_end_of_a_solve(method, name, capfd):
+    with ContactSolver(PROBLEM, method, {name: ""}) as solver:
+        assert solver.solve(approach=0.1).converged
+        assert name not in solver._database.unused()
+        assert name in solver.settings.texts
+    assert capfd.readouterr().out
+
+
+@pytest.mark.parametrize(("method", "name"), each(UNREAD))
+def test_what_nobody_reads_is_refused(method, name):
+    with pytest.raises(InputError, match=rf"^unknown or unused option: -{name}\b"):
+        ContactSolver(PROBLEM, method, {name: ""})
+
+
+@pytest.mark.parametrize("problem", [PROBLEM, periodic_rough(32)])
+@pytest.mark.parametrize("name", PYTHON_KSP)
+def test_the_linear_solvers_of_default_methods_have_no_solution_of_their_own(problem, name):
+    with pytest.raises(
+        InputError, match=rf"^-{name}: .*; allowed with -lcp_type active_set( or tao or snesvi)?$"
+    ):
+        ContactSolver(problem, options={name: PYTHON_KSP[name]})
+
+
+@pytest.mark.parametrize("name", PYTHON_KSP)
+@pytest.mark.parametrize("method", ["norm", "mg_v11"])
+def test_other_methods_solve_as_ever_with_them(method, name, capfd):
+    with (
+        ContactSolver(PROBLEM, method, {name: PYTHON_KSP[name]}) as changed,
+        ContactSolver(PROBLEM, method) as plain,
+    ):
+        assert changed.solve(approach=0.1).load == pytest.approx(plain.solve(approach=0.1).load, rel=1e-6)
+
+
+def test_what_is_switched_off_is_not_refused():
+    ContactSolver(PROBLEM, options={"ksp_knoll": False, "ksp_error_if_not_converged": "no"}).close()
+
+
+@pytest.mark.parametrize("method", [None, "norm", "fmg_v11"])
+def test_an_unconverged_linear_solve_is_no_error(method):
+    with pytest.raises(
+        InputError, match=r"^-ksp_error_if_not_converged: .* allowed with -lcp_type tao or snesvi$"
+    ):
+        ContactSolver(PROBLEM, method, {"ksp_max_it": 2, "ksp_error_if_not_converged": ""})
+
+
+@pytest.mark.parametrize("method", [SNESVI, TAO])
+def test_but_may_be_one_to_others(method):
+    options = {"ksp_max_it": 2, "ksp_error_if_not_converged": "", "ksp_rtol": 1e-12}
+    with warnings.catch_warnings(), ContactSolver(PROBLEM, method, options) as solver:
+        warnings.simplefilter("ignore", RuntimeWarning)
+        assert solver.solve(approach=0.1).message
+
+
+@pytest.mark.parametrize("method", [SNESVI, TAO])
+def test_systems_of_another_size_take_no_guess(method):
+    with pytest.raises(InputError, match=r"^-ksp_guess_type: .*; allowed with -lcp_type active_set$"):
+        ContactSolver(PROBLEM, method, {"ksp_guess_type": "pod"})
+
+
+@pytest.mark.parametrize("method", [None, "norm", "mg_v11", SNESVI, TAO])
+def test_monitors_of_errors_need_what_there_is_not(method):
+    with pytest.raises(InputError, match=r"^-ksp_monitor_error: needs a DM of PETSc's, there is none$"):
+        ContactSolver(PROBLEM, method, {"ksp_monitor_error": ""})
