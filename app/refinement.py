@@ -98,7 +98,8 @@ def refine(
             if len(numbers) > 1:
                 errors = errors_from(numbers, solver.touching, by_load).with_rim(solution)
             rows.append(_row(solution, errors))
-            reached = solution.converged and errors.largest <= until
+            # Without a pressure there is nothing to refine.
+            reached = solution.converged and (errors.largest <= until or not solution.load)
             last = 4 * grid.n > most_cells or not _has_room(solver, grid.refine())
             if reached or not solution.converged or last:
                 if solution.converged and not reached:

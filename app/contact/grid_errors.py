@@ -120,7 +120,10 @@ def errors_from(grids, touching, prescribes_load):
 
 
 def _error(values, pairs, scatter=0.0):
-    """Relative error of the first of some values, on grids from fine to coarse; on the second they may scatter."""
+    """Relative error of the first of some values, on grids from fine to coarse; on the second they may scatter.
+
+    1, all of it, is the most that is said.
+    """
     if not values[0]:
         return float("nan")
     steps = [coarse - fine for fine, coarse in pairwise(values)]
@@ -129,7 +132,7 @@ def _error(values, pairs, scatter=0.0):
     if alike and sizes[0] > scatter and all(finer > _FALLING * coarser for finer, coarser in pairwise(sizes)):
         return 1.0
     doubt = 1.0 if len(sizes) >= pairs else _FEWER_PAIRS
-    return doubt * max(size * 0.5**k for k, size in enumerate(sizes[:pairs])) / abs(values[0])
+    return min(1.0, doubt * max(size * 0.5**k for k, size in enumerate(sizes[:pairs])) / abs(values[0]))
 
 
 def pressure_difference(comm, transfer, coarse, state):

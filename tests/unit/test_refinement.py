@@ -104,6 +104,17 @@ def test_stops_at_the_largest_grid():
     assert grids.stiffness == pytest.approx(grids.solution.attributes["analytic_stiffness"], rel=0.05)
 
 
+@pytest.mark.parametrize("loading", [{"load": 0.0}, {"approach": 0.0}, {"approach": -1.0}])
+def test_without_a_pressure_there_is_nothing_to_refine(loading):
+    grids = refine(hertz(16), 1e-3, **loading)
+    assert grids.reached and len(grids.rows) == 1
+
+
+def test_no_error_is_more_than_all():
+    grids = [GridNumbers(1.0, 1.0, 1.0, area, 0.25**k) for k, area in enumerate((50.0, 10.0, 1.0))]
+    assert errors_from(grids, 0.0, True).contact_area_error == 1.0
+
+
 def test_stops_before_the_largest_grid_that_petsc_can_count(monkeypatch):
     def few(grid):
         if grid.n > 1024:
