@@ -11,43 +11,42 @@ from app.halfspace.reductions import any_order
 
 
 @any_order
-def _exchange_row(p, w, change, b, admissible, contact, least_pressure, least_gap, captured):
-    cells, free, caught, total, gaps, pressures = 0, 0, 0, 0.0, 0.0, 0.0
+def _exchange_row(p, w, change, b, admissible, contact, least_pressure, least_gap, compliance, captured):
+    cells, free, caught, total, moves = 0, 0, 0, 0.0, 0.0
     for i in range(p.size):
         inside, here = contact[i], w[i] + change[i]
-        gap, pressure = here - b[i], np.float64(p[i])
+        gap = here - b[i]
         out = inside & (p[i] < least_pressure)
         new = (not inside) & admissible[i] & (gap < least_gap)
-        gaps += gap * gap if new else 0.0
-        pressures += pressure * pressure if out else 0.0
+        moved = p[i] * compliance if out else (gap if new else 0.0)
         captured[i] = new
         contact[i] = (inside & (not out)) | new
         free += out
         caught += new
         cells += contact[i]
         total += here
-    return cells, caught, free, total, gaps, pressures
+        moves += moved * moved
+    return cells, caught, free, total, moves
 
 
 @njit()
-def exchange(p, w, change, b, admissible, contact, least_pressure, least_gap, captured):
+def exchange(p, w, change, b, admissible, contact, least_pressure, least_gap, compliance, captured):
     """Release cells of C with p < least_pressure, capture others with w + change - b < least_gap.
 
-    Return the cells in C then, how many were captured and released, the sum of w + change, and those of the squares of
-    the gaps of captured cells and of the pressures of released ones.
+    Return the cells in C then, how many were captured and released, the sum of w + change, and that of the squares by
+    which w will move there at least: of the gaps, and of p times a compliance.
     """
-    cells, caught, free, total, gaps, pressures = 0, 0, 0, 0.0, 0.0, 0.0
+    cells, caught, free, total, moves = 0, 0, 0, 0.0, 0.0
     for j in range(p.shape[0]):
         here = _exchange_row(
-            p[j], w[j], change[j], b[j], admissible[j], contact[j], least_pressure, least_gap, captured[j]
-        )
+            p[j], w[j], change[j], b[j], admissible[j], contact[j], least_pressure, least_gap, compliance, captured[j]
+        )  # fmt: skip
         cells += here[0]
         caught += here[1]
         free += here[2]
         total += here[3]
-        gaps += here[4]
-        pressures += here[5]
-    return cells, caught, free, total, gaps, pressures
+        moves += here[4]
+    return cells, caught, free, total, moves
 
 
 @any_order
@@ -138,7 +137,7 @@ def warm_up(dtype):
     fixed.flags.writeable = False
     kind = field.astype(dtype)
     for p in (field, kind):
-        exchange(p, field, kind, fixed, cells, cells, 0.0, 0.0, cells)
+        exchange(p, field, kind, fixed, cells, cells, 0.0, 0.0, 1.0, cells)
     close(field, fixed, cells, kind, 0.0, kind)
     touch(field, fixed, cells, cells, kind)
     guess_sources(fixed, field, fixed, cells, 0.0, low, low)

@@ -209,11 +209,11 @@ class PrimalState:
         state = self.state
         counts = loops.exchange(
             solver.carried, self.w, solver.change, state.distance.b, state.admissible, state.contact,
-            least_pressure, least_gap, self._captured,
+            least_pressure, least_gap, 1 / solver.preconditioner.stiffness, self._captured,
         )  # fmt: skip
-        *counts, total, gaps, pressures = state.sum(counts)
+        *counts, total, squares = state.sum(counts)
         cells, captured, released = map(int, counts)
-        moves = float(np.sqrt(gaps + pressures / solver.preconditioner.stiffness**2))
+        moves = float(np.sqrt(squares))
         approach = state.distance.reference - float(total) / self.cells
         if self.loading.prescribes_load and not cells:
             np.logical_not(self.inverse.mask, out=state.contact)  # as it was
