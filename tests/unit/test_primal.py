@@ -35,6 +35,9 @@ SINGLE = 2e-6
 
 each_shape = pytest.mark.parametrize("shape", SHAPES, ids=[f"{ny}x{nx}" for ny, nx in SHAPES])
 SHARES = np.array([1.1, 0.7, 0.9, 1.3, 0.8, 1.0, 0.6, 1.2], np.float32)
+each_loading = pytest.mark.parametrize(
+    "loading", [partial(PrescribedLoad, 1e2), partial(PrescribedApproach, 0.03)], ids=["load", "approach"]
+)
 each_count = pytest.mark.parametrize("steps", [1, 2, 3, 5, 8])
 
 
@@ -401,9 +404,7 @@ def pressure_of(primal, w=None):
     return p + primal.mean_pressure
 
 
-@pytest.mark.parametrize(
-    "loading", [partial(PrescribedLoad, 1e2), partial(PrescribedApproach, 0.03)], ids=["load", "approach"]
-)
+@each_loading
 def test_without_a_product_the_solver_goes_on_where_it_was(steps, loading):
     """w and p lag until they are taken; what is to be added to them adds up, from one contact set to the next."""
     primal, solver = steps(loading())
@@ -430,9 +431,7 @@ def test_without_a_product_the_solver_goes_on_where_it_was(steps, loading):
     assert (primal.w == taken).all()
 
 
-@pytest.mark.parametrize(
-    "loading", [partial(PrescribedLoad, 1e2), partial(PrescribedApproach, 0.03)], ids=["load", "approach"]
-)
+@each_loading
 @pytest.mark.parametrize("holes", [0.0, 0.1])
 def test_every_step_keeps_p_and_the_loading(steps, loading, holes):
     """p = B w + mean pressure; of an approach, the mean of w; of a load, that of p; w = b on C."""
@@ -510,9 +509,7 @@ def test_cells_that_change_by_too_little_to_matter_need_no_more_sets(monkeypatch
         assert found.attributes["reason"] == CONVERGED
 
 
-@pytest.mark.parametrize(
-    "loading", [partial(PrescribedLoad, 1e2), partial(PrescribedApproach, 0.03)], ids=["load", "approach"]
-)
+@each_loading
 def test_if_they_matter_after_all_it_goes_on(steps, loading):
     primal, solver = steps(loading())
     state = primal.state
