@@ -27,7 +27,7 @@ RELEASED = 0.01  # share of the load that may be released on a coarse grid witho
 NEAR = 3.0  # times its tolerance may the approach to a load still be off on a coarse grid
 SINGLE = 1e-6  # of ||h|| on C: a smaller residual is not for single precision to compute
 FALLEN = (
-    0.01  # of the largest load since u was computed: below it what rounding has left of that in u is too much
+    0.01  # of the largest load since u was computed: below, what that has left in u by rounding is too much
 )
 
 
