@@ -26,9 +26,7 @@ from app.fast.progress import NeedsSafeguard, Progress
 RELEASED = 0.01  # share of the load that may be released on a coarse grid without asking what that does to u
 NEAR = 3.0  # times its tolerance may the approach to a load still be off on a coarse grid
 SINGLE = 1e-6  # of ||h|| on C: a smaller residual is not for single precision to compute
-FALLEN = (
-    0.01  # of the largest load since u was computed: below, what that has left in u by rounding is too much
-)
+FALLEN = 0.01  # of the largest load since u was computed: below, rounding of that is too much in u
 
 
 def inexact_active_set(state, solver, loading, stop, history):
