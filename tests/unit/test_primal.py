@@ -398,6 +398,14 @@ def steps(make):
         one.state.destroy()
 
 
+def guessed(steps, loading):
+    """A PrimalState whose contact set is guessed, and its solver."""
+    primal, solver = steps(loading)
+    primal.start(solver)
+    primal.guess(solver)
+    return primal, solver
+
+
 def pressure_of(primal, w=None):
     p = np.empty(primal.w.shape)
     primal.inverse.exact_pressure(primal.w if w is None else w, p)
@@ -407,10 +415,8 @@ def pressure_of(primal, w=None):
 @each_loading
 def test_without_a_product_the_solver_goes_on_where_it_was(steps, loading):
     """w and p lag until they are taken; what is to be added to them adds up, from one contact set to the next."""
-    primal, solver = steps(loading())
+    primal, solver = guessed(steps, loading())
     state = primal.state
-    primal.start(solver)
-    primal.guess(solver)
     w, p, norms = primal.w.copy(), state.p.copy(), []
     for _ in range(3):
         norms.append(solver.improve(primal, 0.0)[2])
@@ -511,10 +517,8 @@ def test_cells_that_change_by_too_little_to_matter_need_no_more_sets(monkeypatch
 
 @each_loading
 def test_if_they_matter_after_all_it_goes_on(steps, loading):
-    primal, solver = steps(loading())
+    primal, solver = guessed(steps, loading())
     state = primal.state
-    primal.start(solver)
-    primal.guess(solver)
     norm = solver.improve(primal, 0.0)[2]
     update = primal.exchange(solver, 0.0, 0.0, norm)
     free = ~state.contact
@@ -529,9 +533,7 @@ def test_if_they_matter_after_all_it_goes_on(steps, loading):
 
 
 def test_under_a_load_something_stays_in_contact(steps):
-    primal, solver = steps(PrescribedLoad(1e2))
-    primal.start(solver)
-    primal.guess(solver)
+    primal, solver = guessed(steps, PrescribedLoad(1e2))
     before = primal.state.contact.copy()
     solver.carried[...] = -1.0
     solver.change[...] = 1.0
@@ -597,9 +599,7 @@ def test_a_start_from_a_pressure_knows_it_well_enough(steps, holes):
 
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_it_is_flexible_cg_step_for_step(steps, count):
-    primal, solver = steps(PrescribedLoad(1e2))
-    primal.start(solver)
-    primal.guess(solver)
+    primal, solver = guessed(steps, PrescribedLoad(1e2))
     left = np.where(primal.inverse.mask, -primal.state.p, 0.0)
     other = PETSc.KSP().create(PETSc.COMM_SELF)
     other.setOperators(solver.mat)
