@@ -6,8 +6,10 @@ coarser grids and the solution included, see docs/scaling.md. Ranks of one host 
 
 from __future__ import annotations
 
+import ctypes
 import os
 import resource
+from contextlib import suppress
 from pathlib import Path
 
 from app.errors import InputError, agree
@@ -18,6 +20,12 @@ CYCLES = 12  # more of the active set with Gauss-Seidel sweeps, multigrid cycles
 EXCHANGE = 0.2  # share more on several ranks: what is received while columns and rows change places
 LEAST = 9  # of any method on any problem
 SMALL = 1 << 20  # bytes that nobody asks after
+
+
+def tell_malloc(option, value):
+    """Set an option of glibc's malloc, by mallopt's number; other C libraries have none. Not collective."""
+    with suppress(AttributeError, ValueError):
+        ctypes.CDLL(None).mallopt(option, value)
 
 
 def doubles_per_cell(settings, periodic=False):

@@ -27,11 +27,12 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.errors import InputError
+from app.memory import tell_malloc
 
 _M_MMAP_MAX = -4
-with suppress(AttributeError, ValueError):  # another C library than glibc
+with suppress(ValueError):  # of a text that is no number
     # SuperLU_DIST, which many a PETSc loads, has malloc keep whatever is freed; large arrays are to go again.
-    ctypes.CDLL(None).mallopt(_M_MMAP_MAX, int(os.environ.get("MALLOC_MMAP_MAX_", 65536)))
+    tell_malloc(_M_MMAP_MAX, int(os.environ.get("MALLOC_MMAP_MAX_", 65536)))
 _Handle = ctypes.c_void_p
 _Text = ctypes.c_char_p
 TAO_REASONS = getattr(PETSc.TAO, "ConvergedReason", None) or PETSc.TAO.Reason

@@ -7,7 +7,6 @@ doubles per cell measured on all ranks, and estimated.
 Measured as on large grids, where malloc gives back what is freed, and nothing is small enough to be kept.
 """
 
-import ctypes
 import json
 import sys
 import warnings
@@ -17,7 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 from app import ContactProblem, ContactSolver, Grid, Material
-from app.memory import doubles_per_cell
+from app.memory import doubles_per_cell, tell_malloc
 from app.multigrid import kept
 
 
@@ -58,7 +57,7 @@ def status(name):
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
     for option in (-1, -2, -3):  # M_TRIM_THRESHOLD, M_TOP_PAD, M_MMAP_THRESHOLD
-        ctypes.CDLL(None).mallopt(option, 65536)
+        tell_malloc(option, 65536)
     n, word, *more = int(sys.argv[1]), *sys.argv[2:]
     pressure, kept.LARGEST_KEPT = more[0] if more else "50", 0
     periodic, method = word.startswith("periodic:"), word.removeprefix("periodic:")

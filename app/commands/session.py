@@ -8,7 +8,6 @@ Whatever happens on whatever ranks, all of them end.
 
 from __future__ import annotations
 
-import ctypes
 import os
 import platform
 import re
@@ -24,6 +23,7 @@ from importlib.util import find_spec
 from app import __version__
 from app.commands import streams
 from app.errors import FailedElsewhere, InputError, agree, described, one_line
+from app.memory import tell_malloc
 from app.petsc_path import HOW_TO_GET
 
 # mallopt's numbers, names in the environment and values: freed work arrays are made anew all the time, and their pages,
@@ -104,12 +104,10 @@ def for_mpi(environment):
 
 
 def _keep_pages(environment):
-    """Let malloc keep what is freed, if it is glibc's, and as far as the environment does not say how it is to be."""
-    with suppress(AttributeError, ValueError):
-        mallopt = ctypes.CDLL(None).mallopt
-        for number, (name, value) in _MALLOC.items():
-            if name not in environment:
-                mallopt(number, value)
+    """Let malloc keep what is freed, as far as the environment does not say how it is to be."""
+    for option, (name, value) in _MALLOC.items():
+        if name not in environment:
+            tell_malloc(option, value)
 
 
 def _leave_removed_folder():

@@ -165,12 +165,12 @@ def _closing(state, energy, enough):
     gap = factor * to_p + max(constant, 0.0) * pressures
     energy = max(energy, np.finfo(float).eps * state.operator.diagonal * squares)
     moved = (*fields, diagonal, factor, constant, (factor - 1) * elsewhere + constant)
-    rough = most = inverse.norm() * state.sum([_squares(*moved)])[0] / 2
+    rough = most = inverse.norm() * state.sum([_move(*moved, np.empty((len(state.u), 0)))[0]])[0] / 2
     if gap + rough > enough**2 * energy / 2:
         field = np.empty(state.u.shape) if state.work is None else state.work
         _move(*moved, field)
         inverse.apply(field, field)
-        rough = state.sum([_move(*moved, field)])[0] / 2 + _TRANSFORM * np.finfo(inverse.dtype).eps * most
+        rough = state.sum([_move(*moved, field)[1]])[0] / 2 + _TRANSFORM * np.finfo(inverse.dtype).eps * most
     return float(gap + rough), float(energy)
 
 
@@ -203,42 +203,30 @@ def _gaps(b, u, p, admissible, diagonal):
 
 
 @any_order
-def _squares_row(b, u, p, admissible, diagonal, factor, constant, elsewhere):
-    squares = 0.0
+def _move_row(b, u, p, admissible, diagonal, factor, constant, elsewhere, field):
+    squares, product = 0.0, 0.0
     for i in range(b.size):
         e = u[i] - b[i]
         w = factor * max(e - p[i] / diagonal, 0.0) + constant - e if admissible[i] else elsewhere
         squares += w * w
-    return squares
+        if field.size:
+            product += w * field[i]
+            field[i] = w
+    return squares, product
 
 
-@any_order
-def _squares(b, u, p, admissible, diagonal, factor, constant, elsewhere):
-    """w.w, w what e moves by to the gap that is to be reached."""
-    squares = 0.0
-    for j in range(b.shape[0]):
-        squares += _squares_row(b[j], u[j], p[j], admissible[j], diagonal, factor, constant, elsewhere)
-    return squares
-
-
-@any_order
-def _move_row(b, u, p, admissible, diagonal, factor, constant, elsewhere, field):
-    product = 0.0
-    for i in range(b.size):
-        e = u[i] - b[i]
-        w = factor * max(e - p[i] / diagonal, 0.0) + constant - e if admissible[i] else elsewhere
-        product += w * field[i]
-        field[i] = w
-    return product
-
-
-@any_order
+@njit()
 def _move(b, u, p, admissible, diagonal, factor, constant, elsewhere, field):
-    """field = w; return w.field for the field there was."""
-    product = 0.0
+    """Return w.w, w what e moves by to the gap that is to be reached, and w.field; `field` becomes w.
+
+    Both only if it has columns.
+    """
+    squares, product = 0.0, 0.0
     for j in range(b.shape[0]):
-        product += _move_row(b[j], u[j], p[j], admissible[j], diagonal, factor, constant, elsewhere, field[j])
-    return product
+        row = _move_row(b[j], u[j], p[j], admissible[j], diagonal, factor, constant, elsewhere, field[j])
+        squares += row[0]
+        product += row[1]
+    return squares, product
 
 
 @any_order
@@ -337,5 +325,4 @@ def warm_up(periodic=False):
     _lift(fixed, field, mask, 0.0, rows, np.zeros((3, 2)))
     if periodic:
         _gaps(fixed, field, fixed, mask, 1.0)
-        _squares(fixed, field, fixed, mask, 1.0, 1.0, 0.0, 0.0)
         _move(fixed, field, fixed, mask, 1.0, 1.0, 0.0, 0.0, field)

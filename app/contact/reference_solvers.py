@@ -71,18 +71,11 @@ class _ReferenceSolver:
         self._h.setArray(np.where(state.admissible, -state.distance.b, 0.0).reshape(-1))
         acceptable = self.stop.allowed(state)
         try:
-            try:
-                reason = self._run(state.pressure, lower, upper, 0.1 * acceptable)
-            except PETSc.Error as error:
-                if error.ierr not in _GIVES_UP:
-                    raise
-                reason = error_message(error)
+            reason = self._attempt(state.pressure, lower, upper, 0.1 * acceptable)
             norm, overlap = self._residual(state)
             self._record.end(norm)
         finally:
-            self._record = (
-                None  # which refers to this: a circle would keep all arrays until garbage is collected
-            )
+            self._record = None  # refers to this: a circle would keep all arrays until garbage is collected
             for vec in (lower, upper):
                 vec.destroy()
         converged = np.hypot(norm, overlap) <= acceptable
@@ -90,6 +83,15 @@ class _ReferenceSolver:
             wrong = "the residual is too large" if norm > overlap else "the bodies penetrate outside contact"
             reason = f"{reason}; {wrong}"
         return Outcome(converged, reason, self.iterations, norm / state.distance.norm())
+
+    def _attempt(self, *arguments):
+        """What `_run` says, or PETSc where it gives up. Collective."""
+        try:
+            return self._run(*arguments)
+        except PETSc.Error as error:
+            if error.ierr not in _GIVES_UP:
+                raise
+            return error_message(error)
 
     def _residual(self, state):
         """Norms of the residual (5.1) and of the penetration outside contact [mm], by a double precision product.

@@ -209,7 +209,7 @@ class PrimalState:
         state = self.state
         counts = loops.exchange(
             solver.carried, self.w, solver.change, state.distance.b, state.admissible, state.contact,
-            least_pressure, least_gap, 1 / solver.preconditioner.stiffness, self._captured,
+            least_pressure, least_gap, solver.preconditioner.weights[0], self._captured,
         )  # fmt: skip
         *counts, total, squares = state.sum(counts)
         cells, captured, released = map(int, counts)
