@@ -26,6 +26,13 @@ def publish(path, page):
     print(text)
 
 
+def insist(rows):
+    """End with exit status 1 if rows of a page have a note: no result, or one that is not accurate enough."""
+    noted = sum(bool(row.get("note")) for row in rows)
+    if noted:
+        sys.exit(f"{noted} of {len(rows)} solves: no result, or not accurate enough; see `note`")
+
+
 def processor():
     """Name of the processor."""
     lines = Path("/proc/cpuinfo").read_text().splitlines()

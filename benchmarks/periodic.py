@@ -13,7 +13,7 @@ from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
 from app.output.table import markdown
 from app.problems.surfaces import SelfAffineSurface
-from benchmarks.measure import Memory, head, publish, quickest, solve_command
+from benchmarks.measure import Memory, head, insist, publish, quickest, solve_command
 from benchmarks.plain import PlainPeriodicProduct, check_periodic
 
 SIDE, SLOPE = 1.0, 0.1  # of the patch [mm], rms
@@ -75,6 +75,7 @@ def write_page(sizes, ranks, options, output):
             command = solve_command(words(path, load), options.method, count, folder / "result.h5")
             rows.append(_row(command, size, load, count, options.repeats, memory, first))
     publish(output, [head(options, "Benchmark on periodic patches"), PAGE, markdown(rows), ""])
+    insist(rows)
 
 
 def _row(command, size, load, count, repeats, memory, first):

@@ -21,6 +21,7 @@ _LOOSE = 0.005  # share of the cells that may still change on a coarse grid
 _SLIGHT = 0.3  # of the error aimed at: so much overlap, or what tension displaces a cell by, is left alone
 _SURE = 0.5  # of the residual allowed is asked of the preconditioned one, which may be too small
 _UNSURE = 0.5  # of the error aimed at the solver's residual may be wrong by
+_FAR = 5.0  # times the error aimed at: where the gap of a cell changes by more, the contact set is not the last one
 _OFF = 100.0  # times the error that the residual says: then it is not the residual that is wrong, but p
 _DOUBT = 0.6  # of what a verification asks for is aimed at after it
 _LIGHT = 1e-11  # of a prescribed depth: error that can be aimed at, however high the surface is
@@ -64,7 +65,9 @@ def primal_active_set(primal, solver, stop, history):
         # What has been carried along is right enough to be verified; after a failure only if it is by FFT.
         sure = not primal.lags or solver.doubt <= (0 if accuracy.doubted else _UNSURE * goal)
         # 4. p < 0 leaves C, e < 0 enters
-        update = primal.exchange(solver, -slight * solver.preconditioner.stiffness, -slight, norm)
+        update = primal.exchange(
+            solver, -slight * solver.preconditioner.stiffness, -slight, _FAR * accuracy.aim, norm
+        )
         with primal.shown(solver) if history.listeners else nullcontext():
             history.add(state, solver, update, its)
         residual = norm / state.distance.norm()  # not (5.1): about the error of w

@@ -11,7 +11,7 @@ from app.halfspace.reductions import any_order
 
 
 @any_order
-def _exchange_row(p, w, change, b, admissible, contact, least_pressure, least_gap, compliance, captured):
+def _exchange_row(p, w, change, b, admissible, contact, least_pressure, least_gap, compliance, far, captured):
     cells, free, caught, total, moves = 0, 0, 0, 0.0, 0.0
     for i in range(p.size):
         inside, here = contact[i], w[i] + change[i]
@@ -25,21 +25,22 @@ def _exchange_row(p, w, change, b, admissible, contact, least_pressure, least_ga
         caught += new
         cells += contact[i]
         total += here
-        moves += moved * moved
+        moves += moved * moved if abs(moved) <= far else np.inf
     return cells, caught, free, total, moves
 
 
 @njit()
-def exchange(p, w, change, b, admissible, contact, least_pressure, least_gap, compliance, captured):
+def exchange(p, w, change, b, admissible, contact, least_pressure, least_gap, compliance, far, captured):
     """Release cells of C with p < least_pressure, capture others with w + change - b < least_gap.
 
     Return the cells in C then, how many were captured and released, the sum of w + change, and that of the squares by
-    which w will move there at least: of the gaps, and of p times a compliance.
+    which w will move there at least: of the gaps, and of p times a compliance; infinite if one is more than `far`.
     """
     cells, caught, free, total, moves = 0, 0, 0, 0.0, 0.0
     for j in range(p.shape[0]):
         here = _exchange_row(
-            p[j], w[j], change[j], b[j], admissible[j], contact[j], least_pressure, least_gap, compliance, captured[j]
+            p[j], w[j], change[j], b[j], admissible[j], contact[j], least_pressure, least_gap, compliance, far,
+            captured[j],
         )  # fmt: skip
         cells += here[0]
         caught += here[1]
@@ -137,7 +138,7 @@ def warm_up(dtype):
     fixed.flags.writeable = False
     kind = field.astype(dtype)
     for p in (field, kind):
-        exchange(p, field, kind, fixed, cells, cells, 0.0, 0.0, 1.0, cells)
+        exchange(p, field, kind, fixed, cells, cells, 0.0, 0.0, 1.0, 1.0, cells)
     close(field, fixed, cells, kind, 0.0, kind)
     touch(field, fixed, cells, cells, kind)
     guess_sources(fixed, field, fixed, cells, 0.0, low, low)

@@ -420,7 +420,7 @@ def test_without_a_product_the_solver_goes_on_where_it_was(steps, loading):
     w, p, norms = primal.w.copy(), state.p.copy(), []
     for _ in range(3):
         norms.append(solver.improve(primal, 0.0)[2])
-        primal.exchange(solver, 0.0, -np.inf, norms[-1])  # releases only
+        primal.exchange(solver, 0.0, -np.inf, np.inf, norms[-1])  # releases only
         assert primal.lags and (primal.w == w).all()
         np.testing.assert_allclose(state.p - p, (state.p - p).mean(), rtol=0, atol=1e-12 * abs(p).max())
         there = pressure_of(primal, w + solver.change)
@@ -467,7 +467,7 @@ def test_every_step_keeps_p_and_the_loading(steps, loading, holes):
         assert np.linalg.norm(p[~state.contact]) < 0.9 * np.linalg.norm(before)
         old = state.contact.copy()
         wrong = state.contact & (p < 0), ~state.contact & state.admissible & (w < state.distance.b)
-        update = primal.exchange(solver, 0.0, 0.0, 0.0)
+        update = primal.exchange(solver, 0.0, 0.0, np.inf, 0.0)
         assert (state.contact == (old & ~wrong[0]) | wrong[1]).all()
         assert (update.cells, update.added, update.released) == (
             state.contact.sum(),
@@ -485,10 +485,10 @@ def test_every_step_keeps_p_and_the_loading(steps, loading, holes):
 def test_cells_that_change_by_too_little_to_matter_need_no_more_sets(monkeypatch, loading):
     ends, verified, verify, steel = [], [], iteration.verify, Material.combined(80000.0, 0.3)
     monkeypatch.setattr(iteration, "verify", lambda *given: verified.append(None) or verify(*given))
-    patch = Grid.from_domain(48, 48, (0, 1, 0, 1))
+    patch = Grid.from_domain(96, 96, (0, 1, 0, 1))
 
     def problem_of(seed):
-        height = SelfAffineSurface(0.8, 1 / 4, 1 / 12, (1.0, 1.0), seed, rms_slope=0.1)
+        height = SelfAffineSurface(0.8, 1 / 4, 1 / 24, (1.0, 1.0), seed, rms_slope=0.1)
         return ContactProblem(patch, steel, surfaces=[height], periodic=True)
 
     for seed in range(1, 13):
@@ -515,12 +515,22 @@ def test_cells_that_change_by_too_little_to_matter_need_no_more_sets(monkeypatch
         assert found.attributes["reason"] == CONVERGED
 
 
+@pytest.mark.parametrize(("cut_off", "seed"), [(4, 3), (4, 2), (8, 6)])
+def test_nor_is_a_single_cell_left_to_overlap_by_much(cut_off, seed):
+    steel, patch = Material.combined(80000.0, 0.3), Grid.from_domain(256, 256, (0, 1, 0, 1))
+    surface = SelfAffineSurface(0.8, 1 / 8, cut_off / 256, (1.0, 1.0), seed, rms_slope=0.1)
+    problem = ContactProblem(patch, steel, surfaces=[surface], periodic=True)
+    found = solve(problem, mean_pressure=0.14 * steel.contact_modulus)
+    assert found.converged
+    assert -found.gap.min() < 1e-5 * problem.shape_on(patch).std()
+
+
 @each_loading
 def test_if_they_matter_after_all_it_goes_on(steps, loading):
     primal, solver = guessed(steps, loading())
     state = primal.state
     norm = solver.improve(primal, 0.0)[2]
-    update = primal.exchange(solver, 0.0, 0.0, norm)
+    update = primal.exchange(solver, 0.0, 0.0, np.inf, norm)
     free = ~state.contact
     primal.take(solver)
     accuracy = iteration._Accuracy(1e-9, 1e-6)
@@ -537,7 +547,7 @@ def test_under_a_load_something_stays_in_contact(steps):
     before = primal.state.contact.copy()
     solver.carried[...] = -1.0
     solver.change[...] = 1.0
-    update = primal.exchange(solver, 0.0, 0.0, 0.0)
+    update = primal.exchange(solver, 0.0, 0.0, np.inf, 0.0)
     assert (update.cells, update.changed) == (before.sum(), 0)
     assert (primal.state.contact == before).all() and (primal.inverse.mask == ~before).all()
 
