@@ -24,7 +24,18 @@ from app.halfspace.reductions import any_nonzero
 
 STRIP = 16  # columns
 ROWS = 2 * STRIP  # at once: two real rows are a sequence
-_TILE = 8  # complex singles are a cache line
+
+
+@njit()
+def _pair_row(a, b, row):
+    for k in range(a.size):
+        row[k] = complex(a[k], b[k])
+
+
+@njit()
+def _pair_row_on(a, b, of_a, of_b, row):
+    for k in range(a.size):
+        row[k] = complex(a[k] if of_a[k] else 0, b[k] if of_b[k] else 0)
 
 
 @njit()
@@ -33,14 +44,25 @@ def _pair(p, mask, pairs):
     last = p.shape[0] - 1
     for m in range((last + 2) // 2):
         j, l = 2 * m, min(2 * m + 1, last)
-        a, b, row = p[j], p[l], pairs[m]
-        if not mask.size:
-            for k in range(p.shape[1]):
-                row[k] = complex(a[k], b[k])
+        if mask.size:
+            _pair_row_on(p[j], p[l], mask[j], mask[l], pairs[m])
         else:
-            for k in range(p.shape[1]):
-                row[k] = complex(a[k] if mask[j, k] else 0, b[k] if mask[l, k] else 0)
-        row[p.shape[1] :] = 0
+            _pair_row(p[j], p[l], pairs[m])
+        pairs[m, p.shape[1] :] = 0
+
+
+@njit()
+def _unpair_row(row, a, b):
+    for k in range(a.size):
+        a[k] = row[k].real
+        b[k] = row[k].imag
+
+
+@njit()
+def _unpair_row_on(row, of_a, of_b, a, b):
+    for k in range(a.size):
+        a[k] = row[k].real if of_a[k] else 0
+        b[k] = row[k].imag if of_b[k] else 0
 
 
 @njit()
@@ -49,13 +71,10 @@ def _unpair(pairs, mask, out):
     last = out.shape[0] - 1
     for m in range((last + 2) // 2):
         j, l = 2 * m, min(2 * m + 1, last)
-        a, b, row = out[j], out[l], pairs[m]
-        for k in range(out.shape[1]):
-            a[k] = row[k].real
-            b[k] = row[k].imag
         if mask.size:
-            a *= mask[j]
-            b *= mask[l]
+            _unpair_row_on(pairs[m], mask[j], mask[l], out[j], out[l])
+        else:
+            _unpair_row(pairs[m], out[j], out[l])
 
 
 @njit()
@@ -118,19 +137,19 @@ def _take_rows(strips, height, start, rows):
 
 
 @njit()
-def _store_pairs(transforms, first, count, scratch, strips, height, start):
+def _store_pairs(transforms, length, first, count, scratch, strips, height, start):
     """Put those of `count` real rows, of pairs', into the strips from row `start` on, from frequency `first` on."""
     if not height:
         return
     columns = strips.size // height
     rows = scratch[: count * columns].reshape(count, columns)
     for m in range((count + 1) // 2):
-        _split(transforms[m], first, rows[2 * m], rows[min(2 * m + 1, count - 1)])
+        _split(transforms[m, :length], first, rows[2 * m], rows[min(2 * m + 1, count - 1)])
     put_rows(rows, strips, height, start)
 
 
 @njit()
-def _fetch_pairs(transforms, first, count, scratch, strips, height, start):
+def _fetch_pairs(transforms, length, first, count, scratch, strips, height, start):
     """Undo `_store_pairs`."""
     if not height:
         return
@@ -138,7 +157,7 @@ def _fetch_pairs(transforms, first, count, scratch, strips, height, start):
     rows = scratch[: count * columns].reshape(count, columns)
     _take_rows(strips, height, start, rows)
     for m in range((count + 1) // 2):
-        _unite(transforms[m], first, rows[2 * m], rows[min(2 * m + 1, count - 1)])
+        _unite(transforms[m, :length], first, rows[2 * m], rows[min(2 * m + 1, count - 1)])
 
 
 @njit()
@@ -158,37 +177,39 @@ def strip_view(strips, height, first, last):
 
 
 @njit()
+def _gather_row(row, columns, at):
+    for c in range(np.uint64(STRIP)):
+        columns[c, at] = row[c]
+
+
+@njit()
+def _scatter_row(columns, at, row):
+    for c in range(np.uint64(STRIP)):
+        row[c] = columns[c, at]
+
+
+@njit()
 def _gather_columns(strip, columns, start):
-    """columns[c, start + r] = strip[r, c], a tile at a time."""
-    height, width = np.uint64(strip.shape[0]), np.uint64(strip.shape[1])
-    tile, y = np.uint64(_TILE), np.uint64(start)
-    for a in range(np.uint64(0), height, tile):
-        for b in range(np.uint64(0), width, tile):
-            if a + tile <= height and b + tile <= width:
-                for c in range(tile):
-                    for r in range(tile):
-                        columns[b + c, y + a + r] = strip[a + r, b + c]
-            else:
-                for c in range(b, min(b + tile, width)):
-                    for r in range(a, min(a + tile, height)):
-                        columns[c, y + r] = strip[r, c]
+    """columns[c, start + r] = strip[r, c]."""
+    width = strip.shape[1]
+    for r in range(strip.shape[0]):
+        if width == STRIP:
+            _gather_row(strip[r], columns, np.uint64(start + r))
+        else:
+            for c in range(width):
+                columns[c, start + r] = strip[r, c]
 
 
 @njit()
 def _scatter_columns(strip, columns, start):
     """Undo `_gather_columns`."""
-    height, width = np.uint64(strip.shape[0]), np.uint64(strip.shape[1])
-    tile, y = np.uint64(_TILE), np.uint64(start)
-    for a in range(np.uint64(0), height, tile):
-        for b in range(np.uint64(0), width, tile):
-            if a + tile <= height and b + tile <= width:
-                for r in range(tile):
-                    for c in range(tile):
-                        strip[a + r, b + c] = columns[b + c, y + a + r]
-            else:
-                for r in range(a, min(a + tile, height)):
-                    for c in range(b, min(b + tile, width)):
-                        strip[r, c] = columns[c, y + r]
+    width = strip.shape[1]
+    for r in range(strip.shape[0]):
+        if width == STRIP:
+            _scatter_row(columns, np.uint64(start + r), strip[r])
+        else:
+            for c in range(width):
+                strip[r, c] = columns[c, start + r]
 
 
 @njit()
@@ -225,11 +246,13 @@ def _some(p, mask, rows, start, stop):
 
 
 @njit()
-def rows_to_strips(p, mask, rows, pairs, transforms, scratch, strips, edges, fftw, forward, few_forward):
+def rows_to_strips(
+    p, mask, rows, length, pairs, transforms, scratch, strips, edges, fftw, forward, few_forward
+):
     """Transform the rows of p, on C if there is a mask, into the strips of each part of the columns between `edges`.
 
     `rows`: those that are not zero, if known. A mask, or rows, that there are none of have size 0. `pairs`,
-    `transforms`: room for pairs of rows and for their transforms. The last batch may be of `few` rows.
+    `transforms`: room for pairs of rows and for their transforms, of a `length`. The last batch may be of `few` rows.
     """
     height = p.shape[0]
     for start in range(0, height, ROWS):
@@ -241,13 +264,15 @@ def rows_to_strips(p, mask, rows, pairs, transforms, scratch, strips, edges, fft
         for k in range(edges.size - 1):
             part = strips[height * edges[k] : height * edges[k + 1]]
             if some:
-                _store_pairs(transforms, edges[k], stop - start, scratch, part, height, start)
+                _store_pairs(transforms, length, edges[k], stop - start, scratch, part, height, start)
             else:
                 _clear_rows(part, height, start, stop - start)
 
 
 @njit()
-def strips_to_rows(out, mask, rows, pairs, transforms, scratch, strips, edges, fftw, backward, few_backward):
+def strips_to_rows(
+    out, mask, rows, length, pairs, transforms, scratch, strips, edges, fftw, backward, few_backward
+):
     """Transform back into the rows of `out`: on C, if there is a mask, 0 elsewhere; or only those of `rows`."""
     height = out.shape[0]
     for start in range(0, height, ROWS):
@@ -259,7 +284,7 @@ def strips_to_rows(out, mask, rows, pairs, transforms, scratch, strips, edges, f
             continue
         for k in range(edges.size - 1):
             part = strips[height * edges[k] : height * edges[k + 1]]
-            _fetch_pairs(transforms, edges[k], stop - start, scratch, part, height, start)
+            _fetch_pairs(transforms, length, edges[k], stop - start, scratch, part, height, start)
         execute(fftw, backward if stop - start == ROWS else few_backward)
         _unpair(pairs, mask[start:stop], out[start:stop])
 
@@ -271,6 +296,7 @@ def convolve_columns(
     places,
     heights,
     rank,
+    length,
     column,
     transforms,
     parts,
@@ -294,8 +320,10 @@ def convolve_columns(
         How many rows each has.
     rank : int
         This one's number.
+    length : int
+        Of the columns.
     column, transforms, parts : ndarray
-        Room for a strip of columns, and for their transforms; these as reals.
+        Room for a strip of columns, and for their transforms; these as reals. Rows may be longer.
     spectrum : ndarray, shape (columns, half a period and one)
         To multiply by.
     scale : float
@@ -319,10 +347,10 @@ def convolve_columns(
         execute(fftw, there if last - first == STRIP else few_there)
         for c in range(last - first):
             if scale:
-                _divide(transforms[c], spectrum[first + c], scale)
+                _divide(transforms[c, :length], spectrum[first + c], scale)
             else:
                 _scale_first_half(parts[c], spectrum[first + c])
-                _scale_second_half(parts[c], spectrum[first + c])
+                _scale_second_half(parts[c, : 2 * length], spectrum[first + c])
         execute(fftw, back if last - first == STRIP else few_back)
         start = 0
         for q in range(heights.size):
