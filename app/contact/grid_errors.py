@@ -8,8 +8,9 @@ finest grid is taken to be
 - the difference from the grid before, or half the difference of that from the one before it, whichever is larger: two
   grids may agree by chance. Of the area, which scatters, a quarter of the next difference counts, too;
 - half as much again, where there are not so many grids;
-- the number itself, where three differences in turn have one sign and do not fall: then it does not converge, as the
-  maximum pressure at the rim of a punch. But an area may differ as the cells on the rim of a round one scatter.
+- ten times the last difference, where three in turn have one sign and do not fall. That is all there is to come if they
+  fall by a tenth from there on; and all of the number, from 10% on: then it does not converge, as the maximum pressure
+  at the rim of a punch. But an area may differ as the cells on the rim of a round one scatter.
 
 docs/load-paths.md has how often this holds. Coarser grids are solved to -lcp_coarse_rtol only: what is below that is
 less certain.
@@ -66,6 +67,7 @@ UNKNOWN = GridErrors()
 _MOST_PAIRS = 3  # of grids that are looked at
 _FEWER_PAIRS = 1.5  # times the differences, where there are not so many grids as should tell
 _FALLING = 0.7  # share of a difference that the next one is at most, of a number that converges
+_SLOWLY = 10.0  # times the last difference, where they do not fall
 
 
 def numbers_on(state, comm, load=None, depth=None):
@@ -130,9 +132,11 @@ def _error(values, pairs, scatter=0.0):
     sizes = [abs(step) for step in steps]
     alike = len(steps) == _MOST_PAIRS and (min(steps) > 0 or max(steps) < 0)
     if alike and sizes[0] > scatter and all(finer > _FALLING * coarser for finer, coarser in pairwise(sizes)):
-        return 1.0
-    doubt = 1.0 if len(sizes) >= pairs else _FEWER_PAIRS
-    return min(1.0, doubt * max(size * 0.5**k for k, size in enumerate(sizes[:pairs])) / abs(values[0]))
+        error = _SLOWLY * sizes[0]
+    else:
+        doubt = 1.0 if len(sizes) >= pairs else _FEWER_PAIRS
+        error = doubt * max(size * 0.5**k for k, size in enumerate(sizes[:pairs]))
+    return min(1.0, error / abs(values[0]))
 
 
 def pressure_difference(comm, transfer, coarse, state):

@@ -11,12 +11,14 @@ import threading
 
 from app.runs.run import ROOT
 
-# Ranks of several runs must not be bound to the same cores; a run without mpiexec needs no daemon of its own.
+# Ranks of several runs must not be bound to the same cores.
 _OPEN_MPI = {
     "OMPI_MCA_hwloc_base_binding_policy": "none",
     "PRTE_MCA_hwloc_default_binding_policy": "none",  # Open MPI 5
-    "OMPI_MCA_ess_singleton_isolated": "1",
 }
+# A run without mpiexec needs no daemon of its own; without that, all would have one folder, which one removes while
+# another makes it.
+_ALONE = {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_orte_create_session_dirs": "0"}
 
 
 class Processes:
@@ -41,6 +43,8 @@ class Processes:
             After `timeout` seconds; the process is gone then.
         """
         environment = {"OMP_NUM_THREADS": "1", **os.environ, **_OPEN_MPI}
+        if command[0] != "mpiexec":
+            environment |= _ALONE
         environment["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
         # A file, not a pipe: a daemon that outlives the process would keep a pipe open.
         with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as errors:

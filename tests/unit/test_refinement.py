@@ -50,6 +50,15 @@ def test_what_does_not_converge_is_told(growth):
     assert np.isnan(errors_from(grids_of(1.0), 0.0, False).load_error)
 
 
+def test_what_hardly_changes_converges_though_its_changes_do_not_fall():
+    """A rough punch on 256 x 256 cells, 97% in contact: finer grids say that its area is 0.3% too large."""
+    areas = 0.9756, 0.9759, 0.9711, 0.9669
+    grids = [GridNumbers(1.0, 1.0, 1.0, area) for area in areas]
+    slow = [GridNumbers(1.0, 1.0, 1.0, area) for area in (0.9796, 0.9754, 0.9711, 0.9669)]
+    for numbers in grids, slow:
+        assert 0.003 < errors_from(numbers, 0.0, True).contact_area_error < 0.05
+
+
 def test_the_rim_of_a_punch_does_not_converge_its_load_does():
     grid = Grid.from_domain(128, 128, (-1.0, 1.0, -1.0, 1.0))
     punch = ContactProblem(grid, Material(8e4, 0.3), FlatPunch(1.0))
@@ -143,9 +152,9 @@ def test_a_contact_that_is_small_in_its_period_is_known_on_coarse_grids_too():
 
 
 def test_an_area_that_scatters_by_its_rim_converges():
-    """README's ball at 256 x 256: 11272, 2844, 716 and 180 cells in contact; with larger steps no area converges."""
+    """README's ball at 256 x 256: 11272, 2844, 716 and 180 cells in contact; larger steps would have to fall."""
     cells = np.array([180, 716, 2844, 11272]) / 4.0 ** np.arange(4)
-    for times, least, most in ((1, 5e-3, 0.02), (3, 1, 1)):
+    for times, least, most in ((1, 5e-3, 0.02), (3, 0.25, 0.3)):
         areas = cells[-1] + times * (cells - cells[-1])
         grids = [GridNumbers(1.0, 1.0, 1.0, area, 0.25**k) for k, area in enumerate(areas)]
         assert least <= errors_from(grids, 0.0, True).contact_area_error <= most
