@@ -8,6 +8,7 @@ on a self-affine surface of 512 x 512 cells, free and periodic, take 196 and 241
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -99,12 +100,12 @@ class LoadPath:
         self._solver, self._kind, self._with_stiffness = solver, kind, stiffness
         self._rank = solver.comm.rank  # the solver may be closed when the table is saved
         self.numbers = agree(solver.comm, _as_numbers, kind, numbers)
-        check_alike(solver.comm, (self.numbers, stiffness, len(rows)), "path")
+        self.rows = agree(solver.comm, _as_rows, rows)
+        check_alike(solver.comm, (self.numbers, stiffness, len(self.rows)), "path")
         for number in self.numbers:
             solver.check(**{kind: number})
-        if len(rows) > len(self.numbers):
-            raise InputError(f"path: {len(rows)} steps are done already, of {len(self.numbers)}")
-        self.rows = [dict(row) for row in rows]
+        if len(self.rows) > len(self.numbers):
+            raise InputError(f"path: {len(self.rows)} steps are done already, of {len(self.numbers)}")
         self.operator_applications = self.solve_seconds = 0.0
         self._steps = self._solve()
 
@@ -193,7 +194,7 @@ class LoadPath:
         """
         from app.output.table import write_table
 
-        if Path(path).suffix.lower() != ".csv":
+        if not isinstance(path, str | os.PathLike) or Path(path).suffix.lower() != ".csv":
             raise InputError(
                 f"path table {path}: the name must end in .csv; a result file with the table and the fields of a step: "
                 "solution.save(file, steps=path.table)"
@@ -209,6 +210,17 @@ class LoadPath:
             raise InputError(
                 f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}"
             ) from None
+
+
+def _as_rows(rows):
+    """Rows of an earlier path, copied."""
+    try:
+        found = [dict(row) for row in rows]
+    except (TypeError, ValueError):
+        found = [{}]
+    if not all(row.keys() >= {"step", "converged"} for row in found):
+        raise InputError("path: rows: needed: those of an earlier path, as its `rows` are")
+    return found
 
 
 def _as_numbers(kind, numbers):

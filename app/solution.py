@@ -231,8 +231,12 @@ class Solution(ContactFields):
         for name, value in attributes.items():
             if name in taken:
                 raise InputError(f"{what}: {name} is there already; allowed: another name")
+            if not name or name == "." or "/" in name:
+                raise InputError(f"{what}: {name!r} cannot be a name in it")
             try:
-                array = np.asarray(value)
+                array = np.asarray(
+                    np.ma.filled(value.astype(float), np.nan) if np.ma.is_masked(value) else value
+                )
             except ValueError:  # a list of lists of several lengths
                 raise InputError(f"{what}: attributes: needed: numbers, texts, and arrays") from None
             if array.shape == self.displacement.shape:

@@ -54,6 +54,7 @@ _TRIALS = 12
 _NEGLIGIBLE = 1e-5  # error bound that is not worth a product to make smaller, if no smaller one is asked for
 _ROUNDING = 4.0  # times what a product is expected to lose
 _TRANSFORM = 50.0  # times the precision of B: so much of the largest w.Bw there is may be missing
+_TENSION = 1e-14  # of the highest pressure: so negative may one be by rounding
 _LOAD = 1e-6  # of a prescribed load: so much may be missing
 
 
@@ -62,9 +63,11 @@ class Certificate:
     """Optimality of a pressure; the same on all ranks."""
 
     duality_gap: float  # [mm N/mm2 per cell area] * cell area = [N mm]
-    error_bound: float  # ||p - p*||_A / ||p||_A at most; infinite if pressure is missing, or load
+    error_bound: (
+        float  # ||p - p*||_A / ||p||_A at most; infinite if pressure is missing, not allowed, or load missing
+    )
     largest_penetration: float  # max(-e) over the admissible cells, at least 0 [mm]
-    smallest_pressure: float  # [N/mm2]
+    smallest_pressure: float  # a pressure where none can be counts as negative [N/mm2]
     complementarity: float  # max |p e| / (max p * max |h|)
 
     def under(self, prescribed, load):
@@ -120,7 +123,7 @@ def _prove(state, enough):
     else:
         lifted = defect + _lifting(state, lift, energy, penetrates)
         gap = float(min(lifted, to_p + moved / (2 * smallest)))  # either bound holds
-    gap = max(gap, 0.0)
+    gap = max(gap, 0.0) if tension <= _TENSION * highest else np.inf
     lost = np.sqrt(state.operator.diagonal * of_p) + np.sqrt(of_u / smallest)
     astray = state.distance.rounding * np.sqrt(state.distance.statistics.cells / smallest)
     error = np.sqrt(2 * gap) + _ROUNDING * np.finfo(float).eps * lost + astray
@@ -248,7 +251,7 @@ def _survey_row(b, u, p, admissible, smallest):
     energy, defect, to_p, moved, of_p = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(b.size):
         e = u[i] - b[i] if admissible[i] else 0.0
-        tension = max(tension, -p[i])
+        tension = max(tension, -p[i] if admissible[i] else abs(p[i]))
         product = max(product, abs(p[i] * e))
         highest = max(highest, p[i])
         energy += p[i] * u[i]

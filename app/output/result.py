@@ -190,7 +190,10 @@ def read_result(path):
 @contextmanager
 def opened(path):
     """A result file to be read inside the block; whatever goes wrong is an InputError that names it. Not collective."""
-    path = Path(path)
+    try:
+        path = Path(path)
+    except TypeError:
+        raise InputError(f"result file {path!r}: needed: a path") from None
     if not path.is_file():
         raise InputError(f"result file {path}: {'not a file' if path.exists() else 'no such file'}")
     try:

@@ -28,6 +28,7 @@ _LIGHT = 1e-11  # of a prescribed depth: error that can be aimed at, however hig
 _LOWER = 0.1  # of what was reached is aimed at where the load is less than what was left on the free cells
 _SETTLED = "residual small enough, and so is what the contact area still changes by"
 _FLAT = 1e-12  # of the root mean square height: deviation that is rounding
+_HARDLY = 1e-4  # of a displacement: deviation of a surface with holes that it hardly depends on
 _NO_PRESSURE = "the load is less than rounding leaves of the pressure"
 
 
@@ -93,20 +94,24 @@ def primal_active_set(primal, solver, stop, history):
         if progress.stalls:
             raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
     primal.take(solver)
-    if stop.final and (found := _end_unsolved(primal, solver)):
-        residual = found.residual / state.distance.norm()
+    if stop.final:
+        residual = _end_unsolved(primal, solver).residual / state.distance.norm()
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
 
 
 def _end_unsolved(primal, solver):
-    """Leave the best there is: a pressure >= 0 with the right load, if there is one, and u = A p.
+    """Leave the best there is: a pressure >= 0 with the right load, and u = A p.
 
-    Collective. Returns what `verify` has found.
+    Collective. Returns what `verify` has found. Where that is nothing the contact set bears the load evenly.
     """
-    primal.state.depth = primal.depth
+    state = primal.state
+    state.depth = primal.depth
     found = verify(primal, solver.scratch)
-    if found is not None:
-        accept(primal, solver.scratch)
+    if found is None:
+        with state.pressure as values:
+            values[...] = state.contact.reshape(-1)
+        found = verify(primal, solver.scratch)
+    accept(primal, solver.scratch)
     return found
 
 
@@ -221,18 +226,21 @@ def allowed_gap(primal, stop):
     """Root mean square error of the gap that is small enough [mm]. Collective.
 
     As (5.1), with the deviation of the shape from its mean in place of ||h||, which does not depend on the load; for
-    flat surfaces with holes the depth, or as much as the mean pressure displaces a cell, if that is more. On a coarse
-    grid the approach beyond first touch, if that is less: what is left of a contact that is small in its patch is large
-    there.
+    flat surfaces with holes the depth, or as much as the mean pressure displaces a cell, if that is more; a share of
+    that where they are hardly uneven. On a coarse grid the approach beyond first touch, if that is less: what is left
+    of a contact that is small in its patch is large there.
     """
     distance, rtol = primal.state.distance, stop.rtol if stop.final else max(stop.coarse_rtol, ROUNDING)
-    if distance.deviation > _FLAT * distance.norm() / np.sqrt(primal.cells):
-        beyond = primal.depth - primal.state.first_touch() if not stop.final else 0.0
-        return rtol * (min(beyond, distance.deviation) if beyond > 0 else distance.deviation)
-    if primal.loading.prescribes_load:
-        of_cell = primal.mean_pressure * primal.state.operator.diagonal
-        return rtol * max(of_cell, abs(primal.depth))
-    return rtol * abs(primal.mean_displacement)
+    flat, displaced = _FLAT * distance.norm() / np.sqrt(primal.cells), 0.0
+    if distance.deviation <= flat or distance.statistics.cells < primal.cells:
+        displaced = abs(primal.depth)
+        if primal.loading.prescribes_load:
+            displaced = max(displaced, primal.mean_pressure * primal.state.operator.diagonal)
+    if distance.deviation <= max(flat, _FLAT * displaced):
+        return rtol * displaced
+    beyond = primal.depth - primal.state.first_touch() if not stop.final else 0.0
+    shape = min(beyond, distance.deviation) if beyond > 0 else distance.deviation
+    return rtol * max(shape, _HARDLY * displaced)
 
 
 def verify(primal, found):

@@ -13,7 +13,7 @@ from numbers import Integral
 import numpy as np
 
 from app.errors import InputError
-from app.halfspace.grid import Grid
+from app.halfspace.grid import Grid, symbol_name
 from app.problems.filters import band_pass, check_cells, check_order
 from app.problems.height_file import (
     TURNS,
@@ -132,7 +132,7 @@ class Surface:
         if shape == self.shape:
             return self
         ny, nx = self.shape
-        if ny % shape[0] or nx % shape[1]:
+        if min(shape) < 1 or ny % shape[0] or nx % shape[1]:
             raise InputError(
                 f"grid {shape[1]},{shape[0]}: surface file {self.file} has {nx} x {ny} cells; allowed: -grid {nx},{ny} "
                 "and whole fractions of both numbers, whose cells are averaged"
@@ -378,7 +378,7 @@ def read_surface(
     except (ValueError, OSError) as error:
         raise InputError(str(error)) from None
     surface = surface_of(source, unit, level, crop, missing, height_unit, orient, spacing)
-    surface = replace(surface, periodic=bool(periodic))
+    surface = replace(surface, periodic=bool(symbol_name(periodic)))
     check_cells(surface.file, s_filter, l_filter, surface.shape, surface.spacing)
     return surface.filtered(surface.grid(), s_filter, l_filter) if surface.spacing else surface
 

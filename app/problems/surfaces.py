@@ -38,13 +38,13 @@ def _check_seed(seed):
 
 
 def _check_lengths(name, lengths):
-    if not (len(lengths) == 2 and np.isfinite(lengths).all() and min(lengths) > 0):
-        raise InputError(f"surface {name} {tuple(lengths)}: need two positive, finite lengths")
+    if not (np.shape(lengths) == (2,) and np.isfinite(lengths).all() and min(lengths) > 0):
+        raise InputError(f"surface {name} {lengths}: need two positive, finite lengths")
 
 
 def _check_origin(origin):
-    if not (len(origin) == 2 and np.isfinite(origin).all()):
-        raise InputError(f"surface origin {tuple(origin)}: need two finite coordinates")
+    if not (np.shape(origin) == (2,) and np.isfinite(origin).all()):
+        raise InputError(f"surface origin {origin}: need two finite coordinates")
 
 
 def _product(left, right):

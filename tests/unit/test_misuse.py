@@ -56,6 +56,16 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
         ("load: needed: a list", lambda: ContactSolver(BALL).path(load="12")),
         ("load: needed: a list", lambda: ContactSolver(BALL).path(load={1: 2})),
         ("numbers, texts, and arrays", lambda: solve(BALL, approach=0.001).save("x.h5", wear=[[1, 2], [3]])),
+        ("'' cannot be a name", lambda: solve(BALL, approach=0.001).save("x.h5", **{"": 1})),
+        ("'.' cannot be a name", lambda: solve(BALL, approach=0.001).save("x.h5", **{".": HEIGHTS})),
+        ("rows: needed: those of an", lambda: ContactSolver(BALL).path(load=[1, 2], rows=[{"a": 1}])),
+        ("rows: needed: those of an", lambda: ContactSolver(BALL).path(load=[1, 2], rows=3)),
+        ("path table None: the name", lambda: ContactSolver(BALL).path(load=[1, 2]).save(None)),
+        ("result file None: needed: a path", lambda: read_result(None)),
+        ("periodic: 'no'; allowed", lambda: read_surface(HEIGHTS, unit="mm", periodic="no")),
+        ("grid 0,0: surface file", lambda: read_surface(HEIGHTS, unit="mm").averaged((0, 0))),
+        ("period 1: need two", lambda: SelfAffineSurface(0.8, 1, 1, 1, 1, rms_height=1e-4)),
+        ("origin 1: need two", lambda: SelfAffineSurface(0.8, 1, 1, (3, 3), 1, rms_height=1e-4, origin=1)),
         ("body 0: allowed: 1, 2", lambda: stress(solve(BALL, approach=0.001), body=0)),
         (
             "x nan: must be a finite",
@@ -118,6 +128,14 @@ def test_is_refused_in_a_line(message, wrong):
     with pytest.raises(InputError, match=message) as refused:
         wrong()
     assert "\n" not in str(refused.value)
+
+
+def test_masked_cells_of_a_field_are_missing_in_the_file(tmp_path):
+    wear = np.ma.masked_greater(np.arange(48).reshape(GRID.shape), 7)
+    solve(BALL, approach=0.001).save(tmp_path / "a.h5", wear=wear)
+    np.testing.assert_array_equal(
+        read_result(tmp_path / "a.h5").extra["wear"], wear.astype(float).filled(np.nan)
+    )
 
 
 def test_masked_points_are_missing_points():

@@ -1,5 +1,6 @@
 """The primal form, piece by piece: sweeps against plain numpy, B, its preconditioner, the steps of the state."""
 
+import warnings
 from dataclasses import replace
 from functools import partial
 
@@ -636,3 +637,34 @@ def test_it_is_flexible_cg_step_for_step(steps, count):
     PETSc.Options().delValue("other_ksp_fcg_mmax")
     for thing in (other, b, x):
         thing.destroy()
+
+
+@pytest.mark.parametrize("given", [{"approach": 1e-3}, {"mean_pressure": 10.0}])
+def test_surfaces_with_holes_that_are_hardly_uneven_are_as_flat_ones(given):
+    """Down to what rounding leaves of a plane, their heights ask for no more than the depth can be known to."""
+    numbers, material = np.random.default_rng(2), Material.from_contact_modulus(1e4)
+    for n in (3, 8, 16, 24, 64):
+        for height in 10.0 ** np.arange(-16, -3):
+            gap = numbers.random((n, n)) * height
+            gap[numbers.random((n, n)) < 0.1] = np.nan
+            gap[0, 0] = np.nan
+            found = solve(
+                ContactProblem(Grid.from_domain(n, n, (0, 1, 0, 1)), material, gap, periodic=True), **given
+            )
+            assert found.converged and found.fallbacks == 0 and found.operator_applications < 30
+            assert found.error_bound < 1e-4
+
+
+def test_what_is_not_solved_is_a_pressure_under_the_load_all_the_same():
+    numbers, material = np.random.default_rng(4), Material.from_contact_modulus(1.0)
+    for _ in range(60):
+        gap = numbers.random((numbers.integers(1, 8), numbers.integers(2, 12)))
+        gap[numbers.random(gap.shape) < 0.3] = np.nan
+        if np.isnan(gap).all():
+            continue
+        problem = ContactProblem(Grid(*gap.shape[::-1], 1, 1), material, gap, periodic=True)
+        with warnings.catch_warnings(action="ignore"):
+            found = solve(problem, load=1e-4, options={"lcp_max_it": 1, "ksp_max_it": 1})
+        assert found.pressure.min() == 0 or not np.isnan(gap).any()
+        assert (found.pressure[np.isnan(gap)] == 0).all() and (found.pressure >= 0).all()
+        assert found.pressure.sum() == pytest.approx(1e-4)

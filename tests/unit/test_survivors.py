@@ -17,7 +17,7 @@ from app.contact.certificate import certify
 from app.contact.distance import UndeformedDistance
 from app.contact.grid_errors import GridNumbers, errors_from
 from app.contact.history import Listener
-from app.contact.state import ContactState
+from app.contact.state import ContactState, Displacement
 from app.errors import InputError
 from app.fast.lift import lift
 from app.fast.solver import TrackingSolver
@@ -190,6 +190,21 @@ def test_certificate_names_the_smallest_pressure():
     with state.pressure as p:
         p[:] = 3.0, -0.25, 0.5, 0.0
     assert certify(state).smallest_pressure == -0.25
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+@pytest.mark.parametrize(("p", "smallest"), [((3.0, -0.25, 0.5, 0.0), -0.25), ((3.0, 0.5, 0.0, 0.5), -0.5)])
+def test_nothing_is_proved_of_a_pressure_that_is_not_allowed(periodic, p, smallest):
+    """Negative, or where there can be none; what rounding makes negative is nothing."""
+    operator = InfluenceOperator(Grid(4, 1, 1.0, 1.0, periodic=periodic), 1.0)
+    for share, bounded in (1.0, False), (1e-16, True):
+        state = ContactState(operator, UndeformedDistance(operator, np.array([[0.0, 1.0, 2.0, np.nan]])))
+        with state.pressure as values:
+            values[:] = [p[0], *(share * value for value in p[1:])]
+        state.u_is = Displacement.STALE
+        found = certify(state)
+        assert np.isfinite(found.error_bound) == bounded
+        assert found.smallest_pressure == pytest.approx(share * smallest)
 
 
 @pytest.mark.parametrize("periodic", [False, True])
