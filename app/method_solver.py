@@ -25,7 +25,6 @@ from app.petsc import (
     as_raised,
     check_cells,
     error_message,
-    free_forgotten,
     help_text,
 )
 from app.problems.problem import Problem
@@ -143,9 +142,7 @@ def make_strategy(hierarchy, chosen):
     except InputError as error:
         refusal = f"solver options: {error}"
     # Now, not while the error holds what the refused solver has made; PETSc keeps that, and communicators for it.
-    level = hierarchy.levels[hierarchy.finest_whole]
-    for comm in [hierarchy.petsc_comm, *[level.petsc_comm] * level.active]:
-        free_forgotten(comm)
+    hierarchy.free_forgotten()
     raise InputError(refusal)
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import time
 import weakref
+from contextlib import ExitStack
 from dataclasses import replace
 
 import numpy as np
@@ -239,13 +240,11 @@ class ContactSolver:
         given = {"approach": approach, "load": load, "mean_pressure": mean_pressure, "mean_gap": mean_gap}
         ending.share(self._outer_comm)
         check_alike(self.comm, (given, identity(start)), "loading or start")
-        for listener in self.listeners:
-            listener.begin(self.settings)
-        try:
-            solution = self._team.call(self._solve, given, start, summary=Solution.without_rows)
-        finally:
+        with ExitStack() as to_end:
             for listener in self.listeners:
-                listener.end()
+                listener.begin(self.settings)
+                to_end.callback(listener.end)
+            solution = self._team.call(self._solve, given, start, summary=Solution.without_rows)
         if solution.comm is not self._outer_comm:  # the summary
             solution = solution.without_rows(self._outer_comm)
         if not solution.converged:
@@ -260,6 +259,8 @@ class ContactSolver:
         if not loading.prescribes_load:
             depth = loading.depth_on(distance)
             if depth <= distance.touching:  # there is no pressure; who touches is told by the last digits
+                if start is not None:
+                    self._strategy.check(start)
                 start, depth = None, depth if depth == distance.touching else np.inf
         if distance.digits_lost(depth):
             self._measure_shapes()

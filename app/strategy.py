@@ -55,6 +55,7 @@ class Strategy:
 
     def __init__(self, settings, hierarchy: Hierarchy):
         self._settings, self._hierarchy, self._distances = settings, hierarchy, None
+        self._interrupted = False  # the last solve
         self.solver = self._make_solver()
 
     def _make_solver(self):
@@ -109,9 +110,17 @@ class Strategy:
         InputError
             If `start` does not fit, or PETSc finds that the chosen solvers do not go together.
         """
-        hierarchy, full = self._hierarchy, None
+        if self._interrupted:
+            self._hierarchy.free_forgotten()
+        self._interrupted = True
         if start is not None:
             self.check(start)
+        found = self._run(loading, history, start)
+        self._interrupted = False
+        return found
+
+    def _run(self, loading, history, start):
+        hierarchy, full = self._hierarchy, None
         for level in hierarchy.levels:
             level.begin()
         if hierarchy.target.grid.periodic:

@@ -120,12 +120,14 @@ class UndeformedDistance:
 
     def digits_lost(self, depth=np.inf):
         """Whether approaches far beyond the shape, or a depth, have cost it digits. Not collective."""
-        return self.deepest > 1e3 * min(self.deviation, abs(depth))
+        return self.deepest > 1e3 * min(
+            self.deviation or np.inf, abs(depth)
+        )  # a flat one has no shape to lose
 
     @property
     def rounding(self):
         """What approaches far beyond the shape may have left in a cell [mm]; else nothing. Not collective."""
-        return ulp(self.deepest) if self.digits_lost() else 0.0
+        return ulp(self.deepest) if self.digits_lost() or not self.deviation else 0.0
 
     @staticmethod
     def kept(distances):

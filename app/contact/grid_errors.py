@@ -83,14 +83,14 @@ def numbers_on(state, comm, load=None, depth=None):
     return GridNumbers(load, depth, -float(lowest), float(cells) * grid.cell_area, grid.cell_area)
 
 
-def estimated_errors(coarser, state, comm, prescribes_load):
+def estimated_errors(coarser, state, comm, prescribed):
     """Estimate the errors of the numbers of `state`, by those of coarser grids. Collective over `comm`."""
     if not coarser:
         return UNKNOWN
-    return errors_from([*coarser, numbers_on(state, comm)], state.first_touch(), prescribes_load)
+    return errors_from([*coarser, numbers_on(state, comm)], state.first_touch(), prescribed)
 
 
-def errors_from(grids, touching, prescribes_load):
+def errors_from(grids, touching, prescribed):
     """Estimate the errors of the finest grid.
 
     Not collective.
@@ -100,8 +100,9 @@ def errors_from(grids, touching, prescribes_load):
     grids : sequence of GridNumbers
         From coarse to fine, each twice as fine as the one before; of fewer than two nothing is known.
     touching : float
-        Depth of first touch [mm].
-    prescribes_load : bool
+        Depth of first touch on the finest; or its approach, if those are what the grids have [mm].
+    prescribed : str
+        "load", "approach", or "mean_gap", by which neither is known.
 
     Returns
     -------
@@ -114,8 +115,8 @@ def errors_from(grids, touching, prescribes_load):
     )  # from fine to coarse
     rim = PER_FACE * 8 * np.sqrt(area[0] * cell[0] / np.pi)  # of a round contact, which has the shortest
     return GridErrors(
-        load_error=0.0 if prescribes_load else _error(load, 2),
-        approach_error=_error([d - touching for d in depth], 2) if prescribes_load else 0.0,
+        load_error=0.0 if prescribed == "load" else _error(load, 2),
+        approach_error=0.0 if prescribed == "approach" else _error([d - touching for d in depth], 2),
         max_pressure_error=_error(pressure, 2),
         contact_area_error=_error(area, _MOST_PAIRS, 2 * rim),
     )

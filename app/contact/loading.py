@@ -51,7 +51,7 @@ class PrescribedApproach:
         The same beyond the reference, if it is known without the rounding of the approach [mm].
     """
 
-    prescribes_load = False
+    prescribes, prescribes_load = "approach", False
     known = None  # nothing is found out that other ranks would have to be told
 
     def __init__(self, approach, depth=None):
@@ -98,6 +98,34 @@ class PrescribedApproach:
         return update
 
 
+class PrescribedMeanGap(PrescribedApproach):
+    """The mean of the gap on a periodic patch is given: the mean of the undeformed distance less the approach.
+
+    That mean is another one on every grid, and so is the approach.
+
+    Parameters
+    ----------
+    distance : UndeformedDistance
+        On the target grid.
+    depth : float
+        There [mm].
+    """
+
+    prescribes = "mean_gap"
+
+    def __init__(self, distance, depth):
+        super().__init__(distance.approach_at(depth), depth)
+        self._mean = distance.statistics.mean
+
+    def depth_on(self, distance):
+        """Return the approach beyond the reference on the grid of an `UndeformedDistance` [mm]. Not collective."""
+        return self._depth + (distance.statistics.mean - self._mean)
+
+    def begin(self, state):
+        """Prepare the iteration on a grid. Not collective."""
+        state.depth = self.depth_on(state.distance)
+
+
 class PrescribedLoad:
     """The total force is given.
 
@@ -107,7 +135,7 @@ class PrescribedLoad:
         F, positive [N].
     """
 
-    prescribes_load = True
+    prescribes, prescribes_load = "load", True
 
     def __init__(self, load):
         self.load = float(load)
@@ -361,7 +389,7 @@ def prescribe(grid, distance, **given):
         _check_mean_gap(value, grid, holes, little)
         # no digits are lost to the reference
         depth = _without_rounding(mean - max(value, 0.0), mean, distance.touching, mean)
-        return PrescribedApproach(distance.approach_at(depth), depth)
+        return PrescribedMeanGap(distance, depth)
     if not grid.periodic:
         return PrescribedApproach(value)
     if value - full > little and not holes:

@@ -81,7 +81,7 @@ class Visits:
     def result(self, state, difference=float("nan")):
         """Return the outcome with what grids tell of errors, `difference` that of the pressures. Collective."""
         loading = self._loading
-        errors = estimated_errors(self.grid_numbers, state, self.hierarchy.comm, loading.prescribes_load)
+        errors = estimated_errors(self.grid_numbers, state, self.hierarchy.comm, loading.prescribes)
         return self.outcome._replace(discretisation_error=difference, grid_errors=errors)
 
 

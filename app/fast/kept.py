@@ -77,7 +77,7 @@ class Kept(KeptSolvers):
             self._free(operator)
 
     def abandon(self):
-        """Count what an interrupted solve has computed in windows, and free what they hold of all cells.
+        """Count what an interrupted solve has computed in windows that are kept, and free what they hold of all cells.
 
         Not collective.
         """

@@ -19,6 +19,7 @@ from app.halfspace.operator import InfluenceOperator, petsc_comm
 from app.halfspace.ranks import Ranks, worth_solving
 from app.memory import check_hosts, doubles_per_cell
 from app.multigrid.transfer import Transfer
+from app.petsc import free_forgotten
 from app.problems.problem import checked_shape
 
 _TELLING = 0.08, 0.37, 0.79  # of the rows: those by which ranks compare their problems
@@ -229,6 +230,11 @@ class Hierarchy:
         products = operator.equivalent_products
         self._in_windows += self.share(operator) * (products - self._counted.get(operator, 0.0))
         self._counted[operator] = products
+
+    def free_forgotten(self):
+        """Free what an interrupted solve has left on the grids. Collective."""
+        for comm in [self.petsc_comm, *(level.petsc_comm for level in self.levels if level.active)]:
+            free_forgotten(comm)
 
     def destroy(self):
         """Free its products, and the communicators made for it. Collective."""

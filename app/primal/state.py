@@ -76,7 +76,8 @@ class PrimalState:
         return self.mean_pressure * self.cells * self.state.grid.cell_area
 
     def begin_again(self):
-        """Contact everywhere, and some pressure that makes sense. Collective."""
+        """Contact everywhere, and some pressure that makes sense, or none. Collective."""
+        self.mean_pressure = float(np.nan_to_num(self.mean_pressure, posinf=0.0, neginf=0.0))
         self.state.contact[...] = self.state.admissible
         with self.state.pressure as p:
             np.nan_to_num(p, copy=False, nan=0.0, posinf=0.0, neginf=0.0)

@@ -54,7 +54,7 @@ def test_the_preconditioner_is_the_same_on_any_number_of_ranks(comm, shape, cell
         pc.smooth(r[rows].copy(), loose)
         pc.constrained = True
         pc.smooth(r[rows].copy(), kept)
-        pc.shift(moved, 0.1)
+        pc.shift(0.1, moved)
         found.append([np.vstack(ranks.allgather(part)) for part in (loose, kept, moved)])
         solver.destroy()
     for here, alone in zip(*found, strict=True):

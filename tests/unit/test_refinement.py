@@ -7,6 +7,7 @@ import pytest
 from cases import APPROACH, hertz, periodic_rough, self_affine
 from running import solve
 
+import app
 from app import ContactProblem, FlatPunch, Grid, Material, Sphere, refine, refinement
 from app.contact.grid_errors import GridNumbers, errors_from
 from app.errors import InputError
@@ -35,19 +36,24 @@ def test_the_estimate_bounds_the_error_of_whatever_converges(order):
     """With order 1 it is the error itself, with 2 at most 6 times; two grids that agree by chance do not lower it."""
     values = [1 + 0.3 * 2.0 ** (-order * level) for level in range(5)]
     error = abs(1 - 1 / values[-1])
-    estimated = errors_from(grids_of(*values), 0.0, False).max_pressure_error
+    estimated = errors_from(grids_of(*values), 0.0, "approach").max_pressure_error
     assert error * (1 - 1e-12) <= estimated <= 6.1 * error
     by_chance = grids_of(*values[:-1], values[-2])
-    assert errors_from(by_chance, 0.0, False).max_pressure_error >= (values[-3] - values[-2]) / 2 / values[-2]
+    assert (
+        errors_from(by_chance, 0.0, "approach").max_pressure_error
+        >= (values[-3] - values[-2]) / 2 / values[-2]
+    )
 
 
 @pytest.mark.parametrize("growth", [1.0, 2**0.5])
 def test_what_does_not_converge_is_told(growth):
     """Pressures that grow like the logarithm, or the root, of the number of cells; and those of a rigid punch."""
     steps = np.cumsum(growth ** np.arange(5))
-    assert errors_from(grids_of(*(1 + steps)), 0.0, False).max_pressure_error == 1
-    assert errors_from(grids_of(*(1 + steps)[:2]), 0.0, False).max_pressure_error < 1  # two grids cannot know
-    assert np.isnan(errors_from(grids_of(1.0), 0.0, False).load_error)
+    assert errors_from(grids_of(*(1 + steps)), 0.0, "approach").max_pressure_error == 1
+    assert (
+        errors_from(grids_of(*(1 + steps)[:2]), 0.0, "approach").max_pressure_error < 1
+    )  # two grids cannot know
+    assert np.isnan(errors_from(grids_of(1.0), 0.0, "approach").load_error)
 
 
 def test_what_hardly_changes_converges_though_its_changes_do_not_fall():
@@ -56,7 +62,7 @@ def test_what_hardly_changes_converges_though_its_changes_do_not_fall():
     grids = [GridNumbers(1.0, 1.0, 1.0, area) for area in areas]
     slow = [GridNumbers(1.0, 1.0, 1.0, area) for area in (0.9796, 0.9754, 0.9711, 0.9669)]
     for numbers in grids, slow:
-        assert 0.003 < errors_from(numbers, 0.0, True).contact_area_error < 0.05
+        assert 0.003 < errors_from(numbers, 0.0, "load").contact_area_error < 0.05
 
 
 def test_the_rim_of_a_punch_does_not_converge_its_load_does():
@@ -86,6 +92,25 @@ def test_estimates_on_a_periodic_rough_surface(loading):
     for name, estimate in PAIRS.items():
         assert abs(coarse[name] / fine[name] - 1) <= coarse[estimate] + 1e-12, name
     assert abs(coarse["approach"] / fine["approach"] - 1) <= coarse["approach_error"] + 1e-12
+
+
+@pytest.mark.parametrize("mean_gap", [0.01, 0.005])
+@pytest.mark.parametrize("power", [1.0, 1.5])
+def test_a_mean_gap_prescribes_neither_load_nor_approach(power, mean_gap):
+    """The mean undeformed distance of a function is another one on every grid."""
+
+    def body(n):
+        grid = Grid.from_domain(n, n, (-1.0, 1.0, -1.0, 1.0), periodic=True)
+        return ContactProblem(grid, Material.combined(8e4, 0.3), lambda x, y: (x**2 + y**2) ** power / 40)
+
+    best = app.solve(body(256), mean_gap=mean_gap)
+    for n in (16, 32, 64):
+        solution = app.solve(body(n), mean_gap=mean_gap)
+        for name in ("load", "approach", "max_pressure"):
+            error = abs(getattr(solution, name) / getattr(best, name) - 1)
+            assert 0 < error < getattr(solution, f"{name}_error") < 0.2
+    grids = refine(body(16), 0.05, mean_gap=mean_gap)
+    assert abs(grids.solution.approach / best.approach - 1) < grids.errors.approach_error < 0.05
 
 
 def test_without_a_coarser_grid_nothing_is_known():
@@ -121,7 +146,7 @@ def test_without_a_pressure_there_is_nothing_to_refine(loading):
 
 def test_no_error_is_more_than_all():
     grids = [GridNumbers(1.0, 1.0, 1.0, area, 0.25**k) for k, area in enumerate((50.0, 10.0, 1.0))]
-    assert errors_from(grids, 0.0, True).contact_area_error == 1.0
+    assert errors_from(grids, 0.0, "load").contact_area_error == 1.0
 
 
 def test_stops_before_the_largest_grid_that_petsc_can_count(monkeypatch):
@@ -157,7 +182,7 @@ def test_an_area_that_scatters_by_its_rim_converges():
     for times, least, most in ((1, 5e-3, 0.02), (3, 0.25, 0.3)):
         areas = cells[-1] + times * (cells - cells[-1])
         grids = [GridNumbers(1.0, 1.0, 1.0, area, 0.25**k) for k, area in enumerate(areas)]
-        assert least <= errors_from(grids, 0.0, True).contact_area_error <= most
+        assert least <= errors_from(grids, 0.0, "load").contact_area_error <= most
 
 
 def test_finer_grids_are_solved_better():

@@ -5,6 +5,7 @@ import gc
 import pickle
 import tracemalloc
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from running import assert_solves_lcp
 
-from app import ContactProblem, ContactSolver, Grid, Material, Solution, read_result, solve
+from app import ContactProblem, ContactSolver, Grid, Listener, Material, Solution, read_result, solve
 from app.contact import measures
 from app.contact.distance import UndeformedDistance
 from app.errors import InputError
@@ -29,13 +30,20 @@ METHODS = {
     "fmg": ("fmg_v11", {}),
     "tao": (None, {"lcp_type": "tao"}),
     "snesvi": (None, {"lcp_type": "snesvi"}),
+    "primal": (None, {}),
 }
 each_method = pytest.mark.parametrize("method", METHODS)
 
 
+def problem_of(method, problem=None):
+    """That problem, or a punch; of the primal form on a periodic patch."""
+    problem = problem or punch(24)
+    return problem.on(replace(problem.grid, periodic="spectral")) if method == "primal" else problem
+
+
 def solver_of(method, problem=None, **options):
     name, own = METHODS[method]
-    return ContactSolver(problem or punch(24), name, own | options)
+    return ContactSolver(problem_of(method, problem), name, own | options)
 
 
 def assert_same(found, expected, rounding=0.0):
@@ -79,6 +87,83 @@ def test_a_solver_goes_on_after_an_interrupt(method, number, monkeypatch):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * expected.max())
 
 
+@pytest.mark.parametrize("method", ["fast", "primal", "fmg"])
+def test_interrupted_solves_leave_no_fields(method, monkeypatch):
+    """PETSc keeps what Python forgets until somebody asks: the next solve does."""
+    apply, left = EvenMultiplier.apply, [0]
+
+    def interrupted(*arguments, **named):
+        left[0] -= 1
+        if left[0] == 0:
+            raise KeyboardInterrupt
+        return apply(*arguments, **named)
+
+    monkeypatch.setattr(EvenMultiplier, "apply", interrupted)
+    with solver_of(method, punch(128)) as solver:
+        solver.solve(approach=0.1)
+        tracemalloc.start()
+        try:
+            held = []
+            for _ in range(3):
+                for _ in range(5):
+                    left[0] = 4
+                    with pytest.raises(KeyboardInterrupt):
+                        solver.solve(approach=0.1)
+                    left[0] = 0
+                gc.collect()
+                held.append(tracemalloc.get_traced_memory()[0])
+        finally:
+            tracemalloc.stop()
+    assert max(np.diff(held)) < 8 * 128**2  # a field; it was one for every interrupt
+
+
+@pytest.mark.parametrize("loading", [{"approach": -1.0}, {"load": 0.0}, {"approach": 0.1}])
+def test_a_start_has_to_fit_without_pressure_too(loading):
+    other = solve(punch(20), approach=0.1)
+    with solver_of("fast") as solver:
+        for start in "nonsense", other:
+            with pytest.raises(InputError, match="start: needed: a Solution on the same grid"):
+                solver.solve(**loading, start=start)
+
+
+def test_who_has_begun_to_listen_hears_of_the_end():
+    heard = []
+
+    class Named(Listener):
+        def __init__(self, name):
+            self.name = name
+
+        def begin(self, settings):
+            heard.append(f"{self.name} begins")
+            if self.name == "b":
+                raise OSError
+
+        def end(self):
+            heard.append(f"{self.name} ends")
+
+    with (
+        ContactSolver(punch(24), listeners=[Named(name) for name in "abc"]) as solver,
+        pytest.raises(OSError),
+    ):
+        solver.solve(approach=0.1)
+    assert heard == ["a begins", "b begins", "a ends"]
+
+
+def test_a_flat_body_is_measured_once():
+    calls = []
+
+    def flat(x, y):
+        calls.append(None)
+        return np.where(np.hypot(x, y) < 1, 0.0, np.nan) + 0 * x * y
+
+    with ContactSolver(
+        ContactProblem(Grid.from_domain(32, 32, (-2, 2, -2, 2)), Material(8e4, 0.3), flat)
+    ) as solver:
+        made = len(calls)
+        loads = [solver.solve(load=load).load for load in (1.0, 2.0, 1e3)]
+    assert loads == pytest.approx([1.0, 2.0, 1e3]) and len(calls) == made
+
+
 @each_method
 def test_solving_twice_is_solving_in_two_solvers(method):
     """What was solved before leaves no trace."""
@@ -105,7 +190,7 @@ def test_solutions_stay_what_they_are(method):
 
 def test_solvers_of_different_methods_are_alive_at_once():
     expected = {
-        method: solve(punch(24), approach=0.1, method=name, options=own)
+        method: solve(problem_of(method), approach=0.1, method=name, options=own)
         for method, (name, own) in METHODS.items()
     }
     solvers = {method: solver_of(method) for method in METHODS}
@@ -113,7 +198,7 @@ def test_solvers_of_different_methods_are_alive_at_once():
         found = {method: solver.solve(approach=approach) for method, solver in solvers.items()}
     for method in METHODS:
         assert_same(found[method], expected[method], rounding=1e-9)
-    for method in ("fmg", "tao", "fast", "norm", "snesvi", "mg"):  # not in the order they were made
+    for method in ("fmg", "tao", "fast", "primal", "norm", "snesvi", "mg"):  # not in the order they were made
         solvers.pop(method).close()
         for other in solvers.values():
             assert other.solve(approach=0.1).converged
@@ -240,7 +325,7 @@ def test_memory_and_communicators_come_back(method, closed):
     def use(times):
         for _ in range(times):
             solver = solver_of(method, grid, lcp_rtol=1e-2)
-            solver.solve(approach=APPROACH)
+            solver.solve(approach=APPROACH / 2)
             if closed:
                 solver.close()
         solver = None
