@@ -71,6 +71,13 @@ class HeightArray:
         self.spacing = turned_spacing(spacing, orient)
         self.shape = self._rows.shape
 
+    @classmethod
+    def of(cls, source, crop):
+        """Part of a source, which knows what that does. Not collective."""
+        array = cls(cropped(source, crop, 0, crop[3] - crop[2]), (), source.unit, source.spacing)
+        array.file, array.lateral = source.file, source.lateral
+        return array
+
     def rows(self, rows=slice(None)):
         """Return some rows as float64. Not collective."""
         return np.array(self._rows[rows], dtype=np.float64, order="C")
@@ -142,8 +149,8 @@ class HeightFile(ArrayFile):
             j, i = np.nonzero(turned(heights, self._orient))
             raise InputError(
                 f"surface file {self.file}: the first {what}: equal steps, as of coordinates, not of heights; leave "
-                f"them out in the file or by -surface_crop {i.min()},{i.max() + 1},{j.min()},{j.max() + 1} (in Python "
-                f"crop=), or keep them by 0,{nx},0,{ny}"
+                f"them out in the file or by -surface_crop {i.min()},{i.max() + 1},{j.min()},{j.max() + 1} "
+                f"(app.convert: --crop, in Python crop=), or keep them by 0,{nx},0,{ny}"
             )
 
     def _read_head(self):

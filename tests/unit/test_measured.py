@@ -175,9 +175,14 @@ def test_coordinates_at_the_rim_are_no_heights(tmp_path, head, tilt):
         InputError, match=f"first {head}: equal steps, .* -surface_crop {column},{nx},{row},{ny} "
     ):
         read_surface(path, "um")
-    assert convert([str(path), "-o", str(tmp_path / "s.h5"), "--unit", "um", "--spacing", "1,1"]) == 2
+    converted = [str(path), "-o", str(tmp_path / "s.h5"), "--unit", "um", "--spacing", "1,2"]
+    assert convert(converted) == 2
+    assert convert([*converted, "--crop", f"{column},{nx},{row},{ny}"]) == 0
     left = read_surface(path, "um", crop=(column, nx, row, ny)).heights()
     np.testing.assert_allclose(left, 1e-3 * heights, rtol=1e-5)
+    surface = read_surface(tmp_path / "s.h5")
+    np.testing.assert_array_equal(surface.heights(), left)
+    assert surface.spacing == (1, 2)
     assert read_surface(path, "um", crop=(0, nx, 0, ny)).shape == table.shape
 
 
