@@ -61,7 +61,7 @@ def _main(argv):
     add("file", type=Path, metavar="FILE", help="what an instrument wrote, .npy, .npz, .h5 or text")
     add("-o", "--output", type=Path, required=True, metavar="SURFACE.h5", help="file to write")
     add("--channel", default="", help="name or number of a channel, where there are several")
-    add("--unit", type=a_unit, help=f"m, mm, um or nm: {elsewhere}")
+    add("--unit", type=a_unit, help=f"m, mm, um (or µm) or nm: {elsewhere}")
     add("--height-unit", type=a_unit, help="of the heights alone, where points x, y have another one")
     how = "how rows and columns are turned: transpose, flip_x, flip_y, or some of them with commas between"
     lines = "lines at the head of a text to leave out"
@@ -160,8 +160,7 @@ def _of_instruments(path, heights, facts, arguments):
     unit, factor = ("nm", _OTHER_UNITS[said]) if said in _OTHER_UNITS else (units.unit_named(said), 1.0)
     if said and unit is None and not (arguments.unit or arguments.height_unit):
         raise InputError(
-            f"--unit is missing: surface file {path} says {said}, which is no length; "
-            f"allowed: {', '.join(units.UNITS)}"
+            f"--unit is missing: surface file {path} says {said}, which is no length; allowed: {units.ALLOWED}"
         )
     spacing = facts["spacing"] and [factor * side for side in facts["spacing"]]
     source = HeightArray(factor * heights, arguments.orient, unit, spacing)

@@ -10,10 +10,12 @@ import numpy as np
 from app.errors import InputError
 from app.problems.array_file import ArrayFile
 from app.problems.points import gridded, looks_like_points
-from app.units import UNITS, unit_named
+from app.units import ALLOWED, UNITS, unit_named
 
 # At the head of Gwyddion's ASCII export: the size of the map, and the unit of its heights.
 _SAID = re.compile(r"#\s*(Width|Height|Value units):\s*([\d.,eE+-]*)\s*(\S+)\s*")
+# At the head of an ESRI grid: the size of a cell, in the unit of x and y, which it does not say.
+_CELLS = re.compile(r"\s*(cellsize|dx|dy)\s+(\S+)\s*", re.IGNORECASE)
 
 # What says the unit of heights and of points, and that of the heights alone.
 _UNIT_OPTIONS = "-surface_unit (in Python unit=)", "-surface_height_unit (height_unit=)"
@@ -112,13 +114,12 @@ class HeightFile(ArrayFile):
     def __init__(self, name, skip=0, orient=()):
         super().__init__(name, skip)
         self.unit, self.spacing, self.lateral = self._said("unit"), None, None
-        if "spacing" in self.attributes:
+        given = self.attributes.get("spacing", self._cells_of_head())
+        if given is not None:
             self.lateral = self._said("spacing_unit") or self.unit
-            self.spacing = _sides(self.attributes["spacing"])
+            self.spacing = _sides(given)
             if self.spacing is None:
-                raise InputError(
-                    f"surface file {name}: spacing {self.attributes['spacing']}: needed: two positive numbers dx, dy"
-                )
+                raise InputError(f"surface file {name}: spacing {given}: needed: two positive numbers dx, dy")
         elif self._read_head():
             pass
         elif self.is_text and looks_like_points(self._rows):
@@ -169,15 +170,20 @@ class HeightFile(ArrayFile):
             self.spacing, self.lateral = (sides[0] / self.shape[1], sides[1] / self.shape[0]), "mm"
         return min(sides) > 0
 
+    def _cells_of_head(self):
+        """dx, dy as the head of an ESRI grid writes them; None if it has none."""
+        found = filter(None, map(_CELLS.fullmatch, self.comments))
+        said = {cell[1].lower(): cell[2].replace(",", ".") for cell in found}
+        both = said.get("cellsize")
+        return (said.get("dx", both), said.get("dy", both)) if said else None
+
     def _said(self, key):
         """Unit that an attribute names, or None."""
         if key not in self.attributes:
             return None
         unit = unit_named(self.attributes[key])
         if unit is None:
-            raise InputError(
-                f"surface file {self.file}: {key} {self.attributes[key]!r}; allowed: {', '.join(UNITS)}"
-            )
+            raise InputError(f"surface file {self.file}: {key} {self.attributes[key]!r}; allowed: {ALLOWED}")
         return unit
 
 
@@ -187,10 +193,11 @@ def agreed_units(source, unit, height_unit, names=_UNIT_OPTIONS):
     Not collective.
     """
     given, of_unit, of_height = height_unit or unit, *names
-    allowed = f"allowed: {', '.join(UNITS)}"
+    allowed = f"allowed: {ALLOWED}"
     if source.unit is None and given is None:
+        cells = ", nor of its cells of {:g} x {:g}".format(*source.spacing) if source.spacing else ""
         raise InputError(
-            f"{of_unit} is missing: surface file {source.file} does not say the unit of its heights; {allowed}"
+            f"{of_unit} is missing: surface file {source.file} does not say the unit of its heights{cells}; {allowed}"
         )
     if source.unit and given and given != source.unit:
         option = (of_height if height_unit else of_unit).partition(" ")[0]

@@ -304,7 +304,7 @@ def read_surface(
         Peaks towards the other body are positive; the first row is the one of smallest y. What instruments
         write ``python -m app.convert`` turns into ``.h5``.
     unit : str, optional
-        m, mm, um or nm: of the file; needed where it does not say.
+        m, mm, um (or µm) or nm: of the file; needed where it does not say.
     level : str
         What is taken off: none, mean, plane or quadratic (least squares on the points that are there).
     crop : sequence of int, optional
@@ -356,8 +356,8 @@ def read_surface(
     for name, value, allowed in (
         ("level", level, LEVELS),
         ("missing", missing, MISSING),
-        ("unit", unit, (*UNITS, None)),
-        ("height unit", height_unit, (*UNITS, None)),
+        ("unit", unit, (*UNITS, "µm", None)),
+        ("height unit", height_unit, (*UNITS, "µm", None)),
         *(("orient", turn, TURNS) for turn in orient),
     ):
         if value not in allowed:

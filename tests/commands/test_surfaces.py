@@ -208,7 +208,10 @@ def test_what_is_refused_as_text_is_no_map_of_three_columns(convert, tmp_path, s
     [
         (["s.npy"], "--unit is missing: surface file "),
         (["s.npy", "--unit", "um"], "--spacing is missing: surface file "),
-        (["s.npy", "--unit", "inch", "--spacing", "1,1"], "--unit inch: not allowed"),
+        (
+            ["s.npy", "--unit", "inch", "--spacing", "1,1"],
+            "--unit inch: not allowed; allowed: one of m, mm, um, nm (µm is um)",
+        ),
         (["s.npy", "--unit", "um", "--spacing", "1"], "1: not allowed; allowed: DX,DY"),
         (["s.npy", "-o", "s.txt"], "the name must end in .h5"),
         (["none.npy"], "no such file"),

@@ -91,6 +91,7 @@ def test_an_array_is_read_as_its_file(saved):
         (HEIGHTS + 1j, {}, "a file name, or an array of real numbers"),
         (None, {}, "a file name, or an array of real numbers"),
         (HEIGHTS, {"unit": None}, r"in Python unit=\) is missing"),
+        (HEIGHTS, {"unit": "micron"}, "surface unit micron: not allowed; allowed: m, mm, um, nm, µm"),
         (HEIGHTS, {"spacing": 0.1}, "two positive numbers dx, dy"),
         (HEIGHTS, {"spacing": (0.1, 0)}, "two positive numbers dx, dy"),
         (HEIGHTS, {"crop": (0, 3, 0)}, "four whole numbers i0, i1, j0, j1"),
@@ -266,6 +267,37 @@ def test_both_bodies(saved, tmp_path):
         made(path, surface_file2=str(tmp_path / "other.npy"), surface_unit="um")
 
 
+ESRI = "ncols 15\nNROWS 12\nxllcorner 0\nyllcorner 0\n{}\nNODATA_value -9999\n"
+
+
+@pytest.mark.parametrize(
+    ("cells", "sides"),
+    [("cellsize 0.4", (0.4, 0.4)), ("DX 0,4\ndy 0.5", (0.4, 0.5)), ("cellsize wide", None)],
+)
+def test_the_head_of_an_esri_grid_says_the_size_of_its_cells(tmp_path, cells, sides):
+    """In the unit of x and y, which is told as that of points is."""
+    head = ESRI.format(cells)
+    np.savetxt(path := tmp_path / "s.asc", HEIGHTS[::-1], fmt="%.9f", header=head, comments="")
+    how = {"skip": head.count("\n") + 1, "orient": "flip_y"}
+    if sides is None:
+        with pytest.raises(InputError, match="s.asc: spacing .*wide.* needed: two positive numbers"):
+            read_surface(path, "um", **how)
+        return
+    surface = read_surface(path, "um", **how)
+    assert surface.spacing == pytest.approx([1e-3 * side for side in sides])
+    np.testing.assert_allclose(surface.heights(), 1e-3 * HEIGHTS, atol=1e-12)
+    other = read_surface(path, "mm", height_unit="um", **how)
+    np.testing.assert_array_equal(other.heights(), surface.heights())
+    assert other.spacing == pytest.approx(sides)
+    with pytest.raises(
+        InputError, match=f"unit of its heights, nor of its cells of 0.4 x {sides[1]}; allowed"
+    ):
+        read_surface(path, **how)
+    words = [path, "-o", tmp_path / "s.h5", "--skip", how["skip"], "--orient", "flip_y"]
+    assert convert([*map(str, words), "--unit", "mm", "--height-unit", "um"]) == 0
+    assert read_surface(tmp_path / "s.h5").spacing == pytest.approx(sides)
+
+
 POINTS = np.stack(np.broadcast_arrays(X, Y, HEIGHTS), -1).reshape(-1, 3)
 
 
@@ -311,7 +343,11 @@ def test_units(saved):
             {},
             "-surface_unit .* is missing: surface file .*s.npy does not say the unit .* m, mm, um, nm",
         ),
-        ("s.npy", {"surface_unit": "inch"}, "-surface_unit inch: not allowed; allowed: one of m, mm, um, nm"),
+        (
+            "s.npy",
+            {"surface_unit": "inch"},
+            "-surface_unit inch: not allowed; allowed: one of m, mm, um, nm .µm is um.",
+        ),
         ("s.npy", {"surface_unit": "um"}, "-domain .* is missing: surface file .* does not say its spacing"),
         ("s.h5", {"surface_unit": "nm"}, "-surface_unit nm: surface file .* says um"),
         ("s.txt", {"surface_unit": "nm"}, "-surface_unit nm: surface file .* says um"),
