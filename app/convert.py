@@ -204,10 +204,7 @@ def _summary(source):
     from app.problems.measured import surface_of
 
     surface = surface_of(source)
-    grid = surface.grid()
-    doubts = [note for note in (doubt(surface, grid), spiked(surface)) if note]
-    missing = surface.missing_points / (grid.nx * grid.ny)
-    return f"{surface.understood(grid)}; {100 * missing:.3g}% missing", doubts
+    return surface.understood(), list(filter(None, (doubt(surface, surface.grid()), spiked(surface))))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ points) every rank finds for itself, in the same order, so that it is the same o
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from numbers import Integral
 
 import numpy as np
@@ -53,9 +53,9 @@ class Surface:
     orient : tuple of str
         How rows and columns of the file were turned, before all else.
     rms_height : float
-        About the mean of the heights in the file that are not missing, before levelling [mm].
-    rms_level : float
-        About their best plane, after filters [mm].
+        Standard deviation of the heights in the file that are not missing, after levelling and filters [mm].
+    rms_level, skewness, kurtosis : float
+        The same about their best plane [mm], and the third and fourth standardised moments about it.
     steps : tuple of float
         Root mean square of the steps from cell to cell of the file in x and in y, about that plane, after filters [mm].
     spike : tuple
@@ -81,18 +81,20 @@ class Surface:
     orient: tuple
     rms_height: float
     rms_level: float
+    skewness: float
+    kurtosis: float
     steps: tuple
     spike: tuple
     missing_points: int
     notes: tuple
-    _source: object = field(repr=False)
-    _coefficients: dict = field(repr=False)  # powers of x, y, from -1 to 1 over the crop -> [mm]
-    _filled: tuple = field(repr=False)  # rows, columns of the crop, values [mm]
+    _source: object
+    _coefficients: dict  # powers of x, y, from -1 to 1 over the crop -> [mm]
+    _filled: tuple  # rows, columns of the crop, values [mm]
     _averaged: tuple = (1, 1)
     s_filter: float | None = None
     l_filter: float | None = None
     periodic: bool = False
-    _rest: np.ndarray | None = field(default=None, repr=False)  # what filters left of the crop [mm]
+    _rest: np.ndarray | None = None  # what filters left of the crop [mm]
 
     sampled = measured = True
 
@@ -180,28 +182,32 @@ class Surface:
         check_cells(self.file, s_filter, l_filter, (ny, nx), cell)
         rest = band_pass(self._levelled(0, ny), s_filter, l_filter, cell, bool(grid.periodic))
         moments = Moments(self.file, lambda *rows: rest[slice(*rows)], (ny, nx))
-        found = {"rms_level": moments.tilt()[1], "steps": moments.steps}
-        found |= {"s_filter": s_filter, "l_filter": l_filter, "periodic": bool(grid.periodic)}
-        return replace(self, **found, _rest=rest, _source=None)
+        found = moments.roughness("none") | {"s_filter": s_filter, "l_filter": l_filter}
+        return replace(self, **found, periodic=bool(grid.periodic), _rest=rest, _source=None)
 
-    def cell(self, grid):
+    def cell(self, grid=None):
         """Size dx, dy of a cell of the file, where `grid` is that of this surface [mm]. Not collective."""
+        grid = grid or self.grid()
         return grid.dx / self._averaged[1], grid.dy / self._averaged[0]
 
-    def rms_slope(self, grid):
+    def rms_slope(self, grid=None):
         """Root mean square of the gradient in the file, about the best plane. Not collective."""
         return float(np.sqrt(np.nansum(np.square(self.steps) / np.square(self.cell(grid)))))
 
-    def understood(self, grid):
+    def understood(self, grid=None):
         """What was read, in a line for people to compare with what they know. Not collective."""
+        grid = grid or self.grid()
         nx, ny = self.crop[1] - self.crop[0], self.crop[3] - self.crop[2]
         turned = f" after {','.join(self.orient)}" if self.orient else ""
+        what = "filled" if self.missing == "fill" else "missing"
+        holes = f", {self.missing_points} of {nx * ny} points {what}" if self.missing_points else ""
+        shape = f", skewness {self.skewness:.2g}, kurtosis {self.kurtosis:.2g}" if self.rms_level > 0 else ""
         filters = (("S", self.s_filter), ("L", self.l_filter))
         filtered = "".join(f", {name}-filtered at {in_words(index)}" for name, index in filters if index)
         return (
             f"{nx} x {ny} heights in {self.unit}, cells of {in_words(*self.cell(grid))}, patch of "
-            f"{in_words(grid.nx * grid.dx, grid.ny * grid.dy)}{filtered}; about the best plane: rms height "
-            f"{in_words(self.rms_level)}, rms slope {self.rms_slope(grid):.2g}; rows along x, the first "
+            f"{in_words(grid.nx * grid.dx, grid.ny * grid.dy)}{holes}{filtered}; about the best plane: rms height "
+            f"{in_words(self.rms_level)}, rms slope {self.rms_slope(grid):.2g}{shape}; rows along x, the first "
             f"at the smallest y{turned}"
         )
 
@@ -226,10 +232,15 @@ class Surface:
             )
 
     def __str__(self):
-        if self.spacing is None:
-            ny, nx = self.shape
-            return f"surface file {self.file}: {nx} x {ny} heights in {self.unit}, in cells of a size it does not say"
-        return f"surface file {self.file}: {self.understood(self.grid())}"
+        if self.spacing:
+            return f"surface file {self.file}: {self.understood()}"
+        return (
+            f"surface file {self.file}: {self.shape[1]} x {self.shape[0]} heights in {self.unit}, rms height about the "
+            f"best plane {in_words(self.rms_level)}, in cells of a size it does not say"
+        )
+
+    def __repr__(self):
+        return f"<Surface{str(self).removeprefix('surface file')}>"
 
     def heights(self, rows=slice(None)):
         """Heights of some rows, peaks positive, shape (rows, nx) [mm]; NaN: missing. Not collective."""
@@ -256,6 +267,7 @@ class Surface:
             "surface_unit": self.unit,
             "surface_level": self.level,
             "surface_missing": self.missing,
+            "surface_missing_points": self.missing_points,
             "surface_crop": list(self.crop),
             "surface_orient": ",".join(self.orient),
             "surface_s_filter": self.s_filter,
@@ -404,6 +416,7 @@ def surface_of(
         from app.problems.fill import harmonic_fill  # sparse solvers take a while to load
 
         filled = harmonic_fill(values)
+        notes.append(f"surface file {source.file}: {holes} of {nx * ny} points were missing and are filled")
     elif holes:
         notes.append(
             f"surface file {source.file}: {holes} of {nx * ny} points are missing: cells without any cannot touch; "
@@ -424,13 +437,11 @@ def surface_of(
         missing=missing,
         crop=crop,
         orient=tuple(orient),
-        rms_height=moments.rms,
-        rms_level=rms,
-        steps=moments.steps,
         spike=(height, times, crop[2] + row, crop[0] + column),
         missing_points=holes,
         notes=tuple(notes),
         _source=source,
         _coefficients=moments.fit(level),
         _filled=filled,
+        **moments.roughness(level),
     )

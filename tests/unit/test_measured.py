@@ -15,6 +15,7 @@ from app.notes import doubt, spiked
 from app.options import OptionReader
 from app.problems import moments
 from app.problems.points import gridded
+from app.units import in_words
 
 NY, NX = 12, 15
 DX, DY = 0.4, 0.5  # um
@@ -233,6 +234,10 @@ def test_filled_points_are_harmonic(saved):
     filled = read_surface(saved(np.where(holes, np.nan, plane)), "mm", missing="fill")
     np.testing.assert_allclose(filled.heights(), plane, rtol=1e-12)
     assert filled.missing_points == holes.sum()
+    assert f"{holes.sum()} of {holes.size} points were missing and are filled" in filled.notes[0]
+    assert filled.describe()["surface_missing_points"] == holes.sum()
+    grid = filled.grid((0, 1, 0, 1))
+    assert f", {holes.sum()} of {holes.size} points filled; about" in filled.understood(grid)
     np.testing.assert_array_equal(filled.heights(slice(4, 7)), filled.heights()[4:7])
     rough = read_surface(saved(np.where(holes, np.nan, HEIGHTS)), "mm", missing="fill").heights()
     mean = (rough[:-2, 1:-1] + rough[2:, 1:-1] + rough[1:-1, :-2] + rough[1:-1, 2:]) / 4
@@ -496,9 +501,49 @@ def test_a_surface_is_printed_as_it_was_understood(saved):
     assert text.startswith(
         f"surface file {path}: 15 x 12 heights in um, cells of 0.4 x 0.5 um, patch of 6 x 6 um"
     )
-    assert str(read_surface(HEIGHTS, "um")).endswith(
-        "15 x 12 heights in um, in cells of a size it does not say"
+    heights = HEIGHTS + 100 * X
+    surface = read_surface(heights, "um")
+    rms = f"rms height about the best plane {in_words(surface.rms_level)}"
+    assert (
+        repr(surface)
+        == f"<Surface (array): 15 x 12 heights in um, {rms}, in cells of a size it does not say>"
     )
+    assert repr(read_surface(path)) == f"<Surface {text.removeprefix('surface file ')}>"
+
+
+def test_a_surface_takes_its_own_grid_where_it_knows_the_size_of_its_cells(saved):
+    surface = read_surface(saved(HEIGHTS, "s.h5")).averaged((6, 5))
+    assert surface.rms_slope() == surface.rms_slope(surface.grid())
+    assert surface.understood() == surface.understood(surface.grid())
+    with pytest.raises(InputError, match="does not say its spacing"):
+        read_surface(HEIGHTS, "um").rms_slope()
+
+
+@pytest.mark.parametrize("level", moments.LEVELS)
+@pytest.mark.parametrize("run", [2, 12])
+def test_rms_height_skewness_and_kurtosis_are_those_of_the_heights(monkeypatch, level, run):
+    """Whatever the tilt, the runs of rows and the missing points; the last two about the best plane."""
+    monkeypatch.setattr(moments, "_RUN", run * NX)
+    heights = HEIGHTS**3 + 1e4 * X - 1e5
+    heights[2:5, 7:9] = np.nan
+    surface = read_surface(heights, "mm", level)
+    assert surface.rms_height == pytest.approx(np.nanstd(surface.heights()), rel=1e-6)
+    flat = read_surface(heights, "mm", "plane").heights()
+    flat = flat[~np.isnan(flat)]
+    assert (surface.rms_level, surface.skewness, surface.kurtosis) == pytest.approx(
+        (flat.std(), *(np.mean(flat**k) / flat.std() ** k for k in (3, 4))), rel=1e-6
+    )
+    assert f"skewness {surface.skewness:.2g}, kurtosis {surface.kurtosis:.2g};" in surface.understood(
+        surface.grid((0, 1, 0, 1))
+    )
+    filtered = surface.filtered(surface.grid((0, NX, 0, NY)), s_filter=3)
+    assert filtered.rms_height == pytest.approx(np.nanstd(filtered.heights()), rel=1e-6)
+    ends = (
+        read_surface(np.full((4, 4), 7.0), "mm", spacing=(1, 1)),
+        read_surface([[1e45, -1e45, -1e45, 1e45]] * 4, "mm"),
+    )
+    assert np.isnan(ends[0].skewness) and "skewness" not in str(ends[0])
+    assert ends[1].kurtosis == pytest.approx(1)
 
 
 # What is measured: size of a cell [um], rms slope.
