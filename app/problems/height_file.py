@@ -18,7 +18,7 @@ _SAID = re.compile(r"#\s*(Width|Height|Value units):\s*([\d.,eE+-]*)\s*(\S+)\s*"
 _CELLS = re.compile(r"\s*(cellsize|dx|dy)\s+(\S+)\s*", re.IGNORECASE)
 
 # What says the unit of heights and of points, and that of the heights alone.
-_UNIT_OPTIONS = "-surface_unit (in Python unit=)", "-surface_height_unit (height_unit=)"
+_UNIT_OPTIONS = "unit= (-surface_unit)", "height_unit= (-surface_height_unit)"
 _FEW = 8  # heights in a row, that may go by equal steps by chance
 _EVEN, _UNEVEN = 0.1, 0.5  # by how much steps differ, in the largest: of printed coordinates, of heights
 _OTHER = 0.01  # by which slopes of two rows differ, in the largest step, that are not of one plane
@@ -108,7 +108,8 @@ class HeightFile(ArrayFile):
     what, missing, preferred, marks = "surface file", "missing points", "heights", True
     elsewhere = "python -m app.convert FILE -o surface.h5 reads what instruments write; else: "
     how_to_skip = (
-        "skip the {0} at the head by -surface_skip {1} (app.convert: --skip {1}), or begin them with #"
+        "skip the {0} at the head by skip={1} (-surface_skip {1}, app.convert --skip {1}), "
+        "or begin them with #"
     )
 
     def __init__(self, name, skip=0, orient=()):
@@ -148,10 +149,11 @@ class HeightFile(ArrayFile):
             heights = np.zeros(self._written.shape, bool)
             heights[row:, column:] = True
             j, i = np.nonzero(turned(heights, self._orient))
+            crop = f"{i.min()},{i.max() + 1},{j.min()},{j.max() + 1}"
             raise InputError(
                 f"surface file {self.file}: the first {what}: equal steps, as of coordinates, not of heights; leave "
-                f"them out in the file or by -surface_crop {i.min()},{i.max() + 1},{j.min()},{j.max() + 1} "
-                f"(app.convert: --crop, in Python crop=), or keep them by 0,{nx},0,{ny}"
+                f"them out in the file or by crop=[{crop}] (-surface_crop {crop}, app.convert --crop), or keep them by "
+                f"0,{nx},0,{ny}"
             )
 
     def _read_head(self):
@@ -200,7 +202,7 @@ def agreed_units(source, unit, height_unit, names=_UNIT_OPTIONS):
             f"{of_unit} is missing: surface file {source.file} does not say the unit of its heights{cells}; {allowed}"
         )
     if source.unit and given and given != source.unit:
-        option = (of_height if height_unit else of_unit).partition(" ")[0]
+        option = of_height if height_unit else of_unit
         raise InputError(f"{option} {given}: surface file {source.file} says {source.unit}")
     lateral = source.lateral or source.unit or unit
     if source.spacing and lateral is None:

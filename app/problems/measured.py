@@ -112,8 +112,8 @@ class Surface:
         if domain is None:
             if self.spacing is None:
                 raise InputError(
-                    f"-domain (in Python domain=, or spacing= of read_surface) is missing: surface file "
-                    f"{self.file} does not say its spacing; needed: x0,x1,y0,y1 [mm]"
+                    f"domain= (-domain) is missing: surface file {self.file} does not say its spacing, nor did "
+                    "spacing= of read_surface; needed: x0,x1,y0,y1 [mm]"
                 )
             lx, ly = nx * self.spacing[0], ny * self.spacing[1]
             domain = -lx / 2, lx / 2, -ly / 2, ly / 2
@@ -420,13 +420,13 @@ def surface_of(
     elif holes:
         notes.append(
             f"surface file {source.file}: {holes} of {nx * ny} points are missing: cells without any cannot touch; "
-            "fill them by -surface_missing fill (in Python missing=)"
+            "fill them by missing='fill' (-surface_missing fill)"
         )
     (height, times, row, column), (rise, rms) = moments.spike(), moments.tilt()
     if level in ("none", "mean") and rise > _TILTED * rms > 0:
         notes.append(
             f"surface file {source.file}: is tilted by {rise:.3g} mm over the patch, its rms height about the best "
-            f"plane is {rms:.3g} mm; level it by -surface_level plane (in Python level=) if that is the instrument's"
+            f"plane is {rms:.3g} mm; level it by level='plane' (-surface_level plane) if that is the instrument's"
         )
     return Surface(
         file=source.file,

@@ -236,4 +236,4 @@ def test_refused_in_one_line_on_all_ranks(cli, tmp_path, ranks):
     surface = ("-problem", "rough", "-contact_modulus", 1, "-load", 1, "-surface_file", tmp_path / "s.npy")
     done = cli(*surface, ranks=ranks)
     assert done.returncode == 2
-    assert done.stderr.count("error: -surface_unit (in Python unit=) is missing") == 1
+    assert done.stderr.count("error: -surface_unit is missing: ") == 1

@@ -91,7 +91,7 @@ def test_an_array_is_read_as_its_file(saved):
         (HEIGHTS[0], {}, r"shape \(15,\); needed: \(ny, nx\)"),
         (HEIGHTS + 1j, {}, "a file name, or an array of real numbers"),
         (None, {}, "a file name, or an array of real numbers"),
-        (HEIGHTS, {"unit": None}, r"in Python unit=\) is missing"),
+        (HEIGHTS, {"unit": None}, r"^unit= \(-surface_unit\) is missing"),
         (HEIGHTS, {"unit": "micron"}, "surface unit micron: not allowed; allowed: m, mm, um, nm, µm"),
         (HEIGHTS, {"spacing": 0.1}, "two positive numbers dx, dy"),
         (HEIGHTS, {"spacing": (0.1, 0)}, "two positive numbers dx, dy"),
@@ -174,7 +174,7 @@ def test_coordinates_at_the_rim_are_no_heights(tmp_path, head, tilt):
     np.savetxt(path := tmp_path / "s.txt", table, fmt="%.6g")
     ny, nx = table.shape
     with pytest.raises(
-        InputError, match=f"first {head}: equal steps, .* -surface_crop {column},{nx},{row},{ny} "
+        InputError, match=f"first {head}: equal steps, .*-surface_crop {column},{nx},{row},{ny},"
     ):
         read_surface(path, "um")
     converted = [str(path), "-o", str(tmp_path / "s.h5"), "--unit", "um", "--spacing", "1,2"]
@@ -194,7 +194,7 @@ def test_coordinates_are_told_whatever_side_they_are_turned_to(tmp_path, orient)
     np.savetxt(path := tmp_path / "s.txt", table, fmt="%.9g")
     with pytest.raises(InputError, match="first row and column: equal steps") as refused:
         read_surface(path, "um", orient=orient)
-    crop = re.search(r"-surface_crop ([\d,]+) ", str(refused.value))[1]
+    crop = re.search(r"-surface_crop ([\d,]+),", str(refused.value))[1]
     left = read_surface(path, "um", orient=orient, crop=[*map(int, crop.split(","))])
     np.testing.assert_allclose(left.heights(), read_surface(UNEVEN, "um", orient=orient).heights(), rtol=1e-6)
 
@@ -346,16 +346,16 @@ def test_units(saved):
         (
             "s.npy",
             {},
-            "-surface_unit .* is missing: surface file .*s.npy does not say the unit .* m, mm, um, nm",
+            r"-surface_unit\) is missing: surface file .*s.npy does not say the unit .* m, mm, um, nm",
         ),
         (
             "s.npy",
             {"surface_unit": "inch"},
             "-surface_unit inch: not allowed; allowed: one of m, mm, um, nm .µm is um.",
         ),
-        ("s.npy", {"surface_unit": "um"}, "-domain .* is missing: surface file .* does not say its spacing"),
-        ("s.h5", {"surface_unit": "nm"}, "-surface_unit nm: surface file .* says um"),
-        ("s.txt", {"surface_unit": "nm"}, "-surface_unit nm: surface file .* says um"),
+        ("s.npy", {"surface_unit": "um"}, r"-domain\) is missing: surface file .* does not say its spacing"),
+        ("s.h5", {"surface_unit": "nm"}, r"-surface_unit\) nm: surface file .* says um"),
+        ("s.txt", {"surface_unit": "nm"}, r"-surface_unit\) nm: surface file .* says um"),
         ("s.h5", {"domain": "0,1,0,1"}, r"its patch is 0.006 x 0.006 mm; the domain is 1 x 1 mm"),
         ("s.h5", {"surface_level": "cubic"}, "-surface_level cubic: not allowed"),
         ("s.h5", {"surface_crop": "0,16,0,2"}, "surface crop 0,16,0,2: .* columns 0,15 and rows 0,12"),
@@ -432,10 +432,10 @@ def test_heights_in_another_unit_than_points(saved):
     assert surface.spacing == pytest.approx((DX, DY))
     np.testing.assert_array_equal(read_surface(saved(HEIGHTS), height_unit="um").heights(), surface.heights())
     with pytest.raises(
-        InputError, match="-surface_unit .* is missing: .* does not say the unit of its x and y"
+        InputError, match=r"-surface_unit\) is missing: .* does not say the unit of its x and y"
     ):
         read_surface(points, height_unit="um")
-    with pytest.raises(InputError, match="-surface_height_unit nm: surface file .* says um"):
+    with pytest.raises(InputError, match=r"-surface_height_unit\) nm: surface file .* says um"):
         read_surface(saved(HEIGHTS, "s.h5"), height_unit="nm")
 
 
