@@ -25,9 +25,16 @@ from app import units
 from app.commands import streams
 from app.commands.arguments import Parser, argument, run, writing
 from app.errors import InputError
-from app.options import integer, pair_of_reals, some_of
+from app.options import cells, integer, pair_of_reals, some_of
 from app.problems.array_file import TEXTS
-from app.problems.height_file import TURNS
+from app.problems.height_file import (
+    TURNS,
+    HeightArray,
+    HeightFile,
+    agreed_units,
+    checked_crop,
+    turned_spacing,
+)
 
 ENVIRONMENT = "ELASTIC_CONTACT_SURFACES"  # path of a Python that has SurfaceTopography, if not the one below
 _PLAIN = (".npy", ".npz", ".h5", ".hdf5")  # read here
@@ -54,12 +61,18 @@ def _main(argv):
     add("file", type=Path, metavar="FILE", help="what an instrument wrote, .npy, .npz, .h5 or text")
     add("-o", "--output", type=Path, required=True, metavar="SURFACE.h5", help="file to write")
     add("--channel", default="", help="name or number of a channel, where there are several")
-    add("--unit", type=a_unit, help=f"m, mm, um or nm: {elsewhere}")
+    add("--unit", type=a_unit, help=f"m, mm, um (or µm) or nm: {elsewhere}")
     add("--height-unit", type=a_unit, help="of the heights alone, where points x, y have another one")
     how = "how rows and columns are turned: transpose, flip_x, flip_y, or some of them with commas between"
     lines = "lines at the head of a text to leave out"
     add("--skip", type=argument(_line_count), default=0, metavar="N", help=lines)
     add("--orient", type=argument(some_of(*TURNS)), default=(), metavar="HOW", help=how)
+    add(
+        "--crop",
+        type=argument(cells),
+        metavar="I0,I1,J0,J1",
+        help="columns I0 to I1 - 1, rows J0 to J1 - 1 only",
+    )
     add("--spacing", type=argument(_spacing), metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
     arguments = parser.parse_args(argv)
     from app.output.files import check_output_path, digest
@@ -69,6 +82,8 @@ def _main(argv):
         raise InputError(f"surface file {path}: {'not a file' if path.exists() else 'no such file'}")
     check_output_path(arguments.output, [path, file], "-o")
     source, origin = _read(path, arguments)
+    if arguments.crop:
+        source = HeightArray.of(source, checked_crop(source, arguments.crop))
     _settle(source, arguments)
     summary, doubts = _summary(source)  # refuses what no solve would read
     with writing(arguments.output):
@@ -85,8 +100,6 @@ def _without_dataset(path):
 
 def _read(path, arguments):
     """Heights, turned, and where they are from: format and channel."""
-    from app.problems.height_file import HeightFile
-
     channel, skip, suffix = arguments.channel, arguments.skip, _without_dataset(path).suffix.lower()
     if channel and suffix in (".npy", ".npz"):
         raise InputError(
@@ -108,7 +121,8 @@ def _read(path, arguments):
         if not (facts.get("unit") and facts.get("spacing")):
             raise  # what is wrong with it as text says more
         return _of_instruments(path, heights, facts, arguments)
-    source.refuse_coordinates()
+    if not arguments.crop:
+        source.refuse_coordinates()
     return source, {"format": suffix[1:], "channel": ""}
 
 
@@ -142,14 +156,11 @@ def _read_instruments(path, channel):
 
 def _of_instruments(path, heights, facts, arguments):
     """What `_read` returns, in a unit of ours; one that is no length counts as not said."""
-    from app.problems.height_file import HeightArray
-
     said = facts["unit"]
     unit, factor = ("nm", _OTHER_UNITS[said]) if said in _OTHER_UNITS else (units.unit_named(said), 1.0)
     if said and unit is None and not (arguments.unit or arguments.height_unit):
         raise InputError(
-            f"--unit is missing: surface file {path} says {said}, which is no length; "
-            f"allowed: {', '.join(units.UNITS)}"
+            f"--unit is missing: surface file {path} says {said}, which is no length; allowed: {units.ALLOWED}"
         )
     spacing = facts["spacing"] and [factor * side for side in facts["spacing"]]
     source = HeightArray(factor * heights, arguments.orient, unit, spacing)
@@ -159,8 +170,6 @@ def _of_instruments(path, heights, facts, arguments):
 
 def _settle(source, arguments):
     """Unit and spacing, each from the file or from the command line, not from both."""
-    from app.problems.height_file import agreed_units, turned_spacing
-
     names = "--unit", "--height-unit"
     source.unit, source.lateral = agreed_units(source, arguments.unit, arguments.height_unit, names)
     if source.spacing is None and arguments.spacing is None:
@@ -195,10 +204,7 @@ def _summary(source):
     from app.problems.measured import surface_of
 
     surface = surface_of(source)
-    grid = surface.grid()
-    doubts = [note for note in (doubt(surface, grid), spiked(surface)) if note]
-    missing = surface.missing_points / (grid.nx * grid.ny)
-    return f"{surface.understood(grid)}; {100 * missing:.3g}% missing", doubts
+    return surface.understood(), list(filter(None, (doubt(surface, surface.grid()), spiked(surface))))
 
 
 if __name__ == "__main__":

@@ -85,7 +85,7 @@ def notes_on(state, problem, contact, roughness):
     if not grid.periodic and min(grid.nx, grid.ny) == 1 < grid.n:
         found.append(
             "the patch is one cell wide: a strip pressed on that width, no plane strain "
-            "(see -periodic, in Python periodic=)"
+            "(see periodic= (-periodic))"
         )
     if not grid.periodic and _touches_rim(state, contact.contact_cells):
         what = "contact reaches" if contact.contact_cells else "the smallest distance is found at"

@@ -81,7 +81,7 @@ def stress(solution, poisson_ratio=None, body=None):
     if poisson_ratio is None:
         raise InputError(
             "Poisson's ratio of the body is not known: the material was given by its contact modulus alone; "
-            "needed: --poisson NU, or poisson_ratio="
+            "needed: poisson_ratio= (--poisson NU)"
         )
     if solution.pressure.shape != grid.shape:
         raise InputError("solution: has the rows of one rank; needed: solution.gather() on one rank")

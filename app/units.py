@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 UNITS = {"m": 1e3, "mm": 1.0, "um": 1e-3, "nm": 1e-6}  # [mm]
+ALLOWED = f"{', '.join(UNITS)} (µm is um)"  # for messages
 
 
 class Unit(NamedTuple):
@@ -33,11 +34,11 @@ def unit(text):
     """
     found = unit_named(text)
     if found is None:
-        raise ValueError(f"one of {', '.join(UNITS)}")
+        raise ValueError(f"one of {ALLOWED}")
     return found
 
 
-unit.names = tuple(UNITS)  # for the help
+unit.names = (ALLOWED,)  # for the help
 
 
 def length_unit(largest):

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
+
+_ALSO = re.compile(r"\w+=\S* \((-[^()]*)\)")  # what Python calls it, and the option in brackets
 
 
 def repair():
@@ -32,8 +35,11 @@ def say(text):
 
 
 def complain(line):
-    """Print a line on standard error, if there is anybody to read it. Not collective."""
+    """Print a line on standard error, if there is anybody to read it, options by their own names. Not collective.
+
+    Messages are of what Python calls, too: ``level='plane' (-surface_level plane)``, of which the option is printed.
+    """
     try:
-        print(line, file=sys.stderr, flush=True)
+        print(_ALSO.sub(r"\1", line), file=sys.stderr, flush=True)
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())

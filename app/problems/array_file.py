@@ -43,7 +43,7 @@ class ArrayFile:
         Of the dataset of an HDF5 file, which may say units; else empty.
     is_text : bool
     comments : list of str
-        Lines of a text that begin with #.
+        Lines of a text that begin with #, and those skipped at its head.
 
     Raises
     ------
@@ -148,7 +148,7 @@ class ArrayFile:
     def _read_text(self):
         check_fits(self.path.stat().st_size * _BYTES_PER_BYTE, "text, where .npy or .h5 take little")
         lines = _decoded(self.path.read_bytes()).splitlines()
-        self.comments = [line for line in lines if line.startswith("#")]
+        self.comments = [line for j, line in enumerate(lines) if j < self.skip or line.startswith("#")]
         return read_table(lines, self.missing, self.skip, self.marks, self.how_to_skip)
 
     @property

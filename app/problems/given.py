@@ -12,6 +12,7 @@ from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
 from app.problems.problem import Problem, real_numbers, refuse_large
 from app.problems.shapes import Plane
+from app.units import in_words
 
 
 def is_measured(surface):
@@ -159,6 +160,14 @@ class ContactProblem(Problem):
         object.__setattr__(self, "shape", shape)
         object.__setattr__(self, "surfaces", surfaces)
         object.__setattr__(self, "name", shape.name)
+
+    def __repr__(self):
+        grid, n = self.grid, len(self.surfaces)
+        periodic = ", periodic" if grid.periodic else ""
+        return (
+            f"<ContactProblem: {self.name}, {grid.nx} x {grid.ny} cells of {in_words(grid.dx, grid.dy)}{periodic}, "
+            f"E* {self.material.contact_modulus:g} N/mm2, {n} surface{'s'[: n != 1]}>"
+        )
 
     @property
     def sampled(self):

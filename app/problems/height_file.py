@@ -10,13 +10,15 @@ import numpy as np
 from app.errors import InputError
 from app.problems.array_file import ArrayFile
 from app.problems.points import gridded, looks_like_points
-from app.units import UNITS, unit_named
+from app.units import ALLOWED, UNITS, unit_named
 
 # At the head of Gwyddion's ASCII export: the size of the map, and the unit of its heights.
 _SAID = re.compile(r"#\s*(Width|Height|Value units):\s*([\d.,eE+-]*)\s*(\S+)\s*")
+# At the head of an ESRI grid: the size of a cell, in the unit of x and y, which it does not say.
+_CELLS = re.compile(r"\s*(cellsize|dx|dy)\s+(\S+)\s*", re.IGNORECASE)
 
 # What says the unit of heights and of points, and that of the heights alone.
-_UNIT_OPTIONS = "-surface_unit (in Python unit=)", "-surface_height_unit (height_unit=)"
+_UNIT_OPTIONS = "unit= (-surface_unit)", "height_unit= (-surface_height_unit)"
 _FEW = 8  # heights in a row, that may go by equal steps by chance
 _EVEN, _UNEVEN = 0.1, 0.5  # by how much steps differ, in the largest: of printed coordinates, of heights
 _OTHER = 0.01  # by which slopes of two rows differ, in the largest step, that are not of one plane
@@ -71,6 +73,13 @@ class HeightArray:
         self.spacing = turned_spacing(spacing, orient)
         self.shape = self._rows.shape
 
+    @classmethod
+    def of(cls, source, crop):
+        """Part of a source, which knows what that does. Not collective."""
+        array = cls(cropped(source, crop, 0, crop[3] - crop[2]), (), source.unit, source.spacing)
+        array.file, array.lateral = source.file, source.lateral
+        return array
+
     def rows(self, rows=slice(None)):
         """Return some rows as float64. Not collective."""
         return np.array(self._rows[rows], dtype=np.float64, order="C")
@@ -99,19 +108,19 @@ class HeightFile(ArrayFile):
     what, missing, preferred, marks = "surface file", "missing points", "heights", True
     elsewhere = "python -m app.convert FILE -o surface.h5 reads what instruments write; else: "
     how_to_skip = (
-        "skip the {0} at the head by -surface_skip {1} (app.convert: --skip {1}), or begin them with #"
+        "skip the {0} at the head by skip={1} (-surface_skip {1}, app.convert --skip {1}), "
+        "or begin them with #"
     )
 
     def __init__(self, name, skip=0, orient=()):
         super().__init__(name, skip)
         self.unit, self.spacing, self.lateral = self._said("unit"), None, None
-        if "spacing" in self.attributes:
+        given = self.attributes.get("spacing", self._cells_of_head())
+        if given is not None:
             self.lateral = self._said("spacing_unit") or self.unit
-            self.spacing = _sides(self.attributes["spacing"])
+            self.spacing = _sides(given)
             if self.spacing is None:
-                raise InputError(
-                    f"surface file {name}: spacing {self.attributes['spacing']}: needed: two positive numbers dx, dy"
-                )
+                raise InputError(f"surface file {name}: spacing {given}: needed: two positive numbers dx, dy")
         elif self._read_head():
             pass
         elif self.is_text and looks_like_points(self._rows):
@@ -140,10 +149,11 @@ class HeightFile(ArrayFile):
             heights = np.zeros(self._written.shape, bool)
             heights[row:, column:] = True
             j, i = np.nonzero(turned(heights, self._orient))
+            crop = f"{i.min()},{i.max() + 1},{j.min()},{j.max() + 1}"
             raise InputError(
                 f"surface file {self.file}: the first {what}: equal steps, as of coordinates, not of heights; leave "
-                f"them out in the file or by -surface_crop {i.min()},{i.max() + 1},{j.min()},{j.max() + 1} (in Python "
-                f"crop=), or keep them by 0,{nx},0,{ny}"
+                f"them out in the file or by crop=[{crop}] (-surface_crop {crop}, app.convert --crop), or keep them by "
+                f"0,{nx},0,{ny}"
             )
 
     def _read_head(self):
@@ -162,15 +172,20 @@ class HeightFile(ArrayFile):
             self.spacing, self.lateral = (sides[0] / self.shape[1], sides[1] / self.shape[0]), "mm"
         return min(sides) > 0
 
+    def _cells_of_head(self):
+        """dx, dy as the head of an ESRI grid writes them; None if it has none."""
+        found = filter(None, map(_CELLS.fullmatch, self.comments))
+        said = {cell[1].lower(): cell[2].replace(",", ".") for cell in found}
+        both = said.get("cellsize")
+        return (said.get("dx", both), said.get("dy", both)) if said else None
+
     def _said(self, key):
         """Unit that an attribute names, or None."""
         if key not in self.attributes:
             return None
         unit = unit_named(self.attributes[key])
         if unit is None:
-            raise InputError(
-                f"surface file {self.file}: {key} {self.attributes[key]!r}; allowed: {', '.join(UNITS)}"
-            )
+            raise InputError(f"surface file {self.file}: {key} {self.attributes[key]!r}; allowed: {ALLOWED}")
         return unit
 
 
@@ -180,13 +195,14 @@ def agreed_units(source, unit, height_unit, names=_UNIT_OPTIONS):
     Not collective.
     """
     given, of_unit, of_height = height_unit or unit, *names
-    allowed = f"allowed: {', '.join(UNITS)}"
+    allowed = f"allowed: {ALLOWED}"
     if source.unit is None and given is None:
+        cells = ", nor of its cells of {:g} x {:g}".format(*source.spacing) if source.spacing else ""
         raise InputError(
-            f"{of_unit} is missing: surface file {source.file} does not say the unit of its heights; {allowed}"
+            f"{of_unit} is missing: surface file {source.file} does not say the unit of its heights{cells}; {allowed}"
         )
     if source.unit and given and given != source.unit:
-        option = (of_height if height_unit else of_unit).partition(" ")[0]
+        option = of_height if height_unit else of_unit
         raise InputError(f"{option} {given}: surface file {source.file} says {source.unit}")
     lateral = source.lateral or source.unit or unit
     if source.spacing and lateral is None:

@@ -7,7 +7,7 @@ points) every rank finds for itself, in the same order, so that it is the same o
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from numbers import Integral
 
 import numpy as np
@@ -53,9 +53,9 @@ class Surface:
     orient : tuple of str
         How rows and columns of the file were turned, before all else.
     rms_height : float
-        About the mean of the heights in the file that are not missing, before levelling [mm].
-    rms_level : float
-        About their best plane, after filters [mm].
+        Standard deviation of the heights in the file that are not missing, after levelling and filters [mm].
+    rms_level, skewness, kurtosis : float
+        The same about their best plane [mm], and the third and fourth standardised moments about it.
     steps : tuple of float
         Root mean square of the steps from cell to cell of the file in x and in y, about that plane, after filters [mm].
     spike : tuple
@@ -81,18 +81,20 @@ class Surface:
     orient: tuple
     rms_height: float
     rms_level: float
+    skewness: float
+    kurtosis: float
     steps: tuple
     spike: tuple
     missing_points: int
     notes: tuple
-    _source: object = field(repr=False)
-    _coefficients: dict = field(repr=False)  # powers of x, y, from -1 to 1 over the crop -> [mm]
-    _filled: tuple = field(repr=False)  # rows, columns of the crop, values [mm]
+    _source: object
+    _coefficients: dict  # powers of x, y, from -1 to 1 over the crop -> [mm]
+    _filled: tuple  # rows, columns of the crop, values [mm]
     _averaged: tuple = (1, 1)
     s_filter: float | None = None
     l_filter: float | None = None
     periodic: bool = False
-    _rest: np.ndarray | None = field(default=None, repr=False)  # what filters left of the crop [mm]
+    _rest: np.ndarray | None = None  # what filters left of the crop [mm]
 
     sampled = measured = True
 
@@ -110,8 +112,8 @@ class Surface:
         if domain is None:
             if self.spacing is None:
                 raise InputError(
-                    f"-domain (in Python domain=, or spacing= of read_surface) is missing: surface file "
-                    f"{self.file} does not say its spacing; needed: x0,x1,y0,y1 [mm]"
+                    f"domain= (-domain) is missing: surface file {self.file} does not say its spacing, nor did "
+                    "spacing= of read_surface; needed: x0,x1,y0,y1 [mm]"
                 )
             lx, ly = nx * self.spacing[0], ny * self.spacing[1]
             domain = -lx / 2, lx / 2, -ly / 2, ly / 2
@@ -180,28 +182,32 @@ class Surface:
         check_cells(self.file, s_filter, l_filter, (ny, nx), cell)
         rest = band_pass(self._levelled(0, ny), s_filter, l_filter, cell, bool(grid.periodic))
         moments = Moments(self.file, lambda *rows: rest[slice(*rows)], (ny, nx))
-        found = {"rms_level": moments.tilt()[1], "steps": moments.steps}
-        found |= {"s_filter": s_filter, "l_filter": l_filter, "periodic": bool(grid.periodic)}
-        return replace(self, **found, _rest=rest, _source=None)
+        found = moments.roughness("none") | {"s_filter": s_filter, "l_filter": l_filter}
+        return replace(self, **found, periodic=bool(grid.periodic), _rest=rest, _source=None)
 
-    def cell(self, grid):
+    def cell(self, grid=None):
         """Size dx, dy of a cell of the file, where `grid` is that of this surface [mm]. Not collective."""
+        grid = grid or self.grid()
         return grid.dx / self._averaged[1], grid.dy / self._averaged[0]
 
-    def rms_slope(self, grid):
+    def rms_slope(self, grid=None):
         """Root mean square of the gradient in the file, about the best plane. Not collective."""
         return float(np.sqrt(np.nansum(np.square(self.steps) / np.square(self.cell(grid)))))
 
-    def understood(self, grid):
+    def understood(self, grid=None):
         """What was read, in a line for people to compare with what they know. Not collective."""
+        grid = grid or self.grid()
         nx, ny = self.crop[1] - self.crop[0], self.crop[3] - self.crop[2]
         turned = f" after {','.join(self.orient)}" if self.orient else ""
+        what = "filled" if self.missing == "fill" else "missing"
+        holes = f", {self.missing_points} of {nx * ny} points {what}" if self.missing_points else ""
+        shape = f", skewness {self.skewness:.2g}, kurtosis {self.kurtosis:.2g}" if self.rms_level > 0 else ""
         filters = (("S", self.s_filter), ("L", self.l_filter))
         filtered = "".join(f", {name}-filtered at {in_words(index)}" for name, index in filters if index)
         return (
             f"{nx} x {ny} heights in {self.unit}, cells of {in_words(*self.cell(grid))}, patch of "
-            f"{in_words(grid.nx * grid.dx, grid.ny * grid.dy)}{filtered}; about the best plane: rms height "
-            f"{in_words(self.rms_level)}, rms slope {self.rms_slope(grid):.2g}; rows along x, the first "
+            f"{in_words(grid.nx * grid.dx, grid.ny * grid.dy)}{holes}{filtered}; about the best plane: rms height "
+            f"{in_words(self.rms_level)}, rms slope {self.rms_slope(grid):.2g}{shape}; rows along x, the first "
             f"at the smallest y{turned}"
         )
 
@@ -226,10 +232,15 @@ class Surface:
             )
 
     def __str__(self):
-        if self.spacing is None:
-            ny, nx = self.shape
-            return f"surface file {self.file}: {nx} x {ny} heights in {self.unit}, in cells of a size it does not say"
-        return f"surface file {self.file}: {self.understood(self.grid())}"
+        if self.spacing:
+            return f"surface file {self.file}: {self.understood()}"
+        return (
+            f"surface file {self.file}: {self.shape[1]} x {self.shape[0]} heights in {self.unit}, rms height about the "
+            f"best plane {in_words(self.rms_level)}, in cells of a size it does not say"
+        )
+
+    def __repr__(self):
+        return f"<Surface{str(self).removeprefix('surface file')}>"
 
     def heights(self, rows=slice(None)):
         """Heights of some rows, peaks positive, shape (rows, nx) [mm]; NaN: missing. Not collective."""
@@ -256,6 +267,7 @@ class Surface:
             "surface_unit": self.unit,
             "surface_level": self.level,
             "surface_missing": self.missing,
+            "surface_missing_points": self.missing_points,
             "surface_crop": list(self.crop),
             "surface_orient": ",".join(self.orient),
             "surface_s_filter": self.s_filter,
@@ -304,7 +316,7 @@ def read_surface(
         Peaks towards the other body are positive; the first row is the one of smallest y. What instruments
         write ``python -m app.convert`` turns into ``.h5``.
     unit : str, optional
-        m, mm, um or nm: of the file; needed where it does not say.
+        m, mm, um (or µm) or nm: of the file; needed where it does not say.
     level : str
         What is taken off: none, mean, plane or quadratic (least squares on the points that are there).
     crop : sequence of int, optional
@@ -356,8 +368,8 @@ def read_surface(
     for name, value, allowed in (
         ("level", level, LEVELS),
         ("missing", missing, MISSING),
-        ("unit", unit, (*UNITS, None)),
-        ("height unit", height_unit, (*UNITS, None)),
+        ("unit", unit, (*UNITS, "µm", None)),
+        ("height unit", height_unit, (*UNITS, "µm", None)),
         *(("orient", turn, TURNS) for turn in orient),
     ):
         if value not in allowed:
@@ -404,16 +416,17 @@ def surface_of(
         from app.problems.fill import harmonic_fill  # sparse solvers take a while to load
 
         filled = harmonic_fill(values)
+        notes.append(f"surface file {source.file}: {holes} of {nx * ny} points were missing and are filled")
     elif holes:
         notes.append(
             f"surface file {source.file}: {holes} of {nx * ny} points are missing: cells without any cannot touch; "
-            "fill them by -surface_missing fill (in Python missing=)"
+            "fill them by missing='fill' (-surface_missing fill)"
         )
     (height, times, row, column), (rise, rms) = moments.spike(), moments.tilt()
     if level in ("none", "mean") and rise > _TILTED * rms > 0:
         notes.append(
             f"surface file {source.file}: is tilted by {rise:.3g} mm over the patch, its rms height about the best "
-            f"plane is {rms:.3g} mm; level it by -surface_level plane (in Python level=) if that is the instrument's"
+            f"plane is {rms:.3g} mm; level it by level='plane' (-surface_level plane) if that is the instrument's"
         )
     return Surface(
         file=source.file,
@@ -424,13 +437,11 @@ def surface_of(
         missing=missing,
         crop=crop,
         orient=tuple(orient),
-        rms_height=moments.rms,
-        rms_level=rms,
-        steps=moments.steps,
         spike=(height, times, crop[2] + row, crop[0] + column),
         missing_points=holes,
         notes=tuple(notes),
         _source=source,
         _coefficients=moments.fit(level),
         _filled=filled,
+        **moments.roughness(level),
     )

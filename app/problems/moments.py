@@ -40,11 +40,11 @@ class Moments:
 
     def __init__(self, name, rows, shape):
         self.powers, self.products, self.squares = np.zeros((5, 5)), np.zeros((3, 3)), 0.0
-        self._name, self.shape, self.reference = name, shape, None
+        self._name, self._rows, self.shape, self.reference = name, rows, shape, None
         self._steps = np.zeros((2, 3))  # along x, y: how many, their sum and that of their squares
         ny, nx = shape
         self._spike = (0.0, 0, 0)  # height above the highest of its four neighbours [mm], row, column
-        x, y, run, beyond = centred(nx), centred(ny), max(1, _RUN // nx), np.full((1, nx), np.nan)
+        x, y, run, beyond = centred(nx), centred(ny), self._run, np.full((1, nx), np.nan)
         held = beyond  # the last rows of the run before, one beside whose neighbours are not all known yet
         for start in range(0, ny, run):
             z = rows(start, min(start + run, ny))
@@ -56,6 +56,11 @@ class Moments:
             held = block[-2:]
         if not self.count:
             raise InputError(f"surface file {name}: all points are missing (NaN)")
+
+    @property
+    def _run(self):
+        """Rows that are looked at together."""
+        return max(1, _RUN // self.shape[1])
 
     def _add(self, z, x, y, first):
         there = ~np.isnan(z)
@@ -99,11 +104,6 @@ class Moments:
         return self.powers[0, 0]
 
     @property
-    def rms(self):
-        """Standard deviation of the heights [mm]."""
-        return self._rms_about("mean")
-
-    @property
     def steps(self):
         """Root mean square of the steps from cell to cell in x and in y, about the best plane's [mm]; NaN: none."""
         _, *tilt = self._solve(LEVELS["plane"])
@@ -124,6 +124,26 @@ class Moments:
         plane = self._solve(LEVELS["plane"])
         return float(2 * (abs(plane[1]) + abs(plane[2]))), self._rms_about("plane")
 
+    def roughness(self, level):
+        """What a `Surface` says of its heights, by name; skewness and kurtosis by a second look at all of them."""
+        (mean, *slopes), sums, (ny, nx) = self._solve(LEVELS["plane"]), np.zeros(3), self.shape
+        rms = self._rms_about("plane")
+        for start in range(0, ny, self._run):
+            z = self._rows(start, min(start + self._run, ny)) - (self.reference + mean)
+            z -= slopes[0] * centred(nx) + slopes[1] * centred(ny)[start : start + len(z), None]
+            z[np.isnan(z)] = 0.0
+            z /= rms or 1.0
+            square = z * z
+            sums += [np.sum(square), np.vdot(square, z), np.vdot(square, square)]
+        square, cube, fourth = sums / self.count
+        return {
+            "rms_height": self._rms_about(level),
+            "rms_level": rms,
+            "skewness": float(cube / square**1.5) if square else np.nan,
+            "kurtosis": float(fourth / square**2) if square else np.nan,
+            "steps": self.steps,
+        }
+
     def fit(self, level):
         """Coefficients of the least squares polynomial of a level: (k, m) -> [mm]."""
         terms = LEVELS[level]
@@ -140,6 +160,6 @@ class Moments:
         return np.linalg.lstsq(gram, right, rcond=1e-12)[0]  # of one row of points no slope across is known
 
     def _rms_about(self, level):
-        terms = LEVELS[level]
+        terms = LEVELS[level] or LEVELS["mean"]
         right = np.array([self.products[k, m] for k, m in terms])
         return float(np.sqrt(max(self.squares - right @ self._solve(terms), 0.0) / self.count))

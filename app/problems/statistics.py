@@ -24,7 +24,9 @@ class Roughness:
     Attributes
     ----------
     rms_height : float
-        Standard deviation of the height [mm].
+        Standard deviation of the height [mm], Sq of ISO 25178.
+    arithmetic_mean_height, maximum_height : float
+        Mean distance of heights from their mean, Sa, and from the lowest to the highest, Sz [mm].
     rms_slope_x, rms_slope_y, rms_slope : float
         Root mean square of dz/dx, dz/dy and of the gradient's length.
     skewness, kurtosis : float
@@ -37,6 +39,8 @@ class Roughness:
     rms_slope: float
     skewness: float
     kurtosis: float
+    arithmetic_mean_height: float
+    maximum_height: float
 
 
 @dataclass(frozen=True)
@@ -120,10 +124,11 @@ def roughness(height, dx, dy):
     rms_height = np.sqrt(np.mean(deviation**2))
     slope_x = np.sqrt(np.mean((np.diff(height, axis=1) / dx) ** 2))
     slope_y = np.sqrt(np.mean((np.diff(height, axis=0) / dy) ** 2))
-    flat = np.ptp(height) == 0  # not rms_height: the mean of equal numbers may be off by round-off
+    maximum = np.ptp(height)
+    flat = maximum == 0  # not rms_height: the mean of equal numbers may be off by round-off
     skewness, kurtosis = (np.nan if flat else np.mean((deviation / rms_height) ** k) for k in (3, 4))
     moments = rms_height, slope_x, slope_y, np.hypot(slope_x, slope_y), skewness, kurtosis
-    return Roughness(*map(float, moments))
+    return Roughness(*map(float, (*moments, np.abs(deviation).mean(), maximum)))
 
 
 def radial_spectrum(height, dx, dy, window=False):

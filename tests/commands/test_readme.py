@@ -57,6 +57,7 @@ def test_python_of_the_guide(tmp_path, monkeypatch, capsys):
     assert names["depth"] == pytest.approx(exact.approach, rel=2e-3)
     assert names["semi_axes"] == pytest.approx((exact.a, exact.b), rel=2e-2)
     assert names["again"].cycles == 3 and names["again"].extra["wear"].max() > 1e-4
+    np.testing.assert_allclose(names["worn"], names["gap"] + names["again"].extra["wear"], rtol=1e-12)
     assert names["surface"].missing_points < 100  # few points of a random surface stand out
     assert len(capsys.readouterr().out.splitlines()) >= 12
     text = text_of("docs/results.md")  # goes on with the guide's file
@@ -68,8 +69,9 @@ def test_python_of_the_guide(tmp_path, monkeypatch, capsys):
 
 def test_python_of_load_paths(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    [block] = code_blocks(text_of("docs/load-paths.md"))
-    assert run_blocks([block])["exponent"] == pytest.approx(1.5, abs=0.01)
+    names = run_blocks(code_blocks(text_of("docs/load-paths.md")))
+    assert names["exponent"] == pytest.approx(1.5, abs=0.01)
+    assert names["areas"] == list(names["path"].table["contact_area"])
 
 
 def test_version_is_the_same_everywhere():

@@ -15,6 +15,7 @@ from app.notes import doubt, spiked
 from app.options import OptionReader
 from app.problems import moments
 from app.problems.points import gridded
+from app.units import in_words
 
 NY, NX = 12, 15
 DX, DY = 0.4, 0.5  # um
@@ -90,7 +91,8 @@ def test_an_array_is_read_as_its_file(saved):
         (HEIGHTS[0], {}, r"shape \(15,\); needed: \(ny, nx\)"),
         (HEIGHTS + 1j, {}, "a file name, or an array of real numbers"),
         (None, {}, "a file name, or an array of real numbers"),
-        (HEIGHTS, {"unit": None}, r"in Python unit=\) is missing"),
+        (HEIGHTS, {"unit": None}, r"^unit= \(-surface_unit\) is missing"),
+        (HEIGHTS, {"unit": "micron"}, "surface unit micron: not allowed; allowed: m, mm, um, nm, µm"),
         (HEIGHTS, {"spacing": 0.1}, "two positive numbers dx, dy"),
         (HEIGHTS, {"spacing": (0.1, 0)}, "two positive numbers dx, dy"),
         (HEIGHTS, {"crop": (0, 3, 0)}, "four whole numbers i0, i1, j0, j1"),
@@ -172,12 +174,17 @@ def test_coordinates_at_the_rim_are_no_heights(tmp_path, head, tilt):
     np.savetxt(path := tmp_path / "s.txt", table, fmt="%.6g")
     ny, nx = table.shape
     with pytest.raises(
-        InputError, match=f"first {head}: equal steps, .* -surface_crop {column},{nx},{row},{ny} "
+        InputError, match=f"first {head}: equal steps, .*-surface_crop {column},{nx},{row},{ny},"
     ):
         read_surface(path, "um")
-    assert convert([str(path), "-o", str(tmp_path / "s.h5"), "--unit", "um", "--spacing", "1,1"]) == 2
+    converted = [str(path), "-o", str(tmp_path / "s.h5"), "--unit", "um", "--spacing", "1,2"]
+    assert convert(converted) == 2
+    assert convert([*converted, "--crop", f"{column},{nx},{row},{ny}"]) == 0
     left = read_surface(path, "um", crop=(column, nx, row, ny)).heights()
     np.testing.assert_allclose(left, 1e-3 * heights, rtol=1e-5)
+    surface = read_surface(tmp_path / "s.h5")
+    np.testing.assert_array_equal(surface.heights(), left)
+    assert surface.spacing == (1, 2)
     assert read_surface(path, "um", crop=(0, nx, 0, ny)).shape == table.shape
 
 
@@ -187,7 +194,7 @@ def test_coordinates_are_told_whatever_side_they_are_turned_to(tmp_path, orient)
     np.savetxt(path := tmp_path / "s.txt", table, fmt="%.9g")
     with pytest.raises(InputError, match="first row and column: equal steps") as refused:
         read_surface(path, "um", orient=orient)
-    crop = re.search(r"-surface_crop ([\d,]+) ", str(refused.value))[1]
+    crop = re.search(r"-surface_crop ([\d,]+),", str(refused.value))[1]
     left = read_surface(path, "um", orient=orient, crop=[*map(int, crop.split(","))])
     np.testing.assert_allclose(left.heights(), read_surface(UNEVEN, "um", orient=orient).heights(), rtol=1e-6)
 
@@ -227,6 +234,10 @@ def test_filled_points_are_harmonic(saved):
     filled = read_surface(saved(np.where(holes, np.nan, plane)), "mm", missing="fill")
     np.testing.assert_allclose(filled.heights(), plane, rtol=1e-12)
     assert filled.missing_points == holes.sum()
+    assert f"{holes.sum()} of {holes.size} points were missing and are filled" in filled.notes[0]
+    assert filled.describe()["surface_missing_points"] == holes.sum()
+    grid = filled.grid((0, 1, 0, 1))
+    assert f", {holes.sum()} of {holes.size} points filled; about" in filled.understood(grid)
     np.testing.assert_array_equal(filled.heights(slice(4, 7)), filled.heights()[4:7])
     rough = read_surface(saved(np.where(holes, np.nan, HEIGHTS)), "mm", missing="fill").heights()
     mean = (rough[:-2, 1:-1] + rough[2:, 1:-1] + rough[1:-1, :-2] + rough[1:-1, 2:]) / 4
@@ -259,6 +270,37 @@ def test_both_bodies(saved, tmp_path):
     np.save(tmp_path / "other.npy", HEIGHTS[:, 1:])
     with pytest.raises(InputError, match=r"other.npy: has 14 x 12 cells, the grid 15 x 12"):
         made(path, surface_file2=str(tmp_path / "other.npy"), surface_unit="um")
+
+
+ESRI = "ncols 15\nNROWS 12\nxllcorner 0\nyllcorner 0\n{}\nNODATA_value -9999\n"
+
+
+@pytest.mark.parametrize(
+    ("cells", "sides"),
+    [("cellsize 0.4", (0.4, 0.4)), ("DX 0,4\ndy 0.5", (0.4, 0.5)), ("cellsize wide", None)],
+)
+def test_the_head_of_an_esri_grid_says_the_size_of_its_cells(tmp_path, cells, sides):
+    """In the unit of x and y, which is told as that of points is."""
+    head = ESRI.format(cells)
+    np.savetxt(path := tmp_path / "s.asc", HEIGHTS[::-1], fmt="%.9f", header=head, comments="")
+    how = {"skip": head.count("\n") + 1, "orient": "flip_y"}
+    if sides is None:
+        with pytest.raises(InputError, match="s.asc: spacing .*wide.* needed: two positive numbers"):
+            read_surface(path, "um", **how)
+        return
+    surface = read_surface(path, "um", **how)
+    assert surface.spacing == pytest.approx([1e-3 * side for side in sides])
+    np.testing.assert_allclose(surface.heights(), 1e-3 * HEIGHTS, atol=1e-12)
+    other = read_surface(path, "mm", height_unit="um", **how)
+    np.testing.assert_array_equal(other.heights(), surface.heights())
+    assert other.spacing == pytest.approx(sides)
+    with pytest.raises(
+        InputError, match=f"unit of its heights, nor of its cells of 0.4 x {sides[1]}; allowed"
+    ):
+        read_surface(path, **how)
+    words = [path, "-o", tmp_path / "s.h5", "--skip", how["skip"], "--orient", "flip_y"]
+    assert convert([*map(str, words), "--unit", "mm", "--height-unit", "um"]) == 0
+    assert read_surface(tmp_path / "s.h5").spacing == pytest.approx(sides)
 
 
 POINTS = np.stack(np.broadcast_arrays(X, Y, HEIGHTS), -1).reshape(-1, 3)
@@ -304,12 +346,16 @@ def test_units(saved):
         (
             "s.npy",
             {},
-            "-surface_unit .* is missing: surface file .*s.npy does not say the unit .* m, mm, um, nm",
+            r"-surface_unit\) is missing: surface file .*s.npy does not say the unit .* m, mm, um, nm",
         ),
-        ("s.npy", {"surface_unit": "inch"}, "-surface_unit inch: not allowed; allowed: one of m, mm, um, nm"),
-        ("s.npy", {"surface_unit": "um"}, "-domain .* is missing: surface file .* does not say its spacing"),
-        ("s.h5", {"surface_unit": "nm"}, "-surface_unit nm: surface file .* says um"),
-        ("s.txt", {"surface_unit": "nm"}, "-surface_unit nm: surface file .* says um"),
+        (
+            "s.npy",
+            {"surface_unit": "inch"},
+            "-surface_unit inch: not allowed; allowed: one of m, mm, um, nm .µm is um.",
+        ),
+        ("s.npy", {"surface_unit": "um"}, r"-domain\) is missing: surface file .* does not say its spacing"),
+        ("s.h5", {"surface_unit": "nm"}, r"-surface_unit\) nm: surface file .* says um"),
+        ("s.txt", {"surface_unit": "nm"}, r"-surface_unit\) nm: surface file .* says um"),
         ("s.h5", {"domain": "0,1,0,1"}, r"its patch is 0.006 x 0.006 mm; the domain is 1 x 1 mm"),
         ("s.h5", {"surface_level": "cubic"}, "-surface_level cubic: not allowed"),
         ("s.h5", {"surface_crop": "0,16,0,2"}, "surface crop 0,16,0,2: .* columns 0,15 and rows 0,12"),
@@ -386,10 +432,10 @@ def test_heights_in_another_unit_than_points(saved):
     assert surface.spacing == pytest.approx((DX, DY))
     np.testing.assert_array_equal(read_surface(saved(HEIGHTS), height_unit="um").heights(), surface.heights())
     with pytest.raises(
-        InputError, match="-surface_unit .* is missing: .* does not say the unit of its x and y"
+        InputError, match=r"-surface_unit\) is missing: .* does not say the unit of its x and y"
     ):
         read_surface(points, height_unit="um")
-    with pytest.raises(InputError, match="-surface_height_unit nm: surface file .* says um"):
+    with pytest.raises(InputError, match=r"-surface_height_unit\) nm: surface file .* says um"):
         read_surface(saved(HEIGHTS, "s.h5"), height_unit="nm")
 
 
@@ -455,9 +501,49 @@ def test_a_surface_is_printed_as_it_was_understood(saved):
     assert text.startswith(
         f"surface file {path}: 15 x 12 heights in um, cells of 0.4 x 0.5 um, patch of 6 x 6 um"
     )
-    assert str(read_surface(HEIGHTS, "um")).endswith(
-        "15 x 12 heights in um, in cells of a size it does not say"
+    heights = HEIGHTS + 100 * X
+    surface = read_surface(heights, "um")
+    rms = f"rms height about the best plane {in_words(surface.rms_level)}"
+    assert (
+        repr(surface)
+        == f"<Surface (array): 15 x 12 heights in um, {rms}, in cells of a size it does not say>"
     )
+    assert repr(read_surface(path)) == f"<Surface {text.removeprefix('surface file ')}>"
+
+
+def test_a_surface_takes_its_own_grid_where_it_knows_the_size_of_its_cells(saved):
+    surface = read_surface(saved(HEIGHTS, "s.h5")).averaged((6, 5))
+    assert surface.rms_slope() == surface.rms_slope(surface.grid())
+    assert surface.understood() == surface.understood(surface.grid())
+    with pytest.raises(InputError, match="does not say its spacing"):
+        read_surface(HEIGHTS, "um").rms_slope()
+
+
+@pytest.mark.parametrize("level", moments.LEVELS)
+@pytest.mark.parametrize("run", [2, 12])
+def test_rms_height_skewness_and_kurtosis_are_those_of_the_heights(monkeypatch, level, run):
+    """Whatever the tilt, the runs of rows and the missing points; the last two about the best plane."""
+    monkeypatch.setattr(moments, "_RUN", run * NX)
+    heights = HEIGHTS**3 + 1e4 * X - 1e5
+    heights[2:5, 7:9] = np.nan
+    surface = read_surface(heights, "mm", level)
+    assert surface.rms_height == pytest.approx(np.nanstd(surface.heights()), rel=1e-6)
+    flat = read_surface(heights, "mm", "plane").heights()
+    flat = flat[~np.isnan(flat)]
+    assert (surface.rms_level, surface.skewness, surface.kurtosis) == pytest.approx(
+        (flat.std(), *(np.mean(flat**k) / flat.std() ** k for k in (3, 4))), rel=1e-6
+    )
+    assert f"skewness {surface.skewness:.2g}, kurtosis {surface.kurtosis:.2g};" in surface.understood(
+        surface.grid((0, 1, 0, 1))
+    )
+    filtered = surface.filtered(surface.grid((0, NX, 0, NY)), s_filter=3)
+    assert filtered.rms_height == pytest.approx(np.nanstd(filtered.heights()), rel=1e-6)
+    ends = (
+        read_surface(np.full((4, 4), 7.0), "mm", spacing=(1, 1)),
+        read_surface([[1e45, -1e45, -1e45, 1e45]] * 4, "mm"),
+    )
+    assert np.isnan(ends[0].skewness) and "skewness" not in str(ends[0])
+    assert ends[1].kurtosis == pytest.approx(1)
 
 
 # What is measured: size of a cell [um], rms slope.

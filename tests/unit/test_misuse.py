@@ -185,6 +185,10 @@ def test_a_solver_cannot_be_pickled_and_says_what_can():
 
 
 def test_what_is_printed_at_a_prompt_says_what_it_is():
+    assert repr(BALL).startswith("<ContactProblem: sphere, 8 x 6 cells of ") and BALL.surfaces == ()
+    wavy = ContactProblem(GRID, BALL.material, surfaces=[ROUGH], periodic=True)
+    assert repr(wavy).endswith(f", periodic, E* {BALL.material.contact_modulus:g} N/mm2, 1 surface>")
+    assert len(repr(wavy)) < 120 and "\n" not in repr(wavy)
     assert repr(ROUGH) == f"<SelfAffineSurface: Hurst exponent 0.8, rms slope {ROUGH.rms_slope:.4g}, seed 1>"
     with ContactSolver(BALL) as solver:
         assert repr(solver) == "<ContactSolver: 8 x 6 cells>"

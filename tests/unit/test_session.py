@@ -87,6 +87,13 @@ def test_the_environment_comes_back(monkeypatch):
         (InputError("no\nway"), 2, "error: no way\n"),
         (OSError(28, "No space left on device"), 2, "error: [Errno 28] No space left on device\n"),
         (MemoryError("17 GiB"), 2, "error: 17 GiB\n"),
+        (InputError("unit= (-surface_unit) is missing"), 2, "error: -surface_unit is missing\n"),
+        (
+            InputError("by skip=2 (-skip 2, x --skip 2), or nu= (--nu X)"),
+            2,
+            "error: by -skip 2, x --skip 2, or --nu X\n",
+        ),
+        (InputError("a=b is no (- option)"), 2, "error: a=b is no (- option)\n"),
     ],
 )
 def test_commands_of_the_shell_end_alike(name, error, status, line, monkeypatch, capsys):

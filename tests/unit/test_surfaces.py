@@ -324,6 +324,10 @@ def test_roughness_of_a_wave():
     assert moments.rms_height == pytest.approx(amplitude / np.sqrt(2), rel=1e-12)
     assert moments.skewness == pytest.approx(0, abs=1e-12)
     assert moments.kurtosis == pytest.approx(1.5, rel=1e-12)
+    assert moments.arithmetic_mean_height == pytest.approx(
+        amplitude * 2 / np.pi, rel=0.01
+    )  # 15 points a wave
+    assert moments.maximum_height == pytest.approx(amplitude * (1 + np.cos(np.pi / 15)), rel=1e-12)
     assert moments.rms_slope_y == 0
     expected = q * amplitude / np.sqrt(2) * np.sin(q * dx / 2) / (q * dx / 2)
     assert moments.rms_slope_x == pytest.approx(expected, rel=0.01)  # one face less than cells
@@ -344,6 +348,8 @@ def test_roughness_under_shift_scaling_and_reflection():
     assert other.rms_slope == pytest.approx(2 * base.rms_slope)
     assert other.skewness == pytest.approx(-base.skewness)
     assert other.kurtosis == pytest.approx(base.kurtosis)
+    assert other.arithmetic_mean_height == pytest.approx(2 * base.arithmetic_mean_height)
+    assert other.maximum_height == pytest.approx(2 * base.maximum_height)
     assert base.skewness > 1
 
 

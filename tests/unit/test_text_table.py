@@ -73,7 +73,8 @@ def test_words_at_the_head_say_how_many_lines_to_skip(tmp_path, coding):
     path = tmp_path / "scan.csv"
     path.write_text("Höhe;Plane 1\n[µm]\n0,5;1,5\n***;2\n", encoding=coding)
     with pytest.raises(
-        InputError, match=r"line 1: 'Höhe' is no number; skip the 2 lines at the head by -surface_skip 2"
+        InputError,
+        match=r"line 1: 'Höhe' is no number; skip the 2 lines at the head by skip=2 \(-surface_skip 2, ",
     ):
         read_surface(path, "um")
     surface = read_surface(path, "um", skip=2)
