@@ -85,9 +85,9 @@ class PrescribedApproach:
 
     def begin(self, state):
         """Prepare the iteration on a grid. Not collective."""
-        depth = self.depth_on(state.distance)
-        if state.depth < depth:  # the grid before was in full contact, perhaps, or had no holes
-            state.depth = depth
+        state.depth = self.depth_on(
+            state.distance
+        )  # the grid before was in full contact, perhaps, or had no holes
 
     def update(self, state):
         """Keep the approach; return by how much it moved [mm]. Not collective."""
@@ -99,9 +99,7 @@ class PrescribedApproach:
 
 
 class PrescribedMeanGap(PrescribedApproach):
-    """The mean of the gap on a periodic patch is given: the mean of the undeformed distance less the approach.
-
-    That mean is another one on every grid, and so is the approach.
+    """The mean gap is given: the mean undeformed distance, another one on every grid, less the approach.
 
     Parameters
     ----------
@@ -120,10 +118,6 @@ class PrescribedMeanGap(PrescribedApproach):
     def depth_on(self, distance):
         """Return the approach beyond the reference on the grid of an `UndeformedDistance` [mm]. Not collective."""
         return self._depth + (distance.statistics.mean - self._mean)
-
-    def begin(self, state):
-        """Prepare the iteration on a grid. Not collective."""
-        state.depth = self.depth_on(state.distance)
 
 
 class PrescribedLoad:
