@@ -18,7 +18,10 @@ from app.output.files import whole_file
 BLUE, ORANGE, GREEN = "#0072b2", "#d55e00", "#009e73"  # told apart by colour-blind readers
 PURPLE, GREY, PALE = "#aa4499", "#c8c8c8", "#cfe3f1"
 DASHED, DOTTED = (0, (5, 2)), (0, (1, 1.5))
-SERIES = ((BLUE, "o", "-"), (ORANGE, "s", "--"), (GREEN, "^", "-."), (PURPLE, "D", ":"))
+SERIES = (
+    (BLUE, "o", "-"), (ORANGE, "s", "--"), (GREEN, "^", "-."),
+    (PURPLE, "D", ":"), ("#56b4e9", "v", (0, (6, 1, 1, 1, 1, 1))), ("#8c6d31", "P", (0, (3, 1))),
+)  # fmt: skip
 STYLE = {
     "figure.constrained_layout.use": True,
     "figure.constrained_layout.h_pad": 0.08,
@@ -40,7 +43,6 @@ STYLE = {
     "svg.fonttype": "none",
     "svg.hashsalt": "contact",  # the same picture is the same file
 }
-_FILLS = ("full", "none", "left")
 _INCHES_PER_TICK = 0.75
 _SUBS = ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7))  # of the decades of logarithmic axes: ticks
 _LEAST_TICKS = 3  # with numbers, on logarithmic axes
@@ -70,11 +72,9 @@ def series(number):
     """How the line of a number, from 0, is drawn: as no other of the first twelve."""
     again, which = divmod(number, len(SERIES))
     colour, marker, line = SERIES[which]
-    fill = _FILLS[again % len(_FILLS)]
-    paper = "white" if fill == "none" else colour  # a line does not shine through
+    paper = "white" if again % 2 else colour  # a line does not shine through
     return {
-        "color": colour, "marker": marker, "linestyle": line, "markersize": 5 + again,
-        "fillstyle": fill if fill == "left" else "full", "markerfacecolor": paper, "markerfacecoloralt": "white",
+        "color": colour, "marker": marker, "linestyle": line, "markersize": 5 + again, "markerfacecolor": paper,
     }  # fmt: skip
 
 

@@ -8,10 +8,12 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from results import made_up_result, with_attributes
 
+from app.commands.problem_options import PROBLEM_OPTIONS
+from app.errors import InputError
 from app.halfspace.connected import connected_sets
 from app.halfspace.grid import Grid
 from app.halfspace.stress import Hottest
-from app.output import curves, figures, maps, paths, style
+from app.output import curves, figures, maps, paths, style, sweeps
 from app.plot import analytic_reference
 from app.reference.rough import persson_fraction
 from app.units import length_unit
@@ -371,11 +373,11 @@ def test_sweep_is_drawn_against_the_option_with_most_values():
         "work_units": ["10", "11", "12", "20", "22", ""],
         "solve_seconds": [""] * 6,
     }
-    figure = paths.sweep_figure(columns)
+    figure = sweeps.sweep_figure(columns)
     (axes,) = figure.axes
     assert axes.get_xlabel() == "-grid" and axes.get_ylabel() == "work units"
     assert [list(line.get_ydata()) for line in axes.lines] == [[10, 11, 12], [20, 22]]
-    assert paths.sweep_figure(columns | {"grid": ["32"] * 6}) is None
+    assert sweeps.sweep_figure(columns | {"grid": ["32"] * 6}) is None
 
 
 @pytest.mark.parametrize(("methods", "said"), [(12, "-method"), (13, "-method: 12 of 13")])
@@ -386,5 +388,92 @@ def test_the_legend_of_a_sweep_tells_how_many_lines_are_drawn(methods, said):
         "exit_status": ["0"] * 2 * methods,
         "work_units": [str(k) for k in range(1, 2 * methods + 1)],
     }
-    (axes,) = paths.sweep_figure(columns).axes
+    (axes,) = sweeps.sweep_figure(columns).axes
     assert len(axes.lines) == 12 and axes.get_legend().get_title().get_text() == said
+
+
+def loads_of_a_sweep(**more):
+    """Table of three loads by two moduli: columns of text."""
+    loads, moduli = ["1", "8", "27"] * 2, ["70e3,inf"] * 3 + ["210e3,inf"] * 3
+    area = [0.01 * float(load) ** (2 / 3) for load in loads]
+    pressure = [1.5 * float(load) / a for load, a in zip(loads, area, strict=True)]
+    made = {
+        "load": loads, "young": moduli, "exit_status": ["0"] * 6,
+        "work_units": [str(k) for k in range(6)], "solve_seconds": [str(k) for k in range(1, 7)],
+        "operator_applications": [str(2 * k) for k in range(6)], "result_load": loads,
+        "approach": [repr(0.1 * a) for a in area], "max_pressure": list(map(repr, pressure)),
+        "contact_fraction": [repr(a) for a in area], "contact_area": [repr(4 * a) for a in area],
+    }  # fmt: skip
+    return made | more
+
+
+def panels(figure):
+    return [axes.get_ylabel().partition("  [")[0] for axes in figure.axes]
+
+
+def test_a_sweep_of_loads_shows_what_is_physical_once_and_no_work():
+    figure = sweeps.sweep_figure(loads_of_a_sweep())
+    assert panels(figure) == ["approach δ", "contact fraction", "maximum pressure"]
+    assert {axes.get_xlabel() for axes in figure.axes} == {"-load  [N]"}
+    approach = figure.axes[0]
+    assert approach.get_ylabel().endswith("[µm]") and approach.lines[0].get_ydata()[0] == pytest.approx(1.0)
+    patches = loads_of_a_sweep(contact_area=list("123456"))  # of several sizes
+    assert "contact area" in panels(sweeps.sweep_figure(patches))
+
+
+def test_a_sweep_over_solvers_shows_work_after_what_is_physical():
+    rows = {"option_files": ["fast"] * 3 + ["norm"] * 3}
+    names = panels(sweeps.sweep_figure(rows | loads_of_a_sweep()))
+    assert names[3:] == ["operator applications", "time of the solve"]
+    nearly = [repr(1 + 1e-6 * k) for k in range(6)]  # to what a solve is accurate
+    assert panels(sweeps.sweep_figure(rows | loads_of_a_sweep(approach=nearly)))[0] == "contact fraction"
+
+
+@pytest.mark.parametrize(
+    ("option", "drawn"),
+    [("approach", "load F"), ("mean_pressure", "approach δ"), ("sphere_radius", "approach δ, load F")],
+)
+def test_what_an_option_prescribes_is_not_drawn_against_it(option, drawn):
+    steps = [1.0, 8.0, 27.0]
+    columns = {
+        option: list(map(repr, steps)),
+        "exit_status": ["0"] * 3,
+        "load": [repr(step / 4 if option == "mean_pressure" else step**1.5) for step in steps],
+        "result_approach" if option == "approach" else "approach": list(map(repr, steps)),
+    }
+    figure = sweeps.sweep_figure(columns)
+    assert ", ".join(panels(figure)) == drawn
+    unit = "N/mm²" if option == "mean_pressure" else "mm"
+    assert figure.axes[0].get_xlabel() == f"-{option}  [{unit}]"
+
+
+def test_columns_of_a_sweep_are_drawn_as_asked_for():
+    figure = sweeps.sweep_figure(loads_of_a_sweep(), x="approach", y=["result_load", "work_units"])
+    assert panels(figure) == ["load F", "work units"] and figure.axes[0].get_xlabel() == "approach δ  [µm]"
+    assert [len(line.get_xdata()) for line in figure.axes[0].lines] == [3, 3]  # through the loads
+    assert sweeps.sweep_figure(loads_of_a_sweep(load=["1"] * 6), y=["work_units"]) is None  # against what?
+    for name in ("approach_", "young_", "exit"):
+        with pytest.raises(InputError, match=f"{name}: not a column with numbers; there are load, "):
+            sweeps.sweep_figure(loads_of_a_sweep(), y=[name])
+
+
+def test_lines_of_a_sweep_say_what_tells_them_apart():
+    one = sweeps.sweep_figure(loads_of_a_sweep()).axes[1].get_legend()
+    assert one.get_title().get_text() == "-young  [N/mm²]"
+    assert [text.get_text() for text in one.get_texts()] == ["70e3,inf", "210e3,inf"]
+    files = {
+        "option_files": ["fast"] * 3 + ["norm"] * 3,
+        "poisson": ["0.3,0"] * 6,
+        "seed": [""] * 3 + ["7"] * 3,
+    }
+    several = sweeps.sweep_figure(files | loads_of_a_sweep()).axes[2].get_legend()
+    assert [text.get_text() for text in several.get_texts()] == [
+        "fast; young 70e3,inf", "norm; seed 7; young 210e3,inf"
+    ]  # fmt: skip
+
+
+def test_axes_of_sweeps_have_the_units_that_options_have():
+    for option in PROBLEM_OPTIONS:
+        said = [unit for unit in ("mm", "N", "N/mm2", "degrees") if f"[{unit}]" in option.meaning]
+        if not option.name.endswith("_path"):
+            assert (sweeps.unit_of(option.name) or "").replace("²", "2") == "".join(said), option.name
