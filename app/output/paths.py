@@ -82,7 +82,7 @@ def path_figure(paths, heading=""):
     panels = figure.subplots(2, 2)
     for axes, draw in zip(panels.flat, _ROUGH if rough else _SMOOTH, strict=True):
         draw(axes, paths)
-    if len(paths) > 1 and not rough and panels[0, 0].get_legend_handles_labels()[0]:
+    if not rough and len(panels[0, 0].lines) > 1:
         panels[0, 0].legend()
     return figure
 
@@ -108,6 +108,22 @@ def _curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True))
         if log:
             log_axis(axis, values)
     return drawn
+
+
+def _draw_analytic(axes, paths, x, y, per_mm=1.0):
+    """The analytic solutions of smooth bodies, where they are known, beside the computed ones."""
+    label = "analytic"
+    for path in paths:
+        found = path.positive(f"analytic_{x}", f"analytic_{y}")
+        if found is not None:
+            line = {"color": "0.3", "linestyle": DASHED, "zorder": 1, "label": label}
+            axes.plot(found[0] * per_mm, found[1], **line)
+            label = None  # once
+    if label is None and axes.get_xscale() == "log":
+        for axis, values in zip(
+            (axes.xaxis, axes.yaxis), np.vstack([one.get_xydata() for one in axes.lines]).T, strict=True
+        ):
+            log_axis(axis, values)
 
 
 _RELATIVE = "p / (E* h′rms)"
@@ -193,6 +209,7 @@ def _draw_stiffness(axes, paths):
 def _draw_smooth_stiffness(axes, paths):
     if _draw_stiffness_against(axes, paths, "load"):
         axes.set(xlabel="load F  [N]")
+        _draw_analytic(axes, paths, "load", "stiffness")
 
 
 def _against_approach(name, label):
@@ -203,6 +220,7 @@ def _against_approach(name, label):
         log = known.min() >= 0  # an approach that is counted from within the roughness has no logarithm
         if _curves(axes, paths, "approach", name, lambda path: (unit.per_mm, 1.0), (log, log)) is not None:
             axes.set(xlabel=f"approach δ  [{unit.name}]", ylabel=label)
+            _draw_analytic(axes, paths, "approach", name, unit.per_mm)
 
     return draw
 
@@ -211,6 +229,7 @@ def _against_load(name, label):
     def draw(axes, paths):
         if _curves(axes, paths, "load", name) is not None:
             axes.set(xlabel="load F  [N]", ylabel=label)
+            _draw_analytic(axes, paths, "load", name)
 
     return draw
 

@@ -45,6 +45,7 @@ STYLE = {
 }
 _INCHES_PER_TICK = 0.75
 _SUBS = ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7))  # of the decades of logarithmic axes: ticks
+_NARROWEST = 1.1  # end over beginning of logarithmic axes
 _LEAST_TICKS = 3  # with numbers, on logarithmic axes
 
 
@@ -90,15 +91,16 @@ def log_axis(axis, values):
     values = np.ravel(values)
     values = values[np.isfinite(values) & (values > 0)]
     low, high = (values.min(), values.max()) if values.size else (0.1, 1.0)
-    if high < 2 * low:
-        low, high = low / 1.5, high * 1.5
+    if high < _NARROWEST * low:
+        low, high = low / _NARROWEST**0.5, high * _NARROWEST**0.5
     (axes.set_xscale if in_x else axes.set_yscale)("log")
-    margin = max((high / low) ** 0.06, 1.25)
+    margin = (high / low) ** 0.06
     low, high = low / margin, high * margin
     (axes.set_xlim if in_x else axes.set_ylim)(low, high)
-    subs = next((subs for subs in _SUBS if _ticks_between(low, high, subs) >= _LEAST_TICKS), _SUBS[-1])
+    subs = next((subs for subs in _SUBS if _ticks_between(low, high, subs) >= _LEAST_TICKS), ())
     if subs != (1,):
-        axis.set_major_locator(LogLocator(subs=subs))
+        even = MaxNLocator(5, steps=[1, 2, 5, 10], min_n_ticks=_LEAST_TICKS)
+        axis.set_major_locator(LogLocator(subs=subs) if subs else even)
         axis.set_major_formatter(FuncFormatter(lambda value, _: _number(value)))
         axis.set_minor_formatter(NullFormatter())
         axis.set_minor_locator(NullLocator())
