@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.patches import Rectangle
 from results import made_up_result, with_attributes
 
 from app.commands.problem_options import PROBLEM_OPTIONS
@@ -128,6 +129,21 @@ def test_titles_and_labels_say_what_and_in_which_unit(result):
 
 
 @pytest.mark.parametrize(
+    ("facts", "said"),
+    [
+        ({}, "Sphere, "),
+        ({"surfaces": 1}, "Sphere with a rough surface, "),
+        ({"surfaces": 1, "surface_file": "maps/plate.h5:/heights"}, "Sphere with plate.h5, "),
+        ({"surfaces": 2, "surface_file": "a.txt", "surface_file2": "b.txt"}, "Sphere with a.txt and b.txt, "),
+        ({"surfaces": 1, "problem": "rough"}, "Rough surface, "),
+        ({"surfaces": 1, "problem": "rough", "surface_file": "a.txt"}, "Rough surface a.txt, "),
+    ],
+)
+def test_titles_name_what_is_rough(result, facts, said):
+    assert figures.title(with_attributes(result, **{"problem": "sphere"} | facts)).startswith(said)
+
+
+@pytest.mark.parametrize(
     "largest, per_mm, name", [(2.0, 1.0, "mm"), (0.1, 1e3, "µm"), (1e-5, 1e6, "nm"), (5e4, 1e-3, "m")]
 )
 def test_lengths_stand_in_a_unit_that_suits_them(largest, per_mm, name):
@@ -180,6 +196,15 @@ def test_a_logarithmic_axis_has_three_numbers_at_least(values):
     assert sum(low <= tick <= high for tick in told) >= 3
 
 
+@pytest.mark.parametrize("values", [[5300, 6500], [3.0, 4.0, 5.9], [10, 80], [1e-3, 2e5]])
+def test_a_logarithmic_axis_is_as_wide_as_its_data(values):
+    axes = style.new_figure(4, 3).subplots()
+    style.log_axis(axes.yaxis, np.array(values))
+    low, high = np.log(axes.get_ylim())
+    assert low < np.log(values[0]) and np.log(values[-1]) < high
+    assert high - low < 1.2 * np.log(values[-1] / values[0])
+
+
 def test_twelve_lines_are_all_different():
     drawn = [{name: str(value) for name, value in style.series(number).items()} for number in range(12)]
     assert all(one != other for k, one in enumerate(drawn) for other in drawn[:k])
@@ -210,6 +235,28 @@ def test_patches_are_told_apart_across_the_sides_of_a_periodic_patch():
     labels, cells = connected_sets(contact, periodic=True)
     assert sorted(cells) == [1, 1, 3] and labels[0, 0] == labels[5, 0] == labels[0, 7] > 0
     assert not labels[~contact].any()
+
+
+def test_the_legend_of_contact_says_what_colours_and_white_mean(result):
+    contact = np.zeros_like(result.contact)
+    contact[::8, ::8] = 1
+    for pattern, colours, text in (
+        (contact, 10, "192 patches in 10 colours"),
+        (contact * (np.arange(contact.size) < 20).reshape(contact.shape), 3, "3 patches in 3 colours"),
+        (result.contact, 1, "cells"),
+    ):
+        axes = figures.contact_figure(replace(result, contact=pattern)).axes[0]
+        told, none = axes.get_legend().get_texts()
+        assert told.get_text().endswith(text) and none.get_text() == "no contact"
+        shown = {patch.get_facecolor() for patch in axes.get_legend().findobj(Rectangle)}
+        assert len(shown) == colours + 1 and (1, 1, 1, 1) in shown
+        pixels = axes.images[-1].get_array()
+        assert {tuple(colour) for colour in pixels[pixels[..., 3] > 0]} == shown - {(1, 1, 1, 1)}
+
+
+def test_sizes_of_patches_have_a_panel_where_there_are_several(result):
+    labels = [axes.get_xlabel() for axes in curves.distribution_figure(result).axes]
+    assert len(labels) == 2 and "pressure" in labels[0] and "gap" in labels[1]
 
 
 def test_distributions_add_up_to_one():
@@ -295,6 +342,33 @@ def test_contours_of_stress_are_drawn_where_they_can_be_told_apart():
         assert (collections != ["QuadMesh"]) == drawn
 
 
+@pytest.mark.parametrize(("deepest", "times"), [(1.3, None), (0.1, 12), (10, 0.14)])
+def test_a_section_below_says_when_depth_has_another_scale(deepest, times):
+    grid, z = Grid.from_domain(200, 1, (-1, 1, 0, 1)), np.linspace(0, deepest, 21)
+    section = np.zeros((6, 21, 200))
+    section[2] = -np.exp(-((z[:, None] - deepest / 2) ** 2)) * np.exp(-(grid.x() ** 2))
+    hottest = Hottest(1.0, 0.0, 0.0, deepest / 2, np.zeros(6))
+    figure = curves.stress_figure("x", grid, z, section, section[:, :, 100], hottest, "")
+    figure.canvas.draw()
+    axes = figure.axes[0]
+    box = axes.get_window_extent()
+    unit = 1e3 if "µm" in axes.get_ylabel() else 1
+    drawn = box.height / (abs(np.ptp(axes.get_ylim())) / unit) / (box.width / np.ptp(axes.get_xlim()))
+    assert drawn == pytest.approx(times or 1, rel=1e-3)
+    assert axes.get_xlabel() == "x  [mm]" + (f"   (z: {times} × the scale of x)" if times else "")
+    assert times or axes.get_ylabel().endswith("[mm]")
+
+
+def test_contours_of_stress_have_their_values_beside_them():
+    grid, z = Grid.from_domain(201, 1, (-1.005, 1.005, 0, 1)), np.linspace(0, 1, 21)
+    section = np.zeros((6, 21, 201))
+    section[2] = -np.exp(-((z[:, None] - 0.5) ** 2) - grid.x() ** 2)
+    hottest = Hottest(1.0, 0.0, 0.0, 0.5, np.zeros(6))
+    axes = curves.stress_figure("x", grid, z, section, section[:, :, 100], hottest, "").axes[0]
+    values = [float(text.get_text()) for text in axes.texts]
+    assert len(values) > 2 and all(0 < value < 1 for value in values)
+
+
 def test_stress_below_a_single_column_has_its_width_and_the_legend_touches_no_curve():
     z, section = np.linspace(0, 1, 21), np.zeros((6, 21, 1))
     section[2, :, 0] = -1
@@ -342,6 +416,17 @@ def test_a_residual_beyond_all_numbers_is_not_drawn(result):
     assert np.array_equal(drawn[np.isfinite(drawn)], residual[residual < 1e200])
 
 
+def test_residuals_far_below_the_tolerance_are_marked_at_the_bottom(result):
+    residual = result.history["residual"].copy()
+    residual[[1, 3]] = 1e-17, 3e-14
+    axes = figures.history_figure(replace(result, history=result.history | {"residual": residual})).axes[0]
+    marked = next(line for line in axes.lines if line.get_label().startswith("lower"))
+    assert list(marked.get_xdata()) == [2, 4] and (marked.get_ydata() == 1e-9).all()
+    drawn = np.concatenate([line.get_ydata() for line in axes.lines])
+    assert np.nanmin(drawn) > axes.get_ylim()[0]
+    assert "lower" not in str([line.get_label() for line in figures.history_figure(result).axes[0].lines])
+
+
 def test_levels_beyond_the_coarsest_grid_are_named_like_it():
     result = made_up_result(32, 24)
     level = result.history["level"].copy()
@@ -356,6 +441,29 @@ def test_path_without_roughness_is_drawn_by_load_and_approach():
     first = paths.path_figure([path, path._replace(name="other")]).axes[0]
     assert first.get_xlabel() == "approach δ  [µm]" and first.lines[0].get_xdata() == pytest.approx(1e3 * d)
     assert len(first.lines) == 2
+
+
+def test_the_analytic_solution_stands_beside_the_path_of_a_smooth_body():
+    """Where it is known, in the units of its panel."""
+    d = np.geomspace(1e-3, 0.1, 5)
+    exact = {"load": 1e5 * d**1.5, "approach": d, "max_pressure": 1e4 * d**0.5, "contact_area": 3 * d}
+    exact["stiffness"] = 1.5e5 * d**0.5
+    computed = {name: 1.3 * values for name, values in exact.items()}
+    known = paths.Path(computed | {f"analytic_{name}": values for name, values in exact.items()})
+    figure = paths.path_figure([known, paths.Path(computed, "other"), known])
+    for axes in figure.axes:
+        own, _, _, analytic, again = axes.lines
+        assert analytic.get_label() == "analytic" and again.get_label() != "analytic"
+        factor = 1e3 if "µm" in axes.get_xlabel() else 1
+        x, y = (1e5 * d**1.5, None) if factor == 1 else (factor * d, exact["load"])
+        assert analytic.get_xdata() == pytest.approx(x) and own.get_xdata() == pytest.approx(1.3 * x)
+        assert own.get_ydata() == pytest.approx(1.3 * analytic.get_ydata())
+        assert y is None or analytic.get_ydata() == pytest.approx(y)
+        assert (
+            axes.get_ylim()[0] < analytic.get_ydata().min()
+            and analytic.get_ydata().max() < axes.get_ylim()[1]
+        )
+    assert len(paths.path_figure([paths.Path(computed)]).axes[0].lines) == 1
 
 
 def test_path_by_an_approach_counted_from_within_the_roughness_keeps_its_first_steps():
@@ -451,7 +559,8 @@ def test_columns_of_a_sweep_are_drawn_as_asked_for():
     figure = sweeps.sweep_figure(loads_of_a_sweep(), x="approach", y=["result_load", "work_units"])
     assert panels(figure) == ["load F", "work units"] and figure.axes[0].get_xlabel() == "approach δ  [µm]"
     assert [len(line.get_xdata()) for line in figure.axes[0].lines] == [3, 3]  # through the loads
-    assert sweeps.sweep_figure(loads_of_a_sweep(load=["1"] * 6), y=["work_units"]) is None  # against what?
+    against_nothing = loads_of_a_sweep(load=["1"] * 6, young=list("abcdef"))
+    assert sweeps.sweep_figure(against_nothing, y=["work_units"]) is None
     for name in ("approach_", "young_", "exit"):
         with pytest.raises(InputError, match=f"{name}: not a column with numbers; there are load, "):
             sweeps.sweep_figure(loads_of_a_sweep(), y=[name])
