@@ -135,17 +135,15 @@ class Canvas:
         possible = int(np.count_nonzero(~self.outside))
         text = f"contact: {100 * result.attributes['contact_fraction']:.3g}% of {possible} cells"
         used = palette[: len(cells)] if len(cells) > 1 else palette
-        entries = [tuple(Patch(color=colour) for colour in used), Patch(facecolor="white", edgecolor="0.5")]
-        texts = [
-            text + (f", {len(cells)} patches in {len(used)} colours" if len(cells) > 1 else ""),
-            "no contact",
-        ]
+        text += f", {len(cells)} patches in {len(used)} colours" if len(cells) > 1 else ""
+        entries = {text: tuple(Patch(color=colour) for colour in used)}
+        if np.count_nonzero(result.contact == 1) < possible:
+            entries["no contact"] = Patch(facecolor="white", edgecolor="0.5")
         if has_outside:
-            entries.append(Patch(color=GREY))
-            texts.append("no contact possible")
+            entries["no contact possible"] = Patch(color=GREY)
         strips = {tuple: HandlerTuple(ndivide=None, pad=0)}
         place = {"loc": "lower left", "bbox_to_anchor": (0, 1), "borderaxespad": 0.2}
-        axes.legend(entries, texts, handler_map=strips, **place)
+        axes.legend(entries.values(), entries, handler_map=strips, **place)
 
     def pressure(self, axes):
         """Draw the pressure; no colour where it is zero."""

@@ -254,6 +254,11 @@ def test_the_legend_of_contact_says_what_colours_and_white_mean(result):
         assert {tuple(colour) for colour in pixels[pixels[..., 3] > 0]} == shown - {(1, 1, 1, 1)}
 
 
+def test_the_legend_of_contact_names_no_colour_that_is_not_there():
+    texts = figures.contact_figure(made_up_result(punch_radius=3.0)).axes[0].get_legend().get_texts()
+    assert [text.get_text() for text in texts] == ["contact: 100% of 1448 cells", "no contact possible"]
+
+
 def test_sizes_of_patches_have_a_panel_where_there_are_several(result):
     labels = [axes.get_xlabel() for axes in curves.distribution_figure(result).axes]
     assert len(labels) == 2 and "pressure" in labels[0] and "gap" in labels[1]
