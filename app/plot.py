@@ -2,9 +2,10 @@
 
 Of a result: contact (patches told apart), pressure, deformation, sections through the maximum, distributions, spectrum
 (of rough surfaces), path (if there is one), history and summary; of the table of a sweep or of a load path (.csv) one
-picture. Of several files each has a folder DIR/NAME of its own, and their paths are drawn together in DIR/paths.
-Without -o the folder of a file is beside it and has its name, without suffix. Prints the names of the pictures. Exit
-status 0, or 2 with one line on standard error if there is something wrong with the input. Runs on one rank.
+picture, of a sweep what --x and --y name. Of several files each has a folder DIR/NAME of its own, and their paths are
+drawn together in DIR/paths. Without -o the folder of a file is beside it and has its name, without suffix. Prints the
+names of the pictures. Exit status 0, or 2 with one line on standard error if there is something wrong with the input.
+Runs on one rank.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from app.commands import streams
 from app.commands.arguments import Parser, argument, check_folder, run, writing
 from app.errors import InputError
 from app.options import integer
-from app.output import curves, figures, paths, style
+from app.output import curves, figures, paths, style, sweeps
 from app.output.result import read_result
 from app.reference.hertz import EllipticHertz
 
@@ -93,16 +94,19 @@ def _read(file):
     return paths.read_csv(file) if file.suffix.lower() == ".csv" else read_result(file)
 
 
-def _pictures(file, data, only):
+def _pictures(file, data, arguments):
     """Pictures of a file that was read: name, figure, made when asked for; InputError if there are none."""
+    only, sweep = arguments.only, isinstance(data, dict) and "exit_status" in data
+    if (arguments.x or arguments.y) and not sweep:
+        raise InputError(f"--x and --y choose columns of sweeps; {file} is none")
     if not isinstance(data, dict):
         figure = None
         for name, figure in pictures_of(data, only or PICTURES):
             yield name, figure
         if figure is None:
             raise InputError(f"--only {', '.join(only)}: result file {file} has nothing of it to draw")
-    elif "exit_status" in data:
-        figure = paths.sweep_figure(data, file.stem)
+    elif sweep:
+        figure = sweeps.sweep_figure(data, file.stem, arguments.x, arguments.y)
         if figure is None:
             raise InputError(
                 f"table {file}: nothing to draw: no option with two numbers or more, or nothing measured"
@@ -136,6 +140,12 @@ def _arguments(argv):
         metavar="NAME",
         help="this picture of results; may be repeated",
     )
+    against = "column of a sweep to draw against; default: the option with the most values"
+    parser.add_argument("--x", metavar="NAME", help=against)
+    column = (
+        "column of a sweep to draw; may be repeated; default: those of physics, and work where solvers vary"
+    )
+    parser.add_argument("--y", action="append", default=[], metavar="NAME", help=column)
     parser.add_argument("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")
     dots = "pixels per inch, 20 to 1200; default: 200"
     parser.add_argument("--dpi", type=argument(_dots), default=200, help=dots)
@@ -168,14 +178,14 @@ def _names(files):
 
 def _draw_all(arguments):
     """Draw all files; return the names of the pictures."""
-    kind, dpi, only, several = arguments.format, arguments.dpi, arguments.only, len(arguments.files) > 1
+    kind, dpi, several = arguments.format, arguments.dpi, len(arguments.files) > 1
     for file in arguments.files[1:]:
-        next(_pictures(file, _read(file), only))  # what is wrong with it is told before anything is written
+        next(_pictures(file, _read(file), arguments))  # what is wrong is told before anything is written
     along, drawn = [], []
     for file, name in zip(arguments.files, arguments.names, strict=True):
         data = _read(file)
         folder = arguments.output / name if several else arguments.output
-        drawn += save(_pictures(file, data, only), folder, kind, dpi)
+        drawn += save(_pictures(file, data, arguments), folder, kind, dpi)
         path = _path(data, name)
         along += [path] if path else []
     if len(along) > 1:

@@ -30,20 +30,25 @@ from app.units import length_unit
 _BINS_PER_DECADE = 8
 _STRESS_MAP = "magma_r"
 _EVEN = 1e-9  # of the largest: stresses that differ by less have no contours
+_STRESS_BOX = 0.6, 0.7  # height over width of a section at least, and at most
 _MOST_MAXIMA = 12  # of stress side by side, whose contours are still told apart
+_MOST_LABELLED = 2  # and have their numbers beside them
 
 
 @styled
 def distribution_figure(result):
-    """Probability densities of pressure and gap, and sizes of the patches, on logarithmic axes."""
-    figure = new_figure(14.5, 4.6, title(result))
-    pressure, gap, patches = figure.subplots(1, 3)
+    """Probability densities of pressure and gap, and sizes of several patches, on logarithmic axes."""
+    areas = result.contact_patches()
+    panels = 3 if len(areas) > 1 else 2
+    figure = new_figure(4.85 * panels, 4.6, title(result))
+    pressure, gap, *several = figure.subplots(1, panels)
     p = finite_pressure(result.pressure)
     _density(pressure, p[p > 0], "pressure p  [N/mm²]", "[mm²/N]")
     apart = result.gap[(result.contact == 0) & (result.gap > 0) & np.isfinite(result.gap)]
     unit = length_unit(float(apart.max(initial=0.0)))
     _density(gap, apart * unit.per_mm, f"gap e  [{unit.name}]", f"[1/{unit.name}]")
-    _draw_patches(patches, result)
+    for axes in several:
+        _draw_patches(axes, areas)
     return figure
 
 
@@ -69,20 +74,16 @@ def _density(axes, values, label, unit):
     return None
 
 
-def _draw_patches(axes, result):
+def _draw_patches(axes, patches):
     """How many patches are at least so large."""
-    patches = result.contact_patches()
     unit = length_unit(np.sqrt(patches.max(initial=0.0)))
     axes.set(xlabel=f"area A of a patch  [{unit.name}²]", ylabel="patches of at least A")
-    if len(patches) < 2:
-        return say_instead(axes, f"{len(patches)} patch{'es' * (len(patches) != 1)}")
     sizes, counts = np.unique(patches, return_counts=True)
     areas, larger = sizes * unit.per_mm**2, counts[::-1].cumsum()[::-1]
     axes.step(areas, larger, where="pre", color=BLUE)
     axes.plot(areas, larger, "o", color=BLUE, markersize=3)
     log_axis(axes.xaxis, areas)
     log_axis(axes.yaxis, larger)
-    return None
 
 
 def rough_part(result):
@@ -177,18 +178,27 @@ def stress_figure(along, grid, depths, section, line, hottest, heading):
     left, right = figure.subplots(1, 2, gridspec_kw={"width_ratios": [1.6, 1]})
     centres = grid.x() if along == "x" else grid.y()
     unit = length_unit(max(np.ptp(centres), depths[-1]))
-    deep = length_unit(depths[-1])
+    width, deepest = np.ptp(sides_mm := cell_edges(grid, along)), depths[-1] or 1.0
+    box = float(np.clip(deepest / width, *_STRESS_BOX))
+    times = box * width / deepest
+    stretched = not np.isclose(times, 1)
+    remark = f"   (z: {times:.3g} × the scale of {along})" if stretched else ""
+    deep = length_unit(depths[-1]) if stretched else unit
     x, z = centres * unit.per_mm, depths * deep.per_mm
     mises = von_mises(section)
-    sides = cell_edges(grid, along) * unit.per_mm
+    sides = sides_mm * unit.per_mm
     bottom = z[-1] or 1.0
     between = np.concatenate([z[:1], (z[1:] + z[:-1]) / 2, [bottom]])
     colours = {"cmap": _STRESS_MAP, "vmin": 0, "vmax": mises.max() or 1.0}
     image = left.pcolormesh(sides, between, mises, rasterized=True, **colours)
     uneven = min(mises.shape) > 1 and np.ptp(mises) > _EVEN * mises.max()
-    if uneven and _maxima(mises, depths, hottest.depth) <= _MOST_MAXIMA:
-        left.contour(x, z, mises, levels=8, colors="white", linewidths=0.6)
-    bar = figure.colorbar(image, ax=left, pad=0.02, aspect=25)
+    maxima = _maxima(mises, depths, hottest.depth)
+    if uneven and maxima <= _MOST_MAXIMA:
+        lines = left.contour(x, z, mises, levels=8, colors="white", linewidths=0.6)
+        if maxima <= _MOST_LABELLED:
+            for text in left.clabel(lines, fontsize=9, fmt="%g"):
+                text.set_visible(text.get_position()[1] > 0.05 * z[-1])  # not cut in two by the surface
+    bar = figure.colorbar(image, cax=left.inset_axes([1.02, 0, 0.03, 1]))
     bar.set_label("von Mises stress  [N/mm²]")
     at = (hottest.x if along == "x" else hottest.y) * unit.per_mm
     depth = hottest.depth * deep.per_mm
@@ -196,7 +206,8 @@ def stress_figure(along, grid, depths, section, line, hottest, heading):
     cross = {"color": GREEN, "markersize": 12, "markeredgewidth": 2, "clip_on": False}
     left.plot(at, depth, "+", label=largest, **cross)
     left.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2)
-    left.set(xlabel=f"{along}  [{unit.name}]", ylabel=f"depth z  [{deep.name}]", ylim=(bottom, 0))
+    left.set_box_aspect(box)
+    left.set(xlabel=f"{along}  [{unit.name}]{remark}", ylabel=f"depth z  [{deep.name}]", ylim=(bottom, 0))
     linear_ticks(left.xaxis, 6.0)
     for k, label, colour, style in (
         (0, "σx", GREEN, "-."), (1, "σy", PURPLE, DOTTED), (2, "σz", BLUE, DASHED)

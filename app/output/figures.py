@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from itertools import pairwise
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -58,7 +59,16 @@ def title(result, path=False):
     load = f"load {number(values['load'])} N"
     if path and len(loads := result.path["load"]) > 1:
         load = f"{len(loads)} loads from {number(min(loads))} to {number(max(loads))} N"
-    return f"{PROBLEMS.get(problem, problem)}, {nx} × {ny} cells, {load}{state}"
+    return f"{PROBLEMS.get(problem, problem)}{_surfaces(values)}, {nx} × {ny} cells, {load}{state}"
+
+
+def _surfaces(values):
+    """What is rough on the body: files of measured surfaces, or that there is a surface at all."""
+    said = [values[name] for name in ("surface_file", "surface_file2") if values.get(name)]
+    files = " and ".join(Path(str(file).partition(":/")[0]).name for file in said)
+    if values.get("problem") == "rough":
+        return f" {files}".rstrip()
+    return f" with {files or 'a rough surface'}" if values.get("surfaces") else ""
 
 
 def number(value):
@@ -209,17 +219,21 @@ def draw_residual(axes, result):
         say_instead(axes, "no iterations")
         return
     _mark_grids(axes, result, label=True)
+    tolerance = result.attributes.get("lcp_rtol", 0)
+    # Direct solves on the coarsest grid go down to round-off; that is not what the picture is about.
+    lowest = 1e-3 * tolerance
+    shown = np.maximum(residual, lowest)
     for first, last in _runs(result.history["level"]):
         part = slice(first, last)
-        axes.plot(iterations[part], residual[part], "o-", color=BLUE)
-    shown = residual[residual > 0]
-    if "lcp_rtol" in result.attributes:
-        tolerance = result.attributes["lcp_rtol"]
+        axes.plot(iterations[part], shown[part], "o-", color=BLUE)
+    below = residual < lowest
+    if below.any():
+        style = {"color": BLUE, "markersize": 9, "label": "lower, to round-off"}
+        axes.plot(iterations[below], shown[below], "v", **style)
+    if tolerance:
         axes.axhline(tolerance, color=ORANGE, linestyle=DASHED, label="tolerance")
         axes.legend(loc="best")
-        # Direct solves on the coarsest grid go down to round-off; that is not what the picture is about.
-        shown = np.maximum(np.append(shown, tolerance), 1e-3 * tolerance)
-    log_axis(axes.yaxis, shown)
+    log_axis(axes.yaxis, np.append(shown, tolerance))
 
 
 def _draw_cells(axes, result):

@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 from matplotlib.colors import ListedColormap, to_rgb
+from matplotlib.legend_handler import HandlerTuple
 from matplotlib.patches import Patch
 
 from app.halfspace.connected import connected_sets
@@ -133,11 +134,16 @@ class Canvas:
         self.pixels(axes, np.dstack([palette[index], share]), b)
         possible = int(np.count_nonzero(~self.outside))
         text = f"contact: {100 * result.attributes['contact_fraction']:.3g}% of {possible} cells"
-        entries = [Patch(color=BLUE, label=text + (f", {len(cells)} patches" if len(cells) > 1 else ""))]
+        used = palette[: len(cells)] if len(cells) > 1 else palette
+        text += f", {len(cells)} patches in {len(used)} colours" if len(cells) > 1 else ""
+        entries = {text: tuple(Patch(color=colour) for colour in used)}
+        if np.count_nonzero(result.contact == 1) < possible:
+            entries["no contact"] = Patch(facecolor="white", edgecolor="0.5")
         if has_outside:
-            entries.append(Patch(color=GREY, label="no contact possible"))
-        columns = 1 + (self.width > 4)
-        axes.legend(handles=entries, loc="lower left", bbox_to_anchor=(0, 1), ncol=columns, borderaxespad=0.2)
+            entries["no contact possible"] = Patch(color=GREY)
+        strips = {tuple: HandlerTuple(ndivide=None, pad=0)}
+        place = {"loc": "lower left", "bbox_to_anchor": (0, 1), "borderaxespad": 0.2}
+        axes.legend(entries.values(), entries, handler_map=strips, **place)
 
     def pressure(self, axes):
         """Draw the pressure; no colour where it is zero."""

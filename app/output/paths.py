@@ -1,4 +1,4 @@
-"""Pictures of many solutions: a load path, or the table of a sweep.
+"""Pictures of load paths, and reading of tables.
 
 A *path* is a mapping of columns, one entry per step, as in group ``path`` of a result file: ``load`` [N], ``approach``,
 ``mean_gap`` [mm], ``mean_pressure``, ``max_pressure`` [N/mm2], ``contact_fraction``, ``contact_fraction_corrected``,
@@ -19,17 +19,6 @@ from app.errors import InputError
 from app.output.style import DASHED, DOTTED, log_axis, new_figure, say_instead, series, styled
 from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction, persson_pressure
 from app.units import length_unit
-
-_LABELS = {
-    "contact_fraction": "contact fraction",
-    "max_pressure": "maximum pressure  [N/mm²]",
-    "load": "load  [N]",
-    "operator_applications": "operator applications",
-    "work_units": "work units",
-    "solve_seconds": "time of the solve  [s]",
-}
-_MOST_SERIES = 12
-_MOST_TICKS = 6
 
 
 class Path(NamedTuple):
@@ -93,7 +82,7 @@ def path_figure(paths, heading=""):
     panels = figure.subplots(2, 2)
     for axes, draw in zip(panels.flat, _ROUGH if rough else _SMOOTH, strict=True):
         draw(axes, paths)
-    if len(paths) > 1 and not rough and panels[0, 0].get_legend_handles_labels()[0]:
+    if not rough and len(panels[0, 0].lines) > 1:
         panels[0, 0].legend()
     return figure
 
@@ -119,6 +108,22 @@ def _curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True))
         if log:
             log_axis(axis, values)
     return drawn
+
+
+def _draw_analytic(axes, paths, x, y, per_mm=1.0):
+    """The analytic solutions of smooth bodies, where they are known, beside the computed ones."""
+    label = "analytic"
+    for path in paths:
+        found = path.positive(f"analytic_{x}", f"analytic_{y}")
+        if found is not None:
+            line = {"color": "0.3", "linestyle": DASHED, "zorder": 1, "label": label}
+            axes.plot(found[0] * per_mm, found[1], **line)
+            label = None  # once
+    if label is None and axes.get_xscale() == "log":
+        for axis, values in zip(
+            (axes.xaxis, axes.yaxis), np.vstack([one.get_xydata() for one in axes.lines]).T, strict=True
+        ):
+            log_axis(axis, values)
 
 
 _RELATIVE = "p / (E* h′rms)"
@@ -204,6 +209,7 @@ def _draw_stiffness(axes, paths):
 def _draw_smooth_stiffness(axes, paths):
     if _draw_stiffness_against(axes, paths, "load"):
         axes.set(xlabel="load F  [N]")
+        _draw_analytic(axes, paths, "load", "stiffness")
 
 
 def _against_approach(name, label):
@@ -214,6 +220,7 @@ def _against_approach(name, label):
         log = known.min() >= 0  # an approach that is counted from within the roughness has no logarithm
         if _curves(axes, paths, "approach", name, lambda path: (unit.per_mm, 1.0), (log, log)) is not None:
             axes.set(xlabel=f"approach δ  [{unit.name}]", ylabel=label)
+            _draw_analytic(axes, paths, "approach", name, unit.per_mm)
 
     return draw
 
@@ -222,6 +229,7 @@ def _against_load(name, label):
     def draw(axes, paths):
         if _curves(axes, paths, "load", name) is not None:
             axes.set(xlabel="load F  [N]", ylabel=label)
+            _draw_analytic(axes, paths, "load", name)
 
     return draw
 
@@ -235,7 +243,7 @@ _SMOOTH = (
 )
 
 
-# -- tables of sweeps --------------------------------------------------------------------------------------------
+# -- tables --------------------------------------------------------------------------------------------
 
 
 def read_csv(path):
@@ -279,70 +287,3 @@ def numbers(texts):
 def path_of_csv(columns, name=""):
     """Path of a table without ``exit_status``."""
     return _path({key: numbers(texts) for key, texts in columns.items()}, name)
-
-
-@styled
-def sweep_figure(columns, heading=""):
-    """What a sweep has measured, against the varied option that has the most values.
-
-    Returns
-    -------
-    Figure, or None if there is nothing to draw
-    """
-    names = list(columns)
-    varied = names[: names.index("exit_status")]
-    spread = {
-        name: len(set(values[np.isfinite(values)])) for name in varied for values in [numbers(columns[name])]
-    }
-    measured = [
-        name for name in (*_LABELS, *(f"result_{n}" for n in _LABELS)) if name in names[len(varied) :]
-    ]
-    measured = [
-        name for name in measured if np.unique(numbers(columns[name])).size > 1 and not _empty(columns, name)
-    ]
-    if not measured or max(spread.values(), default=0) < 2:
-        return None
-    along = max(spread, key=spread.get)
-    others = [name for name in varied if name != along and len(set(columns[name])) > 1]
-    x = numbers(columns[along])
-    groups = {}
-    for row in range(len(x)):
-        groups.setdefault(tuple(columns[name][row] for name in others), []).append(row)
-    count = min(len(measured), 6)
-    across = 1 if count == 1 else 2 if count < 5 else 3
-    down = -(-count // across)
-    figure = new_figure(6.0 * across, 4.4 * down, heading)
-    for axes, name in zip(np.ravel(figure.subplots(down, across)), measured, strict=False):
-        _draw_measured(axes, x, numbers(columns[name]), groups)
-        axes.set(xlabel=f"-{along}", ylabel=_LABELS[name.removeprefix("result_")])
-    for axes in figure.axes[count:]:
-        axes.remove()
-    if others:
-        of = ", ".join("option file" if name == "option_files" else f"-{name}" for name in others)
-        figure.axes[across - 1].legend(
-            loc="upper left",
-            bbox_to_anchor=(1.02, 1),
-            title=f"{of}: {_MOST_SERIES} of {len(groups)}" if len(groups) > _MOST_SERIES else of,
-            fontsize=9,
-            title_fontsize=9,
-        )
-    return figure
-
-
-def _empty(columns, name):
-    return not np.isfinite(numbers(columns[name])).any()
-
-
-def _draw_measured(axes, x, y, groups):
-    for number, (label, rows) in enumerate(list(groups.items())[:_MOST_SERIES]):
-        rows = np.array(rows)[np.argsort(x[rows], kind="stable")]
-        kept = rows[np.isfinite(x[rows]) & np.isfinite(y[rows])]
-        axes.plot(x[kept], y[kept], **series(number), label=", ".join(label) or None)
-    for axis, values in ((axes.xaxis, x), (axes.yaxis, y)):
-        values = values[np.isfinite(values)]
-        if values.min() > 0 and values.max() >= 4 * values.min():
-            log_axis(axis, values)
-    points = np.unique(x[np.isfinite(x)])
-    if len(points) <= _MOST_TICKS:
-        axes.set_xticks(points, [f"{value:g}" for value in points])
-        axes.set_xticks([], minor=True)

@@ -18,7 +18,10 @@ from app.output.files import whole_file
 BLUE, ORANGE, GREEN = "#0072b2", "#d55e00", "#009e73"  # told apart by colour-blind readers
 PURPLE, GREY, PALE = "#aa4499", "#c8c8c8", "#cfe3f1"
 DASHED, DOTTED = (0, (5, 2)), (0, (1, 1.5))
-SERIES = ((BLUE, "o", "-"), (ORANGE, "s", "--"), (GREEN, "^", "-."), (PURPLE, "D", ":"))
+SERIES = (
+    (BLUE, "o", "-"), (ORANGE, "s", "--"), (GREEN, "^", "-."),
+    (PURPLE, "D", ":"), ("#56b4e9", "v", (0, (6, 1, 1, 1, 1, 1))), ("#8c6d31", "P", (0, (3, 1))),
+)  # fmt: skip
 STYLE = {
     "figure.constrained_layout.use": True,
     "figure.constrained_layout.h_pad": 0.08,
@@ -40,9 +43,9 @@ STYLE = {
     "svg.fonttype": "none",
     "svg.hashsalt": "contact",  # the same picture is the same file
 }
-_FILLS = ("full", "none", "left")
 _INCHES_PER_TICK = 0.75
 _SUBS = ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7))  # of the decades of logarithmic axes: ticks
+_NARROWEST = 1.1  # end over beginning of logarithmic axes
 _LEAST_TICKS = 3  # with numbers, on logarithmic axes
 
 
@@ -70,11 +73,9 @@ def series(number):
     """How the line of a number, from 0, is drawn: as no other of the first twelve."""
     again, which = divmod(number, len(SERIES))
     colour, marker, line = SERIES[which]
-    fill = _FILLS[again % len(_FILLS)]
-    paper = "white" if fill == "none" else colour  # a line does not shine through
+    paper = "white" if again % 2 else colour  # a line does not shine through
     return {
-        "color": colour, "marker": marker, "linestyle": line, "markersize": 5 + again,
-        "fillstyle": fill if fill == "left" else "full", "markerfacecolor": paper, "markerfacecoloralt": "white",
+        "color": colour, "marker": marker, "linestyle": line, "markersize": 5 + again, "markerfacecolor": paper,
     }  # fmt: skip
 
 
@@ -90,15 +91,16 @@ def log_axis(axis, values):
     values = np.ravel(values)
     values = values[np.isfinite(values) & (values > 0)]
     low, high = (values.min(), values.max()) if values.size else (0.1, 1.0)
-    if high < 2 * low:
-        low, high = low / 1.5, high * 1.5
+    if high < _NARROWEST * low:
+        low, high = low / _NARROWEST**0.5, high * _NARROWEST**0.5
     (axes.set_xscale if in_x else axes.set_yscale)("log")
-    margin = max((high / low) ** 0.06, 1.25)
+    margin = (high / low) ** 0.06
     low, high = low / margin, high * margin
     (axes.set_xlim if in_x else axes.set_ylim)(low, high)
-    subs = next((subs for subs in _SUBS if _ticks_between(low, high, subs) >= _LEAST_TICKS), _SUBS[-1])
+    subs = next((subs for subs in _SUBS if _ticks_between(low, high, subs) >= _LEAST_TICKS), ())
     if subs != (1,):
-        axis.set_major_locator(LogLocator(subs=subs))
+        even = MaxNLocator(5, steps=[1, 2, 5, 10], min_n_ticks=_LEAST_TICKS)
+        axis.set_major_locator(LogLocator(subs=subs) if subs else even)
         axis.set_major_formatter(FuncFormatter(lambda value, _: _number(value)))
         axis.set_minor_formatter(NullFormatter())
         axis.set_minor_locator(NullLocator())

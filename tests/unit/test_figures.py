@@ -6,12 +6,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.patches import Rectangle
 from results import made_up_result, with_attributes
 
+from app.commands.problem_options import PROBLEM_OPTIONS
+from app.errors import InputError
 from app.halfspace.connected import connected_sets
 from app.halfspace.grid import Grid
 from app.halfspace.stress import Hottest
-from app.output import curves, figures, maps, paths, style
+from app.output import curves, figures, maps, paths, style, sweeps
 from app.plot import analytic_reference
 from app.reference.rough import persson_fraction
 from app.units import length_unit
@@ -126,6 +129,21 @@ def test_titles_and_labels_say_what_and_in_which_unit(result):
 
 
 @pytest.mark.parametrize(
+    ("facts", "said"),
+    [
+        ({}, "Sphere, "),
+        ({"surfaces": 1}, "Sphere with a rough surface, "),
+        ({"surfaces": 1, "surface_file": "maps/plate.h5:/heights"}, "Sphere with plate.h5, "),
+        ({"surfaces": 2, "surface_file": "a.txt", "surface_file2": "b.txt"}, "Sphere with a.txt and b.txt, "),
+        ({"surfaces": 1, "problem": "rough"}, "Rough surface, "),
+        ({"surfaces": 1, "problem": "rough", "surface_file": "a.txt"}, "Rough surface a.txt, "),
+    ],
+)
+def test_titles_name_what_is_rough(result, facts, said):
+    assert figures.title(with_attributes(result, **{"problem": "sphere"} | facts)).startswith(said)
+
+
+@pytest.mark.parametrize(
     "largest, per_mm, name", [(2.0, 1.0, "mm"), (0.1, 1e3, "µm"), (1e-5, 1e6, "nm"), (5e4, 1e-3, "m")]
 )
 def test_lengths_stand_in_a_unit_that_suits_them(largest, per_mm, name):
@@ -178,6 +196,15 @@ def test_a_logarithmic_axis_has_three_numbers_at_least(values):
     assert sum(low <= tick <= high for tick in told) >= 3
 
 
+@pytest.mark.parametrize("values", [[5300, 6500], [3.0, 4.0, 5.9], [10, 80], [1e-3, 2e5]])
+def test_a_logarithmic_axis_is_as_wide_as_its_data(values):
+    axes = style.new_figure(4, 3).subplots()
+    style.log_axis(axes.yaxis, np.array(values))
+    low, high = np.log(axes.get_ylim())
+    assert low < np.log(values[0]) and np.log(values[-1]) < high
+    assert high - low < 1.2 * np.log(values[-1] / values[0])
+
+
 def test_twelve_lines_are_all_different():
     drawn = [{name: str(value) for name, value in style.series(number).items()} for number in range(12)]
     assert all(one != other for k, one in enumerate(drawn) for other in drawn[:k])
@@ -208,6 +235,33 @@ def test_patches_are_told_apart_across_the_sides_of_a_periodic_patch():
     labels, cells = connected_sets(contact, periodic=True)
     assert sorted(cells) == [1, 1, 3] and labels[0, 0] == labels[5, 0] == labels[0, 7] > 0
     assert not labels[~contact].any()
+
+
+def test_the_legend_of_contact_says_what_colours_and_white_mean(result):
+    contact = np.zeros_like(result.contact)
+    contact[::8, ::8] = 1
+    for pattern, colours, text in (
+        (contact, 10, "192 patches in 10 colours"),
+        (contact * (np.arange(contact.size) < 20).reshape(contact.shape), 3, "3 patches in 3 colours"),
+        (result.contact, 1, "cells"),
+    ):
+        axes = figures.contact_figure(replace(result, contact=pattern)).axes[0]
+        told, none = axes.get_legend().get_texts()
+        assert told.get_text().endswith(text) and none.get_text() == "no contact"
+        shown = {patch.get_facecolor() for patch in axes.get_legend().findobj(Rectangle)}
+        assert len(shown) == colours + 1 and (1, 1, 1, 1) in shown
+        pixels = axes.images[-1].get_array()
+        assert {tuple(colour) for colour in pixels[pixels[..., 3] > 0]} == shown - {(1, 1, 1, 1)}
+
+
+def test_the_legend_of_contact_names_no_colour_that_is_not_there():
+    texts = figures.contact_figure(made_up_result(punch_radius=3.0)).axes[0].get_legend().get_texts()
+    assert [text.get_text() for text in texts] == ["contact: 100% of 1448 cells", "no contact possible"]
+
+
+def test_sizes_of_patches_have_a_panel_where_there_are_several(result):
+    labels = [axes.get_xlabel() for axes in curves.distribution_figure(result).axes]
+    assert len(labels) == 2 and "pressure" in labels[0] and "gap" in labels[1]
 
 
 def test_distributions_add_up_to_one():
@@ -293,6 +347,33 @@ def test_contours_of_stress_are_drawn_where_they_can_be_told_apart():
         assert (collections != ["QuadMesh"]) == drawn
 
 
+@pytest.mark.parametrize(("deepest", "times"), [(1.3, None), (0.1, 12), (10, 0.14)])
+def test_a_section_below_says_when_depth_has_another_scale(deepest, times):
+    grid, z = Grid.from_domain(200, 1, (-1, 1, 0, 1)), np.linspace(0, deepest, 21)
+    section = np.zeros((6, 21, 200))
+    section[2] = -np.exp(-((z[:, None] - deepest / 2) ** 2)) * np.exp(-(grid.x() ** 2))
+    hottest = Hottest(1.0, 0.0, 0.0, deepest / 2, np.zeros(6))
+    figure = curves.stress_figure("x", grid, z, section, section[:, :, 100], hottest, "")
+    figure.canvas.draw()
+    axes = figure.axes[0]
+    box = axes.get_window_extent()
+    unit = 1e3 if "µm" in axes.get_ylabel() else 1
+    drawn = box.height / (abs(np.ptp(axes.get_ylim())) / unit) / (box.width / np.ptp(axes.get_xlim()))
+    assert drawn == pytest.approx(times or 1, rel=1e-3)
+    assert axes.get_xlabel() == "x  [mm]" + (f"   (z: {times} × the scale of x)" if times else "")
+    assert times or axes.get_ylabel().endswith("[mm]")
+
+
+def test_contours_of_stress_have_their_values_beside_them():
+    grid, z = Grid.from_domain(201, 1, (-1.005, 1.005, 0, 1)), np.linspace(0, 1, 21)
+    section = np.zeros((6, 21, 201))
+    section[2] = -np.exp(-((z[:, None] - 0.5) ** 2) - grid.x() ** 2)
+    hottest = Hottest(1.0, 0.0, 0.0, 0.5, np.zeros(6))
+    axes = curves.stress_figure("x", grid, z, section, section[:, :, 100], hottest, "").axes[0]
+    values = [float(text.get_text()) for text in axes.texts]
+    assert len(values) > 2 and all(0 < value < 1 for value in values)
+
+
 def test_stress_below_a_single_column_has_its_width_and_the_legend_touches_no_curve():
     z, section = np.linspace(0, 1, 21), np.zeros((6, 21, 1))
     section[2, :, 0] = -1
@@ -340,6 +421,17 @@ def test_a_residual_beyond_all_numbers_is_not_drawn(result):
     assert np.array_equal(drawn[np.isfinite(drawn)], residual[residual < 1e200])
 
 
+def test_residuals_far_below_the_tolerance_are_marked_at_the_bottom(result):
+    residual = result.history["residual"].copy()
+    residual[[1, 3]] = 1e-17, 3e-14
+    axes = figures.history_figure(replace(result, history=result.history | {"residual": residual})).axes[0]
+    marked = next(line for line in axes.lines if line.get_label().startswith("lower"))
+    assert list(marked.get_xdata()) == [2, 4] and (marked.get_ydata() == 1e-9).all()
+    drawn = np.concatenate([line.get_ydata() for line in axes.lines])
+    assert np.nanmin(drawn) > axes.get_ylim()[0]
+    assert "lower" not in str([line.get_label() for line in figures.history_figure(result).axes[0].lines])
+
+
 def test_levels_beyond_the_coarsest_grid_are_named_like_it():
     result = made_up_result(32, 24)
     level = result.history["level"].copy()
@@ -354,6 +446,29 @@ def test_path_without_roughness_is_drawn_by_load_and_approach():
     first = paths.path_figure([path, path._replace(name="other")]).axes[0]
     assert first.get_xlabel() == "approach δ  [µm]" and first.lines[0].get_xdata() == pytest.approx(1e3 * d)
     assert len(first.lines) == 2
+
+
+def test_the_analytic_solution_stands_beside_the_path_of_a_smooth_body():
+    """Where it is known, in the units of its panel."""
+    d = np.geomspace(1e-3, 0.1, 5)
+    exact = {"load": 1e5 * d**1.5, "approach": d, "max_pressure": 1e4 * d**0.5, "contact_area": 3 * d}
+    exact["stiffness"] = 1.5e5 * d**0.5
+    computed = {name: 1.3 * values for name, values in exact.items()}
+    known = paths.Path(computed | {f"analytic_{name}": values for name, values in exact.items()})
+    figure = paths.path_figure([known, paths.Path(computed, "other"), known])
+    for axes in figure.axes:
+        own, _, _, analytic, again = axes.lines
+        assert analytic.get_label() == "analytic" and again.get_label() != "analytic"
+        factor = 1e3 if "µm" in axes.get_xlabel() else 1
+        x, y = (1e5 * d**1.5, None) if factor == 1 else (factor * d, exact["load"])
+        assert analytic.get_xdata() == pytest.approx(x) and own.get_xdata() == pytest.approx(1.3 * x)
+        assert own.get_ydata() == pytest.approx(1.3 * analytic.get_ydata())
+        assert y is None or analytic.get_ydata() == pytest.approx(y)
+        assert (
+            axes.get_ylim()[0] < analytic.get_ydata().min()
+            and analytic.get_ydata().max() < axes.get_ylim()[1]
+        )
+    assert len(paths.path_figure([paths.Path(computed)]).axes[0].lines) == 1
 
 
 def test_path_by_an_approach_counted_from_within_the_roughness_keeps_its_first_steps():
@@ -371,11 +486,11 @@ def test_sweep_is_drawn_against_the_option_with_most_values():
         "work_units": ["10", "11", "12", "20", "22", ""],
         "solve_seconds": [""] * 6,
     }
-    figure = paths.sweep_figure(columns)
+    figure = sweeps.sweep_figure(columns)
     (axes,) = figure.axes
     assert axes.get_xlabel() == "-grid" and axes.get_ylabel() == "work units"
     assert [list(line.get_ydata()) for line in axes.lines] == [[10, 11, 12], [20, 22]]
-    assert paths.sweep_figure(columns | {"grid": ["32"] * 6}) is None
+    assert sweeps.sweep_figure(columns | {"grid": ["32"] * 6}) is None
 
 
 @pytest.mark.parametrize(("methods", "said"), [(12, "-method"), (13, "-method: 12 of 13")])
@@ -386,5 +501,93 @@ def test_the_legend_of_a_sweep_tells_how_many_lines_are_drawn(methods, said):
         "exit_status": ["0"] * 2 * methods,
         "work_units": [str(k) for k in range(1, 2 * methods + 1)],
     }
-    (axes,) = paths.sweep_figure(columns).axes
+    (axes,) = sweeps.sweep_figure(columns).axes
     assert len(axes.lines) == 12 and axes.get_legend().get_title().get_text() == said
+
+
+def loads_of_a_sweep(**more):
+    """Table of three loads by two moduli: columns of text."""
+    loads, moduli = ["1", "8", "27"] * 2, ["70e3,inf"] * 3 + ["210e3,inf"] * 3
+    area = [0.01 * float(load) ** (2 / 3) for load in loads]
+    pressure = [1.5 * float(load) / a for load, a in zip(loads, area, strict=True)]
+    made = {
+        "load": loads, "young": moduli, "exit_status": ["0"] * 6,
+        "work_units": [str(k) for k in range(6)], "solve_seconds": [str(k) for k in range(1, 7)],
+        "operator_applications": [str(2 * k) for k in range(6)], "result_load": loads,
+        "approach": [repr(0.1 * a) for a in area], "max_pressure": list(map(repr, pressure)),
+        "contact_fraction": [repr(a) for a in area], "contact_area": [repr(4 * a) for a in area],
+    }  # fmt: skip
+    return made | more
+
+
+def panels(figure):
+    return [axes.get_ylabel().partition("  [")[0] for axes in figure.axes]
+
+
+def test_a_sweep_of_loads_shows_what_is_physical_once_and_no_work():
+    figure = sweeps.sweep_figure(loads_of_a_sweep())
+    assert panels(figure) == ["approach δ", "contact fraction", "maximum pressure"]
+    assert {axes.get_xlabel() for axes in figure.axes} == {"-load  [N]"}
+    approach = figure.axes[0]
+    assert approach.get_ylabel().endswith("[µm]") and approach.lines[0].get_ydata()[0] == pytest.approx(1.0)
+    patches = loads_of_a_sweep(contact_area=list("123456"))  # of several sizes
+    assert "contact area" in panels(sweeps.sweep_figure(patches))
+
+
+def test_a_sweep_over_solvers_shows_work_after_what_is_physical():
+    rows = {"option_files": ["fast"] * 3 + ["norm"] * 3}
+    names = panels(sweeps.sweep_figure(rows | loads_of_a_sweep()))
+    assert names[3:] == ["operator applications", "time of the solve"]
+    nearly = [repr(1 + 1e-6 * k) for k in range(6)]  # to what a solve is accurate
+    assert panels(sweeps.sweep_figure(rows | loads_of_a_sweep(approach=nearly)))[0] == "contact fraction"
+
+
+@pytest.mark.parametrize(
+    ("option", "drawn"),
+    [("approach", "load F"), ("mean_pressure", "approach δ"), ("sphere_radius", "approach δ, load F")],
+)
+def test_what_an_option_prescribes_is_not_drawn_against_it(option, drawn):
+    steps = [1.0, 8.0, 27.0]
+    columns = {
+        option: list(map(repr, steps)),
+        "exit_status": ["0"] * 3,
+        "load": [repr(step / 4 if option == "mean_pressure" else step**1.5) for step in steps],
+        "result_approach" if option == "approach" else "approach": list(map(repr, steps)),
+    }
+    figure = sweeps.sweep_figure(columns)
+    assert ", ".join(panels(figure)) == drawn
+    unit = "N/mm²" if option == "mean_pressure" else "mm"
+    assert figure.axes[0].get_xlabel() == f"-{option}  [{unit}]"
+
+
+def test_columns_of_a_sweep_are_drawn_as_asked_for():
+    figure = sweeps.sweep_figure(loads_of_a_sweep(), x="approach", y=["result_load", "work_units"])
+    assert panels(figure) == ["load F", "work units"] and figure.axes[0].get_xlabel() == "approach δ  [µm]"
+    assert [len(line.get_xdata()) for line in figure.axes[0].lines] == [3, 3]  # through the loads
+    against_nothing = loads_of_a_sweep(load=["1"] * 6, young=list("abcdef"))
+    assert sweeps.sweep_figure(against_nothing, y=["work_units"]) is None
+    for name in ("approach_", "young_", "exit"):
+        with pytest.raises(InputError, match=f"{name}: not a column with numbers; there are load, "):
+            sweeps.sweep_figure(loads_of_a_sweep(), y=[name])
+
+
+def test_lines_of_a_sweep_say_what_tells_them_apart():
+    one = sweeps.sweep_figure(loads_of_a_sweep()).axes[1].get_legend()
+    assert one.get_title().get_text() == "-young  [N/mm²]"
+    assert [text.get_text() for text in one.get_texts()] == ["70e3,inf", "210e3,inf"]
+    files = {
+        "option_files": ["fast"] * 3 + ["norm"] * 3,
+        "poisson": ["0.3,0"] * 6,
+        "seed": [""] * 3 + ["7"] * 3,
+    }
+    several = sweeps.sweep_figure(files | loads_of_a_sweep()).axes[2].get_legend()
+    assert [text.get_text() for text in several.get_texts()] == [
+        "fast; young 70e3,inf", "norm; seed 7; young 210e3,inf"
+    ]  # fmt: skip
+
+
+def test_axes_of_sweeps_have_the_units_that_options_have():
+    for option in PROBLEM_OPTIONS:
+        said = [unit for unit in ("mm", "N", "N/mm2", "degrees") if f"[{unit}]" in option.meaning]
+        if not option.name.endswith("_path"):
+            assert (sweeps.unit_of(option.name) or "").replace("²", "2") == "".join(said), option.name
