@@ -65,10 +65,9 @@ def copy_of(solution):
 # ---------------------------------------------------------------------------------- one after another
 
 
-@each_method
-@pytest.mark.parametrize("number", [2, 9, 17])
-def test_a_solver_goes_on_after_an_interrupt(method, number, monkeypatch):
-    """In the midst of PETSc's solvers, which keep what they are left with; they crashed then."""
+@pytest.fixture
+def products_left(monkeypatch):
+    """A list of a number: so many products from now on is an interrupt; 0: never."""
     apply, left = EvenMultiplier.apply, [0]
 
     def interrupted(*arguments, **named):
@@ -78,9 +77,16 @@ def test_a_solver_goes_on_after_an_interrupt(method, number, monkeypatch):
         return apply(*arguments, **named)
 
     monkeypatch.setattr(EvenMultiplier, "apply", interrupted)
+    return left
+
+
+@each_method
+@pytest.mark.parametrize("number", [2, 9, 17])
+def test_a_solver_goes_on_after_an_interrupt(method, number, products_left):
+    """In the midst of PETSc's solvers, which keep what they are left with; they crashed then."""
     with solver_of(method) as solver:
         expected = solver.solve(approach=0.1).pressure
-        left[0] = number
+        products_left[0] = number
         with pytest.raises(KeyboardInterrupt):
             solver.solve(approach=0.1)
         found = solver.solve(approach=0.1).pressure
@@ -88,17 +94,8 @@ def test_a_solver_goes_on_after_an_interrupt(method, number, monkeypatch):
 
 
 @pytest.mark.parametrize("method", ["fast", "primal", "fmg"])
-def test_interrupted_solves_leave_no_fields(method, monkeypatch):
+def test_interrupted_solves_leave_no_fields(method, products_left):
     """PETSc keeps what Python forgets until somebody asks: the next solve does."""
-    apply, left = EvenMultiplier.apply, [0]
-
-    def interrupted(*arguments, **named):
-        left[0] -= 1
-        if left[0] == 0:
-            raise KeyboardInterrupt
-        return apply(*arguments, **named)
-
-    monkeypatch.setattr(EvenMultiplier, "apply", interrupted)
     with solver_of(method, punch(128)) as solver:
         solver.solve(approach=0.1)
         tracemalloc.start()
@@ -106,10 +103,10 @@ def test_interrupted_solves_leave_no_fields(method, monkeypatch):
             held = []
             for _ in range(3):
                 for _ in range(5):
-                    left[0] = 4
+                    products_left[0] = 4
                     with pytest.raises(KeyboardInterrupt):
                         solver.solve(approach=0.1)
-                    left[0] = 0
+                    products_left[0] = 0
                 gc.collect()
                 held.append(tracemalloc.get_traced_memory()[0])
         finally:
