@@ -99,6 +99,7 @@ FREE = (
 PERIODIC = (
     Constant("_LOOSE", "share of the cells that may still change on a coarse grid", "app.primal.iteration"),
     Constant("_SLIGHT", "overlap that is left alone, of the error aimed at", "app.primal.iteration"),
+    Constant("_FAR", "overlap that asks for no other contact set, of the error aimed at", "app.primal.iteration"),
     Constant("_SURE", "of the residual allowed is asked of the preconditioned one", "app.primal.iteration"),
     Constant("_DOUBT", "of what a failed verification asks for is aimed at after it", "app.primal.iteration"),
     Constant("_UNSURE", "of the error aimed at levels may miss where p is verified", "app.primal.iteration"),
