@@ -84,10 +84,6 @@ def refine(
     comm = ending.share(mpi_comm(comm))
     agree(comm, check, problem, until, most_cells)
     check_alike(comm, (until, most_cells, stiffness), "refine")
-    given = {kind for kind, number in loading.items() if number is not None}
-    prescribed = (
-        "load" if given & {"load", "mean_pressure"} else "mean_gap" if "mean_gap" in given else "approach"
-    )
     rows, numbers = [], []
     options = agree(comm, as_texts, options or {})
     while True:
@@ -99,6 +95,7 @@ def refine(
             found = solution.load, solution.approach, solution.max_pressure, solution.contact_area
             numbers.append(GridNumbers(*found, grid.cell_area))
             if len(numbers) > 1:
+                [prescribed] = (kind for kind, number in loading.items() if number is not None)
                 errors = errors_from(numbers, solver.touching, prescribed).with_rim(solution)
             rows.append(_row(solution, errors))
             # Without a pressure there is nothing to refine.

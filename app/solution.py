@@ -12,6 +12,7 @@ from app.errors import InputError, agree, check_alike
 from app.halfspace.communication import Traffic
 from app.halfspace.grid import Grid, Slabs
 from app.output.contact_fields import OF_SOLUTION, ContactFields
+from app.problems.problem import real_numbers
 
 # Attributes that who saves may know better: those of a whole run, and errors from more grids.
 OF_RUN = {"command_line", "notes", "options", "setup_seconds", "stiffness", *GridErrors._fields}
@@ -234,9 +235,7 @@ class Solution(ContactFields):
             if not name or name == "." or "/" in name:
                 raise InputError(f"{what}: {name!r} cannot be a name in it")
             try:
-                array = np.asarray(
-                    np.ma.filled(value.astype(float), np.nan) if np.ma.is_masked(value) else value
-                )
+                array = real_numbers(name, value) if np.ma.is_masked(value) else np.asarray(value)
             except ValueError:  # a list of lists of several lengths
                 raise InputError(f"{what}: attributes: needed: numbers, texts, and arrays") from None
             if array.shape == self.displacement.shape:

@@ -256,11 +256,11 @@ class ContactSolver:
         started, before = time.perf_counter(), self.comm.traffic.copy()
         products = self.hierarchy.operator_applications()
         loading, distance, depth = self._loading(given), self._distances[-1], np.inf
+        if start is not None:
+            self._strategy.check(start)
         if not loading.prescribes_load:
             depth = loading.depth_on(distance)
             if depth <= distance.touching:  # there is no pressure; who touches is told by the last digits
-                if start is not None:
-                    self._strategy.check(start)
                 start, depth = None, depth if depth == distance.touching else np.inf
         if distance.digits_lost(depth):
             self._measure_shapes()

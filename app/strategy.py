@@ -98,7 +98,7 @@ class Strategy:
         self._distances, self._coarse_minimum = distances, coarse_minimum
 
     def run(self, loading, history, start=None):
-        """Solve for a loading, from a Solution if one is given.
+        """Solve for a loading, from a Solution if one is given, which `check` has let pass.
 
         Returns
         -------
@@ -108,13 +108,11 @@ class Strategy:
         Raises
         ------
         InputError
-            If `start` does not fit, or PETSc finds that the chosen solvers do not go together.
+            If PETSc finds that the chosen solvers do not go together.
         """
         if self._interrupted:
             self._hierarchy.free_forgotten()
         self._interrupted = True
-        if start is not None:
-            self.check(start)
         found = self._run(loading, history, start)
         self._interrupted = False
         return found
@@ -215,9 +213,8 @@ class Inexact(Strategy):
     def _precisions(self):
         return {np.dtype(np.float64), np.dtype(self._hierarchy.dtype)}
 
-    def run(self, loading, history, start=None):
-        """See `Strategy.run`."""
-        state, outcome = super().run(loading, history, start)
+    def _run(self, loading, history, start):
+        state, outcome = super()._run(loading, history, start)
         return state, outcome._replace(to_rounding=True)
 
     def prepare(self):

@@ -22,7 +22,7 @@ from app.halfspace.grid import Grid
 from app.output.table import markdown, write_table
 from app.problems.surfaces import SelfAffineSurface
 from benchmarks import loads, periodic, replay
-from benchmarks.measure import ROOT, Memory, head, insist, publish, quickest, solve_command
+from benchmarks.measure import ROOT, Memory, head, insist, note_on, publish, quickest, solve_command
 from benchmarks.plain import PlainProduct, check, seconds
 
 PROBLEMS = {
@@ -202,7 +202,7 @@ def solve(name, size, count, options, folder, memory):
         "memory": memory((name, count), size, facts["peak_memory"]),
         "residual": f"{found['residual']:.1e}",
         "penetration": f"{found['penetration']:.1e}",
-        "note": "" if accurate else "not accurate enough",
+        "note": note_on(accurate),
     }
 
 

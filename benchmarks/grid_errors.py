@@ -40,20 +40,21 @@ def _off_centre(x, y):
 
 
 _SMOOTH, _ROUGH = (1e-4, 3e-4, 1e-3, 3e-3), (1e-3, 5e-3, 2e-2, 6e-2)  # mean pressures over E*
+
+
+def _on_a_plane(periodic):
+    spectra = (1, 1 / 32), (2, 1 / 64), (3, 1 / 8)
+    return [(_problems(seed=seed, cut_off=cut_off, periodic=periodic), _ROUGH) for seed, cut_off in spectra]
+
+
 # Problem of n, and mean pressures, by name.
 PROBLEMS = {
     "Hertz": [(_problems(Paraboloid(2.0, 2.0)), _SMOOTH)],
     "sphere, off centre": [(_problems(_off_centre), _SMOOTH)],
     "cone": [(_problems(Cone(2.0)), _SMOOTH)],
     "rough sphere": [(_problems(Sphere(2.0), seed=seed, slope=0.02), _SMOOTH) for seed in (1, 2)],
-    "periodic rough": [
-        (_problems(seed=seed, cut_off=cut_off, periodic=True), _ROUGH)
-        for seed, cut_off in ((1, 1 / 32), (2, 1 / 64), (3, 1 / 8))
-    ],
-    "free rough, flat": [
-        (_problems(seed=seed, cut_off=cut_off), _ROUGH)
-        for seed, cut_off in ((1, 1 / 32), (2, 1 / 64), (3, 1 / 8))
-    ],
+    "periodic rough": _on_a_plane(periodic=True),
+    "free rough, flat": _on_a_plane(periodic=False),
 }
 
 

@@ -26,6 +26,11 @@ def publish(path, page):
     print(text)
 
 
+def note_on(accurate):
+    """What a row says of its accuracy: nothing if it is enough."""
+    return "" if accurate else "not accurate enough"
+
+
 def insist(rows):
     """End with exit status 1 if rows of a page have a note: no result, or one that is not accurate enough."""
     noted = sum(bool(row.get("note")) for row in rows)

@@ -13,7 +13,7 @@ from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
 from app.output.table import markdown
 from app.problems.surfaces import SelfAffineSurface
-from benchmarks.measure import Memory, head, insist, publish, quickest, solve_command
+from benchmarks.measure import Memory, head, insist, note_on, publish, quickest, solve_command
 from benchmarks.plain import PlainPeriodicProduct, check_periodic
 
 SIDE, SLOPE = 1.0, 0.1  # of the patch [mm], rms
@@ -106,5 +106,5 @@ def _row(command, size, load, count, repeats, memory, first):
         "residual": f"{found['residual']:.1e}",
         "penetration": f"{found['penetration']:.1e}",
         "mean pressure": f"{found['load_error']:.0e}",
-        "note": "" if accurate else "not accurate enough",
+        "note": note_on(accurate),
     }

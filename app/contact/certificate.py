@@ -64,7 +64,7 @@ class Certificate:
 
     duality_gap: float  # [mm N/mm2 per cell area] * cell area = [N mm]
     error_bound: (
-        float  # ||p - p*||_A / ||p||_A at most; infinite if pressure is missing, not allowed, or load missing
+        float  # ||p - p*||_A / ||p||_A at most; infinite if pressure or load is missing, or not allowed
     )
     largest_penetration: float  # max(-e) over the admissible cells, at least 0 [mm]
     smallest_pressure: float  # a pressure where none can be counts as negative [N/mm2]
@@ -118,12 +118,14 @@ def _prove(state, enough):
     of_u, energy, defect, to_p, moved, of_p = sums
     if not np.isfinite(sums).all():  # who compares with NaN finds nothing wrong
         return Certificate(np.nan, np.inf, np.nan, np.nan, np.nan)
-    if state.grid.periodic:
+    if tension > _TENSION * highest:  # both bounds are of a pressure that is allowed
+        gap = np.inf
+    elif state.grid.periodic:
         gap, energy = _closing(state, energy, enough)
     else:
         lifted = defect + _lifting(state, lift, energy, penetrates)
         gap = float(min(lifted, to_p + moved / (2 * smallest)))  # either bound holds
-    gap = max(gap, 0.0) if tension <= _TENSION * highest else np.inf
+    gap = max(gap, 0.0)
     lost = np.sqrt(state.operator.diagonal * of_p) + np.sqrt(of_u / smallest)
     astray = state.distance.rounding * np.sqrt(state.distance.statistics.cells / smallest)
     error = np.sqrt(2 * gap) + _ROUNDING * np.finfo(float).eps * lost + astray

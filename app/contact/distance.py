@@ -120,9 +120,8 @@ class UndeformedDistance:
 
     def digits_lost(self, depth=np.inf):
         """Whether approaches far beyond the shape, or a depth, have cost it digits. Not collective."""
-        return self.deepest > 1e3 * min(
-            self.deviation or np.inf, abs(depth)
-        )  # a flat one has no shape to lose
+        shape = self.deviation or np.inf  # a flat one has none to lose
+        return self.deepest > 1e3 * min(shape, abs(depth))
 
     @property
     def rounding(self):

@@ -102,7 +102,7 @@ def errors_from(grids, touching, prescribed):
     touching : float
         Depth of first touch on the finest; or its approach, if those are what the grids have [mm].
     prescribed : str
-        "load", "approach", or "mean_gap", by which neither is known.
+        Of `LOADINGS`; by "mean_gap" neither load nor approach is known.
 
     Returns
     -------
@@ -115,7 +115,7 @@ def errors_from(grids, touching, prescribed):
     )  # from fine to coarse
     rim = PER_FACE * 8 * np.sqrt(area[0] * cell[0] / np.pi)  # of a round contact, which has the shortest
     return GridErrors(
-        load_error=0.0 if prescribed == "load" else _error(load, 2),
+        load_error=0.0 if prescribed in ("load", "mean_pressure") else _error(load, 2),
         approach_error=0.0 if prescribed == "approach" else _error([d - touching for d in depth], 2),
         max_pressure_error=_error(pressure, 2),
         contact_area_error=_error(area, _MOST_PAIRS, 2 * rim),

@@ -84,10 +84,8 @@ class PrescribedApproach:
         return depth
 
     def begin(self, state):
-        """Prepare the iteration on a grid. Not collective."""
-        state.depth = self.depth_on(
-            state.distance
-        )  # the grid before was in full contact, perhaps, or had no holes
+        """Prepare the iteration on a grid: the one before was in full contact, or had no holes. Not collective."""
+        state.depth = self.depth_on(state.distance)
 
     def update(self, state):
         """Keep the approach; return by how much it moved [mm]. Not collective."""

@@ -178,7 +178,8 @@ def stress_figure(along, grid, depths, section, line, hottest, heading):
     left, right = figure.subplots(1, 2, gridspec_kw={"width_ratios": [1.6, 1]})
     centres = grid.x() if along == "x" else grid.y()
     unit = length_unit(max(np.ptp(centres), depths[-1]))
-    width, deepest = np.ptp(sides_mm := cell_edges(grid, along)), depths[-1] or 1.0
+    sides, deepest = cell_edges(grid, along), depths[-1] or 1.0
+    width = np.ptp(sides)
     box = float(np.clip(deepest / width, *_STRESS_BOX))
     times = box * width / deepest
     stretched = not np.isclose(times, 1)
@@ -186,11 +187,10 @@ def stress_figure(along, grid, depths, section, line, hottest, heading):
     deep = length_unit(depths[-1]) if stretched else unit
     x, z = centres * unit.per_mm, depths * deep.per_mm
     mises = von_mises(section)
-    sides = sides_mm * unit.per_mm
     bottom = z[-1] or 1.0
     between = np.concatenate([z[:1], (z[1:] + z[:-1]) / 2, [bottom]])
     colours = {"cmap": _STRESS_MAP, "vmin": 0, "vmax": mises.max() or 1.0}
-    image = left.pcolormesh(sides, between, mises, rasterized=True, **colours)
+    image = left.pcolormesh(sides * unit.per_mm, between, mises, rasterized=True, **colours)
     uneven = min(mises.shape) > 1 and np.ptp(mises) > _EVEN * mises.max()
     maxima = _maxima(mises, depths, hottest.depth)
     if uneven and maxima <= _MOST_MAXIMA:

@@ -120,10 +120,9 @@ def _draw_analytic(axes, paths, x, y, per_mm=1.0):
             axes.plot(found[0] * per_mm, found[1], **line)
             label = None  # once
     if label is None and axes.get_xscale() == "log":
-        for axis, values in zip(
-            (axes.xaxis, axes.yaxis), np.vstack([one.get_xydata() for one in axes.lines]).T, strict=True
-        ):
-            log_axis(axis, values)
+        drawn_x, drawn_y = np.vstack([one.get_xydata() for one in axes.lines]).T
+        log_axis(axes.xaxis, drawn_x)
+        log_axis(axes.yaxis, drawn_y)
 
 
 _RELATIVE = "p / (E* h′rms)"

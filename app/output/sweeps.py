@@ -86,7 +86,7 @@ def sweep_figure(columns, heading="", x=None, y=()):
     groups = {}
     for row in range(len(at)):
         groups.setdefault(tuple(columns[name][row] for name in others), []).append(row)
-    across = next((n for n, most in ((1, 1), (2, 4), (3, 6)) if len(y) <= most), 4)
+    across = next((n for n, panels in ((1, 1), (2, 4), (3, 6)) if len(y) <= panels), 4)
     down = -(-len(y) // across)
     figure = new_figure(6.0 * across, 4.4 * down, heading)
     for axes, name in zip(np.ravel(figure.subplots(down, across)), y, strict=False):

@@ -361,6 +361,7 @@ def read_surface(
     0.01
     """
     check_order(s_filter, l_filter)
+    periodic = bool(symbol_name(periodic))
     unit, height_unit = (name and (unit_named(name) or name) for name in (unit, height_unit))
     orient = orient.split(",") if isinstance(orient, str) else tuple(orient or ())
     if not (isinstance(skip, Integral) and skip >= 0):
@@ -390,7 +391,7 @@ def read_surface(
     except (ValueError, OSError) as error:
         raise InputError(str(error)) from None
     surface = surface_of(source, unit, level, crop, missing, height_unit, orient, spacing)
-    surface = replace(surface, periodic=bool(symbol_name(periodic)))
+    surface = replace(surface, periodic=periodic)
     check_cells(surface.file, s_filter, l_filter, surface.shape, surface.spacing)
     return surface.filtered(surface.grid(), s_filter, l_filter) if surface.spacing else surface
 
