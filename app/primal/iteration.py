@@ -7,6 +7,7 @@ of p, and p = B w + mean pressure that of e.
 from __future__ import annotations
 
 from contextlib import nullcontext
+from typing import NamedTuple
 
 import numpy as np
 
@@ -82,10 +83,12 @@ def primal_active_set(primal, solver, stop, history):
         settled |= stop.final and not accuracy.doubted and np.hypot(norm, update.moves) <= goal
         if settled and sure:
             primal.take(solver)
-            solved, found = _is_solved(primal, solver, stop, accuracy, norm, update)  # 6.
-            residual = found.residual / state.distance.norm() if found else residual
-            if solved:
+            verdict = _judge(primal, solver.scratch, stop, accuracy.allowed)  # 6.
+            if np.isfinite(verdict.residual):
+                residual = verdict.residual / state.distance.norm()
+            if verdict.solved:
                 return Outcome(True, _SETTLED if update.changed else CONVERGED, k, residual)
+            _go_on_after(verdict, primal, solver, accuracy, norm / np.sqrt(primal.cells), update.added > 0)
             if accuracy.exhausted:
                 raise NeedsSafeguard(Outcome(False, _NO_PRESSURE, k, residual))
         elif update.added or norm <= solver.doubt or (near and not sure):
@@ -154,12 +157,13 @@ class _Accuracy:
         ----------
         reached : float
             Error by the residual [mm].
-        error : float or None
-            By the verification [mm]; None: it found no pressure.
+        error : float
+            By the verification [mm]; NaN: it found no pressure.
         """
-        self.exhausted = error is None and self.aim <= self._lowest
-        share = _LOWER if error is None else 0.5
-        if error:
+        no_pressure = np.isnan(error)
+        self.exhausted = no_pressure and self.aim <= self._lowest
+        share = _LOWER if no_pressure else 0.5
+        if error > 0:
             share = min(share, _DOUBT * self.allowed / error)
         self.aim = max(share * min(self.aim, reached), self._lowest)
         self.doubted = True
@@ -182,44 +186,48 @@ class _Progress:
         return self._residual.stalls
 
 
-def _is_solved(primal, solver, stop, accuracy, norm, update):
-    """Step 6, where the residual of the solver, and what the `update` of the contact set moves, say so.
+class _Verdict(NamedTuple):
+    """On pressure and contact set, by a product in double precision."""
 
-    If it is not, the free cells are as before; p is made anew where it may be wrong, and not the residual; else the aim
-    is lower. Nothing may lag: what the solver carries along is where `verify` works.
+    residual: float  # of (5.1) [mm]; NaN: there is no pressure under the load, yet
+    error: float  # root mean square of the gap on contact [mm], or NaN
+    passed: bool  # the error is small enough
+    solved: bool  # and the certificate agrees
 
-    Collective.
 
-    Returns
-    -------
-    bool
-    Update or None
-        What `verify` has found.
+def _judge(primal, found, stop, allowed):
+    """Step 6: `verify`, and if the error is `allowed` [mm], `accept` and certify. Collective.
+
+    Nothing may lag: `found` is where the solver carries it along.
     """
-    state = primal.state
-    kept = state.contact.copy()
-    found = verify(primal, solver.scratch)
-    error = found and found.residual / np.sqrt(max(found.cells, 1))
-    passed = found is not None and error <= accuracy.allowed
+    update = verify(primal, found)
+    if update is None:
+        return _Verdict(np.nan, np.nan, False, False)
+    error = update.residual / np.sqrt(max(update.cells, 1))
+    passed = error <= allowed
     if passed:
-        accept(primal, solver.scratch)
-        if stop.certified(state):
-            return True, found
-    state.contact[...] = kept  # the free cells are as before
-    state.depth = 0.0
-    reached = norm / np.sqrt(primal.cells)
-    off = error is not None and error > _OFF * reached
-    # The second time, or for the certificate, too: what is carried along may have become inaccurate.
-    if update.added:
+        accept(primal, found)
+    return _Verdict(update.residual, error, passed, passed and stop.certified(primal.state))
+
+
+def _go_on_after(verdict, primal, solver, accuracy, reached, captured):
+    """Go on with the free cells as before: p is made anew where it may be wrong, and not the residual; else aim lower.
+
+    Collective. `reached`: error by the solver's residual [mm]; `captured`: whether cells have just been.
+    """
+    primal.restore_contact()
+    primal.state.depth = 0.0
+    off = verdict.error > _OFF * reached
+    if captured:
         primal.touch_captured()
-    if update.added or passed or accuracy.doubted or primal.is_nearly or off:
+    # The second time, or for the certificate, too: what is carried along may have become inaccurate.
+    if captured or verdict.passed or accuracy.doubted or primal.is_nearly or off:
         primal.restore_mean(solver)
         primal.refresh(exact=True)
     if off and not accuracy.doubted:
         accuracy.keep()
     else:
-        accuracy.lower(reached, error)
-    return False, found
+        accuracy.lower(reached, verdict.error)
 
 
 def allowed_gap(primal, stop):

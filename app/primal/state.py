@@ -217,7 +217,7 @@ class PrimalState:
         moves = float(np.sqrt(squares))
         approach = state.distance.reference - float(total) / self.cells
         if self.loading.prescribes_load and not cells:
-            np.logical_not(self.inverse.mask, out=state.contact)  # as it was
+            self.restore_contact()
             cells, released, moves = released, 0, 0.0
         elif (
             not self.loading.prescribes_load
@@ -276,6 +276,10 @@ class PrimalState:
     def _set_pressure(self, p):
         with self.state.pressure as values:
             values[...] = p.reshape(-1)
+
+    def restore_contact(self):
+        """Let the contact set be as the solver knows it. Not collective."""
+        np.logical_not(self.inverse.mask, out=self.state.contact)
 
     def _contact_changed(self, solver):
         """Make the cells that are not in contact the free ones. Collective."""

@@ -536,8 +536,9 @@ def test_if_they_matter_after_all_it_goes_on(steps, loading):
     primal.take(solver)
     accuracy = iteration._Accuracy(1e-9, 1e-6)
     stop = InexactStop(1e-6, 100, True)
-    solved, _ = iteration._is_solved(primal, solver, stop, accuracy, norm, update)
-    assert update.added and not solved and accuracy.doubted
+    verdict = iteration._judge(primal, solver.scratch, stop, accuracy.allowed)
+    iteration._go_on_after(verdict, primal, solver, accuracy, norm / np.sqrt(primal.cells), True)
+    assert update.added and not verdict.solved and accuracy.doubted
     np.testing.assert_array_equal(free, ~state.contact)
     np.testing.assert_array_equal(primal.w[state.contact], state.distance.b[state.contact])
     np.testing.assert_allclose(state.p, pressure_of(primal), rtol=0, atol=1e-11 * abs(state.p).max())
