@@ -6,7 +6,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.contact import certificate, extent, kernels, measures
+from app.contact import certificate_kernels, extent, kernels, measures
 from app.contact.full_contact import FullContact
 from app.contact.full_multigrid import full_multigrid
 from app.contact.iteration import active_set_or_search
@@ -68,7 +68,7 @@ class Strategy:
         """
         for module in (kernels, extent, measures, transfer, direct):
             module.warm_up()
-        certificate.warm_up(bool(self._hierarchy.target.grid.periodic))
+        certificate_kernels.warm_up(bool(self._hierarchy.target.grid.periodic))
         if self._settings.lifted:
             lift.warm_up()
         texts = self._settings.texts

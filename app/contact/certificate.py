@@ -42,13 +42,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from app.compiled import njit
+from app.contact import certificate_kernels as loops
 from app.contact.state import Displacement
 from app.halfspace.influence import middle_displacement
-from app.halfspace.reductions import any_order, sums_and_minima
+from app.halfspace.reductions import sums_and_minima
 
 _TRIALS = 12
 _NEGLIGIBLE = 1e-5  # error bound that is not worth a product to make smaller, if no smaller one is asked for
@@ -112,7 +113,7 @@ def _prove(state, enough):
     grid = state.patch
     smallest = 2 * state.operator.compliance / np.hypot(1 / grid.dx, 1 / grid.dy)  # eigenvalue
     penetrates, largest, sums = np.empty(len(b), bool), np.full(6, -np.inf), np.zeros(6)
-    _survey(b, u, p, admissible, smallest, not state.grid.periodic, penetrates, largest, sums)
+    loops.survey(b, u, p, admissible, smallest, not state.grid.periodic, penetrates, largest, sums)
     sums, lowest = sums_and_minima(state.comm, sums, -largest)
     lift, penetration, deepest, tension, product, highest = (-lowest).tolist()
     of_u, energy, defect, to_p, moved, of_p = sums
@@ -139,9 +140,9 @@ def _prove(state, enough):
 
 
 def _lifting(state, most, energy, penetrates):
-    """What the lifting of penetrations adds to the gap: the least for some t between 0 and `most`. Collective."""
+    """What the lifting of penetrations adds to the duality gap: the least for some t up to `most`. Collective."""
     sums = np.zeros((3, _TRIALS + 1))  # of -e u, e e, u u
-    _lift(state.distance.b, state.u, state.admissible, most, penetrates, sums)
+    loops.lift(state.distance.b, state.u, state.admissible, most, penetrates, sums)
     sums = state.sum(sums)
     shares, (product, of_e, of_u) = most * np.append(0.5 ** np.arange(_TRIALS), 0.0), np.cumsum(sums, axis=1)
     to_u, squares = product - shares * of_u, of_e + shares * (shares * of_u - 2 * product)
@@ -155,179 +156,49 @@ def _lifting(state, most, energy, penetrates):
 def _closing(state, energy, enough):
     """Duality gap on a periodic patch, and p.Ap, at least what rounding leaves of it. Collective.
 
-    By a product with B, unless it is no more than what an error bound of `enough` asks for without.
+    ``p.g + w.Bw / 2``, ``w = g - e``, by a product with B; or without, where ``w.Bw <= ||B|| w.w`` bounds the error by
+    `enough`.
     """
-    inverse, (inside, mean, _), n = state.operator.inverse, state.distance.statistics, state.grid.n
+    inverse, n = state.operator.inverse, state.grid.n
     diagonal = float(inverse.centre()[1, 1]) or 1.0
     fields = state.distance.b, state.u, state.p, state.admissible
-    gaps, excess, to_p, pressures, squares = state.sum(_gaps(*fields, diagonal))
+    gaps, excess, to_p, pressures, squares = state.sum(loops.gaps(*fields, diagonal))
+    inside, mean, _ = state.distance.statistics
     if inside == n and not gaps:  # full contact: the mean of e is known without rounding
         excess = -n * (mean - state.depth)
+    g = _gap_with_mean(gaps, excess, inside, n)
+    to_gap = g.factor * to_p + max(g.constant, 0.0) * pressures  # p.g
+    energy = max(energy, np.finfo(float).eps * state.operator.diagonal * squares)
+    moved = (*fields, diagonal, g.factor, g.constant, g.elsewhere)
+    no_field = np.empty((len(state.u), 0))
+    curved = most = inverse.norm() * state.sum([loops.move(*moved, no_field)[0]])[0] / 2
+    if to_gap + curved > enough**2 * energy / 2:
+        field = np.empty(state.u.shape) if state.work is None else state.work
+        loops.move(*moved, field)  # w
+        inverse.apply(field, field)  # B w
+        curved = state.sum([loops.move(*moved, field)[1]])[0] / 2  # w.Bw / 2
+        curved += _TRANSFORM * np.finfo(inverse.dtype).eps * most
+    return float(to_gap + curved), float(energy)
+
+
+class _Gap(NamedTuple):
+    """The dual feasible gap: ``g = factor max(e - p / B_II, 0) + constant`` in admissible cells.
+
+    Elsewhere e counts as zero, and g is `elsewhere`.
+    """
+
+    factor: float
+    constant: float  # zero, but for a factor out of bounds
+    elsewhere: float
+
+
+def _gap_with_mean(gaps, excess, inside, n):
+    """Choose g to have the mean of e: from sums over n cells, `inside` of them admissible.
+
+    `gaps`: of ``max(e - p / B_II, 0)``; `excess`: of that minus e.
+    """
     elsewhere = max(gaps / inside, (2 * abs(excess) - gaps) / (n - inside)) if inside < n else 0.0
     total = gaps + (n - inside) * elsewhere
     factor = float(np.clip(1 - excess / total, 0.0, 2.0)) if total > 0 else 1.0
-    constant = -(excess + (factor - 1) * total) / n  # zero, but for a factor out of bounds
-    gap = factor * to_p + max(constant, 0.0) * pressures
-    energy = max(energy, np.finfo(float).eps * state.operator.diagonal * squares)
-    moved = (*fields, diagonal, factor, constant, (factor - 1) * elsewhere + constant)
-    rough = most = inverse.norm() * state.sum([_move(*moved, np.empty((len(state.u), 0)))[0]])[0] / 2
-    if gap + rough > enough**2 * energy / 2:
-        field = np.empty(state.u.shape) if state.work is None else state.work
-        _move(*moved, field)
-        inverse.apply(field, field)
-        rough = state.sum([_move(*moved, field)[1]])[0] / 2 + _TRANSFORM * np.finfo(inverse.dtype).eps * most
-    return float(gap + rough), float(energy)
-
-
-@any_order
-def _gaps_row(b, u, p, admissible, diagonal):
-    gaps, excess, to_p, pressures, squares = 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(b.size):
-        e = u[i] - b[i] if admissible[i] else 0.0
-        gap = max(e - p[i] / diagonal, 0.0) if admissible[i] else 0.0
-        gaps += gap
-        excess += gap - e
-        to_p += p[i] * gap
-        pressures += p[i]
-        squares += p[i] * p[i]
-    return gaps, excess, to_p, pressures, squares
-
-
-@njit()
-def _gaps(b, u, p, admissible, diagonal):
-    """Sums of the gap g that is to be reached, of g - e, of p g, p and p p."""
-    gaps, excess, to_p, pressures, squares = 0.0, 0.0, 0.0, 0.0, 0.0
-    for j in range(b.shape[0]):
-        row = _gaps_row(b[j], u[j], p[j], admissible[j], diagonal)
-        gaps += row[0]
-        excess += row[1]
-        to_p += row[2]
-        pressures += row[3]
-        squares += row[4]
-    return gaps, excess, to_p, pressures, squares
-
-
-@any_order
-def _move_row(b, u, p, admissible, diagonal, factor, constant, elsewhere, field):
-    squares, product = 0.0, 0.0
-    for i in range(b.size):
-        e = u[i] - b[i]
-        w = factor * max(e - p[i] / diagonal, 0.0) + constant - e if admissible[i] else elsewhere
-        squares += w * w
-        if field.size:
-            product += w * field[i]
-            field[i] = w
-    return squares, product
-
-
-@njit()
-def _move(b, u, p, admissible, diagonal, factor, constant, elsewhere, field):
-    """Return w.w, w what e moves by to the gap that is to be reached, and w.field; `field` becomes w.
-
-    Both only if it has columns.
-    """
-    squares, product = 0.0, 0.0
-    for j in range(b.shape[0]):
-        row = _move_row(b[j], u[j], p[j], admissible[j], diagonal, factor, constant, elsewhere, field[j])
-        squares += row[0]
-        product += row[1]
-    return squares, product
-
-
-@any_order
-def _glance_row(b, u, p, admissible):
-    penetration, deepest, highest, of_u = 0.0, 0.0, 0.0, 0.0
-    for i in range(b.size):
-        h = -b[i] if admissible[i] else 0.0
-        e = h + u[i] if admissible[i] else 0.0
-        penetration = max(penetration, -e)
-        deepest = max(deepest, abs(h))
-        highest = max(highest, abs(p[i]))
-        of_u += u[i] * u[i]
-    return penetration, deepest, highest, of_u
-
-
-@any_order
-def _survey_row(b, u, p, admissible, smallest):
-    tension, product, highest = -np.inf, 0.0, -np.inf
-    energy, defect, to_p, moved, of_p = 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(b.size):
-        e = u[i] - b[i] if admissible[i] else 0.0
-        tension = max(tension, -p[i] if admissible[i] else abs(p[i]))
-        product = max(product, abs(p[i] * e))
-        highest = max(highest, p[i])
-        energy += p[i] * u[i]
-        defect += p[i] * e
-        gap = max(e - smallest * p[i], 0.0)
-        to_p += p[i] * gap
-        moved += (gap - e) * (gap - e)
-        of_p += p[i] * p[i]
-    return tension, product, highest, energy, defect, to_p, moved, of_p
-
-
-@any_order
-def _lift_row(b, u, admissible):
-    lift = 0.0
-    for i in range(b.size):
-        penetration = b[i] - u[i]
-        if penetration > lift * u[i] and u[i] > 0 and admissible[i]:
-            lift = penetration / u[i]  # divided where it grows only, which is seldom
-    return lift
-
-
-_NOTHING = (0.0,) * 8  # what `_survey_row` finds where there is no pressure and no overlap
-
-
-@njit()
-def _survey(b, u, p, admissible, smallest, lifts, penetrates, largest, sums):
-    """Largest of -e / u, -e, |h|, -p, |p e|, p; sums of u u, p u, p e, p g, w w, p p: added to what is there.
-
-    h and e are zero in inadmissible cells; g and w by the smallest eigenvalue. Most rows have gaps and no pressure: a
-    glance is enough. `penetrates` is told which rows have e < 0. -e / u is divided if it `lifts` alone.
-    """
-    for j in range(b.shape[0]):
-        penetration, deepest, highest, of_u = _glance_row(b[j], u[j], p[j], admissible[j])
-        penetrates[j] = penetration > 0
-        lift = _lift_row(b[j], u[j], admissible[j]) if lifts and penetration > 0 else 0.0
-        row = _NOTHING
-        if not (penetration <= 0 and highest <= 0):  # or NaN
-            row = _survey_row(b[j], u[j], p[j], admissible[j], smallest)
-        for k, value in enumerate((lift, penetration, deepest) + row[:3]):
-            largest[k] = max(largest[k], value)
-        for k, value in enumerate((of_u,) + row[3:]):
-            sums[k] += value
-
-
-@njit()
-def _lift(b, u, admissible, most, penetrates, sums):
-    """Sums of w u and w w for ``w = max(-(e + t u), 0)`` where e < 0, for t = most / 2^k; other rows are left out.
-
-    A cell counts from the first k on for which w is positive, in the last one for t = 0: so the cells of each first k
-    are summed: -e u, e e and u u of them.
-    """
-    trials = sums.shape[1] - 1
-    for j in range(b.shape[0]):
-        if not penetrates[j]:
-            continue
-        for i in range(b.shape[1]):
-            value = u[j, i]
-            e = value - b[j, i]
-            if e < 0 and admissible[j, i]:
-                first = 0
-                if most * value > -e:
-                    first = min(math.frexp(most * value / -e)[1], trials)
-                sums[0, first] -= e * value
-                sums[1, first] += e * e
-                sums[2, first] += value * value
-
-
-def warm_up(periodic=False):
-    """Load the compiled loops now, not after the first solve. Not collective."""
-    field, mask, rows = np.zeros((0, 0)), np.zeros((0, 0), bool), np.zeros(0, bool)
-    fixed = field.view()
-    fixed.flags.writeable = False
-    _survey(fixed, field, fixed, mask, 1.0, not periodic, rows, np.zeros(6), np.zeros(6))
-    _lift(fixed, field, mask, 0.0, rows, np.zeros((3, 2)))
-    if periodic:
-        _gaps(fixed, field, fixed, mask, 1.0)
-        _move(fixed, field, fixed, mask, 1.0, 1.0, 0.0, 0.0, field)
+    constant = -(excess + (factor - 1) * total) / n
+    return _Gap(factor, constant, (factor - 1) * elsewhere + constant)

@@ -1,0 +1,168 @@
+"""The loops of the certificate, compiled.
+
+Arrays are (rows, nx) of a rank; `b` is -h, so that the gap is ``e = u - b``; inadmissible cells count as e = 0. Sums
+are per row first, so that they lose nothing on large grids.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from app.compiled import njit
+from app.halfspace.reductions import any_order
+
+
+@any_order
+def _gaps_row(b, u, p, admissible, diagonal):
+    gaps, excess, to_p, pressures, squares = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(b.size):
+        e = u[i] - b[i] if admissible[i] else 0.0
+        gap = max(e - p[i] / diagonal, 0.0) if admissible[i] else 0.0
+        gaps += gap
+        excess += gap - e
+        to_p += p[i] * gap
+        pressures += p[i]
+        squares += p[i] * p[i]
+    return gaps, excess, to_p, pressures, squares
+
+
+@njit()
+def gaps(b, u, p, admissible, diagonal):
+    """Sums of the gap g that is to be reached, of g - e, of p g, p and p p."""
+    gaps, excess, to_p, pressures, squares = 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(b.shape[0]):
+        row = _gaps_row(b[j], u[j], p[j], admissible[j], diagonal)
+        gaps += row[0]
+        excess += row[1]
+        to_p += row[2]
+        pressures += row[3]
+        squares += row[4]
+    return gaps, excess, to_p, pressures, squares
+
+
+@any_order
+def _move_row(b, u, p, admissible, diagonal, factor, constant, elsewhere, field):
+    squares, product = 0.0, 0.0
+    for i in range(b.size):
+        e = u[i] - b[i]
+        w = factor * max(e - p[i] / diagonal, 0.0) + constant - e if admissible[i] else elsewhere
+        squares += w * w
+        if field.size:
+            product += w * field[i]
+            field[i] = w
+    return squares, product
+
+
+@njit()
+def move(b, u, p, admissible, diagonal, factor, constant, elsewhere, field):
+    """Return w.w, w what e moves by to the gap that is to be reached, and w.field; `field` becomes w.
+
+    Both only if it has columns.
+    """
+    squares, product = 0.0, 0.0
+    for j in range(b.shape[0]):
+        row = _move_row(b[j], u[j], p[j], admissible[j], diagonal, factor, constant, elsewhere, field[j])
+        squares += row[0]
+        product += row[1]
+    return squares, product
+
+
+@any_order
+def _glance_row(b, u, p, admissible):
+    penetration, deepest, highest, of_u = 0.0, 0.0, 0.0, 0.0
+    for i in range(b.size):
+        h = -b[i] if admissible[i] else 0.0
+        e = h + u[i] if admissible[i] else 0.0
+        penetration = max(penetration, -e)
+        deepest = max(deepest, abs(h))
+        highest = max(highest, abs(p[i]))
+        of_u += u[i] * u[i]
+    return penetration, deepest, highest, of_u
+
+
+@any_order
+def _survey_row(b, u, p, admissible, smallest):
+    tension, product, highest = -np.inf, 0.0, -np.inf
+    energy, defect, to_p, moved, of_p = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(b.size):
+        e = u[i] - b[i] if admissible[i] else 0.0
+        tension = max(tension, -p[i] if admissible[i] else abs(p[i]))
+        product = max(product, abs(p[i] * e))
+        highest = max(highest, p[i])
+        energy += p[i] * u[i]
+        defect += p[i] * e
+        gap = max(e - smallest * p[i], 0.0)
+        to_p += p[i] * gap
+        moved += (gap - e) * (gap - e)
+        of_p += p[i] * p[i]
+    return tension, product, highest, energy, defect, to_p, moved, of_p
+
+
+@any_order
+def _lift_row(b, u, admissible):
+    lift = 0.0
+    for i in range(b.size):
+        penetration = b[i] - u[i]
+        if penetration > lift * u[i] and u[i] > 0 and admissible[i]:
+            lift = penetration / u[i]  # divided where it grows only, which is seldom
+    return lift
+
+
+_NOTHING = (0.0,) * 8  # what `_survey_row` finds where there is no pressure and no overlap
+
+
+@njit()
+def survey(b, u, p, admissible, smallest, lifts, penetrates, largest, sums):
+    """Largest of -e / u, -e, |h|, -p, |p e|, p; sums of u u, p u, p e, p g, w w, p p: added to what is there.
+
+    h and e are zero in inadmissible cells; g and w by the smallest eigenvalue. Most rows have gaps and no pressure: a
+    glance is enough. `penetrates` is told which rows have e < 0. -e / u is divided if it `lifts` alone.
+    """
+    for j in range(b.shape[0]):
+        penetration, deepest, highest, of_u = _glance_row(b[j], u[j], p[j], admissible[j])
+        penetrates[j] = penetration > 0
+        lift = _lift_row(b[j], u[j], admissible[j]) if lifts and penetration > 0 else 0.0
+        row = _NOTHING
+        if not (penetration <= 0 and highest <= 0):  # or NaN
+            row = _survey_row(b[j], u[j], p[j], admissible[j], smallest)
+        for k, value in enumerate((lift, penetration, deepest) + row[:3]):
+            largest[k] = max(largest[k], value)
+        for k, value in enumerate((of_u,) + row[3:]):
+            sums[k] += value
+
+
+@njit()
+def lift(b, u, admissible, most, penetrates, sums):
+    """Sums of w u and w w for ``w = max(-(e + t u), 0)`` where e < 0, for t = most / 2^k; other rows are left out.
+
+    A cell counts from the first k on for which w is positive, in the last one for t = 0: so the cells of each first k
+    are summed: -e u, e e and u u of them.
+    """
+    trials = sums.shape[1] - 1
+    for j in range(b.shape[0]):
+        if not penetrates[j]:
+            continue
+        for i in range(b.shape[1]):
+            value = u[j, i]
+            e = value - b[j, i]
+            if e < 0 and admissible[j, i]:
+                first = 0
+                if most * value > -e:
+                    first = min(math.frexp(most * value / -e)[1], trials)
+                sums[0, first] -= e * value
+                sums[1, first] += e * e
+                sums[2, first] += value * value
+
+
+def warm_up(periodic=False):
+    """Load the compiled loops now, not after the first solve. Not collective."""
+    field, mask, rows = np.zeros((0, 0)), np.zeros((0, 0), bool), np.zeros(0, bool)
+    fixed = field.view()
+    fixed.flags.writeable = False
+    survey(fixed, field, fixed, mask, 1.0, not periodic, rows, np.zeros(6), np.zeros(6))
+    lift(fixed, field, mask, 0.0, rows, np.zeros((3, 2)))
+    if periodic:
+        gaps(fixed, field, fixed, mask, 1.0)
+        move(fixed, field, fixed, mask, 1.0, 1.0, 0.0, 0.0, field)
