@@ -58,6 +58,14 @@ def test_history_of_a_reference_solver_has_every_iteration(kind):
     assert history["contact_cells"][-1] == np.count_nonzero(found.contact)
 
 
+@pytest.mark.parametrize("kind", ["tao", "snesvi"])
+def test_a_second_solve_of_a_reference_solver_counts_its_own_work_alone(kind):
+    with ContactSolver(hertz(12), options={"lcp_type": kind}) as solver:
+        first, second = (solver.solve(approach=APPROACH) for _ in range(2))
+    assert second.work_units == first.work_units > 0
+    assert second.inner_iterations == first.inner_iterations > 0
+
+
 class Norms:
     """A state of which only the norms of h are asked for."""
 
