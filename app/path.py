@@ -223,6 +223,13 @@ def _as_rows(rows):
     return found
 
 
+def exactly_one(loadings):
+    """Return the loadings of a path if they are one. Not collective."""
+    if len(loadings) != 1 or not loadings.keys() <= LOADINGS.keys():
+        raise InputError(f"path: needed: exactly one of {', '.join(LOADINGS)}, a number for each step")
+    return loadings
+
+
 def _as_numbers(kind, numbers):
     try:
         found = [] if isinstance(numbers, str | bytes | Mapping) else list(numbers)

@@ -33,6 +33,7 @@ _M_MMAP_MAX = -4
 with suppress(ValueError):  # of a text that is no number
     # SuperLU_DIST, which many a PETSc loads, has malloc keep whatever is freed; large arrays are to go again.
     tell_malloc(_M_MMAP_MAX, int(os.environ.get("MALLOC_MMAP_MAX_", 65536)))
+_INTERRUPTS = {signal.SIGINT, signal.SIGALRM}  # which Python turns into exceptions, between any two steps
 _Handle = ctypes.c_void_p
 _Text = ctypes.c_char_p
 TAO_REASONS = getattr(PETSc.TAO, "ConvergedReason", None) or PETSc.TAO.Reason
@@ -181,13 +182,21 @@ class OptionDatabase:
 
     @contextmanager
     def active(self):
-        """Take the place of PETSc's default database inside the block."""
-        _call("PetscOptionsPush", self._handle)
+        """Take the place of PETSc's default database inside the block, whenever Ctrl-C comes."""
+        allowed = signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPTS)
         try:
-            with as_raised():
-                yield PETSc.Options()
+            _call("PetscOptionsPush", self._handle)
+            try:
+                signal.pthread_sigmask(signal.SIG_SETMASK, allowed)
+                with as_raised():
+                    yield PETSc.Options()
+            finally:
+                try:
+                    signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPTS)
+                finally:
+                    _call("PetscOptionsPop")
         finally:
-            _call("PetscOptionsPop")
+            signal.pthread_sigmask(signal.SIG_SETMASK, allowed)
 
     def texts(self):
         """All options and their whole values, name -> text; counts as asking for none of them."""

@@ -165,9 +165,11 @@ class _ContactSets:
         update = state.activate_penetrating()  # (4.b)
         if rehearsal is not None:
             update = update.after(rehearsal)
-        if self._solved(update):
+        solved = self._solved(update)
+        if solved and loading.prescribes_load:
             update = loading.settle(state, update)
-        return update, self._solved(update)
+            solved = self._solved(update)
+        return update, solved
 
     def _solved(self, update):
         """5. and 6. (5.1). Not collective."""

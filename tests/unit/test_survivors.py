@@ -1,6 +1,7 @@
 """Laws that mutants broke unnoticed: see docs/mutation.md."""
 
 import math
+import signal
 from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 from unittest import mock
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from cases import APPROACH, hertz, periodic_rough
 from mpi4py import MPI
+from petsc4py import PETSc
 from running import solve
 
 from app import ContactProblem, ContactSolver, petsc, strategy
@@ -37,6 +39,26 @@ def test_options_are_as_they_were_after_the_block_that_sets_them():
         with options_set({"given": "3", "wanted": "4"}, {"in_the_way": "5"}):
             assert options.getAll() == {"given": "1", "wanted": "4", "in_the_way": "5"}
         assert options.getAll() == {"given": "1", "in_the_way": "2"}
+
+
+@pytest.mark.parametrize("call", ["PetscOptionsPush", "PetscOptionsPop"])
+def test_options_are_as_they_were_whenever_ctrl_c_comes(call, monkeypatch):
+    plain = petsc._call
+
+    def interrupted(name, *arguments):
+        plain(name, *arguments)
+        if name == call:
+            signal.raise_signal(signal.SIGINT)
+
+    database, outside = OptionDatabase({"inside": "1"}), PETSc.Options()
+    with monkeypatch.context() as patch:
+        patch.setattr(petsc, "_call", interrupted)
+        with pytest.raises(KeyboardInterrupt), database.active():
+            assert call == "PetscOptionsPop"
+    assert not outside.hasName("inside")
+    with database.active():
+        assert outside.hasName("inside")
+    assert not outside.hasName("inside")
 
 
 def test_grids_worked_on_in_windows_get_no_product_before_somebody_asks():
