@@ -58,6 +58,11 @@ def test_product_in_order_with_values_as_on_a_command_line(tmp_path):
     ]
 
 
+def test_names_with_underscores_between_digits_are_no_numbers(tmp_path):
+    runs = read_sweep(write(tmp_path, "options: {surface_file: [2024_01, 2024_02, 2025]}"))
+    assert [run.labels["surface_file"] for run in runs] == ["2024_01", "2024_02", 2025]
+
+
 def test_zip_varies_together_and_a_tilde_leaves_out(tmp_path):
     text = "options: {grid: [8, 16]}\nzip:\n- {ksp_type: [cg, gmres], ksp_gmres_restart: [~, 5]}"
     cg, gmres = {"ksp_type": "cg"}, {"ksp_type": "gmres", "ksp_gmres_restart": "5"}
