@@ -15,6 +15,7 @@ import pytest
 from processes import TESTS
 from results import full_disk
 
+from app.contact.grid_errors import GridErrors
 from app.errors import InputError
 from app.output.result import read_result
 from app.runs import batch
@@ -537,3 +538,24 @@ def test_what_is_asked_for_has_a_column(tmp_path):
     assert float(with_it["result_stiffness"]) > 1e5 and without["result_stiffness"] == ""
     assert float(with_it["contact_area"]) == pytest.approx(240 * float(with_it["contact_fraction"]))
     assert "stiffness" not in rows_of([Run()], [{"exit_status": 0}])[0]
+
+
+def test_patches_and_estimated_errors_have_columns_where_a_method_knows_them(tmp_path):
+    output = tmp_path / "out.csv"
+    path = write(
+        tmp_path, f"option_files: [{HERTZ}, [fast.opts, norm.opts]]\noptions: {{grid: 64, load: 1e4}}"
+    )
+    assert main([str(path), "-o", str(output), "--keep"]) == 0
+    with output.open() as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        found = read_result(row["result"])
+        assert (int(row["contact_patches"]), float(row["largest_patch"])) == tuple(
+            found.count_patches().values()
+        )
+        for name in GridErrors._fields:
+            assert row[name] == ("" if np.isnan(getattr(found, name)) else str(getattr(found, name))), name
+    assert [float(rows[0][f"{name}_error"]) > 0 for name in ("approach", "max_pressure", "contact_area")] == [
+        True
+    ] * 3
+    assert not any(rows[1][name] for name in GridErrors._fields)
