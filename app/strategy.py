@@ -113,7 +113,12 @@ class Strategy:
         if self._interrupted:
             self._hierarchy.free_forgotten()
         self._interrupted = True
-        found = self._run(loading, history, start)
+        try:
+            found = self._run(loading, history, start)
+        except PETSc.Error as error:
+            if error.ierr not in _WRONG_CHOICES:
+                raise
+            raise InputError(f"solver options: {error_message(error)}") from None
         self._interrupted = False
         return found
 
@@ -311,11 +316,9 @@ class Reference(Strategy):
         state.depth = loading.depth_on(state.distance)
         try:
             return state, self.solver.solve(state, history, start)
-        except PETSc.Error as error:
+        except PETSc.Error:
             state.destroy()
-            if error.ierr not in _WRONG_CHOICES:
-                raise
-            raise InputError(f"-lcp_type {self._settings.strategy}: {error_message(error)}") from None
+            raise
 
 
 STRATEGIES = {"active_set": ActiveSet, "fast": Fast, "primal": Primal} | dict.fromkeys(
