@@ -69,8 +69,8 @@ class LoadPath:
     stiffness : bool
         Solve for the exact stiffness of every step, too.
     rows : sequence of dict, optional
-        Of steps done already, from the first on: they are taken as they are and their solutions left out. The last step
-        is solved in any case.
+        Of steps done already, from the first on, at the same loads: they are taken as they are and their solutions left
+        out. The last step is solved in any case.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class LoadPath:
     Raises
     ------
     InputError
-        If a number is not allowed; before any step is solved.
+        If a number is not allowed, or a row is of another one; before any step is solved.
 
     Examples
     --------
@@ -100,7 +100,7 @@ class LoadPath:
         self._solver, self._kind, self._with_stiffness = solver, kind, stiffness
         self._rank = solver.comm.rank  # the solver may be closed when the table is saved
         self.numbers = agree(solver.comm, _as_numbers, kind, numbers)
-        self.rows = agree(solver.comm, _as_rows, rows)
+        self.rows = agree(solver.comm, _as_rows, rows, kind, self.numbers)
         check_alike(solver.comm, (self.numbers, stiffness, len(self.rows)), "path")
         for number in self.numbers:
             solver.check(**{kind: number})
@@ -212,14 +212,22 @@ class LoadPath:
             ) from None
 
 
-def _as_rows(rows):
-    """Rows of an earlier path, copied."""
+def _as_rows(rows, kind, numbers):
+    """Rows of an earlier path by the same numbers, copied."""
     try:
         found = [dict(row) for row in rows]
     except (TypeError, ValueError):
         found = [{}]
-    if not all(row.keys() >= {"step", "converged"} for row in found):
+    if not all(row.keys() >= {"step", "converged", kind} for row in found):
         raise InputError("path: rows: needed: those of an earlier path, as its `rows` are")
+    rounding = 1e-12 * max(map(abs, numbers))
+    for step, (row, number) in enumerate(zip(found, numbers, strict=False), 1):
+        # What is not solved may have missed its load.
+        if row["converged"] and not np.isclose(row[kind], number, 1e-9, rounding):
+            raise InputError(
+                f"path: rows: step {step} has {kind} {row[kind]:.12g}, this path {number:.12g} {LOADINGS[kind]}; "
+                "needed: rows of the same path, from its first step on"
+            )
     return found
 
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 import atexit
 import ctypes
 import os
+import re
 import signal
 import sys
 import threading
@@ -315,9 +316,11 @@ def log_reduction():
 def error_message(error):
     """What a PETSc.Error says, on one line and without its stack. Not collective."""
     noise = ("error code", "See ", "#")
-    lines = (line.split("] ", 1)[-1] if line.startswith("[") else line for line in str(error).splitlines())
+    entries = re.sub(r"\n(?!\[\d+\] )\s*", " ", str(error)).splitlines()  # some have several lines
+    lines = (line.split("] ", 1)[-1] if line.startswith("[") else line for line in entries)
     told = [line.strip() for line in lines if "() " not in line and not line.startswith(noise)]
-    return told[-1] if told else " ".join(str(error).split())
+    said = told[-1] if told else " ".join(str(error).split())
+    return f"what is written in Python has no {said}" if re.fullmatch(r"method \w+\(\)", said) else said
 
 
 @contextmanager

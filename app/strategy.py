@@ -110,6 +110,14 @@ class Strategy:
         InputError
             If PETSc finds that the chosen solvers do not go together.
         """
+        try:
+            return self._run(loading, history, start)
+        except PETSc.Error as error:
+            if error.ierr not in _WRONG_CHOICES:
+                raise
+            raise InputError(f"solver options: {error_message(error)}") from None
+
+    def _run(self, loading, history, start):
         hierarchy, full = self._hierarchy, None
         for level in hierarchy.levels:
             level.begin()
@@ -216,9 +224,8 @@ class Inexact(Strategy):
     def _precisions(self):
         return {np.dtype(np.float64), np.dtype(self._hierarchy.dtype)}
 
-    def run(self, loading, history, start=None):
-        """See `Strategy.run`."""
-        state, outcome = super().run(loading, history, start)
+    def _run(self, loading, history, start):
+        state, outcome = super()._run(loading, history, start)
         return state, outcome._replace(to_rounding=True)
 
     def prepare(self):
@@ -315,11 +322,9 @@ class Reference(Strategy):
         state.depth = loading.depth_on(state.distance)
         try:
             return state, self.solver.solve(state, history, start)
-        except PETSc.Error as error:
+        except PETSc.Error:
             state.destroy()
-            if error.ierr not in _WRONG_CHOICES:
-                raise
-            raise InputError(f"-lcp_type {self._settings.strategy}: {error_message(error)}") from None
+            raise
 
 
 STRATEGIES = {"active_set": ActiveSet, "fast": Fast, "primal": Primal} | dict.fromkeys(
