@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import replace
+from numbers import Number
 from pathlib import Path
 
 import numpy as np
@@ -218,7 +219,8 @@ def _as_rows(rows, kind, numbers):
         found = [dict(row) for row in rows]
     except (TypeError, ValueError):
         found = [{}]
-    if not all(row.keys() >= {"step", "converged", kind} for row in found):
+    whole = all(isinstance(value, Number | np.bool_) for row in found for value in row.values())
+    if not whole or not all(row.keys() >= {"step", "converged", kind} for row in found):
         raise InputError("path: rows: needed: those of an earlier path, as its `rows` are")
     rounding = 1e-12 * max(map(abs, numbers))
     for step, (row, number) in enumerate(zip(found, numbers, strict=False), 1):
