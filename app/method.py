@@ -3,7 +3,7 @@
 A method is a file of options, ``petsc_options/NAME.opts``. Without one, and without a -ksp_type or -pc_type, it is the
 default, `DEFAULT`; of several the last one counts, as a whole. Options beside it override. What is asked for and can do
 nothing is refused, unless it is a file's and something later took its meaning: here what is in the table, in
-`app.method_solver` what PETSc reads. The strategies (-lcp_type) are
+`app.option_use` what PETSc reads. The strategies (-lcp_type) are
 
 ==============  ======================================================================================
 ``active_set``  the paper's: `app.contact`, around any KSP
@@ -120,7 +120,7 @@ class Settings:
     single: bool
     texts: dict
     warnings: tuple = ()
-    stages: tuple = ()  # name of a file, and all that files have said when it ends: without what overrides it later
+    files_so_far: tuple = ()  # name of a file, and what it and all files before it say: without what overrides it later
     of_files: tuple = ()  # names that nothing but files has set
 
 
@@ -188,15 +188,15 @@ def settings(method=None, options=None, periodic=False):
     default = PERIODIC if periodic else DEFAULT
     if not said.keys() & {"ksp_type", "pc_type"} and said.get("lcp_type", default) == default:
         files = {default: read_method_file(default), **files}
-    stages, texts = [], {}
+    files_so_far, texts = [], {}
     for name in files:
         texts = texts | files[name]
-        stages.append((name, texts))
+        files_so_far.append((name, texts))
     of_files = tuple(sorted(texts.keys() - given.keys()))
     texts = texts | given
     if unknown := {name for name in texts if name.startswith("lcp_")} - _TABLE.keys():
         raise InputError(unknown_options(unknown, _TABLE))
-    texts = _without_idle(texts, of_files, stages)
+    texts = _without_idle(texts, of_files, files_so_far)
     reader = OptionReader(METHOD_OPTIONS, texts)
     strategy = reader["lcp_type"]
     if strategy == (DEFAULT if periodic else PERIODIC):
@@ -212,7 +212,7 @@ def settings(method=None, options=None, periodic=False):
         **{name: reader[f"lcp_{name}"] for name in _AS_GIVEN},
         texts=texts,
         warnings=tuple(warnings),
-        stages=tuple(stages),
+        files_so_far=tuple(files_so_far),
         of_files=of_files,
     )
 
@@ -236,11 +236,13 @@ def _give_way(files, given):
     return warnings[::-1]
 
 
-def _without_idle(texts, of_files, stages):
+def _without_idle(texts, of_files, files_so_far):
     """Texts without what files say that something later keeps from having an effect; refuse what else has none."""
     left = dict(texts)
     for name, needed in sorted(_idle(texts).items()):
-        overridden = name in of_files and any(name in told and name not in _idle(told) for _, told in stages)
+        overridden = name in of_files and any(
+            name in told and name not in _idle(told) for _, told in files_so_far
+        )
         if not overridden:
             raise InputError(
                 f"-{name} {texts[name]}".rstrip() + f": has no effect here; allowed with {needed}"

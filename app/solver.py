@@ -32,16 +32,10 @@ from app.errors import InputError, agree, check_alike, warn_caller
 from app.halfspace.communication import Communicator
 from app.halfspace.influence import influence_quadrant
 from app.halfspace.reductions import minimum_over
-from app.method_solver import (
-    choose,
-    database_of,
-    make_hierarchy,
-    make_strategy,
-    read_by,
-    refuse_unread,
-)
+from app.method_solver import choose, database_of, make_hierarchy, make_strategy
 from app.multigrid.hierarchy import team_for
 from app.notes import notes_on
+from app.option_use import read_by, refuse_unread
 from app.options import as_line
 from app.path import LoadPath
 from app.petsc import Resources, mpi_comm, one_at_a_time
