@@ -294,12 +294,16 @@ class ContactSolver:
         [(kind, numbers)] = loadings.items()
         return LoadPath(self, kind, numbers, stiffness, rows)
 
-    @one_at_a_time
     def check(self, **loading):
         """Refuse a loading that `solve` would refuse. Collective."""
+        self.check_all([loading])
+
+    @one_at_a_time
+    def check_all(self, loadings):
+        """Refuse the first of some loadings, as keywords of `solve`, that it would refuse. Collective."""
         self._refuse_if_closed()
-        check_alike(self.comm, loading, "loading")
-        self._team.call(self._loading, loading, summary=lambda _: None)
+        check_alike(self.comm, loadings, "loading")
+        self._team.call(lambda: [self._loading(given) for given in loadings], summary=lambda _: None)
 
     @one_at_a_time
     def update(self, problem):
