@@ -31,7 +31,7 @@ _OVER_LEAST = 3.0  # times the least stiffness there can be is the largest slope
 _NEARLY = 0.9  # of the mean slope, that rounding makes of it where a contact set has not changed
 _BLAMED = 0.25  # of the rms residual: by so much the approach that the load asks for may be wrong
 LOADINGS = {"approach": "mm", "load": "N", "mean_pressure": "N/mm2", "mean_gap": "mm"}
-_ROUNDING = 1e-12  # of an approach, for full contact
+_FULL_CONTACT_ROUNDING = 1e-12  # of its approach
 _FEW = 4  # units in the last place, that numbers as users compute them may be wrong by
 _SECANTS = 2  # meet a load as a rule; scipy.optimize, for the rest, takes as long to load as a small solve
 
@@ -376,7 +376,7 @@ def prescribe(grid, distance, **given):
     holes = grid.n - distance.statistics.cells
     mean, reference = distance.statistics.mean, distance.reference
     full = distance.approach_at(mean)
-    little = _ROUNDING * (abs(full) + distance.deviation)
+    little = _FULL_CONTACT_ROUNDING * (abs(full) + distance.deviation)
     if kind == "mean_gap":
         _check_mean_gap(value, grid, holes, little)
         # no digits are lost to the reference
