@@ -47,10 +47,10 @@ _STRATEGIES = (*_ACTIVE_SET, "tao", "snesvi")
 METHOD_OPTIONS = [
     Option("lcp_type", choice(*_STRATEGIES), "active_set", "strategy"),
     Option("lcp_nested", flag, False, "nested iteration (FMG): solve on coarser grids first"),
-    Option("lcp_rtol", _tolerance, 1e-6, "accepted ||r|| / ||h||, eq. (5.1); fast: also 100 times it, h on C alone"),
+    Option("lcp_rtol", _tolerance, 1e-6, "accepted ||r|| / ||h||, (5.1); fast: also 100 times, h on C; primal: std(h)"),
     Option("lcp_error_bound", _tolerance, 0.01, "proved error (energy norm) up to which a solution counts as solved"),
     Option("lcp_max_it", count, 100, "iterations in a row on one grid: active set, or those of tao and snesvi"),
-    Option("lcp_coarse_rtol", from_zero, 0.0, "fast, primal: ||r|| / ||h|| on C that is enough on coarser grids"),
+    Option("lcp_coarse_rtol", from_zero, 0.0, "fast: ||r|| / ||h|| on C enough on coarser grids; primal: as -lcp_rtol"),
     Option("lcp_predictor", from_zero, 0.0, "fast: share of the change of u to be expected that step 4.b believes"),
     Option("lcp_defect_correction", from_zero, 0.0, "fast, primal: by levels till this share of r is left; 0: by FFT"),
     Option("lcp_prolongation", choice("copy", "lift"), "copy", "nested: of p, the paper's or by FFT preconditioner"),

@@ -92,8 +92,8 @@ class Displacement(IntEnum):
 class ContactState:
     """Contact set, pressure, displacement and approach on one grid: C, p, u and e = h + A p of (2.8).
 
-    Collective. An operator has one state at a time: its mask *is* `contact`, and is emptied here. So destroy the last
-    state first, and copy of it what shall stay.
+    Collective. `contact` *is* the operator's mask, and is emptied here: all states of an operator have the same C, that
+    of the last one. Whoever goes back to an earlier one keeps a copy of its C, and puts it back.
 
     Parameters
     ----------
