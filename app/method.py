@@ -3,7 +3,7 @@
 A method is a file of options, ``petsc_options/NAME.opts``. Without one, and without a -ksp_type or -pc_type, it is the
 default, `DEFAULT`; of several the last one counts, as a whole. Options beside it override. What is asked for and can do
 nothing is refused, unless it is a file's and something later took its meaning: here what is in the table, in
-`app.method_solver` what PETSc reads. The strategies (-lcp_type) are
+`app.option_use` what PETSc reads. The strategies (-lcp_type) are
 
 ==============  ======================================================================================
 ``active_set``  the paper's: `app.contact`, around any KSP
@@ -47,10 +47,10 @@ _STRATEGIES = (*_ACTIVE_SET, "tao", "snesvi")
 METHOD_OPTIONS = [
     Option("lcp_type", choice(*_STRATEGIES), "active_set", "strategy"),
     Option("lcp_nested", flag, False, "nested iteration (FMG): solve on coarser grids first"),
-    Option("lcp_rtol", _tolerance, 1e-6, "accepted ||r|| / ||h||, eq. (5.1); fast: also 100 times it, h on C alone"),
+    Option("lcp_rtol", _tolerance, 1e-6, "accepted ||r|| / ||h||, (5.1); fast: also 100 times, h on C; primal: std(h)"),
     Option("lcp_error_bound", _tolerance, 0.01, "proved error (energy norm) up to which a solution counts as solved"),
     Option("lcp_max_it", count, 100, "iterations in a row on one grid: active set, or those of tao and snesvi"),
-    Option("lcp_coarse_rtol", from_zero, 0.0, "fast, primal: ||r|| / ||h|| on C that is enough on coarser grids"),
+    Option("lcp_coarse_rtol", from_zero, 0.0, "fast: ||r|| / ||h|| on C enough on coarser grids; primal: as -lcp_rtol"),
     Option("lcp_predictor", from_zero, 0.0, "fast: share of the change of u to be expected that step 4.b believes"),
     Option("lcp_defect_correction", from_zero, 0.0, "fast, primal: by levels till this share of r is left; 0: by FFT"),
     Option("lcp_prolongation", choice("copy", "lift"), "copy", "nested: of p, the paper's or by FFT preconditioner"),
@@ -121,7 +121,7 @@ class Settings:
     single: bool
     texts: dict
     warnings: tuple = ()
-    stages: tuple = ()  # name of a file, and all that files have said when it ends: without what overrides it later
+    files_so_far: tuple = ()  # name of a file, and what it and all files before it say: without what overrides it later
     of_files: tuple = ()  # names that nothing but files has set
 
 
@@ -189,15 +189,15 @@ def settings(method=None, options=None, periodic=False):
     default = PERIODIC if periodic else DEFAULT
     if not said.keys() & {"ksp_type", "pc_type"} and said.get("lcp_type", default) == default:
         files = {default: read_method_file(default), **files}
-    stages, texts = [], {}
+    files_so_far, texts = [], {}
     for name in files:
         texts = texts | files[name]
-        stages.append((name, texts))
+        files_so_far.append((name, texts))
     of_files = tuple(sorted(texts.keys() - given.keys()))
     texts = texts | given
     if unknown := {name for name in texts if name.startswith("lcp_")} - _TABLE.keys():
         raise InputError(unknown_options(unknown, _TABLE))
-    texts = _without_idle(texts, of_files, stages)
+    texts = _without_idle(texts, of_files, files_so_far)
     reader = OptionReader(METHOD_OPTIONS, texts)
     strategy = reader["lcp_type"]
     if strategy == (DEFAULT if periodic else PERIODIC):
@@ -213,7 +213,7 @@ def settings(method=None, options=None, periodic=False):
         **{name: reader[f"lcp_{name}"] for name in _AS_GIVEN},
         texts=texts,
         warnings=tuple(warnings),
-        stages=tuple(stages),
+        files_so_far=tuple(files_so_far),
         of_files=of_files,
     )
 
@@ -237,11 +237,13 @@ def _give_way(files, given):
     return warnings[::-1]
 
 
-def _without_idle(texts, of_files, stages):
+def _without_idle(texts, of_files, files_so_far):
     """Texts without what files say that something later keeps from having an effect; refuse what else has none."""
     left = dict(texts)
     for name, needed in sorted(_idle(texts).items()):
-        overridden = name in of_files and any(name in told and name not in _idle(told) for _, told in stages)
+        overridden = name in of_files and any(
+            name in told and name not in _idle(told) for _, told in files_so_far
+        )
         if not overridden:
             raise InputError(
                 f"-{name} {texts[name]}".rstrip() + f": has no effect here; allowed with {needed}"

@@ -30,7 +30,7 @@ def notes_on(state, problem, contact, roughness):
     state : app.contact.state.ContactState
     problem : app.problems.problem.Problem
     contact : app.contact.measures.ContactMeasures
-    roughness : app.contact.measures.Roughness
+    roughness : app.contact.measures.ShapeRoughness
 
     Returns
     -------

@@ -101,14 +101,19 @@ class LoadPath:
         self._solver, self._kind, self._with_stiffness = solver, kind, stiffness
         self._rank = solver.comm.rank  # the solver may be closed when the table is saved
         self.numbers = agree(solver.comm, _as_numbers, kind, numbers)
-        self.rows = agree(solver.comm, _as_rows, rows, kind, self.numbers)
-        check_alike(solver.comm, (self.numbers, stiffness, len(self.rows)), "path")
-        for number in self.numbers:
-            solver.check(**{kind: number})
-        if len(self.rows) > len(self.numbers):
-            raise InputError(f"path: {len(self.rows)} steps are done already, of {len(self.numbers)}")
+        check_alike(solver.comm, (self.numbers, stiffness), "path")
+        solver.check_all([{kind: number} for number in self.numbers])
+        self.go_on_after(rows)
         self.operator_applications = self.solve_seconds = 0.0
         self._steps = self._solve()
+
+    def go_on_after(self, rows):
+        """Take the `rows` of steps done already, before one is solved here. Collective."""
+        comm = self._solver.comm
+        self.rows = agree(comm, _as_rows, rows, self._kind, self.numbers)
+        check_alike(comm, len(self.rows), "path")
+        if len(self.rows) > len(self.numbers):
+            raise InputError(f"path: {len(self.rows)} steps are done already, of {len(self.numbers)}")
 
     def __getstate__(self):
         return self.__dict__ | {"_solver": None, "_steps": None}

@@ -9,10 +9,10 @@ from typing import NamedTuple
 from app import ending
 from app.contact.grid_errors import GridErrors, GridNumbers, errors_from
 from app.errors import InputError, agree, check_alike
-from app.method_solver import check_cells, check_kind
+from app.method_solver import check_kind
 from app.multigrid.hierarchy import check_room
 from app.options import as_texts
-from app.petsc import mpi_comm
+from app.petsc import check_cells, mpi_comm
 from app.problems.problem import Problem
 from app.solution import Solution
 from app.solver import ContactSolver
@@ -126,7 +126,7 @@ def _has_room(solver, grid):
     return True
 
 
-def check(problem, until, most_cells=MOST_CELLS):
+def check(problem, until, most_cells):
     """Refuse what cannot be refined. Not collective."""
     check_kind("problem", problem, Problem, "a ContactProblem")
     if not (isinstance(until, Real) and 0 < until < 1):

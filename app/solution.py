@@ -48,8 +48,8 @@ class Solution(ContactFields):
         Of the ellipse with the second moments of the contact set [mm]; its angle from the x axis [degree]. These seven
         are NaN on a periodic patch, which has no origin.
     contact_fraction, contact_fraction_corrected, perimeter : float
-        Share of these cells; the same corrected for its stepped boundary; the length of that [mm]. See
-        `app.contact.measures`.
+        Share of the cells where contact is possible; the same corrected for its stepped boundary; the length of that
+        [mm]. See `app.contact.measures`.
     rms_height, rms_slope : float
         Of the undeformed distance [mm], [1].
     residual : float
@@ -64,7 +64,7 @@ class Solution(ContactFields):
         Estimated relative errors that the size of the cells makes in these numbers, rather too large; the approach
         counts from first touch. NaN but of the default methods with nested iteration; see `app.contact.grid_errors`.
     fallbacks : int
-        Grids on which the safeguard took over.
+        Grids on which a fallback took over: the safeguard, or the root search for a load.
     certificate : Certificate
     history : dict of str to list
         A column per quantity, an entry per active set iteration.

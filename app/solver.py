@@ -32,16 +32,10 @@ from app.errors import InputError, agree, check_alike, warn_caller
 from app.halfspace.communication import Communicator
 from app.halfspace.influence import influence_quadrant
 from app.halfspace.reductions import minimum_over
-from app.method_solver import (
-    choose,
-    database_of,
-    make_hierarchy,
-    make_strategy,
-    read_by,
-    refuse_unread,
-)
+from app.method_solver import choose, database_of, make_hierarchy, make_strategy
 from app.multigrid.hierarchy import team_for
 from app.notes import notes_on
+from app.option_use import read_by, refuse_unread
 from app.options import as_line
 from app.path import LoadPath, exactly_one
 from app.petsc import Resources, mpi_comm, one_at_a_time
@@ -306,12 +300,16 @@ class ContactSolver:
         [(kind, numbers)] = agree(self.comm, exactly_one, loadings).items()
         return LoadPath(self, kind, numbers, stiffness, rows)
 
-    @one_at_a_time
     def check(self, **loading):
         """Refuse a loading that `solve` would refuse. Collective."""
+        self.check_all([loading])
+
+    @one_at_a_time
+    def check_all(self, loadings):
+        """Refuse the first of some loadings, as keywords of `solve`, that it would refuse. Collective."""
         self._refuse_if_closed()
-        check_alike(self.comm, loading, "loading")
-        self._team.call(self._loading, loading, summary=lambda _: None)
+        check_alike(self.comm, loadings, "loading")
+        self._team.call(lambda: [self._loading(given) for given in loadings], summary=lambda _: None)
 
     @one_at_a_time
     def update(self, problem):

@@ -129,7 +129,7 @@ class Strategy:
             state.destroy()
             del state
         state, outcome = self._solve(loading, history, start)
-        if full and full.put_off and not (outcome.converged and state.some_are_free()):
+        if full and full.put_off and not (outcome.converged and state.cells_in_contact() < state.grid.n):
             return self._in_full_contact(full, loading, history, state, outcome)
         return state, outcome
 

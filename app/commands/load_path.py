@@ -123,11 +123,12 @@ def run_path(wanted, solver, stiffness, save):
     """
     from tqdm import tqdm
 
-    for number in wanted.numbers:  # before a file is touched
-        solver.check(**{wanted.kind: number})
+    path = solver.path(
+        stiffness=stiffness, **{wanted.kind: wanted.numbers}
+    )  # refused before a file is touched
     book = agree(solver.comm, _Book, wanted, solver)
     rows, notes = solver.comm.bcast((book.rows, book.notes))
-    path = solver.path(stiffness=stiffness, rows=rows, **{wanted.kind: wanted.numbers})
+    path.go_on_after(rows)
     if rows:
         say(f"{len(rows)} of {len(path)} steps are done already")
     notes = notes[: len(path) - 1]  # the last step is solved in any case

@@ -78,7 +78,7 @@ class FullContact:
         state.contact[...] = True
         distance.move_to(distance.statistics.mean)
         state.compute_displacement(exact=True)
-        rms = state.gap_on_contact_or_overlap()[0]
+        rms = state.on_contact_or_overlap().rms
         residual = np.sqrt(grid.n) * rms
         # Heights may differ by rounding only, which is no measure of what is left.
         highest = -float(state.minimum([-state.p.max(initial=0.0)])[0])

@@ -16,9 +16,7 @@ from app.multigrid.direct import DirectSolver, begins_directly
 from app.multigrid.linear_solver import LinearSolver
 
 
-def full_multigrid(
-    hierarchy, distances, loading, stop, history, nested=True, beta=0.003, prolong=None, target_solver=None
-):
+def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, prolong, target_solver):
     """Solve on the target grid of a hierarchy, from the coarsest grid on.
 
     Collective. A grid is solved by the ranks that share it, and they tell those that join them on the next.
@@ -35,10 +33,10 @@ def full_multigrid(
         Nested iteration; else the target grid alone, from C = {h <= 0}.
     beta : float
         (4.1).
-    prolong : callable, optional
+    prolong : callable or None
         See `prolongate`.
-    target_solver : LinearSolver, optional
-        Of the target grid, if there is one already.
+    target_solver : LinearSolver
+        Of the target grid.
 
     Returns
     -------
@@ -57,8 +55,9 @@ def full_multigrid(
                 state.start_from_interpenetration()
             coarse.destroy()
         if level.active:
-            solver = target_solver if visits.at_target else None
-            solver = solver or _solver_on(hierarchy, number, first=coarse is None)
+            solver = target_solver
+            if not visits.at_target:
+                solver = _solver_on(hierarchy, number, first=coarse is None)
             # (3.b): until the contact area is unchanged, and on the target grid (5.1)
             solve = partial(active_set_or_search, state, solver, stop=visits.test(stop), history=history)
             # Sec. 4.3, 1: the coarsest grid, directly if it is small; Sec. 4.3, 3 and 4: the others, to the target
@@ -71,7 +70,7 @@ def full_multigrid(
     return state, visits.outcome
 
 
-def prolongate(transfer, coarse, state, beta, prolong=None):
+def prolongate(transfer, coarse, state, beta, prolong):
     """Sec. 4.3, 2 and (3.a): u bilinear, then C and p by ``prolong(transfer, coarse, state)``, or if false by copy.
 
     Collective.

@@ -107,10 +107,10 @@ def begin(state, solver, loading, history):
     """
     loading.begin(state)
     history.start(state, solver)
-    touches = state.any_in_contact()
+    touches = state.cells_in_contact() > 0
     if not touches:
         state.start_from_interpenetration()
-        touches = state.any_in_contact()
+        touches = state.cells_in_contact() > 0
     if state.u_is is Displacement.STALE:
         state.compute_displacement()
     return touches

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.compiled import njit
-from app.halfspace.reductions import any_nonzero, any_order
+from app.halfspace.reductions import any_order
 
 
 @any_order
@@ -187,7 +187,31 @@ def sum_squares(x, shift, mask):
 
 
 @any_order
-def _gap_row(b, u, admissible, contact):
+def _gap_row(b, u, mask):
+    squares, total, cells = 0.0, 0.0, 0
+    for i in range(b.size):
+        e = u[i] - b[i]
+        e = e if mask[i] else 0.0
+        squares += e * e
+        total += e
+        cells += mask[i]
+    return squares, total, cells
+
+
+@any_order
+def gap_on(b, u, mask):
+    """Sum of squares and sum of h + u over a mask, and the number of cells there."""
+    squares, total, cells = 0.0, 0.0, 0
+    for j in range(b.shape[0]):
+        here = _gap_row(b[j], u[j], mask[j])
+        squares += here[0]
+        total += here[1]
+        cells += here[2]
+    return squares, total, cells
+
+
+@any_order
+def _gap_or_overlap_row(b, u, admissible, contact):
     squares, total, cells = 0.0, 0.0, 0
     for i in range(b.size):
         e = u[i] - b[i]
@@ -200,11 +224,11 @@ def _gap_row(b, u, admissible, contact):
 
 
 @any_order
-def gap_on(b, u, admissible, contact):
-    """Sum of squares and sum of h + u over C and where it is negative, and the number of cells there."""
+def gap_or_overlap_on(b, u, admissible, contact):
+    """As `gap_on`, over C and where h + u is negative."""
     squares, total, cells = 0.0, 0.0, 0
     for j in range(b.shape[0]):
-        here = _gap_row(b[j], u[j], admissible[j], contact[j])
+        here = _gap_or_overlap_row(b[j], u[j], admissible[j], contact[j])
         squares += here[0]
         total += here[1]
         cells += here[2]
@@ -241,8 +265,8 @@ def warm_up():
         defect(fixed, field, mask, 1.0, low)
         release(field, mask, mask, low)
         activate(fixed, field, fixed, mask, mask, mask, low, np.zeros(0, bool))
-    any_nonzero(mask)
     numbers(fixed, mask)
     sum_squares(fixed, 0.0, mask)
-    gap_on(fixed, field, mask, mask)
+    gap_on(fixed, field, mask)
+    gap_or_overlap_on(fixed, field, mask, mask)
     faces(np.zeros((0, 1), bool), np.zeros(1, bool), False)

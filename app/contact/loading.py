@@ -31,7 +31,7 @@ _OVER_LEAST = 3.0  # times the least stiffness there can be is the largest slope
 _NEARLY = 0.9  # of the mean slope, that rounding makes of it where a contact set has not changed
 _BLAMED = 0.25  # of the rms residual: by so much the approach that the load asks for may be wrong
 LOADINGS = {"approach": "mm", "load": "N", "mean_pressure": "N/mm2", "mean_gap": "mm"}
-_ROUNDING = 1e-12  # of an approach, for full contact
+_FULL_CONTACT_ROUNDING = 1e-12  # of its approach
 _FEW = 4  # units in the last place, that numbers as users compute them may be wrong by
 _SECANTS = 2  # meet a load as a rule; scipy.optimize, for the rest, takes as long to load as a small solve
 
@@ -212,8 +212,8 @@ class PrescribedLoad:
         state.start_from_interpenetration()
         for _ in range(3):
             state.depth = touching + beyond
-            _, mean, cells, _ = state.gap_on_contact_or_overlap()
-            borne = -mean * stiffness * sqrt(cells / state.grid.n)
+            overlap = state.on_contact_or_overlap()
+            borne = -overlap.mean * stiffness * sqrt(overlap.cells / state.grid.n)
             if not borne > 0:  # too little for the digits of the depth
                 break
             beyond *= (self.load / borne) ** (2 / 3)
@@ -227,7 +227,7 @@ class PrescribedLoad:
         for a punch to 2 for a cone: as of a sphere.
         """
         state.depth = touching = state.first_touch()
-        beyond = state.mean_gap_on_contact()
+        beyond = state.on_contact().mean
         if load > 0 and beyond > 0:
             self.slope = 1.5 * load / beyond
             state.depth = touching + beyond * (self.load / load) ** (2 / 3)
@@ -266,10 +266,10 @@ class PrescribedLoad:
 
         The mean gap left in contact tells what the load will be at this approach when the system is solved.
         """
-        rms, mean, cells, load = state.gap_on_contact_or_overlap()
-        if not cells:
+        gaps = state.on_contact_or_overlap()
+        if not gaps.cells:
             state.first_contact()
-        depth, expected = state.depth, load - self.slope * mean
+        rms, depth, expected = gaps.rms, state.depth, gaps.load - self.slope * gaps.mean
         # Contact grows with the depth, and with it the slope: it is never less than the mean one since first touch.
         beyond = depth - state.distance.lowest
         mean_slope = expected / beyond if beyond > 0 else 0.0
@@ -311,7 +311,7 @@ class PrescribedLoad:
             state.spread(self.load)
         else:
             return update._replace(added=1)  # there must be contact: go on
-        state.depth += state.gap_on_contact_or_overlap()[1]
+        state.depth += state.on_contact_or_overlap().mean
         return state.activate_penetrating().after(update)
 
 
@@ -376,7 +376,7 @@ def prescribe(grid, distance, **given):
     holes = grid.n - distance.statistics.cells
     mean, reference = distance.statistics.mean, distance.reference
     full = distance.approach_at(mean)
-    little = _ROUNDING * (abs(full) + distance.deviation)
+    little = _FULL_CONTACT_ROUNDING * (abs(full) + distance.deviation)
     if kind == "mean_gap":
         _check_mean_gap(value, grid, holes, little)
         # no digits are lost to the reference

@@ -37,7 +37,7 @@ class ContactMeasures(NamedTuple):
     contact_fraction_corrected: float  # less `PER_FACE` of a cell for each of these faces
 
 
-class Roughness(NamedTuple):
+class ShapeRoughness(NamedTuple):
     """Of the undeformed distance on the target grid; the same on all ranks."""
 
     rms_height: float  # about the mean, over the admissible cells [mm]
@@ -56,7 +56,7 @@ def measure_contact(state):
     ContactMeasures
     """
     grid, distance, slabs = state.grid, state.distance, state.operator.slabs
-    _, total, _ = kernels.gap_on(distance.b, state.u, state.admissible, state.admissible)
+    _, total, _ = kernels.gap_on(distance.b, state.u, state.admissible)
     force, highest, cells = kernels.numbers(state.p, state.contact)
     in_x, in_y = kernels.faces(
         state.contact,
@@ -102,17 +102,17 @@ def measure_roughness(operator, distance, shape):
 
     Returns
     -------
-    Roughness
+    ShapeRoughness
     """
     grid = operator.grid
     waves = grid.periodic and distance.statistics.cells == grid.n
     square = _of_waves(operator, shape) if waves else _of_differences(operator, shape)
     steps = _steps_at_sides(operator, shape) if grid.periodic else (0.0, 0.0)
-    return Roughness(distance.deviation, float(np.sqrt(square)), steps)
+    return ShapeRoughness(distance.deviation, float(np.sqrt(square)), steps)
 
 
 def _steps_at_sides(operator, shape):
-    """See `Roughness`. Collective."""
+    """See `ShapeRoughness`. Collective."""
     slabs, (ny, nx) = operator.slabs, operator.grid.shape
     below = row_before(shape, True, slabs, operator.comm, np.nan)
 

@@ -26,7 +26,7 @@ from petsc4py import PETSc
 
 from app.contact import kernels
 from app.halfspace.operator import vec_of
-from app.halfspace.reductions import any_nonzero, minimum_over, sum_over
+from app.halfspace.reductions import minimum_over, sum_over
 from app.halfspace.window import whole
 
 
@@ -52,6 +52,31 @@ class Update(NamedTuple):
         return self._replace(added=first.added + self.added, released=first.released + self.released)
 
 
+class Gaps(NamedTuple):
+    """The gaps h + u of some cells; the same on all ranks."""
+
+    cells: int
+    squares: float  # sum of (h + u)^2 [mm2]
+    total: float  # sum of h + u [mm]
+    h: float = float("nan")  # ||h||_2 [mm]; NaN: nobody has asked
+    load: float = float("nan")  # of all pressure there is [N]; NaN: nobody has asked
+
+    @property
+    def residual(self):
+        """||h + u||_2 [mm]."""
+        return sqrt(self.squares)
+
+    @property
+    def rms(self):
+        """Of h + u [mm]; 0 without cells."""
+        return sqrt(self.squares / max(self.cells, 1))
+
+    @property
+    def mean(self):
+        """Of h + u [mm]; 0 without cells."""
+        return float(self.total / max(self.cells, 1))
+
+
 _NOBODY = np.zeros((0, 0))
 _ROUND_OFF = 1e-10  # how near, relatively, the mean gap of a periodic patch comes to zero before full contact
 
@@ -67,8 +92,8 @@ class Displacement(IntEnum):
 class ContactState:
     """Contact set, pressure, displacement and approach on one grid: C, p, u and e = h + A p of (2.8).
 
-    Collective. An operator has one state at a time: its mask *is* `contact`, and is emptied here. So destroy the last
-    state first, and copy of it what shall stay.
+    Collective. `contact` *is* the operator's mask, and is emptied here: all states of an operator have the same C, that
+    of the last one. Whoever goes back to an earlier one keeps a copy of its C, and puts it back.
 
     Parameters
     ----------
@@ -168,14 +193,6 @@ class ContactState:
         """Smallest of each of some numbers over the ranks. Collective."""
         return minimum_over(self.comm, values)
 
-    def any_in_contact(self):
-        """Whether any cell is in contact. Collective."""
-        return self.sum([any_nonzero(self.contact)])[0] > 0
-
-    def some_are_free(self):
-        """Whether any cell is not in contact. Collective."""
-        return self.sum([np.count_nonzero(self.contact)])[0] < self.grid.n
-
     def first_touch(self):
         """Depth at which the first cells of the undeformed bodies touch [mm]. Collective in a window."""
         if self.distance.touching is not None:
@@ -187,7 +204,7 @@ class ContactState:
 
         Below the highest depth not all gaps can be closed.
         """
-        if not np.isfinite(self.highest) or self.some_are_free():
+        if not np.isfinite(self.highest) or self.cells_in_contact() < self.grid.n:
             return
         tends = self._p + self.distance.b / (self.operator.diagonal or 1.0)
         least = self.minimum([tends.min(initial=np.inf)])[0]
@@ -197,20 +214,21 @@ class ContactState:
         self.compute_displacement()
 
     def cells_in_contact(self):
-        """Number of cells in the contact set, 1 at least. Collective."""
-        return max(self.sum([np.count_nonzero(self.contact)])[0], 1.0)
+        """Number of cells in C. Collective."""
+        return int(self.sum([np.count_nonzero(self.contact)])[0])
 
-    def norms_on_contact(self):
-        """||h||_2 and ||h + u||_2 over C [mm], and the cells of C, 1 at least. Collective."""
+    def on_contact(self):
+        """Return the Gaps on C, and ||h|| there. Collective."""
         b, contact = self.distance.b, self.contact
-        squares = kernels.sum_squares(b, 0.0, contact), kernels.gap_on(b, self.u, contact, contact)[0]
-        h, residual, cells = self.sum([*squares, np.count_nonzero(contact)])
-        return sqrt(h), sqrt(residual), max(int(cells), 1)
+        sums = *kernels.gap_on(b, self.u, contact), kernels.sum_squares(b, 0.0, contact)
+        squares, total, cells, h = self.sum(sums)
+        return Gaps(int(cells), squares, total, h=sqrt(h))
 
-    def residual_on_contact(self):
-        """||h + u||_2 over C [mm]; overlap elsewhere does not count. Collective."""
-        squares = kernels.gap_on(self.distance.b, self.u, self.contact, self.contact)[0]
-        return sqrt(self.sum([squares])[0])
+    def on_contact_or_overlap(self):
+        """Return the Gaps on C and where they are negative, and the load. Collective."""
+        sums = kernels.gap_or_overlap_on(self.distance.b, self.u, self.admissible, self.contact)
+        squares, total, cells, pressure = self.sum([*sums, self._p.sum()])
+        return Gaps(int(cells), squares, total, load=self.grid.cell_area * float(pressure))
 
     # -- Sec. 4.1, step by step -----------------------------------------------------------------------
 
@@ -224,7 +242,7 @@ class ContactState:
 
     def first_contact(self):
         """Without contact: approach until the first cell touches, which becomes C. Collective."""
-        if self.any_in_contact():
+        if self.cells_in_contact():
             return
         gap = self.u - self.distance.b
         nearest = float(self.minimum(gap[self.admissible].min(initial=np.inf)))
@@ -293,18 +311,6 @@ class ContactState:
         """In place of (4.b): let no cell in; return the Update since before `release_tensile`. Collective."""
         return self.activate_penetrating(np.full(self.u.shape, np.inf))
 
-    def mean_gap_on_contact(self):
-        """Mean of h + u over C [mm]; overlap elsewhere does not count. Collective."""
-        _, total, cells = self.sum([*kernels.gap_on(self.distance.b, self.u, self.contact, self.contact)])
-        return float(total / max(cells, 1))
-
-    def gap_on_contact_or_overlap(self):
-        """RMS and mean of h + u over C and where it is negative [mm], the cells there, and the load [N]. Collective."""
-        sums = kernels.gap_on(self.distance.b, self.u, self.admissible, self.contact)
-        squares, total, cells, pressure = self.sum([*sums, self._p.sum()])
-        most = max(cells, 1)
-        return sqrt(squares / most), float(total / most), int(cells), self.grid.cell_area * float(pressure)
-
     def scale(self, factor):
         """p and u times a factor. Not collective."""
         self.pressure.scale(factor)
@@ -317,20 +323,21 @@ class ContactState:
 
         On a periodic patch a constant displaces the less the more of it is in contact; a factor would displace all.
         """
-        lacks = (load - self.load) / self.grid.cell_area
-        inside = self._p > 2 * abs(lacks) / self.cells_in_contact()
-        cells = self.sum([np.count_nonzero(inside)])[0]
-        if 2 * cells < self.cells_in_contact():
-            return self.scale(load / self.load)
+        total, cells = self.sum([self._p.sum(), np.count_nonzero(self.contact)])
+        carried, cells = self.grid.cell_area * float(total), max(cells, 1)
+        lacks = (load - carried) / self.grid.cell_area
+        inside = self._p > 2 * abs(lacks) / cells
+        cells_inside = self.sum([np.count_nonzero(inside)])[0]
+        if 2 * cells_inside < cells:
+            return self.scale(load / carried)
         with self.pressure as values:
-            values += inside.reshape(-1) * (lacks / cells)
+            values += inside.reshape(-1) * (lacks / cells_inside)
         return self.compute_displacement()
 
     def spread(self, load):
         """Let p have a load [N], evenly over C, and u be A p. Collective."""
-        self.pressure.setArray(
-            self.contact.reshape(-1) * (load / self.grid.cell_area / self.cells_in_contact())
-        )
+        each = load / self.grid.cell_area / max(self.cells_in_contact(), 1)
+        self.pressure.setArray(self.contact.reshape(-1) * each)
         self.compute_displacement(exact=True)
 
     def destroy(self):

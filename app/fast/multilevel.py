@@ -25,7 +25,7 @@ from app.compiled import njit
 from app.fast.symbol import REACH
 from app.halfspace.grid import Slabs
 from app.halfspace.halo import Halo, Parents
-from app.halfspace.reductions import any_order, copy_row, scale_row, wrap
+from app.halfspace.reductions import any_order, copy_row, scale_row, unless_alone, wrap
 
 _SHARE = 0.6  # operations of stencil and interpolation on a cell, in those of a transform and back
 
@@ -72,7 +72,7 @@ class MultilevelOperator:
     ):
         self.count, self.shape, self.dtype = 0, shape, np.dtype(dtype)
         self.slabs = slabs = slabs or Slabs(shape[0])
-        self.comm = comm = comm if comm is not None and comm.size > 1 else None
+        self.comm = comm = unless_alone(comm)
         twice = np.where(np.arange(REACH + 1) > 0, 2.0, 1.0)
         self._stencil = np.ascontiguousarray((near[0].stencil / np.outer(twice, twice)).T, dtype)  # [y, x]
         self._factors = fy, _ = near[0].factors

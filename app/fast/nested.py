@@ -111,7 +111,7 @@ def safeguarded(hierarchy, number, state, loading, stop, history):
 
         try:
             if loading.prescribes_load:
-                step = state.gap_on_contact_or_overlap()[0]
+                step = state.on_contact_or_overlap().rms
                 outcome = search_load(state, loading, solve, stop, 0.1 * stop.rtol, step)
             else:
                 outcome = projected_newton(state, solver, stop, history)

@@ -29,7 +29,7 @@ from app.compiled import njit
 from app.halfspace.chebyshev import chebyshev_steps
 from app.halfspace.grid import Slabs
 from app.halfspace.halo import Halo
-from app.halfspace.reductions import any_order, around, copy_at, copy_row, span_of
+from app.halfspace.reductions import any_order, around, copy_at, copy_row, span_of, unless_alone
 
 MAX_STEPS = 250
 _CYCLE = 8  # steps after which their lengths begin anew: more in one polynomial would spread rounding
@@ -65,14 +65,13 @@ class RimExtension:
         If `steps` is negative or above 250.
     """
 
-    def __init__(self, shape, slabs, comm, steps=3, periodic=False):
+    def __init__(self, shape, slabs, comm, steps, periodic=False):
         if not 0 <= steps <= MAX_STEPS:
             raise ValueError(f"rim extension: {steps} steps; 0 to {MAX_STEPS} are possible")
         self.shape, self.steps, self._periodic = shape, steps, periodic
-        alone = comm is None or comm.size == 1
-        self._halo = None
-        if steps and (not alone or (periodic and shape[0])):
-            self._halo = Halo(Slabs(shape[0]) if alone else slabs, None if alone else comm, steps, periodic)
+        self._halo, comm = None, unless_alone(comm)
+        if steps and (comm is not None or (periodic and shape[0])):
+            self._halo = Halo(Slabs(shape[0]) if comm is None else slabs, comm, steps, periodic)
         # With the rows beside: the contact set, and rows from each to the next one with contact.
         self._contact, self._away = np.zeros(shape, bool), np.zeros(shape[0], np.int64)
         self.contact = self._contact

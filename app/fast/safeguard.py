@@ -52,7 +52,7 @@ def projected_newton(state, solver, stop, history):
     np.maximum(state.p, 0.0, out=state.values)
     np.copyto(state.values, 0.0, where=~state.admissible)
     state.u[...], gap = _displaced(state, state.p)
-    residual = state.norms_on_contact()[1] / state.distance.norm()
+    residual = state.on_contact().residual / state.distance.norm()
     for k in range(1, stop.max_it + 1):
         before = state.contact.copy()
         p, nearly = state.p, _nearly_none(state, gap)

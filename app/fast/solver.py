@@ -108,7 +108,7 @@ class TrackingSolver(LinearSolver):
         Collective.
         """
         if self.by_levels:
-            self.by_levels = state.residual_on_contact() <= most
+            self.by_levels = state.on_contact().residual <= most
 
     def tension(self, state):
         """Return the Tension. Collective."""

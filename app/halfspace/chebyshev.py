@@ -1,4 +1,4 @@
-"""Chebyshev polynomials: interpolation of smooth even functions on [0, 1], and lengths of the steps of iterations."""
+"""Interpolation by polynomials: Chebyshev's, of smooth even functions on [0, 1], Lagrange's; steps of iterations."""
 
 from __future__ import annotations
 
@@ -24,6 +24,18 @@ def coefficients(values):
         polynomials(nodes(n), n).T * np.where(np.arange(n) > 0, 2.0, 1.0)[:, None] / n for n in values.shape
     )
     return first @ values @ second.T
+
+
+def lagrange_weights(at, places):
+    """Weights of the values in some places for the polynomial through them, shape (len(at), len(places)).
+
+    Not collective.
+    """
+    weights = []
+    for k, place in enumerate(places):
+        rest = np.delete(places, k)
+        weights.append(np.prod((at[:, None] - rest) / (place - rest), axis=1))
+    return np.stack(weights, axis=1)
 
 
 @lru_cache(maxsize=64)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from app.halfspace.reductions import unless_alone
+
 
 class Fetch:
     """Brings every rank the rows it wants from the ranks that have them: point to point, one message for a pair.
@@ -20,7 +22,7 @@ class Fetch:
     """
 
     def __init__(self, have, want, comm=None):
-        self._comm, self.have = comm if comm is not None and comm.size > 1 else None, have
+        self._comm, self.have = unless_alone(comm), have
         self._sent, self._got = {}, {}  # rank -> slices of the rows here, and of the rows wanted
         self.rows = 0  # wanted
         for first, last in want:

@@ -22,7 +22,7 @@ from numpy.polynomial import legendre
 from scipy.special import erf, erfc
 
 from app.compiled import njit
-from app.halfspace.chebyshev import coefficients, nodes, polynomials
+from app.halfspace.chebyshev import coefficients, lagrange_weights, nodes, polynomials
 from app.halfspace.reductions import add_inside, add_row, any_order
 
 _RANGE = 6.2  # erfc(6.2) is nothing
@@ -157,12 +157,7 @@ def _spread(nodes, first, weights, mask, out, row):
 
 def _weights(step, width, dtype):
     """Of the `width` nodes around a cell, for the cells between two of them, shape (step, width)."""
-    nodes = np.arange(width) - (width // 2 - 1.0)
-    at = np.arange(step)[:, None] / step
-    others = [np.delete(nodes, k) for k in range(width)]
-    return np.stack(
-        [np.prod((at - rest) / (node - rest), axis=1) for node, rest in zip(nodes, others, strict=True)], axis=1
-    ).astype(dtype)  # fmt: skip
+    return lagrange_weights(np.arange(step) / step, np.arange(width) - (width // 2 - 1.0)).astype(dtype)
 
 
 class Rest:

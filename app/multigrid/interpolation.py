@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from app.compiled import njit
+from app.halfspace.chebyshev import lagrange_weights
 from app.halfspace.reductions import any_order, mix_rows, wrap
 
 _POINTS = 6  # cells that a quintic goes through: loops are written out for them
@@ -121,13 +122,7 @@ def two_around(start, stop, count, factor, place, first=None):
 def six_around(start, stop, place, first):
     """The first of six coarse cells around each fine one, counted from cell `first`; and their weights, (cells, 6)."""
     before, share = _before(np.arange(start, stop), place)
-    nodes = np.arange(_POINTS) - (BESIDE - 1)
-    others = [np.delete(nodes, m) for m in range(_POINTS)]
-    weights = [
-        np.prod((share[:, None] - rest) / (node - rest), axis=1)
-        for node, rest in zip(nodes, others, strict=True)
-    ]
-    return before - (BESIDE - 1) - first, np.stack(weights, axis=1)
+    return before - (BESIDE - 1) - first, lagrange_weights(share, np.arange(_POINTS) - (BESIDE - 1))
 
 
 def _before(index, place):

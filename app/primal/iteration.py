@@ -280,7 +280,7 @@ def verify(primal, found):
     state.operator.exact_displacement(found, state.u)
     if loading.prescribes_load:
         state.depth = 0.0
-        state.depth = state.mean_gap_on_contact()
+        state.depth = state.on_contact().mean
     else:
         state.depth = loading.depth_on(state.distance)
     return state.activate_penetrating()

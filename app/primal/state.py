@@ -180,7 +180,7 @@ class PrimalState:
         room = stencil.make_room(solver.guesses, shape[1], np.float32)
         stencil.sweep_projected(force, *rows(force), lowest, *rows(lowest), weights, solver.guesses, x, room)
         loops.take(x, lowest, self.w, state.distance.b, state.contact)
-        if self.loading.prescribes_load and not state.any_in_contact():
+        if self.loading.prescribes_load and not state.cells_in_contact():
             self._touch()
         self._contact_changed(solver)
         self.restore_mean(solver)

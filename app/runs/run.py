@@ -21,7 +21,10 @@ from app.output.result import read_result
 
 ROOT = Path(__file__).resolve().parents[2]
 # No solve depends on these; all else in app/ belongs to the program that a key stands for.
-_NO_PART = ("runs", "reproduction", "analysis", "sweep.py", "reproduce.py", "plot.py")
+_NO_PART = """
+    runs reproduction analysis verification
+    sweep.py reproduce.py verify.py plot.py report.py subsurface.py xdmf.py convert.py
+""".split()
 
 ATTRIBUTES = (
     "converged",

@@ -16,7 +16,7 @@ _GRID = Grid(40, 31, 0.3, 0.2, x0=-6.0, y0=-3.1)
 _APPROACH = 0.05
 _TIGHT = {"lcp_rtol": 1e-12}
 _METHODS = {"norm": _TIGHT, None: _TIGHT | {"lcp_precision": "double"}}
-_ROUNDING = 1e-9  # of the largest pressure
+_MOST_DIFFERENCE = 1e-9  # of the largest pressure
 
 
 def bumps(x, y):
@@ -49,7 +49,11 @@ def _each(change):
                     worst = max(worst, difference(after.pressure, expected))
                 kind = f"{periodic or 'free'}, {method or 'default'}"
                 figures.append(
-                    Figure(f"difference of pressures, {kind}", worst if not off else np.nan, most=_ROUNDING)
+                    Figure(
+                        f"difference of pressures, {kind}",
+                        worst if not off else np.nan,
+                        most=_MOST_DIFFERENCE,
+                    )
                 )
         return figures
 
@@ -134,7 +138,7 @@ def larger_patch(quick):
                 _problem("", wide, gap), method, options=options | {"lcp_rtol": 1e-13}, approach=_APPROACH
             )
             what = f"difference of pressures, cells beside it {name}, {method or 'default'}"
-            figures.append(Figure(what, difference(after.pressure, expected), most=_ROUNDING))
+            figures.append(Figure(what, difference(after.pressure, expected), most=_MOST_DIFFERENCE))
     return figures
 
 

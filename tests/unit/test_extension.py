@@ -178,7 +178,7 @@ def test_extension_follows_the_contact_set_and_weights_the_unit_of_the_stencil()
 )
 def test_stencils_that_are_not_even_are_refused(stencil):
     with pytest.raises(ValueError, match="stencil"):
-        RimExtension((4, 4), None, None).set_stencil(stencil)
+        RimExtension((4, 4), None, None, 3).set_stencil(stencil)
 
 
 def test_fields_that_cannot_be_changed_in_place_are_refused():

@@ -129,7 +129,7 @@ def test_two_updates_add_up():
 def test_first_contact_is_the_nearest_cell(state):
     state.approach = -10.0
     state.start_from_interpenetration()
-    assert not state.any_in_contact()
+    assert not state.cells_in_contact()
     state.first_contact()
     assert state.contact.sum() == 1
     assert state.shape[state.contact] == np.nanmin(state.shape)
@@ -146,15 +146,14 @@ def test_numbers(state):
     assert state.load == pytest.approx(p.sum() * GRID.cell_area, rel=1e-14)
     e = state.u - state.distance.b
     where = state.contact | (state.admissible & (e <= 0))
-    rms, mean, cells, load = state.gap_on_contact_or_overlap()
-    assert cells == where.sum()
-    assert rms == pytest.approx(np.sqrt(np.mean(e[where] ** 2)), rel=1e-13)
-    assert mean == pytest.approx(np.mean(e[where]), rel=1e-12, abs=1e-14)
-    norm, residual, inside = state.norms_on_contact()
-    assert residual == pytest.approx(np.linalg.norm(e[state.contact]), rel=1e-13)
-    assert norm == pytest.approx(np.linalg.norm(state.distance.b[state.contact]), rel=1e-13)
-    assert inside == max(np.count_nonzero(state.contact), 1)
-    assert load == pytest.approx(state.load, rel=1e-13)
+    for gaps, cells in (state.on_contact(), state.contact), (state.on_contact_or_overlap(), where):
+        assert gaps.cells == cells.sum()
+        assert gaps.residual == pytest.approx(np.linalg.norm(e[cells]), rel=1e-13)
+        assert gaps.rms == pytest.approx(np.sqrt(np.mean(e[cells] ** 2)), rel=1e-13)
+        assert gaps.mean == pytest.approx(np.mean(e[cells]), rel=1e-12, abs=1e-14)
+    assert state.on_contact().h == pytest.approx(np.linalg.norm(state.distance.b[state.contact]), rel=1e-13)
+    assert state.on_contact_or_overlap().load == pytest.approx(state.load, rel=1e-13)
+    assert state.cells_in_contact() == np.count_nonzero(state.contact)
     u = state.u.copy()
     state.scale(1.5)
     np.testing.assert_allclose(state.p, 1.5 * p, rtol=1e-15)

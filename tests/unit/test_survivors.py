@@ -19,7 +19,7 @@ from app.contact.certificate import certify
 from app.contact.distance import UndeformedDistance
 from app.contact.grid_errors import GridNumbers, errors_from
 from app.contact.history import Listener
-from app.contact.state import ContactState, Displacement
+from app.contact.state import ContactState, Displacement, Gaps
 from app.errors import InputError
 from app.fast.lift import lift
 from app.fast.solver import TrackingSolver
@@ -97,8 +97,8 @@ class Norms:
     def norm(self):
         return self._whole
 
-    def norms_on_contact(self):
-        return self._inside, 1
+    def on_contact(self):
+        return Gaps(1, 0.0, 0.0, h=self._inside)
 
 
 def test_a_contact_small_in_its_patch_is_solved_by_its_own_measure():

@@ -12,6 +12,7 @@ import weakref
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from uuid import uuid4
 
 import numpy as np
 from llvmlite import ir
@@ -94,7 +95,7 @@ class _Library:
         if not self.learned:
             return
         self._read()
-        mine = self._file.with_suffix(f".{os.getpid()}")
+        mine = self._file.with_suffix(f".{uuid4().hex}")  # no number of a process: hosts may share the folder
         with suppress(OSError):
             if self.call("export_wisdom_to_filename", os.fsencode(mine)):
                 if mine.stat().st_size > _LARGEST:

@@ -35,7 +35,7 @@ from app.halfspace.fft.strips import (
 )
 from app.halfspace.fft.transpose import ColumnGroup, Exchange, SentExchange, SharedExchange, deal_columns
 from app.halfspace.grid import Slabs
-from app.halfspace.reductions import sum_over
+from app.halfspace.reductions import sum_over, unless_alone
 from app.halfspace.storage import storage_for
 
 _COLUMNS = 128  # of a spectrum that are computed together: what they share is computed anew for the next ones
@@ -147,7 +147,7 @@ class EvenMultiplier:
     def __init__(self, shape, periods, slabs=None, comm=None, dtype=np.float64, workspace=None):
         self.shape, self.periods = shape, periods
         self.slabs = slabs or Slabs(shape[0])
-        self.comm = comm if comm is not None and comm.size > 1 else None
+        self.comm = unless_alone(comm)
         self.dtype = np.dtype(dtype)
         complex_type = np.result_type(self.dtype, np.complex64)
         self.count = 0

@@ -35,6 +35,7 @@ import numpy as np
 
 from app.halfspace.fft.lengths import transform_length
 from app.halfspace.grid import Slabs
+from app.halfspace.reductions import unless_alone
 from app.halfspace.sweeps.kernels import LANES, TILE, solve_leaf, survey, transfer
 from app.halfspace.sweeps.pipeline import Flow
 from app.halfspace.sweeps.tables import SEGMENT_COLUMNS, Tables
@@ -71,7 +72,7 @@ class GaussSeidel:
     def __init__(self, quadrant_rows, grid_shape, slabs=None, comm=None, periodic=False):
         self.shape = ny, nx = grid_shape
         self.slabs = slabs or Slabs(ny)
-        self.comm = comm if comm is not None and comm.size > 1 else None
+        self.comm = unless_alone(comm)
         self._quadrant_rows, self._periodic, self._tables = quadrant_rows, periodic, None
         self._diagonal = float(quadrant_rows(slice(0, 1), 1)[0, 0])
         self._solves = self.comm is None or comm.rank == 0

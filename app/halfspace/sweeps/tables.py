@@ -8,7 +8,7 @@ from scipy.fft import rfft
 
 from app.halfspace.fft.fftw import FFTW
 from app.halfspace.fft.lengths import transform_length
-from app.halfspace.sweeps.kernel import KernelInX
+from app.halfspace.sweeps.kernel_in_x import KernelInX
 from app.halfspace.sweeps.kernels import LANES, SHORTEST_RUN, TILE, Rows
 from app.halfspace.sweeps.pipeline import deal_chunks
 
