@@ -348,9 +348,9 @@ class InfluenceOperator:
         """Everything computed here so far, in products on this grid (a sweep by its flops)."""
         made = vars(self)
         products = {id(made[name]): made[name] for name in _PRODUCTS if name in made}
-        total = self._spent + sum(product.count for product in products.values())
+        total = self._spent + sum([product.count for product in products.values()])
         if self.multipliers:
-            total += sum(multiplier.points for multiplier in self.multipliers.values()) / self._padded
+            total += sum([multiplier.points for multiplier in self.multipliers.values()]) / self._padded
         if "relaxation" in made:
             total += self.sweeps * self.relaxation.products_per_sweep
         return total
