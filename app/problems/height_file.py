@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import islice
 from operator import index
 
 import numpy as np
@@ -42,12 +43,23 @@ def turned_spacing(spacing, orient):
     return spacing[::-1] if spacing and orient.count("transpose") % 2 else spacing
 
 
+def _largest(steps):
+    return np.abs(steps).max()
+
+
 def _is_even(rows):
-    """Whether the first row goes by equal steps, its corner apart, and the next ones do not, or by other ones."""
+    """Whether the first row goes by equal steps, its corner apart, and the next ones do not, or by other ones.
+
+    Missing points count for nothing, nor do rows where nearly all are.
+    """
     if min(rows.shape) < _FEW:
         return False
-    steps = np.diff(rows[:3, 1:])
-    spread, largest, mean = np.ptp(steps, axis=1), np.abs(steps).max(axis=1), steps.mean(axis=1)
+    beside = (steps for row in rows[1:] if np.isfinite(steps := np.diff(row[1:])).sum() >= _FEW - 2)
+    steps = [np.diff(rows[0, 1:]), *islice(beside, 2)]
+    if len(steps) < 3 or not np.isfinite(steps[0]).all():
+        return False
+    steps = [row[np.isfinite(row)] for row in steps]
+    spread, largest, mean = (np.array([of(row) for row in steps]) for of in (np.ptp, _largest, np.mean))
     if not (largest[0] > 0 and spread[0] <= _EVEN * largest[0]):
         return False
     # A plane is even in the second row, too; heights that are tapered at the rim are less uneven there.

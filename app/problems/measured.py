@@ -24,7 +24,7 @@ from app.problems.height_file import (
     checked_crop,
     cropped,
 )
-from app.problems.moments import LEVELS, Moments, centred
+from app.problems.moments import LEVELS, Moments, take_off
 from app.problems.problem import real_numbers
 from app.units import UNITS, in_words, unit_named
 
@@ -55,9 +55,9 @@ class Surface:
     rms_height : float
         Standard deviation of the heights in the file that are not missing, after levelling and filters [mm].
     rms_level, skewness, kurtosis : float
-        The same about their best plane [mm], and the third and fourth standardised moments about it.
+        The same about their best plane, or about level "quadratic" [mm], and the third and fourth standardised moments.
     steps : tuple of float
-        Root mean square of the steps from cell to cell of the file in x and in y, about that plane, after filters [mm].
+        Root mean square of the steps from cell to cell of the file in x and in y, about the same, after filters [mm].
     spike : tuple
         How high the point that stands out most does above the highest of its four neighbours [mm], how many rms steps
         that is, its row and column; before filters, which only smear it.
@@ -206,10 +206,15 @@ class Surface:
         filtered = "".join(f", {name}-filtered at {in_words(index)}" for name, index in filters if index)
         return (
             f"{nx} x {ny} heights in {self.unit}, cells of {in_words(*self.cell(grid))}, patch of "
-            f"{in_words(grid.nx * grid.dx, grid.ny * grid.dy)}{holes}{filtered}; about the best plane: rms height "
+            f"{in_words(grid.nx * grid.dx, grid.ny * grid.dy)}{holes}{filtered}; {self._about}: rms height "
             f"{in_words(self.rms_level)}, rms slope {self.rms_slope(grid):.2g}{shape}; rows along x, the first "
             f"at the smallest y{turned}"
         )
+
+    @property
+    def _about(self):
+        """What rms height and the like are about."""
+        return "after quadratic level" if self.level == "quadratic" else "about the best plane"
 
     def check_grid(self, grid):
         """Refuse a grid whose cells are not the surface's, or that filters were not made for. Not collective."""
@@ -235,8 +240,8 @@ class Surface:
         if self.spacing:
             return f"surface file {self.file}: {self.understood()}"
         return (
-            f"surface file {self.file}: {self.shape[1]} x {self.shape[0]} heights in {self.unit}, rms height about the "
-            f"best plane {in_words(self.rms_level)}, in cells of a size it does not say"
+            f"surface file {self.file}: {self.shape[1]} x {self.shape[0]} heights in {self.unit}, rms height "
+            f"{self._about} {in_words(self.rms_level)}, in cells of a size it does not say"
         )
 
     def __repr__(self):
@@ -284,10 +289,7 @@ class Surface:
         j, i, heights = self._filled
         here = slice(*np.searchsorted(j, (start, stop)))
         values[j[here] - start, i[here]] = heights[here]
-        x, y = centred(self.crop[1] - self.crop[0]), centred(self.crop[3] - self.crop[2])[start:stop]
-        for (k, m), coefficient in self._coefficients.items():
-            values -= coefficient * x**k * y[:, None] ** m
-        return values
+        return take_off(self._coefficients, values, start, self.crop[3] - self.crop[2])
 
 
 def read_surface(
