@@ -535,7 +535,7 @@ def test_a_surface_takes_its_own_grid_where_it_knows_the_size_of_its_cells(saved
 @pytest.mark.parametrize("level", moments.LEVELS)
 @pytest.mark.parametrize("run", [2, 12])
 def test_rms_height_skewness_and_kurtosis_are_those_of_the_heights(monkeypatch, level, run):
-    """Whatever the tilt, the runs of rows and the missing points; the last two about the best plane, or the bow taken off."""
+    """Whatever the tilt, the runs of rows and the missing points; the last two about plane or bow."""
     monkeypatch.setattr(moments, "_RUN", run * NX)
     heights = HEIGHTS**3 + 1e4 * X - 1e5
     heights[2:5, 7:9] = np.nan
