@@ -478,6 +478,17 @@ def test_path_by_an_approach_counted_from_within_the_roughness_keeps_its_first_s
     assert (axes.get_xscale(), axes.get_yscale()) == ("linear", "linear")
 
 
+def test_a_path_of_negative_approaches_is_drawn_beyond_first_touch():
+    columns = {
+        "approach": np.array([-0.3, -0.2]),
+        "indentation": np.array([0.01, 0.11]),
+        "load": np.array([1.0, 9.0]),
+    }
+    axes = paths.path_figure([paths.Path(columns)]).axes[0]
+    assert "beyond first touch" in axes.get_xlabel() and axes.get_xscale() == "log"
+    np.testing.assert_allclose(axes.lines[0].get_xdata(), 1e3 * columns["indentation"], rtol=1e-12)
+
+
 def test_sweep_is_drawn_against_the_option_with_most_values():
     columns = {
         "grid": ["32", "64", "128"] * 2,
