@@ -81,7 +81,8 @@ def sweep_figure(columns, heading="", x=None, y=()):
     spread = {name: np.unique(_finite(columns[name])).size for name in varied}
     named = [name for name in varied if spread[name] < 2]
     spread |= {name: 1 - 1 / len(set(columns[name])) for name in named}  # any option with numbers comes first
-    most = max(spread, key=spread.get, default=None)
+    # Steps of load paths make lines of their own, whatever varies beside.
+    most = "load" if "step" in names and "load" in known else max(spread, key=spread.get, default=None)
     x = x or most
     y = y or (x and _worth_drawing(columns, varied, x))
     if not (x and y):
