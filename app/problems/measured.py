@@ -329,7 +329,7 @@ def read_surface(
         Of the heights alone, where x and y of points are in `unit`.
     orient : sequence of str, or str
         How rows and columns are turned before all else, one after the other: transpose, flip_x, flip_y, or a text of
-        these with commas between.
+        these with commas between. Without any an ESRI grid is flipped in y: its rows go from north to south.
     skip : int
         Lines at the head of a text to leave out.
     spacing : pair of float, optional
@@ -392,21 +392,19 @@ def read_surface(
             )
     except (ValueError, OSError) as error:
         raise InputError(str(error)) from None
-    surface = surface_of(source, unit, level, crop, missing, height_unit, orient, spacing)
+    surface = surface_of(source, unit, level, crop, missing, height_unit, spacing)
     surface = replace(surface, periodic=periodic)
     check_cells(surface.file, s_filter, l_filter, surface.shape, surface.spacing)
     return surface.filtered(surface.grid(), s_filter, l_filter) if surface.spacing else surface
 
 
-def surface_of(
-    source, unit=None, level="none", crop=None, missing="hole", height_unit=None, orient=(), spacing=None
-):
+def surface_of(source, unit=None, level="none", crop=None, missing="hole", height_unit=None, spacing=None):
     """Surface of a `HeightFile` or `HeightArray` that is turned already; all else as of `read_surface`.
 
     Not collective.
     """
     unit, lateral = agreed_units(source, unit, height_unit)
-    sides = agreed_spacing(source, lateral, spacing, orient)
+    sides = agreed_spacing(source, lateral, spacing, source.orient)
     crop = checked_crop(source, crop)
     scale = UNITS[unit]
     ny, nx = crop[3] - crop[2], crop[1] - crop[0]
@@ -439,7 +437,7 @@ def surface_of(
         level=level,
         missing=missing,
         crop=crop,
-        orient=tuple(orient),
+        orient=source.orient,
         spike=(height, times, crop[2] + row, crop[0] + column),
         missing_points=holes,
         notes=tuple(notes),

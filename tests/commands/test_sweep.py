@@ -580,7 +580,11 @@ def test_a_load_path_in_a_sweep_has_a_row_for_each_step(tmp_path, capsys):
         assert {row["contact_modulus"] for row in run} == {"100000.0"}
     columns = {name: [row[name] for row in rows] for name in rows[0]}
     panel = sweep_figure(columns).axes[0]
-    assert panel.get_xlabel() == "load F  [N]" and [len(line.get_xdata()) for line in panel.lines] == [3, 3, 0]
+    assert panel.get_xlabel() == "load F  [N]" and [len(line.get_xdata()) for line in panel.lines] == [
+        3,
+        3,
+        0,
+    ]
 
 
 def test_patches_and_estimated_errors_have_columns_where_a_method_knows_them(tmp_path):

@@ -304,6 +304,11 @@ def test_the_head_of_an_esri_grid_says_the_size_of_its_cells(tmp_path, cells, si
     surface = read_surface(path, "um", **how)
     assert surface.spacing == pytest.approx([1e-3 * side for side in sides])
     np.testing.assert_allclose(surface.heights(), 1e-3 * HEIGHTS, atol=1e-12)
+    bare = read_surface(path, "um")  # the head and the way of the rows are known
+    assert bare.spacing == surface.spacing and bare.orient == surface.orient == ("flip_y",)
+    np.testing.assert_array_equal(bare.heights(), surface.heights())
+    as_written = read_surface(path, "um", orient="flip_y,flip_y").heights()
+    np.testing.assert_array_equal(as_written, surface.heights()[::-1])
     other = read_surface(path, "mm", height_unit="um", **how)
     np.testing.assert_array_equal(other.heights(), surface.heights())
     assert other.spacing == pytest.approx(sides)
@@ -311,9 +316,11 @@ def test_the_head_of_an_esri_grid_says_the_size_of_its_cells(tmp_path, cells, si
         InputError, match=f"unit of its heights, nor of its cells of 0.4 x {sides[1]}; allowed"
     ):
         read_surface(path, **how)
-    words = [path, "-o", tmp_path / "s.h5", "--skip", how["skip"], "--orient", "flip_y"]
-    assert convert([*map(str, words), "--unit", "mm", "--height-unit", "um"]) == 0
-    assert read_surface(tmp_path / "s.h5").spacing == pytest.approx(sides)
+    for more in ("--skip", how["skip"], "--orient", "flip_y"), ():
+        words = [path, "-o", tmp_path / "s.h5", "--unit", "mm", "--height-unit", "um", *more]
+        assert convert([*map(str, words)]) == 0
+        assert read_surface(tmp_path / "s.h5").spacing == pytest.approx(sides)
+        np.testing.assert_allclose(read_surface(tmp_path / "s.h5").heights(), surface.heights(), rtol=1e-12)
 
 
 POINTS = np.stack(np.broadcast_arrays(X, Y, HEIGHTS), -1).reshape(-1, 3)
