@@ -50,6 +50,8 @@ def unit_of(option):
 def sweep_figure(columns, heading="", x=None, y=()):
     """What a sweep has measured, against one of its options: what is physical, and work where solvers are compared.
 
+    Columns of the table of a load path are drawn in the same way, against the load.
+
     Parameters
     ----------
     columns : mapping of str to list of str
@@ -71,7 +73,7 @@ def sweep_figure(columns, heading="", x=None, y=()):
         If `x` or `y` are not columns with numbers.
     """
     names = list(columns)
-    varied = names[: names.index("exit_status")]
+    varied = names[: names.index("exit_status")] if "exit_status" in names else []
     varied = [name for name in varied if len(set(columns[name])) > 1]
     known = [name for name in names if _finite(columns[name]).size]
     against = [name for name in names if name in (*varied, *known)]  # of an option names will do

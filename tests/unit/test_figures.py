@@ -126,6 +126,12 @@ def test_titles_and_labels_say_what_and_in_which_unit(result):
             bars = [child.get_ylabel() for child in axes.child_axes]
             assert all("mm" in label or "µm" in label for label in [axes.get_ylabel(), *bars])
     assert "NOT CONVERGED" in figures.title(with_attributes(result, converged=False))
+    steps = {"load": np.array([1.0, 2.0]), "mean_pressure": np.array([10.0, 20.0])}
+    words = "-load_path 1,2 -mean_pressure_path 10,20"
+    ends = {"": "2 loads from 1 to 2 N", words: "2 mean pressures from 10 to 20 N/mm²"}
+    for words, said in ends.items():
+        path = replace(with_attributes(result, command_line=words), path=steps)
+        assert said in figures.title(path, path=True)
 
 
 @pytest.mark.parametrize(
