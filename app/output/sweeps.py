@@ -26,6 +26,12 @@ _WORK = {
     "solve_seconds": "time of the solve  [s]",
     "error_bound": "proved bound of the error",
 }
+_OTHERS = {  # labels of what is drawn where it is asked for
+    "indentation": "approach beyond first touch  [mm]",
+    "mean_pressure": "mean pressure  [N/mm²]",
+    "mean_contact_pressure": "mean pressure in contact  [N/mm²]",
+    "rms_height": "rms height  [mm]",
+}
 _SAME = {"load": "mean_pressure", "contact_area": "contact_fraction"}  # but for the area of the patch
 _OF_SOLVERS = re.compile("(option_files|grid)$|(lcp|ksp|pc|mg|tao|snes)_")  # they change the work of a solve
 _UNITS = (
@@ -157,7 +163,7 @@ def _in_units(values, name, varied):
     if name in varied:
         return values, _axis_label(name)
     name = name.removeprefix("result_")
-    label = (_PHYSICS | _WORK).get(name, name.replace("_", " "))
+    label = (_PHYSICS | _WORK | _OTHERS).get(name, name.replace("_", " "))
     if "[mm]" not in label:
         return values, label
     unit = length_unit(np.nanmax(np.abs(values)))
