@@ -203,6 +203,7 @@ def _summary(source):
     from app.notes import doubt, spiked
     from app.problems.measured import surface_of
 
+    source.orient = ()  # it is turned in the file
     surface = surface_of(source)
     return surface.understood(), list(filter(None, (doubt(surface, surface.grid()), spiked(surface))))
 

@@ -9,6 +9,8 @@ from app.units import in_words
 
 HIGH_PRESSURE = 0.2  # of E*, beyond which hardly any solid is elastic
 SOFTEST, HARDEST = 1e-3, 1.5e6  # of moduli [N/mm2]: soft gels, and diamond, which has 1.1e6
+PLASTIC = 1.0, 1e3  # moduli [N/mm2] of the stiffer body that may be GPa (1: without units) ...
+RUBBERY = 0.4  # ... but where Poisson's ratio is larger, as that of rubber
 STEEP = 0.5  # rms slope, beyond which a body is no half-space
 FLAT = 2e-4  # rms slope of measured heights, below which heights or spacing may be in another unit ...
 COARSE, COARSE_FLAT = 0.05, 5e-3  # ... and the same where cells are as wide as this [mm]
@@ -43,7 +45,7 @@ def notes_on(state, problem, contact, roughness):
     if contact.max_pressure > HIGH_PRESSURE * modulus:
         found.append(
             f"the maximum pressure is {contact.max_pressure / modulus:.2g} E*: beyond what solids bear elastically, or "
-            "a length is in another unit than mm"
+            "a modulus is in another unit than N/mm2, a length in another one than mm"
         )
     measured = [surface for surface in getattr(problem, "surfaces", ()) if is_measured(surface)]
     doubts = [note for surface in measured if (note := doubt(surface, grid))]
@@ -95,16 +97,25 @@ def notes_on(state, problem, contact, roughness):
 
 def doubtful_moduli(material):
     """Notes on moduli that no solid has, as with Pa taken for N/mm2. Not collective."""
-    young = [value for value in (material.known or {}).get("young", ()) if np.isfinite(value)]
+    known = zip(*((material.known or {}).get(name, ()) for name in ("young", "poisson")), strict=True)
+    elastic = [body for body in known if np.isfinite(body[0])]
+    young = [value for value, _ in elastic]
     what, values = (
         ("Young's modulus", young) if young else ("the contact modulus E*", [material.contact_modulus])
     )
-    return [
+    found = [
         f"{what} is {value:.3g} N/mm2, {'more' if value > HARDEST else 'less'} than solids have; N/mm2 are MPa: is it "
         "in another unit, such as Pa or GPa?"
         for value in dict.fromkeys(values)
         if not SOFTEST <= value <= HARDEST
     ]
+    modulus, poisson = max(elastic, default=(np.inf, 0.5))
+    if not found and PLASTIC[0] < modulus < PLASTIC[1] and poisson < RUBBERY:
+        found.append(
+            f"Young's modulus of the stiffer body, {modulus:.4g} N/mm2, is as soft as a plastic; N/mm2 are MPa: if GPa "
+            f"was meant write {modulus:.4g}e3"
+        )
+    return found
 
 
 def doubt(surface, grid):

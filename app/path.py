@@ -26,6 +26,7 @@ from app.errors import InputError, agree, check_alike
 COLUMNS = {
     "load": "N",
     "approach": "mm",
+    "indentation": "mm",
     "mean_pressure": "N/mm2",
     "mean_gap": "mm",
     "contact_area": "mm2",

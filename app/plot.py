@@ -2,7 +2,7 @@
 
 Of a result: contact (patches told apart), pressure, deformation, sections through the maximum, distributions, spectrum
 (of rough surfaces), path (if there is one), history and summary; of the table of a sweep or of a load path (.csv) one
-picture, of a sweep what --x and --y name. Of several files each has a folder DIR/NAME of its own, and their paths are
+picture, of what --x and --y name. Of several files each has a folder DIR/NAME of its own, and their paths are
 drawn together in DIR/paths. Without -o the folder of a file is beside it and has its name, without suffix. Prints the
 names of the pictures. Exit status 0, or 2 with one line on standard error if there is something wrong with the input.
 Runs on one rank.
@@ -97,19 +97,20 @@ def _read(file):
 def _pictures(file, data, arguments):
     """Pictures of a file that was read: name, figure, made when asked for; InputError if there are none."""
     only, sweep = arguments.only, isinstance(data, dict) and "exit_status" in data
-    if (arguments.x or arguments.y) and not sweep:
-        raise InputError(f"--x and --y choose columns of sweeps; {file} is none")
+    chosen = arguments.x or arguments.y
+    if chosen and not isinstance(data, dict):
+        raise InputError(f"--x and --y choose columns of tables (.csv); {file} is none")
     if not isinstance(data, dict):
         figure = None
         for name, figure in pictures_of(data, only or PICTURES):
             yield name, figure
         if figure is None:
             raise InputError(f"--only {', '.join(only)}: result file {file} has nothing of it to draw")
-    elif sweep:
+    elif sweep or chosen:
         figure = sweeps.sweep_figure(data, file.stem, arguments.x, arguments.y)
         if figure is None:
             raise InputError(f"table {file}: nothing to draw: no option varies, or nothing measured does")
-        yield "sweep", figure
+        yield "sweep" if sweep else "path", figure
     else:
         yield "path", paths.path_figure([paths.path_of_csv(data)], file.stem)
 
@@ -138,10 +139,12 @@ def _arguments(argv):
         metavar="NAME",
         help="this picture of results; may be repeated",
     )
-    against = "column of a sweep to draw against; default: the option with the most values"
+    against = (
+        "column of a table to draw against; default: the option with the most values, of a path the load"
+    )
     parser.add_argument("--x", metavar="NAME", help=against)
     column = (
-        "column of a sweep to draw; may be repeated; default: those of physics, and work where solvers vary"
+        "column of a table to draw; may be repeated; default: those of physics, and work where solvers vary"
     )
     parser.add_argument("--y", action="append", default=[], metavar="NAME", help=column)
     parser.add_argument("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")

@@ -178,8 +178,8 @@ def check(outcomes):
     if not solved:
         return None
     good = [outcome for outcome in solved if outcome["converged"]]
-    worst = {name: min((outcome[name] for outcome in good), default=0.0) for name in CHECKS[:2]}
-    worst["complementarity"] = max((outcome["complementarity"] for outcome in good), default=0.0)
+    ends = {"largest_penetration": max, "smallest_pressure": min, "complementarity": max}
+    worst = {name: end((outcome[name] for outcome in good), default=0.0) for name, end in ends.items()}
     return {"runs": len(solved), "not_converged": len(solved) - len(good), **worst}
 
 

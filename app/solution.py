@@ -36,8 +36,8 @@ class Solution(ContactFields):
         Contact area unchanged, (5.1) met, and proved to the error bound asked for.
     message : str
         Why the iteration ended.
-    load, approach : float
-        [N], [mm].
+    load, approach, indentation : float
+        [N], [mm]; the approach beyond first touch [mm].
     mean_pressure, mean_gap : float
         Load over the area of the patch [N/mm2]; mean of the gap over the cells where contact is possible [mm].
     contact_area, mean_contact_pressure : float
@@ -90,6 +90,7 @@ class Solution(ContactFields):
     message: str
     load: float
     approach: float
+    indentation: float
     residual: float
     iterations: int
     inner_iterations: int

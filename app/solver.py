@@ -393,7 +393,6 @@ class ContactSolver:
         p, distance, depth = state.p, state.distance, state.depth
         approach = loading.approach if prescribed is None else state.approach
         extent = measure_extent(state)
-        notes = notes_on(state, self.problem, found, self._roughness)
         # Rank 0 has a part in every grid and window.
         told = applications, history.entries, self.comm.traffic.since(before)
         applications, history.entries, traffic = self._team.comm.bcast(told)
@@ -406,6 +405,7 @@ class ContactSolver:
             converged=outcome.converged,
             message=outcome.reason,
             approach=approach,
+            indentation=depth - distance.lowest,
             residual=outcome.residual,
             iterations=outcome.iterations,
             inner_iterations=sum(e["inner_iterations"] for e in history.entries if e["level"] == last),
@@ -425,7 +425,7 @@ class ContactSolver:
             | (analytic_values(self.problem, approach, prescribed) if found.load > 0 else {})
             | theories(self.problem, found.mean_pressure, self._roughness.rms_slope),
             options=as_line(self.settings.texts),
-            notes=(*self.settings.warnings, *notes),
+            notes=(*self.settings.warnings, *notes_on(state, self.problem, found, self._roughness)),
             solve_seconds=seconds,
             setup_seconds=self.setup_seconds,
             traffic=traffic,

@@ -15,9 +15,9 @@ A sweep is a YAML file; names and values are those of the command line, files ar
       - {grid: 128, approach: [0.01, 0.25]}
 
 Each combination is a process of its own (under mpiexec with ``--ranks`` above 1) and a row of the table, also if
-the program refuses it, diverges or crashes: then `exit_status` and `message` say so; of a load path it is the last
-step (`load: [1, 2]` gives a row to each load). The result files give
-`worst_negative_gap` [mm], `worst_negative_pressure` [N/mm2] and `complementarity`, max |p e| / (max p max |h|).
+the program refuses it, diverges or crashes: then `exit_status` and `message` say so; a load path has a row for each
+step, numbered in `step`, of which the last has what is known of the whole run. The result files give
+`largest_penetration` [mm], `smallest_pressure` [N/mm2] and `complementarity`, max |p e| / (max p max |h|).
 What is finished is kept in ``out.runs.jsonl`` beside the table; ``--resume`` goes on from there, as far as options,
 the files they name, and the program are the same; what was refused, or crashed, is tried again.
 
@@ -40,11 +40,13 @@ from app.runs.sweep_file import read_sweep
 
 SUFFIXES = (".csv", ".md", ".txt", ".h5", ".hdf5")
 _SHOWN = (
-    "active_set_iterations",
-    "inner_iterations",
-    "work_units",
-    "residual",
     "contact_fraction",
+    "max_pressure",
+    "mean_gap",
+    "load",
+    "approach",
+    "active_set_iterations",
+    "operator_applications",
     "solve_seconds",
 )
 _MOST_NAMED = 4  # runs that say the same
@@ -86,8 +88,10 @@ def _main(argv):
     columns = [name for name in rows[0] if name != "result" or arguments.keep] if rows else list(varied)
     if rows or not output.exists():  # interrupted before the first: a table of before stays, like the journal
         write_table(output, rows, columns)
-    shown = [*varied, "exit_status", *_SHOWN]
-    streams.say(text(rows, shown, {name: ".4g" for name in _SHOWN}).rstrip("\n"))
+    known = ("step", *_SHOWN) if any("step" in row for row in rows) else _SHOWN
+    shown = dict.fromkeys([*varied, "exit_status", *known])  # a varied load has its column
+    streams.say(text(rows, list(shown), {name: ".4g" for name in _SHOWN}).rstrip("\n"))
+    rows = [row for row in rows if row.get("step") in (None, 1)]  # of each run one
     for line in _messages(rows, varied):
         streams.say(line)
     statuses = [row["exit_status"] for row in rows]

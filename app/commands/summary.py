@@ -6,6 +6,7 @@ from app.commands.load_path import which
 from app.output.table import text
 from app.units import resolved
 
+_ROUNDING = 1e-9  # relative error that is none, as of an approach that a mean gap prescribes
 _WITH_ERROR = ("load", "approach", "max_pressure", "contact_area")
 _ANALYTIC = (*_WITH_ERROR, "semi_axis_major", "semi_axis_minor", "stiffness")
 
@@ -30,8 +31,9 @@ def summary(facts, grid, output=None):
             read = facts[f"surface_read{number}"]
             lines.append(f"surface file {facts[f'surface_file{number}']}: {read}")
     lines += _generated(facts)
+    beyond = f" ({facts['indentation']:.6g} beyond first touch)" if facts["approach"] < 0 else ""
     lines.append(
-        f"approach {facts['approach']:.8g} mm, load {facts['load']:.8g} N, "
+        f"approach {facts['approach']:.8g} mm{beyond}, load {facts['load']:.8g} N, "
         f"maximum pressure {facts['max_pressure']:.8g} N/mm2"
     )
     if facts.get("periodic"):
@@ -134,7 +136,7 @@ def _more(facts, grid):
     errors = [
         f"{_words(name)} {_error(facts[f'{name}_error'])}"
         for name in _WITH_ERROR
-        if facts[f"{name}_error"] > 0
+        if facts[f"{name}_error"] > _ROUNDING
     ]
     if facts["discretisation_error"] > 0:
         errors.append(f"pressure (rms) {100 * facts['discretisation_error']:.2g}%")

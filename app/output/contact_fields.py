@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from app.errors import InputError, agree, check_alike
+from app.options import nearest
 
 # What a Solution calls some attributes of the file.
 OF_SOLUTION = {"message": "reason", "iterations": "active_set_iterations", "rtol": "lcp_rtol"}
@@ -61,7 +62,9 @@ class ContactFields:
         known = self.attributes if self.__dict__ and name != "attributes" and name[0] != "_" else {}
         if (there := OF_SOLUTION.get(name, name)) in known:
             return known[there]
-        raise AttributeError(f"this {type(self).__name__.lower()} has no {name}; what it has: .attributes")
+        meant = nearest(name, [there for there in dir(self) if there[0] != "_"] if known else ())
+        hint = f"did you mean {meant}?" if meant else "what it has: .attributes"
+        raise AttributeError(f"this {type(self).__name__.lower()} has no {name}; {hint}")
 
     def __dir__(self):
         return [*super().__dir__(), *self.attributes, *OF_SOLUTION]

@@ -50,15 +50,26 @@ class Reference(NamedTuple):
     label: str
 
 
+_PRESCRIBED = {
+    "load": ("loads", "N"),
+    "mean_pressure": ("mean pressures", "N/mm²"),
+    "approach": ("approaches", "mm"),
+    "mean_gap": ("mean gaps", "mm"),
+}
+
+
 def title(result, path=False):
-    """Problem, grid and load in a line, or all loads of its path."""
+    """Problem, grid and load in a line, or all that is prescribed along its path."""
     ny, nx = result.pressure.shape
     values = result.attributes
     problem = values.get("problem", "contact problem")
     state = "" if values["converged"] else ", NOT CONVERGED"
     load = f"load {number(values['load'])} N"
-    if path and len(loads := result.path["load"]) > 1:
-        load = f"{len(loads)} loads from {number(min(loads))} to {number(max(loads))} N"
+    said = str(values.get("command_line", ""))
+    kind = max(_PRESCRIBED, key=lambda name: said.rfind(f"-{name}_path"))  # of none, or from Python: loads
+    if path and len(steps := result.path[kind]) > 1:
+        what, unit = _PRESCRIBED[kind]
+        load = f"{len(steps)} {what} from {number(min(steps))} to {number(max(steps))} {unit}"
     return f"{PROBLEMS.get(problem, problem)}{_surfaces(values)}, {nx} × {ny} cells, {load}{state}"
 
 

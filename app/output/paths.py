@@ -1,7 +1,8 @@
 """Pictures of load paths, and reading of tables.
 
 A *path* is a mapping of columns, one entry per step, as in group ``path`` of a result file: ``load`` [N], ``approach``,
-``mean_gap`` [mm], ``mean_pressure``, ``max_pressure`` [N/mm2], ``contact_fraction``, ``contact_fraction_corrected``,
+``indentation``, ``mean_gap`` [mm], ``mean_pressure``, ``max_pressure`` [N/mm2], ``contact_fraction``,
+``contact_fraction_corrected``,
 ``contact_area`` [mm2], ``stiffness`` or ``stiffness_by_differences`` [N/mm], ``persson_fraction``. What is missing is
 not drawn.
 
@@ -214,12 +215,18 @@ def _draw_smooth_stiffness(axes, paths):
 
 def _against_approach(name, label):
     def draw(axes, paths):
-        known = [path.positive("approach", name, lowest=-np.inf) for path in paths]
-        known = np.concatenate([found[0] for found in known if found is not None] or [[1.0]])
+        def values(x):
+            known = [path.positive(x, name, lowest=-np.inf) for path in paths]
+            return np.concatenate([found[0] for found in known if found is not None] or [[1.0]])
+
+        x, what, known = "approach", "approach δ", values("approach")
+        columns = [path.columns for path in paths]
+        if known.min() < 0 and all("indentation" in one and f"analytic_{x}" not in one for one in columns):
+            x, what, known = "indentation", "approach beyond first touch", values("indentation")
         unit = length_unit(abs(known).max())
         log = known.min() >= 0  # an approach that is counted from within the roughness has no logarithm
-        if _curves(axes, paths, "approach", name, lambda path: (unit.per_mm, 1.0), (log, log)) is not None:
-            axes.set(xlabel=f"approach δ  [{unit.name}]", ylabel=label)
+        if _curves(axes, paths, x, name, lambda path: (unit.per_mm, 1.0), (log, log)) is not None:
+            axes.set(xlabel=f"{what}  [{unit.name}]", ylabel=label)
             _draw_analytic(axes, paths, "approach", name, unit.per_mm)
 
     return draw

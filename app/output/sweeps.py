@@ -26,6 +26,12 @@ _WORK = {
     "solve_seconds": "time of the solve  [s]",
     "error_bound": "proved bound of the error",
 }
+_OTHERS = {  # labels of what is drawn where it is asked for
+    "indentation": "approach beyond first touch  [mm]",
+    "mean_pressure": "mean pressure  [N/mm²]",
+    "mean_contact_pressure": "mean pressure in contact  [N/mm²]",
+    "rms_height": "rms height  [mm]",
+}
 _SAME = {"load": "mean_pressure", "contact_area": "contact_fraction"}  # but for the area of the patch
 _OF_SOLVERS = re.compile("(option_files|grid)$|(lcp|ksp|pc|mg|tao|snes)_")  # they change the work of a solve
 _UNITS = (
@@ -50,6 +56,8 @@ def unit_of(option):
 def sweep_figure(columns, heading="", x=None, y=()):
     """What a sweep has measured, against one of its options: what is physical, and work where solvers are compared.
 
+    Columns of the table of a load path are drawn in the same way, against the load.
+
     Parameters
     ----------
     columns : mapping of str to list of str
@@ -71,7 +79,7 @@ def sweep_figure(columns, heading="", x=None, y=()):
         If `x` or `y` are not columns with numbers.
     """
     names = list(columns)
-    varied = names[: names.index("exit_status")]
+    varied = names[: names.index("exit_status")] if "exit_status" in names else []
     varied = [name for name in varied if len(set(columns[name])) > 1]
     known = [name for name in names if _finite(columns[name]).size]
     against = [name for name in names if name in (*varied, *known)]  # of an option names will do
@@ -81,7 +89,8 @@ def sweep_figure(columns, heading="", x=None, y=()):
     spread = {name: np.unique(_finite(columns[name])).size for name in varied}
     named = [name for name in varied if spread[name] < 2]
     spread |= {name: 1 - 1 / len(set(columns[name])) for name in named}  # any option with numbers comes first
-    most = max(spread, key=spread.get, default=None)
+    # Steps of load paths make lines of their own, whatever varies beside.
+    most = "load" if "step" in names and "load" in known else max(spread, key=spread.get, default=None)
     x = x or most
     y = y or (x and _worth_drawing(columns, varied, x))
     if not (x and y):
@@ -154,7 +163,7 @@ def _in_units(values, name, varied):
     if name in varied:
         return values, _axis_label(name)
     name = name.removeprefix("result_")
-    label = (_PHYSICS | _WORK).get(name, name.replace("_", " "))
+    label = (_PHYSICS | _WORK | _OTHERS).get(name, name.replace("_", " "))
     if "[mm]" not in label:
         return values, label
     unit = length_unit(np.nanmax(np.abs(values)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import islice, takewhile
 from operator import index
 
 import numpy as np
@@ -16,6 +17,11 @@ from app.units import ALLOWED, UNITS, unit_named
 _SAID = re.compile(r"#\s*(Width|Height|Value units):\s*([\d.,eE+-]*)\s*(\S+)\s*")
 # At the head of an ESRI grid: the size of a cell, in the unit of x and y, which it does not say.
 _CELLS = re.compile(r"\s*(cellsize|dx|dy)\s+(\S+)\s*", re.IGNORECASE)
+
+# All that such a head has, of which the first two say what it is.
+_ESRI = re.compile(
+    r"\s*(ncols|nrows|[xy]ll(?:corner|cent(?:er|re))|cellsize|dx|dy|nodata_value)\s+\S+\s*", re.IGNORECASE
+)
 
 # What says the unit of heights and of points, and that of the heights alone.
 _UNIT_OPTIONS = "unit= (-surface_unit)", "height_unit= (-surface_height_unit)"
@@ -42,12 +48,23 @@ def turned_spacing(spacing, orient):
     return spacing[::-1] if spacing and orient.count("transpose") % 2 else spacing
 
 
+def _largest(steps):
+    return np.abs(steps).max()
+
+
 def _is_even(rows):
-    """Whether the first row goes by equal steps, its corner apart, and the next ones do not, or by other ones."""
+    """Whether the first row goes by equal steps, its corner apart, and the next ones do not, or by other ones.
+
+    Missing points count for nothing, nor do rows where nearly all are.
+    """
     if min(rows.shape) < _FEW:
         return False
-    steps = np.diff(rows[:3, 1:])
-    spread, largest, mean = np.ptp(steps, axis=1), np.abs(steps).max(axis=1), steps.mean(axis=1)
+    beside = (steps for row in rows[1:] if np.isfinite(steps := np.diff(row[1:])).sum() >= _FEW - 2)
+    steps = [np.diff(rows[0, 1:]), *islice(beside, 2)]
+    if len(steps) < 3 or not np.isfinite(steps[0]).all():
+        return False
+    steps = [row[np.isfinite(row)] for row in steps]
+    spread, largest, mean = (np.array([of(row) for row in steps]) for of in (np.ptp, _largest, np.mean))
     if not (largest[0] > 0 and spread[0] <= _EVEN * largest[0]):
         return False
     # A plane is even in the second row, too; heights that are tapered at the rim are less uneven there.
@@ -69,7 +86,7 @@ class HeightArray:
             raise InputError(
                 f"surface {self.file}: has shape {heights.shape}; needed: (ny, nx), or a file name"
             )
-        self._rows, self.unit = turned(heights, orient), unit
+        self._rows, self.unit, self.orient = turned(heights, orient), unit, tuple(orient)
         self.spacing = turned_spacing(spacing, orient)
         self.shape = self._rows.shape
 
@@ -77,7 +94,7 @@ class HeightArray:
     def of(cls, source, crop):
         """Part of a source, which knows what that does. Not collective."""
         array = cls(cropped(source, crop, 0, crop[3] - crop[2]), (), source.unit, source.spacing)
-        array.file, array.lateral = source.file, source.lateral
+        array.file, array.lateral, array.orient = source.file, source.lateral, source.orient
         return array
 
     def rows(self, rows=slice(None)):
@@ -103,9 +120,12 @@ class HeightFile(ArrayFile):
         Of the heights, and of the spacing, if that is another one.
     spacing : pair of float or None
         dx, dy, after the turns.
+    orient : tuple of str
+        The turns that were done: those asked for, or else ``flip_y`` of an ESRI grid.
     """
 
     what, missing, preferred, marks = "surface file", "missing points", "heights", True
+    _is_esri = False
     elsewhere = "python -m app.convert FILE -o surface.h5 reads what instruments write; else: "
     how_to_skip = (
         "skip the {0} at the head by skip={1} (-surface_skip {1}, app.convert --skip {1}), "
@@ -131,7 +151,9 @@ class HeightFile(ArrayFile):
                     f"surface file {name}: its lines of 3 numbers are no points x, y, z of a grid: {error} "
                     "(a map of 3 columns can be given as .npy)"
                 ) from None
-        self._written, self._orient = self._rows, orient
+        if self._is_esri and not orient:
+            orient = ("flip_y",)  # its rows go from north to south
+        self._written, self.orient = self._rows, tuple(orient)
         if orient:
             self._rows = turned(self._rows[...], orient)
             self.spacing = turned_spacing(self.spacing, orient)
@@ -148,13 +170,18 @@ class HeightFile(ArrayFile):
             (ny, nx), what = self.shape, " and ".join(["row"] * row + ["column"] * column)
             heights = np.zeros(self._written.shape, bool)
             heights[row:, column:] = True
-            j, i = np.nonzero(turned(heights, self._orient))
+            j, i = np.nonzero(turned(heights, self.orient))
             crop = f"{i.min()},{i.max() + 1},{j.min()},{j.max() + 1}"
             raise InputError(
                 f"surface file {self.file}: the first {what}: equal steps, as of coordinates, not of heights; leave "
                 f"them out in the file or by crop=[{crop}] (-surface_crop {crop}, app.convert --crop), or keep them by "
                 f"0,{nx},0,{ny}"
             )
+
+    def _lines_of_head(self, lines):
+        head = [found[1].lower() for found in takewhile(bool, map(_ESRI.fullmatch, lines))]
+        self._is_esri = {"ncols", "nrows"} <= set(head)
+        return len(head) if self._is_esri else 0
 
     def _read_head(self):
         """Take unit and spacing from comments as Gwyddion writes them; whether there is a spacing."""

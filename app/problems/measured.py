@@ -24,7 +24,7 @@ from app.problems.height_file import (
     checked_crop,
     cropped,
 )
-from app.problems.moments import LEVELS, Moments, centred
+from app.problems.moments import LEVELS, Moments, take_off
 from app.problems.problem import real_numbers
 from app.units import UNITS, in_words, unit_named
 
@@ -55,9 +55,9 @@ class Surface:
     rms_height : float
         Standard deviation of the heights in the file that are not missing, after levelling and filters [mm].
     rms_level, skewness, kurtosis : float
-        The same about their best plane [mm], and the third and fourth standardised moments about it.
+        The same about their best plane, or about level "quadratic" [mm], and the third and fourth standardised moments.
     steps : tuple of float
-        Root mean square of the steps from cell to cell of the file in x and in y, about that plane, after filters [mm].
+        Root mean square of the steps from cell to cell of the file in x and in y, about the same, after filters [mm].
     spike : tuple
         How high the point that stands out most does above the highest of its four neighbours [mm], how many rms steps
         that is, its row and column; before filters, which only smear it.
@@ -206,10 +206,15 @@ class Surface:
         filtered = "".join(f", {name}-filtered at {in_words(index)}" for name, index in filters if index)
         return (
             f"{nx} x {ny} heights in {self.unit}, cells of {in_words(*self.cell(grid))}, patch of "
-            f"{in_words(grid.nx * grid.dx, grid.ny * grid.dy)}{holes}{filtered}; about the best plane: rms height "
+            f"{in_words(grid.nx * grid.dx, grid.ny * grid.dy)}{holes}{filtered}; {self._about}: rms height "
             f"{in_words(self.rms_level)}, rms slope {self.rms_slope(grid):.2g}{shape}; rows along x, the first "
             f"at the smallest y{turned}"
         )
+
+    @property
+    def _about(self):
+        """What rms height and the like are about."""
+        return "after quadratic level" if self.level == "quadratic" else "about the best plane"
 
     def check_grid(self, grid):
         """Refuse a grid whose cells are not the surface's, or that filters were not made for. Not collective."""
@@ -235,8 +240,8 @@ class Surface:
         if self.spacing:
             return f"surface file {self.file}: {self.understood()}"
         return (
-            f"surface file {self.file}: {self.shape[1]} x {self.shape[0]} heights in {self.unit}, rms height about the "
-            f"best plane {in_words(self.rms_level)}, in cells of a size it does not say"
+            f"surface file {self.file}: {self.shape[1]} x {self.shape[0]} heights in {self.unit}, rms height "
+            f"{self._about} {in_words(self.rms_level)}, in cells of a size it does not say"
         )
 
     def __repr__(self):
@@ -284,10 +289,7 @@ class Surface:
         j, i, heights = self._filled
         here = slice(*np.searchsorted(j, (start, stop)))
         values[j[here] - start, i[here]] = heights[here]
-        x, y = centred(self.crop[1] - self.crop[0]), centred(self.crop[3] - self.crop[2])[start:stop]
-        for (k, m), coefficient in self._coefficients.items():
-            values -= coefficient * x**k * y[:, None] ** m
-        return values
+        return take_off(self._coefficients, values, start, self.crop[3] - self.crop[2])
 
 
 def read_surface(
@@ -327,7 +329,7 @@ def read_surface(
         Of the heights alone, where x and y of points are in `unit`.
     orient : sequence of str, or str
         How rows and columns are turned before all else, one after the other: transpose, flip_x, flip_y, or a text of
-        these with commas between.
+        these with commas between. Without any an ESRI grid is flipped in y: its rows go from north to south.
     skip : int
         Lines at the head of a text to leave out.
     spacing : pair of float, optional
@@ -390,21 +392,19 @@ def read_surface(
             )
     except (ValueError, OSError) as error:
         raise InputError(str(error)) from None
-    surface = surface_of(source, unit, level, crop, missing, height_unit, orient, spacing)
+    surface = surface_of(source, unit, level, crop, missing, height_unit, spacing)
     surface = replace(surface, periodic=periodic)
     check_cells(surface.file, s_filter, l_filter, surface.shape, surface.spacing)
     return surface.filtered(surface.grid(), s_filter, l_filter) if surface.spacing else surface
 
 
-def surface_of(
-    source, unit=None, level="none", crop=None, missing="hole", height_unit=None, orient=(), spacing=None
-):
+def surface_of(source, unit=None, level="none", crop=None, missing="hole", height_unit=None, spacing=None):
     """Surface of a `HeightFile` or `HeightArray` that is turned already; all else as of `read_surface`.
 
     Not collective.
     """
     unit, lateral = agreed_units(source, unit, height_unit)
-    sides = agreed_spacing(source, lateral, spacing, orient)
+    sides = agreed_spacing(source, lateral, spacing, source.orient)
     crop = checked_crop(source, crop)
     scale = UNITS[unit]
     ny, nx = crop[3] - crop[2], crop[1] - crop[0]
@@ -437,7 +437,7 @@ def surface_of(
         level=level,
         missing=missing,
         crop=crop,
-        orient=tuple(orient),
+        orient=source.orient,
         spike=(height, times, crop[2] + row, crop[0] + column),
         missing_points=holes,
         notes=tuple(notes),

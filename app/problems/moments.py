@@ -18,6 +18,14 @@ def centred(n):
     return (2 * np.arange(n) + 1) / n - 1
 
 
+def take_off(coefficients, z, start, ny):
+    """Take a polynomial of x and y, as of `Moments.fit`, off rows from `start` on of ny, in place. Not collective."""
+    x, y = centred(z.shape[1]), centred(ny)[start : start + len(z)]
+    for (k, m), coefficient in coefficients.items():
+        z -= coefficient * x**k * y[:, None] ** m
+    return z
+
+
 class Moments:
     """Sums over the heights z that are there: of x^k y^m, of z x^k y^m, of steps; x and y go from -1 to 1 [mm].
 
@@ -126,6 +134,13 @@ class Moments:
 
     def roughness(self, level):
         """What a `Surface` says of its heights, by name; skewness and kurtosis by a second look at all of them."""
+        if level == "quadratic":  # what it leaves is pressed, not what is about the plane
+
+            def left(start, stop):
+                return take_off(bowl, self._rows(start, stop), start, self.shape[0])
+
+            bowl = self.fit(level)
+            return Moments(self._name, left, self.shape).roughness("none")
         (mean, *slopes), sums, (ny, nx) = self._solve(LEVELS["plane"]), np.zeros(3), self.shape
         rms = self._rms_about("plane")
         for start in range(0, ny, self._run):

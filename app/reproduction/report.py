@@ -152,8 +152,8 @@ def _check_rows(checks):
             "item": name,
             "runs": row["runs"],
             "not converged": row["not_converged"],
-            "worst negative gap": f"{row['worst_negative_gap']:.1e}",
-            "worst negative pressure": f"{row['worst_negative_pressure']:.1e}",
+            "largest penetration": f"{row['largest_penetration']:.1e}",
+            "smallest pressure": f"{row['smallest_pressure']:.1e}",
             "complementarity": f"{row['complementarity']:.1e}",
         }
         for name, row in checks.items()

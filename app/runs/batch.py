@@ -13,6 +13,7 @@ from app.runs.run import OUTCOME, WHERE_KNOWN
 # Exit statuses of app.solve with an answer, as good as it gets. What is refused depends on more than a key knows
 # (memory, packages, what code opens), and costs a start; any other is a crash, and worth another try.
 FINISHED = (0, 3)
+_OF_PROBLEM = ("rms_height", "rms_slope", "contact_modulus")  # the same at all steps of a load path
 
 
 def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None, description="runs"):
@@ -63,7 +64,8 @@ def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None,
             return perform(run, files[key], processes, ranks, timeout)
         finally:
             if not keep:
-                files[key].unlink(missing_ok=True)
+                for suffix in (".h5", ".csv"):  # the table of a load path is in that of the sweep
+                    files[key].with_suffix(suffix).unlink(missing_ok=True)
 
     total = len(files)
     bar = tqdm(total=total, initial=total - len(todo), desc=description, unit="run", disable=None)
@@ -94,16 +96,29 @@ def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None,
 
 
 def rows_of(runs, outcomes):
-    """Rows of the table: labels and outcome of every run that is done.
+    """Rows of the table: labels and outcome of every run that is done, of a load path one for each step.
 
-    A column of the outcome that has the name of a varied option is called ``result_NAME``.
+    A column of the outcome that has the name of a varied option is called ``result_NAME``. What a load path prescribes
+    comes first. What is not known of a step, such as its work, only the row of the last one has.
     """
     taken = {name for run in runs for name in run.labels}
-    unknown = set(WHERE_KNOWN).difference(*filter(None, outcomes))
-    names = [name for name in (*OUTCOME, "result") if name not in unknown]
+    done = [(run, outcome) for run, outcome in zip(runs, outcomes, strict=True) if outcome is not None]
+    paths = {f"{name}_path": name for name in OUTCOME}
+    prescribed = {paths[name] for run in runs for name in run.options if name in paths}
+    steps = [(run, step) for run, outcome in done for step in _steps_of(outcome)]
+    unknown = {*WHERE_KNOWN, "step"}.difference(*(step for _, step in steps))
+    names = [name for name in ("exit_status", "step", *OUTCOME, "result") if name not in unknown]
+    names = sorted(dict.fromkeys(names), key=lambda name: (name not in names[:2], name not in prescribed))
     columns = {name: f"result_{name}" if name in taken else name for name in names}
     return [
-        {**run.labels, **{column: outcome.get(name) for name, column in columns.items()}}
-        for run, outcome in zip(runs, outcomes, strict=True)
-        if outcome is not None
+        {**run.labels, **{column: step.get(name) for name, column in columns.items()}} for run, step in steps
     ]
+
+
+def _steps_of(outcome):
+    """Outcomes of the steps of a run; of one without a load path its own."""
+    *before, last = outcome.get("steps") or [{}]
+    of_run = {
+        name: outcome[name] for name in ("exit_status", "message", "result", *_OF_PROBLEM) if name in outcome
+    }
+    return [*(of_run | step for step in before), outcome | last]

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from app.options import FILES, named_files
+from app.output.contact_fields import OF_SOLUTION
 from app.output.files import digest
 from app.output.result import read_result
 
@@ -27,34 +28,37 @@ _NO_PART = """
 """.split()
 
 ATTRIBUTES = (
+    "contact_fraction",
+    "max_pressure",
+    "mean_gap",
+    "load",
+    "approach",
+    "mean_pressure",
+    "contact_fraction_corrected",
     "converged",
     "active_set_iterations",
     "inner_iterations",
     "work_units",
     "operator_applications",
     "residual",
-    "load",
-    "approach",
-    "max_pressure",
-    "contact_fraction",
-    "contact_fraction_corrected",
-    "mean_pressure",
-    "mean_gap",
     "solve_seconds",
 )
 WHERE_KNOWN = (  # those of grids by nested iteration only; the stiffness if it is asked for
-    "contact_area", "contact_patches", "largest_patch", "error_bound", "load_error", "approach_error",
-    "max_pressure_error", "contact_area_error", "stiffness",
+    "indentation", "contact_area", "mean_contact_pressure", "stiffness", "contact_patches", "largest_patch",
+    "persson_fraction", "rms_height", "rms_slope", "contact_modulus", "error_bound", "load_error", "approach_error",
+    "max_pressure_error", "contact_area_error",
 )  # fmt: skip
-CHECKS = ("worst_negative_gap", "worst_negative_pressure", "complementarity")
-OUTCOME = ("exit_status", "message", *ATTRIBUTES, *WHERE_KNOWN, *CHECKS)
+CHECKS = ("largest_penetration", "smallest_pressure", "complementarity")
+_PHYSICS = (*ATTRIBUTES[: ATTRIBUTES.index("converged")], *WHERE_KNOWN)
+OUTCOME = ("exit_status", *_PHYSICS, *ATTRIBUTES[ATTRIBUTES.index("converged") :], *CHECKS, "message")
 
 
 def collect_result(path):
     """Numbers of a result file for a row: `ATTRIBUTES`, `WHERE_KNOWN`, `CHECKS` and `reason`, name -> value.
 
-    The checks are `worst_negative_gap` [mm], `worst_negative_pressure` [N/mm2] and `complementarity`,
-    max |p e| / (max p max |h|): computed from the fields, whatever solver wrote them.
+    The checks are `largest_penetration` [mm], `smallest_pressure` [N/mm2] and `complementarity`,
+    max |p e| / (max p max |h|): computed from the fields, whatever solver wrote them. Of a load path `steps` has what
+    its table says of each.
     """
     result = read_result(path)
     admissible = ~np.isnan(result.undeformed_distance)
@@ -64,10 +68,20 @@ def collect_result(path):
     return {
         **{name: result.attributes[name] for name in (*ATTRIBUTES, "reason")},
         **{name: value for name in WHERE_KNOWN if (value := result.attributes.get(name, nan)) == value},
-        "worst_negative_gap": float(e.min(initial=0.0)),
-        "worst_negative_pressure": float(result.pressure.min(initial=0.0)),
+        "largest_penetration": float(-e.min(initial=0.0)),
+        "smallest_pressure": float(result.pressure.min(initial=0.0)),
         "complementarity": float(product / scale) if scale != 0 else 0.0,  # NaN stays NaN
+        **({"steps": _steps(result.path)} if result.path else {}),
     }
+
+
+def _steps(table):
+    """Rows of a load path, as far as a table of runs has their columns."""
+    table = {OF_SOLUTION.get(name, name): column.tolist() for name, column in table.items()}
+    table["converged"] = [bool(solved) for solved in table.get("converged", ())]
+    names = [name for name in table if name in ("step", *OUTCOME) and len(table[name])]
+    rows = zip(*(table[name] for name in names), strict=True)
+    return [{name: value for name, value in zip(names, row, strict=True) if value == value} for row in rows]
 
 
 @dataclass(frozen=True)

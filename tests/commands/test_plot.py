@@ -102,7 +102,7 @@ def test_several_files_have_a_folder_each_and_paths_are_drawn_together(path, tmp
         assert message in capsys.readouterr().err
 
 
-def test_columns_are_chosen_of_sweeps_alone(path, tmp_path, capsys):
+def test_columns_are_chosen_of_tables_alone(path, tmp_path, capsys):
     sweep, loads, out = tmp_path / "sweep.csv", tmp_path / "loads.csv", tmp_path / "out"
     sweep.write_text("grid,exit_status,message,residual\n32,0,,1e-7\n64,0,,1e-7\n")
     loads.write_text("load,approach,contact_area\n1,0.01,0.1\n2,0.02,0.2\n")
@@ -110,13 +110,15 @@ def test_columns_are_chosen_of_sweeps_alone(path, tmp_path, capsys):
     for files, words, message in (
         ([sweep], [], "nothing to draw"),
         ([sweep], ["--y", "residual_"], "--y residual_: not a column with numbers; there are grid, "),
-        ([sweep, loads], ["--x", "load"], "loads.csv is none"),
+        ([loads], ["--y", "gap"], "--y gap: not a column with numbers; there are load, "),
         ([path], ["--y", "load"], f"{path} is none"),
     ):
         assert main([*map(str, files), *words, *few]) == 2
         assert message in capsys.readouterr().err and not out.exists()
     assert main([str(sweep), "--x", "grid", "--y", "residual", *few]) == 0
     assert (out / "sweep.png").is_file()
+    assert main([str(loads), "--x", "load", "--y", "contact_area", *few]) == 0
+    assert (out / "path.png").is_file()
 
 
 def test_what_cannot_be_drawn_leaves_no_folder(result, tmp_path, capsys):

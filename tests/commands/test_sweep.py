@@ -18,6 +18,7 @@ from results import full_disk
 from app.contact.grid_errors import GridErrors
 from app.errors import InputError
 from app.output.result import read_result
+from app.output.sweeps import sweep_figure
 from app.runs import batch
 from app.runs.batch import rows_of, run_all
 from app.runs.journal import Journal
@@ -230,9 +231,9 @@ def test_checks_are_those_of_the_kept_result(swept):
         if row["result"]:
             result = read_result(row["result"])
             p, e, h = result.pressure, result.gap, result.undeformed_distance
-            expected = min(0, e.min()), min(0, p.min()), np.abs(p * e).max() / (p.max() * np.abs(h).max())
+            expected = max(0, -e.min()), min(0, p.min()), np.abs(p * e).max() / (p.max() * np.abs(h).max())
             assert [float(row[name]) for name in CHECKS] == pytest.approx(expected, rel=1e-12)
-            assert float(row["worst_negative_gap"]) > -1e-6 or row["converged"] == "False"
+            assert float(row["largest_penetration"]) < 1e-6 or row["converged"] == "False"
     assert sum(row["result"] != "" for row in rows) == 3
 
 
@@ -538,6 +539,52 @@ def test_what_is_asked_for_has_a_column(tmp_path):
     assert float(with_it["result_stiffness"]) > 1e5 and without["result_stiffness"] == ""
     assert float(with_it["contact_area"]) == pytest.approx(240 * float(with_it["contact_fraction"]))
     assert "stiffness" not in rows_of([Run()], [{"exit_status": 0}])[0]
+
+
+def test_a_load_path_in_a_sweep_has_a_row_for_each_step(tmp_path, capsys):
+    """The numbers of a step are those of the run's own table; work is known of the last one only."""
+    output = tmp_path / "out.csv"
+    path = write(
+        tmp_path,
+        "options: {problem: sphere, domain: '-0.4,0.4,-0.4,0.4', contact_modulus: 1e5, grid: 32, "
+        "load_path: '1,10,20', sphere_radius: [10, 20, ten]}",
+    )
+    assert main([str(path), "-o", str(output), "--keep"]) == 3
+    said = capsys.readouterr().out
+    assert len(list((tmp_path / "out.runs").glob("*.csv"))) == 2
+    assert "3 runs" in said and "2 of 3 solved" in said and said.count("error: ") == 1
+    with output.open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["step"] for row in rows] == ["1", "2", "3"] * 2 + [""]
+    assert [row["sphere_radius"] for row in rows] == ["10"] * 3 + ["20"] * 3 + ["ten"]
+    assert list(rows[0])[:6] == [
+        "sphere_radius",
+        "exit_status",
+        "step",
+        "load",
+        "contact_fraction",
+        "max_pressure",
+    ]
+    for run in rows[:3], rows[3:6]:
+        table = read_result(run[0]["result"]).path
+        for name in (
+            "load",
+            "approach",
+            "indentation",
+            "contact_area",
+            "max_pressure",
+            "mean_contact_pressure",
+        ):
+            np.testing.assert_allclose([float(row[name]) for row in run], table[name], rtol=1e-12)
+        assert [bool(row["solve_seconds"]) for row in run] == [False, False, True]
+        assert {row["contact_modulus"] for row in run} == {"100000.0"}
+    columns = {name: [row[name] for row in rows] for name in rows[0]}
+    panel = sweep_figure(columns).axes[0]
+    assert panel.get_xlabel() == "load F  [N]" and [len(line.get_xdata()) for line in panel.lines] == [
+        3,
+        3,
+        0,
+    ]
 
 
 def test_patches_and_estimated_errors_have_columns_where_a_method_knows_them(tmp_path):

@@ -126,6 +126,12 @@ def test_titles_and_labels_say_what_and_in_which_unit(result):
             bars = [child.get_ylabel() for child in axes.child_axes]
             assert all("mm" in label or "µm" in label for label in [axes.get_ylabel(), *bars])
     assert "NOT CONVERGED" in figures.title(with_attributes(result, converged=False))
+    steps = {"load": np.array([1.0, 2.0]), "mean_pressure": np.array([10.0, 20.0])}
+    words = "-load_path 1,2 -mean_pressure_path 10,20"
+    ends = {"": "2 loads from 1 to 2 N", words: "2 mean pressures from 10 to 20 N/mm²"}
+    for words, said in ends.items():
+        path = replace(with_attributes(result, command_line=words), path=steps)
+        assert said in figures.title(path, path=True)
 
 
 @pytest.mark.parametrize(
@@ -476,6 +482,17 @@ def test_path_by_an_approach_counted_from_within_the_roughness_keeps_its_first_s
     axes = paths.path_figure([paths.Path({"load": (d + 2e-3) ** 1.5, "approach": d})]).axes[0]
     assert axes.lines[0].get_xdata() == pytest.approx(1e3 * d)
     assert (axes.get_xscale(), axes.get_yscale()) == ("linear", "linear")
+
+
+def test_a_path_of_negative_approaches_is_drawn_beyond_first_touch():
+    columns = {
+        "approach": np.array([-0.3, -0.2]),
+        "indentation": np.array([0.01, 0.11]),
+        "load": np.array([1.0, 9.0]),
+    }
+    axes = paths.path_figure([paths.Path(columns)]).axes[0]
+    assert "beyond first touch" in axes.get_xlabel() and axes.get_xscale() == "log"
+    np.testing.assert_allclose(axes.lines[0].get_xdata(), 1e3 * columns["indentation"], rtol=1e-12)
 
 
 def test_sweep_is_drawn_against_the_option_with_most_values():

@@ -188,6 +188,19 @@ def test_coordinates_at_the_rim_are_no_heights(tmp_path, head, tilt):
     assert read_surface(path, "um", crop=(0, nx, 0, ny)).shape == table.shape
 
 
+@pytest.mark.parametrize("head", ["row", "column"])
+def test_coordinates_are_told_beside_missing_points(tmp_path, head):
+    heights = UNEVEN.copy()
+    heights[[2, 5], [0, 1]] = heights[0, 4] = np.nan  # in both rows and both columns at the rim
+    heights[:, 2] = heights[1] = np.nan
+    table = np.hstack([UP, heights]) if head == "column" else np.vstack([ALONG, heights])
+    np.savetxt(path := tmp_path / "s.txt", table, fmt="%.9g")
+    with pytest.raises(InputError, match=f"first {head}: equal steps"):
+        read_surface(path, "um")
+    np.savetxt(path, heights, fmt="%.9g")
+    assert read_surface(path, "um").shape == heights.shape
+
+
 @pytest.mark.parametrize("orient", ["flip_x", "flip_y", "transpose,flip_y"])
 def test_coordinates_are_told_whatever_side_they_are_turned_to(tmp_path, orient):
     table = np.vstack([np.append(0, ALONG), np.hstack([UP, UNEVEN])])
@@ -291,6 +304,11 @@ def test_the_head_of_an_esri_grid_says_the_size_of_its_cells(tmp_path, cells, si
     surface = read_surface(path, "um", **how)
     assert surface.spacing == pytest.approx([1e-3 * side for side in sides])
     np.testing.assert_allclose(surface.heights(), 1e-3 * HEIGHTS, atol=1e-12)
+    bare = read_surface(path, "um")  # the head and the way of the rows are known
+    assert bare.spacing == surface.spacing and bare.orient == surface.orient == ("flip_y",)
+    np.testing.assert_array_equal(bare.heights(), surface.heights())
+    as_written = read_surface(path, "um", orient="flip_y,flip_y").heights()
+    np.testing.assert_array_equal(as_written, surface.heights()[::-1])
     other = read_surface(path, "mm", height_unit="um", **how)
     np.testing.assert_array_equal(other.heights(), surface.heights())
     assert other.spacing == pytest.approx(sides)
@@ -298,9 +316,11 @@ def test_the_head_of_an_esri_grid_says_the_size_of_its_cells(tmp_path, cells, si
         InputError, match=f"unit of its heights, nor of its cells of 0.4 x {sides[1]}; allowed"
     ):
         read_surface(path, **how)
-    words = [path, "-o", tmp_path / "s.h5", "--skip", how["skip"], "--orient", "flip_y"]
-    assert convert([*map(str, words), "--unit", "mm", "--height-unit", "um"]) == 0
-    assert read_surface(tmp_path / "s.h5").spacing == pytest.approx(sides)
+    for more in ("--skip", how["skip"], "--orient", "flip_y"), ():
+        words = [path, "-o", tmp_path / "s.h5", "--unit", "mm", "--height-unit", "um", *more]
+        assert convert([*map(str, words)]) == 0
+        assert read_surface(tmp_path / "s.h5").spacing == pytest.approx(sides)
+        np.testing.assert_allclose(read_surface(tmp_path / "s.h5").heights(), surface.heights(), rtol=1e-12)
 
 
 POINTS = np.stack(np.broadcast_arrays(X, Y, HEIGHTS), -1).reshape(-1, 3)
@@ -522,19 +542,25 @@ def test_a_surface_takes_its_own_grid_where_it_knows_the_size_of_its_cells(saved
 @pytest.mark.parametrize("level", moments.LEVELS)
 @pytest.mark.parametrize("run", [2, 12])
 def test_rms_height_skewness_and_kurtosis_are_those_of_the_heights(monkeypatch, level, run):
-    """Whatever the tilt, the runs of rows and the missing points; the last two about the best plane."""
+    """Whatever the tilt, the runs of rows and the missing points; the last two about plane or bow."""
     monkeypatch.setattr(moments, "_RUN", run * NX)
     heights = HEIGHTS**3 + 1e4 * X - 1e5
     heights[2:5, 7:9] = np.nan
     surface = read_surface(heights, "mm", level)
     assert surface.rms_height == pytest.approx(np.nanstd(surface.heights()), rel=1e-6)
-    flat = read_surface(heights, "mm", "plane").heights()
+    about = "quadratic" if level == "quadratic" else "plane"
+    flat = read_surface(heights, "mm", about).heights()
+    steps = [np.sqrt(np.nanmean(np.diff(flat, axis=axis) ** 2)) for axis in (1, 0)]
+    assert surface.steps == pytest.approx(steps, rel=1e-6)
     flat = flat[~np.isnan(flat)]
     assert (surface.rms_level, surface.skewness, surface.kurtosis) == pytest.approx(
         (flat.std(), *(np.mean(flat**k) / flat.std() ** k for k in (3, 4))), rel=1e-6
     )
     assert f"skewness {surface.skewness:.2g}, kurtosis {surface.kurtosis:.2g};" in surface.understood(
         surface.grid((0, 1, 0, 1))
+    )
+    assert ("after quadratic level: rms height" in surface.understood(surface.grid((0, 1, 0, 1)))) == (
+        level == "quadratic"
     )
     filtered = surface.filtered(surface.grid((0, NX, 0, NY)), s_filter=3)
     assert filtered.rms_height == pytest.approx(np.nanstd(filtered.heights()), rel=1e-6)

@@ -307,6 +307,8 @@ def test_numbers_of_the_file_have_its_names_in_a_solution():
     assert (found.reason, found.lcp_rtol) == (found.message, found.rtol)
     assert found.contact_modulus == found.attributes["contact_modulus"]
     assert {"reason", "contact_modulus"} <= set(dir(found))
+    with pytest.raises(AttributeError, match="has no max_pressur; did you mean max_pressure?"):
+        _ = found.max_pressur
     with pytest.raises(AttributeError, match="this solution has no nothing; what it has: .attributes"):
         _ = found.nothing
 

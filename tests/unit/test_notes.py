@@ -59,6 +59,25 @@ def test_moduli_in_another_unit(material, message):
 
 
 @pytest.mark.parametrize(
+    ("young", "poisson", "told"),
+    [
+        ((210, 210), (0.3, 0.3), True),
+        ((3, 210), (0.35, 0.3), True),
+        ((70, np.inf), (0.33, 0), True),
+        ((500, 210e3), (0.3, 0.3), False),
+        ((5, 5), (0.49, 0.49), False),  # rubber
+        ((500, np.inf), (0.46, 0.3), False),  # PTFE
+        ((1, 1), (0.0, 0.0), False),  # without units
+        ((2600, 1800), (0.38, 0.38), False),  # plastics
+    ],
+)
+def test_gpa_taken_for_mpa(young, poisson, told):
+    found = solve(ContactProblem(GRID, Material.pair(young, poisson), Sphere(10.0)), 0.01).notes
+    finite = max(value for value in young if np.isfinite(value))
+    assert any(f"if GPa was meant write {finite:g}e3" in note for note in found) == told
+
+
+@pytest.mark.parametrize(
     ("domain", "message"),
     [
         ((0, 0.24, 0, 0.32), "square if the sides of the patch are exchanged"),

@@ -28,6 +28,26 @@ def test_ellipse_of_hertz(of_hertz):
     assert abs(solution.pressure_centre_x) + abs(solution.pressure_centre_y) < 1e-6
 
 
+@pytest.mark.parametrize("periodic", [False, True])
+@pytest.mark.parametrize("lift", [0.0, -0.3])
+def test_the_indentation_counts_from_first_touch(tmp_path, periodic, lift):
+    """Whatever zero heights have; what is prescribed, and what the file and a path say."""
+    grid, steel = Grid.from_domain(32, 32, (-1, 1, -1, 1)), Material.from_contact_modulus(1e3)
+    gap = np.random.default_rng(4).random(grid.shape) * 1e-2 + lift
+    problem = ContactProblem(grid, steel, gap, periodic=periodic)
+    with ContactSolver(problem) as solver:
+        found = solver.solve(approach=gap.min() + 2e-3)
+        assert found.indentation == pytest.approx(2e-3, rel=1e-9)
+        assert solver.solve(approach=gap.min() - 1e-3).indentation == pytest.approx(-1e-3, rel=1e-9)
+        path = solver.path(load=[found.load / 2, found.load])
+        last = list(path)[-1]
+    assert last.indentation == pytest.approx(2e-3, rel=1e-4)
+    np.testing.assert_allclose(path.table["indentation"], path.table["approach"] - gap.min(), rtol=1e-9)
+    last.save(tmp_path / "r.h5")
+    assert read_result(tmp_path / "r.h5").indentation == last.indentation
+    assert ("beyond first touch" in summary(last.attributes | {"contact_patches": 1}, grid)) == (lift < 0)
+
+
 def test_an_ellipse_turned_and_moved_is_found():
     angle, x0, y0 = np.radians(130.0), 1.3, -0.4
     c, s = np.cos(angle), np.sin(angle)
