@@ -11,6 +11,7 @@ import os
 import stat
 import tempfile
 from contextlib import contextmanager, suppress
+from functools import wraps
 from pathlib import Path
 
 import numba
@@ -47,6 +48,7 @@ def njit(makes_arrays=False, **options):
             dispatcher = numba.njit(cache=True, **options)(function)
         with suppress(AttributeError):  # should numba change: then every rank compiles for itself
             dispatcher._cache = _OneAtATime(dispatcher._cache, makes_arrays)
+            dispatcher.compile = dispatcher._cache.let_go_after(dispatcher.compile)
         return dispatcher
 
     return decorate
@@ -163,16 +165,24 @@ class _OneAtATime:
         with suppress(OSError):  # a file system without locks
             self._lock = Path(self._cache.cache_path, f"{self._cache._impl.filename_base}.lock").open("a")  # noqa: SIM115
             fcntl.flock(self._lock, fcntl.LOCK_EX)
-        found = self._cache.load_overload(signature, context)
-        if found is not None:
-            self._release()
-        return found
+        return self._cache.load_overload(signature, context)
 
     def save_overload(self, signature, result):
         """Keep what has been compiled."""
         with suppress(OSError), _no_environments(result):  # OSError: a full disk
             self._cache.save_overload(signature, result)
-        self._release()
+
+    def let_go_after(self, compile_):
+        """Return a function that compiles and lets go of the lock, also when it is interrupted."""
+
+        @wraps(compile_)
+        def compile_and_let_go(signature):
+            try:
+                return compile_(signature)
+            finally:
+                self._release()
+
+        return compile_and_let_go
 
     def _release(self):
         if self._lock is not None:

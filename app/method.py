@@ -93,6 +93,7 @@ _REFUSED = {  # PETSc's options by how their names end: strategies that they spo
         "solutions of other contact sets do not fit the next one",
     ),
     "ksp_knoll": ((DEFAULT, PERIODIC), _CHANGES),
+    "ksp_converged_rate": (("tao",), "PETSc crashes: TAO keeps no residuals of its linear solvers"),
     "ksp_monitor_error": (_STRATEGIES, "needs a DM of PETSc's, there is none"),
     "ksp_monitor_solution": ((DEFAULT, PERIODIC), _CHANGES),
 }
@@ -280,6 +281,10 @@ def _refuse_what_fails(strategy, texts):
             if name.endswith(end) and strategy in spoilt and not is_off(text):
                 others = " or ".join(other for other in _STRATEGIES if other not in spoilt)
                 raise InputError(f"-{name}: {why}" + (f"; allowed with -lcp_type {others}" if others else ""))
+        if name.endswith("ksp_view_diagonal_scale"):
+            scale = name.replace("_view", "")
+            if is_off(texts.get(scale, "off")):
+                raise InputError(f"-{name}: there is none to be viewed; needed: -{scale}")
         if name.endswith("ksp_type") and text == "chebyshev" and not bounded:
             raise InputError(
                 f"-{name} chebyshev: PETSc estimates its bounds before there is a contact set; needed: "

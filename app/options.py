@@ -228,9 +228,18 @@ def unknown_options(names, known, files=None, what="unknown"):
 # ------------------------------------------------------------------------------------------------- kinds
 
 
-def _number(text, kind, allowed):
+def number(text, kind=float, allowed="a number"):
+    """The number that a text is, by Python's type `kind`, but without the underscores that Python takes.
+
+    Not collective.
+
+    Raises
+    ------
+    ValueError
+        If it is none; the message is `allowed`.
+    """
     try:
-        if "_" in text:  # Python's own
+        if "_" in text:
             raise ValueError
         return kind(text)
     except ValueError:
@@ -238,7 +247,7 @@ def _number(text, kind, allowed):
 
 
 def _real(text, lowest=-np.inf, above=-np.inf, highest=sys.float_info.max, allowed="a finite number"):
-    value = _number(text, float, allowed)
+    value = number(text, float, allowed)
     if not (lowest <= value <= highest and value > above):
         raise ValueError(allowed)
     if 0 < abs(value) < 1 / LARGEST or LARGEST < abs(value) < np.inf:
@@ -252,7 +261,7 @@ def real(allowed="a finite number", **limits):
 
 
 def _whole(text, allowed):
-    return _number(text, int, allowed)
+    return number(text, int, allowed)
 
 
 def _several(text, kind, count, allowed, fit):
@@ -355,7 +364,7 @@ def series(text):
         if ":" not in text:
             return tuple(_real(part) for part in text.split(","))
         first, last, n, *spacing = text.split(":")
-        first, last, n = _real(first), _real(last), int(n)
+        first, last, n = _real(first), _real(last), number(n, int)
     except ValueError:
         raise ValueError(allowed) from None
     if spacing not in ([], ["log"]) or not 2 <= n <= 100000 or (spacing and min(first, last) <= 0):

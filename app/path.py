@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import replace
+from numbers import Number
 from pathlib import Path
 
 import numpy as np
@@ -69,8 +70,8 @@ class LoadPath:
     stiffness : bool
         Solve for the exact stiffness of every step, too.
     rows : sequence of dict, optional
-        Of steps done already, from the first on: they are taken as they are and their solutions left out. The last step
-        is solved in any case.
+        Of steps done already, from the first on, at the same loads: they are taken as they are and their solutions left
+        out. The last step is solved in any case.
 
     Attributes
     ----------
@@ -82,7 +83,7 @@ class LoadPath:
     Raises
     ------
     InputError
-        If a number is not allowed; before any step is solved.
+        If a number is not allowed, or a row is of another one; before any step is solved.
 
     Examples
     --------
@@ -109,7 +110,7 @@ class LoadPath:
     def go_on_after(self, rows):
         """Take the `rows` of steps done already, before one is solved here. Collective."""
         comm = self._solver.comm
-        self.rows = agree(comm, _as_rows, rows)
+        self.rows = agree(comm, _as_rows, rows, self._kind, self.numbers)
         check_alike(comm, len(self.rows), "path")
         if len(self.rows) > len(self.numbers):
             raise InputError(f"path: {len(self.rows)} steps are done already, of {len(self.numbers)}")
@@ -217,15 +218,31 @@ class LoadPath:
             ) from None
 
 
-def _as_rows(rows):
-    """Rows of an earlier path, copied."""
+def _as_rows(rows, kind, numbers):
+    """Rows of an earlier path by the same numbers, copied."""
     try:
         found = [dict(row) for row in rows]
     except (TypeError, ValueError):
         found = [{}]
-    if not all(row.keys() >= {"step", "converged"} for row in found):
+    whole = all(isinstance(value, Number | np.bool_) for row in found for value in row.values())
+    if not whole or not all(row.keys() >= {"step", "converged", kind} for row in found):
         raise InputError("path: rows: needed: those of an earlier path, as its `rows` are")
+    rounding = 1e-12 * max(map(abs, numbers))
+    for step, (row, number) in enumerate(zip(found, numbers, strict=False), 1):
+        # What is not solved may have missed its load.
+        if row["converged"] and not np.isclose(row[kind], number, 1e-9, rounding):
+            raise InputError(
+                f"path: rows: step {step} has {kind} {row[kind]:.12g}, this path {number:.12g} {LOADINGS[kind]}; "
+                "needed: rows of the same path, from its first step on"
+            )
     return found
+
+
+def exactly_one(loadings):
+    """Return the loadings of a path if they are one. Not collective."""
+    if len(loadings) != 1 or not loadings.keys() <= LOADINGS.keys():
+        raise InputError(f"path: needed: exactly one of {', '.join(LOADINGS)}, a number for each step")
+    return loadings
 
 
 def _as_numbers(kind, numbers):

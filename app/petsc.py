@@ -14,6 +14,7 @@ from __future__ import annotations
 import atexit
 import ctypes
 import os
+import re
 import signal
 import sys
 import threading
@@ -33,6 +34,7 @@ _M_MMAP_MAX = -4
 with suppress(ValueError):  # of a text that is no number
     # SuperLU_DIST, which many a PETSc loads, has malloc keep whatever is freed; large arrays are to go again.
     tell_malloc(_M_MMAP_MAX, int(os.environ.get("MALLOC_MMAP_MAX_", 65536)))
+_INTERRUPTS = {signal.SIGINT, signal.SIGALRM}  # which Python turns into exceptions, between any two steps
 _Handle = ctypes.c_void_p
 _Text = ctypes.c_char_p
 TAO_REASONS = getattr(PETSc.TAO, "ConvergedReason", None) or PETSc.TAO.Reason
@@ -181,13 +183,21 @@ class OptionDatabase:
 
     @contextmanager
     def active(self):
-        """Take the place of PETSc's default database inside the block."""
-        _call("PetscOptionsPush", self._handle)
+        """Take the place of PETSc's default database inside the block, whenever Ctrl-C comes."""
+        allowed = signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPTS)
         try:
-            with as_raised():
-                yield PETSc.Options()
+            _call("PetscOptionsPush", self._handle)
+            try:
+                signal.pthread_sigmask(signal.SIG_SETMASK, allowed)
+                with as_raised():
+                    yield PETSc.Options()
+            finally:
+                try:
+                    signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPTS)
+                finally:
+                    _call("PetscOptionsPop")
         finally:
-            _call("PetscOptionsPop")
+            signal.pthread_sigmask(signal.SIG_SETMASK, allowed)
 
     def texts(self):
         """All options and their whole values, name -> text; counts as asking for none of them."""
@@ -306,9 +316,11 @@ def log_reduction():
 def error_message(error):
     """What a PETSc.Error says, on one line and without its stack. Not collective."""
     noise = ("error code", "See ", "#")
-    lines = (line.split("] ", 1)[-1] if line.startswith("[") else line for line in str(error).splitlines())
+    entries = re.sub(r"\n(?!\[\d+\] )\s*", " ", str(error)).splitlines()  # some have several lines
+    lines = (line.split("] ", 1)[-1] if line.startswith("[") else line for line in entries)
     told = [line.strip() for line in lines if "() " not in line and not line.startswith(noise)]
-    return told[-1] if told else " ".join(str(error).split())
+    said = told[-1] if told else " ".join(str(error).split())
+    return f"what is written in Python has no {said}" if re.fullmatch(r"method \w+\(\)", said) else said
 
 
 @contextmanager

@@ -108,9 +108,7 @@ def _pictures(file, data, arguments):
     elif sweep:
         figure = sweeps.sweep_figure(data, file.stem, arguments.x, arguments.y)
         if figure is None:
-            raise InputError(
-                f"table {file}: nothing to draw: no option with two numbers or more, or nothing measured"
-            )
+            raise InputError(f"table {file}: nothing to draw: no option varies, or nothing measured does")
         yield "sweep", figure
     else:
         yield "path", paths.path_figure([paths.path_of_csv(data)], file.stem)

@@ -27,7 +27,7 @@ from app.contact.certificate import certify
 from app.contact.distance import UndeformedDistance
 from app.contact.extent import measure_extent
 from app.contact.history import History
-from app.contact.loading import LOADINGS, PrescribedApproach, prescribe
+from app.contact.loading import PrescribedApproach, prescribe
 from app.errors import InputError, agree, check_alike, warn_caller
 from app.halfspace.communication import Communicator
 from app.halfspace.influence import influence_quadrant
@@ -37,7 +37,7 @@ from app.multigrid.hierarchy import team_for
 from app.notes import notes_on
 from app.option_use import read_by, refuse_unread
 from app.options import as_line
-from app.path import LoadPath
+from app.path import LoadPath, exactly_one
 from app.petsc import Resources, mpi_comm, one_at_a_time
 from app.solution import Solution, identity
 from app.stiffness import contact_stiffness
@@ -125,7 +125,7 @@ class ContactSolver:
         self.problem, self._outer_comm = problem, ending.share(comm)
         self._resources.add(ending.Waits(comm))
         self.comm = self._resources.comm = Communicator(self._outer_comm.Dup())
-        self.hierarchy = self._strategy = None
+        self.hierarchy, self._strategy, self._cut_short = None, None, False  # was the last call?
         try:
             self.settings = chosen = agree(self.comm, choose, problem, method, options, prefix, listeners)
             self.listeners, grid = list(listeners), problem.grid
@@ -159,15 +159,14 @@ class ContactSolver:
     def _set_up(self):
         chosen, problem = self.settings, self.problem
         grid, compliance = problem.grid, problem.material.compliance
+        alone = replace(grid, periodic="")  # images change little of a cell's influence on itself
+        self._largest = float(influence_quadrant(alone, compliance, slice(0, 1), 1)[0, 0])
         if chosen.single:
-            alone = replace(grid, periodic="")  # images change little of a cell's influence on itself
-            self._largest = float(influence_quadrant(alone, compliance, slice(0, 1), 1)[0, 0])
             check_single("influence coefficients", self._largest, "mm3/N")
         self.hierarchy = hierarchy = make_hierarchy(grid, compliance, self._team.comm, chosen)
         self._resources.add(hierarchy)
         self._strategy = make_strategy(hierarchy, chosen)
         self._resources.add(self._strategy)
-        self._strategy.warm_up()
         self._strategy.prepare()
 
     def _measure_shapes(self):
@@ -195,6 +194,13 @@ class ContactSolver:
         for distance in before:
             self._resources.remove(distance)
         return reference
+
+    def _mend(self):
+        """After a call that was cut short: bodies may have been moved, and not been told how far."""
+        if self._cut_short:
+            self.hierarchy.free_forgotten()
+            self._measure_shapes()
+            self._cut_short = False
 
     @property
     def ksp(self):
@@ -249,6 +255,7 @@ class ContactSolver:
         """Solve, on the ranks of the team."""
         started, before = time.perf_counter(), self.comm.traffic.copy()
         products = self.hierarchy.operator_applications()
+        self._mend()
         loading, distance, depth = self._loading(given), self._distances[-1], np.inf
         if start is not None:
             self._strategy.check(start)
@@ -256,11 +263,12 @@ class ContactSolver:
             depth = loading.depth_on(distance)
             if depth <= distance.touching:  # there is no pressure; who touches is told by the last digits
                 start, depth = None, depth if depth == distance.touching else np.inf
+        history, self._cut_short = History(self.listeners), True
         if distance.digits_lost(depth):
             self._measure_shapes()
-        history = History(self.listeners)
         with self._database.active():
             state, outcome = self._strategy.run(loading, history, start)
+            self._cut_short = False
             try:
                 return self._solution(state, loading, outcome, history, started, products, before)
             finally:
@@ -288,10 +296,8 @@ class ContactSolver:
         InputError
             If a number is not allowed.
         """
-        if len(loadings) != 1 or not loadings.keys() <= LOADINGS.keys():
-            raise InputError(f"path: needed: exactly one of {', '.join(LOADINGS)}, a number for each step")
         self._refuse_if_closed()
-        [(kind, numbers)] = loadings.items()
+        [(kind, numbers)] = agree(self.comm, exactly_one, loadings).items()
         return LoadPath(self, kind, numbers, stiffness, rows)
 
     def check(self, **loading):
@@ -322,7 +328,7 @@ class ContactSolver:
         try:
             self.touching = self._team.call(self._measure_shapes)
         except BaseException:
-            self.problem = before
+            self.problem, self._cut_short = before, True
             raise
 
     @one_at_a_time
@@ -334,6 +340,7 @@ class ContactSolver:
         """
         self._refuse_if_closed()
         distances, take_back = kept or (None, None)
+        self._team.call(self._mend)
         if distances is not self._distances:  # or they have been measured anew
             if any(distance.depth or distance.deepest for distance in self._distances):
                 self._measure_shapes()
@@ -371,14 +378,7 @@ class ContactSolver:
 
     def _loading(self, given):
         loading = prescribe(self.problem.grid, self._distances[-1], **given)
-        if loading.prescribes_load and not self._strategy.by_load:
-            raise InputError(f"-lcp_type {self.settings.strategy}: works by approach only, not by load")
-        if self.settings.single:
-            if loading.prescribes_load:
-                pressure = loading.load / self.problem.grid.cell_area
-            else:
-                pressure = max(loading.depth_on(self._distances[-1]), 0.0) / self._largest
-            check_single("pressures", pressure, "N/mm2")
+        self._strategy.check_loading(loading, self._largest)
         if loading.prescribes_load and loading.load == 0:
             return PrescribedApproach(self.touching)  # it is not unique: where the bodies just touch
         return loading

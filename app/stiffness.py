@@ -6,6 +6,8 @@ leave with p = 0, so this is the derivative all the same.
 
 from __future__ import annotations
 
+from contextlib import ExitStack
+
 import numpy as np
 
 from app.contact.state import ContactState
@@ -46,20 +48,19 @@ def contact_stiffness(hierarchy, distance, contact):
     """
     operator, grid = hierarchy.target, hierarchy.target.grid
     state = ContactState(operator, distance)
-    state.contact[...] = contact
-    cells = state.sum([np.count_nonzero(contact)])[0]
-    if not cells or (grid.periodic and cells == grid.n):
-        state.destroy()
-        return np.inf if cells else 0.0
-    ones = state.right
-    ones.setArray(contact.reshape(-1).astype(float))
-    with operator.in_double(), options_set({}, _OPTIONS):
+    with ExitStack() as to_end:
+        to_end.callback(state.destroy)
+        state.contact[...] = contact
+        cells = state.sum([np.count_nonzero(contact)])[0]
+        if not cells or (grid.periodic and cells == grid.n):
+            return np.inf if cells else 0.0
+        ones = state.right
+        ones.setArray(contact.reshape(-1).astype(float))
+        to_end.enter_context(operator.in_double())
+        to_end.enter_context(options_set({}, _OPTIONS))
         solver = LinearSolver(hierarchy, -1, operator.petsc_comm, operator=operator)
-        try:
-            solver.set_contact()
-            q, iterations, failure = solver.solve(ones, np.inf)
-            stiffness = grid.cell_area * q.dot(ones)
-        finally:
-            solver.destroy()
-            state.destroy()
+        to_end.callback(solver.destroy)
+        solver.set_contact()
+        q, iterations, failure = solver.solve(ones, np.inf)
+        stiffness = grid.cell_area * q.dot(ones)
     return float(stiffness) if not failure and iterations < _MAX_IT else float("nan")

@@ -55,7 +55,6 @@ class Strategy:
 
     def __init__(self, settings, hierarchy: Hierarchy):
         self._settings, self._hierarchy, self._distances = settings, hierarchy, None
-        self._interrupted = False  # the last solve
         self.solver = self._make_solver()
 
     def _make_solver(self):
@@ -79,7 +78,8 @@ class Strategy:
             gauss_seidel.warm_up()
 
     def prepare(self):
-        """Make now what the first solve would make of the grids alone. Collective."""
+        """Load and make now what the first solve would of the grids alone. Collective."""
+        self.warm_up()
         if self._settings.lifted:
             for operator in self._hierarchy.levels:
                 if not self._hierarchy.may_be_windowed(operator):
@@ -110,12 +110,12 @@ class Strategy:
         InputError
             If PETSc finds that the chosen solvers do not go together.
         """
-        if self._interrupted:
-            self._hierarchy.free_forgotten()
-        self._interrupted = True
-        found = self._run(loading, history, start)
-        self._interrupted = False
-        return found
+        try:
+            return self._run(loading, history, start)
+        except PETSc.Error as error:
+            if error.ierr not in _WRONG_CHOICES:
+                raise
+            raise InputError(f"solver options: {error_message(error)}") from None
 
     def _run(self, loading, history, start):
         hierarchy, full = self._hierarchy, None
@@ -167,6 +167,17 @@ class Strategy:
         )
         if not self._hierarchy.comm.allreduce(alike, MPI.LAND):
             raise InputError(f"{name}: needed: a Solution on the same grid and as many ranks")
+
+    def check_loading(self, loading, largest):
+        """Refuse a loading that the method or its precision cannot do; `largest` influence [mm3/N]. Not collective."""
+        if loading.prescribes_load and not self.by_load:
+            raise InputError(f"-lcp_type {self._settings.strategy}: works by approach only, not by load")
+        if self._settings.single:
+            if loading.prescribes_load:
+                pressure = loading.load / self._hierarchy.target.grid.cell_area
+            else:
+                pressure = max(loading.depth_on(self._distances[-1]), 0.0) / largest
+            check_single("pressures", pressure, "N/mm2")
 
     def _started_from(self, start, loading):
         """State of the target grid as a solution left it, at the approach of the loading."""
@@ -311,11 +322,9 @@ class Reference(Strategy):
         state.depth = loading.depth_on(state.distance)
         try:
             return state, self.solver.solve(state, history, start)
-        except PETSc.Error as error:
+        except PETSc.Error:
             state.destroy()
-            if error.ierr not in _WRONG_CHOICES:
-                raise
-            raise InputError(f"-lcp_type {self._settings.strategy}: {error_message(error)}") from None
+            raise
 
 
 STRATEGIES = {"active_set": ActiveSet, "fast": Fast, "primal": Primal} | dict.fromkeys(

@@ -55,6 +55,8 @@ class UndeformedDistance:
         Around all admissible cells.
     """
 
+    _norm = None  # at this depth, when somebody has asked
+
     def __init__(self, operator, shape, reference=0.0, measured=True):
         b = np.negative(shape, order="C")
         self.admissible = ~np.isnan(b)
@@ -116,7 +118,7 @@ class UndeformedDistance:
         if depth != self.depth:
             with self.rhs as values:
                 values += depth - self.depth
-            self.depth, self.deepest = float(depth), max(self.deepest, abs(depth))
+            self.depth, self.deepest, self._norm = float(depth), max(self.deepest, abs(depth)), None
 
     def digits_lost(self, depth=np.inf):
         """Whether approaches far beyond the shape, or a depth, have cost it digits. Not collective."""
@@ -137,14 +139,16 @@ class UndeformedDistance:
             for distance, b in zip(distances, fields, strict=True):
                 with distance.rhs as values:
                     values[...] = b.reshape(-1)
-                distance.depth = distance.deepest = 0.0
+                distance.depth, distance.deepest, distance._norm = 0.0, 0.0, None
 
         return take_back
 
     def norm(self):
         """||h||_2 over the admissible cells [mm], (5.1); 1 where it is zero, to be divided by. Not collective."""
-        cells, mean, squares = self.statistics
-        return sqrt(squares + cells * (mean - self.depth) ** 2) or 1.0
+        if self._norm is None:
+            cells, mean, squares = self.statistics
+            self._norm = sqrt(squares + cells * (mean - self.depth) ** 2) or 1.0
+        return self._norm
 
     def destroy(self):
         """Free the vector. Collective."""

@@ -34,7 +34,7 @@ class GridNumbers(NamedTuple):
     load: float  # [N]
     depth: float  # approach from the reference of the undeformed distance [mm]
     max_pressure: float  # [N/mm2]
-    contact_area: float  # [mm2]
+    contact_area: float  # of cells under pressure: of those just captured, most may leave again [mm2]
     cell_area: float = 0.0  # [mm2]
 
 

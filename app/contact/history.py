@@ -22,7 +22,7 @@ class Listener:
         """Hear of an active set iteration: its entry in the history, and the state after it.
 
         Of the state ``grid``, ``contact`` and ``p`` hold with every method; the default method of periodic patches,
-        whose unknown is the gap, has the approach in the entry only, and no ``u`` before the end.
+        whose unknown is the displacement, has the approach in the entry only, and no ``u`` before the end.
         """
 
     def end(self):

@@ -152,13 +152,13 @@ def _numbers_row(p, contact):
     for i in range(p.size):
         total += p[i]
         highest = max(highest, p[i])
-        cells += contact[i]
+        cells += contact[i] & (p[i] > 0)
     return total, highest, cells
 
 
 @njit()
 def numbers(p, contact):
-    """Sum of p, its largest value or 0, and the number of cells in C."""
+    """Sum of p, its largest value or 0, and the number of cells in C with p > 0."""
     total, highest, cells = 0.0, 0.0, 0
     for j in range(p.shape[0]):
         row = _numbers_row(p[j], contact[j])

@@ -135,7 +135,7 @@ class _Record:
     def __init__(self, state, history, solver):
         self._state, self._history, self._solver = state, history, solver
         self._waiting = None
-        self._inner, self._products = 0, 0
+        self._inner, self._products = 0, solver.operator.products  # of former solves
         self._started = time.perf_counter()
 
     def iteration(self, iteration, norm):
@@ -185,7 +185,6 @@ class Tao(_ReferenceSolver):
         self.tao.setMaximumIterations(self.stop.max_it)
         self.tao.setMonitor(self._monitor)
         self._configure(self.tao)
-        self.inner = 0
         ksp = self.tao.getKSP()  # of the type that was chosen; some have none
         if ksp.handle:
             ksp.setMonitor(self._count)
@@ -214,6 +213,7 @@ class Tao(_ReferenceSolver):
         if self._interrupted:
             self.tao.destroy()
             self._make()
+        self.inner = 0
         self.tao.setVariableBounds((lower, upper))
         self.tao.setTolerances(**self._unless_given(gatol=allowed, grtol=0, gttol=0))
         try:

@@ -93,7 +93,8 @@ def projected_newton(state, solver, stop, history):
             if stop.certified(state):
                 return Outcome(True, CONVERGED, k, residual)
             stop = stop.tighter(0.1)
-    return Outcome(False, f"{stop.max_it} iterations of the safeguard were not enough", stop.max_it, residual)
+    too_few = f"{stop.max_it} iterations of the safeguard were not enough: more by -lcp_max_it"
+    return Outcome(False, too_few, stop.max_it, residual)
 
 
 def _displaced(state, p):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from numbers import Integral
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,6 +11,32 @@ from app.errors import InputError, agree, check_alike
 
 # What a Solution calls some attributes of the file.
 OF_SOLUTION = {"message": "reason", "iterations": "active_set_iterations", "rtol": "lcp_rtol"}
+_ROUNDING = 1e-9  # on average over cells all around a period
+
+
+class Patches(NamedTuple):
+    """Patches of contact from large to small, those of one size by their first cells; the same on all ranks.
+
+    Cells hang together by faces; on a periodic patch across its sides, too.
+
+    Attributes
+    ----------
+    labels : ndarray of int, shape (rows, nx)
+        Of the rows here: 0 where there is no contact; k + 1 in patch k, from 0.
+    cells : ndarray of int, shape (patches,)
+    area, load, max_pressure : ndarray of float64, shape (patches,)
+        [mm2], [N], [N/mm2].
+    centre_x, centre_y : ndarray of float64, shape (patches,)
+        Of the area [mm]. On a periodic patch of no meaning, or NaN, where one goes all around.
+    """
+
+    labels: np.ndarray
+    cells: np.ndarray
+    area: np.ndarray
+    load: np.ndarray
+    max_pressure: np.ndarray
+    centre_x: np.ndarray
+    centre_y: np.ndarray
 
 
 class ContactFields:
@@ -39,10 +66,54 @@ class ContactFields:
     def __dir__(self):
         return [*super().__dir__(), *self.attributes, *OF_SOLUTION]
 
+    def patches(self):
+        """The patches of contact one by one: which cells, how large, under what load, where. Collective.
+
+        Returns
+        -------
+        Patches
+        """
+        from app.halfspace.connected import connected_sets
+        from app.halfspace.reductions import minimum_over, sum_over
+
+        grid = self.grid
+        found, sizes = connected_sets(self.contact == 1, bool(grid.periodic), self.slabs, self.comm)
+        order, number = np.argsort(-sizes, kind="stable"), np.zeros(len(sizes) + 1, found.dtype)
+        number[order + 1] = np.arange(1, len(sizes) + 1)
+        labels, sizes = number[found], sizes[order]
+        j, i = np.nonzero(labels)
+        of, pressure, highest = labels[j, i] - 1, self.pressure[j, i], np.zeros(len(sizes))
+        np.maximum.at(highest, of, pressure)
+
+        def total(values):
+            return sum_over(self.comm, np.bincount(of, values, len(sizes)))
+
+        def centre(at, first, period):
+            if not grid.periodic:
+                return total(at) / sizes
+            # The mean on the circle, then that of the cells as they are nearest to it.
+            turn = 2 * np.pi * (at - first) / period
+            x, y = total(np.cos(turn)), total(np.sin(turn))
+            near = np.arctan2(y, x) / (2 * np.pi) * period
+            near[np.hypot(x, y) < _ROUNDING * sizes] = np.nan
+            away = at - first - near[of]
+            away -= period * np.round(away / period)
+            return first + (near + total(away) / sizes) % period
+
+        return Patches(
+            labels,
+            sizes,
+            sizes * grid.cell_area,
+            total(pressure) * grid.cell_area,
+            -minimum_over(self.comm, -highest),
+            centre(self.x[i], grid.x0, grid.nx * grid.dx),
+            centre(self.y[j], grid.y0, grid.ny * grid.dy),
+        )
+
     def contact_patches(self):
         """Areas of the patches of contact, from large to small [mm2]; the same on all ranks. Collective.
 
-        Cells hang together by faces; on a periodic patch across its sides, too.
+        More about them: `patches`.
         """
         from app.halfspace.connected import connected_sets
 

@@ -12,7 +12,6 @@ from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.legend_handler import HandlerTuple
 from matplotlib.patches import Patch
 
-from app.halfspace.connected import connected_sets
 from app.output import style
 from app.output.style import BLUE, GREY, linear_ticks
 from app.units import length_unit
@@ -125,12 +124,12 @@ class Canvas:
         """Draw the contact area, its patches told apart by colours that mean nothing else."""
         has_outside = self.background(axes)
         result = self.result
-        labels, cells = connected_sets(result.contact == 1, bool(self.grid.periodic))
+        patches = result.patches()
+        cells = patches.cells
         share, b = block_mean(result.contact.astype(float), MOST_PIXELS)
         palette = np.array([to_rgb(colour) for colour in (PATCH_COLOURS if len(cells) > 1 else (BLUE,))])
-        order = np.empty(len(cells), int)
-        order[np.argsort(-cells, kind="stable")] = np.arange(len(cells))  # the largest differ in colour
-        index = np.concatenate([[0], order % len(palette)])[block_max(labels, b)]
+        # The largest differ in colour.
+        index = (np.maximum(block_max(patches.labels, b), 1) - 1) % len(palette)
         self.pixels(axes, np.dstack([palette[index], share]), b)
         possible = int(np.count_nonzero(~self.outside))
         text = f"contact: {100 * result.attributes['contact_fraction']:.3g}% of {possible} cells"

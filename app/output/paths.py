@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from app import options
 from app.errors import InputError
 from app.output.style import DASHED, DOTTED, log_axis, new_figure, say_instead, series, styled
 from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction, persson_pressure
@@ -276,7 +277,7 @@ def numbers(texts):
 
     def value(text):
         try:
-            return float(text.strip().strip("()[]").split(",")[0])
+            return options.number(text.strip().strip("()[]").split(",")[0])
         except ValueError:
             return np.nan
 

@@ -24,6 +24,7 @@ _WORK = {
     "operator_applications": "operator applications",
     "work_units": "work units",
     "solve_seconds": "time of the solve  [s]",
+    "error_bound": "proved bound of the error",
 }
 _SAME = {"load": "mean_pressure", "contact_area": "contact_fraction"}  # but for the area of the patch
 _OF_SOLVERS = re.compile("(option_files|grid)$|(lcp|ksp|pc|mg|tao|snes)_")  # they change the work of a solve
@@ -37,6 +38,7 @@ _UNITS = (
 _EVEN = 1e-4  # of the largest: what differs by less is the same to what a solve is accurate to
 _MOST_SERIES = 12
 _MOST_TICKS = 6
+_LONGEST = 24  # letters of a name at a tick
 
 
 def unit_of(option):
@@ -54,7 +56,8 @@ def sweep_figure(columns, heading="", x=None, y=()):
         See `app.output.paths.read_csv`.
     heading : str
     x : str, optional
-        Column to draw against; default: the option that has the most values.
+        Column to draw against; default: the option that has the most numbers, or else names. Names are ticks, and no
+        lines join what stands over them.
     y : sequence of str
         Columns to draw; default: those that differ, and are not what an option prescribes.
 
@@ -68,21 +71,26 @@ def sweep_figure(columns, heading="", x=None, y=()):
         If `x` or `y` are not columns with numbers.
     """
     names = list(columns)
-    for option, name in (("--x", x), *(("--y", name) for name in y)):
-        if name is not None and (name not in columns or not np.isfinite(numbers(columns[name])).any()):
-            known = [name for name in names if np.isfinite(numbers(columns[name])).any()]
-            raise InputError(f"{option} {name}: not a column with numbers; there are {', '.join(known)}")
     varied = names[: names.index("exit_status")]
     varied = [name for name in varied if len(set(columns[name])) > 1]
+    known = [name for name in names if _finite(columns[name]).size]
+    against = [name for name in names if name in (*varied, *known)]  # of an option names will do
+    for option, name, allowed in (("--x", x, against), *(("--y", name, known) for name in y)):
+        if name is not None and name not in allowed:
+            raise InputError(f"{option} {name}: not a column with numbers; there are {', '.join(allowed)}")
     spread = {name: np.unique(_finite(columns[name])).size for name in varied}
+    named = [name for name in varied if spread[name] < 2]
+    spread |= {name: 1 - 1 / len(set(columns[name])) for name in named}  # any option with numbers comes first
     most = max(spread, key=spread.get, default=None)
-    x = x or (most if spread.get(most, 0) > 1 else None)
+    x = x or most
     y = y or (x and _worth_drawing(columns, varied, x))
     if not (x and y):
         return None
     # Against what was measured a line goes through the values of an option, too.
     others = [name for name in varied if name != (x if x in varied else most)]
+    ticks = list(dict.fromkeys(columns[x])) if x in named else []
     at, unit = _in_units(numbers(columns[x]), x, varied)
+    at = np.array([float(ticks.index(value)) for value in columns[x]]) if ticks else at
     groups = {}
     for row in range(len(at)):
         groups.setdefault(tuple(columns[name][row] for name in others), []).append(row)
@@ -91,7 +99,7 @@ def sweep_figure(columns, heading="", x=None, y=()):
     figure = new_figure(6.0 * across, 4.4 * down, heading)
     for axes, name in zip(np.ravel(figure.subplots(down, across)), y, strict=False):
         values, label = _in_units(numbers(columns[name]), name, varied)
-        _draw(axes, at, values, {_label(others, key): rows for key, rows in groups.items()})
+        _draw(axes, at, values, {_label(others, key): rows for key, rows in groups.items()}, ticks)
         axes.set(xlabel=unit, ylabel=label)
     for axes in figure.axes[len(y) :]:
         axes.remove()
@@ -161,15 +169,21 @@ def _label(others, key):
     return "; ".join(told) or ("left out" if others else None)
 
 
-def _draw(axes, x, y, groups):
+def _draw(axes, x, y, groups, names):
+    """Draw values of several groups against numbers; or against names, of which x has the places."""
     for number, (label, rows) in enumerate(list(groups.items())[:_MOST_SERIES]):
         rows = np.array(rows)[np.argsort(x[rows], kind="stable")]
         kept = rows[np.isfinite(x[rows]) & np.isfinite(y[rows])]
-        axes.plot(x[kept], y[kept], **series(number), label=label)
-    for axis, values in ((axes.xaxis, x), (axes.yaxis, y)):
+        axes.plot(x[kept], y[kept], **series(number) | ({"linestyle": "none"} if names else {}), label=label)
+    for axis, values in ((axes.xaxis, x), (axes.yaxis, y))[bool(names) :]:
         values = values[np.isfinite(values)]
         if values.min() > 0 and values.max() >= 4 * values.min():
             log_axis(axis, values)
+    if names:
+        told = [f"…{name[1 - _LONGEST :]}" if len(name) > _LONGEST else name or "left out" for name in names]
+        axes.set_xticks(range(len(names)), told, rotation=30, ha="right", rotation_mode="anchor")
+        axes.set_xlim(-0.5, len(names) - 0.5)
+        return
     points = np.unique(x[np.isfinite(x)])
     if len(points) <= _MOST_TICKS:
         axes.set_xticks(points, [f"{value:.4g}" for value in points])

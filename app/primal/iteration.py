@@ -19,12 +19,14 @@ from app.fast.stopping import ROUNDING
 from app.primal import kernels as loops
 
 _LOOSE = 0.005  # share of the cells that may still change on a coarse grid
-_SLIGHT = 0.3  # of the error aimed at: so much overlap, or what tension displaces a cell by, is left alone
-_SURE = 0.5  # of the residual allowed is asked of the preconditioned one, which may be too small
-_UNSURE = 0.5  # of the error aimed at the solver's residual may be wrong by
+_SLIGHT = (
+    0.3  # of the error aimed at: overlap, or displacement by tension, below which a cell stays where it is
+)
+_SURE = 0.5  # of the allowed error is aimed at, because the preconditioned residual underestimates it
+_UNSURE = 0.5  # of the error aimed at: what levels may have left in p when it is verified
 _FAR = 10.0  # times the error aimed at: where the gap of a cell changes by more, the contact set is not the last one
-_OFF = 100.0  # times the error that the residual says: then it is not the residual that is wrong, but p
-_DOUBT = 0.6  # of what a verification asks for is aimed at after it
+_OFF = 100.0  # true error over the residual beyond which p itself has drifted and is computed anew
+_DOUBT = 0.6  # margin below what the verification asks for, after it has failed
 _LIGHT = 1e-11  # of a prescribed depth: error that can be aimed at, however high the surface is
 _LOWER = 0.1  # of what was reached is aimed at where the load is less than what was left on the free cells
 _SETTLED = "residual small enough, and so is what the contact area still changes by"
@@ -63,9 +65,9 @@ def primal_active_set(primal, solver, stop, history):
     for k in range(1, stop.max_it + 1):
         goal, slight = accuracy.aim * np.sqrt(primal.cells), _SLIGHT * accuracy.aim
         its, failure, norm = solver.improve(primal, goal)  # 2. and 3. p = 0 on the free cells, a little
-        near = norm <= goal
-        # What has been carried along is right enough to be verified; after a failure only if it is by FFT.
-        sure = not primal.lags or solver.doubt <= (0 if accuracy.doubted else _UNSURE * goal)
+        accurate = norm <= goal
+        # Levels have left little enough in p; after a failed verification p has to be by FFT.
+        p_is_trusted = not primal.lags or solver.doubt <= (0 if accuracy.doubted else _UNSURE * goal)
         # 4. p < 0 leaves C, e < 0 enters
         update = primal.exchange(
             solver, -slight * solver.preconditioner.stiffness, -slight, _FAR * accuracy.aim, norm
@@ -75,14 +77,14 @@ def primal_active_set(primal, solver, stop, history):
         residual = norm / state.distance.norm()  # not (5.1): about the error of w
         if wrong := what_is_wrong(failure, residual):
             raise NeedsSafeguard(Outcome(False, wrong, k, residual))
-        if near and not stop.final and update.changed <= _LOOSE * primal.cells:
-            primal.take(solver)
+        if accurate and not stop.final and update.changed <= _LOOSE * primal.cells:
+            primal.commit(solver)
             return Outcome(True, CONVERGED, k, residual)
         # 5. No cell changes, or those that do are, like the residual, too little to matter.
-        settled = near and not update.changed
-        settled |= stop.final and not accuracy.doubted and np.hypot(norm, update.moves) <= goal
-        if settled and sure:
-            primal.take(solver)
+        set_is_final = accurate and not update.changed
+        rest_is_negligible = stop.final and not accuracy.doubted and np.hypot(norm, update.moves) <= goal
+        if (set_is_final or rest_is_negligible) and p_is_trusted:
+            primal.commit(solver)
             verdict = _judge(primal, solver.scratch, stop, accuracy.allowed)  # 6.
             if np.isfinite(verdict.residual):
                 residual = verdict.residual / state.distance.norm()
@@ -91,12 +93,14 @@ def primal_active_set(primal, solver, stop, history):
             _go_on_after(verdict, primal, solver, accuracy, norm / np.sqrt(primal.cells), update.added > 0)
             if accuracy.exhausted:
                 raise NeedsSafeguard(Outcome(False, _NO_PRESSURE, k, residual))
-        elif update.added or norm <= solver.doubt or (near and not sure):
-            primal.close(solver)  # a product: cells are captured, or levels tell no more
+        else:
+            levels_tell_no_more = norm <= solver.doubt
+            if update.added or levels_tell_no_more or (accurate and not p_is_trusted):
+                primal.close_captured_gaps(solver)  # the gaps of captured cells, by a product
         progress.after(norm, update.changed)
         if progress.stalls:
             raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
-    primal.take(solver)
+    primal.commit(solver)
     if stop.final:
         residual = _end_unsolved(primal, solver).residual / state.distance.norm()
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)

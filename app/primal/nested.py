@@ -72,7 +72,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
         else:
             primal.come_from(coarse, hierarchy.transfers[number])
             if coarser:  # else there are no rows here yet
-                primal.move_on(coarser[-1].depth, loading.predict(coarser[-1].depth))
+                primal.shift_to_depth(coarser[-1].depth, loading.predict(coarser[-1].depth))
             coarse_pressure = coarse.state.p
             coarse.state.destroy()
             coarse = None
@@ -95,7 +95,7 @@ def _solve_on(hierarchy, number, primal, solver, stop, history):
     try:
         return primal_active_set(primal, solver, stop, history)
     except NeedsSafeguard as stagnation:
-        primal.begin_again()
+        primal.reset_for_safeguard()
         verify(primal, solver.scratch)
         accept(primal, solver.scratch)
         with options_set({}, _SAFEGUARD):

@@ -32,8 +32,8 @@ class PrimalSolver(LinearSolver):
     ===========  ==================================  ===========================================  ==================
     `scratch`    z, and `change` in single           `PrimalState.guess`: force, lowest w         p found, then the
                  precision                                                                        certificate's
-    `direction`  d                                   `start`: change of w; `guess`: w             -
-    `product`    q = B d                             `close`: what smoothing adds, then B change  -
+    `direction`  d                                   `start`: change of w; `guess`: increment    -
+    `product`    q = B d                             captured gaps: smoothing, then B change       -
     u of state   `carried`, what p becomes           the same                                     u = A p
     ===========  ==================================  ===========================================  ==================
 
@@ -119,7 +119,7 @@ class PrimalSolver(LinearSolver):
             Its norm: about by how much w is wrong [mm].
         """
         if self.preconditioner.constrained:
-            primal.balance(self)
+            primal.balance_free_cells(self)
         self.ksp.setInitialGuessNonzero(True)  # PETSc would touch the solution, to make it zero
         self._cg.goes_on, self._cg.pressure = primal.lags, primal.state.pressure
         iterations, failure = self._run(*self._untouched, allowed)

@@ -11,8 +11,8 @@ from app.contact.state import Displacement, Update
 from app.primal import kernels as loops
 from app.primal import stencil
 
-_BACK = 0.75  # of the way to first touch: so far back a prediction is believed
-_SHARE = 0.9  # of the preconditioned residual is taken along when captured cells are closed
+_BACK = 0.75  # of the way to first touch: as far as a predicted retreat is believed
+_SHARE = 0.9  # damping of the preconditioned residual that is added to w when captured gaps are closed
 
 
 class PrimalState:
@@ -32,7 +32,7 @@ class PrimalState:
     w : ndarray, shape (local rows, nx), [mm]
         To be set first of all.
     lags : bool
-        The solver has gone on since w and p were as they are: its `change` and `carried` count.
+        The newest w and p are w + `change` and `carried` of the solver, not those here.
     is_nearly : bool
         Part of p has been carried along by levels.
     """
@@ -52,13 +52,11 @@ class PrimalState:
     # -- what it is -------------------------------------------------------------------------------------
 
     @property
-    def mean_displacement(self):
-        """What the mean of w has to be under a prescribed approach: minus the depth [mm]. Not collective."""
-        return -self.prescribed_depth
-
-    @property
     def prescribed_depth(self):
-        """The depth of a prescribed approach, infinite under a load [mm]. Not collective."""
+        """The depth of a prescribed approach: minus the mean that w has to have; infinite under a load [mm].
+
+        Not collective.
+        """
         return np.inf if self.loading.prescribes_load else self.loading.depth_on(self.state.distance)
 
     def mean(self, field):
@@ -75,7 +73,7 @@ class PrimalState:
         """That of p: B w has none [N]. Not collective."""
         return self.mean_pressure * self.cells * self.state.grid.cell_area
 
-    def begin_again(self):
+    def reset_for_safeguard(self):
         """Contact everywhere, and some pressure that makes sense, or none. Collective."""
         self.mean_pressure = float(np.nan_to_num(self.mean_pressure, posinf=0.0, neginf=0.0))
         self.state.contact[...] = self.state.admissible
@@ -94,7 +92,7 @@ class PrimalState:
         self.state.u_is = Displacement.STALE
         self.lags = self.is_nearly = False
 
-    def balance(self, solver):
+    def balance_free_cells(self, solver):
         """Under a prescribed approach let the pressure left on the free cells have no mean there. Collective."""
         p = solver.carried if self.lags else self.state.p
         total, cells = self.state.sum(
@@ -111,7 +109,7 @@ class PrimalState:
         self.state.u_is = Displacement.STALE
         self._has_pressure = True
 
-    def move_on(self, depth, predicted):
+    def shift_to_depth(self, depth, predicted):
         """Take w of the grid before to the depth predicted for this one, from that found there [mm]. Not collective.
 
         A constant has no pressure. Back the bodies go most of the way to first touch at most, where a prediction that
@@ -135,7 +133,7 @@ class PrimalState:
     def restore_mean(self, solver, *changes):
         """Under a prescribed approach let w have its mean, by what the free cells do; add it to changes. Collective."""
         if not self.loading.prescribes_load:
-            missing = self.cells * (self.mean_displacement - self.mean(self.w))
+            missing = -self.cells * (self.prescribed_depth + self.mean(self.w))
             solver.preconditioner.shift(missing, self.w, *changes)
 
     # -- steps ------------------------------------------------------------------------------------------
@@ -148,7 +146,7 @@ class PrimalState:
         state, change = self.state, solver.direction
         loops.touch(self.w, state.distance.b, state.admissible, state.contact, change)
         if not self.loading.prescribes_load:
-            self.w += self.mean_displacement - self.mean(self.w)
+            self.w -= self.prescribed_depth + self.mean(self.w)
         if not self._has_pressure:
             return self.refresh()
         rows, room = solver.rows_beside(change), np.empty((3, self.w.shape[1] + 2))
@@ -220,9 +218,7 @@ class PrimalState:
             self.restore_contact()
             cells, released, moves = released, 0, 0.0
         elif (
-            not self.loading.prescribes_load
-            and cells == self.cells
-            and -self.mean_displacement < state.highest
+            not self.loading.prescribes_load and cells == self.cells and self.prescribed_depth < state.highest
         ):
             opened = self._open_least(solver)
             cells, released, moves = cells - opened, released + opened, np.inf
@@ -242,7 +238,7 @@ class PrimalState:
         """The gap of cells just captured becomes zero, and p is to follow. Not collective."""
         np.copyto(self.w, self.state.distance.b, where=self._captured)
 
-    def close(self, solver):
+    def close_captured_gaps(self, solver):
         """The gap of cells just captured becomes zero, what that leaves to do elsewhere is begun with.
 
         Collective. w follows the solver, and p follows w: a product.
@@ -256,7 +252,7 @@ class PrimalState:
             values += z.reshape(-1)
         state.u_is, self.lags = Displacement.STALE, False
 
-    def take(self, solver):
+    def commit(self, solver):
         """Let w and p be as the solver has carried them along. Not collective."""
         if not self.lags:
             return

@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from math import nan
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +42,10 @@ ATTRIBUTES = (
     "mean_gap",
     "solve_seconds",
 )
-WHERE_KNOWN = ("contact_area", "error_bound", "stiffness")  # the last if it is asked for
+WHERE_KNOWN = (  # those of grids by nested iteration only; the stiffness if it is asked for
+    "contact_area", "contact_patches", "largest_patch", "error_bound", "load_error", "approach_error",
+    "max_pressure_error", "contact_area_error", "stiffness",
+)  # fmt: skip
 CHECKS = ("worst_negative_gap", "worst_negative_pressure", "complementarity")
 OUTCOME = ("exit_status", "message", *ATTRIBUTES, *WHERE_KNOWN, *CHECKS)
 
@@ -59,7 +63,7 @@ def collect_result(path):
     product = np.abs(p * e).max(initial=0.0)
     return {
         **{name: result.attributes[name] for name in (*ATTRIBUTES, "reason")},
-        **{name: result.attributes[name] for name in WHERE_KNOWN if name in result.attributes},
+        **{name: value for name in WHERE_KNOWN if (value := result.attributes.get(name, nan)) == value},
         "worst_negative_gap": float(e.min(initial=0.0)),
         "worst_negative_pressure": float(result.pressure.min(initial=0.0)),
         "complementarity": float(product / scale) if scale != 0 else 0.0,  # NaN stays NaN

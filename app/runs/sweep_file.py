@@ -10,7 +10,7 @@ from pathlib import Path
 import yaml
 
 from app.errors import InputError, yaml_fault
-from app.options import option_file
+from app.options import number, option_file
 from app.runs.run import Run
 
 LEFT_OUT = "~"
@@ -187,7 +187,7 @@ def _number(value):
     """Return the text as a number if it is one."""
     for kind in (int, float):
         try:
-            return kind(value)
+            return number(value, kind)
         except (TypeError, ValueError):
             continue
     return value

@@ -15,6 +15,7 @@ import pytest
 from processes import TESTS
 from results import full_disk
 
+from app.contact.grid_errors import GridErrors
 from app.errors import InputError
 from app.output.result import read_result
 from app.runs import batch
@@ -56,6 +57,11 @@ def test_product_in_order_with_values_as_on_a_command_line(tmp_path):
     assert [dict(run.labels) for run in runs] == [
         {"grid": grid, "lcp_rtol": rtol} for grid in (8, "16,8") for rtol in (1e-6, 1e-7)
     ]
+
+
+def test_names_with_underscores_between_digits_are_no_numbers(tmp_path):
+    runs = read_sweep(write(tmp_path, "options: {surface_file: [2024_01, 2024_02, 2025]}"))
+    assert [run.labels["surface_file"] for run in runs] == ["2024_01", "2024_02", 2025]
 
 
 def test_zip_varies_together_and_a_tilde_leaves_out(tmp_path):
@@ -532,3 +538,24 @@ def test_what_is_asked_for_has_a_column(tmp_path):
     assert float(with_it["result_stiffness"]) > 1e5 and without["result_stiffness"] == ""
     assert float(with_it["contact_area"]) == pytest.approx(240 * float(with_it["contact_fraction"]))
     assert "stiffness" not in rows_of([Run()], [{"exit_status": 0}])[0]
+
+
+def test_patches_and_estimated_errors_have_columns_where_a_method_knows_them(tmp_path):
+    output = tmp_path / "out.csv"
+    path = write(
+        tmp_path, f"option_files: [{HERTZ}, [fast.opts, norm.opts]]\noptions: {{grid: 64, load: 1e4}}"
+    )
+    assert main([str(path), "-o", str(output), "--keep"]) == 0
+    with output.open() as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        found = read_result(row["result"])
+        assert (int(row["contact_patches"]), float(row["largest_patch"])) == tuple(
+            found.count_patches().values()
+        )
+        for name in GridErrors._fields:
+            assert row[name] == ("" if np.isnan(getattr(found, name)) else str(getattr(found, name))), name
+    assert [float(rows[0][f"{name}_error"]) > 0 for name in ("approach", "max_pressure", "contact_area")] == [
+        True
+    ] * 3
+    assert not any(rows[1][name] for name in GridErrors._fields)

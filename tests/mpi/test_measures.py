@@ -38,6 +38,23 @@ def test_measures_are_the_same_on_any_number_of_ranks(comm):
             assert getattr(several, name) == pytest.approx(getattr(alone, name), rel=1e-9), name
 
 
+@pytest.mark.mpi(2, 3)
+def test_patches_are_the_same_on_any_number_of_ranks(comm):
+    several = 0
+    for problem in problems():
+        solution = solve(problem, -5e-4, comm=comm, lcp_rtol=1e-12)
+        found, whole = solution.patches(), comm.bcast(solution.gather())
+        expected = whole.patches()
+        assert np.array_equal(found.labels, expected.labels[solution.slabs.rows])
+        assert np.array_equal(found.cells, expected.cells)
+        for name in ("area", "load", "max_pressure", "centre_x", "centre_y"):
+            np.testing.assert_allclose(
+                getattr(found, name), getattr(expected, name), 1e-9, 1e-9, err_msg=name
+            )
+        several += len(found.cells) > 1
+    assert several > 3
+
+
 @pytest.mark.mpi(1, 3)
 def test_a_measured_surface_that_is_not_periodic_says_so(tmp_path, comm):
     """A wave that fits is periodic; three quarters of one are not, in either direction."""

@@ -1,5 +1,6 @@
 """Compiled loops that were kept: loaded to be called, and still parts of others."""
 
+import fcntl
 import importlib
 import os
 import subprocess
@@ -150,3 +151,22 @@ def test_a_loop_that_makes_an_array_has_to_say_so(tmp_path, monkeypatch):
         numba.core.errors.NumbaError, match="NRT required|Only accept returning of array passed"
     ):
         importlib.import_module("loops_of_a_test").total(5)
+
+
+def test_who_is_interrupted_while_compiling_lets_the_others_compile(tmp_path, monkeypatch):
+    (tmp_path / "loops_of_a_test.py").write_text(LOOPS)
+    monkeypatch.syspath_prepend(tmp_path)
+    sys.modules.pop("loops_of_a_test", None)
+    loops = importlib.import_module("loops_of_a_test")
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(loops.twice._compiler, "compile", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            loops.twice(1.5)
+    [lock] = (tmp_path / "__pycache__").glob("*twice*.lock")
+    with lock.open("a") as file:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    assert loops.twice(1.5) == 3

@@ -490,7 +490,26 @@ def test_sweep_is_drawn_against_the_option_with_most_values():
     (axes,) = figure.axes
     assert axes.get_xlabel() == "-grid" and axes.get_ylabel() == "work units"
     assert [list(line.get_ydata()) for line in axes.lines] == [[10, 11, 12], [20, 22]]
-    assert sweeps.sweep_figure(columns | {"grid": ["32"] * 6}) is None
+    assert sweeps.sweep_figure(columns | {"grid": ["32"] * 6, "method": ["a"] * 6}) is None
+
+
+def test_a_sweep_of_names_has_a_dot_over_each():
+    columns = loads_of_a_sweep(load=["1"] * 6, young=["210e3,inf", "210e3,70e3", ""] * 2)
+    columns = {"lcp_type": ["fast"] * 3 + ["active_set_that_is_called_" + "x" * 80] * 3} | columns
+    for figure, label, said, drawn in (
+        (sweeps.sweep_figure(columns), "-young  [N/mm²]", ["210e3,inf", "210e3,70e3", "left out"], [0, 1, 2]),
+        (sweeps.sweep_figure(columns, x="lcp_type"), "-lcp_type", ["fast", "…" + "x" * 23], [0, 1]),
+    ):
+        assert panels(figure)[-2:] == ["operator applications", "time of the solve"]
+        axes = figure.axes[0]
+        assert axes.get_xlabel() == label and [tick.get_text() for tick in axes.get_xticklabels()] == said
+        assert [(line.get_linestyle(), list(line.get_xdata())) for line in axes.lines] == [
+            ("None", drawn)
+        ] * (5 - len(drawn))
+        assert len(axes.get_legend_handles_labels()[1]) == 5 - len(drawn)
+    alone = {name: column[::3] for name, column in columns.items()}
+    axes = sweeps.sweep_figure(alone).axes[0]
+    assert axes.get_xlabel() == "-lcp_type" and axes.get_legend() is None and len(axes.lines) == 1
 
 
 @pytest.mark.parametrize(("methods", "said"), [(12, "-method"), (13, "-method: 12 of 13")])
@@ -564,7 +583,7 @@ def test_columns_of_a_sweep_are_drawn_as_asked_for():
     figure = sweeps.sweep_figure(loads_of_a_sweep(), x="approach", y=["result_load", "work_units"])
     assert panels(figure) == ["load F", "work units"] and figure.axes[0].get_xlabel() == "approach δ  [µm]"
     assert [len(line.get_xdata()) for line in figure.axes[0].lines] == [3, 3]  # through the loads
-    against_nothing = loads_of_a_sweep(load=["1"] * 6, young=list("abcdef"))
+    against_nothing = loads_of_a_sweep(load=["1"] * 6, young=["a"] * 6)
     assert sweeps.sweep_figure(against_nothing, y=["work_units"]) is None
     for name in ("approach_", "young_", "exit"):
         with pytest.raises(InputError, match=f"{name}: not a column with numbers; there are load, "):

@@ -125,6 +125,28 @@ def test_steps_that_are_not_solved_are_told():
     assert not path.converged
 
 
+@pytest.mark.parametrize("kind", ["load", "mean_pressure", "approach", "mean_gap"])
+def test_rows_of_other_loads_are_refused(kind):
+    numbers = {"approach": [-0.1, -0.02, -0.001], "mean_gap": [0.02, 0.005, 0.0]}.get(
+        kind, [1.0, 50.0, 400.0]
+    )
+    with ContactSolver(periodic_rough(32)) as solver:
+        path = solver.path(**{kind: numbers})
+        list(path)
+        assert len(solver.path(rows=path.rows, **{kind: numbers}).rows) == 3
+        assert len(solver.path(rows=path.rows, **{kind: [*numbers, numbers[0]]}).rows) == 3
+        other = [numbers[0], numbers[1] + 1e-5, numbers[2]]
+        with pytest.raises(InputError, match=f"^path: rows: step 2 has {kind} {numbers[1]:g}, this path "):
+            solver.path(rows=path.rows, **{kind: other})
+        with pytest.raises(InputError, match="step 1 has "):
+            solver.path(rows=path.rows[1:], **{kind: numbers})
+        for value in "x", None, [1.0]:
+            with pytest.raises(InputError, match="rows: needed: those of an earlier path"):
+                solver.path(rows=[path.rows[0] | {"max_pressure": value}], **{kind: numbers})
+        missed = [path.rows[0], path.rows[1] | {"converged": False}]
+        assert len(solver.path(rows=missed, **{kind: other}).rows) == 2
+
+
 REFUSED = {
     "none": ({}, "exactly one of approach, load"),
     "two": ({"load": [1], "approach": [1]}, "exactly one of"),

@@ -96,6 +96,50 @@ def test_systems_of_another_size_take_no_guess(method):
         ContactSolver(PROBLEM, method, {"ksp_guess_type": "pod"})
 
 
+WITHOUT_GUESS = "Running KSP of preonly doesn't make sense with nonzero initial guess you probably want"
+FAILS_LATE = [
+    ("fmg_v11", "mg_coarse_sub_ksp_initial_guess_nonzero", "", WITHOUT_GUESS),
+    ("mg_v11", "mg_levels_ksp_type", "preonly", WITHOUT_GUESS),
+    (TAO, "pc_type", "lu", "Could not locate a solver type for factorization type LU"),
+]
+
+
+@pytest.mark.parametrize(("method", "name", "value", "told"), FAILS_LATE)
+def test_what_fails_in_a_solve_is_refused_in_a_line_each_time(method, name, value, told):
+    with ContactSolver(PROBLEM, method, {name: value}) as solver:
+        for _ in range(2):
+            with pytest.raises(InputError, match=f"^solver options: {told}[^\n]*$"):
+                solver.solve(approach=0.1)
+
+
+CRASHES = [(TAO, "ksp_converged_rate")]
+CRASHES += [(method, "ksp_view_diagonal_scale") for method in (None, "norm", SNESVI, TAO)]
+
+
+@pytest.mark.parametrize(("method", "name"), CRASHES)
+def test_what_petsc_crashes_with_is_refused(method, name):
+    with pytest.raises(InputError, match=f"^-{name}: "):
+        ContactSolver(PROBLEM, method, {name: ""})
+
+
+@pytest.mark.parametrize(
+    ("method", "options"),
+    [
+        (SNESVI, {"ksp_converged_rate": ""}),
+        (SNESVI, {"ksp_diagonal_scale": "", "ksp_view_diagonal_scale": ""}),
+    ],
+)
+def test_what_others_can_do_is_not(method, options, capfd):
+    with ContactSolver(PROBLEM, method, options) as solver:
+        assert solver.solve(approach=0.1).converged
+    assert capfd.readouterr().out
+
+
+def test_a_method_that_is_missing_in_python_is_said_to_be():
+    with pytest.raises(InputError, match=r"what is written in Python has no method diagonalScale\(\)$"):
+        ContactSolver(PROBLEM, options={"ksp_diagonal_scale": ""})
+
+
 @pytest.mark.parametrize("method", [None, "norm", "mg_v11", SNESVI, TAO])
 def test_monitors_of_errors_need_what_there_is_not(method):
     with pytest.raises(InputError, match=r"^-ksp_monitor_error: needs a DM of PETSc's, there is none$"):

@@ -429,12 +429,12 @@ def test_without_a_product_the_solver_goes_on_where_it_was(steps, loading):
     with primal.shown(solver):
         np.testing.assert_array_equal(state.p, solver.carried)
     np.testing.assert_allclose(state.p - p, (state.p - p).mean(), rtol=0, atol=1e-12 * abs(p).max())
-    primal.take(solver)
+    primal.commit(solver)
     assert not primal.lags and not primal.is_nearly
     np.testing.assert_allclose(primal.w, w + solver.change, rtol=0, atol=1e-15)
     np.testing.assert_array_equal(state.p, solver.carried)
     taken = primal.w.copy()
-    primal.take(solver)  # there is nothing more
+    primal.commit(solver)  # there is nothing more
     assert (primal.w == taken).all()
 
 
@@ -451,7 +451,7 @@ def test_every_step_keeps_p_and_the_loading(steps, loading, holes):
         if given:
             assert state.load == pytest.approx(primal.loading.load, rel=1e-9)
         else:
-            assert primal.depth == pytest.approx(-primal.mean_displacement, rel=1e-9)
+            assert primal.depth == pytest.approx(primal.prescribed_depth, rel=1e-9)
         assert not state.contact[~state.admissible].any()
         assert (primal.inverse.mask == ~state.contact).all()
         if closed:
@@ -478,7 +478,7 @@ def test_every_step_keeps_p_and_the_loading(steps, loading, holes):
         moves = (w - state.distance.b)[wrong[1]], p[wrong[0]] / solver.preconditioner.stiffness
         assert update.moves == pytest.approx(np.linalg.norm(np.concatenate(moves)), rel=1e-6)
         check(closed=False)
-        primal.close(solver)
+        primal.close_captured_gaps(solver)
         check()
 
 
@@ -533,7 +533,7 @@ def test_if_they_matter_after_all_it_goes_on(steps, loading):
     norm = solver.improve(primal, 0.0)[2]
     update = primal.exchange(solver, 0.0, 0.0, np.inf, norm)
     free = ~state.contact
-    primal.take(solver)
+    primal.commit(solver)
     accuracy = iteration._Accuracy(1e-9, 1e-6)
     stop = InexactStop(1e-6, 100, True)
     verdict = iteration._judge(primal, solver.scratch, stop, accuracy.allowed)

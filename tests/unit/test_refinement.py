@@ -8,7 +8,16 @@ from cases import APPROACH, hertz, periodic_rough, self_affine
 from running import solve
 
 import app
-from app import ContactProblem, FlatPunch, Grid, Material, Sphere, refine, refinement
+from app import (
+    ContactProblem,
+    FlatPunch,
+    Grid,
+    Material,
+    SelfAffineSurface,
+    Sphere,
+    refine,
+    refinement,
+)
 from app.contact.grid_errors import GridNumbers, errors_from
 from app.errors import InputError
 
@@ -63,6 +72,17 @@ def test_what_hardly_changes_converges_though_its_changes_do_not_fall():
     slow = [GridNumbers(1.0, 1.0, 1.0, area) for area in (0.9796, 0.9754, 0.9711, 0.9669)]
     for numbers in grids, slow:
         assert 0.003 < errors_from(numbers, 0.0, "load").contact_area_error < 0.05
+
+
+@pytest.mark.parametrize(("seed", "load", "area"), [(2, 10, 0.007684), (11, 10, 0.008133)])
+def test_cells_just_captured_on_a_coarse_grid_are_no_area(seed, load, area):
+    """A rough ball; area of twice and four times as many cells. Coarse grids are left before such cells leave again."""
+    surface = SelfAffineSurface(0.8, 0.1, 0.008, (0.4, 0.4), seed=seed, rms_height=1.5e-4)
+    grid = Grid.from_domain(512, 512, (-0.13, 0.13, -0.13, 0.13))
+    steel = Material.pair((210e3, 210e3), (0.3, 0.3))
+    found = app.solve(ContactProblem(grid, steel, Sphere(5), surfaces=[surface]), load=load)
+    error = abs(found.contact_area / area - 1)
+    assert error < found.contact_area_error < 5 * error
 
 
 def test_the_rim_of_a_punch_does_not_converge_its_load_does():

@@ -15,7 +15,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from running import assert_solves_lcp
 
-from app import ContactProblem, ContactSolver, Grid, Listener, Material, Solution, read_result, solve
+from app import ContactProblem, ContactSolver, Grid, Listener, Material, Solution, Sphere, read_result, solve
 from app.contact import measures
 from app.contact.distance import UndeformedDistance
 from app.errors import InputError
@@ -790,3 +790,25 @@ def test_a_path_is_that_of_one_problem():
         solver.update(worn(hertz(24)))
         with pytest.raises(InputError, match="another problem"):
             next(path)
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+def test_bodies_moved_by_an_interrupted_solve_are_put_back(periodic, monkeypatch):
+    """Ctrl-C between the two steps of a move: the distances have changed, the depth has not."""
+    grid = Grid.from_domain(32, 32, (-1, 1, -1, 1))
+    problem = ContactProblem(grid, Material.from_contact_modulus(1e5), Sphere(10), periodic=periodic)
+
+    def half_moved(distance, depth):
+        with distance.rhs as values:
+            values += depth - distance.depth
+        raise KeyboardInterrupt
+
+    with ContactSolver(problem) as solver:
+        before = solver.solve(load=100)
+        with monkeypatch.context() as patch:
+            patch.setattr(UndeformedDistance, "move_to", half_moved)
+            with pytest.raises(KeyboardInterrupt):
+                solver.solve(load=3)
+        after = solver.solve(load=100)
+    assert after.approach == pytest.approx(before.approach, rel=1e-9)
+    assert after.load == pytest.approx(before.load, rel=1e-12)

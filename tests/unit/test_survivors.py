@@ -1,6 +1,7 @@
 """Laws that mutants broke unnoticed: see docs/mutation.md."""
 
 import math
+import signal
 from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 from unittest import mock
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from cases import APPROACH, hertz, periodic_rough
 from mpi4py import MPI
+from petsc4py import PETSc
 from running import solve
 
 from app import ContactProblem, ContactSolver, petsc, strategy
@@ -39,6 +41,26 @@ def test_options_are_as_they_were_after_the_block_that_sets_them():
         assert options.getAll() == {"given": "1", "in_the_way": "2"}
 
 
+@pytest.mark.parametrize("call", ["PetscOptionsPush", "PetscOptionsPop"])
+def test_options_are_as_they_were_whenever_ctrl_c_comes(call, monkeypatch):
+    plain = petsc._call
+
+    def interrupted(name, *arguments):
+        plain(name, *arguments)
+        if name == call:
+            signal.raise_signal(signal.SIGINT)
+
+    database, outside = OptionDatabase({"inside": "1"}), PETSc.Options()
+    with monkeypatch.context() as patch:
+        patch.setattr(petsc, "_call", interrupted)
+        with pytest.raises(KeyboardInterrupt), database.active():
+            assert call == "PetscOptionsPop"
+    assert not outside.hasName("inside")
+    with database.active():
+        assert outside.hasName("inside")
+    assert not outside.hasName("inside")
+
+
 def test_grids_worked_on_in_windows_get_no_product_before_somebody_asks():
     windowed = Hierarchy(Grid(128, 128, 0.1, 0.1), 1.0, MPI.COMM_SELF, margin=0.1)
     assert [level.grid.nx for level in windowed.levels if "product" not in vars(level)] == [128]
@@ -56,6 +78,14 @@ def test_history_of_a_reference_solver_has_every_iteration(kind):
     assert sum(history["inner_iterations"]) == found.inner_iterations
     assert history["residual"][-1] == pytest.approx(found.residual, rel=1e-12)
     assert history["contact_cells"][-1] == np.count_nonzero(found.contact)
+
+
+@pytest.mark.parametrize("kind", ["tao", "snesvi"])
+def test_a_second_solve_of_a_reference_solver_counts_its_own_work_alone(kind):
+    with ContactSolver(hertz(12), options={"lcp_type": kind}) as solver:
+        first, second = (solver.solve(approach=APPROACH) for _ in range(2))
+    assert second.work_units == first.work_units > 0
+    assert second.inner_iterations == first.inner_iterations > 0
 
 
 class Norms:
