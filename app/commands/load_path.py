@@ -123,9 +123,8 @@ def run_path(wanted, solver, stiffness, save):
     """
     from tqdm import tqdm
 
-    path = solver.path(
-        stiffness=stiffness, **{wanted.kind: wanted.numbers}
-    )  # refused before a file is touched
+    # Numbers are refused before a file is touched.
+    path = solver.path(stiffness=stiffness, **{wanted.kind: wanted.numbers})
     book = agree(solver.comm, _Book, wanted, solver)
     rows, notes = solver.comm.bcast((book.rows, book.notes))
     path.go_on_after(rows)

@@ -23,9 +23,9 @@ import numpy as np
 
 from app.compiled import njit
 from app.fast.symbol import REACH
-from app.halfspace.grid import Slabs
+from app.halfspace.grid import Slabs, unless_alone
 from app.halfspace.halo import Halo, Parents
-from app.halfspace.reductions import any_order, copy_row, scale_row, unless_alone, wrap
+from app.halfspace.reductions import any_order, copy_row, scale_row, wrap
 
 _SHARE = 0.6  # operations of stencil and interpolation on a cell, in those of a transform and back
 

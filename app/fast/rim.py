@@ -27,9 +27,9 @@ import numpy as np
 
 from app.compiled import njit
 from app.halfspace.chebyshev import chebyshev_steps
-from app.halfspace.grid import Slabs
+from app.halfspace.grid import Slabs, unless_alone
 from app.halfspace.halo import Halo
-from app.halfspace.reductions import any_order, around, copy_at, copy_row, span_of, unless_alone
+from app.halfspace.reductions import any_order, around, copy_at, copy_row, span_of
 
 MAX_STEPS = 250
 _CYCLE = 8  # steps after which their lengths begin anew: more in one polynomial would spread rounding

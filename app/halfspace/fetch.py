@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.halfspace.reductions import unless_alone
+from app.halfspace.grid import unless_alone
 
 
 class Fetch:

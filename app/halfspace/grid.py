@@ -225,6 +225,11 @@ def runs(rows, columns, cells=1 << 16):
     return (slice(start, min(start + step, rows)) for start in range(0, rows, step))
 
 
+def unless_alone(comm):
+    """Return `comm`, or None if it has one rank only, which has nobody to talk to. Not collective."""
+    return comm if comm is not None and comm.size > 1 else None
+
+
 class Slabs:
     """Which rows of a grid each rank owns. Every rank holds the same table; not collective.
 

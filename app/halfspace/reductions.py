@@ -102,11 +102,6 @@ def any_nonzero(block):
     return False
 
 
-def unless_alone(comm):
-    """Return `comm`, or None if it has one rank only, which has nobody to talk to. Not collective."""
-    return comm if comm is not None and comm.size > 1 else None
-
-
 def sum_over(comm, values):
     """Sum a few numbers over the ranks of `comm`; None: return them as they are. Collective."""
     if comm is None:

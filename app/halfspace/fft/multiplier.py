@@ -34,8 +34,8 @@ from app.halfspace.fft.strips import (
     strips_to_rows,
 )
 from app.halfspace.fft.transpose import ColumnGroup, Exchange, SentExchange, SharedExchange, deal_columns
-from app.halfspace.grid import Slabs
-from app.halfspace.reductions import sum_over, unless_alone
+from app.halfspace.grid import Slabs, unless_alone
+from app.halfspace.reductions import sum_over
 from app.halfspace.storage import storage_for
 
 _COLUMNS = 128  # of a spectrum that are computed together: what they share is computed anew for the next ones

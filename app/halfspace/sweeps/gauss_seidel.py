@@ -34,8 +34,7 @@ from functools import cache
 import numpy as np
 
 from app.halfspace.fft.lengths import transform_length
-from app.halfspace.grid import Slabs
-from app.halfspace.reductions import unless_alone
+from app.halfspace.grid import Slabs, unless_alone
 from app.halfspace.sweeps.kernels import LANES, TILE, solve_leaf, survey, transfer
 from app.halfspace.sweeps.pipeline import Flow
 from app.halfspace.sweeps.tables import SEGMENT_COLUMNS, Tables
