@@ -217,11 +217,11 @@ class ContactState:
         """Number of cells in C. Collective."""
         return int(self.sum([np.count_nonzero(self.contact)])[0])
 
-    def on_contact(self):
-        """Return the Gaps on C, and ||h|| there. Collective."""
+    def on_contact(self, with_h=False):
+        """Return the Gaps on C; `with_h`: and ||h|| there. Collective."""
         b, contact = self.distance.b, self.contact
-        sums = *kernels.gap_on(b, self.u, contact), kernels.sum_squares(b, 0.0, contact)
-        squares, total, cells, h = self.sum(sums)
+        of_h = kernels.sum_squares(b, 0.0, contact) if with_h else np.nan
+        squares, total, cells, h = self.sum([*kernels.gap_on(b, self.u, contact), of_h])
         return Gaps(int(cells), squares, total, h=sqrt(h))
 
     def on_contact_or_overlap(self):

@@ -92,7 +92,7 @@ class _ContactSets:
     def __init__(self, state, solver, loading, stop):
         self.state, self.solver, self.loading, self.stop = state, solver, loading, stop
         solver.begin(by_levels=stop.defect_correction > 0)
-        gaps = state.on_contact()  # of C^k; later the last update knows
+        gaps = state.on_contact(with_h=True)  # of C^k; later the last update knows
         self._h_on_contact, self._norm, self._cells = gaps.h, gaps.residual, max(gaps.cells, 1)
         self.progress = Progress(self._norm)
         self._rehearsal_failed = False  # the last verification was one, and did not pass

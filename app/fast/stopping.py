@@ -40,7 +40,7 @@ class InexactStop(StoppingTest):
         where h vanishes on C, rtol ||h|| on any grid.
         """
         whole = state.distance.norm()
-        h_on_contact = state.on_contact().h if h_on_contact is None else h_on_contact
+        h_on_contact = state.on_contact(with_h=True).h if h_on_contact is None else h_on_contact
         if not h_on_contact:
             return self.rtol * whole
         if not self.final:
