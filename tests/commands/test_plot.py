@@ -9,9 +9,11 @@ import pytest
 from mpi4py import MPI
 from results import MAX_PRESSURE, SEMI_AXES, made_up_result, with_attributes, write
 
+from app import report, subsurface, xdmf
 from app.halfspace.grid import Slabs
 from app.output.result import HISTORY
 from app.plot import PICTURES, analytic_reference, main, pictures_of, save
+from app.subsurface import stress, survey
 
 NAMES = ["contact", "pressure", "deformation", "sections", "distributions", "history", "summary"]
 START = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
@@ -219,3 +221,13 @@ def test_results_out_of_the_ordinary_are_drawn_too(result, tmp_path):
         folder = tmp_path / str(number)
         folder.mkdir()
         assert all(path.stat().st_size > 500 for path in save(pictures_of(case, PICTURES), folder, dpi=20))
+
+
+def test_a_file_of_stresses_below_is_called_so(result, tmp_path, capsys):
+    """By every command that reads results; what it is and what draws it."""
+    subsurface.write(file := tmp_path / "below.h5", result, survey(stress(result), depths=4), {})
+    for command in (main, xdmf.main, report.main, subsurface.main):
+        assert command([str(file)]) == 2
+        said = capsys.readouterr().err
+        assert "that app.subsurface wrote, no result; python -m app.subsurface RESULT.h5 -o DIR draws" in said
+    assert list(tmp_path.iterdir()) == [file]
