@@ -14,8 +14,9 @@ from app.errors import InputError
 from app.halfspace.connected import connected_sets
 from app.halfspace.grid import Grid
 from app.halfspace.stress import Hottest
-from app.output import curves, figures, maps, paths, style, sweeps
+from app.output import curves, figures, heights, maps, paths, style, sweeps
 from app.plot import analytic_reference
+from app.problems.measured import read_surface
 from app.reference.rough import persson_fraction
 from app.units import length_unit
 
@@ -297,6 +298,74 @@ def test_spectrum_of_a_wave_is_a_peak_in_its_place():
         curves.spectrum_figure(replace(surface, undeformed_distance=bowl)).axes[0].lines[0].get_data()
     )
     assert q[np.argmax(density)] == pytest.approx(2 * np.pi * 6, rel=0.1)
+
+
+def _wavy():
+    """A wave of 16 cells in x on a tilted plane [um]."""
+    return np.cos(2 * np.pi * np.arange(64) / 16) + 0.5 * np.arange(48.0)[:, None]
+
+
+def _panels(z, spacing=(0.001, 0.001)):
+    figure = heights.surface_figure(read_surface(z, unit="um", level="plane", spacing=spacing))
+    figure.draw_without_rendering()
+    return figure, dict(zip(("map", "x", "y", "heights", "spectrum"), figure.axes, strict=False))
+
+
+def test_a_measured_surface_is_drawn_about_its_plane_with_its_numbers():
+    figure, panels = _panels(_wavy())
+    for said in "64 × 48 points, cells of 1 × 1 µm", "Sq 0.70", "Sdq 0.2", "Ssk", "Sku 1.":
+        assert said in figure._suptitle.get_text()
+    values, x, _ = image_values(figure)
+    wave = np.cos(2 * np.pi * np.arange(64) / 16)
+    assert np.abs(values[24] - wave).max() < 0.15  # a plane takes a little of a wave
+    assert np.array_equal(panels["x"].lines[0].get_ydata(), values[24])
+    assert np.array_equal(panels["y"].lines[0].get_ydata(), values[:, 32])
+    assert panels["x"].lines[0].get_xdata() == pytest.approx(x) and "[µm]" in panels["x"].get_xlabel()
+    density = panels["heights"].patches[-1].get_data()
+    assert np.sum(density.values * np.diff(density.edges)) == pytest.approx(1)
+    q, c = panels["spectrum"].lines[0].get_data()
+    assert q[np.argmax(c)] == pytest.approx(2 * np.pi / 16, rel=0.1)
+    assert "[1/µm]" in panels["spectrum"].get_xlabel()
+
+
+def test_missing_points_are_grey_gaps_and_have_no_spectrum():
+    z = _wavy()
+    z[20:28, 5:9] = np.nan
+    figure, panels = _panels(z)
+    assert "32 missing" in figure._suptitle.get_text()
+    missing = np.isnan(z)
+    grey = np.ma.masked_invalid(figure.axes[0].images[0].get_array())
+    assert np.array_equal(~np.ma.getmaskarray(grey), missing)
+    assert np.array_equal(np.ma.getmaskarray(image_values(figure)[0]), missing)
+    assert np.array_equal(np.isnan(panels["x"].lines[0].get_ydata()), missing[24])
+    assert not panels["spectrum"].lines and "points are missing" in panels["spectrum"].texts[0].get_text()
+
+
+def test_a_spike_leaves_the_rest_of_a_surface_its_colours():
+    z = _wavy()
+    z[10, 10] += 1000
+    figure, panels = _panels(z)
+    image = figure.axes[0].images[-1]
+    assert image.norm.vmax < 100 < 900 < image.get_array().max()  # [um]
+    assert panels["heights"].get_xlim()[1] < 100
+    assert image.colorbar.extend == "max"
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (5, 6), (60, 4), (4, 60), (16, 16)])
+@pytest.mark.parametrize("value", [0.0, 2.0])
+def test_small_and_flat_surfaces_are_drawn(shape, value):
+    figure, panels = _panels(np.full(shape, value))
+    assert panels["spectrum"].texts and figure.axes[0].images
+    _panels(np.random.default_rng(1).normal(size=shape))
+
+
+def test_numbers_below_a_narrow_map_do_not_touch():
+    figure, panels = _panels(np.random.default_rng(1).normal(size=(192, 30)), (0.0025, 0.005))
+    axes = panels["map"]
+    boxes = [text.get_window_extent() for text in axes.get_xticklabels() if text.get_text()]
+    left, right = axes.get_window_extent().intervalx
+    shown = sorted((box.x0, box.x1) for box in boxes if left < (box.x0 + box.x1) / 2 < right)
+    assert len(shown) > 1 and all(one[1] < other[0] for one, other in pairwise(shown))
 
 
 def test_a_smooth_body_has_no_spectrum(result):
