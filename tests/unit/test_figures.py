@@ -523,6 +523,50 @@ def test_path_without_roughness_is_drawn_by_load_and_approach():
     assert len(first.lines) == 2
 
 
+def _outlines(axes):
+    return [outline.vertices for band in axes.collections for outline in band.get_paths()]
+
+
+def test_estimated_errors_are_bands_around_the_curves_of_a_path():
+    """Not where they are 1 or no numbers; that of the approach is relative to the one beyond first touch."""
+    load, pressure, area = np.geomspace(1, 32, 6), np.geomspace(100, 400, 6), np.geomspace(0.1, 3, 6)
+    columns = {
+        "load": load, "approach": 1e-3 * load, "indentation": 5e-4 * load, "max_pressure": pressure,
+        "contact_area": area, "load_error": np.zeros(6), "approach_error": np.full(6, 0.2),
+        "max_pressure_error": np.array([1, 0.5, 0.1, 0.1, 0.1, np.nan]), "contact_area_error": np.full(6, 1.0),
+    }  # fmt: skip
+    plain = {name: column for name, column in columns.items() if not name.endswith("_error")}
+    assert not any(axes.collections for axes in paths.path_figure([paths.Path(plain)]).axes)
+    approach, high, wide, _ = paths.path_figure([paths.Path(columns)]).axes
+    (band,) = _outlines(approach)
+    assert band[:, 0].min() == pytest.approx(1 - 0.1) and band[:, 0].max() == pytest.approx(32 + 3.2)  # um
+    (band,) = _outlines(high)
+    assert (band[:, 0].min(), band[:, 0].max()) == pytest.approx((load[1], load[4]))
+    at_second = band[np.isclose(band[:, 0], load[1]), 1]
+    assert (at_second.min(), at_second.max()) == pytest.approx((0.5 * pressure[1], 1.5 * pressure[1]))
+    assert not wide.collections
+    for axes in approach, high:  # within the picture
+        (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
+        (band,) = _outlines(axes)
+        assert ((x0, y0) < band.min(axis=0)).all() and (band.max(axis=0) < (x1, y1)).all()
+    assert "estimated error" in [text.get_text() for text in approach.get_legend().get_texts()]
+
+
+def test_the_estimated_error_of_the_area_is_a_band_of_contact_fractions():
+    p = np.geomspace(1, 3000, 8)
+    columns = {
+        "load": p,
+        "mean_pressure": p,
+        "contact_fraction": 2.2e-4 * p,
+        "contact_area_error": 0.1 + 0 * p,
+    }
+    fraction, kappa, *_ = paths.path_figure([paths.Path(columns, "", scale=1e4)]).axes
+    for axes, first in (fraction, 2.2e-4), (kappa, 2.2):
+        (band,) = _outlines(axes)
+        at_first = band[np.isclose(band[:, 0], 1e-4), 1]
+        assert (at_first.min(), at_first.max()) == pytest.approx((0.9 * first, 1.1 * first))
+
+
 def test_the_analytic_solution_stands_beside_the_path_of_a_smooth_body():
     """Where it is known, in the units of its panel."""
     d = np.geomspace(1e-3, 0.1, 5)
