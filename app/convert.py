@@ -84,7 +84,7 @@ def _main(argv):
     source, origin = _read(path, arguments)
     if arguments.crop:
         source = HeightArray.of(source, checked_crop(source, arguments.crop))
-    _settle(source, arguments)
+    settle(source, arguments.unit, arguments.height_unit, arguments.spacing)
     summary, doubts = _summary(source)  # refuses what no solve would read
     with writing(arguments.output):
         _write(arguments.output, source, {**origin, "source": file.name, "sha256": digest(file)})
@@ -168,19 +168,34 @@ def _of_instruments(path, heights, facts, arguments):
     return source, {name: facts[name] for name in ("format", "channel")}
 
 
-def _settle(source, arguments):
-    """Unit and spacing, each from the file or from the command line, not from both."""
-    names = "--unit", "--height-unit"
-    source.unit, source.lateral = agreed_units(source, arguments.unit, arguments.height_unit, names)
-    if source.spacing is None and arguments.spacing is None:
+def settle(source, unit, height_unit, spacing):
+    """Give heights their unit and spacing, each from the file or from the command line, not from both.
+
+    Not collective.
+
+    Parameters
+    ----------
+    source : HeightFile or HeightArray
+    unit, height_unit : str or None
+        As of the command.
+    spacing : pair of float or None
+        dx, dy before the turns [mm].
+
+    Raises
+    ------
+    InputError
+        If neither says it, or both do.
+    """
+    source.unit, source.lateral = agreed_units(source, unit, height_unit, ("--unit", "--height-unit"))
+    if source.spacing is None and spacing is None:
         raise InputError(
             f"--spacing is missing: surface file {source.file} does not say the size DX,DY of its cells [mm]"
         )
-    if source.spacing and arguments.spacing:
-        told = " x ".join(f"{side:.7g}" for side in turned_spacing(source.spacing, arguments.orient))
+    if source.spacing and spacing:
+        told = " x ".join(f"{side:.7g}" for side in turned_spacing(source.spacing, source.orient))
         raise InputError(f"--spacing: surface file {source.file} says {told} {source.lateral} itself")
-    if arguments.spacing:
-        source.spacing, source.lateral = turned_spacing(arguments.spacing, arguments.orient), "mm"
+    if spacing:
+        source.spacing, source.lateral = turned_spacing(spacing, source.orient), "mm"
 
 
 def _write(output, source, origin):

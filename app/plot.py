@@ -1,8 +1,9 @@
-"""Draw pictures of results and tables: ``python -m app.plot RESULT.h5 [SWEEP.csv ...] [-o DIR] [--only NAME]``.
+"""Draw pictures of results, tables, surfaces: ``python -m app.plot RESULT.h5 [SWEEP.csv ...] [-o DIR] [--only NAME]``.
 
 Of a result: contact (patches told apart), pressure, deformation, sections through the maximum, distributions, spectrum
 (of rough surfaces), path (if there is one), history and summary; of the table of a sweep or of a load path (.csv) one
-picture, of what --x and --y name. Of several files each has a folder DIR/NAME of its own, and their paths are
+picture, of what --x and --y name; of a measured surface (.h5 of app.convert, .npy, text), levelled by its best plane,
+one of its heights. Of several files each has a folder DIR/NAME of its own, and their paths are
 drawn together in DIR/paths. Without -o the folder of a file is beside it and has its name, without suffix. Prints the
 names of the pictures. Exit status 0, or 2 with one line on standard error if there is something wrong with the input.
 Runs on one rank.
@@ -14,15 +15,18 @@ import math
 import sys
 from pathlib import Path
 
+from app import units
 from app.commands import streams
 from app.commands.arguments import Parser, argument, check_folder, run, writing
 from app.errors import InputError
-from app.options import integer
-from app.output import curves, figures, paths, style, sweeps
-from app.output.result import read_result
+from app.options import integer, pair_of_reals
+from app.output import curves, figures, heights, paths, style, sweeps
+from app.output.result import holds_heights, read_result
 from app.reference.hertz import EllipticHertz
 
 _dots = integer(20, "a whole number from 20 to 1200", 1200)
+_spacing = pair_of_reals("DX,DY, two positive numbers [mm]", above=0)
+_MAPS = ".npy", ".npz", ".txt", ".dat", ".xyz", ".asc"  # of heights; .csv are tables, unless --unit is given
 
 
 def analytic_reference(result):
@@ -89,9 +93,29 @@ def _save(figure, path, dpi):
     return path
 
 
-def _read(file):
-    """Result, or columns of a table."""
-    return paths.read_csv(file) if file.suffix.lower() == ".csv" else read_result(file)
+def _surface(file, arguments):
+    from app.convert import settle  # these load numba, which results do without
+    from app.problems.height_file import HeightFile
+    from app.problems.measured import surface_of
+
+    source = HeightFile(file)
+    source.refuse_coordinates()
+    settle(source, arguments.unit, None, arguments.spacing)
+    return surface_of(source, level="plane")
+
+
+def _is_surface(data):
+    return getattr(data, "measured", False)
+
+
+def _read(file, arguments):
+    """Result, columns of a table, or surface levelled by its best plane."""
+    suffix = file.suffix.lower()
+    if arguments.unit or suffix in _MAPS or (suffix != ".csv" and holds_heights(file)):
+        return _surface(file, arguments)
+    if arguments.spacing:
+        raise InputError(f"--spacing: of measured surfaces; {file} is none, or its --unit is missing")
+    return paths.read_csv(file) if suffix == ".csv" else read_result(file)
 
 
 def _pictures(file, data, arguments):
@@ -100,7 +124,9 @@ def _pictures(file, data, arguments):
     chosen = arguments.x or arguments.y
     if chosen and not isinstance(data, dict):
         raise InputError(f"--x and --y choose columns of tables (.csv); {file} is none")
-    if not isinstance(data, dict):
+    if _is_surface(data):
+        yield "surface", heights.surface_figure(data)
+    elif not isinstance(data, dict):
         figure = None
         for name, figure in pictures_of(data, only or PICTURES):
             yield name, figure
@@ -119,12 +145,13 @@ def _path(data, name):
     """Path of what was read, None if it has none."""
     if isinstance(data, dict):
         return None if "exit_status" in data else paths.path_of_csv(data, name)
-    return paths.path_of(data, name)
+    return None if _is_surface(data) else paths.path_of(data, name)
 
 
 def _arguments(argv):
-    parser = Parser(prog="python -m app.plot", description="Draw pictures of result files and tables.")
-    parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help="results (.h5) and tables (.csv)")
+    parser = Parser(prog="python -m app.plot", description="Draw pictures of result files, tables, surfaces.")
+    files = "results (.h5), tables (.csv), measured surfaces (.h5 of app.convert, .npy, text)"
+    parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help=files)
     parser.add_argument(
         "-o",
         "--output",
@@ -147,6 +174,11 @@ def _arguments(argv):
         "column of a table to draw; may be repeated; default: those of physics, and work where solvers vary"
     )
     parser.add_argument("--y", action="append", default=[], metavar="NAME", help=column)
+    elsewhere = "of a surface whose file does not say"
+    a_unit = argument(units.unit)
+    parser.add_argument("--unit", type=a_unit, help=f"m, mm, um (or µm) or nm: of the heights, {elsewhere}")
+    size = f"size of a cell [mm], {elsewhere}"
+    parser.add_argument("--spacing", type=argument(_spacing), metavar="DX,DY", help=size)
     parser.add_argument("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")
     dots = "pixels per inch, 20 to 1200; default: 200"
     parser.add_argument("--dpi", type=argument(_dots), default=200, help=dots)
@@ -181,10 +213,12 @@ def _draw_all(arguments):
     """Draw all files; return the names of the pictures."""
     kind, dpi, several = arguments.format, arguments.dpi, len(arguments.files) > 1
     for file in arguments.files[1:]:
-        next(_pictures(file, _read(file), arguments))  # what is wrong is told before anything is written
+        next(
+            _pictures(file, _read(file, arguments), arguments)
+        )  # what is wrong is told before anything is written
     along, drawn = [], []
     for file, name in zip(arguments.files, arguments.names, strict=True):
-        data = _read(file)
+        data = _read(file, arguments)
         folder = arguments.output / name if several else arguments.output
         drawn += save(_pictures(file, data, arguments), folder, kind, dpi)
         path = _path(data, name)

@@ -118,18 +118,13 @@ def spectrum_figure(result):
     surface = rough_part(result)
     if surface is None:
         return None
-    values, grid = result.attributes, result.grid
-    spectrum = radial_spectrum(surface, grid.dx, grid.dy, window=not grid.periodic)
-    unit = length_unit(max(np.ptp(result.x), np.ptp(result.y)))
-    q, density = spectrum.wave_number / unit.per_mm, spectrum.density
-    known = density > 1e-14 * density.max()  # below that is round-off
-    if np.count_nonzero(known) < 3:
-        return None
+    values = result.attributes
     figure = new_figure(7.4, 5.4, title(result))
     axes = figure.subplots()
-    axes.plot(q[known], density[known], "-", color=BLUE, label="undeformed distance")
-    log_axis(axes.xaxis, q)
-    log_axis(axes.yaxis, density[known])
+    drawn = draw_spectrum(axes, surface, result.grid, "undeformed distance")
+    if drawn is None:
+        return None
+    q, density, unit = drawn
     for name, label, line in (("surface_rolloff", "roll-off", DASHED), ("surface_cutoff", "cut-off", DOTTED)):
         if values.get(name):
             at = 2 * np.pi / values[name] / unit.per_mm
@@ -138,17 +133,39 @@ def spectrum_figure(result):
             axes.axvline(at, color=ORANGE, linestyle=line, label=text)
     if values.get("surface_hurst"):
         power = -2 - 2 * values["surface_hurst"]
-        first = max(q[known][0], 2 * np.pi / values.get("surface_rolloff", np.inf) / unit.per_mm)
-        last = min(q[known][-1], 2 * np.pi / values.get("surface_cutoff", 1e-300) / unit.per_mm)
+        first = max(q[0], 2 * np.pi / values.get("surface_rolloff", np.inf) / unit.per_mm)
+        last = min(q[-1], 2 * np.pi / values.get("surface_cutoff", 1e-300) / unit.per_mm)
         if last > 2 * first:
             span = np.array([first, last])
-            height = 3 * np.interp(first, q[known], density[known]) * (span / first) ** power
+            height = 3 * np.interp(first, q, density) * (span / first) ** power
             axes.plot(
                 span, height, color=GREEN, linestyle=DASHED, label=f"slope {power:.2g}".replace("-", "−")
             )
-    axes.set(xlabel=f"wave number q  [1/{unit.name}]", ylabel="power spectral density C  [mm⁴]")
     axes.legend(loc="lower left", frameon=True, framealpha=1, edgecolor="none")  # lines end at it
     return figure
+
+
+def draw_spectrum(axes, surface, grid, label):
+    """Draw the radial spectrum of a `rough_part` [mm], by a Hann window on a free patch.
+
+    Not collective.
+
+    Returns
+    -------
+    tuple or None
+        Wave numbers, densities [mm4] and the `Unit` in which the wave numbers are; None if that is no curve.
+    """
+    spectrum = radial_spectrum(surface, grid.dx, grid.dy, window=not grid.periodic)
+    unit = length_unit(max(grid.nx * grid.dx, grid.ny * grid.dy))
+    q, density = spectrum.wave_number / unit.per_mm, spectrum.density
+    known = density > 1e-14 * density.max(initial=0.0)  # below that is round-off
+    if np.count_nonzero(known) < 3:
+        return None
+    axes.plot(q[known], density[known], "-", color=BLUE, label=label)
+    log_axis(axes.xaxis, q)
+    log_axis(axes.yaxis, density[known])
+    axes.set(xlabel=f"wave number q  [1/{unit.name}]", ylabel="power spectral density C  [mm⁴]")
+    return q[known], density[known], unit
 
 
 def _maxima(mises, depths, depth):

@@ -21,6 +21,7 @@ MOST_PIXELS = 1024  # longer sides of an image are averaged down to this
 NARROWEST = 0.22  # side over side of a map; a narrower patch is stretched
 _WIDEST, _HIGHEST = 5.1, 6.4  # inches of a map
 _LOW = 2.2  # inches
+_SLIM = 2.0  # inches of width, in which numbers side by side would touch
 _CONSTANT = 1e-4  # of a length: what varies less is one colour
 _BAR = 0.18  # inches of a colour bar's width
 PATCH_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#5b4fa2", "#8c6d31", "#117733",
@@ -89,6 +90,7 @@ class Canvas:
         axes.set_box_aspect(self.height / self.width)
         linear_ticks(axes.xaxis, self.width)
         linear_ticks(axes.yaxis, self.height)
+        axes.tick_params(axis="x", labelrotation=90 if self.width < _SLIM else 0)
         axes.ticklabel_format(axis="y", style="plain", useOffset=False)  # it would stand where the legend is
         for spine in axes.spines.values():
             spine.set_visible(True)

@@ -4,7 +4,8 @@ A *path* is a mapping of columns, one entry per step, as in group ``path`` of a 
 ``indentation``, ``mean_gap`` [mm], ``mean_pressure``, ``max_pressure`` [N/mm2], ``contact_fraction``,
 ``contact_fraction_corrected``,
 ``contact_area`` [mm2], ``stiffness`` or ``stiffness_by_differences`` [N/mm], ``persson_fraction``. What is missing is
-not drawn.
+not drawn. Estimated relative errors (``load_error``, ``approach_error``, ``max_pressure_error``,
+``contact_area_error``) are light bands around the curves.
 
 Not collective: call on one rank.
 """
@@ -21,6 +22,15 @@ from app.errors import InputError
 from app.output.style import DASHED, DOTTED, log_axis, new_figure, say_instead, series, styled
 from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction, persson_pressure
 from app.units import length_unit
+
+# Number whose share an estimated error is, and its column, where they are not called as what is drawn.
+_ERRORS = {
+    "approach": ("indentation", "approach_error"),
+    "indentation": ("indentation", "approach_error"),
+    "contact_fraction": ("contact_fraction", "contact_area_error"),
+    "mean_pressure": ("mean_pressure", "load_error"),
+}
+_BAND = {"alpha": 0.2, "linewidth": 0, "zorder": 0.5}
 
 
 class Path(NamedTuple):
@@ -84,7 +94,7 @@ def path_figure(paths, heading=""):
     panels = figure.subplots(2, 2)
     for axes, draw in zip(panels.flat, _ROUGH if rough else _SMOOTH, strict=True):
         draw(axes, paths)
-    if not rough and len(panels[0, 0].lines) > 1:
+    if not rough and len(panels[0, 0].lines) + len(panels[0, 0].collections) > 1:
         panels[0, 0].legend()
     return figure
 
@@ -102,14 +112,46 @@ def _curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True))
         values = found * np.array(scale(path))[:, None]
         axes.plot(*values, **series(number), label=path.name or "computed")
         drawn.append(values)
+        for name in x, y:
+            _draw_band(axes, path, (x, y), name, scale(path), number)
     if not drawn:
         absent = next((name for name in (x, y) if all(one is None for one in known(name))), y)
         return say_instead(axes, f"no {absent.replace('_', ' ')}")
-    drawn = np.hstack(drawn)
-    for axis, values, log in zip((axes.xaxis, axes.yaxis), drawn, logs, strict=True):
+    for axis, values, log in zip((axes.xaxis, axes.yaxis), _all_drawn(axes), logs, strict=True):
         if log:
             log_axis(axis, values)
-    return drawn
+    return np.hstack(drawn)
+
+
+def _draw_band(axes, path, names, name, scale, number):
+    """Estimated relative error of column `name`, one of the two `names` drawn, on both sides of the curve.
+
+    An error of 1 is of a number that does not converge: no band there.
+    """
+    of, error = _ERRORS.get(name, (name, f"{name}_error"))
+    of = of if of in path.columns else name
+    if any(column not in path.columns for column in (*names, of, error)):
+        return
+    x, y, size, share = (np.asarray(path.columns[column], float) for column in (*names, of, error))
+    across, sideways = names.index(name), name == names[0]
+    x, y, half = x * scale[0], y * scale[1], size * share * scale[across]
+    known = np.isfinite([x, y, half]).all(axis=0) & (half > 0) & (share < 1)
+    if axes.lines[-1].get_xdata().min() > 0 and axes.lines[-1].get_ydata().min() > 0:
+        known &= (x > 0) & (y > 0)
+    if not (known[1:] & known[:-1]).any():
+        return
+    along, middle = (y, x) if sideways else (x, y)
+    fill = axes.fill_betweenx if sideways else axes.fill_between
+    label = None if axes.collections else "estimated error"
+    fill(
+        along, middle - half, middle + half, where=known, color=series(number)["color"], label=label, **_BAND
+    )
+
+
+def _all_drawn(axes):
+    """x and y of all curves and bands."""
+    bands = [outline.vertices for band in axes.collections for outline in band.get_paths()]
+    return np.vstack([line.get_xydata() for line in axes.lines] + bands).T
 
 
 def _draw_analytic(axes, paths, x, y, per_mm=1.0):
@@ -122,7 +164,7 @@ def _draw_analytic(axes, paths, x, y, per_mm=1.0):
             axes.plot(found[0] * per_mm, found[1], **line)
             label = None  # once
     if label is None and axes.get_xscale() == "log":
-        drawn_x, drawn_y = np.vstack([one.get_xydata() for one in axes.lines]).T
+        drawn_x, drawn_y = _all_drawn(axes)
         log_axis(axes.xaxis, drawn_x)
         log_axis(axes.yaxis, drawn_y)
 
@@ -143,6 +185,9 @@ def _draw_shares(axes, paths, value):
             drawn.append((x, value(x, found[1])))
             if name == "contact_fraction":
                 axes.plot(*drawn[-1], **series(number), label=path.name or "computed")
+                with np.errstate(divide="ignore"):
+                    one = value(np.asarray(path.columns["mean_pressure"], float) * path.relative, 1.0)
+                _draw_band(axes, path, ("mean_pressure", name), name, (path.relative, one), number)
             else:
                 axes.plot(*drawn[-1], **cross, label=label)
                 label = None  # once

@@ -209,9 +209,39 @@ def opened(path):
         raise InputError(f"result file {path}: not a readable HDF5 file ({one_line(error)})") from error
 
 
+def holds_heights(path):
+    """Whether a file is a map of heights, as app.convert writes it, and no result.
+
+    Not collective.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    with opened(path) as file:
+        return "heights" in file and not any(name in file for name in FIELDS)
+
+
+def refuse_others(file):
+    """Refuse an open file without any field of a result, by its name if another command wrote it: InputError.
+
+    Not collective.
+    """
+    if any(name in file for name in FIELDS):
+        return
+    if "depth" in file and "line/von_mises" in file:
+        raise InputError(
+            "stresses that app.subsurface wrote, no result; python -m app.subsurface RESULT.h5 -o DIR draws them, "
+            "DIR/subsurface.png, with --section y along y"
+        )
+    if "heights" in file:
+        raise InputError("heights of a surface, no result; python -m app.plot draws them")
+    raise InputError("no result of app.solve: it has none of the datasets " + ", ".join(FIELDS))
+
+
 def _read_hdf5(file):
-    if not any(name in file for name in FIELDS):
-        raise InputError("no result of app.solve: it has none of the datasets " + ", ".join(FIELDS))
+    refuse_others(file)
     require(file.attrs, ATTRIBUTES, "attribute")
     sizes = []
     file.visititems(lambda name, item: sizes.append(float(getattr(item, "nbytes", None) or 0)))

@@ -17,7 +17,7 @@ import numpy as np
 
 from app.errors import InputError
 from app.output.files import write_text
-from app.output.result import AXES, FIELDS, grid_of, opened, read_attributes, read_dataset
+from app.output.result import AXES, FIELDS, grid_of, opened, read_attributes, read_dataset, refuse_others
 
 _HEAD = '<?xml version="1.0"?>\n<Xdmf Version="3.0">\n<Domain>\n'
 _TAIL = "</Domain>\n</Xdmf>\n"
@@ -63,6 +63,7 @@ def write_xdmf(results, path=None):
 def _read(result):
     """Load [N] and ``grid(time)``, which is the text, of a result."""
     with opened(result) as file:
+        refuse_others(file)
         x, y = (read_dataset(file, name) for name in AXES)
         there = {name: getattr(file.get(name), "shape", None) for name in file}
         if wrong := [name for name in FIELDS if there.get(name) != (y.size, x.size)]:

@@ -9,9 +9,11 @@ import pytest
 from mpi4py import MPI
 from results import MAX_PRESSURE, SEMI_AXES, made_up_result, with_attributes, write
 
+from app import convert, report, subsurface, xdmf
 from app.halfspace.grid import Slabs
 from app.output.result import HISTORY
 from app.plot import PICTURES, analytic_reference, main, pictures_of, save
+from app.subsurface import stress, survey
 
 NAMES = ["contact", "pressure", "deformation", "sections", "distributions", "history", "summary"]
 START = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
@@ -219,3 +221,38 @@ def test_results_out_of_the_ordinary_are_drawn_too(result, tmp_path):
         folder = tmp_path / str(number)
         folder.mkdir()
         assert all(path.stat().st_size > 500 for path in save(pictures_of(case, PICTURES), folder, dpi=20))
+
+
+def test_a_file_of_stresses_below_is_called_so(result, tmp_path, capsys):
+    """By every command that reads results; what it is and what draws it."""
+    subsurface.write(file := tmp_path / "below.h5", result, survey(stress(result), depths=4), {})
+    for command in (main, xdmf.main, report.main, subsurface.main):
+        assert command([str(file)]) == 2
+        said = capsys.readouterr().err
+        assert "that app.subsurface wrote, no result; python -m app.subsurface RESULT.h5 -o DIR draws" in said
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_measured_surfaces_are_drawn_whatever_their_file(path, tmp_path, capsys):
+    z, out = np.random.default_rng(3).normal(size=(24, 32)), tmp_path / "out"
+    np.save(plain := tmp_path / "plain.npy", z)
+    np.savetxt(text := tmp_path / "text.csv", z, delimiter=",")
+    known, said = tmp_path / "known.h5", ("--unit", "um", "--spacing", "0.001,0.002")
+    assert convert.main([str(plain), *said, "-o", str(known)]) == 0
+    assert main([str(known), "--dpi", "30"]) == 0
+    assert (tmp_path / "known" / "surface.png").read_bytes().startswith(START["png"])
+    assert main([str(plain), str(text), *said, "-o", str(out), "--dpi", "30"]) == 0
+    assert main([str(path), str(known), "-o", str(out), "--only", "contact", "--dpi", "30"]) == 0
+    assert {file.name for file in out.iterdir()} == {"plain", "text", path.stem, "known"}
+    capsys.readouterr()
+    for words, message in (
+        ([plain], f"--unit is missing: surface file {plain}"),
+        ([plain, "--unit", "um"], "--spacing is missing"),
+        ([known, *said], f"surface file {known} says"),
+        ([path, "--spacing", "1,1"], f"{path} is none"),
+        ([known, "--x", "load"], f"{known} is none"),
+    ):
+        assert main([*map(str, words), "-o", str(tmp_path / "not")]) == 2
+        assert message in capsys.readouterr().err and not (tmp_path / "not").exists()
+    assert report.main([str(known)]) == 2
+    assert "heights of a surface, no result; python -m app.plot draws them" in capsys.readouterr().err

@@ -14,8 +14,9 @@ from app.errors import InputError
 from app.halfspace.connected import connected_sets
 from app.halfspace.grid import Grid
 from app.halfspace.stress import Hottest
-from app.output import curves, figures, maps, paths, style, sweeps
+from app.output import curves, figures, heights, maps, paths, style, sweeps
 from app.plot import analytic_reference
+from app.problems.measured import read_surface
 from app.reference.rough import persson_fraction
 from app.units import length_unit
 
@@ -299,6 +300,74 @@ def test_spectrum_of_a_wave_is_a_peak_in_its_place():
     assert q[np.argmax(density)] == pytest.approx(2 * np.pi * 6, rel=0.1)
 
 
+def _wavy():
+    """A wave of 16 cells in x on a tilted plane [um]."""
+    return np.cos(2 * np.pi * np.arange(64) / 16) + 0.5 * np.arange(48.0)[:, None]
+
+
+def _panels(z, spacing=(0.001, 0.001)):
+    figure = heights.surface_figure(read_surface(z, unit="um", level="plane", spacing=spacing))
+    figure.draw_without_rendering()
+    return figure, dict(zip(("map", "x", "y", "heights", "spectrum"), figure.axes, strict=False))
+
+
+def test_a_measured_surface_is_drawn_about_its_plane_with_its_numbers():
+    figure, panels = _panels(_wavy())
+    for said in "64 × 48 points, cells of 1 × 1 µm", "Sq 0.70", "Sdq 0.2", "Ssk", "Sku 1.":
+        assert said in figure._suptitle.get_text()
+    values, x, _ = image_values(figure)
+    wave = np.cos(2 * np.pi * np.arange(64) / 16)
+    assert np.abs(values[24] - wave).max() < 0.15  # a plane takes a little of a wave
+    assert np.array_equal(panels["x"].lines[0].get_ydata(), values[24])
+    assert np.array_equal(panels["y"].lines[0].get_ydata(), values[:, 32])
+    assert panels["x"].lines[0].get_xdata() == pytest.approx(x) and "[µm]" in panels["x"].get_xlabel()
+    density = panels["heights"].patches[-1].get_data()
+    assert np.sum(density.values * np.diff(density.edges)) == pytest.approx(1)
+    q, c = panels["spectrum"].lines[0].get_data()
+    assert q[np.argmax(c)] == pytest.approx(2 * np.pi / 16, rel=0.1)
+    assert "[1/µm]" in panels["spectrum"].get_xlabel()
+
+
+def test_missing_points_are_grey_gaps_and_have_no_spectrum():
+    z = _wavy()
+    z[20:28, 5:9] = np.nan
+    figure, panels = _panels(z)
+    assert "32 missing" in figure._suptitle.get_text()
+    missing = np.isnan(z)
+    grey = np.ma.masked_invalid(figure.axes[0].images[0].get_array())
+    assert np.array_equal(~np.ma.getmaskarray(grey), missing)
+    assert np.array_equal(np.ma.getmaskarray(image_values(figure)[0]), missing)
+    assert np.array_equal(np.isnan(panels["x"].lines[0].get_ydata()), missing[24])
+    assert not panels["spectrum"].lines and "points are missing" in panels["spectrum"].texts[0].get_text()
+
+
+def test_a_spike_leaves_the_rest_of_a_surface_its_colours():
+    z = _wavy()
+    z[10, 10] += 1000
+    figure, panels = _panels(z)
+    image = figure.axes[0].images[-1]
+    assert image.norm.vmax < 100 < 900 < image.get_array().max()  # [um]
+    assert panels["heights"].get_xlim()[1] < 100
+    assert image.colorbar.extend == "max"
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (5, 6), (60, 4), (4, 60), (16, 16)])
+@pytest.mark.parametrize("value", [0.0, 2.0])
+def test_small_and_flat_surfaces_are_drawn(shape, value):
+    figure, panels = _panels(np.full(shape, value))
+    assert panels["spectrum"].texts and figure.axes[0].images
+    _panels(np.random.default_rng(1).normal(size=shape))
+
+
+def test_numbers_below_a_narrow_map_do_not_touch():
+    figure, panels = _panels(np.random.default_rng(1).normal(size=(192, 30)), (0.0025, 0.005))
+    axes = panels["map"]
+    boxes = [text.get_window_extent() for text in axes.get_xticklabels() if text.get_text()]
+    left, right = axes.get_window_extent().intervalx
+    shown = sorted((box.x0, box.x1) for box in boxes if left < (box.x0 + box.x1) / 2 < right)
+    assert len(shown) > 1 and all(one[1] < other[0] for one, other in pairwise(shown))
+
+
 def test_a_smooth_body_has_no_spectrum(result):
     assert curves.spectrum_figure(result) is None
 
@@ -452,6 +521,50 @@ def test_path_without_roughness_is_drawn_by_load_and_approach():
     first = paths.path_figure([path, path._replace(name="other")]).axes[0]
     assert first.get_xlabel() == "approach δ  [µm]" and first.lines[0].get_xdata() == pytest.approx(1e3 * d)
     assert len(first.lines) == 2
+
+
+def _outlines(axes):
+    return [outline.vertices for band in axes.collections for outline in band.get_paths()]
+
+
+def test_estimated_errors_are_bands_around_the_curves_of_a_path():
+    """Not where they are 1 or no numbers; that of the approach is relative to the one beyond first touch."""
+    load, pressure, area = np.geomspace(1, 32, 6), np.geomspace(100, 400, 6), np.geomspace(0.1, 3, 6)
+    columns = {
+        "load": load, "approach": 1e-3 * load, "indentation": 5e-4 * load, "max_pressure": pressure,
+        "contact_area": area, "load_error": np.zeros(6), "approach_error": np.full(6, 0.2),
+        "max_pressure_error": np.array([1, 0.5, 0.1, 0.1, 0.1, np.nan]), "contact_area_error": np.full(6, 1.0),
+    }  # fmt: skip
+    plain = {name: column for name, column in columns.items() if not name.endswith("_error")}
+    assert not any(axes.collections for axes in paths.path_figure([paths.Path(plain)]).axes)
+    approach, high, wide, _ = paths.path_figure([paths.Path(columns)]).axes
+    (band,) = _outlines(approach)
+    assert band[:, 0].min() == pytest.approx(1 - 0.1) and band[:, 0].max() == pytest.approx(32 + 3.2)  # um
+    (band,) = _outlines(high)
+    assert (band[:, 0].min(), band[:, 0].max()) == pytest.approx((load[1], load[4]))
+    at_second = band[np.isclose(band[:, 0], load[1]), 1]
+    assert (at_second.min(), at_second.max()) == pytest.approx((0.5 * pressure[1], 1.5 * pressure[1]))
+    assert not wide.collections
+    for axes in approach, high:  # within the picture
+        (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
+        (band,) = _outlines(axes)
+        assert ((x0, y0) < band.min(axis=0)).all() and (band.max(axis=0) < (x1, y1)).all()
+    assert "estimated error" in [text.get_text() for text in approach.get_legend().get_texts()]
+
+
+def test_the_estimated_error_of_the_area_is_a_band_of_contact_fractions():
+    p = np.geomspace(1, 3000, 8)
+    columns = {
+        "load": p,
+        "mean_pressure": p,
+        "contact_fraction": 2.2e-4 * p,
+        "contact_area_error": 0.1 + 0 * p,
+    }
+    fraction, kappa, *_ = paths.path_figure([paths.Path(columns, "", scale=1e4)]).axes
+    for axes, first in (fraction, 2.2e-4), (kappa, 2.2):
+        (band,) = _outlines(axes)
+        at_first = band[np.isclose(band[:, 0], 1e-4), 1]
+        assert (at_first.min(), at_first.max()) == pytest.approx((0.9 * first, 1.1 * first))
 
 
 def test_the_analytic_solution_stands_beside_the_path_of_a_smooth_body():

@@ -151,7 +151,9 @@ def test_numbers(state):
         assert gaps.residual == pytest.approx(np.linalg.norm(e[cells]), rel=1e-13)
         assert gaps.rms == pytest.approx(np.sqrt(np.mean(e[cells] ** 2)), rel=1e-13)
         assert gaps.mean == pytest.approx(np.mean(e[cells]), rel=1e-12, abs=1e-14)
-    assert state.on_contact(with_h=True).h == pytest.approx(np.linalg.norm(state.distance.b[state.contact]), rel=1e-13)
+    assert state.on_contact(with_h=True).h == pytest.approx(
+        np.linalg.norm(state.distance.b[state.contact]), rel=1e-13
+    )
     assert state.on_contact_or_overlap().load == pytest.approx(state.load, rel=1e-13)
     assert state.cells_in_contact() == np.count_nonzero(state.contact)
     u = state.u.copy()
