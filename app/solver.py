@@ -393,6 +393,7 @@ class ContactSolver:
         p, distance, depth = state.p, state.distance, state.depth
         approach = loading.approach if prescribed is None else state.approach
         extent = measure_extent(state)
+        notes = notes_on(state, self.problem, found, self._roughness)
         # Rank 0 has a part in every grid and window.
         told = applications, history.entries, self.comm.traffic.since(before)
         applications, history.entries, traffic = self._team.comm.bcast(told)
@@ -425,7 +426,7 @@ class ContactSolver:
             | (analytic_values(self.problem, approach, prescribed) if found.load > 0 else {})
             | theories(self.problem, found.mean_pressure, self._roughness.rms_slope),
             options=as_line(self.settings.texts),
-            notes=(*self.settings.warnings, *notes_on(state, self.problem, found, self._roughness)),
+            notes=(*self.settings.warnings, *notes),
             solve_seconds=seconds,
             setup_seconds=self.setup_seconds,
             traffic=traffic,

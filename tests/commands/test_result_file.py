@@ -92,7 +92,7 @@ def test_reading_refuses_other_files(path, tmp_path):
         with pytest.raises(ValueError, match=reason):
             read_result(other)
     with h5py.File(tmp_path / "foreign.h5", "w") as file:
-        file["heights"] = np.zeros((3, 3))
+        file["elevation"] = np.zeros((3, 3))
     with pytest.raises(ValueError, match="no result of app.solve"):
         read_result(tmp_path / "foreign.h5")
     with h5py.File(path, "r+") as file:

@@ -42,7 +42,7 @@ def test_options_are_as_they_were_after_the_block_that_sets_them():
 
 
 @pytest.mark.parametrize("call", ["PetscOptionsPush", "PetscOptionsPop"])
-def test_options_are_as_they_were_whenever_ctrl_c_comes(call, monkeypatch):
+def test_options_are_as_they_were_whenever_ctrl_c_comes(call, monkeypatch, request):
     plain = petsc._call
 
     def interrupted(name, *arguments):
@@ -50,6 +50,8 @@ def test_options_are_as_they_were_whenever_ctrl_c_comes(call, monkeypatch):
         if name == call:
             signal.raise_signal(signal.SIGINT)
 
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it is ignored
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
     database, outside = OptionDatabase({"inside": "1"}), PETSc.Options()
     with monkeypatch.context() as patch:
         patch.setattr(petsc, "_call", interrupted)
@@ -97,7 +99,7 @@ class Norms:
     def norm(self):
         return self._whole
 
-    def on_contact(self):
+    def on_contact(self, with_h):
         return Gaps(1, 0.0, 0.0, h=self._inside)
 
 
