@@ -213,9 +213,8 @@ def _draw_all(arguments):
     """Draw all files; return the names of the pictures."""
     kind, dpi, several = arguments.format, arguments.dpi, len(arguments.files) > 1
     for file in arguments.files[1:]:
-        next(
-            _pictures(file, _read(file, arguments), arguments)
-        )  # what is wrong is told before anything is written
+        # What is wrong is told before anything is written.
+        next(_pictures(file, _read(file, arguments), arguments))
     along, drawn = [], []
     for file, name in zip(arguments.files, arguments.names, strict=True):
         data = _read(file, arguments)

@@ -159,9 +159,10 @@ class ContactSolver:
     def _set_up(self):
         chosen, problem = self.settings, self.problem
         grid, compliance = problem.grid, problem.material.compliance
-        alone = replace(grid, periodic="")  # images change little of a cell's influence on itself
-        self._largest = float(influence_quadrant(alone, compliance, slice(0, 1), 1)[0, 0])
+        self._largest = None  # influence coefficient, which only single precision asks for [mm3/N]
         if chosen.single:
+            alone = replace(grid, periodic="")  # images change little of a cell's influence on itself
+            self._largest = float(influence_quadrant(alone, compliance, slice(0, 1), 1)[0, 0])
             check_single("influence coefficients", self._largest, "mm3/N")
         self.hierarchy = hierarchy = make_hierarchy(grid, compliance, self._team.comm, chosen)
         self._resources.add(hierarchy)

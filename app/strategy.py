@@ -169,7 +169,10 @@ class Strategy:
             raise InputError(f"{name}: needed: a Solution on the same grid and as many ranks")
 
     def check_loading(self, loading, largest):
-        """Refuse a loading that the method or its precision cannot do; `largest` influence [mm3/N]. Not collective."""
+        """Refuse a loading that the method or its precision cannot do. Not collective.
+
+        `largest`: influence coefficient [mm3/N]; only single precision asks for it.
+        """
         if loading.prescribes_load and not self.by_load:
             raise InputError(f"-lcp_type {self._settings.strategy}: works by approach only, not by load")
         if self._settings.single:

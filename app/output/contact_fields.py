@@ -76,11 +76,10 @@ class ContactFields:
         -------
         Patches
         """
-        from app.halfspace.connected import connected_sets
         from app.halfspace.reductions import minimum_over, sum_over
 
         grid = self.grid
-        found, sizes = connected_sets(self.contact == 1, bool(grid.periodic), self.slabs, self.comm)
+        found, sizes = self._connected()
         order, number = np.argsort(-sizes, kind="stable"), np.zeros(len(sizes) + 1, found.dtype)
         number[order + 1] = np.arange(1, len(sizes) + 1)
         labels, sizes = number[found], sizes[order]
@@ -118,10 +117,14 @@ class ContactFields:
 
         More about them: `patches`.
         """
+        _, cells = self._connected()
+        return np.sort(cells)[::-1] * self.grid.cell_area
+
+    def _connected(self):
+        """Labels of the patches of contact in the rows here, and their cells. Collective."""
         from app.halfspace.connected import connected_sets
 
-        _, cells = connected_sets(self.contact == 1, bool(self.grid.periodic), self.slabs, self.comm)
-        return np.sort(cells)[::-1] * self.grid.cell_area
+        return connected_sets(self.contact == 1, bool(self.grid.periodic), self.slabs, self.comm)
 
     def count_patches(self):
         """Number of patches of contact, and area of the largest [mm2], as results have them. Collective."""

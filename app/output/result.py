@@ -220,7 +220,11 @@ def holds_heights(path):
         If it cannot be read.
     """
     with opened(path) as file:
-        return "heights" in file and not any(name in file for name in FIELDS)
+        return "heights" in file and not _holds_a_result(file)
+
+
+def _holds_a_result(file):
+    return any(name in file for name in FIELDS)
 
 
 def refuse_others(file):
@@ -228,7 +232,7 @@ def refuse_others(file):
 
     Not collective.
     """
-    if any(name in file for name in FIELDS):
+    if _holds_a_result(file):
         return
     if "depth" in file and "line/von_mises" in file:
         raise InputError(

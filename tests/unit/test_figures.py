@@ -462,15 +462,15 @@ def test_stress_below_a_single_column_has_its_width_and_the_legend_touches_no_cu
     assert right.get_legend().get_window_extent().x0 >= right.bbox.x1
 
 
-def test_legend_of_rough_paths_touches_no_curve():
+def _rough_path(**shares):
+    """Path of eight mean pressures, in contact on 2.2e-4 of them; `shares`: other columns in proportion."""
     p = np.geomspace(1, 3000, 8)
-    columns = {
-        "load": p,
-        "mean_pressure": p,
-        "contact_fraction": 2.2e-4 * p,
-        "contact_fraction_corrected": 2e-4 * p,
-    }
-    figure = paths.path_figure([paths.Path(columns, "", scale=1e4)])
+    shares = {"load": 1, "mean_pressure": 1, "contact_fraction": 2.2e-4} | shares
+    return paths.Path({name: share * p for name, share in shares.items()}, "", scale=1e4)
+
+
+def test_legend_of_rough_paths_touches_no_curve():
+    figure = paths.path_figure([_rough_path(contact_fraction_corrected=2e-4)])
     assert [axes.get_legend() is not None for axes in figure.axes] == [False, True, False, False]
     figure.canvas.draw()
     axes = figure.axes[1]
@@ -553,14 +553,9 @@ def test_estimated_errors_are_bands_around_the_curves_of_a_path():
 
 
 def test_the_estimated_error_of_the_area_is_a_band_of_contact_fractions():
-    p = np.geomspace(1, 3000, 8)
-    columns = {
-        "load": p,
-        "mean_pressure": p,
-        "contact_fraction": 2.2e-4 * p,
-        "contact_area_error": 0.1 + 0 * p,
-    }
-    fraction, kappa, *_ = paths.path_figure([paths.Path(columns, "", scale=1e4)]).axes
+    path = _rough_path()
+    path.columns["contact_area_error"] = np.full(8, 0.1)
+    fraction, kappa, *_ = paths.path_figure([path]).axes
     for axes, first in (fraction, 2.2e-4), (kappa, 2.2):
         (band,) = _outlines(axes)
         at_first = band[np.isclose(band[:, 0], 1e-4), 1]
