@@ -313,6 +313,11 @@ def log_reduction():
     _counter("petsc_allreduce_ct").value += 1
 
 
+# Errors that say that types do not go together: unsupported, wrong argument or state, method missing, unknown type, no
+# factorisation
+_WRONG_CHOICES = (56, 60, 62, 73, 75, 83, 86, 92)
+
+
 def error_message(error):
     """What a PETSc.Error says, on one line and without its stack. Not collective."""
     noise = ("error code", "See ", "#")
@@ -321,6 +326,13 @@ def error_message(error):
     told = [line.strip() for line in lines if "() " not in line and not line.startswith(noise)]
     said = told[-1] if told else " ".join(str(error).split())
     return f"what is written in Python has no {said}" if re.fullmatch(r"method \w+\(\)", said) else said
+
+
+def refusal(error):
+    """InputError in place of an error of PETSc's that says that solvers do not go together. Not collective."""
+    if isinstance(error, PETSc.Error) and error.ierr in _WRONG_CHOICES:
+        return InputError(f"solver options: {error_message(error)}")
+    return error
 
 
 @contextmanager

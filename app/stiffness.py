@@ -58,7 +58,7 @@ def contact_stiffness(hierarchy, distance, contact):
         ones.setArray(contact.reshape(-1).astype(float))
         to_end.enter_context(operator.in_double())
         to_end.enter_context(options_set({}, _OPTIONS))
-        solver = LinearSolver(hierarchy, -1, operator.petsc_comm, operator=operator)
+        solver = LinearSolver(hierarchy, operator=operator)
         to_end.callback(solver.destroy)
         solver.set_contact()
         q, iterations, failure = solver.solve(ones, np.inf)

@@ -22,16 +22,13 @@ from app.fast.stopping import InexactStop
 from app.halfspace import product
 from app.multigrid import direct, transfer
 from app.multigrid.hierarchy import Hierarchy
+from app.multigrid.kept import KeptSolvers
 from app.multigrid.linear_solver import LinearSolver
-from app.petsc import error_message
+from app.petsc import refusal
 from app.primal import solver as primal_solver
 from app.primal.nested import primal_iteration
-from app.primal.solver import KeptPrimalSolvers, PrimalSolver
+from app.primal.solver import PrimalSolver
 from app.solution import Solution
-
-# PETSc's errors that say that types do not go together: unsupported, wrong argument or state, method missing, unknown
-# type, no factorisation
-_WRONG_CHOICES = (56, 60, 62, 73, 75, 83, 86, 92)
 
 
 class Strategy:
@@ -113,9 +110,9 @@ class Strategy:
         try:
             return self._run(loading, history, start)
         except PETSc.Error as error:
-            if error.ierr not in _WRONG_CHOICES:
+            if (refused := refusal(error)) is error:
                 raise
-            raise InputError(f"solver options: {error_message(error)}") from None
+            raise refused from None
 
     def _run(self, loading, history, start):
         hierarchy, full = self._hierarchy, None
@@ -293,7 +290,7 @@ class Primal(Inexact):
 
     def __init__(self, settings, hierarchy):
         super().__init__(settings, hierarchy)
-        self._kept = KeptPrimalSolvers(hierarchy, self.solver)
+        self._kept = KeptSolvers(PrimalSolver, hierarchy, self.solver)
 
     def _make_solver(self):
         primal_solver.prepare(self._hierarchy, self._settings.defect_correction > 0)

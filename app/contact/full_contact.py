@@ -67,13 +67,12 @@ class FullContact:
             self.put_off = self._far(wanted)
             if self.put_off:
                 return None
-        with state.pressure as values:
-            p = values.reshape(state.u.shape)
-            least = self._find_needed(state.operator.exact_inverse, distance, p)
-            if wanted is not None and wanted < least:
-                return None
-            p += max(least, 0.0) if wanted is None else wanted
-            np.maximum(p, 0.0, out=p)
+        p = state.values
+        least = self._find_needed(state.operator.exact_inverse, distance, p)
+        if wanted is not None and wanted < least:
+            return None
+        p += max(least, 0.0) if wanted is None else wanted
+        np.maximum(p, 0.0, out=p)
         history.start(state, self)
         state.contact[...] = True
         distance.move_to(distance.statistics.mean)

@@ -12,6 +12,7 @@ import numpy as np
 from app.contact.iteration import active_set_or_search
 from app.contact.state import ContactState, Displacement
 from app.contact.visits import Visits
+from app.halfspace.communication import FailuresTold
 from app.multigrid.direct import DirectSolver, begins_directly
 from app.multigrid.linear_solver import LinearSolver
 
@@ -61,7 +62,8 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
             # (3.b): until the contact area is unchanged, and on the target grid (5.1)
             solve = partial(active_set_or_search, state, solver, stop=visits.test(stop), history=history)
             # Sec. 4.3, 1: the coarsest grid, directly if it is small; Sec. 4.3, 3 and 4: the others, to the target
-            found = loading.first_solve(state, solve) if coarse is None else solve(loading)
+            with FailuresTold(visits.waiting(state)):
+                found = loading.first_solve(state, solve) if coarse is None else solve(loading)
             visits.solved(found, state.depth)
             if solver is not target_solver:
                 solver.destroy()
@@ -86,10 +88,9 @@ def copy_prolongation(transfer, coarse, state, beta):
     highest = -float(state.minimum(-state.u.max(initial=-np.inf)))
     np.less_equal(state.u - state.distance.b, beta * highest, out=state.contact)  # (4.1)
     state.contact &= state.admissible
-    with state.pressure as values:
-        p = values.reshape(state.u.shape)
-        transfer.copy(coarse.p, p)
-        np.copyto(p, 0.0, where=~state.contact)
+    p = state.values
+    transfer.copy(coarse.p, p)
+    np.copyto(p, 0.0, where=~state.contact)
 
 
 def _solver_on(hierarchy, number, first):
@@ -97,4 +98,4 @@ def _solver_on(hierarchy, number, first):
     operator = hierarchy.levels[number]
     if first and begins_directly(hierarchy, number):
         return DirectSolver(operator, number)
-    return LinearSolver(hierarchy, number, operator.petsc_comm)
+    return LinearSolver(hierarchy, number)

@@ -187,35 +187,11 @@ def sum_squares(x, shift, mask):
 
 
 @any_order
-def _gap_row(b, u, mask):
+def _gap_row(b, u, mask, overlapping):
     squares, total, cells = 0.0, 0.0, 0
     for i in range(b.size):
         e = u[i] - b[i]
-        e = e if mask[i] else 0.0
-        squares += e * e
-        total += e
-        cells += mask[i]
-    return squares, total, cells
-
-
-@any_order
-def gap_on(b, u, mask):
-    """Sum of squares and sum of h + u over a mask, and the number of cells there."""
-    squares, total, cells = 0.0, 0.0, 0
-    for j in range(b.shape[0]):
-        here = _gap_row(b[j], u[j], mask[j])
-        squares += here[0]
-        total += here[1]
-        cells += here[2]
-    return squares, total, cells
-
-
-@any_order
-def _gap_or_overlap_row(b, u, admissible, contact):
-    squares, total, cells = 0.0, 0.0, 0
-    for i in range(b.size):
-        e = u[i] - b[i]
-        inside = contact[i] | (admissible[i] & (e <= 0))
+        inside = mask[i] | (overlapping[i] & (e <= 0))
         e = e if inside else 0.0
         squares += e * e
         total += e
@@ -224,11 +200,14 @@ def _gap_or_overlap_row(b, u, admissible, contact):
 
 
 @any_order
-def gap_or_overlap_on(b, u, admissible, contact):
-    """As `gap_on`, over C and where h + u is negative."""
+def gap_on(b, u, mask, overlapping):
+    """Sum of squares and sum of h + u over a mask, and where it is not positive over another; number of these cells.
+
+    The same mask twice: over that alone.
+    """
     squares, total, cells = 0.0, 0.0, 0
     for j in range(b.shape[0]):
-        here = _gap_or_overlap_row(b[j], u[j], admissible[j], contact[j])
+        here = _gap_row(b[j], u[j], mask[j], overlapping[j])
         squares += here[0]
         total += here[1]
         cells += here[2]
@@ -267,6 +246,5 @@ def warm_up():
         activate(fixed, field, fixed, mask, mask, mask, low, np.zeros(0, bool))
     numbers(fixed, mask)
     sum_squares(fixed, 0.0, mask)
-    gap_on(fixed, field, mask)
-    gap_or_overlap_on(fixed, field, mask, mask)
+    gap_on(fixed, field, mask, mask)
     faces(np.zeros((0, 1), bool), np.zeros(1, bool), False)

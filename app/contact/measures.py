@@ -56,7 +56,7 @@ def measure_contact(state):
     ContactMeasures
     """
     grid, distance, slabs = state.grid, state.distance, state.operator.slabs
-    _, total, _ = kernels.gap_on(distance.b, state.u, state.admissible)
+    _, total, _ = kernels.gap_on(distance.b, state.u, state.admissible, state.admissible)
     force, highest, cells = kernels.numbers(state.p, state.contact)
     in_x, in_y = kernels.faces(
         state.contact,

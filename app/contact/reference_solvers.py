@@ -98,11 +98,10 @@ class _ReferenceSolver:
 
         Collective. Sets contact and displacement.
         """
-        with state.pressure as values:
-            p = values.reshape(state.u.shape)
-            np.maximum(p, 0, out=p)
-            np.greater(p, 0, out=state.contact)
-            self.operator.exact_displacement(p, state.u)
+        p = state.values
+        np.maximum(p, 0, out=p)
+        np.greater(p, 0, out=state.contact)
+        self.operator.exact_displacement(p, state.u)
         state.u_is = Displacement.EXACT
         e = state.u - state.distance.b
         defect, overlap = e[state.contact], e[state.admissible & ~state.contact].clip(max=0)

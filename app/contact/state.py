@@ -209,8 +209,7 @@ class ContactState:
         tends = self._p + self.distance.b / (self.operator.diagonal or 1.0)
         least = self.minimum([tends.min(initial=np.inf)])[0]
         np.greater(tends, least, out=self.contact)
-        self._p[~self.contact] = 0.0
-        self.pressure.stateIncrease()
+        self.values[~self.contact] = 0.0
         self.compute_displacement()
 
     def cells_in_contact(self):
@@ -221,12 +220,12 @@ class ContactState:
         """Return the Gaps on C; `with_h`: and ||h|| there. Collective."""
         b, contact = self.distance.b, self.contact
         of_h = kernels.sum_squares(b, 0.0, contact) if with_h else np.nan
-        squares, total, cells, h = self.sum([*kernels.gap_on(b, self.u, contact), of_h])
+        squares, total, cells, h = self.sum([*kernels.gap_on(b, self.u, contact, contact), of_h])
         return Gaps(int(cells), squares, total, h=sqrt(h))
 
     def on_contact_or_overlap(self):
         """Return the Gaps on C and where they are negative, and the load. Collective."""
-        sums = kernels.gap_or_overlap_on(self.distance.b, self.u, self.admissible, self.contact)
+        sums = kernels.gap_on(self.distance.b, self.u, self.contact, self.admissible)
         squares, total, cells, pressure = self.sum([*sums, self._p.sum()])
         return Gaps(int(cells), squares, total, load=self.grid.cell_area * float(pressure))
 
@@ -330,8 +329,8 @@ class ContactState:
         cells_inside = self.sum([np.count_nonzero(inside)])[0]
         if 2 * cells_inside < cells:
             return self.scale(load / carried)
-        with self.pressure as values:
-            values += inside.reshape(-1) * (lacks / cells_inside)
+        p = self.values
+        p += inside * (lacks / cells_inside)
         return self.compute_displacement()
 
     def spread(self, load):

@@ -53,6 +53,10 @@ class Visits:
         self.outcome = outcome.on_from(self.outcome)
         self._loading.solved(depth)
 
+    def waiting(self, state):
+        """Communicator of rank 0 and those that wait while a grid is solved, or None. Collective over these."""
+        return self.hierarchy.ranks.beyond(state.operator.slabs.size)
+
     def leave(self, state, found=None):
         """Go on to the next grid.
 
@@ -70,12 +74,9 @@ class Visits:
         any
             That, on all ranks of the next grid.
         """
-        if not self.hierarchy.joined(state.operator, self.following):
-            return found
-        known = state.depth, self._loading.known, self.outcome, self.grid_numbers, found
-        depth, loading, self.outcome, self.grid_numbers, found = self.hierarchy.comm.bcast(known)
-        if not state.operator.active:
-            self._loading.known, state.depth = loading, depth
+        if self.hierarchy.joined(state.operator, self.following) and (comm := self.waiting(state)):
+            known = comm.tell((state.depth, self._loading.known, self.outcome, self.grid_numbers, found))
+            state.depth, self._loading.known, self.outcome, self.grid_numbers, found = known
         return found
 
     def result(self, state, difference=float("nan")):

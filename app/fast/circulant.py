@@ -19,7 +19,6 @@ from functools import cache, partial
 import numpy as np
 from petsc4py import PETSc
 
-from app.compiled import njit
 from app.fast import between, levels, rim
 from app.fast.between import Between
 from app.fast.levels import circulant_inverse, known
@@ -60,20 +59,6 @@ def circulant_of(operator, apart=False):
     return known(operator, "apart" if apart and not periodic else "adjoining", make, spectra=operator.spectra)
 
 
-@njit()
-def _copy_row(x, contact, out):
-    for i in range(x.size):
-        value = x[i]
-        out[i] = value if contact[i] else 0
-
-
-@njit()
-def _copy_on(x, contact, out):
-    """out = x on C, 0 elsewhere."""
-    for j in range(x.shape[0]):
-        _copy_row(x[j], contact[j], out[j])
-
-
 def warm_up(grid, dtype):
     """Prepare now what preconditioners on a free grid, and in windows of it, will need. Not collective."""
     centre(grid)
@@ -86,11 +71,6 @@ def _load_loops(dtype):
     for kind in {np.dtype(np.float64), dtype}:
         rim.warm_up(kind)
         between.warm_up(kind)
-    field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
-    fixed = field.view()
-    fixed.flags.writeable = False
-    for source in (fixed, field):
-        _copy_on(source, mask, field)
 
 
 class Circulant:
@@ -138,9 +118,9 @@ class Circulant:
         shape = operator.local_shape
         with y as out:
             r, z = x.getArray(readonly=True).reshape(shape), out.reshape(shape)
-            _copy_on(r, operator.mask, z)
+            np.multiply(r, operator.mask, out=z)
             self.precondition(z, z)
-            _copy_on(z, operator.mask, z)
+            z *= operator.mask
 
     def precondition(self, r, z, reduced=None):
         """Compute z = E^T B E r on C, whatever elsewhere. Collective.

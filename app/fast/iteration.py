@@ -116,7 +116,7 @@ class _ContactSets:
         state, solver, stop = self.state, self.solver, self.stop
         tension = solver.tension(state) if solved.norm <= solved.allowed else None
         # The system is solved, and on the target grid next to no pressure is negative: is it the last contact set?
-        ready = tension is not None and (not stop.final or tension.share <= stop.rtol)
+        ready = tension is not None and (not stop.final or tension <= stop.rtol)
         too_loose = False
         if ready and stop.says_little(state, self._h_on_contact):
             solver.carry(state)
@@ -168,7 +168,7 @@ class _ContactSets:
             self._rehearsal_failed or self._load_has_fallen
         )
         # By approach a release of next to no pressure is not rehearsed. By load it is: the approach may move by it.
-        if carried and (loading.prescribes_load or not tension.some):
+        if carried and (loading.prescribes_load or not tension):
             solver.release(state, tension)  # (4.a), and u along with it
             loading.update(state)
             rehearsal = state.activate_penetrating()
@@ -177,7 +177,7 @@ class _ContactSets:
             if self._rehearsal_failed:
                 return _Exchanged(rehearsal)
         else:
-            state.release_tensile(tension.some)  # (4.a)
+            state.release_tensile(tension > 0)  # (4.a)
         self._rehearsal_failed = False
         solver.rest()
         if state.u_is is not Displacement.EXACT:
@@ -203,14 +203,14 @@ class _ContactSets:
         What little the last release does to u is for the finer grid to find out, if the load is nearly met.
         """
         state, solver, loading = self.state, self.solver, self.loading
-        if tension.share > RELEASED:
+        if tension > RELEASED:
             solver.release(state, tension)  # (4.a), and u along with it
             loading.update(state)
             return _Exchanged(state.activate_penetrating())  # (4.b)
         solver.carry(state)
         met = loading.update(state) <= NEAR * solved.allowed / np.sqrt(self._cells)
         if met:
-            state.release_tensile(tension.some)  # (4.a)
+            state.release_tensile(tension > 0)  # (4.a)
         else:  # the approach has moved by this pressure already
             solver.release(state, tension)
         return _Exchanged(state.activate_penetrating(), done=met)  # (4.b)

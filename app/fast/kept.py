@@ -25,11 +25,8 @@ class Kept(KeptSolvers):
     """
 
     def __init__(self, hierarchy, target=None):
-        super().__init__(hierarchy, target)
+        super().__init__(TrackingSolver, hierarchy, target)
         self._windows, self._spectra, self._direct = {}, {}, {}
-
-    def _make(self, number, operator):
-        return TrackingSolver(self._hierarchy, number, operator.petsc_comm, operator=operator)
 
     def window(self, place, grid, slabs, comm, verification=None):
         """Operator of a window, ready for another contact set. Collective over `comm`.

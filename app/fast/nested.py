@@ -14,6 +14,7 @@ from app.fast.lift import lift
 from app.fast.progress import NeedsSafeguard
 from app.fast.safeguard import projected_newton
 from app.fast.windows import Stage
+from app.halfspace.communication import FailuresTold
 from app.multigrid.direct import begins_directly
 from app.multigrid.linear_solver import LinearSolver
 
@@ -60,7 +61,8 @@ def nested_iteration(
             coarse.destroy()
         coarse = state  # for the next grid; the arrays of the coarser one go
         if state.operator.active:
-            solved = solve_on(hierarchy, number, state, loading, visits.test(stop), history, first, kept)
+            with FailuresTold(visits.waiting(state)):
+                solved = solve_on(hierarchy, number, state, loading, visits.test(stop), history, first, kept)
             visits.solved(solved, state.depth)
             if not target:
                 boxes = stage.boxes_for_next(coarse_minimum, loading.predict(state.depth))
@@ -103,7 +105,7 @@ def safeguarded(hierarchy, number, state, loading, stop, history):
     """Solve on one grid by the safeguard, from what is there. Collective over the ranks of `state`."""
     operator = state.operator
     with operator.in_double():
-        solver = LinearSolver(hierarchy, number, operator.petsc_comm, operator=operator)
+        solver = LinearSolver(hierarchy, number, operator=operator)
         tight = stop.tighter(0.1)  # what a load settles then must still pass
 
         def solve(_):  # the state has the approach

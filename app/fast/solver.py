@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from petsc4py import PETSc
 
 from app.contact import kernels
@@ -15,13 +13,6 @@ from app.multigrid.kept import is_large
 from app.multigrid.linear_solver import LinearSolver
 
 _event = PETSc.Log.Event("InfluenceByLevels")
-
-
-class Tension(NamedTuple):
-    """The negative part of the pressure, which step 4.a will take away."""
-
-    share: float  # of the sum of p
-    some: bool  # whether there is any
 
 
 class TrackingSolver(LinearSolver):
@@ -111,10 +102,9 @@ class TrackingSolver(LinearSolver):
             self.by_levels = state.on_contact().residual <= most
 
     def tension(self, state):
-        """Return the Tension. Collective."""
+        """Return the negative part of the pressure, which step 4.a takes away, as a share of its sum. Collective."""
         total, negative = state.sum(kernels.tension(state.p, state.contact))
-        share = negative / total if total > 0 else float("inf") if negative else 0.0
-        return Tension(share, bool(negative))
+        return negative / total if total > 0 else float("inf") if negative else 0.0
 
     def release(self, state, tension=None, carry=True):
         """Step 4.a, and u along with it; return whether cells left C. Collective.
@@ -124,7 +114,7 @@ class TrackingSolver(LinearSolver):
         change = self._cg.change
         if not self._pending:
             change[...] = 0
-        released = state.release_tensile(tension and tension.some, change)
+        released = state.release_tensile(None if tension is None else tension > 0, change)
         self._pending = carry and (self._pending or released > 0)
         self.carry(state)
         return released

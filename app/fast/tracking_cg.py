@@ -58,7 +58,7 @@ def _direction_row(d, z, beta, contact):
 def _dot_row(a, b, contact):
     total = 0.0
     for i in range(a.size):
-        value = a[i] * b[i]
+        value = np.float64(a[i]) * b[i]
         total += value if contact[i] else 0.0
     return total
 

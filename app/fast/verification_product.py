@@ -22,6 +22,8 @@ class VerificationProduct:
         Between it and the window.
     inner : Slabs
         Of the window.
+    ranks : Ranks
+        All.
 
     Attributes
     ----------
@@ -31,16 +33,16 @@ class VerificationProduct:
 
     count = flops = 0  # its products are those of the target grid's operator
 
-    def __init__(self, target, scatter, inner):
+    def __init__(self, target, scatter, inner, ranks):
         self._target, self._scatter, self._inner = target, scatter, inner
-        self._awaited = inner.size < target.slabs.size  # by other ranks
+        self._waiting = ranks.beyond(inner.size)
         self._scaled = None
         self.u = None
 
     def apply(self, p, u):
         """Compute u = A p in the window and everywhere else. Collective over the ranks of the window."""
-        if self._awaited:
-            self._target.comm.bcast(_PRODUCT)
+        if self._waiting:
+            self._waiting.tell(_PRODUCT)
         self.by_all(p, u)
 
     def by_all(self, p, u):
@@ -62,11 +64,11 @@ class VerificationProduct:
         What p has been multiplied by since the last one is told in the end; None if that is forgotten.
         """
         self._scaled = None if self.u is None else state.scaled
-        if self._awaited and self._inner.active:
-            self._target.comm.bcast(self._scaled)
-        elif self._awaited:
+        if self._waiting and self._inner.active:
+            self._waiting.tell(self._scaled)
+        elif self._waiting:
             nothing = np.empty(state.u.shape)
-            while (told := self._target.comm.bcast(None)) == _PRODUCT:
+            while (told := self._waiting.tell()) == _PRODUCT:
                 self.by_all(nothing, nothing)
             self._scaled = told
 

@@ -104,7 +104,7 @@ class Stage:
         slabs, few = hierarchy.ranks.deal(grid)
         self._scatter = Scatter(window, level.slabs, slabs, comm)
         if level is hierarchy.target:
-            self._verification = VerificationProduct(level, self._scatter, slabs)
+            self._verification = VerificationProduct(level, self._scatter, slabs, hierarchy.ranks)
         fine = self._kept.window((self._number, "fine"), grid, slabs, few, self._verification)
         below = self._kept.window((self._number, "below"), below_grid, slabs.coarsen(factors[0]), few)
         self._operators = fine, below
@@ -175,8 +175,7 @@ class Stage:
         inside.distance.destroy()
         inside.distance = inside.u = None  # room for the state of all cells
         self.state = state = ContactState(self._level, self._distance, u=u, u_is=Displacement.EXACT)
-        with state.pressure as values:
-            scatter.reverse(inside.p, values.reshape(state.u.shape))
+        scatter.reverse(inside.p, state.values)
         scatter.reverse(inside.contact, state.contact)
         inside.destroy()
         return state, not converged or not state.activate_penetrating().added

@@ -13,7 +13,7 @@ import numpy as np
 from mpi4py import MPI
 
 from app.errors import FailedElsewhere, InputError, described
-from app.petsc import log_messages, log_reduction
+from app.petsc import log_messages, log_reduction, refusal
 
 _TRIAL_BYTES = 1 << 18  # that a rank sends, but a page to each other one at least
 _TRIALS, _TRIAL_SECONDS = 6, 0.005  # at most; so long together, but for the first, which opens connections
@@ -95,12 +95,12 @@ class Communicator(MPI.Intracomm):
         if self.near == self.size:
             return 0.0
         last, slowest, found = np.zeros(1), np.zeros(1), []
-        while len(found) < _TRIALS and sum(found[1:]) < _TRIAL_SECONDS:
+        while len(found) <= _TRIALS and sum(found[2:]) < _TRIAL_SECONDS:
             started = time.perf_counter()
             self.Allreduce(last, slowest, MPI.MAX)
             last[0] = time.perf_counter() - started
-            found += [float(slowest[0])][: bool(slowest[0])]  # of the trial before
-        return min(found)
+            found.append(float(slowest[0]))  # of the trial before
+        return min(found[1:])
 
     @cached_property
     def byte_seconds(self):
@@ -143,6 +143,13 @@ class Communicator(MPI.Intracomm):
         self.traffic.count(1, rows.nbytes)
         return super().Isend(rows, dest, tag)
 
+    def tell(self, known=None):
+        """Return what rank 0 tells; if that is a `Failure`, raise it on the others. Collective."""
+        told = self.bcast(known)
+        if isinstance(told, Failure) and self.rank > 0:
+            raise (InputError if told.refused else FailedElsewhere)(told.why)
+        return told
+
     def meet(self):
         """Count and wait for all, who read and write shared memory: an all-to-all that sends nothing. Collective."""
         self.traffic.all_to_alls += 1
@@ -177,6 +184,36 @@ _ALONE = {"allreduce": lambda found: found, "bcast": lambda found: found} | dict
 )
 for _name in ("Allreduce", "Allgatherv", "Gatherv", "allreduce", "allgather", "bcast", "gather"):
     setattr(Communicator, _name, _counted(_name))
+
+
+class Failure:
+    """What has gone wrong on some ranks, for those that wait for them."""
+
+    def __init__(self, error):
+        error = refusal(error)
+        self.refused = isinstance(error, InputError)
+        self.why = str(error) if self.refused else f"on another rank: {described(error)}"
+
+
+class FailuresTold:
+    """A block on rank 0 of a communicator, whose other ranks wait in `tell`, and hear if it fails. Not collective.
+
+    Parameters
+    ----------
+    comm : Communicator or None
+        None: nobody waits.
+    """
+
+    def __init__(self, comm):
+        self._comm = comm
+
+    def __enter__(self):
+        """Begin."""
+
+    def __exit__(self, _, error, __):
+        """End."""
+        if error is not None and self._comm is not None:
+            self._comm.tell(Failure(error))
 
 
 class Team:
@@ -215,19 +252,13 @@ class Team:
         """
         if self._told is None:
             return function(*arguments)
-        result = told = failure = None
-        if self.comm is not None:
-            try:
-                result = function(*arguments)
-                told = summary(result)
-            except Exception as error:
-                failure = error
-        refused = isinstance(failure, InputError)
-        why = failure and (str(failure) if refused else f"on another rank: {described(failure)}")
-        told, why, refused = self._told.bcast((told, why, refused))
-        if why is not None:
-            raise failure or (InputError if refused else FailedElsewhere)(why)
-        return told if self.comm is None else result
+        if self.comm is None:
+            return self._told.tell()
+        with FailuresTold(self._told):
+            result = function(*arguments)
+            known = summary(result)
+        self._told.tell(known)
+        return result
 
     def destroy(self):
         """Free what was made here. Collective."""

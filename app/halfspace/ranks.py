@@ -70,6 +70,19 @@ class Ranks:
             self._made[size] = self.comm.first(size)
         return self._made[size]
 
+    def beyond(self, size):
+        """Communicator of rank 0 and those beyond the first `size`, which wait for a grid that they have no part in.
+
+        Collective over these, when first asked for. None if there are none, and on the other first ranks.
+        """
+        if size == self.size or 0 < self.rank < size:
+            return None
+        if size == 1:
+            return self.comm
+        if -size not in self._made:
+            self._made[-size] = self.comm.of([0, *range(size, self.size)])
+        return self._made[-size]
+
     def destroy(self):
         """Free the communicators made here. Collective."""
         for size in sorted(self._made):

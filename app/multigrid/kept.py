@@ -11,17 +11,19 @@ def is_large(grid):
 
 
 class KeptSolvers:
-    """Linear solvers of one hierarchy; of which kind, who inherits says by ``_make(number, operator)``.
+    """Linear solvers of one hierarchy.
 
     Parameters
     ----------
+    kind : type
+        Of `LinearSolver`.
     hierarchy : Hierarchy
     target : LinearSolver or None
         Of the target grid, if there is one; its owner frees it.
     """
 
-    def __init__(self, hierarchy, target=None):
-        self._hierarchy, self._target, self._solvers = hierarchy, target, {}
+    def __init__(self, kind, hierarchy, target=None):
+        self._kind, self._hierarchy, self._target, self._solvers = kind, hierarchy, target, {}
 
     def prepare(self, first=0):
         """Make now those of small grids that are worked on as a whole, from level `first` on. Collective."""
@@ -36,7 +38,7 @@ class KeptSolvers:
         if self._is_of_target(operator):
             return self._target
         if operator not in self._solvers:
-            self._solvers[operator] = self._make(number, operator)
+            self._solvers[operator] = self._kind(self._hierarchy, number, operator)
         return self._solvers[operator]
 
     def release_solver(self, operator):

@@ -27,15 +27,13 @@ _NEED_PARTS = ("shell", "composite", "galerkin", "fieldsplit", "ksp", "mat", "ei
 class LinearSolver:
     """Solves C A C p = b for the contact set in the operator's mask.
 
-    Collective over `comm`. Options are read from PETSc's database as it is now.
+    Collective over the ranks of the grid. Options are read from PETSc's database as it is now.
 
     Parameters
     ----------
     hierarchy : Hierarchy
     level : int
         Number of the grid the system lives on; default the target.
-    comm : PETSc communicator, optional
-        Default: that of the hierarchy.
     operator : InfluenceOperator, optional
         In place of that level's: the same in a window. Not with -pc_type mg.
 
@@ -45,23 +43,21 @@ class LinearSolver:
         If the options ask for what cannot be had.
     """
 
-    def __init__(self, hierarchy, level=-1, comm=None, operator=None):
+    def __init__(self, hierarchy, level=-1, operator=None):
         self.level = range(len(hierarchy.levels))[level]
         operators = hierarchy.levels[: self.level + 1]
         if operator not in (None, operators[-1]):
             operators = [operator]
         self.operator = operators[-1]
-        self._weights = [(op, hierarchy.share(op)) for op in operators]
-        comm = comm or hierarchy.petsc_comm
         self.multigrid, self._work, self._interrupted = None, None, False
-        self.mat = self.operator.mat(comm)
+        self.mat = self.operator.mat(self.operator.petsc_comm)
         # PETSc would view the solver of every grid after every solve; once, on the target grid, is enough.
         self._view = "-ksp_view" if self.level == len(hierarchy.levels) - 1 else ""
-        self._given = hierarchy, comm
+        self._hierarchy = hierarchy
         self._make()
 
     def _make(self):
-        hierarchy, comm = self._given
+        hierarchy, comm = self._hierarchy, self.operator.petsc_comm
         options = PETSc.Options()
         pc_type = options.getString("pc_type", "")
         if pc_type in _NEED_PARTS:
@@ -73,6 +69,10 @@ class LinearSolver:
             self.multigrid = Multigrid(
                 ksp, levels[: self.level + 1], transfers[: self.level + 1], comm, len(levels)
             )
+        counted = (
+            self.multigrid.operators[1:] if self.multigrid else []
+        )  # all but the coarsest one, if there are others
+        self._counted = [(op, hierarchy.share(op)) for op in counted or [self.operator]]
         # The grids of a nested iteration have fewer levels than the target grid may have been given.
         levels = {"pc_mg_levels": str(len(self.multigrid.operators))} if self.multigrid else {}
         with options_set(default_options() if self.multigrid else {}, {"ksp_view": None, **levels}):
@@ -82,9 +82,8 @@ class LinearSolver:
             if ksp.getNormType() == PETSc.KSP.NormType.NONE:
                 ksp.setTolerances(rtol=0, atol=0)  # otherwise PETSc spends a product on a norm nobody reads
             ksp.setUp()
-            if (
-                self.multigrid
-            ):  # what cannot be had is refused now, not by the rank that has the coarsest grid in a cycle
+            if self.multigrid:
+                # What cannot be had is refused now, not by the rank that has the coarsest grid in a cycle.
                 ksp.getPC().getMGCoarseSolve().getPC().setUpOnBlocks()
         rtol, atol, _, max_it = ksp.getTolerances()
         for name, value, allowed in (("rtol", rtol, 0), ("atol", atol, 0), ("max_it", max_it, 1)):
@@ -113,10 +112,10 @@ class LinearSolver:
 
         What the coarsest grid of a multigrid method costs is left out.
         """
-        counted = (
-            self._weights[-len(self.multigrid.operators) + 1 :] if self.multigrid else self._weights[-1:]
-        )
-        return float(sum(share * (op.products + op.sweeps) for op, share in counted))
+        total = 0.0
+        for operator, share in self._counted:
+            total += share * (operator.products + operator.sweeps)
+        return total
 
     def solve(self, b, allowed):
         """Solve C A C x = b from x = 0, as far as the options go.

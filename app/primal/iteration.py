@@ -115,8 +115,7 @@ def _end_unsolved(primal, solver):
     state.depth = primal.depth
     found = verify(primal, solver.scratch)
     if found is None:
-        with state.pressure as values:
-            values[...] = state.contact.reshape(-1)
+        state.values[...] = state.contact
         found = verify(primal, solver.scratch)
     accept(primal, solver.scratch)
     return found
@@ -288,6 +287,5 @@ def verify(primal, found):
 
 def accept(primal, found):
     """Take the pressure that `verify` has found. Not collective."""
-    with primal.state.pressure as values:
-        values[...] = found.reshape(-1)
+    primal.state.values[...] = found
     primal.state.u_is = Displacement.EXACT

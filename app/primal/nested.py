@@ -11,6 +11,7 @@ from app.contact.state import ContactState, Displacement
 from app.contact.visits import Visits
 from app.fast.nested import safeguarded
 from app.fast.progress import NeedsSafeguard
+from app.halfspace.communication import FailuresTold
 from app.petsc import options_set
 from app.primal.iteration import accept, primal_active_set, verify
 from app.primal.operator import InverseOperator
@@ -77,7 +78,8 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
             coarse.state.destroy()
             coarse = None
         if level.active:
-            outcome = _solve_on(hierarchy, number, primal, solver, visits.test(stop), history)
+            with FailuresTold(visits.waiting(state)):
+                outcome = _solve_on(hierarchy, number, primal, solver, visits.test(stop), history)
             kept.release_solver(level)
             depth = state.depth
             if not visits.at_target:

@@ -10,7 +10,6 @@ from petsc4py import PETSc
 from app.fast.levels import inverse_of
 from app.halfspace.halo import Halo
 from app.halfspace.operator import vec_of
-from app.multigrid.kept import KeptSolvers
 from app.multigrid.linear_solver import LinearSolver
 from app.primal import cg, stencil
 from app.primal import kernels as loops
@@ -56,11 +55,13 @@ class PrimalSolver(LinearSolver):
 
     carried, _constrained, _levels_leave = None, False, 0.0
 
-    def __init__(self, hierarchy, level=-1, comm=None):
+    def __init__(self, hierarchy, level=-1, operator=None):
         _check_kinds(PETSc.Options())
         number = range(len(hierarchy.levels))[level]
-        self.inverse = InverseOperator(hierarchy.levels[number], coarser_operator(hierarchy, number))
-        super().__init__(hierarchy, number, comm, self.inverse)
+        self.inverse = InverseOperator(
+            operator or hierarchy.levels[number], coarser_operator(hierarchy, number)
+        )
+        super().__init__(hierarchy, number, self.inverse)
         self.guesses = _GUESSES
         self.rows_beside = Halo(self.operator.slabs, self.operator.comm, self.guesses - 1)
         # A right-hand side and a solution that are not touched: they cost no memory. PETSc may ask for the norm of the
@@ -143,13 +144,6 @@ class PrimalSolver(LinearSolver):
         for vec in self._untouched:
             vec.destroy()
         super().destroy()
-
-
-class KeptPrimalSolvers(KeptSolvers):
-    """Those of a periodic hierarchy."""
-
-    def _make(self, number, operator):
-        return PrimalSolver(self._hierarchy, number, operator.petsc_comm)
 
 
 def prepare(hierarchy, by_levels):

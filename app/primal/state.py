@@ -77,18 +77,17 @@ class PrimalState:
         """Contact everywhere, and some pressure that makes sense, or none. Collective."""
         self.mean_pressure = float(np.nan_to_num(self.mean_pressure, posinf=0.0, neginf=0.0))
         self.state.contact[...] = self.state.admissible
-        with self.state.pressure as p:
-            np.nan_to_num(p, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
-            highest = p.max(initial=0.0, where=self.state.admissible.reshape(-1))
-            if self.state.minimum([-highest])[0] == 0:
-                p[...] = self.mean_pressure
+        p = self.state.values
+        np.nan_to_num(p, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
+        highest = p.max(initial=0.0, where=self.state.admissible)
+        if self.state.minimum([-highest])[0] == 0:
+            p[...] = self.mean_pressure
 
     def refresh(self, exact=False):
         """p = B w + mean pressure. Collective."""
-        with self.state.pressure as values:
-            p = values.reshape(self.w.shape)
-            (self.inverse.exact_pressure if exact else self.inverse.pressure)(self.w, p)
-            p += self.mean_pressure
+        p = self.state.values
+        (self.inverse.exact_pressure if exact else self.inverse.pressure)(self.w, p)
+        p += self.mean_pressure
         self.state.u_is = Displacement.STALE
         self.lags = self.is_nearly = False
 
@@ -104,8 +103,7 @@ class PrimalState:
         """Begin with w and p of the coarser grid, interpolated. Collective."""
         self.mean_pressure = coarse.mean_pressure
         transfer.interpolate_smoothly(coarse.w, self.w)
-        with self.state.pressure as values:
-            transfer.interpolate_smoothly(coarse.state.p, values.reshape(self.w.shape))
+        transfer.interpolate_smoothly(coarse.state.p, self.state.values)
         self.state.u_is = Displacement.STALE
         self._has_pressure = True
 
@@ -125,8 +123,8 @@ class PrimalState:
     def add_mean_pressure(self, missing, carried=None):
         """Under a prescribed approach the mean pressure is an unknown: add to it, p and `carried`. Not collective."""
         self.mean_pressure += missing
-        with self.state.pressure as values:
-            values += missing
+        p = self.state.values
+        p += missing
         if carried is not None:
             carried += missing
 
@@ -150,9 +148,7 @@ class PrimalState:
         if not self._has_pressure:
             return self.refresh()
         rows, room = solver.rows_beside(change), np.empty((3, self.w.shape[1] + 2))
-        with state.pressure as values:
-            p = values.reshape(self.w.shape)
-            stencil.add_centre(change, *rows, solver.preconditioner.weights, room, p)
+        stencil.add_centre(change, *rows, solver.preconditioner.weights, room, state.values)
 
     def continue_from(self, solution):
         """Take w, and under a prescribed approach the mean pressure, from a Solution on this grid. Not collective."""
@@ -248,8 +244,8 @@ class PrimalState:
         loops.close(self.w, state.distance.b, self._captured, z, -_SHARE, solver.change)
         self.restore_mean(solver, solver.change)
         self.inverse.pressure(solver.change, z)
-        with state.pressure as values:
-            values += z.reshape(-1)
+        p = state.values
+        p += z
         state.u_is, self.lags = Displacement.STALE, False
 
     def commit(self, solver):
@@ -257,7 +253,7 @@ class PrimalState:
         if not self.lags:
             return
         self.w += solver.change
-        self._set_pressure(solver.carried)
+        self.state.values[...] = solver.carried
         self.is_nearly |= solver.doubt > 0
         self.state.u_is, self.lags = Displacement.STALE, False
 
@@ -265,13 +261,11 @@ class PrimalState:
     def shown(self, solver):
         """Inside the block p is as the solver has carried it along, for others to look at. Not collective."""
         before = self.state.p.copy()
-        self._set_pressure(solver.carried)
-        yield
-        self._set_pressure(before)
-
-    def _set_pressure(self, p):
-        with self.state.pressure as values:
-            values[...] = p.reshape(-1)
+        self.state.values[...] = solver.carried
+        try:
+            yield
+        finally:
+            self.state.values[...] = before
 
     def restore_contact(self):
         """Let the contact set be as the solver knows it. Not collective."""

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cases import APPROACH, hertz, punch
+from cases import APPROACH, hertz, periodic_rough, punch
 from mpi4py import MPI
 from running import solve
 
-from app import ContactProblem, ContactSolver, Grid, Material, Sphere, read_result, refine
-from app.errors import InputError
+from app import ContactProblem, ContactSolver, Grid, Listener, Material, Sphere, read_result, refine
+from app.errors import FailedElsewhere, InputError
 
 TIGHT = {"lcp_rtol": 1e-9, "lcp_cells_per_rank": 32}
 
@@ -132,6 +132,41 @@ def test_what_some_ranks_only_are_given_is_refused_everywhere(comm):
     else:
         with pytest.raises(InputError, match="none of its ranks"):
             solve(hertz(8), APPROACH, comm=few)
+
+
+class Fails(Listener):
+    """Fails on the ranks of one grid, at the end of its last iteration so far."""
+
+    def __init__(self, grid, error):
+        self.grid, self.error = grid, error
+
+    def iteration(self, entry, state):
+        if entry["level"] == self.grid:
+            raise self.error("this one")
+
+
+@pytest.mark.mpi(2, 3)
+@pytest.mark.parametrize("error", [RuntimeError, InputError])
+@pytest.mark.parametrize("method", ["fast", "fmg_v11", "primal"])
+def test_what_fails_on_a_grid_of_some_ranks_is_heard_by_those_who_wait(comm, method, error):
+    """On every grid, and the solver can go on, as whoever catches it may want to."""
+    if method == "primal":
+        problem, method, prescribed = periodic_rough(64), None, {"load": 100.0}
+    else:
+        problem, prescribed = hertz(64), {"approach": APPROACH}
+    with ContactSolver(problem, method, TIGHT, comm) as solver:
+        before = solver.solve(**prescribed)
+        told = set()
+        for grid in sorted(set(before.history["level"])):
+            failure = Fails(grid, error)
+            solver.listeners.append(failure)
+            with pytest.raises((error, FailedElsewhere), match="this one") as caught:
+                solver.solve(**prescribed)
+            solver.listeners.remove(failure)
+            told |= set(comm.allgather(caught.type))
+            again = solver.solve(**prescribed)
+            assert again.max_pressure == pytest.approx(before.max_pressure, rel=1e-6)
+    assert told == ({InputError} if error is InputError else {error, FailedElsewhere})
 
 
 class NoPickles(MPI.Intracomm):

@@ -205,6 +205,21 @@ def test_single_precision_operators_are_solved_as_far_as_they_go(make):
     )
 
 
+@pytest.mark.parametrize("unit", [1e-22, 1e22])
+def test_single_precision_does_not_mind_units(make, unit):
+    """Products of two of its numbers may be beyond it, where no number is."""
+    usual, other = (make(dtype=np.float32, pc=Identity()) for _ in range(2))
+    other.set_right(unit * np.random.default_rng(2).normal(size=GRID.shape))
+    usual.set_right(np.random.default_rng(2).normal(size=GRID.shape))
+    for system in (usual, other):
+        system.solve(rtol=1e-5)
+        assert system.ksp.getConvergedReason() > 0
+    assert other.ksp.getIterationNumber() == usual.ksp.getIterationNumber()
+    np.testing.assert_allclose(
+        other.solution, unit * usual.solution, rtol=0, atol=1e-3 * other.solution.max()
+    )
+
+
 def test_right_hand_side_stays_as_it_is_and_only_its_part_on_c_matters(make):
     system = make()
     before = system.b.getArray(readonly=True).copy()
