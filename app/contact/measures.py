@@ -57,7 +57,9 @@ def measure_contact(state):
     """
     grid, distance, slabs = state.grid, state.distance, state.operator.slabs
     _, total, _ = kernels.gap_on(distance.b, state.u, state.admissible, state.admissible)
-    force, highest, cells = kernels.numbers(state.p, state.contact)
+    force, highest, _ = kernels.numbers(state.p, state.contact)
+    # Cells that touch without pressure count, too, as in perimeter and patches.
+    cells = np.count_nonzero(state.contact)
     in_x, in_y = kernels.faces(
         state.contact,
         row_before(state.contact, bool(grid.periodic), slabs, state.comm, False),

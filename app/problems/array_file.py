@@ -148,13 +148,13 @@ class ArrayFile:
     def _read_text(self):
         check_fits(self.path.stat().st_size * _BYTES_PER_BYTE, "text, where .npy or .h5 take little")
         lines = _decoded(self.path.read_bytes()).splitlines()
-        self.skip = self.skip or self._lines_of_head(lines)
+        self.skip = self._lines_of_head(lines, self.skip)
         self.comments = [line for j, line in enumerate(lines) if j < self.skip or line.startswith("#")]
         return read_table(lines, self.missing, self.skip, self.marks, self.how_to_skip)
 
-    def _lines_of_head(self, _):
-        """How many lines at the head of a text are known for none of the array, whoever wrote it."""
-        return 0
+    def _lines_of_head(self, _, skip):
+        """How many lines at the head of a text are none of the array: those to skip, or known ones."""
+        return skip
 
     @property
     def shape(self):

@@ -20,7 +20,7 @@ _CELLS = re.compile(r"\s*(cellsize|dx|dy)\s+(\S+)\s*", re.IGNORECASE)
 
 # All that such a head has, of which the first two say what it is.
 _ESRI = re.compile(
-    r"\s*(ncols|nrows|[xy]ll(?:corner|cent(?:er|re))|cellsize|dx|dy|nodata_value)\s+\S+\s*", re.IGNORECASE
+    r"\s*(ncols|nrows|[xy]ll(?:corner|cent(?:er|re))|cellsize|dx|dy|nodata_value)\s+(\S+)\s*", re.IGNORECASE
 )
 
 # What says the unit of heights and of points, and that of the heights alone.
@@ -73,6 +73,11 @@ def _is_even(rows):
     other, next_one = np.abs(np.diff(mean))
     another = other > max(*spread[1:], 10 * next_one, _OTHER * largest[:2].max())
     return bool(uneven or (largest[1] > 0 and another))
+
+
+def _may_be_of_head(line):
+    """Whether a line may stand at the head of an ESRI grid: empty ones, and comments, too."""
+    return not line.strip() or line.lstrip().startswith(("#", "%")) or _ESRI.fullmatch(line)
 
 
 class HeightArray:
@@ -134,6 +139,8 @@ class HeightFile(ArrayFile):
 
     def __init__(self, name, skip=0, orient=()):
         super().__init__(name, skip)
+        if self._is_esri:
+            self._refuse_other_cells()
         self.unit, self.spacing, self.lateral = self._said("unit"), None, None
         given = self.attributes.get("spacing", self._cells_of_head())
         if given is not None:
@@ -178,10 +185,26 @@ class HeightFile(ArrayFile):
                 f"0,{nx},0,{ny}"
             )
 
-    def _lines_of_head(self, lines):
-        head = [found[1].lower() for found in takewhile(bool, map(_ESRI.fullmatch, lines))]
-        self._is_esri = {"ncols", "nrows"} <= set(head)
-        return len(head) if self._is_esri else 0
+    def _lines_of_head(self, lines, skip):
+        head = lines[:skip] if skip else list(takewhile(_may_be_of_head, lines))
+        said = {found[1].lower(): found[2] for found in map(_ESRI.fullmatch, head) if found}
+        self._is_esri = {"ncols", "nrows"} <= said.keys()
+        if not self._is_esri:
+            return skip
+        self._told = said["nrows"], said["ncols"]
+        return len(head)
+
+    def _refuse_other_cells(self):
+        """An ESRI grid may go on in the next line wherever it likes; or it is cut off."""
+        try:
+            whole = self.shape == tuple(map(float, self._told))
+        except ValueError:
+            whole = False
+        if not whole:
+            raise InputError(
+                f"surface file {self.file}: its head says nrows {self._told[0]}, ncols {self._told[1]}; there are "
+                f"{self.shape[0]} lines of {self.shape[1]} numbers; needed: all rows of the map, each in a line"
+            )
 
     def _read_head(self):
         """Take unit and spacing from comments as Gwyddion writes them; whether there is a spacing."""

@@ -304,9 +304,11 @@ def test_the_head_of_an_esri_grid_says_the_size_of_its_cells(tmp_path, cells, si
     surface = read_surface(path, "um", **how)
     assert surface.spacing == pytest.approx([1e-3 * side for side in sides])
     np.testing.assert_allclose(surface.heights(), 1e-3 * HEIGHTS, atol=1e-12)
-    bare = read_surface(path, "um")  # the head and the way of the rows are known
-    assert bare.spacing == surface.spacing and bare.orient == surface.orient == ("flip_y",)
-    np.testing.assert_array_equal(bare.heights(), surface.heights())
+    (led := tmp_path / "led.asc").write_text("\n# by hand\n" + path.read_text())
+    for file, skip in (path, 0), (path, how["skip"]), (led, 0), (led, how["skip"] + 2):
+        bare = read_surface(file, "um", skip=skip)  # the head and the way of the rows are known
+        assert bare.spacing == surface.spacing and bare.orient == surface.orient == ("flip_y",)
+        np.testing.assert_array_equal(bare.heights(), surface.heights())
     as_written = read_surface(path, "um", orient="flip_y,flip_y").heights()
     np.testing.assert_array_equal(as_written, surface.heights()[::-1])
     other = read_surface(path, "mm", height_unit="um", **how)
@@ -321,6 +323,19 @@ def test_the_head_of_an_esri_grid_says_the_size_of_its_cells(tmp_path, cells, si
         assert convert([*map(str, words)]) == 0
         assert read_surface(tmp_path / "s.h5").spacing == pytest.approx(sides)
         np.testing.assert_allclose(read_surface(tmp_path / "s.h5").heights(), surface.heights(), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("shape", "what"), [((24, 10), "24 lines of 10"), ((4, 15), "4 lines of 15")])
+def test_an_esri_grid_whose_lines_are_no_rows_is_refused(tmp_path, shape, what):
+    """Its rows may go on in the next line; cut off, it is another map, too."""
+    heights = np.resize(HEIGHTS, shape)
+    head = ESRI.format("cellsize 1")
+    np.savetxt(path := tmp_path / "s.asc", heights, header=head, comments="")
+    for skip in (0, head.count("\n") + 1):
+        with pytest.raises(
+            InputError, match=f"nrows 12, ncols 15; there are {what} numbers; needed: all rows"
+        ):
+            read_surface(path, "um", skip=skip)
 
 
 POINTS = np.stack(np.broadcast_arrays(X, Y, HEIGHTS), -1).reshape(-1, 3)

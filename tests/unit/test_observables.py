@@ -219,6 +219,23 @@ def test_stiffness_of_full_contact_is_infinite():
         assert solver.stiffness(half) == pytest.approx(0.002 / (high.approach - low.approach), rel=0.3)
 
 
+@pytest.mark.parametrize("periodic", [False, True])
+def test_cells_that_touch_without_pressure_count_in_all_numbers(periodic):
+    """At first touch no fraction is below 0; in full contact at the least pressure it is 1."""
+    grid = Grid.from_domain(12, 10, (0, 1, 0, 1))
+    rough = np.random.default_rng(0).normal(size=grid.shape) * 1e-3
+    with ContactSolver(ContactProblem(grid, Material.from_contact_modulus(1e5), rough, periodic)) as solver:
+        found = [solver.solve(load=0), solver.solve(approach=solver.touching)]
+        if periodic:
+            found.append(solver.solve(mean_gap=0))
+            assert found[-1].contact_fraction == found[-1].contact_fraction_corrected == 1
+    for solution in found:
+        assert solution.pressure[solution.contact].min() == 0
+        assert solution.contact_cells == solution.contact.sum() > 0
+        assert solution.contact_area == pytest.approx(solution.patches().area.sum())
+        assert 0 < solution.contact_fraction_corrected <= solution.contact_fraction
+
+
 def test_analytic_values_stand_beside(of_hertz):
     solution, known = of_hertz
     assert solution.attributes["analytic_load"] == pytest.approx(known.load)
