@@ -269,28 +269,31 @@ class PrescribedLoad:
         gaps = state.on_contact_or_overlap()
         if not gaps.cells:
             state.first_contact()
-        rms, depth, expected = gaps.rms, state.depth, gaps.load - self.slope * gaps.mean
-        # Contact grows with the depth, and with it the slope: it is never less than the mean one since first touch.
-        beyond = depth - state.distance.lowest
-        mean_slope = expected / beyond if beyond > 0 else 0.0
-        if self._before:
-            moved = depth - self._before[0]
-            if abs(moved) > _TELLING * rms:
-                slope = (expected - self._before[1]) / moved
-                if slope >= _NEARLY * mean_slope:
-                    self.slope = min(max(slope, self.slope / _AT_ONCE), _AT_ONCE * self.slope)
-            self._before = None
-        self.slope = max(self.slope, mean_slope)
-        if least := least_stiffness(state):
-            self.slope = min(max(self.slope, least), _OVER_LEAST * least)
+        depth, expected = state.depth, gaps.load - self.slope * gaps.mean
+        self._learn_slope(state, expected, gaps.rms)
         lacks = (self.load - expected) / self.slope
-        if abs(lacks) <= _BLAMED * rms:
+        if abs(lacks) <= _BLAMED * gaps.rms:
             return 0.0
         # Towards full contact the slope grows without bound; before first touch there is no load.
         there, lowest = min(depth + lacks, (depth + state.highest) / 2), state.distance.lowest
         state.depth = there if there >= lowest else (depth + lowest) / 2
         self._before = depth, expected
         return abs(state.depth - depth)
+
+    def _learn_slope(self, state, expected, rms):
+        """Take dF/d(depth) from the last move, if that was larger than the residual [mm] can feign. Collective.
+
+        Contact grows with the depth, and with it the slope: it is never less than the mean one since first touch.
+        """
+        beyond = state.depth - state.distance.lowest
+        mean_slope = expected / beyond if beyond > 0 else 0.0
+        (before, then), self._before = self._before or (state.depth, 0.0), None
+        moved = state.depth - before
+        if abs(moved) > _TELLING * rms and (slope := (expected - then) / moved) >= _NEARLY * mean_slope:
+            self.slope = min(max(slope, self.slope / _AT_ONCE), _AT_ONCE * self.slope)
+        self.slope = max(self.slope, mean_slope)
+        if least := least_stiffness(state):
+            self.slope = min(max(self.slope, least), _OVER_LEAST * least)
 
     def settle(self, state, update):
         """Make the load exact, and the approach what the gap in contact then says. Collective; u is A p.

@@ -164,16 +164,8 @@ class _ContactSets:
         Where it pays they are rehearsed by the carried displacement; if that does not pass the product is not made.
         """
         state, solver, loading, rehearsal = self.state, self.solver, self.loading, None
-        carried = state.u_is is not Displacement.EXACT and not (
-            self._rehearsal_failed or self._load_has_fallen
-        )
-        # By approach a release of next to no pressure is not rehearsed. By load it is: the approach may move by it.
-        if carried and (loading.prescribes_load or not tension):
-            solver.release(state, tension)  # (4.a), and u along with it
-            loading.update(state)
-            rehearsal = state.activate_penetrating()
-            allowed = self.stop.allowed(state, rehearsal.h_on_contact)
-            self._rehearsal_failed = bool(rehearsal.added) or rehearsal.residual > allowed
+        if self._is_worth_a_rehearsal(tension):
+            rehearsal = self._rehearse(tension)
             if self._rehearsal_failed:
                 return _Exchanged(rehearsal)
         else:
@@ -192,6 +184,24 @@ class _ContactSets:
             update = loading.settle(state, update)
             done = self._meets_the_test(update)
         return _Exchanged(update, done, computed=True)
+
+    def _is_worth_a_rehearsal(self, tension):
+        """Whether the carried displacement may tell that the product would be in vain. Not collective.
+
+        By approach a release of next to no pressure is not rehearsed. By load it is: the approach may move by it.
+        """
+        if self.state.u_is is Displacement.EXACT or self._rehearsal_failed or self._load_has_fallen:
+            return False
+        return self.loading.prescribes_load or not tension
+
+    def _rehearse(self, tension):
+        """Step 4 by the carried displacement; return the update. It fails if cells enter, or the residual grows."""
+        self.solver.release(self.state, tension)  # (4.a), and u along with it
+        self.loading.update(self.state)
+        update = self.state.activate_penetrating()  # (4.b)
+        allowed = self.stop.allowed(self.state, update.h_on_contact)
+        self._rehearsal_failed = bool(update.added) or update.residual > allowed
+        return update
 
     def _meets_the_test(self, update):
         """5. and 6. (5.1). Not collective."""

@@ -65,7 +65,7 @@ def circulant_inverse(
     near = [level.times(unit) for level in (_stencils(grid, -1) if apart else ())]
     (cy, cx), shape = cells_in_one(near), _coarsest_shape(grid, near)
     periods = shape
-    if apart:
+    if apart:  # coarse cells cover more than the patch already; without them a cell is added
         periods = tuple(next_fast_len(n, real=True) if near else quick_length(n + 1) for n in shape)
     constants = middle_displacement(compliance, (cy * periods[0] * grid.dy, cx * periods[1] * grid.dx))
     coarsest = _coarsest_inverse(grid, compliance, near, periods, constants, comm, dtype, workspace, spectra)

@@ -41,11 +41,11 @@ class TrackingSolver(LinearSolver):
                 "-ksp_type: -lcp_type fast needs one that starts from a known displacement: "
                 "python with -ksp_python_type app.fast.tracking_cg.TrackingCG"
             )
-        self._cg, self._large, self._pending = context, is_large(self.operator.grid), False
+        self._cg, self._large, self._change_not_in_u = context, is_large(self.operator.grid), False
 
     def begin(self, by_levels):
         """Begin to solve on the grid, with changes of u by levels if it has such. Collective."""
-        self.by_levels, self._pending = by_levels and influence_of(self.operator) is not None, False
+        self.by_levels, self._change_not_in_u = by_levels and influence_of(self.operator) is not None, False
 
     def improve(self, state, allowed, norm):
         """Step 3, inexactly: p towards (2.11) on C. What that does to u is left to `release` or `carry`.
@@ -78,7 +78,7 @@ class TrackingSolver(LinearSolver):
         iterations, failure = self._run(state.rhs, state.pressure, allowed)
         self._cg.displacement = None  # not for longer than the state
         if iterations:
-            self._pending, state.u_is = True, Displacement.STALE
+            self._change_not_in_u, state.u_is = True, Displacement.STALE
         return iterations, failure, self._cg.residual
 
     def _multiply(self, p, u):
@@ -89,7 +89,7 @@ class TrackingSolver(LinearSolver):
 
     def rest(self):
         """See `LinearSolver.rest`. Who calls it computes u anew."""
-        self._pending = False
+        self._change_not_in_u = False
         if self._large:
             self._cg.rest()
 
@@ -112,19 +112,19 @@ class TrackingSolver(LinearSolver):
         `tension`: what `tension` has returned, if it was asked for. `carry`: unless u is to be computed anew.
         """
         change = self._cg.change
-        if not self._pending:
+        if not self._change_not_in_u:
             change[...] = 0
         released = state.release_tensile(None if tension is None else tension > 0, change)
-        self._pending = carry and (self._pending or released > 0)
+        self._change_not_in_u = carry and (self._change_not_in_u or released > 0)
         self.carry(state)
         return released
 
     def carry(self, state):
         """Add to u what the last `improve` has changed in it, unless that is done. Collective."""
-        if self._pending:
+        if self._change_not_in_u:
             self._multiply(self._cg.change, self._cg.product)
             add(state.u, 1.0, self._cg.product)
-            self._pending, state.u_is = False, Displacement.CARRIED
+            self._change_not_in_u, state.u_is = False, Displacement.CARRIED
 
     def predict(self, state, factor):
         """Predict what the reduction of the residual will add to u beside C.

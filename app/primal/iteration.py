@@ -201,7 +201,7 @@ class _Verdict(NamedTuple):
 def _judge(primal, found, stop, allowed):
     """Step 6: `verify`, and if the error is `allowed` [mm], `accept` and certify. Collective.
 
-    Nothing may lag: `found` is where the solver carries it along.
+    Nothing may lag: `found` is room that the solver and, once it is accepted, the certificate use for other things.
     """
     update = verify(primal, found)
     if update is None:

@@ -12,21 +12,21 @@ from app.halfspace.reductions import any_order
 
 @any_order
 def _exchange_row(p, w, change, b, admissible, contact, least_pressure, least_gap, compliance, far, captured):
-    cells, free, caught, total, moves = 0, 0, 0, 0.0, 0.0
+    cells, came, left, total, moves = 0, 0, 0, 0.0, 0.0
     for i in range(p.size):
         inside, here = contact[i], w[i] + change[i]
         gap = here - b[i]
-        out = inside & (p[i] < least_pressure)
-        new = (not inside) & admissible[i] & (gap < least_gap)
-        moved = p[i] * compliance if out else (gap if new else 0.0)
-        captured[i] = new
-        contact[i] = (inside & (not out)) | new
-        free += out
-        caught += new
+        leaves = inside & (p[i] < least_pressure)
+        comes = (not inside) & admissible[i] & (gap < least_gap)
+        moved = p[i] * compliance if leaves else (gap if comes else 0.0)
+        captured[i] = comes
+        contact[i] = (inside & (not leaves)) | comes
+        came += comes
+        left += leaves
         cells += contact[i]
         total += here
         moves += moved * moved if abs(moved) <= far else np.inf
-    return cells, caught, free, total, moves
+    return cells, came, left, total, moves
 
 
 @njit()
@@ -36,18 +36,18 @@ def exchange(p, w, change, b, admissible, contact, least_pressure, least_gap, co
     Return the cells in C then, how many were captured and released, the sum of w + change, and that of the squares by
     which w will move there at least: of the gaps, and of p times a compliance; infinite if one is more than `far`.
     """
-    cells, caught, free, total, moves = 0, 0, 0, 0.0, 0.0
+    cells, came, left, total, moves = 0, 0, 0, 0.0, 0.0
     for j in range(p.shape[0]):
         here = _exchange_row(
             p[j], w[j], change[j], b[j], admissible[j], contact[j], least_pressure, least_gap, compliance, far,
             captured[j],
         )  # fmt: skip
         cells += here[0]
-        caught += here[1]
-        free += here[2]
+        came += here[1]
+        left += here[2]
         total += here[3]
         moves += here[4]
-    return cells, caught, free, total, moves
+    return cells, came, left, total, moves
 
 
 @any_order
