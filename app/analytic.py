@@ -6,16 +6,9 @@ from app.reference.base import NormalContact
 from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction
 
 THEORIES = {"persson_fraction": persson_fraction, "bush_gibson_thomas_fraction": bush_gibson_thomas_fraction}
-
-ANALYTIC = {  # units of what `analytic_values` knows
-    "analytic_load": "N",
-    "analytic_approach": "mm",
-    "analytic_max_pressure": "N/mm2",
-    "analytic_contact_area": "mm2",
-    "analytic_semi_axis_major": "mm",
-    "analytic_semi_axis_minor": "mm",
-    "analytic_stiffness": "N/mm",
-}
+ANALYTIC = (  # what `analytic_values` knows, by the names of a Solution
+    "load", "approach", "max_pressure", "contact_area", "semi_axis_major", "semi_axis_minor", "stiffness",
+)  # fmt: skip
 
 
 def analytic_values(problem, approach, load=None):
@@ -50,7 +43,7 @@ def analytic_values(problem, approach, load=None):
         min(reference.a, reference.b),
         reference.stiffness,
     )
-    return dict(zip(ANALYTIC, values, strict=True))
+    return {f"analytic_{name}": value for name, value in zip(ANALYTIC, values, strict=True)}
 
 
 def theories(problem, mean_pressure, rms_slope):

@@ -23,7 +23,7 @@ from pathlib import Path
 
 from app import units
 from app.commands import streams
-from app.commands.arguments import Parser, argument, run, writing
+from app.commands.arguments import Parser, argument, command, writing
 from app.errors import InputError
 from app.options import cells, integer, pair_of_reals, some_of
 from app.problems.array_file import TEXTS
@@ -50,12 +50,9 @@ def instruments_python():
     return path if path.is_file() else None
 
 
-def main(argv=None):
+@command
+def main(argv):
     """Run the command and return its exit status."""
-    return run(_main, argv)
-
-
-def _main(argv):
     parser = Parser(prog="python -m app.convert", description="Turn a measured surface into HDF5.")
     add, a_unit, elsewhere = parser.add_argument, argument(units.unit), "where the file does not say"
     add("file", type=Path, metavar="FILE", help="what an instrument wrote, .npy, .npz, .h5 or text")
@@ -65,14 +62,10 @@ def _main(argv):
     add("--height-unit", type=a_unit, help="of the heights alone, where points x, y have another one")
     how = "how rows and columns are turned: transpose, flip_x, flip_y, or some of them with commas between"
     lines = "lines at the head of a text to leave out"
+    part = "columns I0 to I1 - 1, rows J0 to J1 - 1 only"
     add("--skip", type=argument(_line_count), default=0, metavar="N", help=lines)
     add("--orient", type=argument(some_of(*TURNS)), default=(), metavar="HOW", help=how)
-    add(
-        "--crop",
-        type=argument(cells),
-        metavar="I0,I1,J0,J1",
-        help="columns I0 to I1 - 1, rows J0 to J1 - 1 only",
-    )
+    add("--crop", type=argument(cells), metavar="I0,I1,J0,J1", help=part)
     add("--spacing", type=argument(_spacing), metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
     arguments = parser.parse_args(argv)
     from app.output.files import check_output_path, digest

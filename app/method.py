@@ -16,7 +16,7 @@ nothing is refused, unless it is a file's and something later took its meaning: 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from petsc4py import PETSc
 
@@ -80,11 +80,6 @@ _WORKS_WITH = {  # strategies in which an option has an effect, where that is no
     "lcp_window": ("fast",),
 }
 _ONLY_NESTED = ("lcp_prolongation", "lcp_beta", "lcp_window", "lcp_coarse_rtol")
-# What Settings have by the names of the options.
-_AS_GIVEN = """
-    nested rtol error_bound max_it coarse_rtol predictor defect_correction window beta coarsest cells_per_rank
-    shared_memory
-""".split()
 _CHANGES = "what the linear solver makes is a change of the pressure, not PETSc's solution"
 _REFUSED = {  # PETSc's options by how their names end: strategies that they spoil, or end, and why
     "ksp_error_if_not_converged": (_ACTIVE_SET, "contact sets are not solved further than is worth it"),
@@ -210,7 +205,9 @@ def settings(method=None, options=None, periodic=False):
         strategy,
         lifted=reader["lcp_prolongation"] == "lift",
         single=reader["lcp_precision"] == "single",
-        **{name: reader[f"lcp_{name}"] for name in _AS_GIVEN},
+        **{
+            part.name: reader[f"lcp_{part.name}"] for part in fields(Settings) if f"lcp_{part.name}" in _TABLE
+        },
         texts=texts,
         warnings=tuple(warnings),
         files_so_far=tuple(files_so_far),

@@ -22,37 +22,12 @@ from app.contact.grid_errors import GridErrors
 from app.contact.loading import LOADINGS, as_number
 from app.errors import InputError, agree, check_alike
 
-# Columns of the table: name -> unit.
-COLUMNS = {
-    "load": "N",
-    "approach": "mm",
-    "indentation": "mm",
-    "mean_pressure": "N/mm2",
-    "mean_gap": "mm",
-    "contact_area": "mm2",
-    "contact_fraction": "1",
-    "contact_fraction_corrected": "1",
-    "perimeter": "mm",
-    "max_pressure": "N/mm2",
-    "mean_contact_pressure": "N/mm2",
-    **dict(zip(ContactExtent._fields, ("mm", "mm", "N mm", "N mm", "mm", "mm", "degree"), strict=True)),
-    **dict.fromkeys(GridErrors._fields, "1"),
-    "error_bound": "1",
-    "residual": "1",
-    "iterations": "1",
-    "fallbacks": "1",
-}
-UNITS = {
-    "step": "1",
-    **COLUMNS,
-    **dict.fromkeys(THEORIES, "1"),
-    **ANALYTIC,
-    "contact_patches": "1",
-    "largest_patch": "mm2",
-    "stiffness": "N/mm",
-    "stiffness_by_differences": "N/mm",
-    "converged": "1",
-}
+# Columns of the table that a solution has by these names, after `load` and the like what beside it is known.
+COLUMNS = (
+    "load", "approach", "indentation", "mean_pressure", "mean_gap", "contact_area", "contact_fraction",
+    "contact_fraction_corrected", "perimeter", "max_pressure", "mean_contact_pressure", *ContactExtent._fields,
+    *GridErrors._fields, "error_bound", "residual", "iterations", "fallbacks",
+)  # fmt: skip
 
 
 class LoadPath:
@@ -77,7 +52,7 @@ class LoadPath:
     Attributes
     ----------
     rows : list of dict
-        A row for each step done so far: names and units in `UNITS`; the same on all ranks.
+        A row for each step done so far: names and units in `app.quantities`; the same on all ranks.
     operator_applications, solve_seconds : float
         Of the steps done here.
 
@@ -149,10 +124,11 @@ class LoadPath:
             yield solution
 
     def _row(self, step, solution):
+        known = (*THEORIES, *(f"analytic_{name}" for name in ANALYTIC))
         row = {
             "step": step + 1,
             **{name: getattr(solution, name) for name in COLUMNS},
-            **{name: solution.problem[name] for name in (*THEORIES, *ANALYTIC) if name in solution.problem},
+            **{name: solution.problem[name] for name in known if name in solution.problem},
             **solution.count_patches(),
         }
         if self._with_stiffness:
@@ -179,11 +155,11 @@ class LoadPath:
             raise InputError(
                 "path: no step is solved yet: iterate over it first, for solution in path, or solutions = list(path)"
             )
-        names = [name for name in UNITS if any(name in row for row in self.rows)]
+        names = dict.fromkeys(name for row in self.rows for name in row)
         columns = {name: np.array([row.get(name, np.nan) for row in self.rows]) for name in names}
         if len(self.rows) > 1:
             columns["stiffness_by_differences"] = _slope(columns["approach"], columns["load"])
-            columns["converged"] = columns.pop("converged")
+        columns["converged"] = columns.pop("converged")
         return columns
 
     def save(self, path):

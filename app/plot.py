@@ -17,7 +17,7 @@ from pathlib import Path
 
 from app import units
 from app.commands import streams
-from app.commands.arguments import Parser, argument, check_folder, run, writing
+from app.commands.arguments import Parser, argument, check_folder, command, writing
 from app.errors import InputError
 from app.options import integer, pair_of_reals
 from app.output import curves, figures, heights, paths, style, sweeps
@@ -30,7 +30,7 @@ _MAPS = ".npy", ".npz", ".txt", ".dat", ".xyz", ".asc"  # of heights; .csv are t
 
 
 def analytic_reference(result):
-    """Return the exact pressure of the result's problem as `figures.Reference`, or None if there is none.
+    """Hertz's contact that the result is of, or None if it is of another.
 
     Raises
     ------
@@ -51,8 +51,7 @@ def analytic_reference(result):
     missing = [name for name in needed if name not in values]
     if missing:
         raise InputError(f"problem is {values['problem']}, but attribute {', '.join(missing)} is missing")
-    exact = EllipticHertz.from_approach(*(values[name] for name in needed), values["approach"])
-    return figures.Reference(exact.pressure, "Hertz")
+    return EllipticHertz.from_approach(*(values[name] for name in needed), values["approach"])
 
 
 def _path_figure(result, _):
@@ -60,7 +59,7 @@ def _path_figure(result, _):
     return path and paths.path_figure([path], figures.title(result, path=True))
 
 
-# Name -> figure of a result and its `figures.Reference`; None if there is nothing to draw.
+# Name -> figure of a result and its `analytic_reference`; None if there is nothing to draw.
 PICTURES = {
     "contact": lambda result, _: figures.contact_figure(result),
     "pressure": lambda result, _: figures.pressure_figure(result),
@@ -150,38 +149,26 @@ def _path(data, name):
 
 def _arguments(argv):
     parser = Parser(prog="python -m app.plot", description="Draw pictures of result files, tables, surfaces.")
+    add, a_unit, elsewhere = parser.add_argument, argument(units.unit), "of a surface whose file does not say"
     files = "results (.h5), tables (.csv), measured surfaces (.h5 of app.convert, .npy, text)"
-    parser.add_argument("files", type=Path, nargs="+", metavar="FILE", help=files)
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        metavar="DIR",
-        help="folder to write to; default: beside the file, of its name",
-    )
-    parser.add_argument(
-        "--only",
-        action="append",
-        choices=PICTURES,
-        metavar="NAME",
-        help="this picture of results; may be repeated",
-    )
     against = (
         "column of a table to draw against; default: the option with the most values, of a path the load"
     )
-    parser.add_argument("--x", metavar="NAME", help=against)
     column = (
         "column of a table to draw; may be repeated; default: those of physics, and work where solvers vary"
     )
-    parser.add_argument("--y", action="append", default=[], metavar="NAME", help=column)
-    elsewhere = "of a surface whose file does not say"
-    a_unit = argument(units.unit)
-    parser.add_argument("--unit", type=a_unit, help=f"m, mm, um (or µm) or nm: of the heights, {elsewhere}")
-    size = f"size of a cell [mm], {elsewhere}"
-    parser.add_argument("--spacing", type=argument(_spacing), metavar="DX,DY", help=size)
-    parser.add_argument("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")
+    folder = "folder to write to; default: beside the file, of its name"
+    only = "this picture of results; may be repeated"
     dots = "pixels per inch, 20 to 1200; default: 200"
-    parser.add_argument("--dpi", type=argument(_dots), default=200, help=dots)
+    add("files", type=Path, nargs="+", metavar="FILE", help=files)
+    add("-o", "--output", type=Path, metavar="DIR", help=folder)
+    add("--only", action="append", choices=PICTURES, metavar="NAME", help=only)
+    add("--x", metavar="NAME", help=against)
+    add("--y", action="append", default=[], metavar="NAME", help=column)
+    add("--unit", type=a_unit, help=f"m, mm, um (or µm) or nm: of the heights, {elsewhere}")
+    add("--spacing", type=argument(_spacing), metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
+    add("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")
+    add("--dpi", type=argument(_dots), default=200, help=dots)
     arguments = parser.parse_args(argv)
     first = arguments.files[0]
     arguments.output = arguments.output or (
@@ -227,12 +214,9 @@ def _draw_all(arguments):
     return drawn
 
 
-def main(argv=None):
+@command
+def main(argv):
     """Run the command and return its exit status."""
-    return run(_main, argv)
-
-
-def _main(argv):
     arguments = _arguments(argv)
     with writing(arguments.output):
         drawn = _draw_all(arguments)

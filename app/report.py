@@ -17,53 +17,21 @@ import numpy as np
 
 from app import subsurface
 from app.commands import streams
-from app.commands.arguments import Parser, run, writing
+from app.commands.arguments import Parser, command, writing
 from app.errors import InputError
 from app.output import figures, page
 from app.output.files import check_output_path, write_text
 from app.output.result import read_result
 from app.plot import PICTURES, pictures_of
+from app.quantities import QUANTITIES, label_of, unit_of
 from app.units import length_unit, resolved
 
-_LENGTH, _AREA = "length", "area"
-# Attribute, label, unit, meaning; `_LENGTH` and `_AREA`: in a unit that suits the value.
 _QUANTITIES = (
-    ("load", "load", "N", "normal force"),
-    (
-        "approach",
-        "approach",
-        _LENGTH,
-        "how far the bodies are moved together from where their distance is the one given",
-    ),
-    ("mean_pressure", "mean pressure", "N/mm²", "load over the area of the patch"),
-    ("max_pressure", "maximum pressure", "N/mm²", "largest mean pressure of a cell"),
-    ("contact_area", "contact area", _AREA, "cells in contact times their area"),
-    ("mean_contact_pressure", "mean pressure in contact", "N/mm²", "load over contact area"),
-    ("contact_fraction", "contact fraction", "", "share of the cells where contact is possible"),
-    ("contact_fraction_corrected", "corrected", "", "the same, corrected for its stepped boundary"),
-    ("persson_fraction", "Persson's theory", "", "contact fraction at this mean pressure, E* and rms slope"),
-    ("bush_gibson_thomas_fraction", "Bush, Gibson and Thomas's", "", "the same for light loads"),
-    ("contact_cells", "cells in contact", "", ""),
-    ("contact_patches", "patches", "", "parts of the contact that hang together by faces of cells"),
-    ("largest_patch", "largest patch", _AREA, ""),
-    ("perimeter", "perimeter", _LENGTH, "length of the faces between contact and no contact"),
-    ("semi_axis_major", "larger semi-axis", _LENGTH, "of the ellipse with the second moments of the contact"),
-    ("semi_axis_minor", "smaller semi-axis", _LENGTH, ""),
-    ("pressure_centre_x", "centre of pressure, x", _LENGTH, ""),
-    ("pressure_centre_y", "centre of pressure, y", _LENGTH, ""),
-    ("mean_gap", "mean gap", _LENGTH, "over the cells where contact is possible"),
-    ("stiffness", "stiffness", "N/mm", "dF/dδ, change of the load with the approach"),
-    ("contact_modulus", "contact modulus E*", "N/mm²", "1/E* = (1 − ν₁²)/E₁ + (1 − ν₂²)/E₂"),
-    ("rms_height", "rms height", _LENGTH, "of the undeformed distance about its mean"),
-    ("rms_slope", "rms slope", "", "of the undeformed distance on this grid"),
-)
-_COLUMNS = {name: (label, unit) for name, label, unit, _ in _QUANTITIES} | {
-    "contact_fraction_corrected": ("contact fraction, corrected", ""),
-    "moment_x": ("moment about x", "N mm"),
-    "moment_y": ("moment about y", "N mm"),
-    "major_axis_angle": ("larger semi-axis from x", "degree"),
-    "stiffness_by_differences": ("stiffness by differences", "N/mm"),
-}
+    "load", "approach", "mean_pressure", "max_pressure", "contact_area", "mean_contact_pressure", "contact_fraction",
+    "contact_fraction_corrected", "persson_fraction", "bush_gibson_thomas_fraction", "contact_cells", "contact_patches",
+    "largest_patch", "perimeter", "semi_axis_major", "semi_axis_minor", "pressure_centre_x", "pressure_centre_y",
+    "mean_gap", "stiffness", "contact_modulus", "rms_height", "rms_slope",
+)  # fmt: skip
 _ORIGIN = {
     "version": "version",
     "ranks": "MPI ranks",
@@ -96,10 +64,11 @@ class Section:
 
 def quantity(value, unit, digits=6):
     """A number with its unit, in one that suits it."""
-    if unit in (_LENGTH, _AREA):
-        power = 2 if unit == _AREA else 1
+    if unit in ("mm", "mm2"):
+        power = 2 if unit == "mm2" else 1
         suits = length_unit(abs(value) ** (1 / power))
-        value, unit = value * suits.per_mm**power, suits.name + "²" * (power == 2)
+        value, unit = value * suits.per_mm**power, suits.name + "2" * (power == 2)
+    unit = "" if unit == "1" else unit.replace("2", "²")
     return f"{value:.{digits}g} {unit}".strip().replace("-", "−")
 
 
@@ -122,15 +91,15 @@ def numbers_section(result):
         if name in values:
             values[name] = resolved(values[name], cell)
     found = []
-    for name, label, unit, meaning in _QUANTITIES:
+    for name in _QUANTITIES:
+        unit, _, meaning, _ = QUANTITIES[name]
         value, known = values.get(name), values.get(f"analytic_{name}")
         if _is_number(value):
             # It is not what was prescribed.
             differs = _is_number(known) and known and abs(value / known - 1) > 1e-12
             exact = f"{quantity(known, unit)} ({value / known - 1:+.1e})" if differs else ""
-            found.append(
-                {"label": label, "value": quantity(value, unit), "analytic": exact, "meaning": meaning}
-            )
+            label, told = label_of(name), quantity(value, unit)
+            found.append({"label": label, "value": told, "analytic": exact, "meaning": meaning})
     modulus, slope = (values.get(name, np.nan) for name in ("contact_modulus", "rms_slope"))
     for name, scale, label, meaning in (
         ("max_pressure", modulus, "maximum pressure over E*",
@@ -154,8 +123,8 @@ def proof_section(values):
             "does not depend on the method that found the pressure."
         )
         texts.append(
-            f"Bodies penetrate by {quantity(values.get('largest_penetration', 0.0), _LENGTH, 2)} at most, and no "
-            f"pressure is below {quantity(min(values.get('smallest_pressure', 0.0), 0.0), 'N/mm²', 2)}."
+            f"Bodies penetrate by {quantity(values.get('largest_penetration', 0.0), 'mm', 2)} at most, and no "
+            f"pressure is below {quantity(min(values.get('smallest_pressure', 0.0), 0.0), 'N/mm2', 2)}."
         )
     else:
         texts.append(
@@ -167,7 +136,7 @@ def proof_section(values):
         for name in ("load", "approach", "max_pressure", "contact_area")
     }
     known = [
-        f"{name.replace('_', ' ').replace('max', 'maximum')} {f'{e:.2g}' if e < 1 else '(does not converge)'}"
+        f"{label_of(name)} {f'{e:.2g}' if e < 1 else '(does not converge)'}"
         for name, e in errors.items()
         if e > 0
     ]
@@ -220,9 +189,8 @@ def path_section(result, pictures):
     steps = len(next(iter(columns.values())))
 
     def heading(name):
-        label, unit = _COLUMNS.get(name, (name.replace("_", " "), ""))
-        unit = {_LENGTH: "mm", _AREA: "mm²"}.get(unit, unit)
-        return f"{label} [{unit}]" if unit else label
+        unit = unit_of(name).replace("2", "²")
+        return label_of(name) if unit == "1" else f"{label_of(name)} [{unit}]"
 
     rows = [
         {heading(name): f"{column[k]:.6g}".replace("-", "−") for name, column in columns.items()}
@@ -293,12 +261,9 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
     )
 
 
-def main(argv=None):
+@command
+def main(argv):
     """Run the command and return its exit status."""
-    return run(_main, argv)
-
-
-def _main(argv):
     parser = Parser(prog="python -m app.report", description="Tell all about a result in one web page.")
     parser.add_argument("result", type=Path, metavar="RESULT.h5", help="result file of app.solve")
     parser.add_argument("-o", "--output", type=Path, metavar="F.html", help="default: RESULT.html")

@@ -24,7 +24,7 @@ from pathlib import Path
 
 from app import __version__
 from app.commands import streams
-from app.commands.arguments import Parser, check_folder, count, run
+from app.commands.arguments import Parser, check_folder, command, count
 from app.errors import InputError
 from app.output.files import write_text
 from app.output.style import save_figure
@@ -47,25 +47,17 @@ GROUPS = {
 }
 
 
-def main(argv=None):
+@command
+def main(argv):
     """Run the command and return its exit status."""
-    return run(_main, argv)
-
-
-def _main(argv):
-    parser = Parser(
-        prog="python -m app.reproduce", description="The paper's tables and figures from real runs."
-    )
-    parser.add_argument(
-        "items", nargs="*", metavar="ITEM", help=f"{', '.join([*ITEMS, *GROUPS])}; default: all"
-    )
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder to write to")
-    jobs = len(os.sched_getaffinity(0))
-    parser.add_argument(
-        "--jobs", type=count, default=jobs, metavar="N", help="runs at a time; default: all cores"
-    )
-    parser.add_argument("--quick", action="store_true", help="small grids and few surfaces only")
-    parser.add_argument("--fresh", action="store_true", help="do all runs again")
+    what, jobs = "The paper's tables and figures from real runs.", len(os.sched_getaffinity(0))
+    parser = Parser(prog="python -m app.reproduce", description=what)
+    add, items = parser.add_argument, f"{', '.join([*ITEMS, *GROUPS])}; default: all"
+    add("items", nargs="*", metavar="ITEM", help=items)
+    add("-o", "--output", type=Path, required=True, metavar="DIR", help="folder to write to")
+    add("--jobs", type=count, default=jobs, metavar="N", help="runs at a time; default: all cores")
+    add("--quick", action="store_true", help="small grids and few surfaces only")
+    add("--fresh", action="store_true", help="do all runs again")
     arguments = parser.parse_args(argv)
     items = select(arguments.items or ["all"])
     folder = arguments.output

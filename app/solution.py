@@ -267,7 +267,6 @@ class Solution(ContactFields):
         """
         from app.output.result import Result
         from app.output.write import ByRows, write_result
-        from app.path import UNITS
 
         check_alike(self.comm, list(attributes), f"result file {path}: names of attributes")
         h, u = self.undeformed_distance, self.displacement
@@ -281,12 +280,13 @@ class Solution(ContactFields):
         facts = self.attributes | ({} if attributes.keys() >= _OF_FILE else self.count_patches())
         own = {*facts, *OF_SOLUTION, *Result.__dataclass_fields__} - OF_RUN - _OF_FILE
         more = agree(self.comm, self._fields_among, attributes, own, f"result file {path}")
-        check_alike(self.comm, list(more), f"result file {path}: names of fields")
+        kinds = {name: field.dtype.str for name, field in more.items()}
+        check_alike(self.comm, kinds, f"result file {path}: names and types of fields")
         fields |= more
         facts |= {name: value for name, value in attributes.items() if name not in more}
         try:
             write_result(
-                path, self.comm, self.slabs, fields, self.x, self.grid.y(), facts, self.history, UNITS, steps
+                path, self.comm, self.slabs, fields, self.x, self.grid.y(), facts, self.history, steps
             )
         except OSError as error:
             raise InputError(f"result file {path}: cannot be written: {error}") from None

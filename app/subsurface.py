@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from app.commands import streams
-from app.commands.arguments import Parser, argument, check_folder, count, run, writing
+from app.commands.arguments import Parser, argument, check_folder, command, count, writing
 from app.errors import InputError
 from app.halfspace.stress import COMPONENTS, Hottest, SubsurfaceStress, max_shear, von_mises
 from app.options import half, integer, pair_of_reals, real
@@ -195,35 +195,18 @@ def add_body(add):
 
 def _arguments(argv):
     parser = Parser(prog="python -m app.subsurface", description="Stress below the contact of a result file.")
-    parser.add_argument("result", type=Path, metavar="RESULT.h5", help="result file of app.solve")
-    parser.add_argument(
-        "-o", "--output", type=Path, metavar="DIR", help="folder for subsurface.h5 and the picture"
-    )
-    add_body(parser.add_argument)
-    parser.add_argument(
-        "--at",
-        type=argument(_point),
-        metavar="X,Y",
-        help="sections go through here [mm]; default: the largest stress",
-    )
-    parser.add_argument(
-        "--section", choices=("x", "y"), default="x", help="direction of the picture's; default: x"
-    )
-    parser.add_argument("--depths", type=count, default=64, metavar="N", help="number of depths; default: 64")
-    parser.add_argument(
-        "--deepest",
-        type=argument(_depth),
-        metavar="Z",
-        help="last depth [mm]; default: 4 times that of the largest stress",
-    )
-    parser.add_argument(
-        "--planes",
-        type=argument(_depths),
-        default=(),
-        metavar="Z1,Z2",
-        help="depths of horizontal planes [mm]",
-    )
-    parser.add_argument("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")
+    add, through = parser.add_argument, "sections go through here [mm]; default: the largest stress"
+    deepest = "last depth [mm]; default: 4 times that of the largest stress"
+    planes = "depths of horizontal planes [mm]"
+    add("result", type=Path, metavar="RESULT.h5", help="result file of app.solve")
+    add("-o", "--output", type=Path, metavar="DIR", help="folder for subsurface.h5 and the picture")
+    add_body(add)
+    add("--at", type=argument(_point), metavar="X,Y", help=through)
+    add("--section", choices=("x", "y"), default="x", help="direction of the picture's; default: x")
+    add("--depths", type=count, default=64, metavar="N", help="number of depths; default: 64")
+    add("--deepest", type=argument(_depth), metavar="Z", help=deepest)
+    add("--planes", type=argument(_depths), default=(), metavar="Z1,Z2", help=planes)
+    add("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")
     arguments = parser.parse_args(argv)
     if arguments.output is not None:
         check_folder(arguments.output)
@@ -256,12 +239,9 @@ def summary(hottest, sheared, result, poisson_ratio):
     return texts
 
 
-def main(argv=None):
+@command
+def main(argv):
     """Run the command and return its exit status."""
-    return run(_main, argv)
-
-
-def _main(argv):
     arguments = _arguments(argv)
     result = read_result(arguments.result)
     below = stress(result, arguments.poisson, arguments.body)

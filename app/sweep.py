@@ -31,7 +31,7 @@ import sys
 from pathlib import Path
 
 from app.commands import streams
-from app.commands.arguments import Parser, check_ranks, count, positive, run
+from app.commands.arguments import Parser, check_ranks, command, count, positive
 from app.output.files import check_output_path
 from app.output.table import text, write_table
 from app.runs.batch import rows_of, run_all
@@ -40,24 +40,15 @@ from app.runs.sweep_file import read_sweep
 
 SUFFIXES = (".csv", ".md", ".txt", ".h5", ".hdf5")
 _SHOWN = (
-    "contact_fraction",
-    "max_pressure",
-    "mean_gap",
-    "load",
-    "approach",
-    "active_set_iterations",
-    "operator_applications",
-    "solve_seconds",
-)
+    "contact_fraction", "max_pressure", "mean_gap", "load", "approach", "active_set_iterations",
+    "operator_applications", "solve_seconds",
+)  # fmt: skip
 _MOST_NAMED = 4  # runs that say the same
 
 
-def main(argv=None):
+@command
+def main(argv):
     """Run the command and return its exit status."""
-    return run(_main, argv)
-
-
-def _main(argv):
     what = "Run app.solve for every combination of option values."
     parser = Parser(prog="python -m app.sweep", description=what)
     table = f"table: {' '.join(SUFFIXES)}"

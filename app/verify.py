@@ -15,18 +15,15 @@ import time
 from pathlib import Path
 
 from app.commands import streams
-from app.commands.arguments import Parser, check_folder, check_ranks, run
+from app.commands.arguments import Parser, check_folder, check_ranks, command
 from app.errors import InputError
 from app.output.files import write_text
 from app.output.style import save_figure
 
 
-def main(argv=None):
+@command
+def main(argv):
     """Run the command and return its exit status."""
-    return run(_main, argv)
-
-
-def _main(argv):
     parser = Parser(prog="python -m app.verify", description="All that the program is trusted for, checked.")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder to write to")
     parser.add_argument("--only", action="append", metavar="NAME", help="one check; may be repeated")

@@ -11,16 +11,13 @@ import sys
 from pathlib import Path
 
 from app.commands import streams
-from app.commands.arguments import Parser, run
+from app.commands.arguments import Parser, command
 from app.output.xdmf import write_xdmf
 
 
-def main(argv=None):
+@command
+def main(argv):
     """Run the command and return its exit status."""
-    return run(_main, argv)
-
-
-def _main(argv):
     parser = Parser(prog="python -m app.xdmf", description="Tell ParaView what is in result files.")
     parser.add_argument("results", type=Path, nargs="+", metavar="RESULT.h5", help="in the order of time")
     parser.add_argument(

@@ -8,6 +8,7 @@ import re
 import shutil
 import signal
 from contextlib import contextmanager
+from functools import wraps
 
 from app import __version__, options
 from app.commands import streams
@@ -67,19 +68,24 @@ def writing(output):
         raise InputError(f"-o {output}: cannot be written: {error.strerror or one_line(error)}") from None
 
 
-def run(main, argv):
-    """Call a command's ``main(argv)`` so that SIGTERM ends it like Ctrl-C; return its exit status.
+def command(main):
+    """Let a command's ``main(argv)`` return its exit status, whatever happens; SIGTERM ends it like Ctrl-C.
 
     InputError, OSError and MemoryError are the user's to hear of; anything else is a mistake of the program.
     """
-    streams.repair()
-    previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        return main(argv)
-    except (InputError, OSError, MemoryError) as error:
-        streams.complain(f"error: {one_line(error)}")
-        return 2
-    except KeyboardInterrupt:
-        return 130
-    finally:
-        signal.signal(signal.SIGTERM, previous)
+
+    @wraps(main)
+    def called(argv=None):
+        streams.repair()
+        previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
+        try:
+            return main(argv)
+        except (InputError, OSError, MemoryError) as error:
+            streams.complain(f"error: {one_line(error)}")
+            return 2
+        except KeyboardInterrupt:
+            return 130
+        finally:
+            signal.signal(signal.SIGTERM, previous)
+
+    return called

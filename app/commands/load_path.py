@@ -11,6 +11,7 @@ from app.commands.session import note, say, warn
 from app.errors import InputError, agree
 from app.options import Option, as_line, flag, series, word
 from app.output.files import check_output_path, digest, remove
+from app.quantities import unit_of
 
 KINDS = ("load", "mean_pressure", "approach", "mean_gap")
 _UNITS = ("N", "N/mm2", "mm", "mm of a periodic patch")
@@ -236,9 +237,7 @@ def _identity(wanted, solver):
 
 def _show(row, bar, kind):
     """Tell of a step by the bar on a terminal, else in a line: first of all what is prescribed."""
-    from app.path import UNITS
-
-    shown = {name: f" {UNITS[name]}".removesuffix(" 1") for name in (kind, *_SHOWN)}
+    shown = {name: f" {unit_of(name)}".removesuffix(" 1") for name in (kind, *_SHOWN)}
     numbers = ", ".join(f"{name.replace('_', ' ')} {row[name]:.6g}{unit}" for name, unit in shown.items())
     failed = "" if row["converged"] else ", NOT CONVERGED"
     if bar.disable:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from app.analytic import ANALYTIC
 from app.commands.load_path import which
 from app.output.table import text
+from app.quantities import label_of
 from app.units import resolved
 
 _ROUNDING = 1e-9  # relative error that is none, as of an approach that a mean gap prescribes
 _WITH_ERROR = ("load", "approach", "max_pressure", "contact_area")
-_ANALYTIC = (*_WITH_ERROR, "semi_axis_major", "semi_axis_minor", "stiffness")
 
 
 def summary(facts, grid, output=None):
@@ -99,10 +100,10 @@ def _elastic(facts):
 def _contact(facts, grid):
     """How much is in contact, and how it hangs together."""
     cells, share = facts["contact_cells"], facts["contact_fraction"]
-    corrected = facts["contact_area"] * _ratio(facts["contact_fraction_corrected"], share)
     whole = "those where contact is possible" if cells and round(cells / share) < grid.n else "all"
     text = f"contact area {facts['contact_area']:.6g} mm2"
     if cells:
+        corrected = facts["contact_area"] * facts["contact_fraction_corrected"] / share
         text += f" ({corrected:.6g} corrected for its stepped rim)"
     text += f": {_count(cells, 'cell')}, {100 * share:.4g}% of {whole}"
     if facts.get("contact_patches", 0) > 1:
@@ -126,7 +127,7 @@ def _more(facts, grid):
         lines.append(f"stiffness {facts['stiffness']:.8g} N/mm, by one more linear solve")
     analytic = [
         f"{_words(name)} {known:.7g} ({100 * (facts[name] / known - 1):+.2g}%)"
-        for name in _ANALYTIC
+        for name in ANALYTIC
         if name in facts
         and (known := facts.get(f"analytic_{name}"))
         and abs(facts[name] - known) > 1e-12 * abs(known)
@@ -167,13 +168,8 @@ def grids(refined, until):
     return f"{text(refined.rows, formats=formats)}the largest of the errors {end} {until:g}"
 
 
-def _ratio(one, other):
-    return one / other if other else 0.0
-
-
 def _words(name):
-    words = {"max_pressure": "maximum pressure", "semi_axis_major": "semi-axes", "semi_axis_minor": "and"}
-    return words.get(name, name.replace("_", " "))
+    return {"semi_axis_major": "semi-axes", "semi_axis_minor": "and"}.get(name) or label_of(name)
 
 
 def _count(number, what):

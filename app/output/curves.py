@@ -24,6 +24,7 @@ from app.output.style import (
     say_instead,
     styled,
 )
+from app.problems.moments import Moments, take_off
 from app.problems.statistics import radial_spectrum
 from app.units import length_unit
 
@@ -99,13 +100,9 @@ def rough_part(result):
         return None
     rest = h - h.mean()
     if not result.grid.periodic:
-        x, y = (np.linspace(-1, 1, n) for n in h.shape[::-1])
-        ones_x, ones_y = np.ones_like(x), np.ones_like(y)
-        terms = [(ones_y, ones_x), (ones_y, x), (y, ones_x), (y, x), (ones_y, x**2), (y**2, ones_x)]
-        matrix = np.array([[(a[0] @ b[0]) * (a[1] @ b[1]) for b in terms] for a in terms])
-        weights = np.linalg.solve(matrix, [a @ rest @ b for a, b in terms])
-        for weight, (in_y, in_x) in zip(weights, terms, strict=True):
-            rest -= weight * np.outer(in_y, in_x)
+        rest = take_off(
+            Moments("", lambda *rows: h[slice(*rows)], h.shape).fit("quadratic"), h.copy(), 0, len(h)
+        )
     return rest if np.abs(rest).max() > 1e-9 * np.ptp(h) else None
 
 

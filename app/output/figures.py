@@ -6,10 +6,8 @@ Lengths stand in a unit that suits them, pressures in N/mm2. Not collective: cal
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.ticker import MaxNLocator
@@ -41,13 +39,6 @@ PROBLEMS = {
 }
 
 _ASTRAY = 1e200  # residuals from here on are not drawn: axes compute with larger numbers
-
-
-class Reference(NamedTuple):
-    """An analytic pressure to compare with: ``pressure(x, y)`` [N/mm2] of arrays [mm], and its name."""
-
-    pressure: Callable
-    label: str
 
 
 _PRESCRIBED = {
@@ -120,8 +111,8 @@ def section_figure(result, reference=None):
     Parameters
     ----------
     result : Result
-    reference : Reference, optional
-        Drawn over the computed pressure.
+    reference : app.reference.hertz.EllipticHertz, optional
+        Its pressure is drawn over the computed one.
     """
     figure = new_figure(7.4, 7.2)
     row, column = hottest_cell(result)
@@ -190,7 +181,7 @@ def draw_section(axes, result, along, row, column, reference):
         mm = s / unit.per_mm
         x, y = (mm, result.y[row]) if along == "x" else (result.x[column], mm)
         exact = reference.pressure(x, y)
-        axes.plot(s, exact, color=ORANGE, linestyle=DASHED, label=reference.label)
+        axes.plot(s, exact, color=ORANGE, linestyle=DASHED, label="Hertz")
         axes.legend(loc="upper right")
     across = across.replace("-", "−")
     axes.set(

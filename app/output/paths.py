@@ -13,6 +13,7 @@ Not collective: call on one rank.
 from __future__ import annotations
 
 import csv
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ import numpy as np
 from app import options
 from app.errors import InputError
 from app.output.style import DASHED, DOTTED, log_axis, new_figure, say_instead, series, styled
+from app.quantities import axis_label
 from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction, persson_pressure
 from app.units import length_unit
 
@@ -236,7 +238,7 @@ def _draw_stiffness_against(axes, paths, x, scale=lambda path: (1.0, 1.0)):
     others = [path.name for path, known in zip(paths, exact, strict=True) if not known]
     names = ", ".join(others) if len(others) < 4 else f"{len(others)} of {len(paths)} paths"
     of = f"\nby differences{f': {names}' if any(exact) else ''}" if others else ""
-    axes.set(ylabel=f"stiffness dF/dδ  [N/mm]{of}")
+    axes.set(ylabel=f"{axis_label('stiffness')}{of}")
     return True
 
 
@@ -254,43 +256,36 @@ def _draw_stiffness(axes, paths):
 
 def _draw_smooth_stiffness(axes, paths):
     if _draw_stiffness_against(axes, paths, "load"):
-        axes.set(xlabel="load F  [N]")
+        axes.set(xlabel=axis_label("load"))
         _draw_analytic(axes, paths, "load", "stiffness")
 
 
-def _against_approach(name, label):
-    def draw(axes, paths):
-        def values(x):
-            known = [path.positive(x, name, lowest=-np.inf) for path in paths]
-            return np.concatenate([found[0] for found in known if found is not None] or [[1.0]])
+def _draw_load(axes, paths):
+    def values(x):
+        known = [path.positive(x, "load", lowest=-np.inf) for path in paths]
+        return np.concatenate([found[0] for found in known if found is not None] or [[1.0]])
 
-        x, what, known = "approach", "approach δ", values("approach")
-        columns = [path.columns for path in paths]
-        if known.min() < 0 and all("indentation" in one and f"analytic_{x}" not in one for one in columns):
-            x, what, known = "indentation", "approach beyond first touch", values("indentation")
-        unit = length_unit(abs(known).max())
-        log = known.min() >= 0  # an approach that is counted from within the roughness has no logarithm
-        if _curves(axes, paths, x, name, lambda path: (unit.per_mm, 1.0), (log, log)) is not None:
-            axes.set(xlabel=f"{what}  [{unit.name}]", ylabel=label)
-            _draw_analytic(axes, paths, "approach", name, unit.per_mm)
-
-    return draw
+    x, known, columns = "approach", values("approach"), [path.columns for path in paths]
+    if known.min() < 0 and all("indentation" in one and "analytic_approach" not in one for one in columns):
+        x, known = "indentation", values("indentation")
+    unit = length_unit(abs(known).max())
+    log = known.min() >= 0  # an approach that is counted from within the roughness has no logarithm
+    if _curves(axes, paths, x, "load", lambda path: (unit.per_mm, 1.0), (log, log)) is not None:
+        axes.set(xlabel=axis_label(x).replace("mm", unit.name), ylabel=axis_label("load"))
+        _draw_analytic(axes, paths, "approach", "load", unit.per_mm)
 
 
-def _against_load(name, label):
-    def draw(axes, paths):
-        if _curves(axes, paths, "load", name) is not None:
-            axes.set(xlabel="load F  [N]", ylabel=label)
-            _draw_analytic(axes, paths, "load", name)
-
-    return draw
+def _draw_against_load(name, axes, paths):
+    if _curves(axes, paths, "load", name) is not None:
+        axes.set(xlabel=axis_label("load"), ylabel=axis_label(name))
+        _draw_analytic(axes, paths, "load", name)
 
 
 _ROUGH = (_draw_fraction, _draw_kappa, _draw_gap, _draw_stiffness)
 _SMOOTH = (
-    _against_approach("load", "load F  [N]"),
-    _against_load("max_pressure", "maximum pressure  [N/mm²]"),
-    _against_load("contact_area", "contact area  [mm²]"),
+    _draw_load,
+    partial(_draw_against_load, "max_pressure"),
+    partial(_draw_against_load, "contact_area"),
     _draw_smooth_stiffness,
 )
 

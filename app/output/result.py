@@ -36,6 +36,7 @@ import numpy as np
 from app.errors import InputError, one_line
 from app.memory import check_fits
 from app.output.contact_fields import ContactFields
+from app.quantities import QUANTITIES
 
 FIELDS = {
     "pressure": np.float64,
@@ -45,16 +46,7 @@ FIELDS = {
     "contact": np.uint8,
 }
 AXES = {"x": np.float64, "y": np.float64}
-UNITS = {
-    "pressure": "N/mm2",
-    "gap": "mm",
-    "displacement": "mm",
-    "undeformed_distance": "mm",
-    "contact": "1",
-    "x": "mm",
-    "y": "mm",
-}
-HISTORY_UNITS = {"load": "N", "approach": "mm", "seconds": "s"}  # of the others: 1
+UNITS = dict.fromkeys((*FIELDS, *AXES), "mm") | {"pressure": "N/mm2", "contact": "1"}
 HISTORY = {
     "level": np.int64,
     "contact_cells": np.int64,
@@ -64,33 +56,15 @@ HISTORY = {
     "work_units": np.float64,
 }
 ATTRIBUTES = (
-    "converged",
-    "reason",
-    "active_set_iterations",
-    "work_units",
-    "operator_applications",
-    "inner_iterations",
-    "residual",
-    "load",
-    "approach",
-    "max_pressure",
-    "contact_cells",
-    "contact_fraction",
-    "solve_seconds",
-    "setup_seconds",
-    "ranks",
-    "options",
-    "command_line",
-    "version",
-)
-
+    "converged", "reason", "active_set_iterations", "work_units", "operator_applications", "inner_iterations",
+    "residual", "load", "approach", "max_pressure", "contact_cells", "contact_fraction", "solve_seconds",
+    "setup_seconds", "ranks", "options", "command_line", "version",
+)  # fmt: skip
 TEXTS = ("reason", "options", "command_line", "version", "notes", "problem", "periodic_symbol")
-NUMBERS = (  # beside the other `ATTRIBUTES`, where there are any
-    "mean_pressure", "contact_area", "contact_modulus", "rms_slope", "rms_height", "mean_gap", "stiffness",
+NUMBERS = (  # beside `ATTRIBUTES` and the table of quantities, where there are any
     "error_bound", "discretisation_error", "poisson_ratio", "periodic", "largest_penetration", "smallest_pressure",
     "lcp_rtol", "shear_modulus", "hertz_rx", "hertz_ry", "surface_hurst", "surface_rolloff", "surface_cutoff",
-    "load_error", "approach_error", "max_pressure_error", "contact_area_error", "pressure_centre_x",
-    "pressure_centre_y",
+    "load_error", "approach_error", "max_pressure_error", "contact_area_error",
 )  # fmt: skip
 PAIRS = ("young", "poisson", "cell_size")
 _LEAST = 1e-60  # mm, size of a cell, and 1 / mm: its powers are numbers
@@ -246,7 +220,8 @@ def refuse_others(file):
 
 def _read_hdf5(file):
     refuse_others(file)
-    require(file.attrs, ATTRIBUTES, "attribute")
+    if missing := [name for name in ATTRIBUTES if name not in file.attrs]:
+        raise InputError(f"attribute {', '.join(missing)} is missing")
     sizes = []
     file.visititems(lambda name, item: sizes.append(float(getattr(item, "nbytes", None) or 0)))
     check_fits(sum(sizes), "what it holds")  # a few bytes can stand for many
@@ -297,7 +272,10 @@ def read_dataset(file, name, dtype=None):
     if name in AXES and (item.ndim != 1 or not item.size):
         raise InputError(f"dataset {name}: shape {item.shape} where one of cell centres is needed")
     check_fits(float(item.nbytes), f"dataset {name}")
-    values = cast(f"dataset {name}", item[()], dtype or item.dtype)
+    dtype = np.dtype(dtype or item.dtype)
+    if not np.can_cast(item.dtype, dtype, "same_kind"):  # holds all values but for rounding
+        raise InputError(f"dataset {name}: type {item.dtype} where {dtype} is needed")
+    values = item[()].astype(dtype, copy=False)
     if name in AXES and not _are_centres(values):
         raise InputError(f"dataset {name}: needed: finite cell centres [mm] that rise in equal steps")
     return values
@@ -318,7 +296,7 @@ def read_attributes(file):
 
 def _attribute(name, value):
     """An attribute as Python has it."""
-    text, number = name in TEXTS, name in NUMBERS or name in ATTRIBUTES
+    text, number = name in TEXTS, name in (*NUMBERS, *ATTRIBUTES, *QUANTITIES)
     plain = value.item() if isinstance(value, np.generic) else value
     if name in PAIRS and not (
         isinstance(plain, np.ndarray) and plain.shape == (2,) and plain.dtype.kind in "iuf"
@@ -329,17 +307,3 @@ def _attribute(name, value):
     ):
         raise InputError(f"attribute {name}: {plain!r} where a {'text' if text else 'number'} is needed")
     return plain
-
-
-def cast(name, values, dtype):
-    """Return values in a type that holds all of them but for rounding, else an InputError. Not collective."""
-    if not np.can_cast(values.dtype, dtype, "same_kind"):
-        raise InputError(f"{name}: type {values.dtype} where {np.dtype(dtype)} is needed")
-    return values.astype(dtype, copy=False)
-
-
-def require(found, names, kind):
-    """Refuse with an InputError if some names are missing. Not collective."""
-    missing = [name for name in names if name not in found]
-    if missing:
-        raise InputError(f"{kind} {', '.join(missing)} is missing")

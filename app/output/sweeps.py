@@ -9,28 +9,15 @@ import numpy as np
 from app.errors import InputError
 from app.output.paths import numbers
 from app.output.style import log_axis, new_figure, series, styled
+from app.quantities import axis_label
 from app.units import length_unit
 
-_PHYSICS = {
-    "approach": "approach δ  [mm]",
-    "contact_fraction": "contact fraction",
-    "contact_area": "contact area  [mm²]",
-    "max_pressure": "maximum pressure  [N/mm²]",
-    "mean_gap": "mean gap  [mm]",
-    "stiffness": "stiffness dF/dδ  [N/mm]",
-    "load": "load F  [N]",
-}
-_WORK = {
+_PHYSICS = "approach", "contact_fraction", "contact_area", "max_pressure", "mean_gap", "stiffness", "load"
+_WORK = {  # and labels
     "operator_applications": "operator applications",
     "work_units": "work units",
     "solve_seconds": "time of the solve  [s]",
     "error_bound": "proved bound of the error",
-}
-_OTHERS = {  # labels of what is drawn where it is asked for
-    "indentation": "approach beyond first touch  [mm]",
-    "mean_pressure": "mean pressure  [N/mm²]",
-    "mean_contact_pressure": "mean pressure in contact  [N/mm²]",
-    "rms_height": "rms height  [mm]",
 }
 _SAME = {"load": "mean_pressure", "contact_area": "contact_fraction"}  # but for the area of the patch
 _OF_SOLVERS = re.compile("(option_files|grid)$|(lcp|ksp|pc|mg|tao|snes)_")  # they change the work of a solve
@@ -163,7 +150,7 @@ def _in_units(values, name, varied):
     if name in varied:
         return values, _axis_label(name)
     name = name.removeprefix("result_")
-    label = (_PHYSICS | _WORK | _OTHERS).get(name, name.replace("_", " "))
+    label = _WORK.get(name) or axis_label(name)
     if "[mm]" not in label:
         return values, label
     unit = length_unit(np.nanmax(np.abs(values)))

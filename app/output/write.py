@@ -12,7 +12,8 @@ import numpy as np
 from app.errors import InputError, agree, one_line
 from app.halfspace.grid import runs
 from app.output.files import check_output_path, publish, remove, temporary_name
-from app.output.result import ATTRIBUTES, AXES, FIELDS, HISTORY, HISTORY_UNITS, UNITS, cast, require
+from app.output.result import AXES, FIELDS, HISTORY, UNITS
+from app.quantities import unit_of
 
 _CELLS_AT_ONCE = 1 << 20  # written together
 _METADATA_BYTES = 1 << 16  # more than HDF5 needs for the names and layout of a few dozen datasets
@@ -30,10 +31,10 @@ class ByRows:
         return self.values(rows)
 
 
-def write_result(path, comm, slabs, fields, x, y, attributes, history, units=None, steps=None):
+def write_result(path, comm, slabs, fields, x, y, attributes, history, steps=None):
     """Write a result file; it appears whole or not at all.
 
-    Collective. `path`, `x`, `y`, `attributes`, `history`, `units` and `steps` are those of rank 0 (a measured
+    Collective. `path`, `x`, `y`, `attributes`, `history` and `steps` are those of rank 0 (a measured
     time need not be the same everywhere). An error on any rank is raised on all of them.
 
     Parameters
@@ -49,24 +50,22 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, units=Non
     x, y : array_like, shapes (nx,) and (ny,), [mm]
         Cell centres of the whole grid.
     attributes : mapping
-        All of `ATTRIBUTES` and any others: bool, int, float, str or numeric arrays.
+        All of `app.output.result.ATTRIBUTES` and any others: bool, int, float, str or numeric arrays.
     history : mapping of str to array_like, shape (k,)
         All of `HISTORY` and any other numeric columns; empty if there was no iteration.
-    units : mapping of str to str, optional
-        Units of the fields that are not in `FIELDS`, and of `steps`; ``"1"`` if not given.
     steps : mapping of str to array_like, shape (steps,), optional
         Numeric columns of a load path.
 
     Raises
     ------
     InputError
-        If something is missing or has the wrong shape or type, or `path` is of no use.
+        If an attribute, a step or a field is of no type for a file, or `path` is of no use.
     OSError
         If writing fails.
     """
     path = agree(comm, check_output_path, path, only_root=True)
-    plan = agree(comm, _plan, slabs, fields, x, y, attributes, history, units, steps, only_root=True)
-    rows = agree(comm, _local_rows, comm, slabs, fields, plan)
+    plan = agree(comm, _plan, fields, x, y, attributes, history, steps, only_root=True)
+    rows = {name: _rows_of(fields[name]) for name in plan["types"]}
     temporary = comm.bcast(temporary_name(path) if comm.rank == 0 else None)
     try:
         # With HDF5 on MPI-IO the ranks share the writing of metadata, and an error in it, or in opening
@@ -84,31 +83,12 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, units=Non
         raise
 
 
-def _plan(slabs, fields, x, y, attributes, history, units, steps):
-    """Check what rank 0 gives and return it as dict, ready to be written."""
-    axes = {name: np.asarray(values, AXES[name]) for name, values in (("x", x), ("y", y))}
-    if axes["x"].ndim != 1 or axes["y"].shape != (slabs.ny,):
-        raise InputError(
-            f"cell centres have shapes {axes['x'].shape}, {axes['y'].shape}, rows are {slabs.ny}"
-        )
-    require(fields, FIELDS, "field")
-    require(attributes, ATTRIBUTES, "attribute")
-    history = history or dict.fromkeys(HISTORY, ())
-    require(history, HISTORY, "history column")
-    for name in fields:
-        if name in axes or name in ("history", "path") or "/" in name:
-            raise InputError(f"field {name!r}: name is reserved")
+def _plan(fields, x, y, attributes, history, steps):
+    """Check what a user may have given and return all that rank 0 writes as dict."""
     for name, value in attributes.items():
         value = np.asarray(value)
         if value.dtype.kind not in ("biufU" if value.ndim == 0 else "biuf"):
             raise InputError(f"attribute {name}: {value.dtype} is not a number, string or numeric array")
-    columns = {name: np.asarray(values, HISTORY.get(name)) for name, values in history.items()}
-    shape = columns["level"].shape
-    for name, column in columns.items():
-        if column.ndim != 1 or column.shape != shape or column.dtype.kind not in "biuf":
-            raise InputError(
-                f"history column {name}: shape {column.shape}, type {column.dtype}; level has {shape}"
-            )
     if steps is not None and not isinstance(steps, Mapping):
         raise InputError(f"steps: {type(steps).__name__}; needed: columns by name, the table of a load path")
     steps = {name: np.asarray(values) for name, values in (steps or {}).items()}
@@ -125,31 +105,14 @@ def _plan(slabs, fields, x, y, attributes, history, units, steps):
     for name, dtype in types.items():
         if dtype.kind not in "biuf":
             raise InputError(f"field {name}: {dtype} is not numeric")
+    history = history or dict.fromkeys(HISTORY, ())
     return {
         "types": types,
-        "units": {**dict.fromkeys(types, "1"), **(units or {}), **UNITS},
-        "axes": axes,
+        "axes": {name: np.asarray(values, AXES[name]) for name, values in (("x", x), ("y", y))},
         "attributes": dict(attributes),
-        "history": columns,
+        "history": {name: np.asarray(values, HISTORY.get(name)) for name, values in history.items()},
         "path": steps,
     }
-
-
-def _local_rows(comm, slabs, fields, plan):
-    """Return this rank's rows of every field, of which the type in the file can be made."""
-    if (slabs.size, slabs.rank) != (comm.size, comm.rank):
-        raise InputError(f"slabs of rank {slabs.rank} of {slabs.size} on rank {comm.rank} of {comm.size}")
-    if fields.keys() != plan["types"].keys():
-        raise InputError(f"fields {sorted(fields)}, but rank 0 has {sorted(plan['types'])}")
-    rows = {name: _rows_of(fields[name]) for name in plan["types"]}
-    shape = slabs.local, plan["axes"]["x"].size
-    for name, values in rows.items():
-        if values.shape != shape:
-            raise InputError(
-                f"field {name}: shape {values.shape}, rows and columns of rank {comm.rank} are {shape}"
-            )
-        cast(f"field {name}", values[:0], plan["types"][name])  # HDF5 does it, run by run
-    return rows
 
 
 def _rows_of(field):
@@ -178,10 +141,10 @@ def _lay_out(path, plan):
             file.attrs[name] = value
         for name, column in plan["history"].items():
             file[f"history/{name}"] = column
-            file[f"history/{name}"].attrs["unit"] = HISTORY_UNITS.get(name, "1")
+            file[f"history/{name}"].attrs["unit"] = unit_of(name)
         for name, column in plan["path"].items():
             file[f"path/{name}"] = column.astype(np.uint8) if column.dtype == bool else column
-            file[f"path/{name}"].attrs["unit"] = plan["units"].get(name, "1")
+            file[f"path/{name}"].attrs["unit"] = unit_of(name)
         for name, axis in plan["axes"].items():
             file[name] = axis
             file[name].make_scale(name)
@@ -190,7 +153,7 @@ def _lay_out(path, plan):
             for dimension, axis in zip(file[name].dims, ("y", "x"), strict=True):
                 dimension.attach_scale(file[axis])
         for name in (*plan["axes"], *plan["types"]):
-            file[name].attrs["unit"] = plan["units"][name]
+            file[name].attrs["unit"] = UNITS.get(name, "1")
     _reserve(path, path.stat().st_size, "r+b")
 
 

@@ -11,16 +11,13 @@ Not collective: call on one rank.
 from __future__ import annotations
 
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 
 from app.errors import InputError
 from app.output.files import write_text
 from app.output.result import AXES, FIELDS, grid_of, opened, read_attributes, read_dataset, refuse_others
-
-_HEAD = '<?xml version="1.0"?>\n<Xdmf Version="3.0">\n<Domain>\n'
-_TAIL = "</Domain>\n</Xdmf>\n"
 
 
 def write_xdmf(results, path=None):
@@ -49,19 +46,22 @@ def write_xdmf(results, path=None):
     for result in results:
         if result.parent.resolve() != path.resolve().parent:  # a link may stand there for the result
             raise InputError(f"{path}: must lie in the folder of {result}, which it refers to")
-    grids = [_read(result) for result in results]
-    loads = [load for load, _ in grids]
+    loads, grids = zip(*map(_read, results), strict=True)
     rising = len(loads) > 1 and (np.diff(loads) > 0).all()
-    times = loads if rising else range(len(grids))
-    body = "".join(grid(float(time)) for (_, grid), time in zip(grids, times, strict=True))
+    for grid, time in zip(grids, loads if rising else range(len(grids)), strict=True):
+        grid.find("Time").set("Value", repr(float(time)))
+    root = Element("Xdmf", Version="3.0")
+    place = SubElement(root, "Domain")
     if len(grids) > 1:
-        body = f'<Grid Name="steps" GridType="Collection" CollectionType="Temporal">\n{body}</Grid>\n'
-    write_text(path, _HEAD + body + _TAIL)
+        place = SubElement(place, "Grid", Name="steps", GridType="Collection", CollectionType="Temporal")
+    place.extend(grids)
+    indent(root)
+    write_text(path, '<?xml version="1.0"?>\n' + tostring(root, "unicode") + "\n")
     return path
 
 
 def _read(result):
-    """Load [N] and ``grid(time)``, which is the text, of a result."""
+    """Load [N], and element of a grid whose time is not known yet, of a result."""
     with opened(result) as file:
         refuse_others(file)
         x, y = (read_dataset(file, name) for name in AXES)
@@ -74,31 +74,21 @@ def _read(result):
 
 
 def _grid(result, grid, fields):
-    """Text of a grid as a function of its time."""
     nx, ny, dz = grid.nx, grid.ny, min(grid.dx, grid.dy)
-    corner, sides = f"{-dz!r} {grid.y0!r} {grid.x0!r}", f"{dz!r} {grid.dy!r} {grid.dx!r}"
-    attributes = "".join(
-        f"<Attribute Name={quoteattr(name)} AttributeType=\"Scalar\" Center=\"Cell\">\n"
-        f"{_item(f'1 {ny} {nx}', 'HDF', f'{result.name}:/{name}', kind)}</Attribute>\n"
-        for name, kind in fields.items()
-    )
-
-    def text(time):
-        return (
-            f"<Grid Name={quoteattr(result.stem)} GridType=\"Uniform\">\n<Time Value=\"{time!r}\"/>\n"
-            f'<Topology TopologyType="3DCoRectMesh" Dimensions="2 {ny + 1} {nx + 1}"/>\n'
-            f'<Geometry GeometryType="ORIGIN_DXDYDZ">\n'
-            f"{_item('3', 'XML', corner)}{_item('3', 'XML', sides)}</Geometry>\n{attributes}</Grid>\n"
-        )
-
-    return text
+    found = Element("Grid", Name=result.stem, GridType="Uniform")
+    SubElement(found, "Time")
+    SubElement(found, "Topology", TopologyType="3DCoRectMesh", Dimensions=f"2 {ny + 1} {nx + 1}")
+    geometry = SubElement(found, "Geometry", GeometryType="ORIGIN_DXDYDZ")
+    for numbers in (-dz, grid.y0, grid.x0), (dz, grid.dy, grid.dx):
+        _add_item(geometry, "3", "XML", " ".join(map(repr, numbers)))
+    for name, kind in fields.items():
+        attribute = SubElement(found, "Attribute", Name=name, AttributeType="Scalar", Center="Cell")
+        _add_item(attribute, f"1 {ny} {nx}", "HDF", f"{result.name}:/{name}", kind)
+    return found
 
 
-def _item(dimensions, where, text, kind=np.float64):
+def _add_item(parent, dimensions, where, text, kind=np.float64):
     kind = np.dtype(kind)
     number = {"f": "Float", "i": "Int", "u": "UInt" if kind.itemsize > 1 else "UChar"}.get(kind.kind, "Int")
-    escaped = text.replace("&", "&amp;").replace("<", "&lt;")
-    return (
-        f'<DataItem Dimensions="{dimensions}" NumberType="{number}" Precision="{kind.itemsize}" '
-        f'Format="{where}">{escaped}</DataItem>\n'
-    )
+    facts = {"NumberType": number, "Precision": str(kind.itemsize), "Format": where}
+    SubElement(parent, "DataItem", Dimensions=dimensions, **facts).text = text

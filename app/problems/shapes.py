@@ -24,6 +24,7 @@ from numbers import Real
 
 import numpy as np
 
+from app import reference
 from app.errors import InputError
 
 
@@ -141,9 +142,7 @@ class Paraboloid(Shape):
 
     def analytic(self, contact_modulus, **loading):
         """See `Shape.analytic`: Hertz's."""
-        from app.reference.hertz import EllipticHertz
-
-        return _exact(EllipticHertz, self.rx, self.ry, contact_modulus, **loading)
+        return _exact(reference.EllipticHertz, self.rx, self.ry, contact_modulus, **loading)
 
     def describe(self):
         """See `Shape.describe`."""
@@ -227,9 +226,7 @@ class Cone(Shape):
 
     def analytic(self, contact_modulus, **loading):
         """See `Shape.analytic`: Love's."""
-        from app.reference.axisymmetric import Cone as Exact
-
-        return _exact(Exact, self.slope, contact_modulus, **loading)
+        return _exact(reference.Cone, self.slope, contact_modulus, **loading)
 
     def describe(self):
         """See `Shape.describe`."""
@@ -266,9 +263,7 @@ class FlatPunch(Shape):
 
     def analytic(self, contact_modulus, **loading):
         """See `Shape.analytic`: Boussinesq's."""
-        from app.reference.axisymmetric import FlatCircularPunch
-
-        return _exact(FlatCircularPunch, self.diameter / 2, contact_modulus, **loading)
+        return _exact(reference.FlatCircularPunch, self.diameter / 2, contact_modulus, **loading)
 
     def describe(self):
         """See `Shape.describe`."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.reference.base import NormalContact, require_positive
+from app.reference.base import NormalContact
 
 
 class AxisymmetricContact(NormalContact):
@@ -171,41 +171,6 @@ class FlatCircularPunch(AxisymmetricContact):
         s = self._radius2(x, y)
         inside = s < 1
         return np.where(inside, self.mean_pressure / 2 / np.sqrt(1 - np.where(inside, s, 0)), 0)
-
-    def mean_pressure_on_cell(self, x, y, dx, dy):
-        """Return the mean pressure on rectangles, exactly, also where they reach over the rim [N/mm2].
-
-        Parameters
-        ----------
-        x, y : array_like
-            Centres of the rectangles [mm].
-        dx, dy : float
-            Their sides [mm].
-
-        Raises
-        ------
-        InputError
-            If a side is not positive and finite.
-        """
-        require_positive(dx=dx, dy=dy)
-        x, y = np.asarray(x), np.asarray(y)
-        if self.a == 0:
-            return np.zeros(np.broadcast(x, y).shape)
-        left, right = (np.clip((x + s * dx) / self.a, -1, 1) for s in (-0.5, 0.5))
-        lower, upper = (np.clip((y + s * dy) / self.a, -1, 1) for s in (-0.5, 0.5))
-
-        def from_origin(x, y):
-            """Integrate 1/sqrt(1 - x^2 - y^2) over the part inside the unit circle of [0, x] x [0, y]."""
-            root = np.sqrt(np.maximum(1 - x**2 - y**2, 0))
-            return x * np.arctan2(y, root) + y * np.arctan2(x, root) - np.arctan2(x * y, root)
-
-        integral = (
-            from_origin(right, upper)
-            - from_origin(left, upper)
-            - from_origin(right, lower)
-            + from_origin(left, lower)
-        )
-        return self.mean_pressure / 2 * self.a**2 / (dx * dy) * integral
 
     def _shape(self, r):
         return np.where(r <= self.radius, 0.0, np.nan)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from matplotlib.colors import ListedColormap, LogNorm
 from scipy.special import ndtri
@@ -174,9 +176,12 @@ def _plan_contact(problem, cases):
     return plan
 
 
-def _contact_panels(figure, outcomes, cases, names):
+@styled
+def _contact_figure(cases, height, outcomes):
+    """Contact areas of some cases, a row each; `cases`: number -> approach [mm], or None of the only one."""
+    figure = new_figure(11.0, height)
     panels = figure.subplots(len(cases), 3, sharex=True, sharey=True, squeeze=False)
-    for number, (row, case) in enumerate(zip(panels, cases, strict=True)):
+    for number, (row, (case, approach)) in enumerate(zip(panels, cases.items(), strict=True)):
         end = outcomes[str(case), "fmg_v11"]
         last, wrong = np.array(end["last"]), "" if converged(end) else ", not converged"
         for axes, (method, which, title) in zip(row, _CONTACT_COLUMNS, strict=True):
@@ -188,23 +193,10 @@ def _contact_panels(figure, outcomes, cases, names):
                 f", {different} unlike the last" if which == "first" else wrong
             )
             axes.set_title(f"{title}\n{told}" if number == 0 else told, loc="left")
-        row[0].set_ylabel(f"{names[case]}\ny  [mm]" if names else "y  [mm]")
+        name = f"case {case} ({approach.replace('-', '−')} mm)\n" if approach else ""
+        row[0].set_ylabel(f"{name}y  [mm]")
     for axes in panels[-1]:
         axes.set_xlabel("x  [mm]")
-
-
-@styled
-def _figure8(outcomes):
-    figure = new_figure(11.0, 3.6)
-    _contact_panels(figure, outcomes, [1], {})
-    return figure
-
-
-@styled
-def _figure11(outcomes):
-    figure = new_figure(11.0, 9.6)
-    names = {case: f"case {case} ({approach.replace('-', '−')} mm)" for case, approach in CASES.items()}
-    _contact_panels(figure, outcomes, list(CASES), names)
     return figure
 
 
@@ -349,10 +341,10 @@ FIGURES = [
          _nothing, _figure6),
     Item("fig7", "figure", "Eigenvectors of Gauss–Seidel on 32 and 16 cells", _nothing, _figure7),
     Item("fig8", "figure", "Hertz, 32 × 32 cells: contact area at the start and at the end",
-         _plan_contact("hertz", {1: None}), _figure8),
+         _plan_contact("hertz", {1: None}), partial(_contact_figure, {1: None}, 3.6)),
     Item("fig10", "figure", "The rough surface on four successive grids", _nothing, _figure10),
     Item("fig11", "figure", "Rough punch, 32 × 32 cells: contact area at the start and at the end",
-         _plan_contact("punch", CASES), _figure11),
+         _plan_contact("punch", CASES), partial(_contact_figure, CASES, 9.6)),
     Item("fig12", "figure", "Rough surfaces with different decay, and normal probability plot", _nothing, _figure12),
     Item("work", "figure", "Work against grid size: full multigrid and active set + CG, ours and the paper's",
          _plan_work, _figure_work),

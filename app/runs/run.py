@@ -27,34 +27,24 @@ _NO_PART = """
     sweep.py reproduce.py verify.py plot.py report.py subsurface.py xdmf.py convert.py
 """.split()
 
-ATTRIBUTES = (
-    "contact_fraction",
-    "max_pressure",
-    "mean_gap",
-    "load",
-    "approach",
-    "mean_pressure",
-    "contact_fraction_corrected",
-    "converged",
-    "active_set_iterations",
-    "inner_iterations",
-    "work_units",
-    "operator_applications",
-    "residual",
+_ANSWER = (
+    "contact_fraction", "max_pressure", "mean_gap", "load", "approach", "mean_pressure", "contact_fraction_corrected",
+)  # fmt: skip
+_WORK = (
+    "converged", "active_set_iterations", "inner_iterations", "work_units", "operator_applications", "residual",
     "solve_seconds",
-)
+)  # fmt: skip
 WHERE_KNOWN = (  # those of grids by nested iteration only; the stiffness if it is asked for
     "indentation", "contact_area", "mean_contact_pressure", "stiffness", "contact_patches", "largest_patch",
     "persson_fraction", "rms_height", "rms_slope", "contact_modulus", "error_bound", "load_error", "approach_error",
     "max_pressure_error", "contact_area_error",
 )  # fmt: skip
 CHECKS = ("largest_penetration", "smallest_pressure", "complementarity")
-_PHYSICS = (*ATTRIBUTES[: ATTRIBUTES.index("converged")], *WHERE_KNOWN)
-OUTCOME = ("exit_status", *_PHYSICS, *ATTRIBUTES[ATTRIBUTES.index("converged") :], *CHECKS, "message")
+OUTCOME = ("exit_status", *_ANSWER, *WHERE_KNOWN, *_WORK, *CHECKS, "message")
 
 
 def collect_result(path):
-    """Numbers of a result file for a row: `ATTRIBUTES`, `WHERE_KNOWN`, `CHECKS` and `reason`, name -> value.
+    """Numbers of a result file for a row: those of `OUTCOME` that it knows, and `reason`, name -> value.
 
     The checks are `largest_penetration` [mm], `smallest_pressure` [N/mm2] and `complementarity`,
     max |p e| / (max p max |h|): computed from the fields, whatever solver wrote them. Of a load path `steps` has what
@@ -66,7 +56,7 @@ def collect_result(path):
     scale = p.max(initial=0.0) * np.abs(h).max(initial=0.0)
     product = np.abs(p * e).max(initial=0.0)
     return {
-        **{name: result.attributes[name] for name in (*ATTRIBUTES, "reason")},
+        **{name: result.attributes[name] for name in (*_ANSWER, *_WORK, "reason")},
         **{name: value for name in WHERE_KNOWN if (value := result.attributes.get(name, nan)) == value},
         "largest_penetration": float(-e.min(initial=0.0)),
         "smallest_pressure": float(result.pressure.min(initial=0.0)),

@@ -60,18 +60,6 @@ def test_the_file_is_that_of_one_rank(comm, result, tmp_path, together):
 
 
 @pytest.mark.mpi(2, 3)
-def test_a_wrong_field_of_one_rank_is_named_on_all(comm, result, tmp_path):
-    slabs, last = Slabs(48, comm.size, comm.rank), comm.size - 1
-    wrong = {name: getattr(result, name)[slabs.rows] for name in FIELDS}
-    if comm.rank == last:
-        wrong["gap"] = wrong["gap"][:, :-1]
-    path = tmp_path / "result.h5"
-    said = raised_everywhere(comm, ValueError, lambda: write(path, comm, slabs, result, fields=wrong))
-    assert len(set(said)) == 1 and "field gap" in said[0] and f"of rank {last} are" in said[0], said
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.mpi(2, 3)
 @pytest.mark.parametrize(("trouble", "rank"), [(full_disk, -1), (full_disk, 0), (unseen_folder, -1)])
 def test_trouble_on_one_rank_leaves_the_previous_result(comm, result, tmp_path, trouble, rank):
     slabs, path, rank = Slabs(48, comm.size, comm.rank), tmp_path / "result.h5", rank % comm.size

@@ -322,6 +322,7 @@ def test_what_is_saved_or_told_is_the_same_on_all_ranks(comm, tmp_path):
         ({"load": wear}, "load is there already"),
         ({} if last else {"contact_patches": 1, "largest_patch": 1.0}, "not the same on all ranks"),
         ({"wear": wear} if last else {"wear": 1.0}, "not the same on all ranks"),
+        ({"wear": wear if last else wear.astype(int)}, "types of fields: not the same on all ranks"),
         ({"wear": np.zeros(10**4)}, "needed: an array of the cells, or less than 64 KB"),
     ):
         with pytest.raises(InputError, match=message):

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
 
 from app.errors import InputError
 from app.reference import Cone, EllipticHertz, FlatCircularPunch, Sphere
@@ -231,35 +230,6 @@ def test_singular_pressures():
     assert punch.pressure(0, 0) == pytest.approx(punch.mean_pressure / 2, rel=1e-14)
 
 
-def test_cell_means_of_the_punch_add_up_to_its_load():
-    c = contact(FlatCircularPunch, (3.0,))
-    dx, dy = 8 / 23, 7 / 18  # covers the rim, with cells that contain, cut and miss it
-    x, y = -4.1 + dx * np.arange(24), -3.6 + dy * np.arange(20)
-    p = c.mean_pressure_on_cell(x, y[:, None], dx, dy)
-    assert p.sum() * dx * dy == pytest.approx(c.load, rel=1e-13)
-    nearest = np.hypot(np.maximum(np.abs(x) - dx / 2, 0), np.maximum(np.abs(y[:, None]) - dy / 2, 0))
-    assert np.count_nonzero(nearest > 3) > 50
-    np.testing.assert_allclose(p[nearest > 3], 0, atol=1e-12 * c.mean_pressure)
-    assert (p[nearest < 3] > 0).all()
-
-
-@pytest.mark.parametrize("centre", [(0.3, -0.2), (2.0, 2.0), (-2.9, 0.1), (0.5, 3.3)])
-def test_cell_mean_of_the_punch_is_the_integral(centre):
-    c = contact(FlatCircularPunch, (3.0,))
-    (x, y), dx, dy = centre, 0.7, 0.9
-
-    def over_y(x):
-        """Integrate the pressure over y by substituting y = chord * sin(t)."""
-        chord = np.sqrt(max(9 - x**2, 0))
-        ends = np.clip(np.array([y - dy / 2, y + dy / 2]) / max(chord, 1e-300), -1, 1)
-        return c.mean_pressure / 2 * 3 * np.diff(np.arcsin(ends))[0] * (chord > 0)
-
-    ends = np.array([x - dx / 2, x + dx / 2])
-    kinks = [s * np.sqrt(9 - e**2) for e in (y - dy / 2, y + dy / 2) if abs(e) < 3 for s in (-1, 1)] + [-3, 3]
-    integral = quad(over_y, *ends, points=[k for k in kinks if ends[0] < k < ends[1]] or None, epsabs=1e-8)[0]
-    assert c.mean_pressure_on_cell(x, y, dx, dy) == pytest.approx(integral / (dx * dy), rel=1e-7)
-
-
 @each_case
 @pytest.mark.parametrize("bad", [0, -3, np.nan, np.inf])
 def test_bad_values_are_named(kind, geometry, bad):
@@ -286,5 +256,3 @@ def test_bad_loadings_are_named(kind, geometry):
     for bad in (-1.0, np.nan, np.inf):
         with pytest.raises(InputError, match=rf"^load {bad:g}: must be finite and not negative"):
             kind.from_load(*geometry, E_STAR, bad)
-    with pytest.raises(InputError, match="^dx 0: must be positive"):
-        contact(*CASES["punch"]).mean_pressure_on_cell(0, 0, 0, 1)

@@ -98,7 +98,7 @@ def test_the_environment_comes_back(monkeypatch):
 )
 def test_commands_of_the_shell_end_alike(name, error, status, line, monkeypatch, capsys):
     command, before = import_module(f"app.{name}"), signal.getsignal(signal.SIGTERM)
-    monkeypatch.setattr(command, "_main", mock.Mock(side_effect=error))
+    monkeypatch.setattr(command, "Parser", mock.Mock(side_effect=error))
     assert command.main([]) == status
     assert capsys.readouterr().err == line
     assert signal.getsignal(signal.SIGTERM) == before

@@ -1,0 +1,76 @@
+"""Numbers of solutions and load paths: unit, label and meaning, wherever they are written, drawn or told."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Quantity(NamedTuple):
+    """Unit in files ("1": none), label (default: the name in words), meaning, symbol on axes."""
+
+    unit: str = "1"
+    label: str = ""
+    meaning: str = ""
+    symbol: str = ""
+
+
+_APPROACH = "how far the bodies are moved together from where their distance is the one given"
+QUANTITIES = {
+    "load": Quantity("N", "load", "normal force", "F"),
+    "approach": Quantity("mm", "approach", _APPROACH, "δ"),
+    "indentation": Quantity("mm", "approach beyond first touch"),
+    "mean_pressure": Quantity("N/mm2", "mean pressure", "load over the area of the patch"),
+    "mean_gap": Quantity("mm", "mean gap", "over the cells where contact is possible"),
+    "contact_area": Quantity("mm2", "contact area", "cells in contact times their area"),
+    "contact_fraction": Quantity("1", "contact fraction", "share of the cells where contact is possible"),
+    "contact_fraction_corrected": Quantity(
+        "1", "contact fraction, corrected", "the same, corrected for its stepped boundary"
+    ),
+    "perimeter": Quantity("mm", "perimeter", "length of the faces between contact and no contact"),
+    "max_pressure": Quantity("N/mm2", "maximum pressure", "largest mean pressure of a cell"),
+    "mean_contact_pressure": Quantity("N/mm2", "mean pressure in contact", "load over contact area"),
+    "pressure_centre_x": Quantity("mm", "centre of pressure, x"),
+    "pressure_centre_y": Quantity("mm", "centre of pressure, y"),
+    "moment_x": Quantity("N mm", "moment about x"),
+    "moment_y": Quantity("N mm", "moment about y"),
+    "semi_axis_major": Quantity(
+        "mm", "larger semi-axis", "of the ellipse with the second moments of the contact"
+    ),
+    "semi_axis_minor": Quantity("mm", "smaller semi-axis"),
+    "major_axis_angle": Quantity("degree", "larger semi-axis from x"),
+    "persson_fraction": Quantity(
+        "1", "Persson's theory", "contact fraction at this mean pressure, E* and rms slope"
+    ),
+    "bush_gibson_thomas_fraction": Quantity("1", "Bush, Gibson and Thomas's", "the same for light loads"),
+    "contact_patches": Quantity("1", "patches", "parts of the contact that hang together by faces of cells"),
+    "largest_patch": Quantity("mm2", "largest patch"),
+    "stiffness": Quantity("N/mm", "stiffness", "dF/dδ, change of the load with the approach", "dF/dδ"),
+    "stiffness_by_differences": Quantity("N/mm", "stiffness by differences"),
+    "seconds": Quantity("s"),
+    "contact_cells": Quantity("1", "cells in contact"),
+    "contact_modulus": Quantity("N/mm2", "contact modulus E*", "1/E* = (1 − ν₁²)/E₁ + (1 − ν₂²)/E₂"),
+    "rms_height": Quantity("mm", "rms height", "of the undeformed distance about its mean"),
+    "rms_slope": Quantity("1", "rms slope", "of the undeformed distance on this grid"),
+}
+
+
+def unit_of(name):
+    """Unit of a quantity in files, of its analytic value, too; "1" of what is not in the table. Not collective."""
+    return QUANTITIES.get(name.removeprefix("analytic_"), Quantity()).unit
+
+
+def label_of(name):
+    """What people call a quantity. Not collective."""
+    return QUANTITIES.get(name, Quantity()).label or name.replace("_", " ")
+
+
+def axis_label(name):
+    """Label, symbol and unit for an axis. Not collective.
+
+    Examples
+    --------
+    >>> axis_label("contact_area"), axis_label("load"), axis_label("work_units")
+    ('contact area  [mm²]', 'load F  [N]', 'work units')
+    """
+    symbol, unit = QUANTITIES.get(name, Quantity()).symbol, unit_of(name).replace("2", "²")
+    return f"{label_of(name)} {symbol}".rstrip() + (f"  [{unit}]" if unit != "1" else "")
