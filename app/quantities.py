@@ -60,8 +60,10 @@ def unit_of(name):
 
 
 def label_of(name):
-    """What people call a quantity. Not collective."""
-    return QUANTITIES.get(name, Quantity()).label or name.replace("_", " ")
+    """What people call a quantity, or its analytic value. Not collective."""
+    of = name.removeprefix("analytic_")
+    label = QUANTITIES.get(of, Quantity()).label or of.replace("_", " ")
+    return label if of == name else f"analytic {label}"
 
 
 def axis_label(name):
