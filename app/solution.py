@@ -16,7 +16,7 @@ from app.problems.problem import real_numbers
 
 # Attributes that who saves may know better: those of a whole run, and errors from more grids.
 OF_RUN = {"command_line", "notes", "options", "setup_seconds", "stiffness", *GridErrors._fields}
-_LARGE = 65_000  # bytes: HDF5 has no larger attributes
+_LARGE = 65_000  # bytes: HDF5 has no larger attributes, but texts
 _OF_FILE = {"contact_patches", "largest_patch"}  # are counted for it, if nobody has
 
 
@@ -243,7 +243,7 @@ class Solution(ContactFields):
                 found[name] = array
             elif array.shape == self.grid.shape:
                 found[name] = array[self.slabs.rows]
-            elif array.nbytes >= _LARGE:
+            elif array.dtype.kind != "U" and array.nbytes >= _LARGE:
                 raise InputError(f"{what}: {name}: needed: an array of the cells, or less than 64 KB")
         return found
 

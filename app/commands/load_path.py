@@ -26,7 +26,7 @@ OPTIONS = [
 ]  # fmt: skip
 _NO_MATTER = ("output", "path_csv", "path_fields", "resume", "lcp_monitor")  # to what a row says
 _NUMBER = re.compile(
-    r"(?<![\w./])\d+(\.\d+)?(e[+-]?\d+)?(?![\w/]|\.\w)"
+    r"(?<![\w./-])-?\d+(\.\d+)?(e[+-]?\d+)?(?![\w/]|\.\w)"
 )  # none of those within names of files
 _PLURAL = re.compile(r"(# \w+?)s\b")  # of what there are some
 _SHOWN = ("load", "approach", "contact_fraction", "max_pressure")

@@ -34,7 +34,8 @@ def connected_sets(cells, periodic=False, slabs=None, comm=None):
         Cells of each; the same on all ranks.
     """
     box = tuple(_span(cells.any(axis=axis)) for axis in (1, 0))
-    labels = np.zeros(cells.shape, np.int32 if cells.size < np.iinfo(np.int32).max else np.int64)
+    most = cells.shape[1] * (max(slabs.counts) if slabs else len(cells))  # on any rank: labels have one type
+    labels = np.zeros(cells.shape, np.int32 if most < np.iinfo(np.int32).max else np.int64)
     inside = labels[box]  # others are nowhere
     count = ndimage.label(cells[box], output=inside) if inside.size else 0
     counts = comm.allgather(count) if comm else [count]

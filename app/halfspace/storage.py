@@ -44,16 +44,14 @@ class Storage:
         size = self._sizes[rank] if rank < len(self._sizes) else 0
         self.own = np.zeros(size, np.uint8) if self.all is None else self.all[self.starts[rank] :][:size]
 
-    def suits(self, sizes, rank):
-        """Whether there is as much for a product; the same on all ranks if it is shared. Not collective."""
-        if self.all is None:
-            return rank >= len(sizes) or sizes[rank] <= self.own.size
+    def suits(self, sizes):
+        """Whether there is as much for a product; the same on all ranks. Not collective."""
         return len(sizes) <= len(self._sizes) and all(map(int.__le__, sizes, self._sizes))
 
 
 def storage_for(sizes, rank, comm, known=None):
     """Return storage that is known, if it suits, or some more. Collective over `comm`; see `Storage`."""
-    return known if known is not None and known.suits(sizes, rank) else Storage(sizes, rank, comm)
+    return known if known is not None and known.suits(sizes) else Storage(sizes, rank, comm)
 
 
 def _memory_of_all(comm, size):

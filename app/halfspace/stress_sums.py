@@ -71,7 +71,8 @@ class Waves:
 
     def _phase_y(self, y):
         rows = scipy.fft.fftfreq(self.grid.ny, 1 / self.grid.ny)
-        return np.exp(2j * np.pi * rows * (y - self.grid.y()[0]) / self.extent[1])
+        phase = np.exp(2j * np.pi * rows * (y - self.grid.y()[0]) / self.extent[1])
+        return np.where(2 * rows == -self.grid.ny, phase.real, phase)  # a sawtooth goes neither way
 
     def row(self, depth, x, y):
         """Components on a row along x at `y`, or along y at `x`, shape (6, nx or ny). Not collective."""

@@ -156,6 +156,13 @@ class ArrayFile:
         """How many lines at the head of a text are none of the array: those to skip, or known ones."""
         return skip
 
+    def __getstate__(self):
+        """What is pickled: the array, where it is a dataset of an open file, which cannot be."""
+        state = self.__dict__.copy()
+        for name in {"_rows", "_written"} & state.keys():
+            state[name] = np.asarray(state[name])
+        return state
+
     @property
     def shape(self):
         """Shape ``(ny, nx)`` of the array."""

@@ -76,6 +76,8 @@ def read_table(lines, missing, skip=0, marks=False, how_to_skip=""):
     _refuse_words_at_the_head(numbered, marks, how_to_skip)
     texts = [line for _, line in numbered]
     separator, decimal_commas = _layout(texts)
+    if separator and separator != "\t":
+        texts = [line.rstrip() for line in texts]
     if separator and all(line.endswith(separator) for line in texts):  # a habit of some programs
         texts = [line[: -len(separator)] for line in texts]
     rows = []

@@ -128,5 +128,10 @@ def perform(run, output, processes, ranks=1, timeout=None):
             outcome["message"] = ". ".join(filter(None, (why, outcome["message"])))
     else:
         told = [line for line in lines if line.startswith("error: ")] or lines or ["no result file"]
-        outcome["message"] = told[-1] if status >= 0 else f"ended by {signal.Signals(-status).name}"
+        outcome["message"] = told[-1] if status >= 0 else f"ended by {_name_of_signal(-status)}"
     return outcome
+
+
+def _name_of_signal(number):
+    known = {known.value: known.name for known in signal.Signals}
+    return known.get(number, f"signal {number}")  # those of real time have no names

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest import mock
 
 import h5py
 import numpy as np
@@ -486,6 +487,9 @@ def test_a_run_that_hangs_or_crashes_is_a_row(tmp_path):
     assert crashed["exit_status"] == 1 and "app.absent" in crashed["message"]
     status, errors = processes.call([sys.executable, "-c", "import os; os.abort()"])
     assert (status, errors) == (-signal.SIGABRT, "")
+    for number, name in ((signal.SIGABRT, "SIGABRT"), (signal.SIGRTMIN + 6, f"signal {signal.SIGRTMIN + 6}")):
+        with mock.patch.object(processes, "call", return_value=(-number, "")):
+            assert perform(Run(), tmp_path / "a.h5", processes)["message"] == f"ended by {name}"
     processes.close()
     with pytest.raises(InterruptedError):
         processes.call([sys.executable, "-c", ""])

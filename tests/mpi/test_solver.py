@@ -333,6 +333,9 @@ def test_what_is_saved_or_told_is_the_same_on_all_ranks(comm, tmp_path):
         np.testing.assert_array_equal(read.extra["wear"], wear)
         assert read.attributes["kind"] == name
         comm.Barrier()
+    found.save(path, comment="x" * 100_000)  # it is arrays that HDF5 wants to be small
+    assert len(read_result(path).attributes["comment"]) == 100_000
+    comm.Barrier()
     for given in (("foo" if last else "gap",), ("gap" if last else "pressure",), ("gap", 10 + last)):
         with pytest.raises(InputError, match="distribution"):
             found.distribution(*given)

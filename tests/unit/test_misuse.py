@@ -1,5 +1,6 @@
 """What a program may hand over by mistake is refused in a line, or does what it says; nothing of it is overlooked."""
 
+import copy
 import math
 import pickle
 import re
@@ -27,6 +28,7 @@ from app import (
 from app.errors import InputError
 from app.halfspace.stress import SubsurfaceStress
 from app.options import Option, OptionReader, domain, series
+from app.problems.gap_file import GapFile
 from app.problems.problem import Problem
 from app.problems.statistics import roughness
 from app.subsurface import stress
@@ -182,6 +184,22 @@ def test_a_solver_cannot_be_pickled_and_says_what_can():
     there = solve(pickle.loads(pickle.dumps(BALL)), load=5)
     assert repr(pickle.loads(pickle.dumps(there))) == repr(there)
     assert "load 5 N" in repr(there)
+
+
+def test_problems_of_files_can_be_pickled(tmp_path):
+    """Also of HDF5, which is read from the open file."""
+    heights = np.random.default_rng(0).normal(size=(6, 8)) * 1e-3
+    np.save(tmp_path / "z.npy", heights)
+    with h5py.File(tmp_path / "z.h5", "w") as file:
+        file["heights"] = heights
+    for name in ("z.npy", "z.h5"):
+        for turn in ((), ("transpose",)):
+            surface = read_surface(tmp_path / name, "mm", orient=turn, spacing=(0.1, 0.1))
+            problem = ContactProblem(surface.grid(), STEEL, surfaces=[surface])
+            for same in (pickle.loads(pickle.dumps(problem)), copy.deepcopy(problem)):
+                np.testing.assert_array_equal(same.shape_on(same.grid), problem.shape_on(problem.grid))
+        gap = GapFile(tmp_path / name)
+        np.testing.assert_array_equal(pickle.loads(pickle.dumps(gap)).rows(), heights)
 
 
 def test_what_is_printed_at_a_prompt_says_what_it_is():

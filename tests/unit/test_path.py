@@ -8,6 +8,7 @@ import pytest
 from cases import APPROACH, hertz, periodic_rough, punch, self_affine
 
 from app import ContactSolver
+from app.commands.load_path import _of_all_steps
 from app.errors import InputError
 from app.path import _slope
 
@@ -219,3 +220,12 @@ def test_a_path_ends_with_its_solver():
     assert repr(path) == "<LoadPath: 2 steps by load, 1 done>"
     with pytest.raises(InputError, match="the solver is closed"):
         next(steps)
+
+
+def test_ranges_in_notes_know_signs():
+    notes = [
+        ["from -0.1 mm on, as in a-2.txt"],
+        ["from -0.5 mm on, as in a-2.txt"],
+        ["from 0.2 mm on, as in a-2.txt"],
+    ]
+    assert _of_all_steps(notes) == ["all steps: from -0.5 to 0.2 mm on, as in a-2.txt"]

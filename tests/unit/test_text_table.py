@@ -67,6 +67,11 @@ def test_marks_of_missing_points(mark):
     np.testing.assert_array_equal(found, [[0.5, 1, 2], [3, np.nan, 1], [np.nan, 2, np.nan]])
 
 
+@pytest.mark.parametrize("lines", [["1; 2;\t", "3; 4; "], ["1,\t 2,\t", "3,\t4,"]])
+def test_blanks_behind_the_last_separator_are_no_missing_point(lines):
+    np.testing.assert_array_equal(read_table(lines, "missing", marks=True), [[1, 2], [3, 4]])
+
+
 @pytest.mark.parametrize("coding", ["utf-8", "utf-8-sig", "latin-1", "utf-16"])
 def test_words_at_the_head_say_how_many_lines_to_skip(tmp_path, coding):
     """What a microscope exports: a name, a unit, then numbers."""

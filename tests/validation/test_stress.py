@@ -105,6 +105,23 @@ def test_a_cosine_is_exact_on_a_periodic_patch():
     assert below.line(z, 0.111, 0.777)[2, 0] == pytest.approx(-5 - np.exp(-s) * (1 + s) * np.cos(at))
 
 
+@pytest.mark.parametrize("nx, ny", [(6, 8), (7, 8), (8, 5)])
+def test_stresses_between_cell_centres_do_not_know_x_from_y(nx, ny):
+    """The shortest waves of an even number of rows go neither way, as those of columns do."""
+    p = np.random.default_rng(3).random((ny, nx))
+    grid = Grid.from_domain(nx, ny, (0, 1, 0, 2), periodic=True)
+    turned = Grid.from_domain(ny, nx, (0, 2, 0, 1), periodic=True)
+    one, other = SubsurfaceStress(p, grid, 0.3), SubsurfaceStress(p.T, turned, 0.3)
+    order = [1, 0, 2, 3, 5, 4]  # xx, yy, zz, xy, xz, yz
+    depths = [0.0, 0.05]
+    for found, expected in (
+        (one.section(depths, y=0.6), other.section(depths, x=0.6)),
+        (one.section(depths, x=0.3), other.section(depths, y=0.3)),
+        (one.line(depths, 0.3, 0.6), other.line(depths, 0.6, 0.3)),
+    ):
+        np.testing.assert_allclose(found, expected[order], rtol=0, atol=1e-13)
+
+
 @pytest.mark.parametrize("nx, ny", [(13, 9), (8, 12)])
 def test_plane_section_and_line_are_the_same_below_a_free_patch(nx, ny):
     rng = np.random.default_rng(11)
