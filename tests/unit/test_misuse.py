@@ -53,6 +53,8 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
         ("unused option: -", lambda: ContactSolver(BALL, options={"": 2})),
         ("-ksp_view x: allowed: nothing, or ascii", lambda: ContactSolver(BALL, options={"ksp_view": "x"})),
         ("no folder", lambda: ContactSolver(BALL, options={"ksp_view": "ascii:nowhere/a"})),
+        ("is a folder", lambda: ContactSolver(BALL, options={"ksp_view": ":.:ascii_info"})),
+        ("no folder", lambda: ContactSolver(BALL, options={"ksp_converged_reason": ":nowhere/a"})),
         ("load: needed: a list", lambda: ContactSolver(BALL).path(load="12")),
         ("load: needed: a list", lambda: ContactSolver(BALL).path(load={1: 2})),
         ("numbers, texts, and arrays", lambda: solve(BALL, approach=0.001).save("x.h5", wear=[[1, 2], [3]])),

@@ -110,6 +110,15 @@ def test_options_that_are_petscs_own_are_kept_apart(read, files):
     assert words == ["solve.py", "-options_left", "no", "-malloc_debug", "true", "-log_view", "-skip_petscrc"]
 
 
+@pytest.mark.parametrize("view", [":nowhere/log", "log.txt", ":.", ":a.txt,:nowhere/b:ascii_xml"])
+def test_place_for_the_log_that_there_is_not(view):
+    """It is refused before PETSc starts, which would look at it when all is done."""
+    with pytest.raises(
+        InputError, match=r"-log_view .*: (there is no folder|allowed: nothing, or|\. is a folder)"
+    ):
+        places.for_the_start(["solve.py", "-log_view", view], {})
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -143,6 +152,7 @@ def test_options_that_are_petscs_own_are_kept_apart(read, files):
         ("-options_file nowhere.opts\n", "option file nowhere.opts (included by"),
         ("-OPTIONS_FILE 'no.opts'\n", "No such file or directory"),
         ("-malloc_debug\n", "-malloc_debug in a.opts: PETSc needs it when it starts"),
+        ("-log_view :nowhere/log\n", "-log_view :nowhere/log: there is no folder nowhere"),
         ("x" * (LARGEST_FILE + 1), "option file a.opts: is larger than 16 MiB"),
     ],
 )
