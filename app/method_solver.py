@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from importlib import import_module
+from inspect import signature
+from types import ModuleType
 
 import numpy as np
 from petsc4py import PETSc
 
 from app.compiled import check_compiler
 from app.contact.history import Listener
-from app.errors import InputError, agree
+from app.errors import InputError, agree, described
 from app.method import settings
 from app.multigrid.hierarchy import Hierarchy
 from app.options import as_texts, check_viewer
@@ -48,7 +51,37 @@ def choose(problem, method, options, prefix, listeners):
     chosen = settings(method, texts, bool(grid.periodic))
     for name in filter(_VIEW.fullmatch, chosen.texts):
         check_viewer(name, chosen.texts[name])
+    _check_parts(chosen.texts)
     return chosen
+
+
+def _check_parts(texts):
+    """Refuse classes of preconditioners that PETSc cannot make, or use; not those that do not load: it says so itself.
+
+    Not collective.
+    """
+    for name, text in texts.items():
+        module, _, word = text.rpartition(".")
+        if not name.endswith("pc_python_type") or not module:
+            continue
+        try:
+            part = getattr(import_module(module), word)
+        except (ImportError, AttributeError):
+            continue
+        except Exception as error:
+            raise InputError(f"-{name} {text}: {described(error)}") from None
+        if not callable(part):
+            if not isinstance(part, ModuleType):
+                raise InputError(f"-{name} {text}: is {type(part).__name__}; needed: a class")
+        elif isinstance(part, type):
+            if not hasattr(part, "apply") and not hasattr(part, "__getattr__"):
+                raise InputError(f"-{name} {text}: has no method apply(pc, x, y)")
+            try:
+                signature(part).bind()
+            except ValueError:  # none to look at
+                continue
+            except TypeError as error:
+                raise InputError(f"-{name} {text}: PETSc makes it without arguments: {error}") from None
 
 
 def _global_options(prefix):
