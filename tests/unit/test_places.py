@@ -146,6 +146,12 @@ def test_place_for_the_log_that_there_is_not(view):
         ("-prefix_push\n-grid 8\n", "line 1: -prefix_push: a prefix must follow"),
         ("-grid 8\n-prefix_pop\n", "option file a.opts: More prefixes popped than pushed"),
         (bytes(range(128, 256)), "option file a.opts: is not a text file"),
+        (b"\x01\x1b[2J", "option file a.opts: is not a text file"),
+        (
+            "\ufeff-grid 8\n",
+            "option file a.opts: begins with a byte order mark, which PETSc takes for an option",
+        ),
+        ("-grid=8\n", "option file a.opts, line 1: -grid=8: needed: -grid 8; allowed: "),
         ("-options_file a.opts\n", "option file a.opts: includes itself"),
         ("-grid 8\n-options_file b.opts\n", "option file ./a.opts: includes itself (included by"),
         ("-options_file\n", "a.opts, line 1: -options_file: a file name must follow; allowed: "),
