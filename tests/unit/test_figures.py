@@ -212,6 +212,14 @@ def test_a_logarithmic_axis_is_as_wide_as_its_data(values):
     assert high - low < 1.2 * np.log(values[-1] / values[0])
 
 
+def test_distribution_of_values_that_differ_little_fills_its_panel(result):
+    """As of pressures near full contact."""
+    pressure = np.where(result.pressure > 0, 1000 + result.pressure / 1e3, 0.0)
+    axes = curves.distribution_figure(replace(result, pressure=pressure)).axes[0]
+    low, high = axes.get_xlim()
+    assert np.ptp(axes.lines[0].get_xdata()) > 0.8 * (high - low)
+
+
 def test_twelve_lines_are_all_different():
     drawn = [{name: str(value) for name, value in style.series(number).items()} for number in range(12)]
     assert all(one != other for k, one in enumerate(drawn) for other in drawn[:k])
