@@ -220,6 +220,14 @@ def test_distribution_of_values_that_differ_little_fills_its_panel(result):
     assert np.ptp(axes.lines[0].get_xdata()) > 0.8 * (high - low)
 
 
+def test_numbers_below_the_load_of_a_path_do_not_touch():
+    columns = {"load": np.zeros(3), "approach": np.array([-0.1, -0.2, -0.3])}
+    figure = paths.path_figure([paths.Path(columns | {"indentation": columns["approach"]})])
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    assert not overlaps(figure.axes[0].get_xticklabels(), canvas.get_renderer())
+
+
 def test_twelve_lines_are_all_different():
     drawn = [{name: str(value) for name, value in style.series(number).items()} for number in range(12)]
     assert all(one != other for k, one in enumerate(drawn) for other in drawn[:k])
