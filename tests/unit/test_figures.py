@@ -228,6 +228,19 @@ def test_numbers_below_the_load_of_a_path_do_not_touch():
     assert not overlaps(figure.axes[0].get_xticklabels(), canvas.get_renderer())
 
 
+@pytest.mark.parametrize("width", [0.6, 1e-4])
+def test_label_of_a_narrow_map_is_not_cut_off(width):
+    grid = Grid.from_domain(8, 200, (0, width, 0, 40))
+    figure = figures.contact_figure(replace(made_up_result(8, 200), x=grid.x(), y=grid.y()))
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    axes = figure.axes[0]
+    assert "the scale of y" in axes.get_xlabel().replace("\n", " ")
+    label = axes.xaxis.label.get_window_extent(canvas.get_renderer())
+    kept = axes.get_tightbbox(canvas.get_renderer())
+    assert kept.x0 <= label.x0 and label.x1 <= kept.x1
+
+
 def test_twelve_lines_are_all_different():
     drawn = [{name: str(value) for name, value in style.series(number).items()} for number in range(12)]
     assert all(one != other for k, one in enumerate(drawn) for other in drawn[:k])
