@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from importlib import import_module
+from inspect import signature
+from types import ModuleType
 
 import numpy as np
 from petsc4py import PETSc
 
 from app.compiled import check_compiler
 from app.contact.history import Listener
-from app.errors import InputError, agree
+from app.errors import InputError, agree, described
 from app.method import settings
 from app.multigrid.hierarchy import Hierarchy
-from app.options import as_texts
+from app.options import as_texts, check_viewer
 from app.petsc import OptionDatabase, as_raised, check_cells, error_message
 from app.problems.problem import Problem
 from app.strategy import STRATEGIES
 
 # PETSc looks at the viewer only when there is something to view.
-_VIEW = re.compile(r"(\w+_)?(ksp|pc|mat|snes|tao)_view\w*")
-_VIEWERS = "ascii", "binary", "draw", "hdf5", "matlab", "saws", "socket", "string", "vtk"
+_VIEW = re.compile(r"(\w+_)?(ksp|pc|mat|snes|tao)_(view\w*|converged_reason)")
 
 
 def check_kind(name, given, kind, what):
@@ -48,21 +49,39 @@ def choose(problem, method, options, prefix, listeners):
     if dashed := [name for name in texts if name.startswith("-")]:
         raise InputError(f"options: {', '.join(dashed)}: needed: names without the dash")
     chosen = settings(method, texts, bool(grid.periodic))
-    _check_views(chosen.texts)
+    for name in filter(_VIEW.fullmatch, chosen.texts):
+        check_viewer(name, chosen.texts[name])
+    _check_parts(chosen.texts)
     return chosen
 
 
-def _check_views(texts):
-    """Refuse viewers that there are not, or for files that cannot be. Not collective."""
-    for name in filter(_VIEW.fullmatch, texts):
-        kind, _, rest = texts[name].partition(":")
-        if kind not in ("", *_VIEWERS):
-            raise InputError(
-                f"-{name} {texts[name]}: allowed: nothing, or ascii:FILE:FORMAT, with any of {', '.join(_VIEWERS)}"
-            )
-        folder = Path(rest.partition(":")[0]).parent
-        if kind not in ("draw", "socket") and not folder.is_dir():
-            raise InputError(f"-{name} {texts[name]}: there is no folder {folder}")
+def _check_parts(texts):
+    """Refuse classes of preconditioners that PETSc cannot make, or use; not those that do not load: it says so itself.
+
+    Not collective.
+    """
+    for name, text in texts.items():
+        module, _, word = text.rpartition(".")
+        if not name.endswith("pc_python_type") or not module:
+            continue
+        try:
+            part = getattr(import_module(module), word)
+        except (ImportError, AttributeError):
+            continue
+        except Exception as error:
+            raise InputError(f"-{name} {text}: {described(error)}") from None
+        if not callable(part):
+            if not isinstance(part, ModuleType):
+                raise InputError(f"-{name} {text}: is {type(part).__name__}; needed: a class")
+        elif isinstance(part, type):
+            if not hasattr(part, "apply") and not hasattr(part, "__getattr__"):
+                raise InputError(f"-{name} {text}: has no method apply(pc, x, y)")
+            try:
+                signature(part).bind()
+            except ValueError:  # none to look at
+                continue
+            except TypeError as error:
+                raise InputError(f"-{name} {text}: PETSc makes it without arguments: {error}") from None
 
 
 def _global_options(prefix):

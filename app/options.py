@@ -21,6 +21,7 @@ from app.errors import InputError
 
 LARGEST = 1e50  # and 1 / LARGEST the smallest number besides 0: neither squares nor quotients overflow
 REQUIRED = object()
+_VIEWERS = "ascii", "binary", "draw", "hdf5", "matlab", "saws", "socket", "string", "vtk"
 # The program's option files: inside of an installed package, beside app/ in a checkout.
 FILES = next(filter(Path.is_dir, (path / "petsc_options" for path in Path(__file__).parents)))
 
@@ -50,6 +51,32 @@ def named_files(text):
     module = re.fullmatch(r"([^\W\d]\w*(\.[^\W\d]\w*)*)\.[^\W\d]\w*", text)
     names = text, text.rpartition(":")[0], module and f"{module[1].replace('.', '/')}.py"
     return [name for name in names if name]
+
+
+def check_viewer(name, text):
+    """Refuse a viewer of PETSc's, ``KIND:FILE:FORMAT``, that there is not, or for a file that cannot be.
+
+    Not collective. PETSc itself looks at it only when there is something to view.
+
+    Raises
+    ------
+    InputError
+    """
+    kind, _, rest = text.partition(":")
+    if kind not in ("", *_VIEWERS):
+        raise InputError(
+            f"-{name} {text}: allowed: nothing, or ascii:FILE:FORMAT, with any of {', '.join(_VIEWERS)}"
+        )
+    file = rest.partition(":")[0]
+    folder = Path(file).parent
+    if kind in ("draw", "socket"):
+        return
+    if not folder.is_dir():
+        raise InputError(f"-{name} {text}: there is no folder {folder}")
+    if file and Path(file).is_dir():
+        raise InputError(f"-{name} {text}: {file} is a folder")
+    if file and not os.access(file if Path(file).exists() else folder, os.W_OK):
+        raise InputError(f"-{name} {text}: {file} cannot be written")
 
 
 @dataclass(frozen=True)

@@ -196,7 +196,8 @@ def path_section(result, pictures):
         {heading(name): f"{column[k]:.6g}".replace("-", "−") for name, column in columns.items()}
         for k in range(min(steps, _MOST_ROWS))
     ]
-    texts = [f"{steps} steps."] if steps <= _MOST_ROWS else [f"The first {_MOST_ROWS} of {steps} steps."]
+    told = f"The first {_MOST_ROWS} of {steps} steps." if steps > _MOST_ROWS else f"{steps} steps."
+    texts = ["1 step." if steps == 1 else told]
     return Section("path", "Load path", texts, rows=rows, pictures=pictures)
 
 

@@ -24,6 +24,7 @@ _FORM = (
 _YAML_FORM = "allowed: name: value, or names below it, indented; [a, b] for several values"
 # A word is what stands between blanks, or in double quotes; of an open quote there is no end.
 _WORD = re.compile(r'"(?P<quoted>[^"]*)(?P<end>"?)|[^ "][^ ]*')
+_NO_TEXT = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 
 
 @dataclass
@@ -92,9 +93,16 @@ def look_into(flag, path, inside):
         ) from None
     except UnicodeDecodeError:
         raise InputError(f"option file {path}{by}: is not a text file") from None
+    if _NO_TEXT.search(content):
+        raise InputError(f"option file {path}{by}: is not a text file")
     if identity in inside:
         raise InputError(f"option file {path}: includes itself{by}")
     yaml = flag.lower() == OPTION_FILES[1] or path.endswith((":yaml", ".yaml", ".yml", ".json"))
+    if content.startswith("\ufeff") and not yaml:
+        raise InputError(
+            f"option file {path}{by}: begins with a byte order mark, which PETSc takes for an option; "
+            "save it as UTF-8 without one"
+        )
     look = look_over_yaml if yaml or content.startswith(("---", "%YAML ")) else _look_over
     looked = look(content, f"option file {path}")
     looked.identity = identity
@@ -125,6 +133,9 @@ def _wrong_with(found, words):
         return None if len(words) == 3 and all(map(is_option, words[1:])) else "needed: alias -name -other"
     if not is_option(first):
         return f"{words[0]}: is not an option"
+    if re.match(r"--?[a-z]\w*=", first):
+        name, _, value = words[0].lstrip("-").partition("=")
+        return f"needed: -{name} {value}"
     if first in OPTION_FILES:
         needed = "a file name"
     elif first == "-prefix_push":

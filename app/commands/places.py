@@ -19,7 +19,7 @@ from pathlib import Path
 
 from app.commands.option_text import OPTION_FILES, bare, is_option, look_into, look_over_yaml
 from app.errors import InputError
-from app.options import option_file
+from app.options import check_viewer, option_file
 
 COMMAND_LINE = "on the command line"
 
@@ -169,6 +169,7 @@ def for_the_start(argv, environment):
         if len(pairs) == 1 and bare(name) == "help":
             continue  # our own is help enough; beside a problem PETSc tells the options of what it uses
         if _OF_PETSC.fullmatch(bare(name)):
+            _check_log(bare(name), text)
             chosen += [name] if text is None else [name, text]
     # A debug build would tell of unused options in the end; those of the solvers are looked after by `app.solver`.
     return [*argv[:1], "-options_left", "no", *chosen, "-skip_petscrc"]
@@ -255,6 +256,8 @@ class _Reader:
         """Return what was found."""
         texts = _read(self._steps)
         of_petsc = {name: text for name, text in texts.items() if _OF_PETSC.fullmatch(name)}
+        for name, text in of_petsc.items():
+            _check_log(name, text)
         return Given(
             texts={name: text for name, text in texts.items() if name not in of_petsc},
             places=self._places,
@@ -307,6 +310,13 @@ def _refuse_what_is_too_late(place):
                 f"-{name} {place.description}: PETSc needs it when it starts, before files are read; "
                 "give it on the command line or in PETSC_OPTIONS"
             )
+
+
+def _check_log(name, text):
+    """Refuse a place for PETSc's log that there is not: PETSc looks at it when all is done, and fails in silence."""
+    if name == "log_view":
+        for one in re.split(",(?=:)", text or ""):
+            check_viewer(name, one)
 
 
 def _start_files(environment):

@@ -86,7 +86,9 @@ class Canvas:
         if self.stretched:
             long, short = ("y", "x") if y1 - y0 > x1 - x0 else ("x", "y")
             times = max((y1 - y0) / (x1 - x0), (x1 - x0) / (y1 - y0)) * NARROWEST
-            axes.set(xlabel=f"x  [{name}]   ({short}: {times:.3g} × the scale of {long})")
+            slim = self.width < _SLIM  # a longer line would be cut off: matplotlib keeps no room for it
+            between, within = ("\n", "\n") if slim else ("   ", " ")
+            axes.set(xlabel=f"x  [{name}]{between}({short}: {times:.3g} ×{within}the scale of {long})")
         axes.set_box_aspect(self.height / self.width)
         linear_ticks(axes.xaxis, self.width)
         linear_ticks(axes.yaxis, self.height)

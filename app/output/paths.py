@@ -20,7 +20,7 @@ import numpy as np
 
 from app import options
 from app.errors import InputError
-from app.output.style import DASHED, DOTTED, log_axis, new_figure, say_instead, series, styled
+from app.output.style import DASHED, DOTTED, linear_ticks, log_axis, new_figure, say_instead, series, styled
 from app.quantities import axis_label
 from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction, persson_pressure
 from app.units import length_unit
@@ -32,6 +32,7 @@ _ERRORS = {
     "contact_fraction": ("contact_fraction", "contact_area_error"),
     "mean_pressure": ("mean_pressure", "load_error"),
 }
+_PANEL = 4.8  # inches of a panel's width
 _BAND = {"alpha": 0.2, "linewidth": 0, "zorder": 0.5}
 
 
@@ -122,6 +123,8 @@ def _curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True))
     for axis, values, log in zip((axes.xaxis, axes.yaxis), _all_drawn(axes), logs, strict=True):
         if log:
             log_axis(axis, values)
+        elif axis is axes.xaxis:
+            linear_ticks(axis, _PANEL)
     return np.hstack(drawn)
 
 

@@ -84,15 +84,18 @@ def linear_ticks(axis, inches):
     axis.set_major_locator(MaxNLocator(int(np.clip(inches / _INCHES_PER_TICK, 2, 7)), steps=[1, 2, 5, 10]))
 
 
-def log_axis(axis, values):
-    """Logarithmic axis with at least three ticks that have numbers, whatever the positive `values` span."""
+def log_axis(axis, values, narrowest=_NARROWEST):
+    """Logarithmic axis with at least three ticks that have numbers, whatever the positive `values` span.
+
+    Its end is at least `narrowest` times its beginning.
+    """
     axes = axis.axes
     in_x = axis is axes.xaxis
     values = np.ravel(values)
     values = values[np.isfinite(values) & (values > 0)]
     low, high = (values.min(), values.max()) if values.size else (0.1, 1.0)
-    if high < _NARROWEST * low:
-        low, high = low / _NARROWEST**0.5, high * _NARROWEST**0.5
+    if high < narrowest * low:
+        low, high = low / narrowest**0.5, high * narrowest**0.5
     (axes.set_xscale if in_x else axes.set_yscale)("log")
     margin = (high / low) ** 0.06
     low, high = low / margin, high * margin

@@ -76,10 +76,11 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, steps=Non
         _together(comm, lambda: temporary.open("r+b").close())
         _write_rows(temporary, comm, slabs, rows)
         _together(comm, lambda: publish(temporary, path), only_root=True)
-    except OSError:
+    except BaseException as error:  # Ctrl-C, too
         if comm.rank == 0:
             remove(temporary)
-        comm.Barrier()  # the file is gone when the error appears, on every rank
+        if isinstance(error, OSError):
+            comm.Barrier()  # the file is gone when the error appears, on every rank
         raise
 
 

@@ -67,6 +67,8 @@ def test_report_has_the_path_and_says_what_is_not_known(made, undrawn):
         )
     )
     assert "2 steps." in text and "load [N]" in text and "−0.0016" in text
+    alone = replace(made, path={name: column[:1] for name, column in columns.items()})
+    assert ">1 step.<" in report.web_page(alone)
     assert "NOT SOLVED" in text
     assert "ratio is not known" in text
     diverged = replace(made, pressure=np.full_like(made.pressure, np.nan))

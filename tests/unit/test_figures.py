@@ -212,6 +212,35 @@ def test_a_logarithmic_axis_is_as_wide_as_its_data(values):
     assert high - low < 1.2 * np.log(values[-1] / values[0])
 
 
+def test_distribution_of_values_that_differ_little_fills_its_panel(result):
+    """As of pressures near full contact."""
+    pressure = np.where(result.pressure > 0, 1000 + result.pressure / 1e3, 0.0)
+    axes = curves.distribution_figure(replace(result, pressure=pressure)).axes[0]
+    low, high = axes.get_xlim()
+    assert np.ptp(axes.lines[0].get_xdata()) > 0.8 * (high - low)
+
+
+def test_numbers_below_the_load_of_a_path_do_not_touch():
+    columns = {"load": np.zeros(3), "approach": np.array([-0.1, -0.2, -0.3])}
+    figure = paths.path_figure([paths.Path(columns | {"indentation": columns["approach"]})])
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    assert not overlaps(figure.axes[0].get_xticklabels(), canvas.get_renderer())
+
+
+@pytest.mark.parametrize("width", [0.6, 1e-4])
+def test_label_of_a_narrow_map_is_not_cut_off(width):
+    grid = Grid.from_domain(8, 200, (0, width, 0, 40))
+    figure = figures.contact_figure(replace(made_up_result(8, 200), x=grid.x(), y=grid.y()))
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    axes = figure.axes[0]
+    assert "the scale of y" in axes.get_xlabel().replace("\n", " ")
+    label = axes.xaxis.label.get_window_extent(canvas.get_renderer())
+    kept = axes.get_tightbbox(canvas.get_renderer())
+    assert kept.x0 <= label.x0 and label.x1 <= kept.x1
+
+
 def test_twelve_lines_are_all_different():
     drawn = [{name: str(value) for name, value in style.series(number).items()} for number in range(12)]
     assert all(one != other for k, one in enumerate(drawn) for other in drawn[:k])

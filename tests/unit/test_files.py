@@ -8,9 +8,12 @@ from types import SimpleNamespace
 
 import pytest
 from mpi4py import MPI
+from results import made_up_result
+from results import write as write_made_up
 
 from app.commands.load_path import _identity
 from app.errors import InputError
+from app.halfspace.grid import Slabs
 from app.output.files import check_output_path, temporary_name, whole_file
 from app.output.result import read_result
 from app.runs.run import Run
@@ -123,6 +126,13 @@ def test_no_input_is_held_in_memory_to_be_told_from_another(tmp_path, of):
         tracemalloc.stop()
         assert peak < size / 4
     assert keys[0] != keys[1]
+
+
+def test_ctrl_c_while_a_result_is_written_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr("app.output.write.publish", lambda *paths: (_ for _ in ()).throw(KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        write_made_up(tmp_path / "result.h5", MPI.COMM_SELF, Slabs(12), made_up_result(16, 12))
+    assert not list(tmp_path.iterdir())
 
 
 def test_temporary_names_are_all_different(tmp_path):

@@ -4,8 +4,10 @@ import copy
 import math
 import pickle
 import re
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -55,6 +57,8 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
         ("unused option: -", lambda: ContactSolver(BALL, options={"": 2})),
         ("-ksp_view x: allowed: nothing, or ascii", lambda: ContactSolver(BALL, options={"ksp_view": "x"})),
         ("no folder", lambda: ContactSolver(BALL, options={"ksp_view": "ascii:nowhere/a"})),
+        ("is a folder", lambda: ContactSolver(BALL, options={"ksp_view": ":.:ascii_info"})),
+        ("no folder", lambda: ContactSolver(BALL, options={"ksp_converged_reason": ":nowhere/a"})),
         ("load: needed: a list", lambda: ContactSolver(BALL).path(load="12")),
         ("load: needed: a list", lambda: ContactSolver(BALL).path(load={1: 2})),
         ("numbers, texts, and arrays", lambda: solve(BALL, approach=0.001).save("x.h5", wear=[[1, 2], [3]])),
@@ -340,3 +344,33 @@ def test_a_result_needs_the_name_of_a_file(name, tmp_path):
 def test_an_array_has_no_lines_to_skip():
     with pytest.raises(InputError, match="surface skip 3: of an array there are no lines"):
         read_surface(HEIGHTS, "um", skip=3, spacing=(1e-3, 1e-3))
+
+
+class _Asking:
+    def __init__(self, omega):
+        self.omega = omega
+
+    def apply(self, pc, x, y):
+        x.copy(y)
+
+
+@pytest.mark.parametrize(
+    ("part", "message"),
+    [
+        (3, "is int; needed: a class"),
+        (object, r"has no method apply\(pc, x, y\)"),
+        (_Asking, "PETSc makes it without arguments: missing a required argument: 'omega'"),
+    ],
+)
+def test_preconditioner_that_petsc_cannot_make(part, message, monkeypatch):
+    """It would end the process."""
+    monkeypatch.setitem(sys.modules, "own_parts", SimpleNamespace(Part=part))
+    with pytest.raises(InputError, match=f"-pc_python_type own_parts.Part: {message}"):
+        ContactSolver(BALL, options={"pc_python_type": "own_parts.Part"})
+
+
+def test_module_of_a_preconditioner_that_does_not_load(tmp_path, monkeypatch):
+    (tmp_path / "unfinished_parts.py").write_text("class Part(:\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(InputError, match="-pc_python_type unfinished_parts.Part: SyntaxError: "):
+        ContactSolver(BALL, options={"pc_python_type": "unfinished_parts.Part"})

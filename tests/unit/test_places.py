@@ -110,6 +110,15 @@ def test_options_that_are_petscs_own_are_kept_apart(read, files):
     assert words == ["solve.py", "-options_left", "no", "-malloc_debug", "true", "-log_view", "-skip_petscrc"]
 
 
+@pytest.mark.parametrize("view", [":nowhere/log", "log.txt", ":.", ":a.txt,:nowhere/b:ascii_xml"])
+def test_place_for_the_log_that_there_is_not(view):
+    """It is refused before PETSc starts, which would look at it when all is done."""
+    with pytest.raises(
+        InputError, match=r"-log_view .*: (there is no folder|allowed: nothing, or|\. is a folder)"
+    ):
+        places.for_the_start(["solve.py", "-log_view", view], {})
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -137,12 +146,19 @@ def test_options_that_are_petscs_own_are_kept_apart(read, files):
         ("-prefix_push\n-grid 8\n", "line 1: -prefix_push: a prefix must follow"),
         ("-grid 8\n-prefix_pop\n", "option file a.opts: More prefixes popped than pushed"),
         (bytes(range(128, 256)), "option file a.opts: is not a text file"),
+        (b"\x01\x1b[2J", "option file a.opts: is not a text file"),
+        (
+            "\ufeff-grid 8\n",
+            "option file a.opts: begins with a byte order mark, which PETSc takes for an option",
+        ),
+        ("-grid=8\n", "option file a.opts, line 1: -grid=8: needed: -grid 8; allowed: "),
         ("-options_file a.opts\n", "option file a.opts: includes itself"),
         ("-grid 8\n-options_file b.opts\n", "option file ./a.opts: includes itself (included by"),
         ("-options_file\n", "a.opts, line 1: -options_file: a file name must follow; allowed: "),
         ("-options_file nowhere.opts\n", "option file nowhere.opts (included by"),
         ("-OPTIONS_FILE 'no.opts'\n", "No such file or directory"),
         ("-malloc_debug\n", "-malloc_debug in a.opts: PETSc needs it when it starts"),
+        ("-log_view :nowhere/log\n", "-log_view :nowhere/log: there is no folder nowhere"),
         ("x" * (LARGEST_FILE + 1), "option file a.opts: is larger than 16 MiB"),
     ],
 )
