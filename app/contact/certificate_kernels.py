@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from app.compiled import njit
-from app.halfspace.reductions import any_order
+from app.halfspace.reductions import any_order, plus
 
 
 @any_order
@@ -31,15 +31,10 @@ def _gaps_row(b, u, p, admissible, diagonal):
 @njit()
 def gaps(b, u, p, admissible, diagonal):
     """Sums of the gap g that is to be reached, of g - e, of p g, p and p p."""
-    gaps, excess, to_p, pressures, squares = 0.0, 0.0, 0.0, 0.0, 0.0
+    sums = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(b.shape[0]):
-        row = _gaps_row(b[j], u[j], p[j], admissible[j], diagonal)
-        gaps += row[0]
-        excess += row[1]
-        to_p += row[2]
-        pressures += row[3]
-        squares += row[4]
-    return gaps, excess, to_p, pressures, squares
+        sums = plus(sums, _gaps_row(b[j], u[j], p[j], admissible[j], diagonal))
+    return sums
 
 
 @any_order
@@ -61,12 +56,11 @@ def move(b, u, p, admissible, diagonal, factor, constant, elsewhere, field):
 
     Both only if it has columns.
     """
-    squares, product = 0.0, 0.0
+    sums = 0.0, 0.0
     for j in range(b.shape[0]):
         row = _move_row(b[j], u[j], p[j], admissible[j], diagonal, factor, constant, elsewhere, field[j])
-        squares += row[0]
-        product += row[1]
-    return squares, product
+        sums = plus(sums, row)
+    return sums
 
 
 @any_order

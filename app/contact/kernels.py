@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.compiled import njit
-from app.halfspace.reductions import any_order
+from app.halfspace.reductions import any_order, plus
 
 
 @any_order
@@ -70,12 +70,10 @@ def _tension_row(p, contact):
 @njit()
 def tension(p, contact):
     """Sum of p, and of -p where p < 0 on C."""
-    total, negative = 0.0, 0.0
+    sums = 0.0, 0.0
     for j in range(p.shape[0]):
-        row = _tension_row(p[j], contact[j])
-        total += row[0]
-        negative += row[1]
-    return total, negative
+        sums = plus(sums, _tension_row(p[j], contact[j]))
+    return sums
 
 
 @njit()
@@ -127,23 +125,19 @@ def activate(b, u, p, admissible, contact, released, expected, overlap):
     Return how many cells are in C, came, left since before `release`, the sums of squares of h + u and of h over the
     new C, and the sum of p. `overlap`: room for a row.
     """
-    cells, added, lost, gaps, distances, total = 0, 0, 0, 0.0, 0.0, 0.0
+    cells, squares, total = (0, 0, 0), (0.0, 0.0), 0.0
     for j in range(b.shape[0]):
         if not expected.size:
             _overlap_row(b[j], u[j], overlap)
         else:
             _predicted_overlap_row(b[j], u[j], expected[j], overlap)
         here = _activate_row(overlap, admissible[j], contact[j], released[j])
-        cells += here[0]
-        added += here[1]
-        lost += here[2]
+        cells = plus(cells, here)
         if here[0]:
-            squares = _squares_row(b[j], u[j], contact[j])
-            gaps += squares[0]
-            distances += squares[1]
+            squares = plus(squares, _squares_row(b[j], u[j], contact[j]))
         total += _sum_row(p[j])
         released[j] = False
-    return cells, added, lost, gaps, distances, total
+    return cells + squares + (total,)
 
 
 @any_order
@@ -205,13 +199,10 @@ def gap_on(b, u, mask, overlapping):
 
     The same mask twice: over that alone.
     """
-    squares, total, cells = 0.0, 0.0, 0
+    sums = 0.0, 0.0, 0
     for j in range(b.shape[0]):
-        here = _gap_row(b[j], u[j], mask[j], overlapping[j])
-        squares += here[0]
-        total += here[1]
-        cells += here[2]
-    return squares, total, cells
+        sums = plus(sums, _gap_row(b[j], u[j], mask[j], overlapping[j]))
+    return sums
 
 
 @any_order

@@ -15,7 +15,7 @@ from app.contact import kernels
 from app.halfspace.halo import row_before
 from app.halfspace.periodic import frequencies
 from app.halfspace.product import PeriodicProduct
-from app.halfspace.reductions import any_order, sum_over, sums_and_minima
+from app.halfspace.reductions import any_order, plus, sum_over, sums_and_minima
 
 # Cells that a boundary crosses count as contact too often: by so much of a cell for each face on it, on average over
 # directions (Yastrebov, Anciaux, Molinari, Tribol. Int. 114 (2017) 161).
@@ -171,20 +171,14 @@ def _squares_row(row, other):
 @njit()
 def _squared_differences(shape, before, periodic):
     """Sum of squares of the differences across faces in x and their number, the same in y; NaN left out."""
-    in_x, faces_x, in_y, faces_y = 0.0, 0, 0.0, 0
+    in_x, in_y = (0.0, 0), (0.0, 0)
     for j in range(shape.shape[0]):
         row = shape[j]
-        here = _squares_row(row[1:], row[:-1])
-        in_x += here[0]
-        faces_x += here[1]
+        in_x = plus(in_x, _squares_row(row[1:], row[:-1]))
         if periodic:
-            here = _squares_row(row[:1], row[-1:])
-            in_x += here[0]
-            faces_x += here[1]
-        here = _squares_row(row, shape[j - 1] if j else before)
-        in_y += here[0]
-        faces_y += here[1]
-    return in_x, faces_x, in_y, faces_y
+            in_x = plus(in_x, _squares_row(row[:1], row[-1:]))
+        in_y = plus(in_y, _squares_row(row, shape[j - 1] if j else before))
+    return in_x + in_y
 
 
 def warm_up():

@@ -16,7 +16,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.halfspace.operator import InfluenceOperator, context_of, vec_of
-from app.halfspace.reductions import add_row, any_order, span_of
+from app.halfspace.reductions import add_row, any_order, plus, span_of
 from app.multigrid.ksp_context import KspContext
 
 # So much may be left of r.r before it is summed anew, by the digits of r.
@@ -128,15 +128,11 @@ def _dot(a, b, contact, spans):
 @any_order
 def _dots(d, q, r, contact, spans):
     """d.q, d.r, q.r and q.q over C."""
-    dq, dr, qr, qq = 0.0, 0.0, 0.0, 0.0
+    sums = 0.0, 0.0, 0.0, 0.0
     for j in range(d.shape[0]):
         span = slice(spans[j, 0], spans[j, 1])
-        here = _dots_row(d[j, span], q[j, span], r[j, span], contact[j, span])
-        dq += here[0]
-        dr += here[1]
-        qr += here[2]
-        qq += here[3]
-    return dq, dr, qr, qq
+        sums = plus(sums, _dots_row(d[j, span], q[j, span], r[j, span], contact[j, span]))
+    return sums
 
 
 @cache

@@ -6,12 +6,25 @@ from functools import cache
 
 import numpy as np
 from mpi4py import MPI
+from numba.extending import overload
 
 from app.compiled import njit
 
 # A loop over one row, without branches and in a function of its own, becomes vector instructions if its sums may be
 # taken in any order. The order is the same on any number of ranks.
 any_order = njit(fastmath={"reassoc", "contract"})
+
+
+def plus(sums, more):
+    """Sums of two tuples, number by number: what rows add up to. In compiled loops only."""
+    raise NotImplementedError
+
+
+@overload(plus)
+def _plus(sums, more):
+    if len(sums) == 1:
+        return lambda sums, more: (sums[0] + more[0],)
+    return lambda sums, more: (sums[0] + more[0],) + plus(sums[1:], more[1:])  # noqa: RUF005  numba has no stars
 
 
 @any_order

@@ -20,7 +20,7 @@ from petsc4py import PETSc
 
 from app.compiled import njit
 from app.halfspace.operator import context_of
-from app.halfspace.reductions import add_row, any_order
+from app.halfspace.reductions import add_row, any_order, plus
 from app.multigrid.ksp_context import KspContext
 from app.primal.operator import InverseOperator
 
@@ -42,15 +42,10 @@ def _dots_row(d, q, p, free):
 @njit()
 def _dots(d, q, p, free):
     """d.q and d.p for a d that vanishes outside O; p.p, p.q and q.q on O."""
-    dq, dp, pp, pq, qq = 0.0, 0.0, 0.0, 0.0, 0.0
+    sums = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(d.shape[0]):
-        here = _dots_row(d[j], q[j], p[j], free[j])
-        dq += here[0]
-        dp += here[1]
-        pp += here[2]
-        pq += here[3]
-        qq += here[4]
-    return dq, dp, pp, pq, qq
+        sums = plus(sums, _dots_row(d[j], q[j], p[j], free[j]))
+    return sums
 
 
 @any_order
@@ -88,12 +83,10 @@ def _normed_row(z, q):
 @njit()
 def _normed(z, q):
     """z.z and z.q."""
-    squares, product = 0.0, 0.0
+    sums = 0.0, 0.0
     for j in range(z.shape[0]):
-        here = _normed_row(z[j], q[j])
-        squares += here[0]
-        product += here[1]
-    return squares, product
+        sums = plus(sums, _normed_row(z[j], q[j]))
+    return sums
 
 
 @any_order

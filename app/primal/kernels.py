@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from app.compiled import njit
-from app.halfspace.reductions import any_order
+from app.halfspace.reductions import any_order, plus
 
 
 @any_order
@@ -36,18 +36,14 @@ def exchange(p, w, change, b, admissible, contact, least_pressure, least_gap, co
     Return the cells in C then, how many were captured and released, the sum of w + change, and that of the squares by
     which w will move there at least: of the gaps, and of p times a compliance; infinite if one is more than `far`.
     """
-    cells, came, left, total, moves = 0, 0, 0, 0.0, 0.0
+    sums = 0, 0, 0, 0.0, 0.0
     for j in range(p.shape[0]):
-        here = _exchange_row(
+        row = _exchange_row(
             p[j], w[j], change[j], b[j], admissible[j], contact[j], least_pressure, least_gap, compliance, far,
             captured[j],
         )  # fmt: skip
-        cells += here[0]
-        came += here[1]
-        left += here[2]
-        total += here[3]
-        moves += here[4]
-    return cells, came, left, total, moves
+        sums = plus(sums, row)
+    return sums
 
 
 @any_order
