@@ -136,7 +136,7 @@ def check(problem, until, most_cells):
     if not problem.refinable:
         raise InputError(
             f"problem {problem.name}: its undeformed distance is known on its own grid only, there is no finer one; "
-            "refining needs a function or a generated surface"
+            "refining needs a function, a generated surface or a measured one that is resampled() (-surface_resample)"
         )
 
 

@@ -81,6 +81,7 @@ GEOMETRY_OPTIONS = [
     Option("surface_orient", some_of(*TURNS), None, "how rows and columns are turned, before all else, in this order"),
     Option("surface_level", choice(*LEVELS), "none", "what is taken off measured heights"),
     Option("surface_crop", cells, None, "i0,i1,j0,j1: columns i0 to i1 - 1 and rows j0 to j1 - 1 of them only"),
+    Option("surface_resample", flag, False, "they are put on the cells of -grid and -domain, whatever these are"),
     Option("surface_missing", choice(*MISSING), "hole", "missing points (NaN): no contact there, or filled"),
     Option("surface_s_filter", positive, None, "measured waves shorter than this, as of noise, are taken off [mm]"),
     Option("surface_l_filter", positive, None, "measured waves longer than this, as of waviness, are taken off [mm]"),
@@ -133,7 +134,7 @@ def make_problem(options, texts, comm):
     grid = _grid(options, name, shape, measured, material, periodic)
     check_cells(grid)
     if measured:
-        measured = [surface.filtered(grid, *_filters(options)) for surface in measured]
+        measured = [_on_cells(surface, grid, options) for surface in measured]
     slabs, own = Slabs.over(comm, grid.ny), OptionReader((), {})
     check_share(grid, slabs.local * grid.nx)
     rows = slabs.rows
@@ -214,7 +215,7 @@ def _shape(name, options):
 
 
 def _measured(options):
-    """Measured surfaces, each on the cells that -grid asks for."""
+    """Measured surfaces, each on the cells that -grid asks for, or on its own if they are to be resampled."""
     from app.problems.filters import check_order
     from app.problems.measured import read_surface
 
@@ -227,10 +228,18 @@ def _measured(options):
                 options["surface_missing"], options["surface_height_unit"], options["surface_orient"] or (),
                 options["surface_skip"],
             )  # fmt: skip
-            if options.given("grid"):
+            if options.given("grid") and not options["surface_resample"]:
                 surface = surface.averaged(options["grid"][::-1])
             found.append(surface)
     return found
+
+
+def _on_cells(surface, grid, options):
+    """Filter a measured surface on its own cells, and put it on those of the grid."""
+    if not options["surface_resample"]:
+        return surface.filtered(grid, *_filters(options))
+    own = surface.resampled().own_grid(grid)
+    return surface.filtered(own, *_filters(options)).resampled()
 
 
 def _filters(options):
@@ -241,10 +250,14 @@ def _filters(options):
 def _grid(options, name, shape, measured, material, periodic):
     """Cells and patch: given, or a file's, or by default Hertz's."""
     from app.halfspace.grid import Grid
+    from app.problems.resampled import common_grid
 
     where = options["domain"] if options.given("domain") else None
     if measured:
         known = [surface for surface in measured if surface.spacing] or measured
+        if options["surface_resample"]:
+            cells = options["grid"] if options.given("grid") else None
+            return common_grid(known, cells, where, periodic)
         return known[0].grid(where, periodic)
     if name == "file":
         ny, nx = shape.shape

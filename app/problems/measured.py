@@ -26,6 +26,7 @@ from app.problems.height_file import (
 )
 from app.problems.moments import LEVELS, Moments, take_off
 from app.problems.problem import real_numbers
+from app.problems.resampled import ResampledSurface
 from app.units import UNITS, in_words, unit_named
 
 MISSING = ("hole", "fill")
@@ -137,7 +138,8 @@ class Surface:
         if min(shape) < 1 or ny % shape[0] or nx % shape[1]:
             raise InputError(
                 f"grid {shape[1]},{shape[0]}: surface file {self.file} has {nx} x {ny} cells; allowed: -grid {nx},{ny} "
-                "and whole fractions of both numbers, whose cells are averaged"
+                "and whole fractions of both numbers, whose cells are averaged, or any by resampled() "
+                "(-surface_resample)"
             )
         fy, fx = ny // shape[0], nx // shape[1]
         spacing = self.spacing and (fx * self.spacing[0], fy * self.spacing[1])
@@ -150,6 +152,13 @@ class Surface:
             notes=(*self.notes, note),
             _averaged=(before[0] * fy, before[1] * fx),
         )
+
+    def resampled(self):
+        """The same on whatever cells it is asked for: a surface of a problem on any grid, see `ResampledSurface`.
+
+        Not collective.
+        """
+        return ResampledSurface(self)
 
     def filtered(self, grid, s_filter=None, l_filter=None):
         """The same without waves shorter than one length and longer than another, see `app.problems.filters`.
@@ -221,7 +230,7 @@ class Surface:
         if grid.shape != self.shape:
             raise InputError(
                 f"surface file {self.file}: has {self.shape[1]} x {self.shape[0]} cells, the grid {grid.nx} x "
-                f"{grid.ny}; needed: the same cells, of two files, too, or fewer by averaged(): nothing is interpolated"
+                f"{grid.ny}; needed: the same cells, of two files, too, or resampled() (-surface_resample)"
             )
         if self.spacing and not np.allclose((grid.dx, grid.dy), self.spacing, rtol=1e-6, atol=0):
             raise InputError(
@@ -267,17 +276,9 @@ class Surface:
 
     def describe(self):
         """Data for the result file, by the names of the options. Not collective."""
-        facts = {
-            "surface_file": self.file,
-            "surface_unit": self.unit,
-            "surface_level": self.level,
-            "surface_missing": self.missing,
-            "surface_missing_points": self.missing_points,
-            "surface_crop": list(self.crop),
-            "surface_orient": ",".join(self.orient),
-            "surface_s_filter": self.s_filter,
-            "surface_l_filter": self.l_filter,
-        }
+        names = "file", "unit", "level", "missing", "missing_points", "s_filter", "l_filter"
+        facts = {f"surface_{name}": getattr(self, name) for name in names}
+        facts |= {"surface_crop": list(self.crop), "surface_orient": ",".join(self.orient)}
         return {name: value for name, value in facts.items() if value is not None}
 
     def _levelled(self, start, stop):

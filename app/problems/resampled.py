@@ -1,0 +1,189 @@
+"""Measured surfaces on any cells: of a smooth surface, in which each of the file's cells has its height as the mean.
+
+Volumes up to the edges of the file's cells are joined by cubic splines, first along rows, then along columns; what they
+grow by over a cell of the grid is its mean height (*histosplines*, parabolas between the edges). So volumes are kept,
+whole blocks of cells get their mean, and quadratic surfaces are met exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.errors import InputError
+from app.halfspace.grid import Grid
+from app.memory import check_fits
+from app.units import in_words
+
+_RUN = 1 << 18  # numbers that are joined together
+_ROUNDING = 1e-9  # of sides, or shares of a cell
+
+
+@dataclass(frozen=True, eq=False)
+class ResampledSurface:
+    """A measured surface on the cells of whatever grid it is asked for, made by `Surface.resampled`.
+
+    The middle of the surface lies in the middle of the grid's patch, which may be smaller; if the file does not say its
+    spacing, they are the same. A cell of the grid is missing where none of the file's cells that it overlaps is known.
+
+    Attributes
+    ----------
+    surface : Surface
+        On its own cells.
+
+    Examples
+    --------
+    >>> from app import Grid, read_surface
+    >>> bowl = read_surface(np.square(np.arange(10.0)) + np.zeros((4, 1)), "um", spacing=(0.1, 0.1))
+    >>> fine = Grid.from_domain(40, 8, (0, 1, 0, 0.4))
+    >>> heights = bowl.resampled().heights_on(fine)
+    >>> np.allclose(heights[0].reshape(10, 4).mean(axis=1), bowl.heights()[0])
+    True
+    """
+
+    surface: object
+
+    sampled = measured = refinable = True
+
+    @property
+    def file(self):
+        """See `Surface`."""
+        return self.surface.file
+
+    @property
+    def spacing(self):
+        """See `Surface`: that of the file's cells."""
+        return self.surface.spacing
+
+    @property
+    def spike(self):
+        """See `Surface`."""
+        return self.surface.spike
+
+    @property
+    def notes(self):
+        """See `Surface`."""
+        return self.surface.notes
+
+    def own_grid(self, grid):
+        """Grid of the surface's own cells, for a grid that it is asked for. Not collective."""
+        extent = grid.x0, grid.x0 + grid.nx * grid.dx, grid.y0, grid.y0 + grid.ny * grid.dy
+        return self.surface.grid(None if self.spacing else extent, grid.periodic)
+
+    def check_grid(self, grid):
+        """Refuse a patch that is larger than the surface. Not collective."""
+        own = self.own_grid(grid)
+        sides, there = (np.array([g.nx * g.dx, g.ny * g.dy]) for g in (grid, own))
+        if np.any(sides > there * (1 + _ROUNDING)):
+            raise InputError(
+                f"surface file {self.file}: is {there[0]:.7g} x {there[1]:.7g} mm, the domain {sides[0]:.7g} x "
+                f"{sides[1]:.7g} mm; needed: a domain that is no larger"
+            )
+
+    def cell(self, grid):
+        """See `Surface.cell`: that of the file."""
+        return self.surface.cell(self.own_grid(grid))
+
+    def rms_slope(self, grid):
+        """See `Surface.rms_slope`: that of the file."""
+        return self.surface.rms_slope(self.own_grid(grid))
+
+    def understood(self, grid):
+        """See `Surface.understood`."""
+        said = self.surface.understood(self.own_grid(grid))
+        return f"{said}; resampled to cells of {in_words(grid.dx, grid.dy)}"
+
+    def heights_on(self, grid, rows=slice(None)):
+        """Mean heights in the cells of some rows of a grid, shape (rows, nx) [mm]; NaN: missing. Not collective."""
+        own = self.own_grid(grid)
+        ny, nx = own.shape
+        check_fits(40.0 * own.n + 16.0 * ny * grid.nx, f"resampling {nx} x {ny} heights")
+        x, y = _edges(nx, own.dx, grid.nx, grid.dx), _edges(ny, own.dy, grid.ny, grid.dy)
+        around = [bool(grid.periodic) and edges[0] == 0 for edges in (x, y)]
+        start, stop, _ = rows.indices(grid.ny)
+        y = y[start : max(start, stop) + 1]
+        heights, share = self.surface.heights(), 1.0
+        missing = np.isnan(heights)
+        if missing.any():
+            from app.problems.fill import harmonic_fill  # sparse solvers take a while to load
+
+            j, i, values = harmonic_fill(heights)
+            heights[j, i] = values
+            share = _means(_means(1.0 - missing, x, 1).T, y, 1).T
+        means = _means(_means(heights, x, 3, around[0]).T, y, 3, around[1]).T
+        return np.where(share > _ROUNDING, means, np.nan)
+
+    def describe(self):
+        """See `Surface.describe`."""
+        return {**self.surface.describe(), "surface_resample": 1}
+
+    def __repr__(self):
+        return f"<Resampled{repr(self.surface).removeprefix('<')}"
+
+
+def common_grid(surfaces, cells=None, domain=None, periodic=False):
+    """Grid for measured surfaces that are resampled: on the patch that all have, with about the cells of the first.
+
+    Not collective.
+
+    Parameters
+    ----------
+    surfaces : sequence of Surface
+    cells : (int, int), optional
+        nx, ny.
+    domain : sequence of float, optional
+        x0, x1, y0, y1 [mm]; needed if no file says its spacing.
+    periodic : bool or str
+        See `symbol_name`.
+    """
+    first = surfaces[0].grid(domain if surfaces[0].spacing is None else None, periodic)
+    if domain is None:
+        grids = [surface.grid(periodic=periodic) for surface in surfaces]
+        lx, ly = min(grid.nx * grid.dx for grid in grids), min(grid.ny * grid.dy for grid in grids)
+        domain = -lx / 2, lx / 2, -ly / 2, ly / 2
+    x0, x1, y0, y1 = domain
+    if cells is None:
+        cells = max(round((x1 - x0) / first.dx), 1), max(round((y1 - y0) / first.dy), 1)
+    return Grid.from_domain(*cells, domain, periodic)
+
+
+def _edges(n, width, cells, cell):
+    """Edges of the cells of a grid, counted in the file's n, shape (cells + 1,): both have the same middle."""
+    edges = (np.arange(cells + 1) - cells / 2) * (cell / width) + n / 2
+    if abs(edges[0]) <= _ROUNDING * n:
+        edges[[0, -1]] = 0, n
+    return edges
+
+
+def _means(values, edges, degree, around=False):
+    """Means over cells of a spline with the means `values`, along rows: one degree less than that of their sums.
+
+    Parameters
+    ----------
+    values : ndarray, shape (rows, n)
+    edges : ndarray, shape (cells + 1,)
+        Of the cells, counted in those of `values`, from 0 to n.
+    degree : int
+        Of what joins the sums up to the edges of `values`.
+    around : bool
+        Whether the values go on beyond each end at the other one.
+
+    Returns
+    -------
+    ndarray, shape (rows, cells)
+    """
+    from scipy.interpolate import make_interp_spline
+
+    n, means = values.shape[1], np.empty((len(values), len(edges) - 1))
+    degree, ends = min(degree, n), "periodic" if around and n > degree > 1 else None
+    step = max(1, _RUN // n)
+    for first in range(0, len(values), step):
+        run = values[first : first + step]
+        middle = run.mean(axis=1, keepdims=True)
+        sums = np.zeros((len(run), n + 1))
+        np.cumsum(run - middle, axis=1, out=sums[:, 1:])
+        sums[:, -1] = 0.0
+        spline = make_interp_spline(np.arange(n + 1.0), sums, k=degree, axis=1, bc_type=ends)
+        means[first : first + step] = np.diff(spline(edges), axis=1) / np.diff(edges) + middle
+    return means
