@@ -65,6 +65,7 @@ def main(given):
             )  # fmt: skip
             solution, notes, status = refined.solution, refined.solution.notes, 0 if refined.reached else 3
             facts |= refined.errors._asdict()
+            facts |= {f"refinement_{name}": [row[name] for row in refined.rows] for name in refined.rows[0]}
             said = grids(refined, request.refine_until)
         elif request.path:
             with solver:

@@ -199,6 +199,9 @@ def test_refine_until(cli_here, tmp_path):
     assert "is below 0.02" in fine.stdout
     result = read_result(tmp_path / "a.h5")
     assert result.pressure.shape[0] > 32
+    grids = sum(line.endswith("True") for line in fine.stdout.splitlines())
+    assert result.attributes["refinement_nx"].tolist() == [32 * 2**k for k in range(grids)]
+    assert result.attributes["refinement_load"][-1] == result.load
     assert 0 < result.attributes["load_error"] < result.attributes["contact_area_error"] <= 0.02
     assert result.attributes["stiffness"] == pytest.approx(result.attributes["analytic_stiffness"], rel=0.02)
     coarse = cli_here(*HERTZ, "-refine_until", "0.001", "-refine_max", 2000, "-output", tmp_path / "b.h5")
