@@ -119,6 +119,18 @@ def test_place_for_the_log_that_there_is_not(view):
         places.for_the_start(["solve.py", "-log_view", view], {})
 
 
+@pytest.mark.parametrize("name", ["options_view", "options_left", "get_total_flops", "mpidump"])
+def test_what_petsc_reads_as_yes_or_no_in_the_end_is_that(read, files, name):
+    """It is refused at the start: PETSc fails when all is done, and then the run has status 0 all the same."""
+    with pytest.raises(InputError, match=f"^-{name} :a.txt: not allowed; allowed: true or false$"):
+        places.for_the_start(["solve.py", f"-{name}", ":a.txt"], {})
+    for text in ("", "no", "TRUE"):
+        assert f"-{name}" in places.for_the_start(["solve.py", f"-{name}", text], {})
+    files(a__opts="-options_view :a.txt\n")
+    with pytest.raises(InputError, match="-options_view :a.txt"):
+        read("-options_file a.opts")
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
