@@ -19,7 +19,7 @@ from pathlib import Path
 
 from app.commands.option_text import OPTION_FILES, bare, is_option, look_into, look_over_yaml
 from app.errors import InputError
-from app.options import Option, OptionReader, check_viewer, flag, option_file
+from app.options import Option, OptionReader, check_place, check_viewer, flag, option_file
 
 COMMAND_LINE = "on the command line"
 
@@ -37,6 +37,7 @@ _OF_PETSC = re.compile(
 _LATER = re.compile(
     r"help|skip_petscrc|log|log_(all|view)|options_(left|view)|objects_dump|get_total_flops|citations"
 )
+_FILES = "citations", "history", "log_summary", "malloc_view"
 _YES_OR_NO = "options_view", "options_left", "get_total_flops", "mpidump"
 
 
@@ -314,10 +315,12 @@ def _refuse_what_is_too_late(place):
 
 
 def _check_end(name, text):
-    """Refuse what PETSc looks at when all is done, only to fail then: a place for its log, and yes or no."""
+    """Refuse what PETSc looks at when all is done, only to fail then: places for what it writes, and yes or no."""
     if name == "log_view":
         for one in re.split(",(?=:)", text or ""):
             check_viewer(name, one)
+    elif name in _FILES:
+        check_place(name, text, text or "")
     elif name in _YES_OR_NO:
         OptionReader([Option(name, flag, False, "")], {name: text})[name]
 
