@@ -67,10 +67,20 @@ def check_viewer(name, text):
         raise InputError(
             f"-{name} {text}: allowed: nothing, or ascii:FILE:FORMAT, with any of {', '.join(_VIEWERS)}"
         )
-    file = rest.partition(":")[0]
+    if kind not in ("draw", "socket"):
+        check_place(name, text, rest.partition(":")[0])
+
+
+def check_place(name, text, file):
+    """Refuse a file that PETSc is to write, by the option `name` with some text, where there can be none.
+
+    Not collective.
+
+    Raises
+    ------
+    InputError
+    """
     folder = Path(file).parent
-    if kind in ("draw", "socket"):
-        return
     if not folder.is_dir():
         raise InputError(f"-{name} {text}: there is no folder {folder}")
     if file and Path(file).is_dir():

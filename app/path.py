@@ -34,7 +34,8 @@ class LoadPath:
     """The solutions along a path, one after the other: iterate over it, then look at its table.
 
     Collective, as is every step. Nothing is solved before it is iterated over, which can be done once: it keeps no
-    solutions. A pickled one keeps its table, and has no steps to come.
+    solutions. Where that was cut short, by Ctrl-C say, the next time goes on after the steps that are done. A pickled
+    one keeps its table, and has no steps to come.
 
     Parameters
     ----------
@@ -75,6 +76,7 @@ class LoadPath:
 
     def __init__(self, solver, kind, numbers, stiffness=False, rows=()):
         self._solver, self._kind, self._with_stiffness = solver, kind, stiffness
+        self._problem = solver.problem
         self._rank = solver.comm.rank  # the solver may be closed when the table is saved
         self.numbers = agree(solver.comm, _as_numbers, kind, numbers)
         check_alike(solver.comm, (self.numbers, stiffness), "path")
@@ -92,7 +94,7 @@ class LoadPath:
             raise InputError(f"path: {len(self.rows)} steps are done already, of {len(self.numbers)}")
 
     def __getstate__(self):
-        return self.__dict__ | {"_solver": None, "_steps": None}
+        return self.__dict__ | {"_solver": None, "_problem": None, "_steps": None}
 
     def __repr__(self):
         return f"<LoadPath: {len(self)} steps by {self._kind}, {len(self.rows)} done>"
@@ -101,7 +103,10 @@ class LoadPath:
         return len(self.numbers)
 
     def __iter__(self):
-        if self._steps is None or self._steps.gi_frame is None:
+        ended = self._steps is None or self._steps.gi_frame is None
+        if ended and self._steps and len(self.rows) < len(self):  # it was cut short, and goes on
+            self._steps, ended = self._solve(), False
+        if ended:
             raise InputError(
                 "path: it has been iterated over, and its solutions are not kept; keep them by solutions = list(path); "
                 "path.table has the numbers of all steps"
@@ -110,9 +115,9 @@ class LoadPath:
 
     def _solve(self):
         done = min(len(self.rows), len(self.numbers) - 1)
-        kept, problem = None, self._solver.problem
+        kept = None
         for step in range(done, len(self.numbers)):
-            if self._solver.problem is not problem:
+            if self._solver.problem is not self._problem:
                 raise InputError("path: its solver has been given another problem; make a path of that")
             kept = self._solver.take_back_rounding(kept)
             solution = self._solver.solve(**{self._kind: self.numbers[step]})

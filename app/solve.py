@@ -16,6 +16,7 @@ def main(given):
     import shlex
     import time
     import warnings
+    from contextlib import nullcontext
     from dataclasses import replace
 
     from mpi4py import MPI
@@ -55,7 +56,7 @@ def main(given):
             more = {**facts, "options": options, "peak_memory": session.peak_memory()}
             solution.save(file, steps, **more)
 
-    said, steps, done, status = "", None, None, 0
+    said, steps, done, status = "", None, nullcontext(), 0
     with PETSc.Log.Stage("Solve"), warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of what the summary says: not converged
         if request.refine_until:
@@ -85,10 +86,9 @@ def main(given):
             notes = solution.notes
     with PETSc.Log.Stage("Output"):
         facts |= solution.count_patches()
-    if request.output:
-        save(solution, request.output, steps)
-    if done:
-        done()
+    with done:
+        if request.output:
+            save(solution, request.output, steps)
     if said:
         session.say(said)
     session.say(summary(solution.attributes | facts, solution.grid, request.output))

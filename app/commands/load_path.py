@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -119,8 +120,8 @@ def run_path(wanted, solver, stiffness, save):
         With ``notes``, those of all steps.
     solution : Solution
         Of the last step.
-    done : callable
-        To be called when everything is written: the journal is not needed any more.
+    done : context manager
+        Within it everything is written; the journal is not needed any more after it.
     """
     from tqdm import tqdm
 
@@ -133,7 +134,7 @@ def run_path(wanted, solver, stiffness, save):
         say(f"{len(rows)} of {len(path)} steps are done already")
     notes = notes[: len(path) - 1]  # the last step is solved in any case
     unseen = True if solver.comm.rank else None  # None: where nobody looks
-    try:
+    with book.kept(len(path)):
         with tqdm(total=len(path), initial=len(rows), desc="path", unit="step", disable=unseen) as bar:
             for solution in path:
                 row = path.rows[-1]
@@ -144,11 +145,8 @@ def run_path(wanted, solver, stiffness, save):
                 _show(row, bar, wanted.kind)
         if wanted.csv:
             agree(solver.comm, path.save, wanted.csv)
-    except BaseException:  # Ctrl-C above all
-        book.tell_kept(len(path))
-        raise
     path.notes = _of_all_steps(notes)
-    return path, solution, book.close
+    return path, solution, book.done(len(path))
 
 
 def _of_all_steps(notes):
@@ -214,13 +212,21 @@ class _Book:
                 self._journal.add("path", self._what)
             self._journal.add(str(row["step"]), {**row, "notes": notes})
 
-    def tell_kept(self, steps):
-        """Say what an end before the last step leaves."""
-        if self._journal and (kept := len(self._journal.outcomes) - 1) > 0:
-            note(f"{kept} of {steps} steps are kept in {self._path}; -resume goes on after them")
+    @contextmanager
+    def kept(self, steps):
+        """Say what an end within, before all is written, leaves."""
+        try:
+            yield
+        except BaseException:  # Ctrl-C above all
+            if self._journal and (kept := len(self._journal.outcomes) - 1) > 0:
+                note(f"{kept} of {steps} steps are kept in {self._path}; -resume goes on after them")
+            raise
 
-    def close(self):
-        """All is done and written."""
+    @contextmanager
+    def done(self, steps):
+        """All is written within."""
+        with self.kept(steps):
+            yield
         if self._journal:
             self._journal.close()
             remove(self._path)

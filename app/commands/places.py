@@ -19,7 +19,7 @@ from pathlib import Path
 
 from app.commands.option_text import OPTION_FILES, bare, is_option, look_into, look_over_yaml
 from app.errors import InputError
-from app.options import check_viewer, option_file
+from app.options import Option, OptionReader, check_place, check_viewer, flag, option_file
 
 COMMAND_LINE = "on the command line"
 
@@ -37,6 +37,8 @@ _OF_PETSC = re.compile(
 _LATER = re.compile(
     r"help|skip_petscrc|log|log_(all|view)|options_(left|view)|objects_dump|get_total_flops|citations"
 )
+_FILES = "citations", "history", "log_summary", "malloc_view"
+_YES_OR_NO = "options_view", "options_left", "get_total_flops", "mpidump"
 
 
 @dataclass(frozen=True)
@@ -169,7 +171,7 @@ def for_the_start(argv, environment):
         if len(pairs) == 1 and bare(name) == "help":
             continue  # our own is help enough; beside a problem PETSc tells the options of what it uses
         if _OF_PETSC.fullmatch(bare(name)):
-            _check_log(bare(name), text)
+            _check_end(bare(name), text)
             chosen += [name] if text is None else [name, text]
     # A debug build would tell of unused options in the end; those of the solvers are looked after by `app.solver`.
     return [*argv[:1], "-options_left", "no", *chosen, "-skip_petscrc"]
@@ -257,7 +259,7 @@ class _Reader:
         texts = _read(self._steps)
         of_petsc = {name: text for name, text in texts.items() if _OF_PETSC.fullmatch(name)}
         for name, text in of_petsc.items():
-            _check_log(name, text)
+            _check_end(name, text)
         return Given(
             texts={name: text for name, text in texts.items() if name not in of_petsc},
             places=self._places,
@@ -312,11 +314,15 @@ def _refuse_what_is_too_late(place):
             )
 
 
-def _check_log(name, text):
-    """Refuse a place for PETSc's log that there is not: PETSc looks at it when all is done, and fails in silence."""
+def _check_end(name, text):
+    """Refuse what PETSc looks at when all is done, only to fail then: places for what it writes, and yes or no."""
     if name == "log_view":
         for one in re.split(",(?=:)", text or ""):
             check_viewer(name, one)
+    elif name in _FILES:
+        check_place(name, text, text or "")
+    elif name in _YES_OR_NO:
+        OptionReader([Option(name, flag, False, "")], {name: text})[name]
 
 
 def _start_files(environment):

@@ -231,8 +231,6 @@ def run(main, argv=None):
         status, complaint = 2, one_line(error)
     except MemoryError as error:
         status, complaint = 2, f"not enough memory: {one_line(error)}"
-    except SystemExit as error:
-        status = error.code if isinstance(error.code, int) else int(error.code is not None)
     except KeyboardInterrupt:
         from app import ending
 

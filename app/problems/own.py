@@ -27,7 +27,7 @@ import sysconfig
 import traceback
 from pathlib import Path
 
-from app.errors import InputError, one_line
+from app.errors import InputError, described, one_line
 from app.options import OptionReader
 from app.problems.given import ContactProblem
 from app.problems.problem import Problem, checked_shape
@@ -145,10 +145,10 @@ def _called(name, function, *parts):
         return function(*parts)
     except InputError as error:
         raise InputError(f"-problem_type {name}: {error}") from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         frames = traceback.extract_tb(error.__traceback__)
         if frames[-1].filename == __file__:  # found here, not there
             raise InputError(f"-problem_type {name}: {one_line(error)}") from None
         theirs = [frame for frame in frames if not _NOT_THE_USERS.search(frame.filename)]
         where = f" ({theirs[-1].filename}, line {theirs[-1].lineno})" if theirs else ""
-        raise InputError(f"-problem_type {name}: {type(error).__name__}: {one_line(error)}{where}") from error
+        raise InputError(f"-problem_type {name}: {described(error)}{where}") from error

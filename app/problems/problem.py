@@ -98,6 +98,21 @@ def real_numbers(what, values, needed="an array of real numbers, or a function o
     raise InputError(f"{what}: needed: {needed}") from None
 
 
+def lattice(x, y, origin):
+    """Columns x and rows y of a lattice, from an origin, shapes (nx,) and (ny,) [mm]. Not collective.
+
+    Raises
+    ------
+    InputError
+        If they are none, such as those of every point.
+    """
+    x, y = real_numbers("x", x, "columns of a lattice"), real_numbers("y", y, "rows of a lattice")
+    if (x.ndim, y.ndim) != (1, 1):
+        shapes = f"shapes {x.shape} and {y.shape}"
+        raise InputError(f"x, y: have {shapes}; needed: (nx,) and (ny,), columns and rows of a lattice")
+    return x - origin[0], y - origin[1]
+
+
 def refuse_large(what, values, first_row=0):
     """Refuse numbers that cannot be squared, infinite ones too. Not collective.
 

@@ -26,12 +26,7 @@ import numpy as np
 
 from app import reference
 from app.errors import InputError
-
-
-def _require_positive(**lengths):
-    for name, value in lengths.items():
-        if not (isinstance(value, Real) and np.isfinite(value) and value > 0):
-            raise InputError(f"{name} = {value!r}: must be a number, positive and finite")
+from app.reference.base import require_positive
 
 
 def _exact(solution, *of, approach=None, load=None):
@@ -89,7 +84,7 @@ class Paraboloid(Shape):
     name = "hertz"
 
     def __post_init__(self):
-        _require_positive(**{"radius of curvature rx": self.rx, "radius of curvature ry": self.ry})
+        require_positive(**{"radius of curvature rx": self.rx, "radius of curvature ry": self.ry})
 
     @classmethod
     def between(cls, radii1, radii2, angle=0.0):
@@ -160,7 +155,7 @@ class Sphere(Paraboloid):
     name = "sphere"
 
     def __init__(self, radius):
-        _require_positive(radius=radius)
+        require_positive(radius=radius)
         super().__init__(radius, radius)
 
     def describe(self):
@@ -181,9 +176,9 @@ class Cylinder(Shape):
     name = "cylinder"
 
     def __post_init__(self):
-        _require_positive(radius=self.radius)
+        require_positive(radius=self.radius)
         if self.length != math.inf:
-            _require_positive(length=self.length)
+            require_positive(length=self.length)
 
     def distance(self, x, y):
         """Undeformed distance in points [mm]."""
@@ -248,7 +243,7 @@ class FlatPunch(Shape):
     name = "punch"
 
     def __post_init__(self):
-        _require_positive(diameter=self.diameter)
+        require_positive(diameter=self.diameter)
 
     def distance(self, x, y):
         """Undeformed distance in points [mm]."""

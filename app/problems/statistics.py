@@ -15,6 +15,8 @@ import scipy.fft
 from scipy.special import ndtri
 
 from app.errors import InputError
+from app.problems.problem import real_numbers
+from app.reference.base import require_positive
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,7 @@ class NormalPlot:
 
 
 def _finite(height):
-    height = np.ma.filled(np.asanyarray(height, dtype=float), np.nan)
+    height = real_numbers("heights", height, "an array of real numbers")
     if not np.isfinite(height).all():
         raise InputError(
             "heights must be finite; cut missing points out, or read_surface(..., missing='fill')"
@@ -90,7 +92,8 @@ def _finite(height):
     return height
 
 
-def _field(height, cells):
+def _field(height, cells, **sizes):
+    require_positive(**sizes)
     height = _finite(height)
     if height.ndim != 2 or min(height.shape) < cells:
         raise InputError(f"heights of shape {height.shape}: need (ny, nx), at least {cells} x {cells}")
@@ -117,9 +120,9 @@ def roughness(height, dx, dy):
     Raises
     ------
     InputError
-        If there are fewer cells, or heights that are not finite.
+        If there are fewer cells, none of a size, or heights that are not finite real numbers.
     """
-    height = _field(height, cells=2)
+    height = _field(height, cells=2, dx=dx, dy=dy)
     deviation = height - height.mean()
     rms_height = np.sqrt(np.mean(deviation**2))
     slope_x = np.sqrt(np.mean((np.diff(height, axis=1) / dx) ** 2))
@@ -154,9 +157,9 @@ def radial_spectrum(height, dx, dy, window=False):
     Raises
     ------
     InputError
-        If there are fewer cells, or heights that are not finite.
+        If there are fewer cells, none of a size, or heights that are not finite real numbers.
     """
-    height = _field(height, cells=4)
+    height = _field(height, cells=4, dx=dx, dy=dy)
     height = height - height.mean()
     ny, nx = height.shape
     if window:
@@ -195,7 +198,7 @@ def normal_plot(height):
     Raises
     ------
     InputError
-        If there are fewer heights, or heights that are not finite.
+        If there are fewer heights, or heights that are not finite real numbers.
     """
     height = np.sort(_finite(height), axis=None)
     if height.size < 2:

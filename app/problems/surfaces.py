@@ -26,6 +26,8 @@ import scipy.fft
 
 from app.errors import InputError
 from app.memory import check_fits
+from app.problems.problem import lattice
+from app.reference.base import require_numbers
 
 _BLOCK = 32768  # values that stay in cache while the terms of a sum are added
 _STRIP = 64  # columns or rows of a Fourier sum at a time
@@ -37,14 +39,9 @@ def _check_seed(seed):
         raise InputError(f"surface seed {seed!r}: must be an integer, 0 or more")
 
 
-def _check_lengths(name, lengths):
-    if not (np.shape(lengths) == (2,) and np.isfinite(lengths).all() and min(lengths) > 0):
-        raise InputError(f"surface {name} {lengths}: need two positive, finite lengths")
-
-
-def _check_origin(origin):
-    if not (np.shape(origin) == (2,) and np.isfinite(origin).all()):
-        raise InputError(f"surface origin {origin}: need two finite coordinates")
+def _check_pair(name, pair, needed, above=-np.inf):
+    if not (np.shape(pair) == (2,) and np.isfinite(pair).all() and min(pair) > above):
+        raise InputError(f"surface {name} {pair}: need two {needed}")
 
 
 def _product(left, right):
@@ -126,8 +123,8 @@ class WavySurface(_Function):
         if not (np.isfinite(self.sigma) and self.sigma >= 0):
             raise InputError(f"surface sigma {self.sigma:g}: must be 0 or more, and finite")
         _check_seed(self.seed)
-        _check_lengths("extent", self.extent)
-        _check_origin(self.origin)
+        _check_pair("extent", self.extent, "positive, finite lengths", above=0)
+        _check_pair("origin", self.origin, "finite coordinates")
         m, n = self.modes
         check_fits(_BYTES_PER_MODE * m * n, f"a surface of {m} x {n} modes")
 
@@ -181,8 +178,8 @@ class WavySurface(_Function):
         """
         a, phi, theta = self.coefficients
         qx, qy = self._wave_numbers
-        along_x = np.outer(qx, np.asarray(x) - self.origin[0])
-        along_y = np.outer(np.asarray(y) - self.origin[1], qy)
+        x, y = lattice(x, y, self.origin)
+        along_x, along_y = np.outer(qx, x), np.outer(y, qy)
         mixing = np.block(
             [
                 [a * np.cos(phi) * np.cos(theta), -a * np.cos(phi) * np.sin(theta)],
@@ -293,6 +290,8 @@ class SelfAffineSurface(_Function):
         longest_wavelength=None,
         origin=(0.0, 0.0),
     ):
+        lengths = {"rolloff_wavelength": rolloff_wavelength, "shortest_wavelength": shortest_wavelength}
+        require_numbers(**{"Hurst exponent": hurst}, **lengths)
         if not 0 < hurst <= 1:
             raise InputError(f"Hurst exponent {hurst:g}: must be above 0 and at most 1")
         longest = np.inf if longest_wavelength is None else longest_wavelength
@@ -301,12 +300,13 @@ class SelfAffineSurface(_Function):
                 f"surface wavelengths: shortest {shortest_wavelength:g}, roll-off {rolloff_wavelength:g},"
                 f" longest {longest:g}: must be positive and in this order"
             )
-        _check_lengths("period", period)
-        _check_origin(origin)
+        _check_pair("period", period, "positive, finite lengths", above=0)
+        _check_pair("origin", origin, "finite coordinates")
         _check_seed(seed)
         if (rms_height is None) == (rms_slope is None):
             raise InputError("self-affine surface: give either its rms height or its rms slope")
         target = rms_slope if rms_height is None else rms_height
+        require_numbers(**{"surface rms value": target})
         if not (np.isfinite(target) and target >= 0):
             raise InputError(f"surface rms value {target:g}: must be 0 or more, and finite")
         self.period, self.origin, self.seed = tuple(period), tuple(origin), seed
@@ -348,11 +348,9 @@ class SelfAffineSurface(_Function):
         }
 
     def _check_span(self, *points):
-        for name, values, period in zip("xy", points, self.period, strict=True):
-            if len(values) and np.ptp(values) >= period * (1 - 1e-12):
-                raise InputError(
-                    f"surface: points span {np.ptp(values):g} in {name}, its period is {period:g}"
-                )
+        for name, at, period in zip("xy", points, self.period, strict=True):
+            if len(at) and np.ptp(at) >= period * (1 - 1e-12):
+                raise InputError(f"surface: points span {np.ptp(at):g} in {name}, its period is {period:g}")
 
     def _strips(self):
         """Columns k_x, their power spectrum but for a factor, and q [1/mm], both of shape (2 K_y + 1, columns)."""
@@ -416,9 +414,9 @@ class SelfAffineSurface(_Function):
         Raises
         ------
         InputError
-            If the points span a period or more: the surface would repeat itself.
+            If they are none of a lattice, or span a period or more: the surface would repeat itself.
         """
-        x, y = np.asarray(x) - self.origin[0], np.asarray(y) - self.origin[1]
+        x, y = lattice(x, y, self.origin)
         self._check_span(x, y)
         kx, ky = self.wave_numbers
         along_y, draws = np.empty((len(y), len(kx)), complex), self._draws()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import fields, replace
+from numbers import Real
 from typing import ClassVar
 
 import numpy as np
@@ -12,8 +13,16 @@ import numpy as np
 from app.errors import InputError
 
 
+def require_numbers(**values):
+    """Raise InputError for the first of `values` that is no real number."""
+    for name, value in values.items():
+        if not isinstance(value, Real):
+            raise InputError(f"{name} {value!r}: must be a number")
+
+
 def require_positive(**values):
     """Raise InputError for the first of `values` that is not positive and finite."""
+    require_numbers(**values)
     for name, value in values.items():
         if not 0 < value < math.inf:
             raise InputError(f"{name} {value:g}: must be positive and finite")

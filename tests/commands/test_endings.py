@@ -269,3 +269,18 @@ def test_own_problem(solve, tmp_path):
     assert done.stdout.startswith("mine.py:bowl 8 x 8: solved")
     assert_ended(solve(*problem, "-problem_type", "mine.bowls", ranks=2), "mine has no bowls")
     assert_ended(solve(*problem, "-problem_type", "mine.bowl", "-cone_slope", 1), "-cone_slope")
+
+
+@RANKS
+def test_own_problem_that_ends_the_program_has_not_solved_it(solve, tmp_path, ranks):
+    """Its status 0 was that of the command: from the third call on, which the check before has not seen."""
+    (tmp_path / "mine.py").write_text(
+        "import sys\nseen = []\n"
+        "def bowl(x, y):\n    seen.append(x)\n    return x**2 + y**2 if len(seen) < 3 else sys.exit()\n"
+    )
+    words = (
+        "-problem python -problem_type mine.bowl -grid 64 -domain -1,1,-1,1 -contact_modulus 1e5 -load 300"
+    )
+    done = solve(*words.split(), ranks=ranks)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "SystemExit" in next(line for line in done.stderr.splitlines() if line.startswith("error: "))

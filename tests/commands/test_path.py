@@ -1,6 +1,8 @@
 """Load paths and refinement from outside: interrupted and resumed, on ranks, what is written, exit status."""
 
 import csv
+import errno
+import os
 import re
 from pathlib import Path
 
@@ -69,6 +71,23 @@ def test_interrupted_and_resumed_path_gives_the_identical_table(cli_here, tmp_pa
     assert nothing.returncode == 0 and "note: -resume: nothing to go on from" in nothing.stderr
     assert one.attributes["load"] == pytest.approx(80000)
     assert one.attributes["contact_patches"] == 1
+
+
+def test_path_whose_result_finds_no_space_goes_on_after_all_its_steps(cli_here, tmp_path, monkeypatch):
+    def refuse(*arguments):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    words = (*PATH, "-output", tmp_path / "path.h5")
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "posix_fallocate", refuse)
+        full = cli_here(*words)
+    assert full.returncode == 2 and "No space left on device" in full.stderr
+    assert f"note: 4 of 4 steps are kept in {tmp_path / 'path.path.jsonl'}; -resume goes on" in full.stderr
+    found = (tmp_path / "path.csv").read_bytes()
+    done = cli_here(*words, "-resume")
+    assert done.returncode == 0 and "kept" not in done.stderr
+    assert (tmp_path / "path.csv").read_bytes() == found
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["path.csv", "path.h5"]
 
 
 def test_notes_come_back_with_resumed_steps(cli_here, tmp_path):

@@ -32,7 +32,9 @@ from app.halfspace.stress import SubsurfaceStress
 from app.options import Option, OptionReader, domain, series
 from app.problems.gap_file import GapFile
 from app.problems.problem import Problem
-from app.problems.statistics import roughness
+from app.problems.statistics import normal_plot, radial_spectrum, roughness
+from app.problems.surfaces import WavySurface
+from app.reference import EllipticHertz
 from app.subsurface import stress
 
 STEEL = Material.from_contact_modulus(1e5)
@@ -126,6 +128,19 @@ BALL = ContactProblem(GRID, STEEL, Sphere(10))
         ("'own': is int; .*mapping", lambda: ContactSolver(BALL, method={"own": 3})),
         ("communicator", lambda: ContactSolver(BALL, comm=3)),
         ("finite", lambda: roughness(np.ma.masked_greater(HEIGHTS, 5e-4), 0.1, 0.1)),
+        ("heights: needed: an array of real", lambda: roughness(HEIGHTS + 1j, 0.1, 0.1)),
+        ("heights: needed: an array of real", lambda: radial_spectrum("heights.npy", 0.1, 0.1)),
+        ("heights: needed: an array of real", lambda: normal_plot(["high", "low"])),
+        ("dx 0: must be positive", lambda: roughness(HEIGHTS, 0, 0.1)),
+        ("dy -0.1: must be positive", lambda: radial_spectrum(HEIGHTS, 0.1, -0.1)),
+        ("dy '1': must be a number", lambda: radial_spectrum(HEIGHTS, 0.1, "1")),
+        ("rx '10': must be a number", lambda: EllipticHertz.from_load("10", 10, 1e5, 100)),
+        ("exponent 'a': must be a number", lambda: SelfAffineSurface("a", 1, 1, (3, 3), 1, rms_slope=0.1)),
+        ("shortest_wavelength '1'", lambda: SelfAffineSurface(0.8, 1, "1", (3, 3), 1, rms_slope=0.1)),
+        ("value '1': must be a number", lambda: SelfAffineSurface(0.8, 1, 1, (3, 3), 1, rms_slope="1")),
+        (r"shapes \(2, 2\) and \(2, 2\); .* \(nx,\)", lambda: ROUGH.height(*np.ones((2, 2, 2)))),
+        (r"shapes \(\) and \(1,\)", lambda: WavySurface((2, 2), 0.8, 0.1, 7, (12, 10)).height(0, [1])),
+        ("x: needed: columns of a lattice", lambda: ROUGH.height(["a"], [0.1])),
         ("no such file", lambda: read_result("nothing.h5")),
         ("from 0 to 0.5", lambda: SubsurfaceStress(HEIGHTS, GRID, "0.3")),
     ],

@@ -34,6 +34,9 @@ def words(x, y):
 def huge(x, y):
     return np.where(x > 0.5, np.inf, x)
 
+def gives_up(x, y):
+    raise SystemExit("not today")
+
 number = 3
 
 class Other:
@@ -82,6 +85,7 @@ def make(tmp_path, monkeypatch):
     """``make("my_module.bowl")``: the problem of a name, in a folder that holds my_module.py."""
     (tmp_path / "my_module.py").write_text(MODULE)
     (tmp_path / "broken.py").write_text("import numpy\nnumpy.no_such_thing\n")
+    (tmp_path / "ends.py").write_text("import sys\nsys.exit()\n")
     (tmp_path / "typo.py").write_text("def f(x, y:\n")
     monkeypatch.chdir(tmp_path)
 
@@ -152,6 +156,8 @@ def test_class_reads_options_of_its_own(make):
         ("my_module.words", "gap: needed: an array of real numbers"),
         ("my_module.huge", "allowed: numbers up to"),
         ("broken.f", r"AttributeError: .*no_such_thing.* \(.*broken.py, line 2\)"),
+        ("ends.f", r": SystemExit \(.*ends.py, line 2\)"),
+        ("my_module.gives_up", r": SystemExit: not today \(.*my_module.py, line \d+\)"),
         ("typo.f", r"SyntaxError: .*line 1"),
     ],
 )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from cases import APPROACH, hertz, periodic_rough, punch, self_affine
 
-from app import ContactSolver
+from app import ContactSolver, Listener
 from app.commands.load_path import _of_all_steps
 from app.errors import InputError
 from app.path import _slope
@@ -109,6 +109,37 @@ def test_an_interrupted_path_goes_on_to_the_same_table(problem, loading):
         assert np.array_equal([solution.pressure for solution in again], fields[-1:])
     assert same(rest.table, path.table)
     assert same(again.table, path.table)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, InputError, ZeroDivisionError])
+def test_a_path_that_is_cut_short_goes_on_with_the_same_step(error):
+    class Stops(Listener):
+        after = None
+
+        def iteration(self, entry, state):
+            if self.after is not None and len(path.rows) == self.after:
+                raise error
+
+    stops, loads = Stops(), [10.0, 3000.0, 300.0, 20.0]
+    with ContactSolver(hertz(32), listeners=[stops]) as solver:
+        path = whole = solver.path(load=loads)
+        list(path)
+        path = solver.path(load=loads)
+        for stops.after in range(4):
+            with pytest.raises(error):
+                list(path)
+            assert len(path.rows) == stops.after
+        stops.after = None
+        assert len(list(path)) == 1
+        assert same(path.table, whole.table)
+        with pytest.raises(InputError, match="has been iterated over"):
+            list(path)
+        path = solver.path(load=loads)
+        next(iter(path))
+        solver.update(hertz(32))
+        for _ in range(2):  # it is not the problem that the rows are of
+            with pytest.raises(InputError, match="make a path of that"):
+                next(iter(path))
 
 
 def test_a_smaller_load_after_a_larger_one_forgets_its_contact():

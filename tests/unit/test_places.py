@@ -119,6 +119,27 @@ def test_place_for_the_log_that_there_is_not(view):
         places.for_the_start(["solve.py", "-log_view", view], {})
 
 
+@pytest.mark.parametrize("name", ["citations", "history", "log_summary", "malloc_view"])
+def test_file_of_petscs_that_there_cannot_be(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=f"^-{name} nowhere/a: there is no folder nowhere$"):
+        places.for_the_start(["solve.py", f"-{name}", "nowhere/a"], {})
+    for words in ([], ["a"]):
+        assert [f"-{name}", *words, "-skip_petscrc"] == places.for_the_start(["", f"-{name}", *words], {})[3:]
+
+
+@pytest.mark.parametrize("name", ["options_view", "options_left", "get_total_flops", "mpidump"])
+def test_what_petsc_reads_as_yes_or_no_in_the_end_is_that(read, files, name):
+    """It is refused at the start: PETSc fails when all is done, and then the run has status 0 all the same."""
+    with pytest.raises(InputError, match=f"^-{name} :a.txt: not allowed; allowed: true or false$"):
+        places.for_the_start(["solve.py", f"-{name}", ":a.txt"], {})
+    for text in ("", "no", "TRUE"):
+        assert f"-{name}" in places.for_the_start(["solve.py", f"-{name}", text], {})
+    files(a__opts="-options_view :a.txt\n")
+    with pytest.raises(InputError, match="-options_view :a.txt"):
+        read("-options_file a.opts")
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
