@@ -31,7 +31,7 @@ from app.units import length_unit
 _BINS_PER_DECADE = 8
 _EVEN_VALUES = 1.0001  # largest over smallest: what lies closer is one number, to the digits shown
 _STRESS_MAP = "magma_r"
-_EVEN = 1e-9  # of the largest: stresses that differ by less have no contours
+EVEN = 1e-9  # of the largest: stresses that differ by less have no contours
 _STRESS_BOX = 0.6, 0.7  # height over width of a section at least, and at most
 _MOST_MAXIMA = 12  # of stress side by side, whose contours are still told apart
 _MOST_LABELLED = 2  # and have their numbers beside them
@@ -206,9 +206,9 @@ def stress_figure(along, grid, depths, section, line, hottest, heading):
     between = np.concatenate([z[:1], (z[1:] + z[:-1]) / 2, [bottom]])
     colours = {"cmap": _STRESS_MAP, "vmin": 0, "vmax": mises.max() or 1.0}
     image = left.pcolormesh(sides * unit.per_mm, between, mises, rasterized=True, **colours)
-    uneven = min(mises.shape) > 1 and np.ptp(mises) > _EVEN * mises.max()
+    uneven = np.ptp(mises) > EVEN * mises.max()
     maxima = _maxima(mises, depths, hottest.depth)
-    if uneven and maxima <= _MOST_MAXIMA:
+    if uneven and min(mises.shape) > 1 and maxima <= _MOST_MAXIMA:
         lines = left.contour(x, z, mises, levels=8, colors="white", linewidths=0.6)
         if maxima <= _MOST_LABELLED:
             for text in left.clabel(lines, fontsize=9, fmt="%g"):
@@ -217,9 +217,10 @@ def stress_figure(along, grid, depths, section, line, hottest, heading):
     bar.set_label("von Mises stress  [N/mm²]")
     at = (hottest.x if along == "x" else hottest.y) * unit.per_mm
     depth = hottest.depth * deep.per_mm
-    largest = f"{number(hottest.von_mises)} N/mm² at depth {depth:.3g} {deep.name}"
-    cross = {"color": GREEN, "markersize": 12, "markeredgewidth": 2, "clip_on": False}
-    left.plot(at, depth, "+", label=largest, **cross)
+    place = f"at depth {depth:.3g} {deep.name}" if uneven else "everywhere"
+    cross = {"marker": "+" if uneven else "", "markersize": 12, "markeredgewidth": 2, "clip_on": False}
+    largest = f"{number(hottest.von_mises)} N/mm² {place}"
+    left.plot(at, depth, color=GREEN, linestyle="none", label=largest, **cross)
     left.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2)
     left.set_box_aspect(box)
     left.set(xlabel=f"{along}  [{unit.name}]{remark}", ylabel=f"depth z  [{deep.name}]", ylim=(bottom, 0))

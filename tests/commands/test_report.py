@@ -194,6 +194,20 @@ def test_subsurface_writes_sections_line_and_planes(path, made, tmp_path, capsys
         assert surface == pytest.approx(-made.pressure[row], abs=1e-6 * MAX_PRESSURE)
 
 
+@pytest.mark.parametrize("pressure", [0.0, 7.0])
+def test_the_same_stress_everywhere_is_at_no_place(made, pressure):
+    """Below a uniform pressure that is repeated for ever no cell is more stressed than others."""
+    even = replace(made, pressure=np.full_like(made.pressure, pressure) * (1 + 1e-14 * np.arange(64)))
+    periodic = with_attributes(even, periodic_symbol="spectral")
+    for result in (periodic, even):  # beside a free patch there is no pressure
+        below = subsurface.stress(result)
+        texts = subsurface.summary(*below.maxima(), result, below.nu)
+        figure = subsurface.picture(result, subsurface.survey(below, depths=9))
+        (told,) = figure.axes[0].get_legend().get_texts()
+        for text in (*texts, told.get_text()):
+            assert ("everywhere" in text) == ("depth" not in text) == (result is periodic or not pressure)
+
+
 def test_stress_of_a_solution_is_that_of_its_file(tmp_path):
     grid = Grid.from_domain(32, 24, (-1, 1, -0.75, 0.75), periodic=True)
     problem = ContactProblem(
