@@ -8,6 +8,7 @@ standard error. Runs on one rank.
 
 from __future__ import annotations
 
+import re
 import sys
 from dataclasses import dataclass, field
 from numbers import Real
@@ -68,8 +69,13 @@ def quantity(value, unit, digits=6):
         power = 2 if unit == "mm2" else 1
         suits = length_unit(abs(value) ** (1 / power))
         value, unit = value * suits.per_mm**power, suits.name + "2" * (power == 2)
-    unit = "" if unit == "1" else unit.replace("2", "²")
-    return f"{value:.{digits}g} {unit}".strip().replace("-", "−")
+    return f"{value:z.{digits}g} {'' if unit == '1' else unit}".strip()
+
+
+def typeset(text):
+    """Text with the minus signs and squares of print, as pictures have them."""
+    text = re.sub(r"((?:^|\s|\[|N/)[nµm]?m)2\b", r"\1²", text)
+    return re.sub(r"(?<![^\s(])-(?=\d)|(?<=\de)-(?=\d)", "−", text)
 
 
 def plain(value):
@@ -189,11 +195,11 @@ def path_section(result, pictures):
     steps = len(next(iter(columns.values())))
 
     def heading(name):
-        unit = unit_of(name).replace("2", "²")
+        unit = unit_of(name)
         return label_of(name) if unit == "1" else f"{label_of(name)} [{unit}]"
 
     rows = [
-        {heading(name): f"{column[k]:.6g}".replace("-", "−") for name, column in columns.items()}
+        {heading(name): f"{column[k]:z.6g}" for name, column in columns.items()}
         for k in range(min(steps, _MOST_ROWS))
     ]
     told = f"The first {_MOST_ROWS} of {steps} steps." if steps > _MOST_ROWS else f"{steps} steps."
@@ -254,7 +260,7 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
     made = {label: plain(values[name]) for name, label in _ORIGIN.items() if name in values}
     sections.append(Section("made", "How it was made", facts=made))
     state = f"{'Solved' if values['converged'] else 'NOT SOLVED'}: {values['reason']}."
-    return page.template("result.html").render(
+    return page.template("result.html", typeset=typeset).render(
         title=figures.title(result, path=bool(result.path)),
         converged=values["converged"],
         state=state,

@@ -97,6 +97,19 @@ def test_report_sets_analytic_values_beside_and_leaves_rounding_out(undrawn):
     assert "computed</th><th>analytic" in report.web_page(result, with_stress=False)
 
 
+def test_report_has_one_sign_for_minus_and_one_for_square(made, undrawn):
+    values = {"approach": -1e-7, "notes": "at -2.5 mm, file /m2/a-2.npy: 3e-05 N/mm2", "mean_gap": -0.0}
+    values |= {"analytic_approach": -2e-7, "contact_area": 3e-6, "contact_modulus": 1e5, "rms_slope": 0.0}
+    result = replace(
+        with_attributes(made, **values), path={"load": np.ones(2), "contact_area": np.array([-0.0, -2.0])}
+    )
+    text = report.web_page(result)
+    shown = text[: text.index('id="asked"')]  # options stay as they were typed
+    assert "at −2.5 mm, file /m2/a-2.npy: 3e−05 N/mm²" in shown
+    assert not re.search(r"[ >(]-\d|\de-\d|mm2|−0[ <]", shown)
+    assert "3 µm²" in shown and "contact area [mm²]" in shown and ">−0.1 nm<" in shown
+
+
 def test_a_load_path_is_read_from_the_file(path):
     with h5py.File(path, "r+") as file:
         file["path/load"] = [3.0, 4.0]
