@@ -28,6 +28,7 @@ from app.problems.moments import Moments, take_off
 from app.problems.statistics import radial_spectrum
 from app.units import length_unit
 
+_SMOOTH = "hertz", "sphere", "cylinder", "cone", "punch"  # but for surfaces on them
 _BINS_PER_DECADE = 8
 _EVEN_VALUES = 1.0001  # largest over smallest: what lies closer is one number, to the digits shown
 _STRESS_MAP = "magma_r"
@@ -111,12 +112,13 @@ def rough_part(result):
 def spectrum_figure(result):
     """Radial average of the power spectrum of the undeformed distance, with its cut-offs; None if there is none.
 
-    On a free patch the best paraboloid is taken off, and a Hann window is put on.
+    On a free patch the best paraboloid is taken off, and a Hann window is put on. Shapes without a surface have none.
     """
-    surface = rough_part(result)
+    values = result.attributes
+    smooth = values.get("problem") in _SMOOTH and not values.get("surfaces")
+    surface = None if smooth else rough_part(result)
     if surface is None:
         return None
-    values = result.attributes
     figure = new_figure(7.4, 5.4, title(result))
     axes = figure.subplots()
     drawn = draw_spectrum(axes, surface, result.grid, "undeformed distance")

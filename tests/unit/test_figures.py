@@ -315,7 +315,7 @@ def test_distributions_add_up_to_one():
 
 
 def test_spectrum_of_a_wave_is_a_peak_in_its_place():
-    made = made_up_result(128, 128)
+    made = with_attributes(made_up_result(128, 128), problem="given")
     grid = Grid.from_domain(128, 128, (0, 2, 0, 2))
     wave = 1e-3 * np.cos(2 * np.pi * 12 * grid.x() / 2) + 1e-6 * np.random.default_rng(3).random((128, 128))
     surface = replace(made, x=grid.x(), y=grid.y(), undeformed_distance=wave)
@@ -397,8 +397,14 @@ def test_numbers_below_a_narrow_map_do_not_touch():
     assert len(shown) > 1 and all(one[1] < other[0] for one, other in pairwise(shown))
 
 
-def test_a_smooth_body_has_no_spectrum(result):
+@pytest.mark.parametrize("problem", ["hertz", "sphere", "cylinder", "cone", "punch"])
+def test_a_smooth_body_has_no_spectrum_but_a_surface_on_it_has(result, problem):
     assert curves.spectrum_figure(result) is None
+    kink = replace(result, undeformed_distance=np.hypot(*np.meshgrid(result.x, result.y)))
+    for periodic_symbol in ("", "spectral"):
+        body = with_attributes(kink, problem=problem, periodic_symbol=periodic_symbol)
+        assert curves.spectrum_figure(body) is None
+        assert curves.spectrum_figure(with_attributes(body, surfaces=1)) is not None
 
 
 def test_path_of_a_rough_surface_stands_beside_the_theories():
