@@ -187,8 +187,11 @@ def draw_section(axes, result, along, row, column, reference):
     axes.set(
         xlim=ends, xlabel=f"{along}  [{unit.name}]   at {across} {unit.name}", ylabel="pressure p  [N/mm²]"
     )
-    # Room for the legend above what is drawn.
-    axes.set_ylim(0, max(1.1 * finite_pressure(values).max(), 1.35 * exact.max(initial=0.0)) or 1.0)
+    # Room for the legend above what is drawn; without pressure there is no scale.
+    highest = max(1.1 * finite_pressure(values).max(), 1.35 * exact.max(initial=0.0))
+    axes.set_ylim(0, highest or 1.0)
+    if not highest:
+        axes.set_yticks([0])
     linear_ticks(axes.xaxis, 5.0)
     if reference is None:
         _draw_gap(axes, sides, gap, ends)

@@ -67,6 +67,15 @@ def test_sections_have_no_gap_in_contact(result):
     assert len(figures.section_figure(full).axes) == 2
 
 
+def test_sections_without_load_have_neither_an_analytic_pressure_nor_a_scale(result):
+    """A load of 0 ends at an approach above 0, the cell in the middle not being at the very tip."""
+    unloaded = replace(with_attributes(result, load=0.0), pressure=np.zeros_like(result.pressure))
+    reference = analytic_reference(unloaded)
+    assert reference is None
+    for axes in figures.section_figure(unloaded, reference).axes[:2]:
+        assert "pressure" in axes.get_ylabel() and list(axes.get_yticks()) == [0]
+
+
 def test_pressure_map_has_no_colour_where_there_is_no_pressure(result):
     values, x, y = image_values(figures.pressure_figure(result))
     assert np.array_equal(np.ma.getmaskarray(values), result.pressure == 0)
