@@ -217,7 +217,7 @@ def _draw_gap(axes, sides, gap, ends):
 def draw_residual(axes, result):
     """Residual of every active set iteration."""
     residual = result.history["residual"]
-    residual = np.where((residual > 0) & (residual < _ASTRAY), residual, np.nan)
+    residual = np.where((residual >= 0) & (residual < _ASTRAY), residual, np.nan)
     iterations = np.arange(1, residual.size + 1)
     axes.set(xlabel="active set iteration", ylabel="residual  ‖r‖ / ‖h‖")
     if not iterations.size:

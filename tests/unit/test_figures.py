@@ -542,10 +542,10 @@ def test_a_residual_beyond_all_numbers_is_not_drawn(result):
 
 def test_residuals_far_below_the_tolerance_are_marked_at_the_bottom(result):
     residual = result.history["residual"].copy()
-    residual[[1, 3]] = 1e-17, 3e-14
+    residual[[1, 3, 4]] = 1e-17, 3e-14, 0
     axes = figures.history_figure(replace(result, history=result.history | {"residual": residual})).axes[0]
     marked = next(line for line in axes.lines if line.get_label().startswith("lower"))
-    assert list(marked.get_xdata()) == [2, 4] and (marked.get_ydata() == 1e-9).all()
+    assert list(marked.get_xdata()) == [2, 4, 5] and (marked.get_ydata() == 1e-9).all()
     drawn = np.concatenate([line.get_ydata() for line in axes.lines])
     assert np.nanmin(drawn) > axes.get_ylim()[0]
     assert "lower" not in str([line.get_label() for line in figures.history_figure(result).axes[0].lines])
