@@ -9,7 +9,7 @@ import numpy as np
 
 from app.halfspace.stress import max_shear, von_mises
 from app.output.figures import number, title
-from app.output.maps import cell_edges, finite_pressure
+from app.output.maps import cell_edges, finite_pressure, rounding
 from app.output.style import (
     BLUE,
     DASHED,
@@ -117,7 +117,7 @@ def spectrum_figure(result):
     values = result.attributes
     smooth = values.get("problem") in _SMOOTH and not values.get("surfaces")
     surface = None if smooth else rough_part(result)
-    if surface is None:
+    if surface is None or np.ptp(surface) <= rounding(result):
         return None
     figure = new_figure(7.4, 5.4, title(result))
     axes = figure.subplots()

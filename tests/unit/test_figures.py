@@ -530,6 +530,31 @@ def test_a_displacement_constant_but_for_rounding_is_one_colour():
     assert image.get_clim() == pytest.approx((2.34, 2.86))
 
 
+@pytest.mark.parametrize("height", [1.0, -1.0, 30.0])
+def test_displacements_and_distances_of_rounding_are_none(height):
+    """Of a flat periodic patch in contact they are what is left of its height less the approach."""
+    made = made_up_result(32, 24)
+    left = (np.hypot(*np.meshgrid(made.x, made.y)) - 5) * 0.1 * np.spacing(abs(height))
+    made = with_attributes(made, approach=height, periodic_symbol="spectral", problem="given")
+    for times, even in ((1, True), (1e6, False)):
+        h = times * left
+        result = replace(made, undeformed_distance=h, displacement=-h, pressure=0 * h)
+        axes = figures.deformation_figure(result).axes[0]
+        image, (bar,) = axes.images[-1], axes.child_axes
+        assert (np.unique(image.get_array()).tolist() == [0]) == even
+        assert ([text.get_text() for text in bar.get_yticklabels()] == ["0"]) == even
+        assert (curves.spectrum_figure(result) is None) == even
+
+
+def test_a_constant_displacement_below_zero_has_its_value_beside_it():
+    result = made_up_result(32, 24)
+    u = np.full_like(result.displacement, -2.6e-3)
+    axes = figures.deformation_figure(replace(result, displacement=u)).axes[0]
+    image, (bar,) = axes.images[-1], axes.child_axes
+    assert image.get_clim() == pytest.approx((-2.86, -2.34))
+    assert [text.get_text() for text in bar.get_yticklabels()] == ["−2.6"]
+
+
 @pytest.mark.filterwarnings("error")
 def test_a_residual_beyond_all_numbers_is_not_drawn(result):
     residual = np.geomspace(1e-6, 1e300, len(result.history["level"]))
