@@ -187,19 +187,27 @@ def request_section(result):
     return Section("asked", "What was asked", facts=facts)
 
 
+def _is_known(column):
+    """Whether a column has numbers: on a periodic patch that of a centre of pressure has none."""
+    column = np.asarray(column)
+    return column.dtype.kind in "biuf" and not np.isnan(column).all()
+
+
+def _cell(value):
+    return "" if np.isnan(value) else f"{value:z.6g}"
+
+
 def path_section(result, pictures):
     """Table and picture of the load path."""
-    columns = {
-        name: column for name, column in result.path.items() if np.asarray(column).dtype.kind in "biuf"
-    }
-    steps = len(next(iter(columns.values())))
+    columns = {name: column for name, column in result.path.items() if _is_known(column)}
+    steps = len(next(iter(result.path.values())))
 
     def heading(name):
         unit = unit_of(name)
         return label_of(name) if unit == "1" else f"{label_of(name)} [{unit}]"
 
     rows = [
-        {heading(name): f"{column[k]:z.6g}" for name, column in columns.items()}
+        {heading(name): _cell(column[k]) for name, column in columns.items()}
         for k in range(min(steps, _MOST_ROWS))
     ]
     told = f"The first {_MOST_ROWS} of {steps} steps." if steps > _MOST_ROWS else f"{steps} steps."

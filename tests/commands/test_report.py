@@ -78,6 +78,14 @@ def test_report_has_the_path_and_says_what_is_not_known(made, undrawn):
     assert "Nothing is proved" in text and "von Mises" not in text
 
 
+def test_a_table_of_a_path_has_no_nan(made, undrawn):
+    columns = {"load": np.arange(3.0), "moment_x": np.full(3, np.nan), "stiffness": np.array([np.nan, 5, 6])}
+    section = report.path_section(replace(made, path=columns), {})
+    assert [list(row.values()) for row in section.rows] == [["0", ""], ["1", "5"], ["2", "6"]]
+    nothing = replace(made, path={"load": np.full(3, np.nan)})
+    assert report.path_section(nothing, {}).texts == ["3 steps."]
+
+
 def test_report_sets_analytic_values_beside_and_leaves_rounding_out(undrawn):
     """On an even grid Hertz's centre of pressure is 0 but for round-off, whatever is printed."""
     hertz = ContactProblem(Grid.from_domain(48, 48, (-3, 3, -3, 3)), Material(8e4, 0.3), Paraboloid(100, 30))
