@@ -513,14 +513,24 @@ def _rough_path(**shares):
     return paths.Path({name: share * p for name, share in shares.items()}, "", scale=1e4)
 
 
-def test_legend_of_rough_paths_touches_no_curve():
-    figure = paths.path_figure([_rough_path(contact_fraction_corrected=2e-4)])
+@pytest.mark.parametrize("fall", [0.0, 0.1, 0.2, 0.5])
+def test_legend_of_rough_paths_touches_no_curve(fall):
+    """Whether kappa is constant, or falls by a light load's few cells to a fiftieth."""
+    path = _rough_path(contact_fraction_corrected=2e-4)
+    share = path.columns["contact_fraction"] * (path.columns["load"] / 3000) ** -fall
+    figure = paths.path_figure([path._replace(columns=path.columns | {"contact_fraction": share})])
     assert [axes.get_legend() is not None for axes in figure.axes] == [False, True, False, False]
     figure.canvas.draw()
     axes = figure.axes[1]
-    top = axes.get_legend().get_window_extent().y1
+    box = axes.get_legend().get_window_extent()
     for line in axes.lines:
-        assert (axes.transData.transform(line.get_xydata())[:, 1] > top).all(), line.get_label()
+        x, y = axes.transData.transform(line.get_xydata()).T
+        at = np.linspace(box.x0, min(box.x1, x.max()), 99)
+        beside = np.interp(at, x, y)
+        assert (beside > box.y1).all() or (beside < box.y0).all(), line.get_label()
+    if not fall:
+        for line in axes.lines:
+            assert (axes.transData.transform(line.get_xydata())[:, 1] > box.y1).all(), line.get_label()
 
 
 def test_a_displacement_constant_but_for_rounding_is_one_colour():
