@@ -38,6 +38,7 @@ PROBLEMS = {
     "given": "Contact problem",
 }
 
+_EVEN = 1.0001  # largest over smallest of pressures that are one, whatever rounding makes of them
 _ASTRAY = 1e200  # residuals from here on are not drawn: axes compute with larger numbers
 
 
@@ -152,11 +153,10 @@ def _titled(figure, result):
 
 
 def hottest_cell(result):
-    """Row and column of the cell the sections go through: the first of those that carry most, or the middle one."""
+    """Row and column of the cell the sections go through: of those that carry most, to rounding, the middle one."""
     pressure = finite_pressure(result.pressure)
-    if pressure.any():
-        return tuple(map(int, np.unravel_index(np.argmax(pressure), pressure.shape)))
-    return result.y.size // 2, result.x.size // 2
+    cells = np.argwhere(pressure >= pressure.max() / _EVEN)
+    return tuple(map(int, cells[np.sum((cells - cells.mean(axis=0)) ** 2, axis=1).argmin()]))
 
 
 def draw_section(axes, result, along, row, column, reference):

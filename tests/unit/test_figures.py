@@ -45,6 +45,19 @@ def test_sections_show_computed_and_exact_pressure(result):
         assert np.interp(centres[inside], s, exact) == pytest.approx(values[inside], rel=2e-3), along
 
 
+@pytest.mark.parametrize(
+    "carries", [lambda x, y: 5.0 + 0 * x * y, lambda x, y: np.maximum(9 - x**2, 0) + 0 * y]
+)
+def test_sections_go_through_the_middle_of_what_carries_most_whatever_rounding_says(result, carries):
+    x, y = result.x[None, :], result.y[:, None]
+    noise = 1 + 1e-7 * np.random.default_rng(6).random((y.size, x.size))
+    row, column = figures.hottest_cell(replace(result, pressure=carries(x, y) * noise))
+    assert abs(result.y[row]) < result.grid.dy and abs(result.x[column]) < result.grid.dx
+    apart = np.where(np.abs(x) > 5, 1.0, 0.0) + 0 * y
+    row, column = figures.hottest_cell(replace(result, pressure=apart))
+    assert apart[row, column] == 1
+
+
 def image_values(figure):
     """The topmost image of the first axes, and the coordinates of its pixel centres."""
     image = figure.axes[0].images[-1]
