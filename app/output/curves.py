@@ -125,12 +125,14 @@ def spectrum_figure(result):
     if drawn is None:
         return None
     q, density, unit = drawn
+    wave_numbers, densities = [q], [density]
     for name, label, line in (("surface_rolloff", "roll-off", DASHED), ("surface_cutoff", "cut-off", DOTTED)):
         if values.get(name):
             at = 2 * np.pi / values[name] / unit.per_mm
             wave = length_unit(values[name])
             text = f"{label}, λ = {values[name] * wave.per_mm:.3g} {wave.name}"
             axes.axvline(at, color=ORANGE, linestyle=line, label=text)
+            wave_numbers.append([at])
     if values.get("surface_hurst"):
         power = -2 - 2 * values["surface_hurst"]
         first = max(q[0], 2 * np.pi / values.get("surface_rolloff", np.inf) / unit.per_mm)
@@ -141,6 +143,9 @@ def spectrum_figure(result):
             axes.plot(
                 span, height, color=GREEN, linestyle=DASHED, label=f"slope {power:.2g}".replace("-", "−")
             )
+            densities.append(height)
+    log_axis(axes.xaxis, np.concatenate(wave_numbers))
+    log_axis(axes.yaxis, np.concatenate(densities))
     axes.legend(loc="lower left", frameon=True, framealpha=1, edgecolor="none")  # lines end at it
     return figure
 
@@ -162,7 +167,7 @@ def draw_spectrum(axes, surface, grid, label):
     if np.count_nonzero(known) < 3:
         return None
     axes.plot(q[known], density[known], "-", color=BLUE, label=label)
-    log_axis(axes.xaxis, q)
+    log_axis(axes.xaxis, q[known])
     log_axis(axes.yaxis, density[known])
     axes.set(xlabel=f"wave number q  [1/{unit.name}]", ylabel="power spectral density C  [mm⁴]")
     return q[known], density[known], unit

@@ -351,6 +351,27 @@ def test_spectrum_of_a_wave_is_a_peak_in_its_place():
     assert q[np.argmax(density)] == pytest.approx(2 * np.pi * 6, rel=0.1)
 
 
+@pytest.mark.parametrize("rolloff, cutoff", [(2.0, 0.25), (1.0, 0.05), (0.5, 0.02)])
+def test_all_that_is_drawn_of_a_spectrum_is_within_its_axes(rolloff, cutoff):
+    grid = Grid.from_domain(64, 64, (0, 2, 0, 2))
+    waves = np.hypot(*np.meshgrid(np.fft.fftfreq(64, 2 / 64), np.fft.fftfreq(64, 2 / 64)))
+    amplitudes = np.maximum(waves, 1 / rolloff) ** -1.8 * (waves > 0) * (waves <= 1 / cutoff)
+    noise = np.random.default_rng(1).standard_normal((64, 64))
+    heights = np.fft.ifft2(np.fft.fft2(noise) * amplitudes).real
+    options = {"hurst": 0.8, "rolloff": rolloff, "cutoff": cutoff}
+    made = with_attributes(made_up_result(64, 64), problem="rough", surfaces=1, periodic_symbol="spectral")
+    made = with_attributes(made, **{f"surface_{name}": value for name, value in options.items()})
+    axes = curves.spectrum_figure(replace(made, x=grid.x(), y=grid.y(), undeformed_distance=-heights)).axes[0]
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    labels = [line.get_label() for line in axes.lines]
+    assert {label.split(",")[0].split()[0] for label in labels} >= {"undeformed", "roll-off", "cut-off"}
+    for line in axes.lines:
+        x, y = line.get_data()
+        assert left < np.min(x) and np.max(x) < right
+        assert "λ" in line.get_label() or (low < np.min(y) and np.max(y) < high)
+    assert right < 1.5 * max(np.max(line.get_xdata()) for line in axes.lines)
+
+
 def _wavy():
     """A wave of 16 cells in x on a tilted plane [um]."""
     return np.cos(2 * np.pi * np.arange(64) / 16) + 0.5 * np.arange(48.0)[:, None]
