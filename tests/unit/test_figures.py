@@ -547,6 +547,17 @@ def _rough_path(**shares):
     return paths.Path({name: share * p for name, share in shares.items()}, "", scale=1e4)
 
 
+def test_against_an_option_a_line_of_a_sweep_of_paths_is_of_one_step():
+    """Loads of one path stand above each other there; no line goes up and down between them."""
+    seeds, steps = ["1", "1", "2", "2", "3", "3"], ["1", "2"] * 3
+    columns = {"seed": seeds, "exit_status": ["0"] * 6, "step": steps, "load": ["5", "50"] * 3}
+    columns |= {"max_pressure": ["20", "60", "30", "70", "40", "80"]}
+    (axes,) = sweeps.sweep_figure(columns, x="seed", y=["max_pressure"]).axes
+    assert [line.get_ydata().tolist() for line in axes.lines] == [[20, 30, 40], [60, 70, 80]]
+    (axes,) = sweeps.sweep_figure(columns, y=["max_pressure"]).axes
+    assert [line.get_ydata().tolist() for line in axes.lines] == [[20, 60], [30, 70], [40, 80]]
+
+
 @pytest.mark.parametrize("fall", [0.0, 0.1, 0.2, 0.5])
 def test_legend_of_rough_paths_touches_no_curve(fall):
     """Whether kappa is constant, or falls by a light load's few cells to a fiftieth."""
