@@ -20,7 +20,7 @@ from app import subsurface
 from app.commands import streams
 from app.commands.arguments import Parser, command, writing
 from app.errors import InputError
-from app.output import figures, page
+from app.output import figures, page, sweeps
 from app.output.files import check_output_path, write_text
 from app.output.result import read_result
 from app.plot import PICTURES, pictures_of
@@ -178,6 +178,8 @@ def request_section(result):
     }
     facts |= {
         name: plain(value)
+        if isinstance(value, str)
+        else f"{plain(value)} {sweeps.unit_of(name) or ''}".rstrip()
         for name, value in values.items()
         if name.startswith(_ASKED) and not (isinstance(value, str) and not value)
     }
