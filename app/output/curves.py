@@ -87,6 +87,9 @@ def _draw_patches(axes, patches):
     axes.plot(areas, larger, "o", color=BLUE, markersize=3)
     log_axis(axes.xaxis, areas)
     log_axis(axes.yaxis, larger)
+    limits = axes.get_ylim()
+    axes.set_yticks([tick for tick in axes.get_yticks() if tick == round(tick)])  # half a patch is none
+    axes.set_ylim(limits)
 
 
 def rough_part(result):

@@ -547,6 +547,20 @@ def _rough_path(**shares):
     return paths.Path({name: share * p for name, share in shares.items()}, "", scale=1e4)
 
 
+@pytest.mark.parametrize("patches", [2, 3, 4, 7, 60])
+def test_numbers_of_patches_are_whole(result, patches):
+    contact = np.zeros_like(result.contact)
+    for k in range(patches):
+        row, column = divmod(k, 12)
+        contact[8 * row : 8 * row + 1 + k % 2, 8 * column] = 1
+    drawn = curves.distribution_figure(replace(result, contact=contact)).axes[2]
+    drawn.figure.canvas.draw()
+    low, high = drawn.get_ylim()
+    ticks = [tick for tick in drawn.get_yticks() if low <= tick <= high]
+    assert ticks and all(tick == round(tick) for tick in ticks) and high < 1.5 * patches
+    assert any(text.get_text() for text in drawn.get_yticklabels())
+
+
 def test_against_an_option_a_line_of_a_sweep_of_paths_is_of_one_step():
     """Loads of one path stand above each other there; no line goes up and down between them."""
     seeds, steps = ["1", "1", "2", "2", "3", "3"], ["1", "2"] * 3
