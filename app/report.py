@@ -8,6 +8,7 @@ standard error. Runs on one rank.
 
 from __future__ import annotations
 
+import re
 import sys
 from dataclasses import dataclass, field
 from numbers import Real
@@ -19,7 +20,7 @@ from app import subsurface
 from app.commands import streams
 from app.commands.arguments import Parser, command, writing
 from app.errors import InputError
-from app.output import figures, page
+from app.output import figures, page, sweeps
 from app.output.files import check_output_path, write_text
 from app.output.result import read_result
 from app.plot import PICTURES, pictures_of
@@ -68,8 +69,13 @@ def quantity(value, unit, digits=6):
         power = 2 if unit == "mm2" else 1
         suits = length_unit(abs(value) ** (1 / power))
         value, unit = value * suits.per_mm**power, suits.name + "2" * (power == 2)
-    unit = "" if unit == "1" else unit.replace("2", "²")
-    return f"{value:.{digits}g} {unit}".strip().replace("-", "−")
+    return f"{value:z.{digits}g} {'' if unit == '1' else unit}".strip()
+
+
+def typeset(text):
+    """Text with the minus signs and squares of print, as pictures have them."""
+    text = re.sub(r"((?:^|\s|\[|N/)[nµm]?m)2\b", r"\1²", text)
+    return re.sub(r"(?<![^\s(])-(?=\d)|(?<=\de)-(?=\d)", "−", text)
 
 
 def plain(value):
@@ -172,6 +178,8 @@ def request_section(result):
     }
     facts |= {
         name: plain(value)
+        if isinstance(value, str)
+        else f"{plain(value)} {sweeps.unit_of(name) or ''}".rstrip()
         for name, value in values.items()
         if name.startswith(_ASKED) and not (isinstance(value, str) and not value)
     }
@@ -181,19 +189,27 @@ def request_section(result):
     return Section("asked", "What was asked", facts=facts)
 
 
+def _is_known(column):
+    """Whether a column has numbers: on a periodic patch that of a centre of pressure has none."""
+    column = np.asarray(column)
+    return column.dtype.kind in "biuf" and not np.isnan(column).all()
+
+
+def _cell(value):
+    return "" if np.isnan(value) else f"{value:z.6g}"
+
+
 def path_section(result, pictures):
     """Table and picture of the load path."""
-    columns = {
-        name: column for name, column in result.path.items() if np.asarray(column).dtype.kind in "biuf"
-    }
-    steps = len(next(iter(columns.values())))
+    columns = {name: column for name, column in result.path.items() if _is_known(column)}
+    steps = len(next(iter(result.path.values())))
 
     def heading(name):
-        unit = unit_of(name).replace("2", "²")
+        unit = unit_of(name)
         return label_of(name) if unit == "1" else f"{label_of(name)} [{unit}]"
 
     rows = [
-        {heading(name): f"{column[k]:.6g}".replace("-", "−") for name, column in columns.items()}
+        {heading(name): _cell(column[k]) for name, column in columns.items()}
         for k in range(min(steps, _MOST_ROWS))
     ]
     told = f"The first {_MOST_ROWS} of {steps} steps." if steps > _MOST_ROWS else f"{steps} steps."
@@ -254,7 +270,7 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
     made = {label: plain(values[name]) for name, label in _ORIGIN.items() if name in values}
     sections.append(Section("made", "How it was made", facts=made))
     state = f"{'Solved' if values['converged'] else 'NOT SOLVED'}: {values['reason']}."
-    return page.template("result.html").render(
+    return page.template("result.html", typeset=typeset).render(
         title=figures.title(result, path=bool(result.path)),
         converged=values["converged"],
         state=state,

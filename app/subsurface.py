@@ -225,6 +225,8 @@ def summary(hottest, sheared, result, poisson_ratio):
     of = (
         [f" (body {k})" for k, nu in enumerate(each, 1) if nu == poisson_ratio] if len(set(each)) == 2 else []
     )
+    # No place is more stressed than others without a pressure, nor below one that is the same all over.
+    uniform = highest <= 0 or (result.grid.periodic and np.ptp(result.pressure) <= curves.EVEN * highest)
     texts = []
     for name, value, there in (
         ("von Mises", hottest.von_mises, hottest),
@@ -232,9 +234,12 @@ def summary(hottest, sheared, result, poisson_ratio):
     ):
         unit = length_unit(there.depth or float(np.ptp(result.x)))
         share = f", {value / highest:.3g} of the maximum pressure" if highest > 0 else ""
+        place = (
+            f"x = {there.x:.6g} mm, y = {there.y:.6g} mm, depth {there.depth * unit.per_mm:.4g} {unit.name}"
+        )
         texts.append(
             f"largest {name} stress {value:.6g} N/mm2{share}, for nu = {poisson_ratio:g}{''.join(of)}\n"
-            f"  at x = {there.x:.6g} mm, y = {there.y:.6g} mm, depth {there.depth * unit.per_mm:.4g} {unit.name}"
+            f"  {'everywhere' if uniform else f'at {place}'}"
         )
     return texts
 

@@ -32,13 +32,15 @@ def summary(facts, grid, output=None):
             read = facts[f"surface_read{number}"]
             lines.append(f"surface file {facts[f'surface_file{number}']}: {read}")
     lines += _generated(facts)
-    beyond = f" ({facts['indentation']:.6g} beyond first touch)" if facts["approach"] < 0 else ""
+    beyond = f" ({facts['indentation']:z.6g} beyond first touch)" if facts["approach"] < 0 else ""
     lines.append(
-        f"approach {facts['approach']:.8g} mm{beyond}, load {facts['load']:.8g} N, "
+        f"approach {facts['approach']:z.8g} mm{beyond}, load {facts['load']:.8g} N, "
         f"maximum pressure {facts['max_pressure']:.8g} N/mm2"
     )
     if facts.get("periodic"):
-        lines.append(f"mean pressure {facts['mean_pressure']:.8g} N/mm2, mean gap {facts['mean_gap']:.8g} mm")
+        lines.append(
+            f"mean pressure {facts['mean_pressure']:.8g} N/mm2, mean gap {facts['mean_gap']:z.8g} mm"
+        )
     if "body1_radii" in facts:
         lines.append(
             f"relative radii {facts['hertz_rx']:.6g} and {facts['hertz_ry']:.6g} mm, "
@@ -116,12 +118,12 @@ def _more(facts, grid):
     lines = []
     if facts["contact_cells"]:
         lines.append(f"mean pressure in contact {facts['mean_contact_pressure']:.6g} N/mm2")
+    x, y = (resolved(facts[f"pressure_centre_{name}"], getattr(grid, f"d{name}")) for name in "xy")
+    centre = f"; centre of pressure ({x:.6g}, {y:.6g}) mm" if x == x else ""
     if facts["semi_axis_major"] == facts["semi_axis_major"]:
         lines.append(
             f"ellipse of the contact: semi-axes {facts['semi_axis_major']:.6g} and {facts['semi_axis_minor']:.6g} mm, "
-            f"the longer at {resolved(facts['major_axis_angle'], 0.01):.4g} degrees from x; centre of pressure "
-            f"({resolved(facts['pressure_centre_x'], grid.dx):.6g}, "
-            f"{resolved(facts['pressure_centre_y'], grid.dy):.6g}) mm"
+            f"the longer at {resolved(facts['major_axis_angle'], 0.01):.4g} degrees from x{centre}"
         )
     if "stiffness" in facts:
         lines.append(f"stiffness {facts['stiffness']:.8g} N/mm, by one more linear solve")

@@ -9,7 +9,7 @@ import numpy as np
 
 from app.halfspace.stress import max_shear, von_mises
 from app.output.figures import number, title
-from app.output.maps import cell_edges, finite_pressure
+from app.output.maps import cell_edges, finite_pressure, rounding
 from app.output.style import (
     BLUE,
     DASHED,
@@ -28,10 +28,11 @@ from app.problems.moments import Moments, take_off
 from app.problems.statistics import radial_spectrum
 from app.units import length_unit
 
+_SMOOTH = "hertz", "sphere", "cylinder", "cone", "punch"  # but for surfaces on them
 _BINS_PER_DECADE = 8
 _EVEN_VALUES = 1.0001  # largest over smallest: what lies closer is one number, to the digits shown
 _STRESS_MAP = "magma_r"
-_EVEN = 1e-9  # of the largest: stresses that differ by less have no contours
+EVEN = 1e-9  # of the largest: stresses that differ by less have no contours
 _STRESS_BOX = 0.6, 0.7  # height over width of a section at least, and at most
 _MOST_MAXIMA = 12  # of stress side by side, whose contours are still told apart
 _MOST_LABELLED = 2  # and have their numbers beside them
@@ -86,6 +87,9 @@ def _draw_patches(axes, patches):
     axes.plot(areas, larger, "o", color=BLUE, markersize=3)
     log_axis(axes.xaxis, areas)
     log_axis(axes.yaxis, larger)
+    limits = axes.get_ylim()
+    axes.set_yticks([tick for tick in axes.get_yticks() if tick == round(tick)])  # half a patch is none
+    axes.set_ylim(limits)
 
 
 def rough_part(result):
@@ -111,24 +115,27 @@ def rough_part(result):
 def spectrum_figure(result):
     """Radial average of the power spectrum of the undeformed distance, with its cut-offs; None if there is none.
 
-    On a free patch the best paraboloid is taken off, and a Hann window is put on.
+    On a free patch the best paraboloid is taken off, and a Hann window is put on. Shapes without a surface have none.
     """
-    surface = rough_part(result)
-    if surface is None:
-        return None
     values = result.attributes
+    smooth = values.get("problem") in _SMOOTH and not values.get("surfaces")
+    surface = None if smooth else rough_part(result)
+    if surface is None or np.ptp(surface) <= rounding(result):
+        return None
     figure = new_figure(7.4, 5.4, title(result))
     axes = figure.subplots()
     drawn = draw_spectrum(axes, surface, result.grid, "undeformed distance")
     if drawn is None:
         return None
     q, density, unit = drawn
+    wave_numbers, densities = [q], [density]
     for name, label, line in (("surface_rolloff", "roll-off", DASHED), ("surface_cutoff", "cut-off", DOTTED)):
         if values.get(name):
             at = 2 * np.pi / values[name] / unit.per_mm
             wave = length_unit(values[name])
             text = f"{label}, λ = {values[name] * wave.per_mm:.3g} {wave.name}"
             axes.axvline(at, color=ORANGE, linestyle=line, label=text)
+            wave_numbers.append([at])
     if values.get("surface_hurst"):
         power = -2 - 2 * values["surface_hurst"]
         first = max(q[0], 2 * np.pi / values.get("surface_rolloff", np.inf) / unit.per_mm)
@@ -139,6 +146,9 @@ def spectrum_figure(result):
             axes.plot(
                 span, height, color=GREEN, linestyle=DASHED, label=f"slope {power:.2g}".replace("-", "−")
             )
+            densities.append(height)
+    log_axis(axes.xaxis, np.concatenate(wave_numbers))
+    log_axis(axes.yaxis, np.concatenate(densities))
     axes.legend(loc="lower left", frameon=True, framealpha=1, edgecolor="none")  # lines end at it
     return figure
 
@@ -160,7 +170,7 @@ def draw_spectrum(axes, surface, grid, label):
     if np.count_nonzero(known) < 3:
         return None
     axes.plot(q[known], density[known], "-", color=BLUE, label=label)
-    log_axis(axes.xaxis, q)
+    log_axis(axes.xaxis, q[known])
     log_axis(axes.yaxis, density[known])
     axes.set(xlabel=f"wave number q  [1/{unit.name}]", ylabel="power spectral density C  [mm⁴]")
     return q[known], density[known], unit
@@ -206,9 +216,9 @@ def stress_figure(along, grid, depths, section, line, hottest, heading):
     between = np.concatenate([z[:1], (z[1:] + z[:-1]) / 2, [bottom]])
     colours = {"cmap": _STRESS_MAP, "vmin": 0, "vmax": mises.max() or 1.0}
     image = left.pcolormesh(sides * unit.per_mm, between, mises, rasterized=True, **colours)
-    uneven = min(mises.shape) > 1 and np.ptp(mises) > _EVEN * mises.max()
+    uneven = np.ptp(mises) > EVEN * mises.max()
     maxima = _maxima(mises, depths, hottest.depth)
-    if uneven and maxima <= _MOST_MAXIMA:
+    if uneven and min(mises.shape) > 1 and maxima <= _MOST_MAXIMA:
         lines = left.contour(x, z, mises, levels=8, colors="white", linewidths=0.6)
         if maxima <= _MOST_LABELLED:
             for text in left.clabel(lines, fontsize=9, fmt="%g"):
@@ -217,9 +227,10 @@ def stress_figure(along, grid, depths, section, line, hottest, heading):
     bar.set_label("von Mises stress  [N/mm²]")
     at = (hottest.x if along == "x" else hottest.y) * unit.per_mm
     depth = hottest.depth * deep.per_mm
-    largest = f"{number(hottest.von_mises)} N/mm² at depth {depth:.3g} {deep.name}"
-    cross = {"color": GREEN, "markersize": 12, "markeredgewidth": 2, "clip_on": False}
-    left.plot(at, depth, "+", label=largest, **cross)
+    place = f"at depth {depth:.3g} {deep.name}" if uneven else "everywhere"
+    cross = {"marker": "+" if uneven else "", "markersize": 12, "markeredgewidth": 2, "clip_on": False}
+    largest = f"{number(hottest.von_mises)} N/mm² {place}"
+    left.plot(at, depth, color=GREEN, linestyle="none", label=largest, **cross)
     left.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2)
     left.set_box_aspect(box)
     left.set(xlabel=f"{along}  [{unit.name}]{remark}", ylabel=f"depth z  [{deep.name}]", ylim=(bottom, 0))

@@ -38,6 +38,7 @@ PROBLEMS = {
     "given": "Contact problem",
 }
 
+_EVEN = 1.0001  # largest over smallest of pressures that are one, whatever rounding makes of them
 _ASTRAY = 1e200  # residuals from here on are not drawn: axes compute with larger numbers
 
 
@@ -152,11 +153,10 @@ def _titled(figure, result):
 
 
 def hottest_cell(result):
-    """Row and column of the cell the sections go through: the first of those that carry most, or the middle one."""
+    """Row and column of the cell the sections go through: of those that carry most, to rounding, the middle one."""
     pressure = finite_pressure(result.pressure)
-    if pressure.any():
-        return tuple(map(int, np.unravel_index(np.argmax(pressure), pressure.shape)))
-    return result.y.size // 2, result.x.size // 2
+    cells = np.argwhere(pressure >= pressure.max() / _EVEN)
+    return tuple(map(int, cells[np.sum((cells - cells.mean(axis=0)) ** 2, axis=1).argmin()]))
 
 
 def draw_section(axes, result, along, row, column, reference):
@@ -187,8 +187,11 @@ def draw_section(axes, result, along, row, column, reference):
     axes.set(
         xlim=ends, xlabel=f"{along}  [{unit.name}]   at {across} {unit.name}", ylabel="pressure p  [N/mm²]"
     )
-    # Room for the legend above what is drawn.
-    axes.set_ylim(0, max(1.1 * finite_pressure(values).max(), 1.35 * exact.max(initial=0.0)) or 1.0)
+    # Room for the legend above what is drawn; without pressure there is no scale.
+    highest = max(1.1 * finite_pressure(values).max(), 1.35 * exact.max(initial=0.0))
+    axes.set_ylim(0, highest or 1.0)
+    if not highest:
+        axes.set_yticks([0])
     linear_ticks(axes.xaxis, 5.0)
     if reference is None:
         _draw_gap(axes, sides, gap, ends)
@@ -214,7 +217,7 @@ def _draw_gap(axes, sides, gap, ends):
 def draw_residual(axes, result):
     """Residual of every active set iteration."""
     residual = result.history["residual"]
-    residual = np.where((residual > 0) & (residual < _ASTRAY), residual, np.nan)
+    residual = np.where((residual >= 0) & (residual < _ASTRAY), residual, np.nan)
     iterations = np.arange(1, residual.size + 1)
     axes.set(xlabel="active set iteration", ylabel="residual  ‖r‖ / ‖h‖")
     if not iterations.size:

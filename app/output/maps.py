@@ -23,6 +23,7 @@ _WIDEST, _HIGHEST = 5.1, 6.4  # inches of a map
 _LOW = 2.2  # inches
 _SLIM = 2.0  # inches of width, in which numbers side by side would touch
 _CONSTANT = 1e-4  # of a length: what varies less is one colour
+_ROUNDING = 1e-14  # of the lengths that add up to another
 _BAR = 0.18  # inches of a colour bar's width
 PATCH_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#5b4fa2", "#8c6d31", "#117733",
                  "#aa3377")  # fmt: skip
@@ -104,8 +105,8 @@ class Canvas:
             self.image(axes, np.where(self.outside, 1.0, np.nan), ListedColormap([GREY]))
         return bool(self.outside.any())
 
-    def field(self, axes, field, colours, label, extend="neither", hide_zero=False, **options):
-        """Draw a field with its colour bar."""
+    def field(self, axes, field, colours, label, extend="neither", hide_zero=False, ticks=None, **options):
+        """Draw a field with its colour bar, which has `ticks` alone where they are given."""
         self.background(axes)
         pixels, b = block_mean(np.where(self.outside, np.nan, field), MOST_PIXELS)
         if hide_zero:
@@ -121,7 +122,9 @@ class Canvas:
             linear_ticks(bar.ax.yaxis, self.height)
         bar.set_label(label)
         if np.isnan(pixels).all():
-            bar.set_ticks([])
+            ticks = []
+        if ticks is not None:
+            bar.set_ticks(ticks, labels=[f"{tick:.4g}".replace("-", "−") for tick in ticks])
         bar.outline.set_linewidth(0.8)
 
     def contact(self, axes):
@@ -163,17 +166,33 @@ class Canvas:
     def length(self, axes, field, colours, label):
         """Draw a field of lengths [mm] in a unit of its own; ``{}`` in the label stands for it."""
         known = field[np.isfinite(field) & ~self.outside]
-        largest = float(np.abs(known).max(initial=0.0))
-        unit, limits = length_unit(largest), {}
-        if known.size and largest and np.ptp(known) < _CONSTANT * largest:
-            limits = {"vmin": 0.9 * known[0] * unit.per_mm, "vmax": 1.1 * known[0] * unit.per_mm}
-        self.field(axes, field * unit.per_mm, colours, label.format(unit.name), **limits)
+        largest, none = float(np.abs(known).max(initial=0.0)), rounding(self.result)
+        unit, limits = length_unit(largest if largest > none else 0.0), {}
+        if known.size and np.ptp(known) <= max(_CONSTANT * largest, none):
+            value = float(known[0]) * unit.per_mm if largest > none else 0.0
+            field, margin = np.where(np.isnan(field), np.nan, value), 0.1 * abs(value) or 1.0
+            limits = {"vmin": value - margin, "vmax": value + margin, "ticks": [value]}
+        else:
+            field = field * unit.per_mm
+        self.field(axes, field, colours, label.format(unit.name), **limits)
 
 
 def cell_edges(grid, along):
     """Sides of the cells of a row, along "x", or of a column [mm]."""
     start, cell, n = (grid.x0, grid.dx, grid.nx) if along == "x" else (grid.y0, grid.dy, grid.ny)
     return start + cell * np.arange(n + 1)
+
+
+def rounding(result):
+    """Length [mm] that is rounding beside the distances, the approach and the displacements of a result.
+
+    Not collective.
+    """
+    values, grid = result.attributes, result.grid
+    size, modulus = max(grid.nx * grid.dx, grid.ny * grid.dy), values.get("contact_modulus") or np.inf
+    pressed = finite_pressure(result.pressure).max() / modulus * size
+    lengths = np.append(result.undeformed_distance, [values["approach"], pressed])
+    return _ROUNDING * float(np.abs(lengths[np.isfinite(lengths)]).max())
 
 
 def finite_pressure(pressure):

@@ -33,6 +33,7 @@ _ERRORS = {
     "mean_pressure": ("mean_pressure", "load_error"),
 }
 _PANEL = 4.8  # inches of a panel's width
+_LEGEND = 0.45  # of a panel's height
 _BAND = {"alpha": 0.2, "linewidth": 0, "zorder": 0.5}
 
 
@@ -213,9 +214,14 @@ def _draw_fraction(axes, paths):
 
 def _draw_kappa(axes, paths):
     highest = _draw_shares(axes, paths, lambda x, share: share / x).max()
-    axes.set(ylabel="κ = contact fraction · E* h′rms / p", ylim=(0, 1.1 * max(highest, 2.6)))
-    # For the panel beside this one, too: here is room below the curves.
-    axes.legend(loc="lower left", fontsize=10, ncol=1 if len(paths) < 5 else 2)
+    top = 1.1 * max(highest, 2.6)
+    # The legend is for the panel beside this one, too. Here is room below the curves, or above them where they fall.
+    x, kappa = _all_drawn(axes)
+    place = "lower left"
+    if kappa.min() < _LEGEND * top:
+        place, top = "upper right", max(top, kappa[x > np.sqrt(x.min() * x.max())].max() / (1 - _LEGEND))
+    axes.set(ylabel="κ = contact fraction · E* h′rms / p", ylim=(0, top))
+    axes.legend(loc=place, fontsize=10, ncol=1 if len(paths) < 5 else 2)
 
 
 def _draw_gap(axes, paths):

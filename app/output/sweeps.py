@@ -84,6 +84,7 @@ def sweep_figure(columns, heading="", x=None, y=()):
         return None
     # Against what was measured a line goes through the values of an option, too.
     others = [name for name in varied if name != (x if x in varied else most)]
+    others += ["step"] if "step" in names and x in varied else []  # against an option, of one load each
     ticks = list(dict.fromkeys(columns[x])) if x in named else []
     at, unit = _in_units(numbers(columns[x]), x, varied)
     at = np.array([float(ticks.index(value)) for value in columns[x]]) if ticks else at

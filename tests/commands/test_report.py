@@ -78,6 +78,14 @@ def test_report_has_the_path_and_says_what_is_not_known(made, undrawn):
     assert "Nothing is proved" in text and "von Mises" not in text
 
 
+def test_a_table_of_a_path_has_no_nan(made, undrawn):
+    columns = {"load": np.arange(3.0), "moment_x": np.full(3, np.nan), "stiffness": np.array([np.nan, 5, 6])}
+    section = report.path_section(replace(made, path=columns), {})
+    assert [list(row.values()) for row in section.rows] == [["0", ""], ["1", "5"], ["2", "6"]]
+    nothing = replace(made, path={"load": np.full(3, np.nan)})
+    assert report.path_section(nothing, {}).texts == ["3 steps."]
+
+
 def test_report_sets_analytic_values_beside_and_leaves_rounding_out(undrawn):
     """On an even grid Hertz's centre of pressure is 0 but for round-off, whatever is printed."""
     hertz = ContactProblem(Grid.from_domain(48, 48, (-3, 3, -3, 3)), Material(8e4, 0.3), Paraboloid(100, 30))
@@ -93,8 +101,27 @@ def test_report_sets_analytic_values_beside_and_leaves_rounding_out(undrawn):
     named = with_attributes(result, surface_parts=np.array(["one", "two"], object))
     assert report.request_section(named).facts["surface_parts"] == "one, two"
     facts = report.request_section(result).facts | {"load": report.plain(10000 / 3)}
-    assert facts["load"] == "3333.33" and facts["hertz_rx"] == "100"
+    assert facts["load"] == "3333.33" and facts["hertz_rx"] == "100 mm"
+    other = with_attributes(
+        result, young=np.array([1.0, 2.0]), cone_angle=5.0, surface_hurst=0.8, surface_unit="um"
+    )
+    facts = report.request_section(other).facts
+    assert facts["young"] == "1, 2 N/mm²" and facts["cone_angle"] == "5 degrees"
+    assert facts["surface_hurst"] == "0.8" and facts["surface_unit"] == "um"
     assert "computed</th><th>analytic" in report.web_page(result, with_stress=False)
+
+
+def test_report_has_one_sign_for_minus_and_one_for_square(made, undrawn):
+    values = {"approach": -1e-7, "notes": "at -2.5 mm, file /m2/a-2.npy: 3e-05 N/mm2", "mean_gap": -0.0}
+    values |= {"analytic_approach": -2e-7, "contact_area": 3e-6, "contact_modulus": 1e5, "rms_slope": 0.0}
+    result = replace(
+        with_attributes(made, **values), path={"load": np.ones(2), "contact_area": np.array([-0.0, -2.0])}
+    )
+    text = report.web_page(result)
+    shown = text[: text.index('id="asked"')]  # options stay as they were typed
+    assert "at −2.5 mm, file /m2/a-2.npy: 3e−05 N/mm²" in shown
+    assert not re.search(r"[ >(]-\d|\de-\d|mm2|−0[ <]", shown)
+    assert "3 µm²" in shown and "contact area [mm²]" in shown and ">−0.1 nm<" in shown
 
 
 def test_a_load_path_is_read_from_the_file(path):
@@ -192,6 +219,20 @@ def test_subsurface_writes_sections_line_and_planes(path, made, tmp_path, capsys
         assert file["section_x/sigma_zz"][:, column] == pytest.approx(file["line/sigma_zz"][()])
         surface = file["section_x/sigma_zz"][0]
         assert surface == pytest.approx(-made.pressure[row], abs=1e-6 * MAX_PRESSURE)
+
+
+@pytest.mark.parametrize("pressure", [0.0, 7.0])
+def test_the_same_stress_everywhere_is_at_no_place(made, pressure):
+    """Below a uniform pressure that is repeated for ever no cell is more stressed than others."""
+    even = replace(made, pressure=np.full_like(made.pressure, pressure) * (1 + 1e-14 * np.arange(64)))
+    periodic = with_attributes(even, periodic_symbol="spectral")
+    for result in (periodic, even):  # beside a free patch there is no pressure
+        below = subsurface.stress(result)
+        texts = subsurface.summary(*below.maxima(), result, below.nu)
+        figure = subsurface.picture(result, subsurface.survey(below, depths=9))
+        (told,) = figure.axes[0].get_legend().get_texts()
+        for text in (*texts, told.get_text()):
+            assert ("everywhere" in text) == ("depth" not in text) == (result is periodic or not pressure)
 
 
 def test_stress_of_a_solution_is_that_of_its_file(tmp_path):

@@ -45,6 +45,19 @@ def test_sections_show_computed_and_exact_pressure(result):
         assert np.interp(centres[inside], s, exact) == pytest.approx(values[inside], rel=2e-3), along
 
 
+@pytest.mark.parametrize(
+    "carries", [lambda x, y: 5.0 + 0 * x * y, lambda x, y: np.maximum(9 - x**2, 0) + 0 * y]
+)
+def test_sections_go_through_the_middle_of_what_carries_most_whatever_rounding_says(result, carries):
+    x, y = result.x[None, :], result.y[:, None]
+    noise = 1 + 1e-7 * np.random.default_rng(6).random((y.size, x.size))
+    row, column = figures.hottest_cell(replace(result, pressure=carries(x, y) * noise))
+    assert abs(result.y[row]) < result.grid.dy and abs(result.x[column]) < result.grid.dx
+    apart = np.where(np.abs(x) > 5, 1.0, 0.0) + 0 * y
+    row, column = figures.hottest_cell(replace(result, pressure=apart))
+    assert apart[row, column] == 1
+
+
 def image_values(figure):
     """The topmost image of the first axes, and the coordinates of its pixel centres."""
     image = figure.axes[0].images[-1]
@@ -65,6 +78,15 @@ def test_sections_have_no_gap_in_contact(result):
         assert values == pytest.approx(result.gap[here] * values.max() / result.gap[here].max())
     full = replace(result, gap=np.full_like(result.gap, 1e-9), contact=np.ones_like(result.contact))
     assert len(figures.section_figure(full).axes) == 2
+
+
+def test_sections_without_load_have_neither_an_analytic_pressure_nor_a_scale(result):
+    """A load of 0 ends at an approach above 0, the cell in the middle not being at the very tip."""
+    unloaded = replace(with_attributes(result, load=0.0), pressure=np.zeros_like(result.pressure))
+    reference = analytic_reference(unloaded)
+    assert reference is None
+    for axes in figures.section_figure(unloaded, reference).axes[:2]:
+        assert "pressure" in axes.get_ylabel() and list(axes.get_yticks()) == [0]
 
 
 def test_pressure_map_has_no_colour_where_there_is_no_pressure(result):
@@ -315,7 +337,7 @@ def test_distributions_add_up_to_one():
 
 
 def test_spectrum_of_a_wave_is_a_peak_in_its_place():
-    made = made_up_result(128, 128)
+    made = with_attributes(made_up_result(128, 128), problem="given")
     grid = Grid.from_domain(128, 128, (0, 2, 0, 2))
     wave = 1e-3 * np.cos(2 * np.pi * 12 * grid.x() / 2) + 1e-6 * np.random.default_rng(3).random((128, 128))
     surface = replace(made, x=grid.x(), y=grid.y(), undeformed_distance=wave)
@@ -327,6 +349,27 @@ def test_spectrum_of_a_wave_is_a_peak_in_its_place():
         curves.spectrum_figure(replace(surface, undeformed_distance=bowl)).axes[0].lines[0].get_data()
     )
     assert q[np.argmax(density)] == pytest.approx(2 * np.pi * 6, rel=0.1)
+
+
+@pytest.mark.parametrize("rolloff, cutoff", [(2.0, 0.25), (1.0, 0.05), (0.5, 0.02)])
+def test_all_that_is_drawn_of_a_spectrum_is_within_its_axes(rolloff, cutoff):
+    grid = Grid.from_domain(64, 64, (0, 2, 0, 2))
+    waves = np.hypot(*np.meshgrid(np.fft.fftfreq(64, 2 / 64), np.fft.fftfreq(64, 2 / 64)))
+    amplitudes = np.maximum(waves, 1 / rolloff) ** -1.8 * (waves > 0) * (waves <= 1 / cutoff)
+    noise = np.random.default_rng(1).standard_normal((64, 64))
+    heights = np.fft.ifft2(np.fft.fft2(noise) * amplitudes).real
+    options = {"hurst": 0.8, "rolloff": rolloff, "cutoff": cutoff}
+    made = with_attributes(made_up_result(64, 64), problem="rough", surfaces=1, periodic_symbol="spectral")
+    made = with_attributes(made, **{f"surface_{name}": value for name, value in options.items()})
+    axes = curves.spectrum_figure(replace(made, x=grid.x(), y=grid.y(), undeformed_distance=-heights)).axes[0]
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    labels = [line.get_label() for line in axes.lines]
+    assert {label.split(",")[0].split()[0] for label in labels} >= {"undeformed", "roll-off", "cut-off"}
+    for line in axes.lines:
+        x, y = line.get_data()
+        assert left < np.min(x) and np.max(x) < right
+        assert "λ" in line.get_label() or (low < np.min(y) and np.max(y) < high)
+    assert right < 1.5 * max(np.max(line.get_xdata()) for line in axes.lines)
 
 
 def _wavy():
@@ -397,8 +440,14 @@ def test_numbers_below_a_narrow_map_do_not_touch():
     assert len(shown) > 1 and all(one[1] < other[0] for one, other in pairwise(shown))
 
 
-def test_a_smooth_body_has_no_spectrum(result):
+@pytest.mark.parametrize("problem", ["hertz", "sphere", "cylinder", "cone", "punch"])
+def test_a_smooth_body_has_no_spectrum_but_a_surface_on_it_has(result, problem):
     assert curves.spectrum_figure(result) is None
+    kink = replace(result, undeformed_distance=np.hypot(*np.meshgrid(result.x, result.y)))
+    for periodic_symbol in ("", "spectral"):
+        body = with_attributes(kink, problem=problem, periodic_symbol=periodic_symbol)
+        assert curves.spectrum_figure(body) is None
+        assert curves.spectrum_figure(with_attributes(body, surfaces=1)) is not None
 
 
 def test_path_of_a_rough_surface_stands_beside_the_theories():
@@ -498,14 +547,49 @@ def _rough_path(**shares):
     return paths.Path({name: share * p for name, share in shares.items()}, "", scale=1e4)
 
 
-def test_legend_of_rough_paths_touches_no_curve():
-    figure = paths.path_figure([_rough_path(contact_fraction_corrected=2e-4)])
+@pytest.mark.parametrize("patches", [2, 3, 4, 7, 60])
+def test_numbers_of_patches_are_whole(result, patches):
+    contact = np.zeros_like(result.contact)
+    for k in range(patches):
+        row, column = divmod(k, 12)
+        contact[8 * row : 8 * row + 1 + k % 2, 8 * column] = 1
+    drawn = curves.distribution_figure(replace(result, contact=contact)).axes[2]
+    drawn.figure.canvas.draw()
+    low, high = drawn.get_ylim()
+    ticks = [tick for tick in drawn.get_yticks() if low <= tick <= high]
+    assert ticks and all(tick == round(tick) for tick in ticks) and high < 1.5 * patches
+    assert any(text.get_text() for text in drawn.get_yticklabels())
+
+
+def test_against_an_option_a_line_of_a_sweep_of_paths_is_of_one_step():
+    """Loads of one path stand above each other there; no line goes up and down between them."""
+    seeds, steps = ["1", "1", "2", "2", "3", "3"], ["1", "2"] * 3
+    columns = {"seed": seeds, "exit_status": ["0"] * 6, "step": steps, "load": ["5", "50"] * 3}
+    columns |= {"max_pressure": ["20", "60", "30", "70", "40", "80"]}
+    (axes,) = sweeps.sweep_figure(columns, x="seed", y=["max_pressure"]).axes
+    assert [line.get_ydata().tolist() for line in axes.lines] == [[20, 30, 40], [60, 70, 80]]
+    (axes,) = sweeps.sweep_figure(columns, y=["max_pressure"]).axes
+    assert [line.get_ydata().tolist() for line in axes.lines] == [[20, 60], [30, 70], [40, 80]]
+
+
+@pytest.mark.parametrize("fall", [0.0, 0.1, 0.2, 0.5])
+def test_legend_of_rough_paths_touches_no_curve(fall):
+    """Whether kappa is constant, or falls by a light load's few cells to a fiftieth."""
+    path = _rough_path(contact_fraction_corrected=2e-4)
+    share = path.columns["contact_fraction"] * (path.columns["load"] / 3000) ** -fall
+    figure = paths.path_figure([path._replace(columns=path.columns | {"contact_fraction": share})])
     assert [axes.get_legend() is not None for axes in figure.axes] == [False, True, False, False]
     figure.canvas.draw()
     axes = figure.axes[1]
-    top = axes.get_legend().get_window_extent().y1
+    box = axes.get_legend().get_window_extent()
     for line in axes.lines:
-        assert (axes.transData.transform(line.get_xydata())[:, 1] > top).all(), line.get_label()
+        x, y = axes.transData.transform(line.get_xydata()).T
+        at = np.linspace(box.x0, min(box.x1, x.max()), 99)
+        beside = np.interp(at, x, y)
+        assert (beside > box.y1).all() or (beside < box.y0).all(), line.get_label()
+    if not fall:
+        for line in axes.lines:
+            assert (axes.transData.transform(line.get_xydata())[:, 1] > box.y1).all(), line.get_label()
 
 
 def test_a_displacement_constant_but_for_rounding_is_one_colour():
@@ -513,6 +597,31 @@ def test_a_displacement_constant_but_for_rounding_is_one_colour():
     u = np.full_like(result.displacement, 2.6e-3) * (1 + 1e-9 * np.arange(32))
     image = figures.deformation_figure(replace(result, displacement=u)).axes[0].images[-1]
     assert image.get_clim() == pytest.approx((2.34, 2.86))
+
+
+@pytest.mark.parametrize("height", [1.0, -1.0, 30.0])
+def test_displacements_and_distances_of_rounding_are_none(height):
+    """Of a flat periodic patch in contact they are what is left of its height less the approach."""
+    made = made_up_result(32, 24)
+    left = (np.hypot(*np.meshgrid(made.x, made.y)) - 5) * 0.1 * np.spacing(abs(height))
+    made = with_attributes(made, approach=height, periodic_symbol="spectral", problem="given")
+    for times, even in ((1, True), (1e6, False)):
+        h = times * left
+        result = replace(made, undeformed_distance=h, displacement=-h, pressure=0 * h)
+        axes = figures.deformation_figure(result).axes[0]
+        image, (bar,) = axes.images[-1], axes.child_axes
+        assert (np.unique(image.get_array()).tolist() == [0]) == even
+        assert ([text.get_text() for text in bar.get_yticklabels()] == ["0"]) == even
+        assert (curves.spectrum_figure(result) is None) == even
+
+
+def test_a_constant_displacement_below_zero_has_its_value_beside_it():
+    result = made_up_result(32, 24)
+    u = np.full_like(result.displacement, -2.6e-3)
+    axes = figures.deformation_figure(replace(result, displacement=u)).axes[0]
+    image, (bar,) = axes.images[-1], axes.child_axes
+    assert image.get_clim() == pytest.approx((-2.86, -2.34))
+    assert [text.get_text() for text in bar.get_yticklabels()] == ["−2.6"]
 
 
 @pytest.mark.filterwarnings("error")
@@ -527,10 +636,10 @@ def test_a_residual_beyond_all_numbers_is_not_drawn(result):
 
 def test_residuals_far_below_the_tolerance_are_marked_at_the_bottom(result):
     residual = result.history["residual"].copy()
-    residual[[1, 3]] = 1e-17, 3e-14
+    residual[[1, 3, 4]] = 1e-17, 3e-14, 0
     axes = figures.history_figure(replace(result, history=result.history | {"residual": residual})).axes[0]
     marked = next(line for line in axes.lines if line.get_label().startswith("lower"))
-    assert list(marked.get_xdata()) == [2, 4] and (marked.get_ydata() == 1e-9).all()
+    assert list(marked.get_xdata()) == [2, 4, 5] and (marked.get_ydata() == 1e-9).all()
     drawn = np.concatenate([line.get_ydata() for line in axes.lines])
     assert np.nanmin(drawn) > axes.get_ylim()[0]
     assert "lower" not in str([line.get_label() for line in figures.history_figure(result).axes[0].lines])
