@@ -257,13 +257,15 @@ class ContactSolver:
         started, before = time.perf_counter(), self.comm.traffic.copy()
         products = self.hierarchy.operator_applications()
         self._mend()
-        loading, distance, depth = self._loading(given), self._distances[-1], np.inf
+        loading, distance = self._loading(given), self._distances[-1]
         if start is not None:
             self._strategy.check(start)
-        if not loading.prescribes_load:
-            depth = loading.depth_on(distance)
-            if depth <= distance.touching:  # there is no pressure; who touches is told by the last digits
-                start, depth = None, depth if depth == distance.touching else np.inf
+        if loading.prescribes_load:  # at most: what one cell is displaced by that bears all of it
+            depth = self.hierarchy.target.diagonal * loading.load / self.problem.grid.cell_area
+        elif (
+            depth := loading.depth_on(distance)
+        ) <= distance.touching:  # no pressure; last digits tell who touches
+            start, depth = None, depth if depth == distance.touching else np.inf
         history, self._cut_short = History(self.listeners), True
         if distance.digits_lost(depth):
             self._measure_shapes()
