@@ -193,6 +193,24 @@ def test_loads_beyond_what_full_contact_needs_take_digits_off_its_waves(shape):
     assert all(proved[:10]) and not any(proved[15:])
 
 
+@pytest.mark.parametrize("method", [None, "fmg_v11"])
+@pytest.mark.parametrize("symbol", ["spectral", "love"])
+def test_a_mean_gap_is_kept_however_little_it_is(symbol, method):
+    """Full contact is another problem, with another pressure, for which a bound would say nothing of this one."""
+    gap = np.random.default_rng(5).random((12, 16))
+    problem = ContactProblem(Grid(16, 12, 1.0, 1.0), MATERIAL, gap, periodic=symbol)
+    dense = DenseProblem(problem)
+    with ContactSolver(problem, method) as solver:
+        for share in (1e-8, 1e-10, 1e-11, 1e-12, 1e-13):
+            found = solver.solve(mean_gap=share * (gap.mean() - gap.min()))
+            assert found.converged and not found.contact.all()
+            assert found.mean_gap == pytest.approx(share * (gap.mean() - gap.min()), rel=1e-2)
+            assert found.indentation + gap.min() == pytest.approx(found.approach, rel=1e-15)
+            error = dense.energy(dense.at(found.approach) - found.pressure)
+            rounding = 1e-11  # of the approach
+            assert error <= (found.error_bound + rounding) * dense.energy(found.pressure)
+
+
 def test_a_grid_without_any_possible_contact_is_left_out():
     """A punch that lies between the cell centres of all coarse grids."""
 
