@@ -257,13 +257,13 @@ class ContactSolver:
         started, before = time.perf_counter(), self.comm.traffic.copy()
         products = self.hierarchy.operator_applications()
         self._mend()
-        loading, distance, depth = self._loading(given), self._distances[-1], np.inf
+        loading, distance = self._loading(given), self._distances[-1]
         if start is not None:
             self._strategy.check(start)
-        if not loading.prescribes_load:
-            depth = loading.depth_on(distance)
-            if depth <= distance.touching:  # there is no pressure; who touches is told by the last digits
-                start, depth = None, depth if depth == distance.touching else np.inf
+        depth = distance.reach(loading, self.hierarchy.target)
+        if not loading.prescribes_load and depth <= distance.touching:
+            # There is no pressure; who touches is told by the last digits.
+            start, depth = None, depth if depth == distance.touching else np.inf
         history, self._cut_short = History(self.listeners), True
         if distance.digits_lost(depth):
             self._measure_shapes()

@@ -154,7 +154,7 @@ def _lifting(state, most, energy, penetrates):
 
 
 def _closing(state, energy, enough):
-    """Duality gap on a periodic patch, and p.Ap, at least what rounding leaves of it. Collective.
+    """Duality gap on a periodic patch, and p.Ap, of a flat one at least what rounding leaves of it. Collective.
 
     ``p.g + w.Bw / 2``, ``w = g - e``, by a product with B; or without, where ``w.Bw <= ||B|| w.w`` bounds the error by
     `enough`.
@@ -162,13 +162,15 @@ def _closing(state, energy, enough):
     inverse, n = state.operator.inverse, state.grid.n
     diagonal = float(inverse.centre()[1, 1]) or 1.0
     fields = state.distance.b, state.u, state.p, state.admissible
-    gaps, excess, to_p, pressures, squares = state.sum(loops.gaps(*fields, diagonal))
+    gaps, excess, to_p, pressures, squares, of_u = state.sum([*loops.gaps(*fields, diagonal), state.u.sum()])
     inside, mean, _ = state.distance.statistics
     if inside == n and not gaps:  # full contact: the mean of e is known without rounding
         excess = -n * (mean - state.depth)
     g = _gap_with_mean(gaps, excess, inside, n)
     to_gap = g.factor * to_p + max(g.constant, 0.0) * pressures  # p.g
-    energy = max(energy, np.finfo(float).eps * state.operator.diagonal * squares)
+    energy -= pressures * of_u / n  # A 1 = 0, of which rounding leaves something
+    if state.distance.is_flat:  # the waves of the pressure are of rounding alone
+        energy = max(energy, np.finfo(float).eps * state.operator.diagonal * squares)
     moved = (*fields, diagonal, g.factor, g.constant, g.elsewhere)
     no_field = np.empty((len(state.u), 0))
     curved = most = inverse.norm() * state.sum([loops.move(*moved, no_field)[0]])[0] / 2

@@ -12,6 +12,8 @@ from app.halfspace.operator import vec_of
 from app.halfspace.reductions import sum_over, sums_and_minima
 from app.halfspace.window import box_here, box_of
 
+_FEW = 4  # units in the last place
+
 
 class Statistics(NamedTuple):
     """What ||h|| needs to know at any approach."""
@@ -106,12 +108,17 @@ class UndeformedDistance:
     def approach_at(self, depth):
         """Return the approach at a depth, 0 where the two parts cancel but for their rounding [mm]. Not collective."""
         approach = float(self.reference + depth)
-        return approach if abs(approach) > 4 * ulp(max(abs(self.reference), abs(depth))) else 0.0
+        return approach if abs(approach) > _FEW * ulp(max(abs(self.reference), abs(depth))) else 0.0
 
     @property
     def deviation(self):
         """Standard deviation of h over the admissible cells [mm]. Not collective."""
         return float(np.sqrt(self.statistics.squares_about_mean / max(self.statistics.cells, 1)))
+
+    @property
+    def is_flat(self):
+        """Whether it varies by no more than numbers of the size of the reference are rounded by. Not collective."""
+        return self.deviation <= _FEW * ulp(self.reference)
 
     def move_to(self, depth):
         """Change the depth. Not collective."""
@@ -119,6 +126,15 @@ class UndeformedDistance:
             with self.rhs as values:
                 values += depth - self.depth
             self.depth, self.deepest, self._norm = float(depth), max(self.deepest, abs(depth)), None
+
+    def reach(self, loading, operator):
+        """Depth of a loading, or the most that a load may come to: where a single cell bears all of it [mm].
+
+        Collective when first asked for on a periodic grid.
+        """
+        if loading.prescribes_load:
+            return operator.diagonal * loading.load / operator.grid.cell_area
+        return loading.depth_on(self)
 
     def digits_lost(self, depth=np.inf):
         """Whether approaches far beyond the shape, or a depth, have cost it digits. Not collective."""

@@ -183,10 +183,10 @@ class PrescribedLoad:
             else:
                 low, high = max(touching, state.depth - step), max(touching, state.depth) + step
             least = 4 * np.spacing(max(abs(low), abs(high)))  # what can be told apart
-            high = min(max(high, low + least), state.highest)
-            while (short := -lacks(high)) > 0 and high < state.highest:
+            high = min(max(high, low + least), state.highest_tried)
+            while (short := -lacks(high)) > 0 and high < state.highest_tried:
                 # enough if the load is proportional to the depth, or grows faster
-                low, high = high, min(high + max(2 * short * (high - touching), least), state.highest)
+                low, high = high, min(high + max(2 * short * (high - touching), least), state.highest_tried)
             while lacks(low) > 0:
                 low, high = max(touching, low - max(2 * (high - low), least)), low
             # A periodic patch may be in contact everywhere before it carries the load: nothing is beyond that.
@@ -275,7 +275,7 @@ class PrescribedLoad:
         if abs(lacks) <= _BLAMED * gaps.rms:
             return 0.0
         # Towards full contact the slope grows without bound; before first touch there is no load.
-        there, lowest = min(depth + lacks, (depth + state.highest) / 2), state.distance.lowest
+        there, lowest = min(depth + lacks, (depth + state.highest_tried) / 2), state.distance.lowest
         state.depth = there if there >= lowest else (depth + lowest) / 2
         self._before = depth, expected
         return abs(state.depth - depth)

@@ -78,7 +78,9 @@ class Gaps(NamedTuple):
 
 
 _NOBODY = np.zeros((0, 0))
-_ROUND_OFF = 1e-10  # how near, relatively, the mean gap of a periodic patch comes to zero before full contact
+# How near, relatively, the mean gap of a periodic patch comes to zero before full contact ...
+_ROUND_OFF = 1e-15
+_TRIED = 1e-10  # ... and in looking for a load, of which less than that says nothing
 
 
 class Displacement(IntEnum):
@@ -168,6 +170,11 @@ class ContactState:
         if not self.grid.periodic or cells < self.grid.n:
             return np.inf
         return mean - _ROUND_OFF * abs(mean)
+
+    @property
+    def highest_tried(self):
+        """Depth beyond which nobody looks for a load [mm]. Not collective."""
+        return self.highest - _TRIED * abs(self.highest) if np.isfinite(self.highest) else np.inf
 
     @property
     def rhs(self):

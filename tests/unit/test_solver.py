@@ -752,6 +752,21 @@ def test_digits_that_distances_have_lost_are_in_the_proof(monkeypatch):
         np.testing.assert_array_equal(solver.solve(approach=APPROACH).pressure, before.pressure)
 
 
+@pytest.mark.parametrize("periodic", [False, True], ids=["free", "periodic"])
+@pytest.mark.parametrize("steps", [0.0, 1.0], ids=["flat", "terraces"])
+def test_a_light_load_after_a_heavy_one_is_solved_as_if_it_were_the_first(periodic, steps):
+    """A flat body, or a terrace, is where its last digit says: those that a deep approach costs are its contact."""
+    grid, material = Grid(16, 12, 1.0, 0.1), Material.combined(80000, 0.3)
+    gap = steps * (np.arange(16 * 12).reshape(12, 16) % 7 > 3)
+    gap[3:5, 2:6] = np.nan
+    problem = ContactProblem(grid, material, gap, periodic=periodic)
+    with ContactSolver(problem) as solver:
+        first, heavy, again = (solver.solve(mean_pressure=p) for p in (1e-9, 1e5, 1e-9))
+    assert first.converged and heavy.indentation > 1e12 * first.indentation
+    assert (again.converged, again.approach, again.error_bound) == (True, first.approach, first.error_bound)
+    np.testing.assert_array_equal(again.pressure, first.pressure)
+
+
 def test_a_start_may_have_pressure_where_an_updated_gap_has_a_hole():
     problem = hertz(64)
     with ContactSolver(problem) as solver:

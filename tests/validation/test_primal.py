@@ -13,6 +13,8 @@ from app import ContactProblem, ContactSolver, Grid, Material
 from app.fast import progress
 from app.primal.operator import InverseOperator
 from app.problems.surfaces import SelfAffineSurface
+from app.verification.dense import DenseProblem
+from app.verification.solving import solved
 
 MATERIAL = Material(1.0, 0.0)
 MOST = 30  # operator applications; measured: 7 to 30
@@ -172,6 +174,41 @@ def test_full_contact_of_nearly_flat_bodies_is_proved():
         with ContactSolver(ContactProblem(Grid(32, 4, 0.1, 0.1), MATERIAL, gap, periodic=True)) as solver:
             found = solver.solve(mean_pressure=1.0)
         assert found.converged and found.contact.all() and found.error_bound < 1e-3
+
+
+@pytest.mark.parametrize("shape", [(1, 2), (6, 8)])
+def test_loads_beyond_what_full_contact_needs_take_digits_off_its_waves(shape):
+    """The bound holds for what is left of them; where too little is, the answer says so."""
+    gap = np.random.default_rng(4).random(shape)
+    problem = ContactProblem(Grid(*shape[::-1], 1.0, 1.0), MATERIAL, gap, periodic=True)
+    dense, proved = DenseProblem(problem), []
+    for pressure in 10.0 ** np.arange(1, 19):
+        found = solved(problem, mean_pressure=pressure)
+        waves = found.pressure.astype(np.longdouble) - np.longdouble(pressure)
+        exact = dense.at(gap.mean())
+        error = dense.energy(waves - (exact - exact.mean()))
+        assert error <= found.error_bound * dense.energy(waves) * (1 + 1e-6) or found.error_bound == np.inf
+        assert found.converged == (found.error_bound <= 0.01)
+        proved.append(found.converged)
+    assert all(proved[:10]) and not any(proved[15:])
+
+
+@pytest.mark.parametrize("method", [None, "fmg_v11"])
+@pytest.mark.parametrize("symbol", ["spectral", "love"])
+def test_a_mean_gap_is_kept_however_little_it_is(symbol, method):
+    """Full contact is another problem, with another pressure, for which a bound would say nothing of this one."""
+    gap = np.random.default_rng(5).random((12, 16))
+    problem = ContactProblem(Grid(16, 12, 1.0, 1.0), MATERIAL, gap, periodic=symbol)
+    dense = DenseProblem(problem)
+    with ContactSolver(problem, method) as solver:
+        for share in (1e-8, 1e-10, 1e-11, 1e-12, 1e-13):
+            found = solver.solve(mean_gap=share * (gap.mean() - gap.min()))
+            assert found.converged and not found.contact.all()
+            assert found.mean_gap == pytest.approx(share * (gap.mean() - gap.min()), rel=1e-2)
+            assert found.indentation + gap.min() == pytest.approx(found.approach, rel=1e-15)
+            error = dense.energy(dense.at(found.approach) - found.pressure)
+            rounding = 1e-11  # of the approach
+            assert error <= (found.error_bound + rounding) * dense.energy(found.pressure)
 
 
 def test_a_grid_without_any_possible_contact_is_left_out():
