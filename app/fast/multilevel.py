@@ -21,7 +21,7 @@ from functools import cache
 
 import numpy as np
 
-from app.compiled import njit
+from app.compiled import FIELD, njit
 from app.fast.symbol import REACH
 from app.halfspace.grid import Slabs, unless_alone
 from app.halfspace.halo import Halo, Parents
@@ -300,9 +300,9 @@ def _add_near(
 @cache
 def warm_up(dtype):
     """Load the compiled loops now, not in the first product. Not collective."""
-    low, rows, stencil = np.zeros((0, 0), dtype), np.zeros(0, bool), np.zeros((3, 3), dtype)
+    low, rows, stencil = FIELD.astype(dtype), np.zeros(0, bool), np.zeros((3, 3), dtype)
     room = np.zeros((5, 4), dtype)
-    for field in {np.dtype(float): np.zeros((0, 0)), dtype: low}.values():
+    for field in {FIELD.dtype: FIELD, dtype: low}.values():
         _restrict(field, rows, low, low, 0, 0, low, (2, 2), False, room, room)
         parents = low, low, low
         _add_near(

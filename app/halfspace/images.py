@@ -21,7 +21,7 @@ from mpi4py import MPI
 from numpy.polynomial import legendre
 from scipy.special import erf, erfc
 
-from app.compiled import njit
+from app.compiled import FIELD, FIXED, MASK, njit
 from app.halfspace.chebyshev import coefficients, lagrange_weights, nodes, polynomials
 from app.halfspace.reductions import add_inside, add_row, any_order
 
@@ -233,11 +233,8 @@ class Rest:
 @cache
 def warm_up(dtype):
     """Compile the loops, or read them from the cache, now and not in the first product. Not collective."""
-    field, weights = np.zeros((0, 0)), np.zeros((1, 1), dtype)
-    mask, fixed = field.astype(bool), field.view()
-    fixed.flags.writeable = False
-    nodes, row = np.zeros((0, 0), dtype), np.zeros(0, dtype)
-    for real in {field.dtype: field, dtype: field.astype(dtype)}.values():
-        _collect(real, mask, 0, weights, nodes, row)
-        _spread(nodes, 0, weights, mask, real, row)
-    _collect(fixed, mask, 0, weights, nodes, row)
+    weights, nodes, row = np.zeros((1, 1), dtype), FIELD.astype(dtype), np.zeros(1, dtype)
+    for field in {FIELD.dtype: FIELD, dtype: nodes}.values():
+        _collect(field, MASK, 0, weights, nodes, row)
+        _spread(nodes, 0, weights, MASK, field, row)
+    _collect(FIXED, MASK, 0, weights, nodes, row)

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from petsc4py import PETSc
 
-from app.compiled import njit
+from app.compiled import FIELD, FIXED, MASK, ROW, njit
 from app.halfspace.fetch import Fetch
 from app.halfspace.reductions import add_inside, add_row, copy_row
 from app.multigrid import interpolation
@@ -268,15 +268,11 @@ def _add_copies(coarse, mask, fine, skipped, fy, fx, row):
 def warm_up():
     """Load the compiled loops now, not in the first iteration. Not collective."""
     interpolation.warm_up()
-    field, row = np.zeros((0, 0)), np.zeros(0)
-    fixed, mask = field.view(), np.zeros((0, 0), bool)
-    fixed.flags.writeable = False
-    for source in (field, fixed):
-        _add_children(source, field, 1, 1)
-        _copy(source, field, 0, 1, 1)
-    _copy(mask, mask, 0, 1, 1)
-    for source in (field, fixed):
-        _add_copies(source, mask, field, 0, 1, 1, row)
+    for source in (FIELD, FIXED):
+        _add_children(source, FIELD, 1, 1)
+        _copy(source, FIELD, 0, 1, 1)
+        _add_copies(source, MASK, FIELD, 0, 1, 1, ROW)
+    _copy(MASK, MASK, 0, 1, 1)
 
 
 def _transfer_mat(context, rows, columns, comm):

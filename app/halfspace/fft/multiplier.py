@@ -23,6 +23,7 @@ import numpy as np
 from mpi4py_fft import fftw
 from scipy.fft import dct, rfft
 
+from app.compiled import FIELD, FIXED
 from app.halfspace.fft.fftw import FFTW
 from app.halfspace.fft.strips import (
     ROWS,
@@ -82,15 +83,14 @@ def _scratch(shape, dtype):
 @cache
 def warm_up(dtype):
     """Compile the loops, or read them from the cache, now and not in the first product. Not collective."""
-    field, spectrum, whole = np.zeros((0, 1)), np.zeros((0, 1), dtype), np.zeros(1, np.int64)
+    spectrum, whole = FIELD.astype(dtype), np.zeros(1, np.int64)
     batch = np.zeros((1, 1), np.result_type(dtype, np.complex64))
-    fixed, strips = field.view(), np.zeros(0, batch.dtype)
-    fixed.flags.writeable = False
+    strips = np.zeros(0, batch.dtype)
     inside = _NO_MASK, _NO_ROWS, 0, batch, batch, strips, strips, whole, 0, 0, 0
-    for source in {spectrum.dtype: (spectrum,), field.dtype: (field, fixed)}.values():
-        for real in source:
-            rows_to_strips(real, *inside)
-        strips_to_rows(source[0], *inside)
+    for field in {FIELD.dtype: FIELD, dtype: spectrum}.values():
+        rows_to_strips(field, *inside)
+        strips_to_rows(field, *inside)
+    rows_to_strips(FIXED, *inside)
     put_rows(spectrum, spectrum.reshape(-1), 0, 0)
     convolve_columns(
         strips, strips, whole, whole, 0, 0, batch, batch, batch.view(dtype), spectrum, dtype.type(0), 0, 0, 0, 0, 0,
