@@ -138,7 +138,7 @@ def _of_waves(operator, shape):
         qx, qy = frequencies(grid, columns, rows)
         return qx[:, None] ** 2 + qy**2
 
-    laplacian = PeriodicProduct(square, grid.shape, operator.slabs, operator.comm, workspace=operator.storage)
+    laplacian = PeriodicProduct(square, grid.shape, operator.layout(float))
     curvature = np.empty_like(shape)
     laplacian.apply(shape, curvature)
     total = sum_over(operator.comm, [np.einsum("ji,ji", shape, curvature)])[0]

@@ -173,7 +173,7 @@ class Rest:
     width : int
         Nodes, in each direction, between which a cell is interpolated.
     slabs, comm, dtype
-        See `EvenMultiplier`.
+        See `Layout`.
     """
 
     def __init__(self, box, compliance, steps, width, slabs, comm, dtype):

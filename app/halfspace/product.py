@@ -16,7 +16,7 @@ from mpi4py import MPI
 from app.halfspace import images
 from app.halfspace.fft import multiplier
 from app.halfspace.fft.lengths import lengths_with_margin, transform_length
-from app.halfspace.fft.multiplier import EvenMultiplier
+from app.halfspace.fft.multiplier import ALONE, EvenMultiplier
 from app.halfspace.images import Box, Rest
 from app.halfspace.influence import influence_at
 
@@ -38,16 +38,14 @@ class Convolution(EvenMultiplier):
     ----------
     quadrant_rows : callable
         ``quadrant_rows(slice) -> ndarray (rows, nx)``: influence coefficients, a few rows at a time.
-    shape, slabs, comm, dtype, workspace, spectra
-        See `EvenMultiplier`, and `EvenMultiplier.use`.
+    shape, layout
+        See `EvenMultiplier`.
     """
 
-    def __init__(
-        self, quadrant_rows, shape, slabs=None, comm=None, dtype=np.float64, workspace=None, spectra=None
-    ):
+    def __init__(self, quadrant_rows, shape, layout=ALONE):
         ny, nx = shape
-        super().__init__(shape, (transform_length(ny), transform_length(nx)), slabs, comm, dtype, workspace)
-        self.use(spectra, shape, partial(self.set_kernel, quadrant_rows, ny, nx))
+        super().__init__(shape, (transform_length(ny), transform_length(nx)), layout)
+        self.use(layout.spectra, shape, partial(self.set_kernel, quadrant_rows, ny, nx))
 
 
 class BoxProduct(EvenMultiplier):
@@ -60,17 +58,14 @@ class BoxProduct(EvenMultiplier):
     grid : Grid
     compliance : float
         [mm2/N].
-    slabs, comm, dtype, workspace, spectra
-        See `EvenMultiplier`, and `EvenMultiplier.use`.
+    layout : Layout
     """
 
-    def __init__(
-        self, grid, compliance, slabs=None, comm=None, dtype=np.float64, workspace=None, spectra=None
-    ):
-        super().__init__(grid.shape, self.periods_of(grid), slabs, comm, dtype, workspace)
+    def __init__(self, grid, compliance, layout=ALONE):
+        super().__init__(grid.shape, self.periods_of(grid), layout)
         self._box, self._compliance = Box(grid, self.periods, partial(influence_at, grid)), compliance
         halves = (period // 2 + 1 for period in self.periods)
-        self.use(spectra, None, partial(self.set_kernel, self._kernel, *halves))
+        self.use(layout.spectra, None, partial(self.set_kernel, self._kernel, *halves))
         self._make_rest()
 
     @classmethod
@@ -118,12 +113,12 @@ class PeriodicProduct(EvenMultiplier):
     ----------
     symbol : callable
         See `EvenMultiplier.set_spectrum`.
-    shape, slabs, comm, dtype, workspace
+    shape, layout
         See `EvenMultiplier`.
     """
 
-    def __init__(self, symbol, shape, slabs=None, comm=None, dtype=np.float64, workspace=None):
-        super().__init__(shape, shape, slabs, comm, dtype, workspace)
+    def __init__(self, symbol, shape, layout=ALONE):
+        super().__init__(shape, shape, layout)
         self.set_spectrum(symbol)
 
     def inverse(self):

@@ -11,7 +11,7 @@ from running import solve
 from app import ContactSolver
 from app.halfspace import storage
 from app.halfspace.communication import Communicator
-from app.halfspace.fft.multiplier import EvenMultiplier
+from app.halfspace.fft.multiplier import EvenMultiplier, Layout
 from app.halfspace.storage import Storage, storage_for
 
 SHAPES = {"one row": GRIDS["one row"], "odd": GRIDS["odd"], "many groups": GRIDS["many groups"], "box": BOXED}
@@ -58,7 +58,7 @@ def test_a_few_ranks_work_in_what_all_share(comm):
         p = random_field(small, 3)
         sent = make_convolution(counting(first, False), small)
         rows = sent.slabs.rows
-        lent = EvenMultiplier(small.shape, sent.periods, sent.slabs, first, workspace=lender)
+        lent = EvenMultiplier(small.shape, sent.periods, Layout(sent.slabs, first, workspace=lender))
         lent._spectrum = sent._spectrum
         assert lent._storage is lender._storage
         found = np.empty((2, *p[rows].shape))

@@ -18,6 +18,7 @@ Fields are padded with zeros to the periods ``Ny x Nx``. The transform conventio
 from __future__ import annotations
 
 from functools import cache, cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from mpi4py_fft import fftw
@@ -116,6 +117,33 @@ class Spectra(dict):
         self._before.clear()
 
 
+class Layout(NamedTuple):
+    """Where multipliers work, and how: what those of one operator have in common.
+
+    Attributes
+    ----------
+    slabs : Slabs or None
+        Distribution of the rows; None: all here.
+    comm : mpi4py communicator or None
+        Ranks that share the grid; None: this one alone. Those of a `Communicator` may share memory, too.
+    dtype : numpy real type
+        float64, or float32 for half the time and memory at single precision.
+    workspace : EvenMultiplier or None
+        One whose working storage is shared, as far as it is large enough; it must be at rest meanwhile.
+    spectra : Spectra or None
+        Where spectra are looked for, and kept.
+    """
+
+    slabs: object = None
+    comm: object = None
+    dtype: object = np.float64
+    workspace: object = None
+    spectra: object = None
+
+
+ALONE = Layout()
+
+
 class EvenMultiplier:
     """Multiply by a real even function in Fourier space: a convolution with an even kernel.
 
@@ -127,14 +155,7 @@ class EvenMultiplier:
         ``(ny, nx)`` of the fields.
     periods : (int, int)
         ``(Ny, Nx)``, at least `shape`; fields are padded with zeros.
-    slabs : Slabs, optional
-        Distribution of the rows; default: all here.
-    comm : mpi4py communicator, optional
-        Ranks that share the grid; default: this one alone. Those of a `Communicator` may share memory, too.
-    dtype : numpy real type
-        float64, or float32 for half the time and memory at single precision.
-    workspace : EvenMultiplier, optional
-        One whose working storage is shared, as far as it is large enough; it must be at rest meanwhile.
+    layout : Layout
 
     Attributes
     ----------
@@ -144,11 +165,11 @@ class EvenMultiplier:
 
     rest = None  # what is added to the multiplication, if anything: `app.halfspace.images.Rest`
 
-    def __init__(self, shape, periods, slabs=None, comm=None, dtype=np.float64, workspace=None):
+    def __init__(self, shape, periods, layout=ALONE):
         self.shape, self.periods = shape, periods
-        self.slabs = slabs or Slabs(shape[0])
-        self.comm = unless_alone(comm)
-        self.dtype = np.dtype(dtype)
+        self.slabs = layout.slabs or Slabs(shape[0])
+        self.comm = unless_alone(layout.comm)
+        self.dtype = np.dtype(layout.dtype)
         complex_type = np.result_type(self.dtype, np.complex64)
         self.count = 0
         ny_fft, nx_fft = periods
@@ -158,7 +179,8 @@ class EvenMultiplier:
         self._inverse_scale = 1.0 / (float(periods[0]) * periods[1]) ** 2
 
         sizes = [columns * rows * complex_type.itemsize for rows in self.slabs.counts]
-        self._storage = storage_for(sizes, self.slabs.rank, self.comm, workspace and workspace._storage)
+        lent = layout.workspace and layout.workspace._storage
+        self._storage = storage_for(sizes, self.slabs.rank, self.comm, lent)
         size = columns * self.slabs.local
         self._transformed = np.ndarray(size, complex_type, self._storage.own)
         self._edges = np.array([0, *(edge for group in self._groups for edge in group.edges[1:])])
@@ -293,7 +315,7 @@ class EvenMultiplier:
     def in_precision(self, dtype, kind=None):
         """Return the same in another precision, or of another kind, with the same storage. Not collective."""
         other = EvenMultiplier.__new__(kind or type(self))
-        EvenMultiplier.__init__(other, self.shape, self.periods, self.slabs, self.comm, dtype, self)
+        EvenMultiplier.__init__(other, self.shape, self.periods, Layout(self.slabs, self.comm, dtype, self))
         other._spectrum = self._spectrum.astype(dtype)
         return other
 
