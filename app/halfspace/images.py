@@ -60,7 +60,7 @@ class Box:
         """F, likewise."""
         return self._in_y[rows] @ self._in_x[columns].T
 
-    def rest(self, steps, counts):
+    def correction(self, steps, counts):
         """S at `counts` multiples of `steps` cells in y and x, for unit compliance. Not collective."""
         offsets = [step * np.arange(count) for step, count in zip(steps, counts, strict=True)]
         back = [np.minimum(d, n - d) for d, n in zip(offsets, self.periods, strict=True)]
@@ -160,7 +160,7 @@ def _weights(step, width, dtype):
     return lagrange_weights(np.arange(step) / step, np.arange(width) - (width // 2 - 1.0)).astype(dtype)
 
 
-class Rest:
+class ImageCorrection:
     """S on the rows of a rank. Collective over `comm`.
 
     Parameters
@@ -182,7 +182,7 @@ class Rest:
         self._counts = tuple((n - 1) // step + width for n, step in zip((ny, nx), steps, strict=True))
         self._cells = self._counts[1] - width + 1
         self._in_y, self._in_x = (_weights(step, width, dtype) for step in steps)
-        kernel = compliance * box.rest(steps, self._counts)
+        kernel = compliance * box.correction(steps, self._counts)
         self._lengths = [scipy.fft.next_fast_len(2 * count - 1, real=True) for count in self._counts]
         offsets = [np.minimum(np.arange(n), n - np.arange(n)) for n in self._lengths]
         inside = np.ix_(*(np.minimum(d, count - 1) for d, count in zip(offsets, self._counts, strict=True)))

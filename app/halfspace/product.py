@@ -17,7 +17,7 @@ from app.halfspace import images
 from app.halfspace.fft import multiplier
 from app.halfspace.fft.lengths import lengths_with_margin, transform_length
 from app.halfspace.fft.multiplier import ALONE, EvenMultiplier
-from app.halfspace.images import Box, Rest
+from app.halfspace.images import Box, ImageCorrection
 from app.halfspace.influence import influence_at
 
 _SINGLE, _DOUBLE = np.dtype(np.float32), np.dtype(np.float64)
@@ -66,7 +66,7 @@ class BoxProduct(EvenMultiplier):
         self._box, self._compliance = Box(grid, self.periods, partial(influence_at, grid)), compliance
         halves = (period // 2 + 1 for period in self.periods)
         self.use(layout.spectra, None, partial(self.set_kernel, self._kernel, *halves))
-        self._make_rest()
+        self._correct_images()
 
     @classmethod
     def periods_of(cls, grid):
@@ -84,24 +84,26 @@ class BoxProduct(EvenMultiplier):
         offsets = np.arange(ny // 2 + 1)[rows]
         return self._compliance * self._box.kernel(offsets, np.arange(nx // 2 + 1))
 
-    def _make_rest(self):
+    def _correct_images(self):
         grid, (width, fine) = self._box.grid, _NODES[self.dtype]
         free = [period - n for period, n in zip(self.periods, grid.shape, strict=True)]
         nearest = min(free[0] * grid.dy, free[1] * grid.dx) / fine
         steps = [max(1, int(nearest / d)) for d in (grid.dy, grid.dx)]
-        self.rest = Rest(self._box, self._compliance, steps, width, self.slabs, self.comm, self.dtype)
+        self.image_correction = ImageCorrection(
+            self._box, self._compliance, steps, width, self.slabs, self.comm, self.dtype
+        )
 
     def in_precision(self, dtype):
         """See `EvenMultiplier.in_precision`."""
         other = super().in_precision(dtype)
         other._box, other._compliance = self._box, self._compliance
-        other._make_rest()
+        other._correct_images()
         return other
 
     @property
     def memory(self):
         """Bytes held on this rank."""
-        return super().memory + self.rest.memory
+        return super().memory + self.image_correction.memory
 
 
 class PeriodicProduct(EvenMultiplier):

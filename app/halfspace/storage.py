@@ -56,7 +56,7 @@ def storage_for(sizes, rank, comm, known=None):
 
 def _memory_of_all(comm, size):
     """So many bytes, zero, that all ranks see; None if they are on several machines or may not. Collective."""
-    if not (getattr(comm, "shares_memory", False) and size and comm.near == comm.size):
+    if not (getattr(comm, "shares_memory", False) and size and comm.first_machine == comm.size):
         return None
     file, found, place, name = -1, None, None, None
     if comm.rank == 0:

@@ -163,7 +163,7 @@ class EvenMultiplier:
         Products computed so far.
     """
 
-    rest = None  # what is added to the multiplication, if anything: `app.halfspace.images.Rest`
+    image_correction = None  # what is added to the multiplication, if anything: `app.halfspace.images`
 
     def __init__(self, shape, periods, layout=ALONE):
         self.shape, self.periods = shape, periods
@@ -371,8 +371,8 @@ class EvenMultiplier:
         """
         self.count += 1
         inside, rows = _NO_MASK if mask is None else mask, _NO_ROWS if rows is None else rows
-        if self.rest is not None:
-            self.rest.multiply(p, inside)
+        if self.image_correction is not None:
+            self.image_correction.multiply(p, inside)
         scale, done = self.dtype.type(scale), 0
         in_x = self._in_x
         strips = (
@@ -389,8 +389,8 @@ class EvenMultiplier:
             )  # fmt: skip
             done += count
         strips_to_rows(out, inside, rows, *strips, *self._row_plans[1::2])
-        if self.rest is not None:
-            self.rest.add(out, inside)
+        if self.image_correction is not None:
+            self.image_correction.add(out, inside)
 
 
 def transform_even(samples, period):
