@@ -12,7 +12,7 @@ from app import ContactSolver
 from app.halfspace import storage
 from app.halfspace.communication import Communicator
 from app.halfspace.fft.multiplier import EvenMultiplier, Layout
-from app.halfspace.storage import Storage, storage_for
+from app.halfspace.storage import Storage
 
 SHAPES = {"one row": GRIDS["one row"], "odd": GRIDS["odd"], "many groups": GRIDS["many groups"], "box": BOXED}
 
@@ -97,10 +97,9 @@ def test_everybody_sees_what_another_writes(comm):
     counted.meet()
     for rank, (start, size) in enumerate(zip(here.starts, sizes, strict=False)):
         assert (here.all[start : start + size] == rank).all()
-    assert storage_for(sizes, comm.rank, counted, here) is here
-    larger = storage_for([5001] * comm.size, comm.rank, counted, here)
-    assert larger is not here  # on rank 2 of 3, too, where there is enough
-    assert not larger.own.any()
+    assert here.suits(sizes)
+    assert not here.suits([5001] * comm.size)  # on rank 2 of 3, too, where there is enough
+    assert not Storage([5001] * comm.size, comm.rank, counted).own.any()
 
 
 @pytest.mark.mpi(2, 3)

@@ -38,7 +38,7 @@ from app.halfspace.fft.strips import (
 from app.halfspace.fft.transpose import ColumnGroup, Exchange, SentExchange, SharedExchange, deal_columns
 from app.halfspace.grid import Slabs, unless_alone
 from app.halfspace.reductions import sum_over
-from app.halfspace.storage import storage_for
+from app.halfspace.storage import Storage
 
 _COLUMNS = 128  # of a spectrum that are computed together: what they share is computed anew for the next ones
 _LINE = 64  # bytes of the cache
@@ -180,11 +180,12 @@ class EvenMultiplier:
 
         sizes = [columns * rows * complex_type.itemsize for rows in self.slabs.counts]
         lent = layout.workspace and layout.workspace._storage
-        self._storage = storage_for(sizes, self.slabs.rank, self.comm, lent)
+        suits = lent is not None and lent.suits(sizes)
+        self._storage = lent if suits else Storage(sizes, self.slabs.rank, self.comm)
         size = columns * self.slabs.local
         self._transformed = np.ndarray(size, complex_type, self._storage.own)
         self._edges = np.array([0, *(edge for group in self._groups for edge in group.edges[1:])])
-        self._exchange = self._exchange_of(self._groups)
+        self._exchange = self._make_exchange()
 
         self._in_x, self._in_y = _sequences(nx_fft, complex_type), _sequences(ny_fft, complex_type)
         self._row_plans = self._in_x.plans(-(-self.slabs.local // 2) % STRIP)
@@ -196,12 +197,12 @@ class EvenMultiplier:
         self._scratch = _scratch((ROWS * columns,), complex_type)
         warm_up(self.dtype)
 
-    def _exchange_of(self, groups):
+    def _make_exchange(self):
         if self.comm is None:
-            return Exchange(groups, self._transformed)
+            return Exchange(self._groups, self._transformed)
         if self._storage.all is None:
-            return SentExchange(groups, self._transformed, self.comm)
-        return SharedExchange(groups, self._transformed, self.comm, self._storage)
+            return SentExchange(self._groups, self._transformed, self.comm)
+        return SharedExchange(self._groups, self._transformed, self.comm, self._storage)
 
     def use(self, spectra, key, make):
         """Take a spectrum from those that are known, or ``make()`` and keep it. Collective if that is.
