@@ -96,7 +96,7 @@ class Circulant:
         steps, periodic = options.getInt("pc_circulant_extend", 0), bool(operator.grid.periodic)
         self.multiplier = circulant_of(operator, apart=True)
         self.extension = RimExtension(operator.local_shape, operator.slabs, operator.comm, steps, periodic)
-        stencil = self.multiplier.centre() if periodic else centre(operator.grid)
+        stencil = self.multiplier.centre if periodic else centre(operator.grid)
         self.between, blocks = None, options.getInt("pc_circulant_blocks", 0)
         if blocks < 0 or (blocks and periodic):
             raise ValueError(f"-pc_circulant_blocks {blocks}: allowed: from 0, and 0 on periodic patches")

@@ -194,7 +194,7 @@ class InfluenceOperator:
     def diagonal(self):
         """Influence of a cell on itself [mm / (N/mm2)]. Collective when first asked for, on a periodic grid."""
         if self.grid.periodic and self.active and not self._dense:
-            return float(self.exact_product.centre()[1, 1])
+            return float(self.exact_product.centre[1, 1])
         return float(influence_quadrant(self.grid, self.compliance, slice(0, 1), 1)[0, 0])
 
     def _kind(self, dtype):

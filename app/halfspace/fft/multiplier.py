@@ -291,12 +291,9 @@ class EvenMultiplier:
         spectrum *= 1.0 / (self.periods[0] * self.periods[1])
         self._spectrum = spectrum
 
+    @cached_property
     def centre(self):
         """Entries of the operator between a cell and its eight neighbours, shape (3, 3). Collective when first used."""
-        return self._centre
-
-    @cached_property
-    def _centre(self):
         ny_fft, nx_fft = self.periods
         columns = self._columns()
         rows = np.arange(ny_fft // 2 + 1)
@@ -307,9 +304,7 @@ class EvenMultiplier:
             return twice * np.cos(2 * np.pi * index * np.arange(2)[:, None] / period)
 
         in_y = self._spectrum @ weights(rows, ny_fft).T
-        quarter = np.reshape(
-            sum_over(self.comm, (weights(columns, nx_fft) @ in_y).reshape(-1)), (2, 2)
-        )  # [x, y]
+        quarter = np.reshape(sum_over(self.comm, np.ravel(weights(columns, nx_fft) @ in_y)), (2, 2))  # [x, y]
         offsets = np.abs(np.arange(-1, 2))
         return quarter.T[np.ix_(offsets, offsets)]
 
