@@ -15,6 +15,7 @@ from functools import wraps
 from pathlib import Path
 
 import numba
+import numpy as np
 from llvmlite.binding import parse_bitcode, set_option
 from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
@@ -29,6 +30,11 @@ _KNOWN = (0, 56) <= numba.version_info.short <= (0, 68)
 # for a loop that makes three rows of five.
 set_option("", "-runtime-memory-check-threshold=32")
 tell = None  # a command's: called once, when something has to be compiled or waited for
+
+# Nothing, of the types that loops are called with: fields, one that may only be read, as Vecs give, masks, and rows.
+FIELD, MASK, ROW = np.zeros((0, 1)), np.zeros((0, 1), bool), np.zeros(0)
+FIXED = FIELD.view()
+FIXED.flags.writeable = False
 
 
 def njit(makes_arrays=False, **options):

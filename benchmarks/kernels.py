@@ -12,6 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from app.fast.levels import circulant_inverse, influence_by_levels
+from app.halfspace.fft.multiplier import Layout
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.influence import Material, influence_quadrant
 from app.halfspace.operator import InfluenceOperator
@@ -53,8 +54,11 @@ def main():
     product = InfluenceOperator(grid, *shared, np.float32).product
     low, of_low = p.astype(np.float32), u.astype(np.float32)
     measure("product32", partial(product.apply, low, of_low))
-    measure("levels32", partial(influence_by_levels(grid, *shared, np.float32).apply, low, of_low))
-    circulant = circulant_inverse(grid, compliance, slabs, comm, apart=True)
+    measure(
+        "levels32",
+        partial(influence_by_levels(grid, compliance, Layout(dtype=np.float32)).apply, low, of_low),
+    )
+    circulant = circulant_inverse(grid, compliance, apart=True)
     measure("circulant", partial(circulant.apply, p, u))
     sweeps = GaussSeidel(quadrant, grid.shape, slabs, comm)
     rough = WavySurface((48, 40), 0.95, 1.0, 7, (20.0, 12.0), (-10.0, -6.0)).height(grid.x(), grid.y())

@@ -287,15 +287,15 @@ class Replay:
     def __init__(self, recorded, ranks, network=INSIDE, cells=0, everywhere=False):
         self._network = network
         comm = Counting(ranks)
-        comm.near = min(ranks, network.ranks)
+        comm.first_machine = min(ranks, network.ranks)
         comm.latency = self._tree(ranks) if ranks > network.ranks else 0.0
         comm.byte_seconds = 0.0 if everywhere else min(ranks, network.ranks) / network.rate
         self.sharing = comm.size = ranks if everywhere else worth_solving(recorded.grid, comm, cells)
-        if self.sharing == comm.near:
+        if self.sharing == comm.first_machine:
             comm.latency = 0.0
         self._ranks = Ranks.__new__(Ranks)
         vars(self._ranks).update(
-            comm=comm, size=comm.size, rank=0, near=1 if cells else comm.near,
+            comm=comm, size=comm.size, rank=0, first_machine=1 if cells else comm.first_machine,
             least=0 if cells else sharing._worth_a_machine(comm),
             cells=cells or sharing._worth_a_rank(comm), _made={},
         )  # fmt: skip

@@ -5,6 +5,7 @@ from functools import cache, partial
 import numpy as np
 from petsc4py import PETSc
 
+from app.halfspace.fft.multiplier import Layout
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.influence import Material, dense_matrix, influence_quadrant
 from app.halfspace.periodic import influence_symbol
@@ -55,13 +56,12 @@ BOXED = Grid(230, 190, 0.2, 0.25)  # large enough for a product in a box
 
 
 def make_convolution(comm, grid, block=1, dtype=np.float64):
+    layout = Layout(slabs_of(comm, grid, block), comm, dtype)
     if grid.periodic:
-        symbol = partial(influence_symbol, grid, STEEL)
-        return PeriodicProduct(symbol, grid.shape, slabs_of(comm, grid, block), comm, dtype)
+        return PeriodicProduct(partial(influence_symbol, grid, STEEL), grid.shape, layout)
     if grid == BOXED:
-        return BoxProduct(grid, STEEL, slabs_of(comm, grid, block), comm, dtype)
-    quadrant = partial(influence_quadrant, grid, STEEL)
-    return Convolution(quadrant, grid.shape, slabs_of(comm, grid, block), comm, dtype)
+        return BoxProduct(grid, STEEL, layout)
+    return Convolution(partial(influence_quadrant, grid, STEEL), grid.shape, layout)
 
 
 def restriction_mat(transfer, comm):

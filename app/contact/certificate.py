@@ -160,7 +160,7 @@ def _closing(state, energy, enough):
     `enough`.
     """
     inverse, n = state.operator.inverse, state.grid.n
-    diagonal = float(inverse.centre()[1, 1]) or 1.0
+    diagonal = float(inverse.centre[1, 1]) or 1.0
     fields = state.distance.b, state.u, state.p, state.admissible
     gaps, excess, to_p, pressures, squares, of_u = state.sum([*loops.gaps(*fields, diagonal), state.u.sum()])
     inside, mean, _ = state.distance.statistics

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from app.compiled import njit
+from app.compiled import FIELD, FIXED, MASK, njit
 from app.halfspace.reductions import any_order, plus
 
 
@@ -152,11 +152,9 @@ def lift(b, u, admissible, most, penetrates, sums):
 
 def warm_up(periodic=False):
     """Load the compiled loops now, not after the first solve. Not collective."""
-    field, mask, rows = np.zeros((0, 0)), np.zeros((0, 0), bool), np.zeros(0, bool)
-    fixed = field.view()
-    fixed.flags.writeable = False
-    survey(fixed, field, fixed, mask, 1.0, not periodic, rows, np.zeros(6), np.zeros(6))
-    lift(fixed, field, mask, 0.0, rows, np.zeros((3, 2)))
+    rows = np.zeros(0, bool)
+    survey(FIXED, FIELD, FIXED, MASK, 1.0, not periodic, rows, np.zeros(6), np.zeros(6))
+    lift(FIXED, FIELD, MASK, 0.0, rows, np.zeros((3, 2)))
     if periodic:
-        gaps(fixed, field, fixed, mask, 1.0)
-        move(fixed, field, fixed, mask, 1.0, 1.0, 0.0, 0.0, field)
+        gaps(FIXED, FIELD, FIXED, MASK, 1.0)
+        move(FIXED, FIELD, FIXED, MASK, 1.0, 1.0, 0.0, 0.0, FIELD)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.compiled import njit
+from app.compiled import FIXED, MASK, ROW, njit
 from app.halfspace.reductions import any_order
 
 
@@ -88,6 +88,4 @@ def _moments(p, contact, x, y, sums):
 
 def warm_up():
     """Load the compiled loops now, not after the first solve. Not collective."""
-    fixed, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
-    fixed.flags.writeable = False
-    _moments(fixed, mask, np.zeros(0), np.zeros(0), np.zeros(9))
+    _moments(FIXED, MASK, ROW, ROW, np.zeros(9))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.compiled import njit
+from app.compiled import FIELD, FIXED, MASK, njit
 from app.halfspace.reductions import any_order, plus
 
 
@@ -227,15 +227,12 @@ def faces(contact, before, periodic):
 
 def warm_up():
     """Load the compiled loops now, not in the first iteration. Not collective."""
-    field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
-    fixed = field.view()
-    fixed.flags.writeable = False  # as Vecs are read
-    tension(fixed, mask)
-    for low in (field, field.astype(np.float32)):
-        defect(fixed, field, mask, 1.0, low)
-        release(field, mask, mask, low)
-        activate(fixed, field, fixed, mask, mask, mask, low, np.zeros(0, bool))
-    numbers(fixed, mask)
-    sum_squares(fixed, 0.0, mask)
-    gap_on(fixed, field, mask, mask)
-    faces(np.zeros((0, 1), bool), np.zeros(1, bool), False)
+    tension(FIXED, MASK)
+    for low in (FIELD, FIELD.astype(np.float32)):
+        defect(FIXED, FIELD, MASK, 1.0, low)
+        release(FIELD, MASK, MASK, low)
+        activate(FIXED, FIELD, FIXED, MASK, MASK, MASK, low, np.zeros(1, bool))
+    numbers(FIXED, MASK)
+    sum_squares(FIXED, 0.0, MASK)
+    gap_on(FIXED, FIELD, MASK, MASK)
+    faces(MASK, np.zeros(1, bool), False)

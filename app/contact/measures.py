@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.compiled import njit
+from app.compiled import FIELD, ROW, njit
 from app.contact import kernels
 from app.halfspace.halo import row_before
 from app.halfspace.periodic import frequencies
@@ -138,7 +138,7 @@ def _of_waves(operator, shape):
         qx, qy = frequencies(grid, columns, rows)
         return qx[:, None] ** 2 + qy**2
 
-    laplacian = PeriodicProduct(square, grid.shape, operator.slabs, operator.comm, workspace=operator.storage)
+    laplacian = PeriodicProduct(square, grid.shape, operator.layout(float))
     curvature = np.empty_like(shape)
     laplacian.apply(shape, curvature)
     total = sum_over(operator.comm, [np.einsum("ji,ji", shape, curvature)])[0]
@@ -183,4 +183,4 @@ def _squared_differences(shape, before, periodic):
 
 def warm_up():
     """Load the compiled loops now, not after the first solve. Not collective."""
-    _squared_differences(np.zeros((0, 1)), np.zeros(1), False)
+    _squared_differences(FIELD, ROW, False)

@@ -174,7 +174,8 @@ class ContactState:
     @property
     def highest_tried(self):
         """Depth beyond which nobody looks for a load [mm]. Not collective."""
-        return self.highest - _TRIED * abs(self.highest) if np.isfinite(self.highest) else np.inf
+        highest = self.highest
+        return highest - _TRIED * abs(highest) if highest < np.inf else highest
 
     @property
     def rhs(self):

@@ -33,7 +33,7 @@ _FEWEST = 8  # blocks in a direction; on smaller grids they gain nothing
 _STRETCHED = 1.75  # ratio of the sides of cells up to which a constant stays one; else contact sets cycle
 
 
-def _periodic_inverse(grid, compliance, slabs, comm, dtype, workspace, spectra):
+def _periodic_inverse(grid, compliance, layout):
     """The inverse of A itself; a constant pressure, which displaces nothing, is as soft as the softest wave."""
     eigenvalues = partial(influence_symbol, grid, compliance)
     longest = eigenvalues(np.arange(min(2, grid.nx)), np.arange(min(2, grid.ny))).max() or 1.0
@@ -42,8 +42,8 @@ def _periodic_inverse(grid, compliance, slabs, comm, dtype, workspace, spectra):
         found = eigenvalues(columns, rows)
         return 1 / np.where(found > 0, found, longest)
 
-    inverse = EvenMultiplier(grid.shape, grid.shape, slabs, comm, dtype, workspace)
-    inverse.use(spectra, "inverse", partial(inverse.set_spectrum, symbol))
+    inverse = EvenMultiplier(grid.shape, grid.shape, layout)
+    inverse.use(layout.spectra, "inverse", partial(inverse.set_spectrum, symbol))
     return inverse
 
 
@@ -56,7 +56,7 @@ def circulant_of(operator, apart=False):
         return operator.product
     periodic = operator.grid.periodic
     make = _periodic_inverse if periodic else partial(circulant_inverse, apart=apart)
-    return known(operator, "apart" if apart and not periodic else "adjoining", make, spectra=operator.spectra)
+    return known(operator, "apart" if apart and not periodic else "adjoining", make)
 
 
 def warm_up(grid, dtype):
@@ -96,7 +96,7 @@ class Circulant:
         steps, periodic = options.getInt("pc_circulant_extend", 0), bool(operator.grid.periodic)
         self.multiplier = circulant_of(operator, apart=True)
         self.extension = RimExtension(operator.local_shape, operator.slabs, operator.comm, steps, periodic)
-        stencil = self.multiplier.centre() if periodic else centre(operator.grid)
+        stencil = self.multiplier.centre if periodic else centre(operator.grid)
         self.between, blocks = None, options.getInt("pc_circulant_blocks", 0)
         if blocks < 0 or (blocks and periodic):
             raise ValueError(f"-pc_circulant_blocks {blocks}: allowed: from 0, and 0 on periodic patches")

@@ -28,7 +28,7 @@ from app.fast import multilevel
 from app.fast.multilevel import MultilevelOperator, coarse_shape
 from app.fast.symbol import cells_in_one, coarser, eigenvalues, left_near_by, stencils
 from app.halfspace.fft.lengths import quick_length, transform_length
-from app.halfspace.fft.multiplier import EvenMultiplier
+from app.halfspace.fft.multiplier import ALONE, EvenMultiplier
 from app.halfspace.grid import Grid
 from app.halfspace.influence import middle_displacement, quadrant_rows
 
@@ -37,21 +37,16 @@ _LEAST = 128
 _LEAST_PERIODIC = 512  # there transforms are not padded, and right
 
 
-def circulant_inverse(
-    grid, compliance, slabs=None, comm=None, dtype=np.float64, workspace=None, spectra=None, apart=False
-):
+def circulant_inverse(grid, compliance, layout=ALONE, apart=False):
     """The inverse of A on a free patch, continued periodically.
 
     Collective over `comm`.
 
     Parameters
     ----------
-    grid, compliance, slabs, comm, dtype
+    grid, compliance
         See `InfluenceOperator`.
-    workspace : EvenMultiplier, optional
-        Whose working storage may be used.
-    spectra : Spectra, optional
-        See `EvenMultiplier.use`.
+    layout : Layout
     apart : bool
         With free cells before the continuation, so that contact at one edge is no neighbour of that at the other, and
         by levels but for small grids: for CG. Else by transforms, and the continuation adjoins: a displacement, as
@@ -68,13 +63,13 @@ def circulant_inverse(
     if apart:  # coarse cells cover more than the patch already; without them a cell is added
         periods = tuple(next_fast_len(n, real=True) if near else quick_length(n + 1) for n in shape)
     constants = middle_displacement(compliance, (cy * periods[0] * grid.dy, cx * periods[1] * grid.dx))
-    coarsest = _coarsest_inverse(grid, compliance, near, periods, constants, comm, dtype, workspace, spectra)
+    coarsest = _coarsest_inverse(grid, compliance, near, periods, constants)
     if near:
-        return MultilevelOperator(grid.shape, near, coarsest, slabs, comm, dtype)
-    return coarsest(shape, slabs)
+        return MultilevelOperator(grid.shape, near, coarsest, layout)
+    return coarsest(shape, layout)
 
 
-def _coarsest_inverse(grid, compliance, near, periods, constants, comm, dtype, workspace, spectra=None):
+def _coarsest_inverse(grid, compliance, near, periods, constants):
     """Return a function that makes what is left of the inverse by transforms; `constants`: their eigenvalue of A."""
     cy, cx = cells_in_one(near)
 
@@ -84,24 +79,22 @@ def _coarsest_inverse(grid, compliance, near, periods, constants, comm, dtype, w
         found[(x[:, None] == 0) & (y == 0)] = constants
         return coarser(1 / found, near, x, y)
 
-    def coarsest(shape, slabs):
-        inverse = EvenMultiplier(shape, periods, slabs, comm, dtype, workspace)
-        inverse.use(spectra, len(near), partial(inverse.set_spectrum, symbol))
+    def coarsest(shape, layout):
+        inverse = EvenMultiplier(shape, periods, layout)
+        inverse.use(layout.spectra, len(near), partial(inverse.set_spectrum, symbol))
         return inverse
 
     return coarsest
 
 
-def influence_by_levels(
-    grid, compliance, slabs=None, comm=None, dtype=np.float64, workspace=None, spectra=None, other=None
-):
+def influence_by_levels(grid, compliance, layout=ALONE, other=None):
     """A on a free patch, nearly.
 
     Collective over `comm`.
 
     Parameters
     ----------
-    grid, compliance, slabs, comm, dtype, workspace, spectra
+    grid, compliance, layout
         See `circulant_inverse`.
     other : MultilevelOperator, optional
         See there.
@@ -125,23 +118,22 @@ def influence_by_levels(
         found[: len(close), : close.shape[1]] += close
         return found
 
-    def coarsest(shape, slabs):
-        periods = tuple(map(transform_length, shape))
-        product = EvenMultiplier(shape, periods, slabs, comm, dtype, workspace)
-        product.use(spectra, ("influence", len(near)), partial(product.set_kernel, kernel, *shape))
+    def coarsest(shape, layout):
+        product = EvenMultiplier(shape, tuple(map(transform_length, shape)), layout)
+        product.use(layout.spectra, ("influence", len(near)), partial(product.set_kernel, kernel, *shape))
         return product
 
-    return MultilevelOperator(grid.shape, near, coarsest, slabs, comm, dtype, other)
+    return MultilevelOperator(grid.shape, near, coarsest, layout, other)
 
 
-def periodic_inverse_by_levels(grid, compliance, slabs=None, comm=None, dtype=np.float64, workspace=None):
+def periodic_inverse_by_levels(grid, compliance, layout=ALONE):
     """The inverse of A on a periodic patch, nearly.
 
     Collective over `comm`.
 
     Parameters
     ----------
-    grid, compliance, slabs, comm, dtype, workspace
+    grid, compliance, layout
         See `circulant_inverse`.
 
     Returns
@@ -153,9 +145,8 @@ def periodic_inverse_by_levels(grid, compliance, slabs=None, comm=None, dtype=np
     near = [level.times(unit) for level in _stencils(grid, -1)]
     if not near:
         return None
-    periods = _coarsest_shape(grid, near)
-    coarsest = _coarsest_inverse(grid, compliance, near, periods, np.inf, comm, dtype, workspace)
-    return MultilevelOperator(grid.shape, near, coarsest, slabs, comm, dtype, periodic=True)
+    coarsest = _coarsest_inverse(grid, compliance, near, _coarsest_shape(grid, near), np.inf)
+    return MultilevelOperator(grid.shape, near, coarsest, layout, periodic=True)
 
 
 def influence_of(operator):
@@ -164,7 +155,7 @@ def influence_of(operator):
         return None
     inverse = operator.multipliers.get("apart")
     other = inverse if isinstance(inverse, MultilevelOperator) else None
-    return known(operator, "influence", influence_by_levels, spectra=operator.spectra, other=other)
+    return known(operator, "influence", influence_by_levels, other=other)
 
 
 def inverse_of(operator):
@@ -176,10 +167,7 @@ def known(operator, name, make, **more):
     """What an `InfluenceOperator` has by a name, made if there is none; None on ranks without rows. Collective then."""
     made = operator.multipliers
     if name not in made and operator.active:
-        place = operator.grid, operator.compliance, operator.slabs, operator.comm, operator.dtype
-        product = make(*place, workspace=operator.storage, **more)
-        if product is not None:
-            made[name] = product
+        made[name] = make(operator.grid, operator.compliance, operator.layout(), **more)
     return made.get(name)
 
 

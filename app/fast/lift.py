@@ -13,9 +13,7 @@ Switch: ``-lcp_prolongation lift|copy``. Gain: see `app.fast`.
 
 from __future__ import annotations
 
-import numpy as np
-
-from app.compiled import njit
+from app.compiled import FIELD, FIXED, MASK, njit
 from app.fast.circulant import circulant_of
 from app.halfspace.reductions import any_order
 
@@ -84,8 +82,5 @@ def _drop_nonpositive(p, contact):
 
 def warm_up():
     """Load the compiled loops now, not in the first lift. Not collective."""
-    field, mask = np.zeros((0, 0)), np.zeros((0, 0), bool)
-    fixed = field.view()
-    fixed.flags.writeable = False
-    _close_gaps(fixed, field, mask, mask, field)
-    _drop_nonpositive(field, mask)
+    _close_gaps(FIXED, FIELD, MASK, MASK, FIELD)
+    _drop_nonpositive(FIELD, MASK)

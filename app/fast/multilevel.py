@@ -21,8 +21,9 @@ from functools import cache
 
 import numpy as np
 
-from app.compiled import njit
+from app.compiled import FIELD, njit
 from app.fast.symbol import REACH
+from app.halfspace.fft.multiplier import ALONE
 from app.halfspace.grid import Slabs, unless_alone
 from app.halfspace.halo import Halo, Parents
 from app.halfspace.reductions import any_order, copy_row, scale_row, wrap
@@ -51,9 +52,8 @@ class MultilevelOperator:
     near : sequence of Near
         This level and those below, for these cells.
     coarsest : callable
-        ``coarsest(shape, slabs)`` makes the product on the coarsest grid.
-    slabs, comm, dtype
-        See `EvenMultiplier`.
+        ``coarsest(shape, layout)`` makes the product on the coarsest grid.
+    layout : Layout
     other : MultilevelOperator, optional
         One on the same grid, at rest whenever this works: its coarse fields are used.
     periodic : bool
@@ -67,27 +67,26 @@ class MultilevelOperator:
         In y and x, in cells.
     """
 
-    def __init__(
-        self, shape, near, coarsest, slabs=None, comm=None, dtype=np.float64, other=None, periodic=False
-    ):
-        self.count, self.shape, self.dtype = 0, shape, np.dtype(dtype)
-        self.slabs = slabs = slabs or Slabs(shape[0])
-        self.comm = comm = unless_alone(comm)
+    def __init__(self, shape, near, coarsest, layout=ALONE, other=None, periodic=False):
+        self.count, self.shape, self.dtype = 0, shape, np.dtype(layout.dtype)
+        self.slabs = slabs = layout.slabs or Slabs(shape[0])
+        self.comm, dtype = unless_alone(layout.comm), self.dtype
         twice = np.where(np.arange(REACH + 1) > 0, 2.0, 1.0)
         self._stencil = np.ascontiguousarray((near[0].stencil / np.outer(twice, twice)).T, dtype)  # [y, x]
         self._factors = fy, _ = near[0].factors
         self._periodic, below = periodic, coarse_shape(shape, self._factors, periodic)
         coarse = slabs if fy == 1 else slabs.coarsen(2) if periodic else slabs.surround()
+        of_coarse = layout._replace(slabs=coarse)
         if len(near) > 1:
             others = other._next if other and isinstance(other._next, MultilevelOperator) else None
-            self._next = MultilevelOperator(below, near[1:], coarsest, coarse, comm, dtype, others, periodic)
+            self._next = MultilevelOperator(below, near[1:], coarsest, of_coarse, others, periodic)
         else:
-            self._next = coarsest(below, coarse)
+            self._next = coarsest(below, of_coarse)
         self.periods = tuple(f * period for f, period in zip(self._factors, self._next.periods, strict=True))
         self._first, self._first_coarse = slabs.rows.start, coarse.rows.start
         self._coarse = np.zeros((coarse.local, below[1]), dtype) if other is None else other._coarse
-        self._halo = Halo(slabs, comm, REACH, periodic) if periodic or comm is not None else None
-        self._parents = Parents(slabs, comm, periodic) if fy == 2 else None
+        self._halo = Halo(slabs, self.comm, REACH, periodic) if periodic or self.comm is not None else None
+        self._parents = Parents(slabs, self.comm, periodic) if fy == 2 else None
         self._none = np.zeros((0, shape[1]), dtype)
         self._all = np.ones(slabs.local, bool)
         padded, half = shape[1] + 2 * REACH, shape[1] // 2 + 3
@@ -300,9 +299,9 @@ def _add_near(
 @cache
 def warm_up(dtype):
     """Load the compiled loops now, not in the first product. Not collective."""
-    low, rows, stencil = np.zeros((0, 0), dtype), np.zeros(0, bool), np.zeros((3, 3), dtype)
+    low, rows, stencil = FIELD.astype(dtype), np.zeros(0, bool), np.zeros((3, 3), dtype)
     room = np.zeros((5, 4), dtype)
-    for field in {np.dtype(float): np.zeros((0, 0)), dtype: low}.values():
+    for field in {FIELD.dtype: FIELD, dtype: low}.values():
         _restrict(field, rows, low, low, 0, 0, low, (2, 2), False, room, room)
         parents = low, low, low
         _add_near(

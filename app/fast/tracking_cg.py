@@ -15,6 +15,7 @@ from math import sqrt
 import numpy as np
 from petsc4py import PETSc
 
+from app.compiled import FIELD, FIXED, MASK
 from app.halfspace.operator import InfluenceOperator, context_of, vec_of
 from app.halfspace.reductions import add_row, any_order, plus, span_of
 from app.multigrid.ksp_context import KspContext
@@ -138,15 +139,13 @@ def _dots(d, q, r, contact, spans):
 @cache
 def warm_up(dtype):
     """Load the compiled loops now, not in the first iteration. Not collective."""
-    field, mask, spans = np.zeros((0, 0)), np.zeros((0, 0), bool), np.zeros((0, 2), np.int64)
-    low, fixed = field.astype(dtype), field.view()
-    fixed.flags.writeable = False
-    _first_residual(fixed, field, mask, spans, low)
-    _dot(low, low, mask, spans)
-    _direction(low, low, dtype.type(0), mask, spans)
-    _dots(low, low, low, mask, spans)
-    _advance(low, low, low, low, mask, spans, 0.0)
-    add(field, 0.0, low)
+    low, spans = FIELD.astype(dtype), np.zeros((0, 2), np.int64)
+    _first_residual(FIXED, FIELD, MASK, spans, low)
+    _dot(low, low, MASK, spans)
+    _direction(low, low, dtype.type(0), MASK, spans)
+    _dots(low, low, low, MASK, spans)
+    _advance(low, low, low, low, MASK, spans, 0.0)
+    add(FIELD, 0.0, low)
 
 
 class TrackingCG(KspContext):

@@ -76,7 +76,7 @@ class Communicator(MPI.Intracomm):
         return self.plain().Split_type(MPI.COMM_TYPE_SHARED)
 
     @cached_property
-    def near(self):
+    def first_machine(self):
         """How many ranks are on the machine of rank 0, up to the first that is not. Collective when first asked for."""
         if self.machine.size == self.size:
             return self.size
@@ -92,7 +92,7 @@ class Communicator(MPI.Intracomm):
 
         0 on one machine, which is not measured, so that runs can be repeated.
         """
-        if self.near == self.size:
+        if self.first_machine == self.size:
             return 0.0
         last, slowest, found = np.zeros(1), np.zeros(1), []
         while len(found) <= _TRIALS and sum(found[2:]) < _TRIAL_SECONDS:
@@ -132,8 +132,8 @@ class Communicator(MPI.Intracomm):
         few = group.Incl(ranks)
         made = Communicator(self.plain().Create_group(few, ranks[-1]), self.traffic)
         made.shares_memory = self.shares_memory
-        if vars(self).get("near") == self.size:
-            made.near = made.size
+        if vars(self).get("first_machine") == self.size:
+            made.first_machine = made.size
         group.Free()
         few.Free()
         return made

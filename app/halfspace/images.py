@@ -21,7 +21,7 @@ from mpi4py import MPI
 from numpy.polynomial import legendre
 from scipy.special import erf, erfc
 
-from app.compiled import njit
+from app.compiled import FIELD, FIXED, MASK, njit
 from app.halfspace.chebyshev import coefficients, lagrange_weights, nodes, polynomials
 from app.halfspace.reductions import add_inside, add_row, any_order
 
@@ -60,7 +60,7 @@ class Box:
         """F, likewise."""
         return self._in_y[rows] @ self._in_x[columns].T
 
-    def rest(self, steps, counts):
+    def correction(self, steps, counts):
         """S at `counts` multiples of `steps` cells in y and x, for unit compliance. Not collective."""
         offsets = [step * np.arange(count) for step, count in zip(steps, counts, strict=True)]
         back = [np.minimum(d, n - d) for d, n in zip(offsets, self.periods, strict=True)]
@@ -160,7 +160,7 @@ def _weights(step, width, dtype):
     return lagrange_weights(np.arange(step) / step, np.arange(width) - (width // 2 - 1.0)).astype(dtype)
 
 
-class Rest:
+class ImageCorrection:
     """S on the rows of a rank. Collective over `comm`.
 
     Parameters
@@ -173,7 +173,7 @@ class Rest:
     width : int
         Nodes, in each direction, between which a cell is interpolated.
     slabs, comm, dtype
-        See `EvenMultiplier`.
+        See `Layout`.
     """
 
     def __init__(self, box, compliance, steps, width, slabs, comm, dtype):
@@ -182,7 +182,7 @@ class Rest:
         self._counts = tuple((n - 1) // step + width for n, step in zip((ny, nx), steps, strict=True))
         self._cells = self._counts[1] - width + 1
         self._in_y, self._in_x = (_weights(step, width, dtype) for step in steps)
-        kernel = compliance * box.rest(steps, self._counts)
+        kernel = compliance * box.correction(steps, self._counts)
         self._lengths = [scipy.fft.next_fast_len(2 * count - 1, real=True) for count in self._counts]
         offsets = [np.minimum(np.arange(n), n - np.arange(n)) for n in self._lengths]
         inside = np.ix_(*(np.minimum(d, count - 1) for d, count in zip(offsets, self._counts, strict=True)))
@@ -233,11 +233,8 @@ class Rest:
 @cache
 def warm_up(dtype):
     """Compile the loops, or read them from the cache, now and not in the first product. Not collective."""
-    field, weights = np.zeros((0, 0)), np.zeros((1, 1), dtype)
-    mask, fixed = field.astype(bool), field.view()
-    fixed.flags.writeable = False
-    nodes, row = np.zeros((0, 0), dtype), np.zeros(0, dtype)
-    for real in {field.dtype: field, dtype: field.astype(dtype)}.values():
-        _collect(real, mask, 0, weights, nodes, row)
-        _spread(nodes, 0, weights, mask, real, row)
-    _collect(fixed, mask, 0, weights, nodes, row)
+    weights, nodes, row = np.zeros((1, 1), dtype), FIELD.astype(dtype), np.zeros(1, dtype)
+    for field in {FIELD.dtype: FIELD, dtype: nodes}.values():
+        _collect(field, MASK, 0, weights, nodes, row)
+        _spread(nodes, 0, weights, MASK, field, row)
+    _collect(FIXED, MASK, 0, weights, nodes, row)

@@ -17,7 +17,7 @@ from petsc4py import PETSc
 from app.errors import InputError
 from app.halfspace.fft import transpose
 from app.halfspace.fft.lengths import transform_length
-from app.halfspace.fft.multiplier import EvenMultiplier
+from app.halfspace.fft.multiplier import EvenMultiplier, Layout
 from app.halfspace.grid import Slabs
 from app.halfspace.influence import dense_matrix, influence_quadrant, quadrant_rows
 from app.halfspace.periodic import influence_symbol
@@ -96,7 +96,7 @@ class InfluenceOperator:
         if exact_product is not None:
             self.exact_product = exact_product
         self._verified_elsewhere = exact_product is not None
-        self.multipliers = {}  # by name: the inverse of A and what stands for A, made by who uses them first
+        self.multipliers = {}  # by name: the inverse of A and what stands for A, made by who uses them first, or None
         self.local_shape = (self.slabs.local, grid.nx)
         self.mask = np.zeros(self.local_shape, bool)
         self.products = self.sweeps = 0
@@ -194,7 +194,7 @@ class InfluenceOperator:
     def diagonal(self):
         """Influence of a cell on itself [mm / (N/mm2)]. Collective when first asked for, on a periodic grid."""
         if self.grid.periodic and self.active and not self._dense:
-            return float(self.exact_product.centre()[1, 1])
+            return float(self.exact_product.centre[1, 1])
         return float(influence_quadrant(self.grid, self.compliance, slice(0, 1), 1)[0, 0])
 
     def _kind(self, dtype):
@@ -204,13 +204,17 @@ class InfluenceOperator:
         return BoxProduct if BoxProduct.suits(self.grid, dtype) else Convolution
 
     def _convolution(self, dtype):
-        of, place = (self.grid, self.compliance), (self.slabs, self.comm, dtype, self.storage)
-        kind = self._kind(dtype)
+        of, kind, layout = (self.grid, self.compliance), self._kind(dtype), self.layout(dtype)
         if kind is PeriodicProduct:
-            return kind(partial(influence_symbol, *of), self.grid.shape, *place)
+            return kind(partial(influence_symbol, *of), self.grid.shape, layout)
         if kind is BoxProduct:
-            return kind(*of, *place, self.spectra)
-        return kind(quadrant_rows(*of), self.grid.shape, *place, self.spectra)
+            return kind(*of, layout)
+        return kind(quadrant_rows(*of), self.grid.shape, layout)
+
+    def layout(self, dtype=None):
+        """Layout of products and preconditioners, by default in the operator's precision. Not collective."""
+        dtype = self.dtype if dtype is None else dtype
+        return Layout(self.slabs, self.comm, dtype, self.storage, self.spectra)
 
     # -- set-up ------------------------------------------------------------------------------------------
 
@@ -349,8 +353,8 @@ class InfluenceOperator:
         made = vars(self)
         products = {id(made[name]): made[name] for name in _PRODUCTS if name in made}
         total = self._spent + sum([product.count for product in products.values()])
-        if self.multipliers:
-            total += sum([multiplier.points for multiplier in self.multipliers.values()]) / self._padded
+        points = [multiplier.points for multiplier in self.multipliers.values() if multiplier]
+        total += sum(points) / self._padded
         if "relaxation" in made:
             total += self.sweeps * self.relaxation.products_per_sweep
         return total

@@ -16,8 +16,8 @@ from mpi4py import MPI
 from app.halfspace import images
 from app.halfspace.fft import multiplier
 from app.halfspace.fft.lengths import lengths_with_margin, transform_length
-from app.halfspace.fft.multiplier import EvenMultiplier
-from app.halfspace.images import Box, Rest
+from app.halfspace.fft.multiplier import ALONE, EvenMultiplier
+from app.halfspace.images import Box, ImageCorrection
 from app.halfspace.influence import influence_at
 
 _SINGLE, _DOUBLE = np.dtype(np.float32), np.dtype(np.float64)
@@ -38,16 +38,14 @@ class Convolution(EvenMultiplier):
     ----------
     quadrant_rows : callable
         ``quadrant_rows(slice) -> ndarray (rows, nx)``: influence coefficients, a few rows at a time.
-    shape, slabs, comm, dtype, workspace, spectra
-        See `EvenMultiplier`, and `EvenMultiplier.use`.
+    shape, layout
+        See `EvenMultiplier`.
     """
 
-    def __init__(
-        self, quadrant_rows, shape, slabs=None, comm=None, dtype=np.float64, workspace=None, spectra=None
-    ):
+    def __init__(self, quadrant_rows, shape, layout=ALONE):
         ny, nx = shape
-        super().__init__(shape, (transform_length(ny), transform_length(nx)), slabs, comm, dtype, workspace)
-        self.use(spectra, shape, partial(self.set_kernel, quadrant_rows, ny, nx))
+        super().__init__(shape, (transform_length(ny), transform_length(nx)), layout)
+        self.use(layout.spectra, shape, partial(self.set_kernel, quadrant_rows, ny, nx))
 
 
 class BoxProduct(EvenMultiplier):
@@ -60,18 +58,15 @@ class BoxProduct(EvenMultiplier):
     grid : Grid
     compliance : float
         [mm2/N].
-    slabs, comm, dtype, workspace, spectra
-        See `EvenMultiplier`, and `EvenMultiplier.use`.
+    layout : Layout
     """
 
-    def __init__(
-        self, grid, compliance, slabs=None, comm=None, dtype=np.float64, workspace=None, spectra=None
-    ):
-        super().__init__(grid.shape, self.periods_of(grid), slabs, comm, dtype, workspace)
+    def __init__(self, grid, compliance, layout=ALONE):
+        super().__init__(grid.shape, self.periods_of(grid), layout)
         self._box, self._compliance = Box(grid, self.periods, partial(influence_at, grid)), compliance
         halves = (period // 2 + 1 for period in self.periods)
-        self.use(spectra, None, partial(self.set_kernel, self._kernel, *halves))
-        self._make_rest()
+        self.use(layout.spectra, None, partial(self.set_kernel, self._kernel, *halves))
+        self._correct_images()
 
     @classmethod
     def periods_of(cls, grid):
@@ -89,24 +84,26 @@ class BoxProduct(EvenMultiplier):
         offsets = np.arange(ny // 2 + 1)[rows]
         return self._compliance * self._box.kernel(offsets, np.arange(nx // 2 + 1))
 
-    def _make_rest(self):
+    def _correct_images(self):
         grid, (width, fine) = self._box.grid, _NODES[self.dtype]
         free = [period - n for period, n in zip(self.periods, grid.shape, strict=True)]
         nearest = min(free[0] * grid.dy, free[1] * grid.dx) / fine
         steps = [max(1, int(nearest / d)) for d in (grid.dy, grid.dx)]
-        self.rest = Rest(self._box, self._compliance, steps, width, self.slabs, self.comm, self.dtype)
+        self.image_correction = ImageCorrection(
+            self._box, self._compliance, steps, width, self.slabs, self.comm, self.dtype
+        )
 
     def in_precision(self, dtype):
         """See `EvenMultiplier.in_precision`."""
         other = super().in_precision(dtype)
         other._box, other._compliance = self._box, self._compliance
-        other._make_rest()
+        other._correct_images()
         return other
 
     @property
     def memory(self):
         """Bytes held on this rank."""
-        return super().memory + self.rest.memory
+        return super().memory + self.image_correction.memory
 
 
 class PeriodicProduct(EvenMultiplier):
@@ -118,12 +115,12 @@ class PeriodicProduct(EvenMultiplier):
     ----------
     symbol : callable
         See `EvenMultiplier.set_spectrum`.
-    shape, slabs, comm, dtype, workspace
+    shape, layout
         See `EvenMultiplier`.
     """
 
-    def __init__(self, symbol, shape, slabs=None, comm=None, dtype=np.float64, workspace=None):
-        super().__init__(shape, shape, slabs, comm, dtype, workspace)
+    def __init__(self, symbol, shape, layout=ALONE):
+        super().__init__(shape, shape, layout)
         self.set_spectrum(symbol)
 
     def inverse(self):
@@ -183,15 +180,12 @@ class NoRows:
 
     dtype, shape, periods = np.dtype(float), (0, 0), (0, 0)
     count = flops = 0
+    centre = np.outer([0.0, 1.0, 0.0], [0.0, 1.0, 0.0])  # the identity's
 
     def apply(self, p, out, mask=None, rows=None):
         """Do nothing. Not collective; nor are the others."""
 
     apply_inverse = apply
-
-    def centre(self):
-        """Return the identity's."""
-        return np.outer([0.0, 1.0, 0.0], [0.0, 1.0, 0.0])
 
 
 def warm_up(grid, dtype):

@@ -35,13 +35,14 @@ class Ranks:
     def __init__(self, comm, cells=0):
         self.comm = comm if isinstance(comm, Communicator) else Communicator(comm)
         self.size, self.rank = comm.size, comm.rank
-        self.near, self.least = (1, 0) if cells else (self.comm.near, _worth_a_machine(self.comm))
+        self.first_machine = 1 if cells else self.comm.first_machine
+        self.least = 0 if cells else _worth_a_machine(self.comm)
         self.cells = cells or _worth_a_rank(self.comm)
         self._made = {}
 
     def number(self, grid):
         """How many ranks a grid is worth, see `worth`. Not collective."""
-        return worth(grid, self.size, self.cells, self.near, self.least)
+        return worth(grid, self.size, self.cells, self.first_machine, self.least)
 
     def deal(self, grid, size=None):
         """Deal the rows of a grid to the first `size` ranks. Collective over these, when it is their first grid.
@@ -89,17 +90,17 @@ class Ranks:
             self._made.pop(size).Free()
 
 
-def worth(grid, size, cells, near=1, least=0):
+def worth(grid, size, cells, first_machine=1, least=0):
     """How many of `size` ranks a grid is worth: all, those of the first machine, or a power of two. Not collective.
 
-    Each has so many cells at least, and a row; of the first `near` ranks, which are on one machine, `_CELLS_INSIDE`.
+    Each has so many cells at least, and a row; of the `first_machine` ones beside rank 0, `_CELLS_INSIDE`.
     More of them, on several machines, are more than `least`. Coarser grids, and windows, are never worth more.
     """
     most, inside = (min(grid.n // each, grid.ny) for each in (cells, _CELLS_INSIDE))
     number = size if most >= size else _power_of_two(most)
-    if number > max(near, least):
+    if number > max(first_machine, least):
         return number
-    return near if inside >= near else _power_of_two(inside)
+    return first_machine if inside >= first_machine else _power_of_two(inside)
 
 
 def _power_of_two(most):
@@ -111,12 +112,12 @@ def worth_solving(grid, comm, cells=0):
 
     Collective over `comm`, a `Communicator`. All if `cells` per rank are asked for.
     """
-    near = comm.size if cells else comm.near
-    if near < comm.size:
-        known = grid, comm.size, _worth_a_rank(comm), near
+    first_machine = comm.size if cells else comm.first_machine
+    if first_machine < comm.size:
+        known = grid, comm.size, _worth_a_rank(comm), first_machine
         # What another machine costs is asked last, as it takes longest.
-        if worth(*known) <= near or worth(*known, _worth_a_machine(comm)) <= near:
-            return near
+        if worth(*known) <= first_machine or worth(*known, _worth_a_machine(comm)) <= first_machine:
+            return first_machine
     return comm.size
 
 
@@ -139,6 +140,9 @@ def _worth_a_rank(comm):
 def _worth_a_machine(comm):
     """Ranks from which on more machines pay: it takes less to send what they share than it saves to compute it.
 
-    Collective when first asked for. With b s for a byte, r bytes for a s of computing: b r / P < 1 / near - 1 / P.
+    Collective when first asked for. With b s for a byte, r bytes for a s of computing, n ranks on the first machine:
+    b r / P < 1 / n - 1 / P.
     """
-    return 0 if comm.near == comm.size else comm.near * (1 + _BYTES_PER_SECOND * comm.byte_seconds)
+    if comm.first_machine == comm.size:
+        return 0
+    return comm.first_machine * (1 + _BYTES_PER_SECOND * comm.byte_seconds)

@@ -49,14 +49,9 @@ class Storage:
         return len(sizes) <= len(self._sizes) and all(map(int.__le__, sizes, self._sizes))
 
 
-def storage_for(sizes, rank, comm, known=None):
-    """Return storage that is known, if it suits, or some more. Collective over `comm`; see `Storage`."""
-    return known if known is not None and known.suits(sizes) else Storage(sizes, rank, comm)
-
-
 def _memory_of_all(comm, size):
     """So many bytes, zero, that all ranks see; None if they are on several machines or may not. Collective."""
-    if not (getattr(comm, "shares_memory", False) and size and comm.near == comm.size):
+    if not (getattr(comm, "shares_memory", False) and size and comm.first_machine == comm.size):
         return None
     file, found, place, name = -1, None, None, None
     if comm.rank == 0:

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from app.compiled import njit
+from app.compiled import FIELD, ROW, njit
 from app.halfspace.chebyshev import lagrange_weights
 from app.halfspace.reductions import any_order, mix_rows, wrap
 
@@ -134,6 +134,6 @@ def _before(index, place):
 
 def warm_up():
     """Load the compiled loops now, not in the first interpolation. Not collective."""
-    field, cells, weights = np.zeros((0, 0)), np.zeros(0, int), np.zeros(0)
-    bilinear(field, field, cells, cells, weights, cells, cells, weights, False, weights)
-    quintics(field, field, cells, field, cells, field, False, weights)
+    cells = np.zeros(0, int)
+    bilinear(FIELD, FIELD, cells, cells, ROW, cells, cells, ROW, False, ROW)
+    quintics(FIELD, FIELD, cells, FIELD, cells, FIELD, False, ROW)

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from petsc4py import PETSc
 
-from app.compiled import njit
+from app.compiled import FIELD, FIXED, MASK, ROW, njit
 from app.halfspace.fetch import Fetch
 from app.halfspace.reductions import add_inside, add_row, copy_row
 from app.multigrid import interpolation
@@ -40,6 +40,7 @@ class Transfer:
         self._ranks = 1 if comm is None else comm.size
         self._made = fine.slabs.coarsen(self.fy)  # where coarse rows are made
         self._local = (self._made.local, coarse.grid.nx)
+        self._fetches = {}  # of parents, by the rows beside them
 
     @cached_property
     def _with_children(self):
@@ -61,8 +62,13 @@ class Transfer:
         """Coarse rows made somewhere, where they belong."""
         return Fetch(self._made, [self.coarse.slabs.bounds(self._ranks)], self._comm)
 
-    def _parents(self, beside):
-        """Coarse rows that fine rows here have as parents, and one more on either side where there is one."""
+    def _parents(self, coarse, beside=0):
+        """Fetch the parents of the fine rows here, and so many rows `beside` them where there are some. Collective."""
+        if beside not in self._fetches:
+            self._fetches[beside] = self._fetch_of_parents(beside)
+        return self._fetches[beside](coarse)
+
+    def _fetch_of_parents(self, beside):
         first, last = self.fine.slabs.bounds(self._ranks)
         some, end = last > first, self.coarse.grid.ny
         first, last = first // self.fy - beside, -(-last // self.fy) + beside
@@ -70,33 +76,16 @@ class Transfer:
             first, last = np.maximum(first, 0), np.minimum(last, end)
         return Fetch(self.coarse.slabs, [(first, np.where(some, last, first))], self._comm)
 
-    @cached_property
-    def _of_parents(self):
-        return self._parents(0)
+    def _children(self, fine):
+        """Yield the fine cells with the same place in their coarse cell, and where those are, of all made here.
 
-    @cached_property
-    def _of_neighbours(self):
-        return self._parents(1)
-
-    @cached_property
-    def _of_many_neighbours(self):
-        return self._parents(BESIDE)
-
-    def _children(self, fine, start):
-        """Yield the fine cells with the same place in their coarse cell, as (view, rows, columns).
-
-        `start` is the number of the first fine row; rows of parents count from that of this one.
+        Collective: they are from this rank and the next.
         """
+        fine = self._with_children(fine)
         for j in range(self.fy):
-            skipped = (j - start) % self.fy
             for i in range(self.fx):
-                view = fine[skipped :: self.fy, i :: self.fx]
-                parent = (start + skipped) // self.fy - start // self.fy
-                yield view, slice(parent, parent + view.shape[0]), slice(view.shape[1])
-
-    def _pieces(self, fine):
-        """Children of the coarse rows made here, from their rank and the next. Collective."""
-        return self._children(self._with_children(fine), self.fy * self._made.rows.start)
+                view = fine[j :: self.fy, i :: self.fx]
+                yield view, (slice(view.shape[0]), slice(view.shape[1]))
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def restrict_defect(self, fine):
@@ -110,8 +99,8 @@ class Transfer:
     def restrict_contact(self):
         """Sec. 4.2, 3, formula 2: a coarse cell is in C_H if any of its children is in C_h. Collective."""
         mine = np.zeros(self._local, bool)
-        for view, rows, columns in self._pieces(self.fine.mask):
-            mine[rows, columns] |= view
+        for view, parents in self._children(self.fine.mask):
+            mine[parents] |= view
         self.coarse.mask[...] = self._to_owner(mine)
 
     def restrict_shape(self, shape):
@@ -125,10 +114,10 @@ class Transfer:
         ):
             return self._to_owner(self._means_of_overlaps(shape))
         total, count = np.zeros(self._local), np.zeros(self._local)
-        for view, rows, columns in self._pieces(shape):
+        for view, parents in self._children(shape):
             known = ~np.isnan(view)
-            total[rows, columns] += np.where(known, view, 0.0)
-            count[rows, columns] += known
+            total[parents] += np.where(known, view, 0.0)
+            count[parents] += known
         with np.errstate(invalid="ignore"):
             return self._to_owner(total / count)
 
@@ -149,21 +138,20 @@ class Transfer:
     def restrict_minimum(self, fine):
         """Least of the children, NaN if all are. Collective."""
         mine = np.full(self._local, np.nan)
-        for view, rows, columns in self._pieces(fine):
-            here = mine[rows, columns]
-            np.fmin(here, view, out=here)
+        for view, parents in self._children(fine):
+            np.fmin(mine[parents], view, out=mine[parents])
         return self._to_owner(mine)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def add_copies(self, coarse, fine):
         """Sec. 4.2, 5, formula 3, and 6: v_H copied to the children, 0 in E_h; p_h + v_h. Collective."""
-        mine, skipped = self._of_parents(coarse), self.fine.slabs.rows.start % self.fy
+        mine, skipped = self._parents(coarse), self.fine.slabs.rows.start % self.fy
         _add_copies(mine, self.fine.mask, fine, skipped, self.fy, self.fx, np.empty(fine.shape[1]))
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def copy(self, coarse, fine):
         """Sec. 4.3, 2: the "copy" strategy for p: children get the value of their coarse cell. Collective."""
-        _copy(self._of_parents(coarse), fine, self.fine.slabs.rows.start % self.fy, self.fy, self.fx)
+        _copy(self._parents(coarse), fine, self.fine.slabs.rows.start % self.fy, self.fy, self.fx)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def interpolate(self, coarse, fine):
@@ -171,7 +159,7 @@ class Transfer:
 
         On a periodic grid there is no rim.
         """
-        wide = self._of_neighbours(coarse)
+        wide = self._parents(coarse, 1)
         if not fine.size:
             return
         rows, grid, nx = self.fine.slabs.rows, self.coarse.grid, self.fine.grid.nx
@@ -185,7 +173,7 @@ class Transfer:
     @PETSc.Log.EventDecorator("ContactTransfer")
     def interpolate_smoothly(self, coarse, fine):
         """Over a period, by quintics through the centres of cells. Collective."""
-        wide = self._of_many_neighbours(coarse)
+        wide = self._parents(coarse, BESIDE)
         if not fine.size:
             return
         rows, (in_y, in_x) = self.fine.slabs.rows, self.fine.grid.places_in(self.coarse.grid)
@@ -268,15 +256,11 @@ def _add_copies(coarse, mask, fine, skipped, fy, fx, row):
 def warm_up():
     """Load the compiled loops now, not in the first iteration. Not collective."""
     interpolation.warm_up()
-    field, row = np.zeros((0, 0)), np.zeros(0)
-    fixed, mask = field.view(), np.zeros((0, 0), bool)
-    fixed.flags.writeable = False
-    for source in (field, fixed):
-        _add_children(source, field, 1, 1)
-        _copy(source, field, 0, 1, 1)
-    _copy(mask, mask, 0, 1, 1)
-    for source in (field, fixed):
-        _add_copies(source, mask, field, 0, 1, 1, row)
+    for source in (FIELD, FIXED):
+        _add_children(source, FIELD, 1, 1)
+        _copy(source, FIELD, 0, 1, 1)
+        _add_copies(source, MASK, FIELD, 0, 1, 1, ROW)
+    _copy(MASK, MASK, 0, 1, 1)
 
 
 def _transfer_mat(context, rows, columns, comm):

@@ -18,7 +18,7 @@ from math import sqrt
 import numpy as np
 from petsc4py import PETSc
 
-from app.compiled import njit
+from app.compiled import FIELD, FIXED, MASK, njit
 from app.halfspace.operator import context_of
 from app.halfspace.reductions import add_row, any_order, plus
 from app.multigrid.ksp_context import KspContext
@@ -105,16 +105,14 @@ def _direct(d, z, beta):
 @cache
 def warm_up(dtype):
     """Load the compiled loops now, not in the first iteration. Not collective."""
-    field, kind = np.zeros((0, 0)), np.dtype(dtype).type
-    fixed, low = field.view(), field.astype(dtype)
-    fixed.flags.writeable = False
-    _dots(low, low, fixed, field.astype(bool))
-    for left in (low, field):
-        _dots(low, low, left, field.astype(bool))
-        _first_step(fixed, low, low, kind(0), left, low)
-        _step(low, low, kind(0), left, low)
+    low, zero = FIELD.astype(dtype), np.dtype(dtype).type(0)
+    _dots(low, low, FIXED, MASK)
+    for left in (low, FIELD):
+        _dots(low, low, left, MASK)
+        _first_step(FIXED, low, low, zero, left, low)
+        _step(low, low, zero, left, low)
     _normed(low, low)
-    _direct(low, low, kind(0))
+    _direct(low, low, zero)
 
 
 class CarryingCG(KspContext):

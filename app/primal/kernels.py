@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from app.compiled import njit
+from app.compiled import FIELD, FIXED, MASK, njit
 from app.halfspace.reductions import any_order, plus
 
 
@@ -129,14 +129,11 @@ def positive(p, contact, out):
 @cache
 def warm_up(dtype):
     """Load the compiled loops now, not in the first iteration. Not collective."""
-    field, cells, low = np.zeros((0, 0)), np.zeros((0, 0), bool), np.zeros((0, 0), np.float32)
-    fixed = field.view()
-    fixed.flags.writeable = False
-    kind = field.astype(dtype)
-    for p in (field, kind):
-        exchange(p, field, kind, fixed, cells, cells, 0.0, 0.0, 1.0, 1.0, cells)
-    close(field, fixed, cells, kind, 0.0, kind)
-    touch(field, fixed, cells, cells, kind)
-    guess_sources(fixed, field, fixed, cells, 0.0, low, low)
-    take(low, low, field, fixed, cells)
-    positive(fixed, cells, field)
+    low, kind = FIELD.astype(np.float32), FIELD.astype(dtype)
+    for p in (FIELD, kind):
+        exchange(p, FIELD, kind, FIXED, MASK, MASK, 0.0, 0.0, 1.0, 1.0, MASK)
+    close(FIELD, FIXED, MASK, kind, 0.0, kind)
+    touch(FIELD, FIXED, MASK, MASK, kind)
+    guess_sources(FIXED, FIELD, FIXED, MASK, 0.0, low, low)
+    take(low, low, FIELD, FIXED, MASK)
+    positive(FIXED, MASK, FIELD)

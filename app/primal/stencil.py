@@ -14,7 +14,7 @@ from functools import cache
 
 import numpy as np
 
-from app.compiled import njit
+from app.compiled import FIELD, FIXED, MASK, njit
 from app.halfspace.reductions import add_row, any_order, around, copy_at, copy_row, mix_rows, wrap
 
 # Weights are over that of the cell itself, of the neighbours in x, in y, and on the diagonals.
@@ -343,19 +343,16 @@ def make_room(steps, nx, kind=bool):
 @cache
 def warm_up():
     """Load the compiled loops now, not in the first iteration. Not collective."""
-    field, cells = np.zeros((0, 1)), np.zeros((0, 1), bool)
-    fixed, low = field.view(), field.astype(np.float32)
-    fixed.flags.writeable = False
+    low, one = FIELD.astype(np.float32), np.ones(1, np.float32)
     weights = (1.0, *(np.float32(0),) * 3)
-    one = np.ones(1, np.float32)
     nowhere, no_x = ((1.0, 0.0), (1.0, 0.0)), (low, low, low)
-    for s, beside, results in (fixed, field, (low, field)), (field, field, (low, field)), (low, low, (low,)):
-        free_in_cells(s, cells, 1.0, field, 0, (1, 1), one)
-        left_in_cells(s, cells, weights, *no_x, field, 0, (1, 1), np.zeros((3, 3), np.float32), one)
+    for s, beside, results in (FIXED, FIELD, (low, FIELD)), (FIELD, FIELD, (low, FIELD)), (low, low, (low,)):
+        free_in_cells(s, MASK, 1.0, FIELD, 0, (1, 1), one)
+        left_in_cells(s, MASK, weights, *no_x, FIELD, 0, (1, 1), np.zeros((3, 3), np.float32), one)
         for z in results:
-            inside = s, beside, beside, cells, cells, cells, weights
-            sweep(*inside, one, *no_x, field, nowhere, (one, one), z, make_room(1, 1))
+            inside = s, beside, beside, MASK, MASK, MASK, weights
+            sweep(*inside, one, *no_x, FIELD, nowhere, (one, one), z, make_room(1, 1))
     sweep_projected(low, low, low, low, low, low, weights, 1, low, make_room(1, 1, np.float32))
-    for d in (field, low):
-        add_centre(d, d, d, weights, np.zeros((3, 3)), field)
-    contact_in_cells(cells, field, 0, (1, 1), one)
+    for d in (FIELD, low):
+        add_centre(d, d, d, weights, np.zeros((3, 3)), FIELD)
+    contact_in_cells(MASK, FIELD, 0, (1, 1), one)

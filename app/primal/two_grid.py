@@ -66,7 +66,7 @@ class TwoGrid:
         self.sweeps = PETSc.Options(pc.getOptionsPrefix()).getInt("pc_two_grid_sweeps", 2)
         if not 1 <= self.sweeps <= 50:
             raise ValueError(f"-pc_two_grid_sweeps {self.sweeps}: allowed: 1 to 50")
-        self.weights = _weights(operator.product.centre(), operator.grid)
+        self.weights = _weights(operator.product.centre, operator.grid)
         self.stiffness = 1.0 / self.weights[0]
         (low, high), highest = _INTERVAL, _highest(*self.weights[1:])
         if highest > low + high:

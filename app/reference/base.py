@@ -16,7 +16,7 @@ from app.errors import InputError
 def require_numbers(**values):
     """Raise InputError for the first of `values` that is no real number."""
     for name, value in values.items():
-        if not isinstance(value, Real):
+        if not isinstance(value, float | Real):  # Real alone asks long
             raise InputError(f"{name} {value!r}: must be a number")
 
 

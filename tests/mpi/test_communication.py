@@ -196,7 +196,7 @@ def test_windows_of_grids_that_some_ranks_have_no_part_in(comm, cells):
 @pytest.fixture
 def machines_apart(monkeypatch):
     """Rank 0 is alone on its machine, a second away from all others."""
-    monkeypatch.setattr(Communicator, "near", 1)
+    monkeypatch.setattr(Communicator, "first_machine", 1)
     monkeypatch.setattr(Communicator, "latency", 1.0)
 
 
@@ -263,7 +263,7 @@ def test_a_replay_sends_what_ranks_send(comm):
 
 @pytest.mark.mpi(3)
 def test_all_ranks_of_the_first_machine_share_it(comm, machines_apart, monkeypatch):
-    monkeypatch.setattr(Communicator, "near", 2)
+    monkeypatch.setattr(Communicator, "first_machine", 2)
     here = solve(punch(32), None, "fast", load=1e4)
     assert here.slabs.counts == (16, 16, 0)
     alone = solve(punch(32), None, "fast", load=1e4, comm=MPI.COMM_SELF)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from app.fast.levels import circulant_inverse, influence_by_levels, periodic_inverse_by_levels
+from app.halfspace.fft.multiplier import Layout
 from app.halfspace.grid import Grid, Slabs
 
 SHAPES = [(128, 140, 0.12), (257, 150, 0.12), (150, 129, 0.12), (257, 140, 0.04), (130, 260, 0.5)]
@@ -26,19 +27,19 @@ MULTIPLIERS = [
 @pytest.mark.parametrize(
     ("shape", "multiplier"), MULTIPLIERS, ids=[f"{shape}-{kind(of)}" for shape, of in MULTIPLIERS]
 )
-@pytest.mark.parametrize("layout", ["even", "thin", "nothing at the ends"])
+@pytest.mark.parametrize("dealt", ["even", "thin", "nothing at the ends"])
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-def test_each_rank_finds_its_rows(comm, shape, layout, dtype, multiplier):
+def test_each_rank_finds_its_rows(comm, shape, dealt, dtype, multiplier):
     ny, nx, dy = shape
     starts = {
         "even": Slabs(ny, comm.size).starts,
         "thin": [0, *(2 * rank + 1 for rank in range(comm.size - 1)), ny],  # of odd rows, of one and two
         "nothing at the ends": [0, 0, *[ny] * (comm.size - 1)],
-    }[layout]
+    }[dealt]
     slabs = Slabs.starting(starts, comm.rank)
     grid = Grid(nx, ny, 0.1, dy, periodic="spectral" if multiplier is periodic_inverse_by_levels else "")
-    alone = multiplier(grid, 1.0, dtype=dtype)
-    here = multiplier(grid, 1.0, slabs, comm, dtype)
+    alone = multiplier(grid, 1.0, Layout(dtype=dtype))
+    here = multiplier(grid, 1.0, Layout(slabs, comm, dtype))
     field = np.random.default_rng(1).normal(size=grid.shape)
     expected, found = np.empty(grid.shape), field[slabs.rows].copy()
     alone.apply(field, expected)

@@ -11,8 +11,8 @@ from running import solve
 from app import ContactSolver
 from app.halfspace import storage
 from app.halfspace.communication import Communicator
-from app.halfspace.fft.multiplier import EvenMultiplier
-from app.halfspace.storage import Storage, storage_for
+from app.halfspace.fft.multiplier import EvenMultiplier, Layout
+from app.halfspace.storage import Storage
 
 SHAPES = {"one row": GRIDS["one row"], "odd": GRIDS["odd"], "many groups": GRIDS["many groups"], "box": BOXED}
 
@@ -58,7 +58,7 @@ def test_a_few_ranks_work_in_what_all_share(comm):
         p = random_field(small, 3)
         sent = make_convolution(counting(first, False), small)
         rows = sent.slabs.rows
-        lent = EvenMultiplier(small.shape, sent.periods, sent.slabs, first, workspace=lender)
+        lent = EvenMultiplier(small.shape, sent.periods, Layout(sent.slabs, first, workspace=lender))
         lent._spectrum = sent._spectrum
         assert lent._storage is lender._storage
         found = np.empty((2, *p[rows].shape))
@@ -97,10 +97,9 @@ def test_everybody_sees_what_another_writes(comm):
     counted.meet()
     for rank, (start, size) in enumerate(zip(here.starts, sizes, strict=False)):
         assert (here.all[start : start + size] == rank).all()
-    assert storage_for(sizes, comm.rank, counted, here) is here
-    larger = storage_for([5001] * comm.size, comm.rank, counted, here)
-    assert larger is not here  # on rank 2 of 3, too, where there is enough
-    assert not larger.own.any()
+    assert here.suits(sizes)
+    assert not here.suits([5001] * comm.size)  # on rank 2 of 3, too, where there is enough
+    assert not Storage([5001] * comm.size, comm.rank, counted).own.any()
 
 
 @pytest.mark.mpi(2, 3)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from operators import STEEL
 
 from app.halfspace.grid import Grid, Slabs
-from app.halfspace.images import Box, Rest
+from app.halfspace.images import Box, ImageCorrection
 from app.halfspace.influence import influence_at, influence_quadrant
 from app.halfspace.operator import InfluenceOperator
 from app.halfspace.periodic import periodic_quadrant
@@ -70,9 +70,12 @@ def test_more_nodes_for_a_cell_converge_as_they_should():
     p[0, 0] = p[40, 50] = 1.0
     errors = {}
     for step in (8, 4, 2, 1):
-        rest, u = Rest(box, 1.0, (step, step), 6, Slabs(96), None, np.float64), np.zeros(grid.shape)
-        rest.multiply(p, NO_MASK)
-        rest.add(u, NO_MASK)
+        correction, u = (
+            ImageCorrection(box, 1.0, (step, step), 6, Slabs(96), None, np.float64),
+            np.zeros(grid.shape),
+        )
+        correction.multiply(p, NO_MASK)
+        correction.add(u, NO_MASK)
         errors[step] = u
     errors = {step: np.abs(errors[step] - errors[1]).max() for step in (8, 4, 2)}
     assert 5 <= np.log2(errors[8] / errors[4]) <= 7
@@ -81,12 +84,12 @@ def test_more_nodes_for_a_cell_converge_as_they_should():
 
 def test_a_rank_without_rows_adds_nothing():
     grid = Grid(40, 40, 1.0, 1.0)
-    rest, none = (
-        Rest(box_of(grid, (60, 60)), 1.0, (1, 1), 6, Slabs(40, 50, 49), None, np.float64),
+    correction, none = (
+        ImageCorrection(box_of(grid, (60, 60)), 1.0, (1, 1), 6, Slabs(40, 50, 49), None, np.float64),
         np.zeros((0, 40)),
     )
-    rest.multiply(none, NO_MASK)
-    rest.add(none, NO_MASK)
+    correction.multiply(none, NO_MASK)
+    correction.add(none, NO_MASK)
 
 
 def test_large_grids_have_it_and_small_or_stretched_ones_not():

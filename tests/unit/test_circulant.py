@@ -12,7 +12,7 @@ from app.fast.multilevel import MultilevelOperator
 from app.fast.symbol import eigenvalues
 from app.fast.tracking_cg import TrackingCG
 from app.halfspace.communication import Communicator
-from app.halfspace.fft.multiplier import EvenMultiplier
+from app.halfspace.fft.multiplier import EvenMultiplier, Layout
 from app.halfspace.grid import Grid, Slabs
 from app.halfspace.influence import dense_matrix, influence_quadrant, middle_displacement
 from app.halfspace.operator import InfluenceOperator
@@ -171,7 +171,7 @@ def test_on_a_periodic_patch_both_are_exact():
 
 def test_on_a_periodic_patch_neighbours_may_cancel_out():
     operator = InfluenceOperator(Grid(2, 2, 1.0, 1.0, periodic="spectral"), 1 / np.pi)
-    stencil = circulant_of(operator).centre()
+    stencil = circulant_of(operator).centre
     assert stencil.sum() == stencil[1, 1]
     operator.mask[0] = True
     operator.mask_changed()
@@ -257,7 +257,7 @@ def test_levels_are_as_good_as_transforms(ny, nx, aspect):
 
 def test_levels_leave_out_rows_and_work_in_place():
     grid, rng = Grid(140, 150, 1.0, 1.0), np.random.default_rng(0)
-    inverse = circulant_inverse(grid, 1.0, dtype=np.float32, apart=True)
+    inverse = circulant_inverse(grid, 1.0, Layout(dtype=np.float32), apart=True)
     rows = rng.random(150) < 0.5
     field = rng.normal(size=grid.shape) * rows[:, None]
     expected, found = np.empty(grid.shape), field.copy()

@@ -43,7 +43,9 @@ def test_so_are_coarser_grids_on_the_ranks_that_they_are_worth(size, cells):
 def test_machines_share_what_is_worth_the_way_between_them():
     """Else it is for as many ranks of the first one as inside of a machine."""
     far = 1 << 21  # cells, at 5 ms
-    ranks = {n: worth(Grid(n, n, 1.0, 1.0), 64, far, near=24) for n in (128, 512, 1024, 4096, 8192, 16384)}
+    ranks = {
+        n: worth(Grid(n, n, 1.0, 1.0), 64, far, first_machine=24) for n in (128, 512, 1024, 4096, 8192, 16384)
+    }
     assert ranks == {128: 2, 512: 24, 1024: 24, 4096: 24, 8192: 32, 16384: 64}
 
 

@@ -152,7 +152,7 @@ def test_extended_residual_predicts_the_displacement_beside_contact(r, off):
     inside = contact.reshape(-1)
     r = r(x, y) * contact
     change = matrix[:, inside] @ np.linalg.solve(matrix[np.ix_(inside, inside)], r[contact])
-    extension = make(contact, 2, circulant_of(InfluenceOperator(grid, 1.0)).centre())
+    extension = make(contact, 2, circulant_of(InfluenceOperator(grid, 1.0)).centre)
     beside = binary_dilation(contact) & ~contact
     predicted, change = apply(extension.extend, r)[beside], change.reshape(contact.shape)[beside]
     assert np.linalg.norm(predicted - change) < off * np.linalg.norm(change)

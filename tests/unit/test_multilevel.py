@@ -5,12 +5,13 @@ import pytest
 
 from app.fast.multilevel import MultilevelOperator
 from app.fast.symbol import Near
+from app.halfspace.fft.multiplier import Layout
 
 
 class Same:
     """M_H = 1."""
 
-    def __init__(self, shape, slabs):
+    def __init__(self, shape, layout):
         self.periods, self.flops, self.points = shape, 0, 0
 
     def apply(self, p, out):
@@ -49,7 +50,7 @@ def test_it_is_a_stencil_and_interpolation_from_the_coarse_grid(shape, dtype, fa
     in_y, in_x = rng.random((2, 3))
     twice = np.array([1.0, 2.0, 2.0])  # stencils are given as of a sum over waves
     level = Near(np.outer(in_x * twice, in_y * twice), factors)
-    operator = MultilevelOperator(shape, [level], Same, dtype=dtype)
+    operator = MultilevelOperator(shape, [level], Same, Layout(dtype=dtype))
     from_y, from_x = map(interpolation, shape, factors)
     for wanted in (np.ones(shape[0], bool), rng.random(shape[0]) < 0.5):
         p = rng.standard_normal(shape) * wanted[:, None]
@@ -68,7 +69,7 @@ def test_over_a_period_as_well(shape, dtype, factors):
     in_y, in_x = rng.random((2, 3))
     twice = np.array([1.0, 2.0, 2.0])
     level = Near(np.outer(in_x * twice, in_y * twice), factors)
-    operator = MultilevelOperator(shape, [level], Same, dtype=dtype, periodic=True)
+    operator = MultilevelOperator(shape, [level], Same, Layout(dtype=dtype), periodic=True)
     (from_y, from_x), (ny, nx) = (
         (interpolation(*pair, periodic=True) for pair in zip(shape, factors, strict=True)),
         shape,

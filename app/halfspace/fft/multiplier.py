@@ -18,11 +18,13 @@ Fields are padded with zeros to the periods ``Ny x Nx``. The transform conventio
 from __future__ import annotations
 
 from functools import cache, cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from mpi4py_fft import fftw
 from scipy.fft import dct, rfft
 
+from app.compiled import FIELD, FIXED
 from app.halfspace.fft.fftw import FFTW
 from app.halfspace.fft.strips import (
     ROWS,
@@ -36,7 +38,7 @@ from app.halfspace.fft.strips import (
 from app.halfspace.fft.transpose import ColumnGroup, Exchange, SentExchange, SharedExchange, deal_columns
 from app.halfspace.grid import Slabs, unless_alone
 from app.halfspace.reductions import sum_over
-from app.halfspace.storage import storage_for
+from app.halfspace.storage import Storage
 
 _COLUMNS = 128  # of a spectrum that are computed together: what they share is computed anew for the next ones
 _LINE = 64  # bytes of the cache
@@ -82,15 +84,14 @@ def _scratch(shape, dtype):
 @cache
 def warm_up(dtype):
     """Compile the loops, or read them from the cache, now and not in the first product. Not collective."""
-    field, spectrum, whole = np.zeros((0, 1)), np.zeros((0, 1), dtype), np.zeros(1, np.int64)
+    spectrum, whole = FIELD.astype(dtype), np.zeros(1, np.int64)
     batch = np.zeros((1, 1), np.result_type(dtype, np.complex64))
-    fixed, strips = field.view(), np.zeros(0, batch.dtype)
-    fixed.flags.writeable = False
+    strips = np.zeros(0, batch.dtype)
     inside = _NO_MASK, _NO_ROWS, 0, batch, batch, strips, strips, whole, 0, 0, 0
-    for source in {spectrum.dtype: (spectrum,), field.dtype: (field, fixed)}.values():
-        for real in source:
-            rows_to_strips(real, *inside)
-        strips_to_rows(source[0], *inside)
+    for field in {FIELD.dtype: FIELD, dtype: spectrum}.values():
+        rows_to_strips(field, *inside)
+        strips_to_rows(field, *inside)
+    rows_to_strips(FIXED, *inside)
     put_rows(spectrum, spectrum.reshape(-1), 0, 0)
     convolve_columns(
         strips, strips, whole, whole, 0, 0, batch, batch, batch.view(dtype), spectrum, dtype.type(0), 0, 0, 0, 0, 0,
@@ -116,6 +117,33 @@ class Spectra(dict):
         self._before.clear()
 
 
+class Layout(NamedTuple):
+    """Where multipliers work, and how: what those of one operator have in common.
+
+    Attributes
+    ----------
+    slabs : Slabs or None
+        Distribution of the rows; None: all here.
+    comm : mpi4py communicator or None
+        Ranks that share the grid; None: this one alone. Those of a `Communicator` may share memory, too.
+    dtype : numpy real type
+        float64, or float32 for half the time and memory at single precision.
+    workspace : EvenMultiplier or None
+        One whose working storage is shared, as far as it is large enough; it must be at rest meanwhile.
+    spectra : Spectra or None
+        Where spectra are looked for, and kept.
+    """
+
+    slabs: object = None
+    comm: object = None
+    dtype: object = np.float64
+    workspace: object = None
+    spectra: object = None
+
+
+ALONE = Layout()
+
+
 class EvenMultiplier:
     """Multiply by a real even function in Fourier space: a convolution with an even kernel.
 
@@ -127,14 +155,7 @@ class EvenMultiplier:
         ``(ny, nx)`` of the fields.
     periods : (int, int)
         ``(Ny, Nx)``, at least `shape`; fields are padded with zeros.
-    slabs : Slabs, optional
-        Distribution of the rows; default: all here.
-    comm : mpi4py communicator, optional
-        Ranks that share the grid; default: this one alone. Those of a `Communicator` may share memory, too.
-    dtype : numpy real type
-        float64, or float32 for half the time and memory at single precision.
-    workspace : EvenMultiplier, optional
-        One whose working storage is shared, as far as it is large enough; it must be at rest meanwhile.
+    layout : Layout
 
     Attributes
     ----------
@@ -142,13 +163,13 @@ class EvenMultiplier:
         Products computed so far.
     """
 
-    rest = None  # what is added to the multiplication, if anything: `app.halfspace.images.Rest`
+    image_correction = None  # what is added to the multiplication, if anything: `app.halfspace.images`
 
-    def __init__(self, shape, periods, slabs=None, comm=None, dtype=np.float64, workspace=None):
+    def __init__(self, shape, periods, layout=ALONE):
         self.shape, self.periods = shape, periods
-        self.slabs = slabs or Slabs(shape[0])
-        self.comm = unless_alone(comm)
-        self.dtype = np.dtype(dtype)
+        self.slabs = layout.slabs or Slabs(shape[0])
+        self.comm = unless_alone(layout.comm)
+        self.dtype = np.dtype(layout.dtype)
         complex_type = np.result_type(self.dtype, np.complex64)
         self.count = 0
         ny_fft, nx_fft = periods
@@ -158,11 +179,13 @@ class EvenMultiplier:
         self._inverse_scale = 1.0 / (float(periods[0]) * periods[1]) ** 2
 
         sizes = [columns * rows * complex_type.itemsize for rows in self.slabs.counts]
-        self._storage = storage_for(sizes, self.slabs.rank, self.comm, workspace and workspace._storage)
+        lent = layout.workspace and layout.workspace._storage
+        suits = lent is not None and lent.suits(sizes)
+        self._storage = lent if suits else Storage(sizes, self.slabs.rank, self.comm)
         size = columns * self.slabs.local
         self._transformed = np.ndarray(size, complex_type, self._storage.own)
         self._edges = np.array([0, *(edge for group in self._groups for edge in group.edges[1:])])
-        self._exchange = self._exchange_of(self._groups)
+        self._exchange = self._make_exchange()
 
         self._in_x, self._in_y = _sequences(nx_fft, complex_type), _sequences(ny_fft, complex_type)
         self._row_plans = self._in_x.plans(-(-self.slabs.local // 2) % STRIP)
@@ -174,12 +197,12 @@ class EvenMultiplier:
         self._scratch = _scratch((ROWS * columns,), complex_type)
         warm_up(self.dtype)
 
-    def _exchange_of(self, groups):
+    def _make_exchange(self):
         if self.comm is None:
-            return Exchange(groups, self._transformed)
+            return Exchange(self._groups, self._transformed)
         if self._storage.all is None:
-            return SentExchange(groups, self._transformed, self.comm)
-        return SharedExchange(groups, self._transformed, self.comm, self._storage)
+            return SentExchange(self._groups, self._transformed, self.comm)
+        return SharedExchange(self._groups, self._transformed, self.comm, self._storage)
 
     def use(self, spectra, key, make):
         """Take a spectrum from those that are known, or ``make()`` and keep it. Collective if that is.
@@ -268,12 +291,9 @@ class EvenMultiplier:
         spectrum *= 1.0 / (self.periods[0] * self.periods[1])
         self._spectrum = spectrum
 
+    @cached_property
     def centre(self):
         """Entries of the operator between a cell and its eight neighbours, shape (3, 3). Collective when first used."""
-        return self._centre
-
-    @cached_property
-    def _centre(self):
         ny_fft, nx_fft = self.periods
         columns = self._columns()
         rows = np.arange(ny_fft // 2 + 1)
@@ -284,16 +304,14 @@ class EvenMultiplier:
             return twice * np.cos(2 * np.pi * index * np.arange(2)[:, None] / period)
 
         in_y = self._spectrum @ weights(rows, ny_fft).T
-        quarter = np.reshape(
-            sum_over(self.comm, (weights(columns, nx_fft) @ in_y).reshape(-1)), (2, 2)
-        )  # [x, y]
+        quarter = np.reshape(sum_over(self.comm, np.ravel(weights(columns, nx_fft) @ in_y)), (2, 2))  # [x, y]
         offsets = np.abs(np.arange(-1, 2))
         return quarter.T[np.ix_(offsets, offsets)]
 
     def in_precision(self, dtype, kind=None):
         """Return the same in another precision, or of another kind, with the same storage. Not collective."""
         other = EvenMultiplier.__new__(kind or type(self))
-        EvenMultiplier.__init__(other, self.shape, self.periods, self.slabs, self.comm, dtype, self)
+        EvenMultiplier.__init__(other, self.shape, self.periods, Layout(self.slabs, self.comm, dtype, self))
         other._spectrum = self._spectrum.astype(dtype)
         return other
 
@@ -349,8 +367,8 @@ class EvenMultiplier:
         """
         self.count += 1
         inside, rows = _NO_MASK if mask is None else mask, _NO_ROWS if rows is None else rows
-        if self.rest is not None:
-            self.rest.multiply(p, inside)
+        if self.image_correction is not None:
+            self.image_correction.multiply(p, inside)
         scale, done = self.dtype.type(scale), 0
         in_x = self._in_x
         strips = (
@@ -367,8 +385,8 @@ class EvenMultiplier:
             )  # fmt: skip
             done += count
         strips_to_rows(out, inside, rows, *strips, *self._row_plans[1::2])
-        if self.rest is not None:
-            self.rest.add(out, inside)
+        if self.image_correction is not None:
+            self.image_correction.add(out, inside)
 
 
 def transform_even(samples, period):

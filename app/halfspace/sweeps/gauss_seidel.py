@@ -146,8 +146,8 @@ class GaussSeidel:
                 defect, found = flow.fields(m) if flow else (r[leaf], correction[leaf])
                 if added[m]:
                     self._collect(m, flow)
-                near = filled[m * tiles : (m + 2) * tiles]
-                self._solve(m, added[m], near, defect, mask[leaf], found, column, omega, backward)
+                of_both = filled[m * tiles : (m + 2) * tiles]  # of the leaf before, too
+                self._solve(m, added[m], of_both, defect, mask[leaf], found, column, omega, backward)
                 self._deal(m, found, flow)
             if not self._solves and tables.stored.size:
                 if added[m + 1] and leaves[m + 1]:

@@ -63,7 +63,7 @@ class Tables:
         kernel = KernelInX(quadrant_rows, shape, comm, periodic)
         self.length, self.frequencies = kernel.length, kernel.frequencies
         chunks = -(-self.frequencies // LANES)
-        self.reach = kernel.reach[::LANES]
+        self.reach = kernel.reach[::LANES].copy()
 
         # Transfers of 2^k leaves serve lags up to rows (2^k + 1), none at all up to rows.
         levels = range(max(self.leaves - 2, 0).bit_length())
