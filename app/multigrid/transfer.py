@@ -40,7 +40,6 @@ class Transfer:
         self._ranks = 1 if comm is None else comm.size
         self._made = fine.slabs.coarsen(self.fy)  # where coarse rows are made
         self._local = (self._made.local, coarse.grid.nx)
-        self._fetches = {}  # of parents, by the rows beside them
 
     @cached_property
     def _with_children(self):
@@ -62,13 +61,20 @@ class Transfer:
         """Coarse rows made somewhere, where they belong."""
         return Fetch(self._made, [self.coarse.slabs.bounds(self._ranks)], self._comm)
 
-    def _parents(self, coarse, beside=0):
-        """Fetch the parents of the fine rows here, and so many rows `beside` them where there are some. Collective."""
-        if beside not in self._fetches:
-            self._fetches[beside] = self._fetch_of_parents(beside)
-        return self._fetches[beside](coarse)
+    @cached_property
+    def _of_parents(self):
+        return self._parents(0)
 
-    def _fetch_of_parents(self, beside):
+    @cached_property
+    def _of_neighbours(self):
+        return self._parents(1)
+
+    @cached_property
+    def _of_many_neighbours(self):
+        return self._parents(BESIDE)
+
+    def _parents(self, beside):
+        """Coarse rows that fine rows here have as parents, and so many `beside` them where there are some."""
         first, last = self.fine.slabs.bounds(self._ranks)
         some, end = last > first, self.coarse.grid.ny
         first, last = first // self.fy - beside, -(-last // self.fy) + beside
@@ -145,13 +151,13 @@ class Transfer:
     @PETSc.Log.EventDecorator("ContactTransfer")
     def add_copies(self, coarse, fine):
         """Sec. 4.2, 5, formula 3, and 6: v_H copied to the children, 0 in E_h; p_h + v_h. Collective."""
-        mine, skipped = self._parents(coarse), self.fine.slabs.rows.start % self.fy
+        mine, skipped = self._of_parents(coarse), self.fine.slabs.rows.start % self.fy
         _add_copies(mine, self.fine.mask, fine, skipped, self.fy, self.fx, np.empty(fine.shape[1]))
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def copy(self, coarse, fine):
         """Sec. 4.3, 2: the "copy" strategy for p: children get the value of their coarse cell. Collective."""
-        _copy(self._parents(coarse), fine, self.fine.slabs.rows.start % self.fy, self.fy, self.fx)
+        _copy(self._of_parents(coarse), fine, self.fine.slabs.rows.start % self.fy, self.fy, self.fx)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def interpolate(self, coarse, fine):
@@ -159,7 +165,7 @@ class Transfer:
 
         On a periodic grid there is no rim.
         """
-        wide = self._parents(coarse, 1)
+        wide = self._of_neighbours(coarse)
         if not fine.size:
             return
         rows, grid, nx = self.fine.slabs.rows, self.coarse.grid, self.fine.grid.nx
@@ -173,7 +179,7 @@ class Transfer:
     @PETSc.Log.EventDecorator("ContactTransfer")
     def interpolate_smoothly(self, coarse, fine):
         """Over a period, by quintics through the centres of cells. Collective."""
-        wide = self._parents(coarse, BESIDE)
+        wide = self._of_many_neighbours(coarse)
         if not fine.size:
             return
         rows, (in_y, in_x) = self.fine.slabs.rows, self.fine.grid.places_in(self.coarse.grid)
