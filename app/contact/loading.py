@@ -419,10 +419,10 @@ def as_number(kind, given):
     if isinstance(given, np.ndarray) and not given.shape:
         given = given[()]
     if isinstance(given, bool) or not isinstance(given, Real):
-        if hasattr(given, "__len__") and not isinstance(given, str | bytes):
-            raise InputError(
-                f"{kind}: {len(given)} numbers; allowed: a number; many, one after the other: ContactSolver.path"
-            )
+        many = hasattr(given, "__len__") and getattr(given, "shape", None) != ()  # () as of what is masked
+        if many and not isinstance(given, str | bytes):
+            what = f"{kind}: {type(given).__name__} of {len(given)}"
+            raise InputError(f"{what}; allowed: a number; many, one after the other: ContactSolver.path")
         raise InputError(f"{kind}: is {type(given).__name__}; needed: a number [{LOADINGS[kind]}]")
     try:
         value = float(given)

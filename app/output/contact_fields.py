@@ -67,7 +67,7 @@ class ContactFields:
         raise AttributeError(f"this {type(self).__name__.lower()} has no {name}; {hint}")
 
     def __dir__(self):
-        return [*super().__dir__(), *self.attributes, *OF_SOLUTION]
+        return {*super().__dir__(), *self.attributes, *OF_SOLUTION}
 
     def patches(self):
         """The patches of contact one by one: which cells, how large, under what load, where. Collective.
