@@ -216,7 +216,8 @@ def _draw_kappa(axes, paths):
     highest = _draw_shares(axes, paths, lambda x, share: share / x).max()
     top = 1.1 * max(highest, 2.6)
     # The legend is for the panel beside this one, too. Here is room below the curves, or above them where they fall.
-    x, kappa = _all_drawn(axes)
+    drawn = _all_drawn(axes)
+    x, kappa = drawn[:, np.isfinite(drawn).all(axis=0)]
     place = "lower left"
     if kappa.min() < _LEGEND * top:
         place, top = "upper right", max(top, kappa[x > np.sqrt(x.min() * x.max())].max() / (1 - _LEGEND))
