@@ -12,7 +12,7 @@ from app.errors import InputError, agree, check_alike
 from app.halfspace.communication import Traffic
 from app.halfspace.grid import Grid, Slabs
 from app.output.contact_fields import OF_SOLUTION, ContactFields
-from app.problems.problem import real_numbers
+from app.problems.arrays import real_numbers
 
 # Attributes that who saves may know better: those of a whole run, and errors from more grids.
 OF_RUN = {"command_line", "notes", "options", "setup_seconds", "stiffness", *GridErrors._fields}

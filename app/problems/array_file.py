@@ -12,7 +12,7 @@ import numpy as np
 
 from app.errors import InputError, one_line
 from app.memory import check_fits
-from app.problems.problem import refuse_large
+from app.problems.arrays import refuse_large
 from app.problems.text_table import read_table
 
 _STRANGE = 0.01  # share of characters beyond ASCII that texts of numbers do not reach

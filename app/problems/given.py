@@ -10,7 +10,8 @@ import numpy as np
 from app.errors import InputError
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
-from app.problems.problem import Problem, real_numbers, refuse_large
+from app.problems.arrays import real_numbers, refuse_large
+from app.problems.problem import Problem
 from app.problems.shapes import Plane
 from app.units import in_words
 

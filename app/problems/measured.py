@@ -14,6 +14,7 @@ import numpy as np
 
 from app.errors import InputError
 from app.halfspace.grid import Grid, symbol_name
+from app.problems.arrays import real_numbers
 from app.problems.filters import band_pass, check_cells, check_order
 from app.problems.height_file import (
     TURNS,
@@ -25,7 +26,6 @@ from app.problems.height_file import (
     cropped,
 )
 from app.problems.moments import LEVELS, Moments, take_off
-from app.problems.problem import real_numbers
 from app.problems.resampled import ResampledSurface
 from app.units import UNITS, in_words, unit_named
 

@@ -15,7 +15,7 @@ import scipy.fft
 from scipy.special import ndtri
 
 from app.errors import InputError
-from app.problems.problem import real_numbers
+from app.problems.arrays import real_numbers
 from app.reference.base import require_positive
 
 

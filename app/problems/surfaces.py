@@ -26,7 +26,7 @@ import scipy.fft
 
 from app.errors import InputError
 from app.memory import check_fits
-from app.problems.problem import lattice
+from app.problems.arrays import lattice
 from app.reference.base import require_numbers
 
 _BLOCK = 32768  # values that stay in cache while the terms of a sum are added
