@@ -162,7 +162,7 @@ def _closing(state, energy, enough):
     inverse, n = state.operator.inverse, state.grid.n
     diagonal = float(inverse.centre[1, 1]) or 1.0
     fields = state.distance.b, state.u, state.p, state.admissible
-    gaps, excess, to_p, pressures, squares, of_u = state.sum([*loops.gaps(*fields, diagonal), state.u.sum()])
+    gaps, excess, to_p, pressures, squares, of_u = state.sum(loops.gaps(*fields, diagonal))
     inside, mean, _ = state.distance.statistics
     if inside == n and not gaps:  # full contact: the mean of e is known without rounding
         excess = -n * (mean - state.depth)

@@ -16,7 +16,7 @@ from app.halfspace.reductions import any_order, plus
 
 @any_order
 def _gaps_row(b, u, p, admissible, diagonal):
-    gaps, excess, to_p, pressures, squares = 0.0, 0.0, 0.0, 0.0, 0.0
+    gaps, excess, to_p, pressures, squares, of_u = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(b.size):
         e = u[i] - b[i] if admissible[i] else 0.0
         gap = max(e - p[i] / diagonal, 0.0) if admissible[i] else 0.0
@@ -25,13 +25,14 @@ def _gaps_row(b, u, p, admissible, diagonal):
         to_p += p[i] * gap
         pressures += p[i]
         squares += p[i] * p[i]
-    return gaps, excess, to_p, pressures, squares
+        of_u += u[i]
+    return gaps, excess, to_p, pressures, squares, of_u
 
 
 @njit()
 def gaps(b, u, p, admissible, diagonal):
-    """Sums of the gap g that is to be reached, of g - e, of p g, p and p p."""
-    sums = 0.0, 0.0, 0.0, 0.0, 0.0
+    """Sums of the gap g that is to be reached, of g - e, of p g, p, p p and u."""
+    sums = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(b.shape[0]):
         sums = plus(sums, _gaps_row(b[j], u[j], p[j], admissible[j], diagonal))
     return sums
