@@ -93,7 +93,7 @@ class Ranks:
 def worth(grid, size, cells, first_machine=1, least=0):
     """How many of `size` ranks a grid is worth: all, those of the first machine, or a power of two. Not collective.
 
-    Each has so many cells at least, and a row; of the `first_machine` ones beside rank 0, `_CELLS_INSIDE`.
+    Each has so many cells at least, and a row; of the first `first_machine` ranks `_CELLS_INSIDE`.
     More of them, on several machines, are more than `least`. Coarser grids, and windows, are never worth more.
     """
     most, inside = (min(grid.n // each, grid.ny) for each in (cells, _CELLS_INSIDE))
