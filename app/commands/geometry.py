@@ -134,7 +134,7 @@ def make_problem(options, texts, comm):
     grid = _grid(options, name, shape, measured, material, periodic)
     check_cells(grid)
     if measured:
-        measured = [_on_cells(surface, grid, options) for surface in measured]
+        measured = [surface.filtered(grid, *_filters(options)) for surface in measured]
     slabs, own = Slabs.over(comm, grid.ny), OptionReader((), {})
     check_share(grid, slabs.local * grid.nx)
     rows = slabs.rows
@@ -215,7 +215,7 @@ def _shape(name, options):
 
 
 def _measured(options):
-    """Measured surfaces, each on the cells that -grid asks for, or on its own if they are to be resampled."""
+    """Measured surfaces, each on the cells that -grid asks for."""
     from app.problems.filters import check_order
     from app.problems.measured import read_surface
 
@@ -228,18 +228,12 @@ def _measured(options):
                 options["surface_missing"], options["surface_height_unit"], options["surface_orient"] or (),
                 options["surface_skip"],
             )  # fmt: skip
-            if options.given("grid") and not options["surface_resample"]:
+            if options["surface_resample"]:
+                surface = surface.resampled()
+            elif options.given("grid"):
                 surface = surface.averaged(options["grid"][::-1])
             found.append(surface)
     return found
-
-
-def _on_cells(surface, grid, options):
-    """Filter a measured surface on its own cells, and put it on those of the grid."""
-    if not options["surface_resample"]:
-        return surface.filtered(grid, *_filters(options))
-    own = surface.resampled().own_grid(grid)
-    return surface.filtered(own, *_filters(options)).resampled()
 
 
 def _filters(options):

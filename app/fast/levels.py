@@ -40,7 +40,7 @@ _LEAST_PERIODIC = 512  # there transforms are not padded, and right
 def circulant_inverse(grid, compliance, layout=ALONE, apart=False):
     """The inverse of A on a free patch, continued periodically.
 
-    Collective over `comm`.
+    Collective over the ranks of the layout.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def _coarsest_inverse(grid, compliance, near, periods, constants):
 def influence_by_levels(grid, compliance, layout=ALONE, other=None):
     """A on a free patch, nearly.
 
-    Collective over `comm`.
+    Collective over the ranks of the layout.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def influence_by_levels(grid, compliance, layout=ALONE, other=None):
 def periodic_inverse_by_levels(grid, compliance, layout=ALONE):
     """The inverse of A on a periodic patch, nearly.
 
-    Collective over `comm`.
+    Collective over the ranks of the layout.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ def coarse_shape(shape, factors, periodic=False):
 class MultilevelOperator:
     """M on the rows of a rank.
 
-    Collective over `comm`.
+    Collective over the ranks of the layout.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ _STRETCHED = 3.0  # ratio of their sides, at most
 class Convolution(EvenMultiplier):
     """u = A p, the sum (2.6), for the influence matrix of a grid, by FFT on a grid of twice the size.
 
-    Collective over `comm`.
+    Collective over the ranks of the layout.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Convolution(EvenMultiplier):
 class BoxProduct(EvenMultiplier):
     """As `Convolution`, the sum (2.6), in a periodic box a little larger than the patch, less what the images add.
 
-    Collective over `comm`.
+    Collective over the ranks of the layout.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class BoxProduct(EvenMultiplier):
 class PeriodicProduct(EvenMultiplier):
     """u = A p on a periodic patch, or with the inverse of A, p = B u but for its mean: no padding.
 
-    Collective over `comm`.
+    Collective over the ranks of the layout.
 
     Parameters
     ----------

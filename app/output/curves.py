@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.halfspace.stress import max_shear, von_mises
-from app.output.figures import number, title
+from app.output.figures import EVEN_VALUES, number, title
 from app.output.maps import cell_edges, finite_pressure, rounding
 from app.output.style import (
     BLUE,
@@ -30,7 +30,6 @@ from app.units import length_unit
 
 _SMOOTH = "hertz", "sphere", "cylinder", "cone", "punch"  # but for surfaces on them
 _BINS_PER_DECADE = 8
-_EVEN_VALUES = 1.0001  # largest over smallest: what lies closer is one number, to the digits shown
 _STRESS_MAP = "magma_r"
 EVEN = 1e-9  # of the largest: stresses that differ by less have no contours
 _STRESS_BOX = 0.6, 0.7  # height over width of a section at least, and at most
@@ -62,7 +61,7 @@ def _density(axes, values, label, unit):
         return say_instead(axes, "no values")
     low = np.quantile(values, 20 / values.size if values.size > 100 else 0.0)  # few have no bin of theirs
     high = values.max()
-    if not high > low * _EVEN_VALUES:
+    if not high > low * EVEN_VALUES:
         return say_instead(axes, f"all of them {high:.4g} {label.partition('[')[2].rstrip(']')}")
     count = max(8, int(_BINS_PER_DECADE * np.log10(high / low)))
     edges = np.geomspace(low, high, count + 1)
@@ -72,7 +71,7 @@ def _density(axes, values, label, unit):
     shown = share > 0
     middle = np.sqrt(edges[1:] * edges[:-1])
     axes.plot(middle[shown], density[shown], "o-", color=BLUE, markersize=4)
-    log_axis(axes.xaxis, middle[shown], _EVEN_VALUES)
+    log_axis(axes.xaxis, middle[shown], EVEN_VALUES)
     log_axis(axes.yaxis, density[shown])
     return None
 

@@ -38,7 +38,7 @@ PROBLEMS = {
     "given": "Contact problem",
 }
 
-_EVEN = 1.0001  # largest over smallest of pressures that are one, whatever rounding makes of them
+EVEN_VALUES = 1.0001  # largest over smallest: what lies closer is one number, to the digits shown
 _ASTRAY = 1e200  # residuals from here on are not drawn: axes compute with larger numbers
 
 
@@ -155,7 +155,7 @@ def _titled(figure, result):
 def hottest_cell(result):
     """Row and column of the cell the sections go through: of those that carry most, to rounding, the middle one."""
     pressure = finite_pressure(result.pressure)
-    cells = np.argwhere(pressure >= pressure.max() / _EVEN)
+    cells = np.argwhere(pressure >= pressure.max() / EVEN_VALUES)
     return tuple(map(int, cells[np.sum((cells - cells.mean(axis=0)) ** 2, axis=1).argmin()]))
 
 

@@ -8,6 +8,7 @@ whole blocks of cells get their mean, and quadratic surfaces are met exactly.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 
@@ -31,6 +32,8 @@ class ResampledSurface:
     ----------
     surface : Surface
         On its own cells.
+    file, spacing, spike, notes
+        Of that.
 
     Examples
     --------
@@ -46,25 +49,9 @@ class ResampledSurface:
 
     sampled = measured = refinable = True
 
-    @property
-    def file(self):
-        """See `Surface`."""
-        return self.surface.file
-
-    @property
-    def spacing(self):
-        """See `Surface`: that of the file's cells."""
-        return self.surface.spacing
-
-    @property
-    def spike(self):
-        """See `Surface`."""
-        return self.surface.spike
-
-    @property
-    def notes(self):
-        """See `Surface`."""
-        return self.surface.notes
+    file, spacing, spike, notes = (
+        property(attrgetter(f"surface.{name}")) for name in ("file", "spacing", "spike", "notes")
+    )
 
     def own_grid(self, grid):
         """Grid of the surface's own cells, for a grid that it is asked for. Not collective."""
@@ -80,6 +67,10 @@ class ResampledSurface:
                 f"surface file {self.file}: is {there[0]:.7g} x {there[1]:.7g} mm, the domain {sides[0]:.7g} x "
                 f"{sides[1]:.7g} mm; needed: a domain that is no larger"
             )
+
+    def filtered(self, grid, s_filter=None, l_filter=None):
+        """See `Surface.filtered`: on the file's cells, for a grid that it will be asked for."""
+        return ResampledSurface(self.surface.filtered(self.own_grid(grid), s_filter, l_filter))
 
     def cell(self, grid):
         """See `Surface.cell`: that of the file."""
@@ -123,13 +114,13 @@ class ResampledSurface:
 
 
 def common_grid(surfaces, cells=None, domain=None, periodic=False):
-    """Grid for measured surfaces that are resampled: on the patch that all have, with about the cells of the first.
+    """Grid for resampled surfaces: on the patch that all have, with about the cells of the first.
 
     Not collective.
 
     Parameters
     ----------
-    surfaces : sequence of Surface
+    surfaces : sequence of ResampledSurface
     cells : (int, int), optional
         nx, ny.
     domain : sequence of float, optional
@@ -137,14 +128,13 @@ def common_grid(surfaces, cells=None, domain=None, periodic=False):
     periodic : bool or str
         See `symbol_name`.
     """
-    first = surfaces[0].grid(domain if surfaces[0].spacing is None else None, periodic)
+    own = [surface.surface.grid(None if surface.spacing else domain, periodic) for surface in surfaces]
     if domain is None:
-        grids = [surface.grid(periodic=periodic) for surface in surfaces]
-        lx, ly = min(grid.nx * grid.dx for grid in grids), min(grid.ny * grid.dy for grid in grids)
+        lx, ly = min(grid.nx * grid.dx for grid in own), min(grid.ny * grid.dy for grid in own)
         domain = -lx / 2, lx / 2, -ly / 2, ly / 2
     x0, x1, y0, y1 = domain
     if cells is None:
-        cells = max(round((x1 - x0) / first.dx), 1), max(round((y1 - y0) / first.dy), 1)
+        cells = max(round((x1 - x0) / own[0].dx), 1), max(round((y1 - y0) / own[0].dy), 1)
     return Grid.from_domain(*cells, domain, periodic)
 
 

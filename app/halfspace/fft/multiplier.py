@@ -147,7 +147,7 @@ ALONE = Layout()
 class EvenMultiplier:
     """Multiply by a real even function in Fourier space: a convolution with an even kernel.
 
-    Collective over `comm`.
+    Collective over the ranks of the layout.
 
     Parameters
     ----------
