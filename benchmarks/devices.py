@@ -124,8 +124,10 @@ def free_problems(n):
         return Grid.from_domain(n, n, (-a, a, -b, b))
 
     waves = WavySurface((12, 10), 0.8, 0.1, 7, (12.0, 10.0), (-6.0, -5.0))
-    punch = ContactProblem(rectangle(6.0, 5.0), Material(80000.0, 0.28), FlatPunch(8.97), surfaces=[waves])
-    hertz = ContactProblem(rectangle(10.0, 6.0), Material(82000.0, 0.28), Paraboloid(300.0, 163.0))
+    punch = ContactProblem(
+        rectangle(6.0, 5.0), Material.combined(80000.0, 0.28), FlatPunch(8.97), surfaces=[waves]
+    )
+    hertz = ContactProblem(rectangle(10.0, 6.0), Material.combined(82000.0, 0.28), Paraboloid(300.0, 163.0))
     rough = [
         _self_affine(n, Spectrum(0.8, SIDE / 4, shortest=SIDE / 32)),
         *(_self_affine(n, Spectrum(0.8, SIDE / 8, cells=cells)) for cells in (4, 8)),

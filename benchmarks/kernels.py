@@ -25,7 +25,7 @@ def main():
     """Print ``name seconds`` lines (``memory``: doubles per cell)."""
     comm, size = MPI.COMM_WORLD, int(sys.argv[1])
     grid = Grid.from_domain(size, size, (-10, 10, -6, 6))
-    compliance = Material(82000, 0.28).compliance
+    compliance = Material.combined(82000, 0.28).compliance
     slabs = Slabs(size, comm.size, comm.rank)
     quadrant = partial(influence_quadrant, grid, compliance)
     x, y = grid.x()[None, :], grid.y(slabs.rows)[:, None]

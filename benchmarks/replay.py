@@ -216,7 +216,7 @@ def recipe_of(holder, arguments, named):
 def hertz(n):
     """The paper's problem, its approach, and nothing else."""
     grid = Grid.from_domain(n, n, (-10.0, 10.0, -6.0, 6.0))
-    return ContactProblem(grid, Material(82000.0, 0.28), Paraboloid(300.0, 163.0)), 0.1091
+    return ContactProblem(grid, Material.combined(82000.0, 0.28), Paraboloid(300.0, 163.0)), 0.1091
 
 
 def record(n, comm=None):

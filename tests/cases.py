@@ -15,14 +15,14 @@ COUNTS = {32: (5, 73), 64: (7, 122), 128: (8, 176), 256: (9, 250)}  # NORM: acti
 def hertz(nx, ny=None):
     """Sec. 5.1."""
     grid = Grid.from_domain(nx, ny or nx, (-10.0, 10.0, -6.0, 6.0))
-    return ContactProblem(grid, Material(82000.0, 0.28), Paraboloid(300.0, 163.0))
+    return ContactProblem(grid, Material.combined(82000.0, 0.28), Paraboloid(300.0, 163.0))
 
 
 def punch(nx, ny=None):
     """Sec. 5.2: rough contact."""
     surface = WavySurface((12, 10), 0.8, 0.1, 7, (12.0, 10.0), (-6.0, -5.0))
     grid = Grid.from_domain(nx, ny or nx, (-6.0, 6.0, -5.0, 5.0))
-    return ContactProblem(grid, Material(80000.0, 0.28), FlatPunch(8.97), surfaces=[surface])
+    return ContactProblem(grid, Material.combined(80000.0, 0.28), FlatPunch(8.97), surfaces=[surface])
 
 
 def self_affine(n, shortest_cells=4, seed=1, hurst=0.8, rolloff=1 / 8):
@@ -30,14 +30,14 @@ def self_affine(n, shortest_cells=4, seed=1, hurst=0.8, rolloff=1 / 8):
     grid = Grid.from_domain(n, n, (0.0, 1.0, 0.0, 1.0))
     surface = SelfAffineSurface(hurst, rolloff, shortest_cells / n, (1.0, 1.0), seed, rms_slope=0.1)
     height = surface.height(grid.x(), grid.y())
-    return ContactProblem(grid, Material(80000.0, 0.3), height.max() - height)
+    return ContactProblem(grid, Material.combined(80000.0, 0.3), height.max() - height)
 
 
 def periodic_rough(n, cutoff=1 / 16):
     """Self-affine surface under a flat rigid body, periodic on 1 mm; the same on every grid; the rms slope is 0.1."""
     grid = Grid.from_domain(n, n, (0.0, 1.0, 0.0, 1.0), "spectral")
     surface = SelfAffineSurface(0.8, 0.25, cutoff, (1.0, 1.0), 3, rms_slope=0.1)
-    return ContactProblem(grid, Material(80000.0, 0.3), surfaces=[surface])
+    return ContactProblem(grid, Material.combined(80000.0, 0.3), surfaces=[surface])
 
 
 def assert_counts_of_norm(n, solution):

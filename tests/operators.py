@@ -12,7 +12,7 @@ from app.halfspace.periodic import influence_symbol
 from app.halfspace.product import BoxProduct, Convolution, PeriodicProduct
 from app.petsc import restricts_by_transpose
 
-STEEL = Material(82000.0, 0.28).compliance
+STEEL = Material.combined(82000.0, 0.28).compliance
 GRIDS = {
     "one cell": Grid(1, 1, 0.3, 0.2),
     "one row": Grid(45, 1, 0.1, 0.4),

@@ -5,7 +5,7 @@ import numpy as np
 from app import ContactProblem, Grid, Material
 from app.verification.dense import DenseProblem
 
-MATERIAL = Material(1.0, 0.0)
+MATERIAL = Material.combined(1.0, 0.0)
 
 
 def rough(nx, ny, seed, holes=0.0, symbol="spectral", noise=0.004):

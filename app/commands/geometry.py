@@ -168,7 +168,7 @@ def _material(options):
             "neither -contact_modulus [N/mm2], nor -young E1,E2 [N/mm2] with -poisson nu1,nu2, nor "
             "-shear_modulus [N/mm2] with -poisson_ratio is given: exactly one of these ways is needed"
         )
-    return Material(options["shear_modulus"], options["poisson_ratio"])
+    return Material.combined(options["shear_modulus"], options["poisson_ratio"])
 
 
 def _periodic(options):

@@ -33,9 +33,11 @@ def _real(what, value):
         raise InputError(f"{what} {value!r}: needed: a number") from None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class Material:
     """Combined elastic constants of the two bodies (Sec. 2.2).
+
+    The constructor takes keywords only. Young's moduli go into `isotropic` or `pair`.
 
     Parameters
     ----------
@@ -59,9 +61,17 @@ class Material:
     poisson_ratio: float
     known: Mapping | None = field(default=None, init=False, repr=False, compare=False)
 
-    def __post_init__(self):
-        for name in ("shear_modulus", "poisson_ratio"):
-            object.__setattr__(self, name, _real(name.replace("_", " "), getattr(self, name)))
+    def __init__(self, *unnamed, shear_modulus=None, poisson_ratio=None):
+        if unnamed or shear_modulus is None or poisson_ratio is None:
+            given = ", ".join(map(str, unnamed))
+            young, combined = (given, given) if len(unnamed) == 2 else ("E, nu", "G, nu")
+            raise InputError(
+                f"Material({given}): takes keywords only; two equal bodies with Young's modulus and Poisson's ratio: "
+                f"Material.isotropic({young}); shear modulus and Poisson's ratio of the pair: "
+                f"Material.combined({combined})"
+            )
+        for name, value in (("shear_modulus", shear_modulus), ("poisson_ratio", poisson_ratio)):
+            object.__setattr__(self, name, _real(name.replace("_", " "), value))
         if not (np.isfinite(self.shear_modulus) and self.shear_modulus > 0):
             raise InputError(f"shear modulus {self.shear_modulus:g}: must be positive and finite")
         if not 0 <= self.poisson_ratio <= 0.5:
@@ -72,7 +82,27 @@ class Material:
     @classmethod
     def combined(cls, shear_modulus, poisson_ratio):
         """Make it from G and nu of the pair. Not collective."""
-        return cls(shear_modulus, poisson_ratio)
+        return cls(shear_modulus=shear_modulus, poisson_ratio=poisson_ratio)
+
+    @classmethod
+    def isotropic(cls, young, poisson):
+        """Make it of two bodies of the same material. Not collective.
+
+        Parameters
+        ----------
+        young : float
+            E of each body [N/mm2].
+        poisson : float
+            nu of each body, from 0 to 0.5.
+
+        Examples
+        --------
+        >>> steel = Material.isotropic(210e3, 0.3)
+        >>> round(steel.contact_modulus)
+        115385
+        """
+        young, poisson = _real("Young's modulus", young), _real("Poisson's ratio", poisson)
+        return cls.pair((young, young), (poisson, poisson))
 
     @classmethod
     def pair(cls, young, poisson):
@@ -112,7 +142,7 @@ class Material:
             raise InputError("Young's moduli inf,inf: one body at least must be elastic")
         soft = [2 * (1 + ratio) / modulus for modulus, ratio in zip(young, poisson, strict=True)]  # 1/G
         ratio = sum(one * other for one, other in zip(soft, poisson, strict=True)) / sum(soft)
-        return cls(2 / sum(soft), ratio)._knowing(young=young, poisson=poisson)
+        return cls(shear_modulus=2 / sum(soft), poisson_ratio=ratio)._knowing(young=young, poisson=poisson)
 
     @classmethod
     def from_contact_modulus(cls, contact_modulus):
@@ -126,7 +156,7 @@ class Material:
         contact_modulus = _real("contact modulus", contact_modulus)
         if not (np.isfinite(contact_modulus) and contact_modulus > 0):
             raise InputError(f"contact modulus {contact_modulus:g}: must be positive and finite")
-        return cls(contact_modulus, 0.0)._knowing()
+        return cls(shear_modulus=contact_modulus, poisson_ratio=0.0)._knowing()
 
     def _knowing(self, **known):
         object.__setattr__(self, "known", known)

@@ -38,7 +38,7 @@ def _letter(axes, text):
 
 @styled
 def _figure2(outcomes):
-    material = Material(82000.0, 0.28)
+    material = Material.combined(82000.0, 0.28)
     grid = Grid.from_domain(32, 32, HERTZ_DOMAIN)
     quadrant = material.shear_modulus * influence_quadrant(grid, material.compliance, slice(0, 17), 17)
     whole = np.block([[quadrant[:0:-1, :0:-1], quadrant[:0:-1]], [quadrant[:, :0:-1], quadrant]])

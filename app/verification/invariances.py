@@ -89,8 +89,8 @@ def translation(problem, before):
 def stiffness(problem, before):
     """Pressures are proportional to E*."""
     for material, factor in (
-        (Material(7 * UNIT.shear_modulus, 0.0), 7),
-        (Material(UNIT.shear_modulus, 0.5), 2),
+        (Material.combined(7 * UNIT.shear_modulus, 0.0), 7),
+        (Material.combined(UNIT.shear_modulus, 0.5), 2),
     ):
         yield replace(problem, material=material), _at(), factor * before.pressure
 

@@ -18,7 +18,7 @@ from app.runs.processes import Processes
 from app.verification.check import Check, Figure
 from app.verification.solving import difference, solved
 
-_STEEL = Material(82000.0, 0.28)
+_STEEL = Material.combined(82000.0, 0.28)
 _SINGLE = 2e-4  # of the largest pressure: what the tolerance of 1e-6 allows answers to differ by
 _WAYS = {
     "fast": ("fast", {}, _SINGLE),

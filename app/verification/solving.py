@@ -12,7 +12,7 @@ from app.method import method_names
 from app.problems.given import ContactProblem
 from app.solver import ContactSolver
 
-UNIT = Material(1 / np.pi, 0.0)  # compliance 1
+UNIT = Material.combined(1 / np.pi, 0.0)  # compliance 1
 PATCHES = "", "spectral", "love"  # free, and periodic with either symbol
 
 

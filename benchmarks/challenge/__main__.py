@@ -31,7 +31,7 @@ def pressed(distance, mean_pressures):
     mean_pressures : sequence of float, [N/mm2]
     """
     grid = Grid.from_domain(*distance.shape[::-1], (0.0, SIDE, 0.0, SIDE))
-    problem = ContactProblem(grid, Material(MODULUS / 2, 0.5), distance, periodic=True)
+    problem = ContactProblem(grid, Material.combined(MODULUS / 2, 0.5), distance, periodic=True)
     with ContactSolver(problem) as solver:
         for pressure in mean_pressures:
             yield solver.solve(mean_pressure=pressure)

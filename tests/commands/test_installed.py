@@ -22,7 +22,8 @@ from pathlib import Path
 import app
 from app.output.result import read_result
 from app import ContactProblem, Grid, Material, Paraboloid, solve
-problem = ContactProblem(Grid.from_domain(32, 32, (-10, 10, -6, 6)), Material(82000, 0.28), Paraboloid(300, 163))
+steel = Material.combined(82000, 0.28)
+problem = ContactProblem(Grid.from_domain(32, 32, (-10, 10, -6, 6)), steel, Paraboloid(300, 163))
 solution = solve(problem, approach=0.1091)
 print(Path(app.__file__).parent, app.__version__, solution.converged, solution.load)
 """

@@ -88,7 +88,9 @@ def test_a_table_of_a_path_has_no_nan(made, undrawn):
 
 def test_report_sets_analytic_values_beside_and_leaves_rounding_out(undrawn):
     """On an even grid Hertz's centre of pressure is 0 but for round-off, whatever is printed."""
-    hertz = ContactProblem(Grid.from_domain(48, 48, (-3, 3, -3, 3)), Material(8e4, 0.3), Paraboloid(100, 30))
+    hertz = ContactProblem(
+        Grid.from_domain(48, 48, (-3, 3, -3, 3)), Material.combined(8e4, 0.3), Paraboloid(100, 30)
+    )
     solution = solve(hertz, load=10000 / 3)
     result = read_back(solution)
     numbers = {found["label"]: found for found in report.numbers_section(result).quantities}

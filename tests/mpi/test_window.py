@@ -61,7 +61,9 @@ def test_memory_that_is_let_go_changes_nothing(comm, load):
     """As on large grids: work arrays go before the exact product, what it has found when it was not the last."""
     grid, solutions = Grid.from_domain(200, 200, (-1.0, 1.0, -1.0, 1.0)), []
     wavy = ContactProblem(
-        grid, Material(80000.0, 0.3), lambda x, y: (x**2 + y**2) / 2 + 1e-3 * np.cos(40 * x) * np.cos(31 * y)
+        grid,
+        Material.combined(80000.0, 0.3),
+        lambda x, y: (x**2 + y**2) / 2 + 1e-3 * np.cos(40 * x) * np.cos(31 * y),
     )
     for largest in (kept.LARGEST_KEPT, 0):
         with mock.patch.object(kept, "LARGEST_KEPT", largest):
@@ -78,7 +80,7 @@ def spiked(n):
     x, y = np.meshgrid(grid.x(), grid.y())
     shape = (x**2 + y**2) / 2
     shape[3, n - 5] = 0.005
-    return ContactProblem(grid, Material(80000.0, 0.3), shape)
+    return ContactProblem(grid, Material.combined(80000.0, 0.3), shape)
 
 
 @each_number_of_ranks
@@ -108,7 +110,7 @@ def test_holes_stay_so_in_a_window_as_wide_as_the_grid(comm):
     for across in (strip, strip.T):  # in C and in Fortran order
         everywhere, found = (
             solve(
-                ContactProblem(grid, Material(80000.0, 0.3), across),
+                ContactProblem(grid, Material.combined(80000.0, 0.3), across),
                 0.01,
                 "fast",
                 lcp_window=margin,
@@ -128,7 +130,7 @@ def test_narrow_grids(comm):
     """A grid so narrow that ranks have as many rows of one level as others of another."""
     for ny in (2047, 2048):
         grid = Grid.from_domain(4, ny, (-0.004, 0.004, -2.0, 2.0))
-        ball = ContactProblem(grid, Material(80000.0, 0.3), lambda x, y: (x**2 + y**2) / 2)
+        ball = ContactProblem(grid, Material.combined(80000.0, 0.3), lambda x, y: (x**2 + y**2) / 2)
         everywhere, found = (
             solve(ball, 0.01, "fast", lcp_window=margin, lcp_rtol=1e-9) for margin in (0, 0.06)
         )

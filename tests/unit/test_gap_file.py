@@ -173,7 +173,7 @@ def test_file_that_is_no_gap(name, save, message, tmp_path):
 def test_gap_of_another_shape_than_the_grid(tmp_path):
     np.save(tmp_path / "gap.npy", np.ones((8, 9)))
     with pytest.raises(ValueError, match=re.escape("-grid 8,9 needs (ny, nx) = (9, 8)")):
-        ContactProblem(Grid(8, 9, 1.0, 1.0), Material(1.0, 0.3), GapFile(tmp_path / "gap.npy"))
+        ContactProblem(Grid(8, 9, 1.0, 1.0), Material.combined(1.0, 0.3), GapFile(tmp_path / "gap.npy"))
 
 
 @pytest.mark.parametrize("value", [np.inf, -np.inf])

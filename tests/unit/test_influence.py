@@ -156,7 +156,7 @@ def test_dense_matrix(grid):
 
 def test_material():
     # Steel on steel, Sec. 5.1: 2/G = 1/G1 + 1/G2, 1/E* = (1 - nu)/G
-    steel = Material(82000.0, 0.28)
+    steel = Material.combined(82000.0, 0.28)
     assert steel.compliance == pytest.approx(0.72 / (np.pi * 82000), rel=1e-15)
     assert steel.contact_modulus == pytest.approx(82000 / 0.72, rel=1e-15)
     assert steel.describe() == {
@@ -170,16 +170,16 @@ def test_material():
     with pytest.raises(ValueError, match="contact modulus -1: must be positive"):
         Material.from_contact_modulus(-1.0)
     for poisson_ratio in (0, 0.5):
-        Material(1.0, poisson_ratio)
+        Material.combined(1.0, poisson_ratio)
 
 
 @pytest.mark.parametrize("shear_modulus", [0, -1.0, np.inf, np.nan, 1e-320])
 def test_shear_modulus_must_be_positive_and_finite(shear_modulus):
     with pytest.raises(ValueError, match="shear modulus"):
-        Material(shear_modulus, 0.3)
+        Material.combined(shear_modulus, 0.3)
 
 
 @pytest.mark.parametrize("poisson_ratio", [-1e-9, 0.5 + 1e-9, np.nan, np.inf])
 def test_poisson_ratio_must_be_from_0_to_one_half(poisson_ratio):
     with pytest.raises(ValueError, match="Poisson ratio"):
-        Material(1.0, poisson_ratio)
+        Material.combined(1.0, poisson_ratio)

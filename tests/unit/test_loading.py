@@ -102,7 +102,7 @@ def test_who_prescribes_a_load_waits_for_no_library():
     """scipy.optimize takes as long to load as 512 x 512 cells to solve."""
     script = (
         "import sys; from app import *;"
-        "ball = ContactProblem(Grid.from_domain(64, 64, (-1, 1, -1, 1)), Material(1e5, 0.3), Sphere(10));"
+        "ball = ContactProblem(Grid.from_domain(64, 64, (-1, 1, -1, 1)), Material.combined(1e5, 0.3), Sphere(10));"
         "print(solve(ball, load=100).converged, 'scipy.optimize' in sys.modules)"
     )
     done = run("-c", script)
@@ -147,7 +147,7 @@ def test_search_ends_where_the_load_changes_within_rounding_of_the_approach():
     """A load so light that the approach has no digits for it: the search ends all the same."""
     shape = np.full((4, 4), 1e6)
     shape[1, 2] = 1e6 - 1
-    exact = Exact(ContactProblem(Grid(4, 4, 1.0, 1.0), Material(80000.0, 0.3), shape))
+    exact = Exact(ContactProblem(Grid(4, 4, 1.0, 1.0), Material.combined(80000.0, 0.3), shape))
     exact.state.distance.reference = 0.0
     exact.state.distance.move_to(-1e6)
     for load in (1e-12, 1e-30):

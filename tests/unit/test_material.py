@@ -36,6 +36,25 @@ def test_equal_bodies_are_the_paper_s_pair():
     assert (pair.shear_modulus, pair.poisson_ratio) == pytest.approx((80e3, 0.28), rel=1e-14)
 
 
+def test_equal_bodies_have_half_the_contact_modulus_of_one_on_a_rigid_one():
+    steel = Material.isotropic(210e3, 0.3)
+    assert steel.contact_modulus == pytest.approx(210e3 / (2 * (1 - 0.3**2)), rel=1e-14)
+    assert steel.describe() == Material.pair((210e3, 210e3), (0.3, 0.3)).describe()
+
+
+@pytest.mark.parametrize(
+    ("numbers", "names", "call"),
+    [
+        ((210e3, 0.3), {}, r"Material.isotropic\(210000.0, 0.3\)"),
+        ((82e3,), {"poisson_ratio": 0.28}, r"Material.combined\(G, nu\)"),
+        ((), {"shear_modulus": 82e3}, r"Material.combined\(G, nu\)"),
+    ],
+)
+def test_a_material_takes_named_numbers_only_and_both(numbers, names, call):
+    with pytest.raises(InputError, match=f"takes keywords only.*{call}"):
+        Material(*numbers, **names)
+
+
 @pytest.mark.parametrize(
     ("texts", "message"),
     [

@@ -127,8 +127,8 @@ def test_every_format_gives_the_same_heights_and_holes(saved, name):
     grid = surface.grid(domain)
     assert (grid.dx, grid.dy) == pytest.approx((1e-3 * DX, 1e-3 * DY), rel=1e-8)
     assert (grid.x0, grid.y0) == pytest.approx((-0.003, -0.003), rel=1e-8)  # about the origin
-    problem = ContactProblem(grid, Material(1.0, 0.3), Sphere(1.0), surfaces=[surface])
-    smooth = ContactProblem(grid, Material(1.0, 0.3), Sphere(1.0))
+    problem = ContactProblem(grid, Material.combined(1.0, 0.3), Sphere(1.0), surfaces=[surface])
+    smooth = ContactProblem(grid, Material.combined(1.0, 0.3), Sphere(1.0))
     np.testing.assert_allclose(problem.shape_on(grid), smooth.shape_on(grid) - 1e-3 * heights, rtol=1e-12)
 
 
@@ -617,7 +617,7 @@ def test_a_mistaken_unit_is_told_and_a_right_one_is_not(saved, mistake):
         surface = read_surface(saved(higher * slope * cell / step * heights), "um")
         side = 1e-3 * cell * wider
         grid = surface.grid((0, 64 * side, 0, 48 * side))
-        problem = ContactProblem(grid, Material(1.0, 0.3), surfaces=[surface])
+        problem = ContactProblem(grid, Material.combined(1.0, 0.3), surfaces=[surface])
         told += doubt(surface, grid) is not None
         assert "64 x 48 heights in um, cells of " in problem.describe()["surface_read"]
     assert (

@@ -77,7 +77,9 @@ class Stop(Listener):
 
 def test_a_solve_that_a_listener_ends_leaves_nothing():
     grid, listener = Grid.from_domain(32, 32, (-1, 1, -1, 1)), Stop()
-    problem = ContactProblem(grid, Material(8e4, 0.3), lambda x, y: 0.01 * np.cos(np.pi * x), periodic=True)
+    problem = ContactProblem(
+        grid, Material.combined(8e4, 0.3), lambda x, y: 0.01 * np.cos(np.pi * x), periodic=True
+    )
     with ContactSolver(problem, listeners=[listener]) as solver, pytest.raises(TimeoutError):
         solver.solve(mean_pressure=10.0)
     del solver

@@ -111,7 +111,7 @@ def test_panels_are_lettered_and_axes_labelled(name):
 def test_figure_2_shows_the_coefficients_in_their_places():
     image = drawn("fig2").axes[0].images[0]
     values = np.asarray(image.get_array())
-    material = Material(82000.0, 0.28)
+    material = Material.combined(82000.0, 0.28)
     grid = pictures.Grid.from_domain(32, 32, pictures.HERTZ_DOMAIN)
     quadrant = material.shear_modulus * influence_quadrant(grid, material.compliance)
     assert values.shape == (33, 33)

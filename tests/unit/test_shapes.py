@@ -159,7 +159,7 @@ def test_files_and_own_problems_take_surfaces_too(tmp_path, monkeypatch):
 
 def test_surfaces_on_a_problem_with_surfaces_have_facts_of_their_own():
     """However many lie on however many: numbers go on, and all surfaces are counted."""
-    grid, material = Grid.from_domain(16, 16, (0, 1, 0, 1)), Material(82000.0, 0.28)
+    grid, material = Grid.from_domain(16, 16, (0, 1, 0, 1)), Material.combined(82000.0, 0.28)
     seeds = [[1], [2, 3], [4]]
     problem = None
     for of_it in seeds:

@@ -154,7 +154,7 @@ def test_a_flat_body_is_measured_once():
         return np.where(np.hypot(x, y) < 1, 0.0, np.nan) + 0 * x * y
 
     with ContactSolver(
-        ContactProblem(Grid.from_domain(32, 32, (-2, 2, -2, 2)), Material(8e4, 0.3), flat)
+        ContactProblem(Grid.from_domain(32, 32, (-2, 2, -2, 2)), Material.combined(8e4, 0.3), flat)
     ) as solver:
         made = len(calls)
         loads = [solver.solve(load=load).load for load in (1.0, 2.0, 1e3)]

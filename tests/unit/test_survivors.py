@@ -115,7 +115,7 @@ def test_lift_is_trusted_and_does_not_ask_for_the_unit_of_pressure(monkeypatch):
     grid, shape, trusted, found = hertz(32).grid, hertz(32).shape, [], []
     monkeypatch.setattr(strategy.lift, "lift", lambda *of: trusted.append(lift(*of)) or trusted[-1])
     for modulus in (82000.0, 82e-8):
-        problem = ContactProblem(grid, Material(modulus, 0.28), shape)
+        problem = ContactProblem(grid, Material.combined(modulus, 0.28), shape)
         found.append(solve(problem, APPROACH, "fmg_lift"))
     assert trusted and all(trusted)
     np.testing.assert_array_equal(found[0].contact, found[1].contact)

@@ -38,7 +38,7 @@ def test_lemke_and_pivoting_meet_all_conditions(seed):
     rng = np.random.default_rng(seed)
     periodic = ("", "spectral")[seed % 2]
     gap = rng.integers(0, 4, (2, 3)).astype(float)
-    problem = ContactProblem(Grid(3, 2, 1.0, 0.5), Material(1.0, 0.0), gap, periodic=periodic)
+    problem = ContactProblem(Grid(3, 2, 1.0, 0.5), Material.combined(1.0, 0.0), gap, periodic=periodic)
     dense, approach = DenseProblem(problem), 0.9 * gap.mean()
     p = by_lemke(dense.matrix, gap.ravel() - approach)
     e = gap.ravel() - approach + dense.matrix @ p
@@ -57,7 +57,9 @@ def test_pivoting_ends_at_the_edge_of_full_contact():
         ny, nx = map(int, rng.integers(2, 9, 2))
         x, y = np.linspace(0, 1, nx), np.linspace(0, 1, ny)[:, None]
         gap = np.cos(7 * x + rng.uniform(0, 6)) + np.cos(5 * y + 2 * x)
-        problem = ContactProblem(Grid(nx, ny, 0.1, 0.1), Material(8e4, 0.3), gap, periodic="spectral")
+        problem = ContactProblem(
+            Grid(nx, ny, 0.1, 0.1), Material.combined(8e4, 0.3), gap, periodic="spectral"
+        )
         full = DenseProblem(problem).at(gap.mean() + 1).astype(float)
         for less in 0, 1e-16, 1e-15:
             p = DenseProblem(problem).at(gap.mean() - less).astype(float)

@@ -10,7 +10,7 @@ from app import ContactProblem
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material, dense_matrix
 
-UNIT = Material(1 / np.pi, 0.0)  # compliance 1
+UNIT = Material.combined(1 / np.pi, 0.0)  # compliance 1
 
 GRID = Grid(40, 31, 0.3, 0.2, x0=-6.0, y0=-3.1)
 

@@ -70,7 +70,7 @@ def test_nor_are_long_cells(aspect):
         grid = Grid(512, 512, min(1.0, wide) / 512, min(1.0, 1 / wide) / 512)
         surface = SelfAffineSurface(0.8, 1 / 8, 6 / 512, (1.0, 1.0), 1, rms_slope=0.1)
         height = surface.height(grid.x(), grid.y())
-        problem = ContactProblem(grid, Material(80000.0, 0.3), height.max() - height)
+        problem = ContactProblem(grid, Material.combined(80000.0, 0.3), height.max() - height)
         counts.append(solve(problem, 0.02, "fast").operator_applications)
     assert counts[1] <= 1.8 * counts[0]
 
@@ -147,7 +147,7 @@ def test_load_on_a_large_contact_area_among_many_small_ones(method):
         return np.where(posts, 0.02, np.where(far < 1.5, far**2 / 40, 1.0))
 
     grid = Grid.from_domain(64, 64, (-6.0, 6.0, -6.0, 6.0))
-    problem = ContactProblem(grid, Material(80000.0, 0.28), shape(*np.meshgrid(grid.x(), grid.y())))
+    problem = ContactProblem(grid, Material.combined(80000.0, 0.28), shape(*np.meshgrid(grid.x(), grid.y())))
     by_approach = solve(problem, 0.08, method, lcp_rtol=1e-7)  # proved to 1%
     by_load = solve(problem, None, method, load=by_approach.load, lcp_rtol=1e-7)
     assert_solves_lcp(by_load)
@@ -184,9 +184,11 @@ def test_a_cell_far_away_does_not_hide_the_contact(method):
     grid = Grid.from_domain(128, 128, (0.0, 1.0, 0.0, 1.0))
     x, y = np.meshgrid(grid.x(), grid.y())
     shape = ((x - 0.3) ** 2 + (y - 0.3) ** 2) / 2
-    expected = solve(ContactProblem(grid, Material(82000.0, 0.28), shape), 1e-3, "norm", lcp_rtol=1e-9)
+    expected = solve(
+        ContactProblem(grid, Material.combined(82000.0, 0.28), shape), 1e-3, "norm", lcp_rtol=1e-9
+    )
     shape[-1, -1] = 1e6
-    problem = ContactProblem(grid, Material(82000.0, 0.28), shape)
+    problem = ContactProblem(grid, Material.combined(82000.0, 0.28), shape)
     found = solve(problem, 1e-3, method)
     if not found.converged:
         assert method != "fast"
@@ -242,7 +244,7 @@ def test_discretisation_error_is_told_only_where_coarse_grids_were_solved_well_e
 def test_contact_that_the_coarse_grids_miss():
     grid = Grid.from_domain(5, 1, (0.0, 5.0, 0.0, 0.7))
     shape = np.array([[-2e-6, np.nan, 0.0, np.nan, np.nan]])
-    problem = ContactProblem(grid, Material(1000.0, 0.3), shape)
+    problem = ContactProblem(grid, Material.combined(1000.0, 0.3), shape)
     for method in ("fast", "fmg_v11", "fmg_lift", "norm"):
         solution = solve(problem, 5e-7, method)
         assert_solves_lcp(solution)
@@ -269,7 +271,7 @@ def test_variants_by_petscs_options(options):
 def test_petscs_own_solvers_find_small_contacts_in_any_units(kind, scale):
     grid = Grid.from_domain(51, 51, (-10.0, 10.0, -10.0, 10.0))
     x, y = np.meshgrid(grid.x(), grid.y())
-    problem = ContactProblem(grid, Material(1000.0 * scale, 0.3), (x**2 + y**2) / 2)
+    problem = ContactProblem(grid, Material.combined(1000.0 * scale, 0.3), (x**2 + y**2) / 2)
     for approach, rtol in ((1e-5, 1e-11), (0.5, 1e-6)):
         expected = solve(problem, approach, "fast")
         found = solve(problem, approach, None, lcp_type=kind, lcp_rtol=rtol)
@@ -311,7 +313,7 @@ def test_the_unit_of_stress_does_not_matter(method):
     counts = set()
     for scale in (1.0, 2.0**40, 2.0**-40):
         problem = hertz(33)
-        material = Material(problem.material.shear_modulus * scale, problem.material.poisson_ratio)
+        material = Material.combined(problem.material.shear_modulus * scale, problem.material.poisson_ratio)
         found = solve(replace(problem, material=material), APPROACH, method)
         assert found.converged
         counts.add((found.iterations, int(found.contact.sum())))
@@ -322,7 +324,7 @@ def test_constant_added_to_the_distances_shifts_the_approach():
     """Under a load, down to what rounding leaves of the distances."""
     for shape, load in ((np.array([[1.001, 1.0]]), 1e-4), (np.array([[1.1, 1.0], [1.0, 1.2]]), 1e-3)):
         problem = ContactProblem(
-            Grid.from_domain(*shape.shape[::-1], (0.0, 1.0, 0.0, 1.0)), Material(1e9, 0.28), shape
+            Grid.from_domain(*shape.shape[::-1], (0.0, 1.0, 0.0, 1.0)), Material.combined(1e9, 0.28), shape
         )
         for method in ("fast", "norm"):
             found = solve(problem, None, method, load=load)
@@ -337,7 +339,7 @@ def test_crowds_of_stretched_asperities_are_met_by_load(seed):
     x, y = np.linspace(-1, 1, 128), np.linspace(-1, 1, 100)
     shape = 0.01 * (x**2 + y[:, None] ** 2) + 0.03 * np.random.default_rng(seed).standard_normal((100, 128))
     problem = ContactProblem(
-        Grid.from_domain(128, 100, (0.0, 1.0, 0.0, 39.0625)), Material(1000.0, 0.3), shape
+        Grid.from_domain(128, 100, (0.0, 1.0, 0.0, 39.0625)), Material.combined(1000.0, 0.3), shape
     )
     assert_solves_lcp(solve(problem, None, "fast", load=39062.5))
 

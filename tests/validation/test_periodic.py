@@ -190,7 +190,7 @@ def test_what_is_nothing_but_rounding_is_0_and_what_is_little_is_not(n, height):
 
 @each_method
 def test_flat_bodies_touch_everywhere_or_carry_an_even_pressure(method):
-    grid, material = Grid(6, 8, 1.0, 1.0), Material(1.0, 0.0)
+    grid, material = Grid(6, 8, 1.0, 1.0), Material.combined(1.0, 0.0)
     with ContactSolver(ContactProblem(grid, material, np.full((8, 6), 3.0), periodic=True), method) as solver:
         touching, pressed = solver.solve(load=0.0), solver.solve(load=4.8)
     assert touching.converged and (touching.pressure == 0).all()
@@ -204,7 +204,7 @@ def test_a_small_contact_in_a_large_period_is_one_on_a_free_patch(method):
     errors, lattice = [], -3.900264920001956
     for cells in (48, 96):
         grid = Grid.from_domain(cells, cells, (-cells / 2, cells / 2, -cells / 2, cells / 2))
-        sphere = ContactProblem(grid, Material(1.0, 0.0), Sphere(50.0))
+        sphere = ContactProblem(grid, Material.combined(1.0, 0.0), Sphere(50.0))
         alone = solve(sphere, 0.5, "norm", lcp_rtol=1e-9)
         shape = sphere.shape_on(grid)
         images = ContactProblem(grid, sphere.material, shape, periodic="love")
@@ -221,7 +221,7 @@ def test_an_approach_beyond_full_contact_of_the_coarse_grids_is_kept(method):
     """Fine holes are none on coarse grids, where contact is full at less."""
     gap = np.random.default_rng(3).random((8, 64))
     gap[np.random.default_rng(4).random(gap.shape) < 0.4] = np.nan
-    problem = ContactProblem(Grid(64, 8, 0.1, 0.1), Material(1.0, 0.0), gap, periodic=True)
+    problem = ContactProblem(Grid(64, 8, 0.1, 0.1), Material.combined(1.0, 0.0), gap, periodic=True)
     expected, _ = periodic.by_pivoting(problem, 50.0)
     found = solve(problem, 50.0, method, lcp_rtol=1e-8)
     assert_solves_lcp(found, 1e-7)

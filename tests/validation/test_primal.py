@@ -16,7 +16,7 @@ from app.problems.surfaces import SelfAffineSurface
 from app.verification.dense import DenseProblem
 from app.verification.solving import solved
 
-MATERIAL = Material(1.0, 0.0)
+MATERIAL = Material.combined(1.0, 0.0)
 MOST = 30  # operator applications; measured: 7 to 30
 SURFACES = ["smooth", "self-affine", "white noise", "ties"]
 
@@ -143,7 +143,7 @@ def test_any_unit_of_length_and_pressure():
     grid = problem.grid
     for length, stress in ((1.0, 1.0), (1e-9, 1e6), (1e9, 1e-6), (1e-20, 1e20), (1e20, 1e-20)):
         there = Grid(grid.nx, grid.ny, grid.dx * length, grid.dy * length)
-        scaled = ContactProblem(there, Material(stress, 0.0), problem.gap * length, periodic=True)
+        scaled = ContactProblem(there, Material.combined(stress, 0.0), problem.gap * length, periodic=True)
         found = solve(scaled, 0.5 * length * np.nanmean(problem.gap), None, lcp_precision="double")
         assert found.converged
         answers.append((found.contact, found.pressure / stress, found.operator_applications))

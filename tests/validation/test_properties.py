@@ -63,7 +63,9 @@ def problems(draw, periodic):
     dx = draw(st.sampled_from([1.0, 0.1, 1e-3]))
     aspect = draw(st.sampled_from([1.0, 1.0, 0.7, 4.0, 30.0, 1e3, 1e-3]))
     symbol = draw(st.sampled_from(["spectral", "love"])) if periodic else ""
-    material = Material(draw(st.sampled_from([1.0, 8e4, 1e-3])), draw(st.sampled_from([0.0, 0.3, 0.5])))
+    material = Material.combined(
+        draw(st.sampled_from([1.0, 8e4, 1e-3])), draw(st.sampled_from([0.0, 0.3, 0.5]))
+    )
     gap = draw(gaps(nx, ny))
     problem = ContactProblem(Grid(nx, ny, dx, dx * aspect), material, gap, periodic=symbol)
     least, spread = np.nanmin(gap), np.nanmax(gap) - np.nanmin(gap)
@@ -148,7 +150,7 @@ def test_other_methods(case, method):
 def test_contact_impossible_everywhere_is_refused():
     for periodic in (False, True):
         problem = ContactProblem(
-            Grid(3, 2, 1.0, 1.0), Material(1.0, 0.0), np.full((2, 3), np.nan), periodic=periodic
+            Grid(3, 2, 1.0, 1.0), Material.combined(1.0, 0.0), np.full((2, 3), np.nan), periodic=periodic
         )
         with pytest.raises(InputError, match="impossible in all cells"):
             solved(problem, load=1.0)

@@ -40,7 +40,9 @@ def test_the_answer_is_that_without_a_window(problem, approach, method, options)
 def test_small_contact_in_a_large_patch_is_cheap():
     """All but the last word, one product, is done around the contact."""
     grid = Grid.from_domain(512, 512, (-1.0, 1.0, -1.0, 1.0))
-    ball = ContactProblem(grid, Material(80000.0, 0.3), lambda x, y: ((x - 0.6) ** 2 + (y + 0.3) ** 2) / 2)
+    ball = ContactProblem(
+        grid, Material.combined(80000.0, 0.3), lambda x, y: ((x - 0.6) ** 2 + (y + 0.3) ** 2) / 2
+    )
     solution = solve(ball, 0.01, "fast")
     assert_solves_lcp(solution)
     assert solution.operator_applications < 2
@@ -55,7 +57,7 @@ def test_a_punch_that_coarse_grids_cannot_see(method, radius):
     def shape(x, y):
         return np.where((x - place) ** 2 + (y - place) ** 2 < radius**2, (x - place) ** 2, np.nan)
 
-    problem = ContactProblem(grid, Material(80000.0, 0.3), shape)
+    problem = ContactProblem(grid, Material.combined(80000.0, 0.3), shape)
     by_approach = solve(problem, 0.001, method)
     assert_solves_lcp(by_approach)
     assert by_approach.contact.any()

@@ -18,7 +18,7 @@ def prepare(problem, variant):
     """Set up; see `protocol.serve`."""
     how = VARIANTS[variant]
     grid = Grid(problem.nx, problem.ny, problem.dx, problem.dy, periodic=how.periodic)
-    material = Material(problem.shear_modulus, problem.poisson_ratio)
+    material = Material.combined(problem.shear_modulus, problem.poisson_ratio)
     solver = ContactSolver(
         ContactProblem(grid, material, problem.gap), options={"lcp_rtol": how.first_tolerance}
     )
