@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from app.contact.measures import contact_width
 from app.problems.given import is_measured
 from app.units import in_words
 
@@ -18,8 +19,8 @@ SPIKE = 12.0  # rms steps by which a point may stand above all beside it: of Gau
 TALL = 0.1  # rms height over the longer side of the patch: with wrong units, or slopes that are steep anyway
 SQUARISH = 0.2  # of cells by a domain that are meant to be square, perhaps: logarithm of their sides' ratio
 SEAM = 3.0  # steps where a periodic patch repeats, in those beside: larger ones are not the surface's
-FEW_CELLS = 10  # of contact, fewer of which do not show its shape
-LARGE_PATCH = 100  # cells of a patch that is meant to show one
+FEW_CELLS = 4  # across a contact; fewer do not show its shape
+LONG_PATCH = 10  # cells along the longer side of a patch that is meant to show one
 
 
 def notes_on(state, problem, contact, roughness):
@@ -75,18 +76,28 @@ def notes_on(state, problem, contact, roughness):
             f"the bodies approach each other by {state.depth:.2g} mm beyond first touch, more than the patch is wide "
             f"({side:.2g} mm)"
         )
-    if 0 < contact.contact_cells < FEW_CELLS and contact.max_pressure > 0 and grid.n >= LARGE_PATCH:
-        found.append(
-            f"contact is {contact.contact_cells} cell{'s'[: contact.contact_cells != 1]} only: take a finer grid or a "
-            "smaller patch"
-        )
+    if contact.max_pressure > 0 and max(grid.nx, grid.ny) >= LONG_PATCH:
+        widths = contact_width(state, contact, FEW_CELLS)
+        # A contact that goes through the patch has no width in that direction.
+        narrow = [
+            (width, axis)
+            for width, n, axis in zip(widths, (grid.nx, grid.ny), "xy", strict=True)
+            if width < min(n, FEW_CELLS)
+        ]
+        if narrow:
+            width, axis = min(narrow)
+            found.append(
+                f"contact is {width} cell{'s'[: width != 1]} only: that is its largest width in {axis}; take a finer "
+                "grid or a smaller patch"
+            )
     if grid.periodic and roughness.rms_height == 0:
         found.append(
             "the distance is the same in all cells of this periodic patch: the cells show nothing of the bodies"
         )
-    if not grid.periodic and min(grid.nx, grid.ny) == 1 < grid.n:
+    narrow, long = sorted((grid.nx, grid.ny))
+    if not grid.periodic and (narrow == 1 < long or (narrow < FEW_CELLS and long >= LONG_PATCH)):
         found.append(
-            "the patch is one cell wide: a strip pressed on that width, no plane strain "
+            f"the patch is {narrow} cell{'s'[: narrow != 1]} wide: a strip pressed on that width, no plane strain "
             "(see periodic= (-periodic))"
         )
     if not grid.periodic and _touches_rim(state, contact.contact_cells):

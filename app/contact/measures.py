@@ -87,6 +87,45 @@ def measure_contact(state):
     )
 
 
+def contact_width(state, contact, enough):
+    """Count the cells of the longest run of contact in x, and in y. Collective.
+
+    Parameters
+    ----------
+    state : ContactState
+    contact : ContactMeasures
+        Of it.
+    enough : int
+        Longer runs are not told apart.
+
+    Returns
+    -------
+    tuple of int
+        `enough` at most.
+    """
+    grid, slabs, periodic = state.grid, state.operator.slabs, bool(state.grid.periodic)
+    excess = contact.contact_fraction - contact.contact_fraction_corrected
+    # In each direction the mean run is at least twice the number of cells over that of all faces.
+    if 2 * PER_FACE * contact.contact_fraction >= enough * excess:
+        return enough, enough
+
+    def longest(before):
+        run, width = state.contact, 0
+        while width < enough and state.sum([run.any()])[0]:
+            run, width = run & before(run), width + 1
+        return width
+
+    def left(run):
+        other = np.roll(run, 1, axis=1)
+        other[:, :1] &= periodic
+        return other
+
+    def below(run):
+        return np.concatenate([row_before(run, periodic, slabs, state.comm, False)[None], run])[:-1]
+
+    return min(longest(left), grid.nx), min(longest(below), grid.ny)
+
+
 def measure_roughness(operator, distance, shape):
     """Measure the undeformed distance of a problem on a grid.
 

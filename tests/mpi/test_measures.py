@@ -1,5 +1,7 @@
 """Faces and differences between the rows of two ranks, and around a periodic patch."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -36,6 +38,20 @@ def test_measures_are_the_same_on_any_number_of_ranks(comm):
         assert 0 < alone.contact_fraction < 1
         for name in MEASURES:
             assert getattr(several, name) == pytest.approx(getattr(alone, name), rel=1e-9), name
+
+
+@pytest.mark.mpi(1, 2, 3)
+def test_a_wall_of_few_cells_is_noted_wherever_it_stands(comm):
+    """Across the rows of several ranks, and across the sides of a periodic patch."""
+    for width, periodic, along in product((1, 2, 3, 4), (False, True), "xy"):
+        rows = np.arange(4, 4 + width) - 5 * periodic
+        gap = np.ones((13, 16) if along == "x" else (16, 13))
+        (gap if along == "x" else gap.T)[rows] = 0.0
+        problem = ContactProblem(Grid(*gap.shape[::-1], 1.0, 1.0), STEEL, gap, periodic)
+        notes = [note for note in solve(problem, 1e-3, comm=comm).notes if note.startswith("contact is")]
+        across = "yx"[along == "y"]
+        assert [note.split(" width in ")[1][0] for note in notes] == [across] * (width < 4), notes
+        assert all(note.split()[2] == str(width) for note in notes)
 
 
 @pytest.mark.mpi(2, 3)

@@ -32,6 +32,10 @@ def test_a_small_contact_in_the_middle_is_worth_none():
         ),
         ((Sphere(10.0), 1e-4), r"contact is \d cells? only"),
         ((lambda x, y: x**2, 0.01, Grid.from_domain(64, 1, (-1.0, 1.0, 0.0, 0.1))), "no plane strain"),
+        (
+            (lambda x, y: x**2 + 0 * y, 0.01, Grid.from_domain(64, 2, (-1.0, 1.0, 0.0, 0.1))),
+            "no plane strain",
+        ),
     ],
 )
 def test_each_is_told(arguments, message):
@@ -94,6 +98,25 @@ def test_sides_of_a_measured_patch_that_may_be_exchanged(tmp_path, domain, messa
     spacing = (domain[1] / 32, domain[3] / 24)
     surface = read_surface(tmp_path / "s.npy", "um", spacing=spacing)  # known, not worked out of a patch
     assert not any("square" in note for note in notes(None, -1e-3, surface.grid(), surfaces=[surface]))
+
+
+@pytest.mark.parametrize(
+    ("cells", "patch"),
+    [
+        ((32, 2), (-0.5, 0.5, 0, 0.0625)),
+        ((256, 256), (-4, 4, -4, 4)),
+        ((2, 64), (-0.02, 0.01, 0, 1)),
+        ((2, 8), None),
+    ],
+)
+def test_a_line_contact_of_few_cells_does_not_show_its_pressure(cells, patch):
+    """The half-width of this contact is a hundredth of a cell at most: the cells say how large the pressure is."""
+    grid = Grid.from_domain(*cells, patch or (-0.02, 0.01, 0, 0.2), periodic=True)
+    line = ContactProblem(grid, SOFT, lambda x, y: x**2 / 20 + 0 * y)
+    found = solve(line, None, load=1e-8 * grid.ny * grid.dy).notes
+    assert any(re.search("contact is [12] cells? only: .* in x", note) for note in found) == (
+        patch is not None
+    )
 
 
 def test_a_long_line_contact_on_a_narrow_period_is_worth_none():
