@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import InitVar, dataclass, replace
 from itertools import chain, count
 
 import numpy as np
@@ -94,8 +94,9 @@ class ContactProblem(Problem):
         that broadcast to the cells wanted; it is asked again on every coarser grid, where an array is averaged, and
         whose last cells may lie beyond the patch. A shape is one of `app.problems.shapes`, or another problem. None: a
         plane.
-    periodic : bool or str
-        Whether the patch repeats for ever in x and y; True is "spectral", see `app.halfspace.periodic`.
+    periodic : bool or str, optional
+        Whether the patch repeats for ever in x and y; True is "spectral", see `app.halfspace.periodic`. Default: as the
+        grid says. The attribute is the symbol of the grid, empty on a free patch.
     surfaces : sequence of array_like, callable or surface
         Heights of the bodies' roughness, of either of them, peaks towards the other body [mm]: arrays and functions as
         for `gap`, surfaces of `app.problems.surfaces`, or measured ones (`app.read_surface`). They reduce the gap.
@@ -118,22 +119,22 @@ class ContactProblem(Problem):
     """
 
     gap: object = None
-    periodic: bool | str = False
+    periodic: InitVar[bool | str | None] = None
     surfaces: tuple = ()
 
     name = "given"
 
-    def __post_init__(self):
+    def __post_init__(self, periodic):
         for part, kind in (("grid", Grid), ("material", Material)):
             if not isinstance(getattr(self, part), kind):
                 raise InputError(f"{part}: {getattr(self, part)!r}; needed: a {kind.__name__}")
-        if np.ndim(self.periodic):
+        if np.ndim(periodic):
             raise InputError(
-                f"periodic: is {type(self.periodic).__name__}; allowed: True, False, 'spectral', 'love'; "
+                f"periodic: is {type(periodic).__name__}; allowed: True, False, 'spectral', 'love'; "
                 "surfaces are given by name, surfaces=[...]"
             )
-        if self.periodic:
-            object.__setattr__(self, "grid", replace(self.grid, periodic=self.periodic))
+        if periodic is not None and not (periodic is True and self.grid.periodic):
+            object.__setattr__(self, "grid", replace(self.grid, periodic=periodic))
         if isinstance(self.surfaces, np.ndarray) and self.surfaces.ndim == 2:
             raise InputError(
                 f"surfaces: is an array of shape {self.surfaces.shape}; needed: a sequence, [array]"
@@ -225,3 +226,6 @@ class ContactProblem(Problem):
             facts["surfaces"] = inner + len(self.surfaces)
         facts["problem"] = self.name
         return facts
+
+
+del ContactProblem.periodic  # the default of the argument, which would hide the property

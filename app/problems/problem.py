@@ -56,6 +56,11 @@ class Problem:
         return isinstance(other, Problem) and (other.grid, other.material) == (self.grid, self.material)
 
     @property
+    def periodic(self):
+        """Symbol of a periodic patch, empty on a free one: the grid's. Not collective."""
+        return self.grid.periodic
+
+    @property
     def refinable(self):
         """Whether the shape can be asked for on finer grids than the problem's own. Not collective."""
         return not self.sampled

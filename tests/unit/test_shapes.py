@@ -1,6 +1,8 @@
 """Base shapes, surfaces on them, and the patch that follows from Hertz."""
 
 import itertools
+import pickle
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -79,6 +81,17 @@ def test_gap_is_the_shape_less_all_heights():
         assert (smooth.sampled, rough.sampled) == (False, True)
         assert rough.reference(0.1) is None
         assert rough.describe()["problem"] == shape.name and rough.describe()["surfaces"] == 4
+
+
+@pytest.mark.parametrize("of_grid", ["", "spectral", "love"])
+@pytest.mark.parametrize("given", [None, False, True, "love"])
+def test_a_problem_and_its_grid_are_periodic_alike(of_grid, given):
+    grid = Grid.from_domain(8, 8, (0, 1, 0, 1), of_grid)
+    expected = {None: of_grid, False: "", True: of_grid or "spectral", "love": "love"}[given]
+    problem = ContactProblem(grid, Material.isotropic(1e5, 0.3), Sphere(1.0), periodic=given)
+    for same in (problem, replace(problem, gap=Sphere(2.0)), pickle.loads(pickle.dumps(problem))):
+        assert same.periodic == same.grid.periodic == same.describe()["periodic_symbol"] == expected
+    assert replace(problem, periodic=False).periodic == problem.on(Grid(4, 4, 1.0, 1.0)).periodic == ""
 
 
 def test_any_shape_takes_surfaces_from_options():
