@@ -27,7 +27,7 @@ from app.contact.certificate import certify
 from app.contact.distance import UndeformedDistance
 from app.contact.extent import measure_extent
 from app.contact.history import History
-from app.contact.loading import PrescribedApproach, prescribe
+from app.contact.loading import PrescribedApproach, as_number, prescribe
 from app.errors import InputError, agree, check_alike, warn_caller
 from app.halfspace.communication import Communicator
 from app.halfspace.influence import influence_quadrant
@@ -271,7 +271,7 @@ class ContactSolver:
             state, outcome = self._strategy.run(loading, history, start)
             self._cut_short = False
             try:
-                return self._solution(state, loading, outcome, history, started, products, before)
+                return self._solution(given, state, loading, outcome, history, started, products, before)
             finally:
                 state.destroy()
 
@@ -384,23 +384,22 @@ class ContactSolver:
             return PrescribedApproach(self.touching)  # it is not unique: where the bodies just touch
         return loading
 
-    def _solution(self, state, loading, outcome, history, started, products, before):
+    def _solution(self, given, state, loading, outcome, history, started, products, before):
         proof = certify(state, self.settings.error_bound)  # which may take a product
-        applications = self.hierarchy.operator_applications() - products
-        seconds = time.perf_counter() - started
+        applied, seconds = self.hierarchy.operator_applications() - products, time.perf_counter() - started
         prescribed, found = loading.load if loading.prescribes_load else None, measures.measure_contact(state)
         proof = proof.under(prescribed, found.load)
         outcome = outcome.if_proved(proof.error_bound, self.settings.error_bound)
-        p, distance, depth = state.p, state.distance, state.depth
+        kind, value = next((kind, as_number(kind, it)) for kind, it in given.items() if it is not None)
+        found = found.under(kind, value, self.problem.grid.area)
+        distance, depth, last = state.distance, state.depth, len(self.hierarchy.levels) - 1
         approach = loading.approach if prescribed is None else state.approach
-        extent = measure_extent(state)
         notes = notes_on(state, self.problem, found, self._roughness)
         # Rank 0 has a part in every grid and window.
-        told = applications, history.entries, self.comm.traffic.since(before)
-        applications, history.entries, traffic = self._team.comm.bcast(told)
-        last = len(self.hierarchy.levels) - 1
+        told = applied, history.entries, self.comm.traffic.since(before)
+        applied, history.entries, traffic = self._team.comm.bcast(told)
         return Solution(
-            pressure=p,
+            pressure=state.p,
             displacement=state.u,
             distance=one_at_a_time(lambda: distance.h_at(depth)),
             contact=state.contact.copy(),
@@ -412,12 +411,12 @@ class ContactSolver:
             iterations=outcome.iterations,
             inner_iterations=sum(e["inner_iterations"] for e in history.entries if e["level"] == last),
             work_units=sum(entry["work_units"] for entry in history.entries),
-            operator_applications=applications,
+            operator_applications=applied,
             discretisation_error=outcome.discretisation_error,
             **outcome.grid_errors.with_rim(found)._asdict(),
             fallbacks=outcome.fallbacks,
             **found._asdict(),
-            **extent._asdict(),
+            **measure_extent(state)._asdict(),
             rms_height=self._roughness.rms_height,
             rms_slope=self._roughness.rms_slope,
             rtol=self.settings.rtol,

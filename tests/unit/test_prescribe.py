@@ -38,6 +38,22 @@ def test_mean_pressure_is_load_over_area(solvers, name):
     np.testing.assert_allclose(by_pressure.pressure, by_load.pressure, rtol=1e-12)
 
 
+@pytest.mark.parametrize("name", ["free", "periodic", "holed"])
+@pytest.mark.parametrize("kind", LOADINGS)
+def test_what_is_prescribed_is_reported_to_the_last_digit(solvers, name, kind):
+    numbers = (np.array([0.013, 0.13, 1.7, 2.3]) * (1e-3 if LOADINGS[kind] == "mm" else 1)).tolist()
+    if kind == "approach":
+        numbers = [GAP.min() + number for number in numbers[:2]]
+    if kind == "mean_gap" and name != "periodic":
+        return
+    path = solvers[name].path(**{kind: numbers})
+    solutions = list(path)
+    assert all(solution.converged for solution in solutions)
+    assert [getattr(solution, kind) for solution in solutions] == path.table[kind].tolist() == numbers
+    for solution in solutions:
+        assert solution.mean_pressure == pytest.approx(solution.load / GRID.area, rel=1e-15)
+
+
 def test_mean_gap_is_met(solvers):
     by_gap, by_approach = (
         solvers["periodic"].solve(mean_gap=1e-3),
