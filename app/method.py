@@ -59,6 +59,7 @@ METHOD_OPTIONS = [
     Option("lcp_coarsest", count, 4, "directions of up to this many cells are not coarsened"),
     Option("lcp_cells_per_rank", _cells, 0, "at least, of coarser grids and windows; 0: by latency and rate"),
     Option("lcp_shared_memory", flag, True, "ranks on one machine send nothing for transforms: they share memory"),
+    Option("lcp_monitor", flag, False, "print a line for each active set iteration"),
     Option("lcp_precision", choice("double", "single"), "double", "fast, primal: of products, verified in double"),
 ]  # fmt: skip
 # Read by the preconditioners themselves, as -pc_* are.
@@ -113,6 +114,7 @@ class Settings:
     coarsest: int
     cells_per_rank: int
     shared_memory: bool
+    monitor: bool
     single: bool
     texts: dict
     warnings: tuple = ()

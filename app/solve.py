@@ -27,9 +27,11 @@ def main(given):
     from app.commands.load_path import run_path
     from app.commands.problem_options import Request, help_text, suggesting
     from app.commands.summary import along, grids, summary
+    from app.contact.history import Monitor
     from app.refinement import refine
     from app.solver import ContactSolver
 
+    Monitor.say = staticmethod(session.say)
     compiled.tell = lambda: session.note("compiling loops, once; this may take half a minute")
     if "help" in given.of_petsc:
         session.say(help_text())
@@ -43,8 +45,7 @@ def main(given):
     facts = {"command_line": shlex.join(sys.argv)}
     with PETSc.Log.Stage("Setup"), suggesting(given.texts):
         request, solver = Request(given, MPI.COMM_WORLD), None
-        shown = request.wants_monitor or not request.path  # which has a bar, or lines, of its own
-        listeners = monitor.listeners(request.wants_monitor) if shown else []
+        listeners = [] if request.path else monitor.listeners()  # a path has a bar, or lines, of its own
         if not request.refine_until:
             solver = ContactSolver(request.problem, request.method, request.options, listeners=listeners)
             facts["setup_seconds"] = time.perf_counter() - started

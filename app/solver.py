@@ -26,7 +26,7 @@ from app.contact import measures
 from app.contact.certificate import certify
 from app.contact.distance import UndeformedDistance
 from app.contact.extent import measure_extent
-from app.contact.history import History
+from app.contact.history import History, Monitor
 from app.contact.loading import PrescribedApproach, as_number, prescribe
 from app.errors import InputError, agree, check_alike, warn_caller
 from app.halfspace.communication import Communicator
@@ -128,7 +128,8 @@ class ContactSolver:
         self.hierarchy, self._strategy, self._cut_short = None, None, False  # was the last call?
         try:
             self.settings = chosen = agree(self.comm, choose, problem, method, options, prefix, listeners)
-            self.listeners, grid = list(listeners), problem.grid
+            monitors = [Monitor()] if chosen.monitor and self.comm.rank == 0 else []
+            self.listeners, grid = [*listeners, *monitors], problem.grid
             # Processors may round differently.
             sizes = [f"{size:.6g}" for size in (grid.dx, grid.dy, problem.material.compliance)]
             check_alike(self.comm, (grid.shape, grid.periodic, sizes, chosen), "grid, material or options")

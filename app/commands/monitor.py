@@ -1,48 +1,18 @@
-"""What is shown while the active set iteration runs. Only rank 0 prints: it takes part in all grids."""
+"""The bar that is shown while the active set iteration runs."""
 
 from __future__ import annotations
 
 import math
 import sys
 
-from app.commands.session import say
 from app.contact.history import Listener
 
-_HEADER = (
-    "level   it inner   contact   added dropped   residual    work       load [N]  approach [mm]  time [s]"
-)
 
-
-def listeners(monitor):
-    """Listeners for the solver: the monitor, if it is wanted; else a bar, if anybody looks. Not collective."""
+def listeners():
+    """Return a bar for rank 0, which takes part in all grids, if it has a terminal. Not collective."""
     from mpi4py import MPI
 
-    if monitor:
-        return [Monitor()]
     return [Progress()] if MPI.COMM_WORLD.rank == 0 and sys.stderr.isatty() else []
-
-
-class Monitor(Listener):
-    """-lcp_monitor: a line per active set iteration, the header repeated for every grid."""
-
-    def __init__(self):
-        self.end()
-
-    def end(self):
-        """Begin again with the next solve."""
-        self._level, self._work = None, 0.0
-
-    def iteration(self, entry, state):
-        """Print an entry of the history."""
-        if entry["level"] != self._level:
-            say(_HEADER)
-            self._level = entry["level"]
-        self._work += entry["work_units"]
-        say(
-            f"{entry['level']:5d} {entry['iteration']:4d} {entry['inner_iterations']:5d} {entry['contact_cells']:9d} "
-            f"{entry['added_cells']:7d} {entry['dropped_cells']:7d} {entry['residual']:10.3e} {self._work:7.2f} "
-            f"{entry['load']:#14.8g} {entry['approach']:#14.8g} {entry['seconds']:9.3f}"
-        )
 
 
 class Progress(Listener):
@@ -52,11 +22,13 @@ class Progress(Listener):
         self._bar = None
 
     def begin(self, settings):
-        """Hear of the wanted residual; a refinement tightens it from grid to grid."""
-        self._rtol = settings.rtol
+        """Take the wanted residual, which a refinement tightens. The lines of -lcp_monitor need no bar."""
+        self._rtol, self._shown = settings.rtol, not settings.monitor
 
     def start(self, state, level):
         """Show a bar, if there is none yet."""
+        if not self._shown:
+            return
         from tqdm import tqdm
 
         how = "{desc} {bar} {postfix} [{elapsed}]"
@@ -70,6 +42,8 @@ class Progress(Listener):
 
     def iteration(self, entry, state):
         """Show an entry of the history."""
+        if not self._shown:
+            return
         residual = max(self._rtol, min(1.0, entry["residual"]))  # in this order NaN is 1
         self._bar.n = round(100 * math.log(residual) / math.log(self._rtol))
         self._bar.set_description(f"level {entry['level']}, iteration {entry['iteration']}", refresh=False)

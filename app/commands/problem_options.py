@@ -40,7 +40,6 @@ PROBLEM_OPTIONS = [
     Option("refine_until", share, None, "double the cells both ways until the errors they make are below"),
     Option("refine_max", count, 4096**2, "refine_until: most cells"),
     Option("output", word, None, "result file (HDF5)"),
-    Option("lcp_monitor", flag, False, "a line for each active set iteration"),
 ]  # fmt: skip
 LOADING = ("approach", "load", "mean_pressure", "mean_gap", *(f"{kind}_path" for kind in load_path.KINDS))
 
@@ -71,7 +70,6 @@ class Request:
     options_text : str
         The other options, as they would be written on a command line.
     output : str or None
-    wants_monitor : bool
 
     Raises
     ------
@@ -106,7 +104,6 @@ class Request:
                 raise InputError(f"-refine_until: of one loading only, not of -{kind}")
         self.refine_max = options["refine_max"] if self.refine_until else None
         self.stiffness = options["stiffness"]
-        self.wants_monitor = options["lcp_monitor"]
         if left := set(options.unused()) - own.asked:
             idle = [option for option in PROBLEM_OPTIONS if option.name in left]
             what = (

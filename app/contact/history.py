@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 from app.contact.grid_errors import UNKNOWN, GridErrors
@@ -27,6 +28,32 @@ class Listener:
 
     def end(self):
         """Hear that all is over."""
+
+
+class Monitor(Listener):
+    """-lcp_monitor: print a line per active set iteration, and a header for every grid."""
+
+    HEADER = "level   it inner   contact   added dropped   residual    work       load [N]  approach [mm]  time [s]"
+    say = staticmethod(partial(print, flush=True))
+
+    def __init__(self):
+        self.end()
+
+    def end(self):
+        """Begin again with the next solve."""
+        self._level, self._work = None, 0.0
+
+    def iteration(self, entry, state):
+        """Print an entry of the history."""
+        if entry["level"] != self._level:
+            self.say(self.HEADER)
+            self._level = entry["level"]
+        self._work += entry["work_units"]
+        self.say(
+            f"{entry['level']:5d} {entry['iteration']:4d} {entry['inner_iterations']:5d} {entry['contact_cells']:9d} "
+            f"{entry['added_cells']:7d} {entry['dropped_cells']:7d} {entry['residual']:10.3e} {self._work:7.2f} "
+            f"{entry['load']:#14.8g} {entry['approach']:#14.8g} {entry['seconds']:9.3f}"
+        )
 
 
 @dataclass

@@ -14,7 +14,7 @@ from petsc4py import PETSc
 from running import solve
 
 from app import ContactProblem, ContactSolver, petsc, strategy
-from app.commands.monitor import Monitor, Progress
+from app.commands.monitor import Progress
 from app.contact.certificate import certify
 from app.contact.distance import UndeformedDistance
 from app.contact.grid_errors import GridNumbers, errors_from
@@ -186,20 +186,23 @@ def test_a_bar_is_full_where_its_solve_ends():
     assert full == [100, 100]
 
 
-def test_the_monitor_begins_again_with_each_solve(capsys):
-    with ContactSolver(hertz(12), "norm", listeners=[Monitor()]) as solver:
-        lines = []
+@pytest.mark.parametrize("method", ["norm", None])
+def test_the_monitor_prints_the_history_of_each_solve(method, capsys):
+    """Also in a program, which has no other way to ask for it than the option."""
+    with ContactSolver(hertz(12), method, options={"lcp_monitor": True}) as solver:
         for _ in range(2):
-            solver.solve(approach=APPROACH)
-            lines.append([line.split() for line in capsys.readouterr().out.splitlines()])
-    first, second = ([row[:9] for row in table] for table in lines)  # all but the time
-    assert first == second and first[0][0] == "level"
+            history = solver.solve(approach=APPROACH).history
+            rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+            assert rows[0][:3] == ["level", "it", "inner"]
+            printed = [(row[0], row[1], row[3]) for row in rows if row[0] != "level"]
+            columns = (map(str, history[name]) for name in ("level", "iteration", "contact_cells"))
+            assert printed == list(zip(*columns, strict=True))
 
 
 def test_the_bar_of_a_solver_that_diverges():
     with mock.patch("tqdm.tqdm") as bar:
         progress = Progress()
-        progress.begin(SimpleNamespace(rtol=1e-6))
+        progress.begin(SimpleNamespace(rtol=1e-6, monitor=False))
         progress.start(None, 0)
         for residual, done in ((math.nan, 0), (math.inf, 0), (1e-3, 50), (0.0, 100)):
             progress.iteration({"residual": residual, "level": 0, "iteration": 1, "contact_cells": 1}, None)
