@@ -9,7 +9,17 @@ from __future__ import annotations
 import numpy as np
 from tqdm import tqdm
 
-from app import Cone, ContactProblem, ContactSolver, Grid, Material, Paraboloid, SelfAffineSurface, Sphere
+from app import (
+    Cone,
+    ContactProblem,
+    ContactSolver,
+    Cylinder,
+    Grid,
+    Material,
+    Paraboloid,
+    SelfAffineSurface,
+    Sphere,
+)
 from app.errors import InputError
 from app.output.table import markdown
 
@@ -39,6 +49,11 @@ def _off_centre(x, y):
     return ((x - 0.11) ** 2 + (y + 0.07) ** 2) / 4
 
 
+def _rounded_punch(flat, radius):
+    """A flat round face of a radius, with a rim of another [mm]."""
+    return lambda x, y: np.maximum(np.hypot(x, y) - flat, 0.0) ** 2 / (2 * radius)
+
+
 _SMOOTH, _ROUGH = (1e-4, 3e-4, 1e-3, 3e-3), (1e-3, 5e-3, 2e-2, 6e-2)  # mean pressures over E*
 
 
@@ -52,6 +67,13 @@ PROBLEMS = {
     "Hertz": [(_problems(Paraboloid(2.0, 2.0)), _SMOOTH)],
     "sphere, off centre": [(_problems(_off_centre), _SMOOTH)],
     "cone": [(_problems(Cone(2.0)), _SMOOTH)],
+    "punch with rounded rim": [
+        (_problems(_rounded_punch(*sizes)), _SMOOTH)
+        for sizes in ((0.2, 0.02), (0.2, 0.1), (0.2, 0.5), (0.25, 0.05))
+    ],
+    "roller with sharp ends": [
+        (_problems(Cylinder(*sizes)), _SMOOTH) for sizes in ((2.0, 0.6), (2.0, 0.53), (5.0, 0.6))
+    ],
     "rough sphere": [
         (_problems(Sphere(2.0), seed=seed, slope=0.02, cut_off=cut_off), _SMOOTH)
         for seed, cut_off in ((1, 1 / 32), (2, 1 / 32), (3, 1 / 128), (4, 1 / 128))
@@ -74,7 +96,7 @@ def _solve_all(problem, loadings, size):
 def _error(name, solution, finest):
     """Relative error against Hertz's number, or that on the finest grid; of the approach beyond first touch."""
     value, right = getattr(solution, name), solution.attributes.get(f"analytic_{name}", getattr(finest, name))
-    touching = solution.undeformed_distance.min() if name == "approach" else 0.0
+    touching = np.nanmin(solution.undeformed_distance) if name == "approach" else 0.0
     return abs(value - right) / (right - touching) if np.isfinite(right) else 1.0
 
 

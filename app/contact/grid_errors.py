@@ -1,16 +1,17 @@
-"""How far the numbers of a solution are off because cells have a size, from its last grids.
+"""Estimate the discretisation errors of the numbers of a solution from its last grids.
 
 A number that converges with order k differs on two grids, one twice as fine as the other, by 2^k - 1 times the error of
 the finer one. An area counted in cells converges with order 1 and much scatter; loads, approaches and maximum pressures
 of smooth bodies, or of rough ones whose shortest waves are resolved, with orders of 1.5 to 2. So the error on the
-finest grid is taken to be
+finest grid is taken to be the largest of
 
-- the difference from the grid before, or half the difference of that from the one before it, whichever is larger: two
-  grids may agree by chance. Of the area, which scatters, a quarter of the next difference counts, too;
-- half as much again, where there are not so many grids;
-- ten times the last difference, where three in turn have one sign and do not fall. That is all there is to come if they
-  fall by a tenth from there on; and all of the number, from 10% on: then it does not converge, as the maximum pressure
-  at the rim of a punch. But an area may differ as the cells on the rim of a round one scatter.
+- the difference from the grid before, and half the difference of that from the one before it: two grids may agree by
+  chance. Of the area, which scatters, a quarter of the next difference counts, too. Half as much again, where there are
+  not so many grids;
+- the sum of the geometric series that the last two or three differences begin, where they have one sign. It is at most
+  ten times the last difference, as where the differences do not fall: the maximum pressure at a sharp edge does not
+  converge, and at a rounded one it does only when cells are smaller than the rounding. From 10% on that is all of the
+  number. But an area may differ as the cells on the rim of a round one scatter.
 
 docs/load-paths.md has how often this holds. Coarser grids are solved to -lcp_coarse_rtol only: what is below that is
 less certain.
@@ -66,8 +67,9 @@ class GridErrors(NamedTuple):
 UNKNOWN = GridErrors()
 _MOST_PAIRS = 3  # of grids that are looked at
 _FEWER_PAIRS = 1.5  # times the differences, where there are not so many grids as should tell
-_FALLING = 0.7  # share of a difference that the next one is at most, of a number that converges
-_SLOWLY = 10.0  # times the last difference, where they do not fall
+_SLOWEST = (
+    10 / 11
+)  # largest ratio of neighbouring differences in a series; it adds up to ten times the last one
 
 
 def numbers_on(state, comm, load=None, depth=None):
@@ -131,12 +133,11 @@ def _error(values, pairs, scatter=0.0):
         return float("nan")
     steps = [coarse - fine for fine, coarse in pairwise(values)]
     sizes = [abs(step) for step in steps]
-    alike = len(steps) == _MOST_PAIRS and (min(steps) > 0 or max(steps) < 0)
-    if alike and sizes[0] > scatter and all(finer > _FALLING * coarser for finer, coarser in pairwise(sizes)):
-        error = _SLOWLY * sizes[0]
-    else:
-        doubt = 1.0 if len(sizes) >= pairs else _FEWER_PAIRS
-        error = doubt * max(size * 0.5**k for k, size in enumerate(sizes[:pairs]))
+    doubt = 1.0 if len(sizes) >= pairs else _FEWER_PAIRS
+    error = doubt * max(size * 0.5**k for k, size in enumerate(sizes[:pairs]))
+    if len(sizes) >= pairs and sizes[0] > scatter and (min(steps) > 0 or max(steps) < 0):
+        ratio = min((sizes[0] / sizes[-1]) ** (1 / (len(sizes) - 1)), _SLOWEST)
+        error = max(error, ratio / (1 - ratio) * sizes[0])
     return min(1.0, error / abs(values[0]))
 
 

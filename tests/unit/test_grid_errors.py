@@ -1,0 +1,38 @@
+"""Estimated discretisation errors are upper bounds where numbers converge slowly, too."""
+
+import numpy as np
+import pytest
+from running import solve
+
+from app import ContactProblem, Cylinder, Grid, Material
+from app.contact.grid_errors import GridNumbers, errors_from
+
+STEEL = Material.from_contact_modulus(1e5)
+
+
+@pytest.mark.parametrize("grids", [3, 4, 5])
+@pytest.mark.parametrize("ratio", [0.25, 0.5, 0.6, 0.7, 0.8, 0.9])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_number_that_converges_like_a_geometric_series(grids, ratio, sign):
+    """The error left on the finest grid is the rest of the series."""
+    pressures = [1 + sign * 0.1 * ratio**k for k in range(grids)]
+    errors = errors_from([GridNumbers(1.0, 1.0, pressure, 1.0) for pressure in pressures], 0.0, "load")
+    error = abs(pressures[-1] - 1) / pressures[-1]
+    assert error * (1 - 1e-9) <= errors.max_pressure_error <= max(1.01, 2 / ratio) * error
+
+
+def rounded_punch(x, y):
+    return np.maximum(np.hypot(x, y) - 0.2, 0.0) ** 2 / 0.2
+
+
+@pytest.mark.parametrize("shape", [rounded_punch, Cylinder(2.0, 0.53)])
+@pytest.mark.parametrize("share", [1e-4, 3e-4])
+def test_pressures_at_edges_are_off_by_no_more_than_is_said(shape, share):
+    """At a rounded rim, and at sharp ends, where they grow with every grid."""
+    found = []
+    for n in (64, 128, 256):
+        grid = Grid.from_domain(n, n, (-0.5, 0.5, -0.5, 0.5))
+        found.append(solve(ContactProblem(grid, STEEL, shape), None, None, load=share * 1e5))
+    *coarse, best = found
+    for solution in coarse:
+        assert abs(solution.max_pressure / best.max_pressure - 1) <= solution.max_pressure_error
