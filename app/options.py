@@ -104,17 +104,31 @@ class Option:
         names = getattr(self.kind, "names", ())
         return f"{self.meaning}: {', '.join(names)}" if names else self.meaning
 
-    def help(self):
-        """Return a line for ``-help``."""
-        return f"  -{self.name:<20} {self.described}{_default(self.default)}"
+    def help(self, files=None):
+        """Return a line for ``-help``, with the values in some option files: name -> texts of its options."""
+        values = {} if self.default in (None, REQUIRED) else {"default": written(self.default)}
+        for file, texts in (files or {}).items():
+            if self.name in texts:
+                values[file] = written(self.kind(texts[self.name]))
+        said = ", ".join(f"{place} {value}" for place, value in values.items())
+        return f"  -{self.name:<20} {self.described}" + (f" ({said})" if said else "")
 
 
-def _default(value):
-    if value is REQUIRED or value is None:
+def written(value):
+    """Write a value as one would type it; nothing for None or `REQUIRED`.
+
+    Examples
+    --------
+    >>> written(1e-6), written((12, 10)), written(True), written(None)
+    ('1e-06', '12,10', 'on', '')
+    """
+    if value is None or value is REQUIRED:
         return ""
-    if value is False:
-        return " (off)"
-    return f" (default {','.join(map(str, value)) if isinstance(value, tuple) else value})"
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    if isinstance(value, tuple):
+        return ",".join(map(written, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 class OptionReader:

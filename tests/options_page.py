@@ -13,7 +13,7 @@ from app.commands.geometry import GEOMETRY_OPTIONS, MATERIAL_OPTIONS
 from app.commands.problem_options import LOADING, PROBLEM_OPTIONS
 from app.method import METHOD_OPTIONS, PART_OPTIONS, read_method_file
 from app.old_names import GONE, RENAMED
-from app.options import REQUIRED
+from app.options import written
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "options.md"
@@ -90,21 +90,6 @@ def allowed(option):
     except ValueError as error:
         return str(error)
     return ""
-
-
-def written(value):
-    """A default, as one would type it."""
-    if value is None or value is REQUIRED:
-        return ""
-    if isinstance(value, bool):
-        return "on" if value else "off"
-    return (
-        ",".join(map(written, value))
-        if isinstance(value, tuple)
-        else f"{value:g}"
-        if isinstance(value, float)
-        else f"{value}"
-    )
 
 
 def table(head, rows):

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from app.commands import load_path
 from app.commands.geometry import ALTERNATIVES, FILES, GEOMETRY_OPTIONS, MATERIAL_OPTIONS, make_problem
 from app.errors import InputError, agree, check_alike
-from app.method import METHOD_OPTIONS, PART_OPTIONS
+from app.method import DEFAULT, METHOD_OPTIONS, PART_OPTIONS, PERIODIC, read_method_file
 from app.old_names import NAMES
 from app.options import (
     Option,
@@ -197,16 +197,17 @@ def input_files(texts):
 
 def help_text():
     """All options of the command, for ``-help``. Not collective."""
+    files = {f"{name}.opts": read_method_file(name) for name in (DEFAULT, PERIODIC)}
     lines = [
         "usage: python -m app.solve -options_file petsc_options/hertz.opts [-options_file METHOD.opts] [-grid 512] ...",
         "       mpiexec -n 2 python -m app.solve ...",
         "Lengths mm, forces N, stresses N/mm2; the same option said later, also in a file, overrides an earlier one.",
         "The problem, what is prescribed, the output:",
         *(option.help() for option in PROBLEM_OPTIONS),
-        "The method:",
-        *(option.help() for option in METHOD_OPTIONS),
+        f"The method; an ordinary run takes {DEFAULT}.opts, on periodic patches {PERIODIC}.opts:",
+        *(option.help(files) for option in METHOD_OPTIONS),
         "Of preconditioners (-pc_type python -pc_python_type ...):",
-        *(option.help() for option in PART_OPTIONS),
+        *(option.help(files) for option in PART_OPTIONS),
         "Linear solvers: PETSc's own -ksp_*, -pc_*, -mg_levels_*, -mg_coarse_*; see petsc_options/, docs/options.md.",
         "With a problem, -help also lists PETSc's options of the solvers that it uses.",
     ]

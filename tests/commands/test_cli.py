@@ -7,7 +7,8 @@ from processes import TESTS, run, solve_arguments
 from running import solve
 
 from app.commands.problem_options import PROBLEM_OPTIONS
-from app.method import METHOD_OPTIONS
+from app.method import METHOD_OPTIONS, PART_OPTIONS, read_method_file
+from app.options import written
 from app.output.result import read_result
 
 RESULT = "result.h5"
@@ -300,6 +301,16 @@ def test_help_names_the_choices(cli_here):
     told = cli_here("--help").stdout
     assert "what is pressed together: hertz, punch, file" in told
     assert "(default 12,10)" in told
+
+
+def test_help_has_the_values_that_an_ordinary_run_uses(cli_here):
+    """The default of an option is what a method file of one's own begins with."""
+    told = cli_here("--help").stdout
+    for name in ("fast", "primal"):
+        for option, text in read_method_file(name).items():
+            if table := [entry for entry in (*METHOD_OPTIONS, *PART_OPTIONS) if entry.name == option]:
+                [line] = [line for line in told.splitlines() if line.startswith(f"  -{option} ")]
+                assert f"{name}.opts {written(table[0].kind(text))}" in line
 
 
 def test_nothing_in_sight_is_worth_a_warning(cli_here):
