@@ -55,8 +55,14 @@ def solve(
     Parameters
     ----------
     problem : ContactProblem
-    approach, load, mean_pressure, mean_gap : float, optional
-        [mm]; total force [N]; load over the area of the patch [N/mm2]; of a periodic patch [mm].
+    approach : float, optional
+        [mm]
+    load : float, optional
+        Total force [N], at least 0.
+    mean_pressure : float, optional
+        Load over the area of the patch [N/mm2].
+    mean_gap : float, optional
+        Of a periodic patch without holes [mm].
     method : str or mapping, optional
         Name of a method file, such as "fmg_v11".
     options : mapping, optional
@@ -145,8 +151,6 @@ class ContactSolver:
         grid, closed = self.problem.grid, "" if self._finalizer.alive else ", closed"
         return f"<ContactSolver: {grid.nx} x {grid.ny} cells{closed}>"
 
-    # -- set-up ------------------------------------------------------------------------------------------
-
     def _prepare(self):
         """Make all that solves; on the ranks of the team."""
         comm, chosen = self._team.comm, self.settings
@@ -208,8 +212,6 @@ class ContactSolver:
     def ksp(self):
         """KSP of the target grid, or None. Not collective."""
         return getattr(self._strategy and self._strategy.solver, "ksp", None)
-
-    # -- solve -------------------------------------------------------------------------------------------
 
     @one_at_a_time
     def solve(self, *, approach=None, load=None, start=None, mean_pressure=None, mean_gap=None):
@@ -321,8 +323,7 @@ class ContactSolver:
         (another grid or material, contact impossible in all cells) the problem is the old one.
         """
         self._refuse_if_closed()
-        before = self.problem
-        ours = before.fits(problem)
+        before, ours = self.problem, self.problem.fits(problem)
         check_alike(self.comm, ours, "grid or material")
         if not ours:
             raise InputError("problem: needed: a ContactProblem of the solver's grid and material")
@@ -395,7 +396,6 @@ class ContactSolver:
         found = found.under(kind, value, self.problem.grid.area)
         distance, depth, last = state.distance, state.depth, len(self.hierarchy.levels) - 1
         approach = loading.approach if prescribed is None else state.approach
-        notes = notes_on(state, self.problem, found, self._roughness)
         # Rank 0 has a part in every grid and window.
         told = applied, history.entries, self.comm.traffic.since(before)
         applied, history.entries, traffic = self._team.comm.bcast(told)
@@ -427,7 +427,7 @@ class ContactSolver:
             | (analytic_values(self.problem, approach, prescribed) if found.load > 0 else {})
             | theories(self.problem, found.mean_pressure, self._roughness.rms_slope),
             options=as_line(self.settings.texts),
-            notes=(*self.settings.warnings, *notes),
+            notes=(*self.settings.warnings, *notes_on(state, self.problem, found, self._roughness)),
             solve_seconds=seconds,
             setup_seconds=self.setup_seconds,
             traffic=traffic,

@@ -248,8 +248,10 @@ class SelfAffineSurface(_Function):
         l_x, l_y [mm].
     seed : int
         0 or more.
-    rms_height, rms_slope : float, optional
-        Exactly one: root mean square of the height [mm] or of the gradient's length, over the period.
+    rms_height : float, optional
+        Root mean square of the height over the period [mm]; exactly one of this and the next.
+    rms_slope : float, optional
+        Root mean square of the gradient's length over the period.
     longest_wavelength : float, optional
         [mm]; default: whatever fits the period.
     origin : tuple of float

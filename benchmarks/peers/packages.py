@@ -35,7 +35,7 @@ PEERS = {
     ),
     "slippy": Peer(
         "slippy==0.5.2",
-        "Approach and load; contact everywhere. Also lubrication, wear, plastic limits, layers, GPUs. Needs "
+        "Approach and load; contact everywhere. Also lubrication, wear, plastic limits, GPUs. Needs "
         "numpy < 1.21, so Python 3.9 at most.",
         pythons=("3.9", "3.8"),
         periodic=False,

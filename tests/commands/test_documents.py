@@ -68,6 +68,15 @@ def test_every_page_is_on_the_site_and_two_clicks_from_the_readme():
     assert on_site <= {page for place in first for page in linked(place)}
 
 
+def test_parameters_that_share_a_description_share_a_unit():
+    """The reference prints the description under each of their names."""
+    several = re.compile(r"^( *)\w+(?:, \w+)+ : .*\n((?:\1 +.*\n)+)", re.MULTILINE)
+    for path in sorted((ROOT / "app").rglob("*.py")):
+        for section in re.findall(r"\n +Parameters\n +-+\n((?:.+\n)+)", path.read_text("utf-8")):
+            for _, description in several.findall(section):
+                assert len(set(re.findall(r"\[[^]]+\]", description))) < 2, f"{path.name}: {description}"
+
+
 def test_readme_fits_a_screen():
     assert len(TEXT[ROOT / "README.md"].splitlines()) <= 80
 
