@@ -115,11 +115,9 @@ class LoadPath:
 
     def _solve(self):
         done = min(len(self.rows), len(self.numbers) - 1)
-        kept = None
         for step in range(done, len(self.numbers)):
             if self._solver.problem is not self._problem:
                 raise InputError("path: its solver has been given another problem; make a path of that")
-            kept = self._solver.take_back_rounding(kept)
             solution = self._solver.solve(**{self._kind: self.numbers[step]})
             if self._with_stiffness:
                 solution = replace(solution, stiffness=self._solver.stiffness(solution))

@@ -202,7 +202,7 @@ class ContactSolver:
         return reference
 
     def _mend(self):
-        """After a call that was cut short: bodies may have been moved, and not been told how far."""
+        """After a call that was cut short: an update may have come half way."""
         if self._cut_short:
             self.hierarchy.free_forgotten()
             self._measure_shapes()
@@ -263,13 +263,9 @@ class ContactSolver:
         loading, distance = self._loading(given), self._distances[-1]
         if start is not None:
             self._strategy.check(start)
-        depth = distance.reach(loading, self.hierarchy.target)
-        if not loading.prescribes_load and depth <= distance.touching:
-            # There is no pressure; who touches is told by the last digits.
-            start, depth = None, depth if depth == distance.touching else np.inf
+        if not loading.prescribes_load and loading.depth_on(distance) <= distance.touching:
+            start = None  # there is no pressure
         history, self._cut_short = History(self.listeners), True
-        if distance.digits_lost(depth):
-            self._measure_shapes()
         with self._database.active():
             state, outcome = self._strategy.run(loading, history, start)
             self._cut_short = False
@@ -333,23 +329,6 @@ class ContactSolver:
         except BaseException:
             self.problem, self._cut_short = before, True
             raise
-
-    @one_at_a_time
-    def take_back_rounding(self, kept=None):
-        """Take back what moving the bodies has left of rounding in the undeformed distances.
-
-        Collective. After it a solve does the same, to the last digit, as the first one did. `kept`: what the last call
-        has returned, the distances and how to take them back; it is a field for every grid.
-        """
-        self._refuse_if_closed()
-        distances, take_back = kept or (None, None)
-        self._team.call(self._mend)
-        if distances is not self._distances:  # or they have been measured anew
-            if any(distance.depth or distance.deepest for distance in self._distances):
-                self._measure_shapes()
-            distances, take_back = self._distances, UndeformedDistance.kept(self._distances)
-        take_back()
-        return distances, take_back
 
     @one_at_a_time
     def stiffness(self, solution):

@@ -25,17 +25,18 @@ the displacement of some pressure. So any gap ``g >= 0`` with the mean that e ha
 ``A q = u + w`` with B the inverse on fields without mean. The equation above costs one product with B, or none by
 ``w.Bw <= ||B|| w.w``. Cell by cell p g + B_II (g - e)^2 / 2
 is least for ``g = max(e - p / B_II, 0)``: the gap where there is one, nothing on C. A factor to g sets the mean right,
-and where that would be beyond 2, a constant. Cells where contact is impossible may have any gap: the mean one, or what
-the factor needs. B is that of the iteration: what single precision may lose of w.Bw is added. The norm is a seminorm: a
-constant pressure counts nothing.
+and where that would be beyond 2, a constant. Near first touch the factor is 1 but for rounding, so what it has more
+than 1 and w are kept apart from g. Cells where contact is impossible may have any gap: the mean one, or what the factor
+needs. B is that of the iteration: what single precision may lose of w.Bw is added. The norm is a seminorm: a constant
+pressure counts nothing.
 
 Both hold for a prescribed load, too, if p has it: f at the approach found differs from that of the load by a constant.
 
 They take u for A p, which rounding forbids: with an error d of u they are those of the problem with h + d, whose
 solution differs from that with h by ``||d||_B <= ||d|| / sqrt(smallest eigenvalue)`` at most. A product by FFT leaves
 about ``eps (sqrt(A_II) ||p|| + ||u|| / sqrt(smallest))`` in that norm, from the transforms forth and back (measured:
-0.26 to 0.72 times it); `_ROUNDING` times it is added to the bound. Undeformed distances are taken as they are held, but
-for digits that they lost while the bodies were moved far (`UndeformedDistance.rounding`), which count as such a d.
+0.26 to 0.72 times it); `_ROUNDING` times it is added to the bound. Undeformed distances are taken as they are held. No
+cell in contact lies further below the other body than u, so that their rounding is not more.
 """
 
 from __future__ import annotations
@@ -109,11 +110,11 @@ def estimate(state, wanted=np.inf):
 
 
 def _prove(state, enough):
-    b, u, p, admissible = state.distance.b, state.u, state.p, state.admissible
+    b, depth, u, p, admissible = state.distance.b, state.depth, state.u, state.p, state.admissible
     grid = state.patch
     smallest = 2 * state.operator.compliance / np.hypot(1 / grid.dx, 1 / grid.dy)  # eigenvalue
     penetrates, largest, sums = np.empty(len(b), bool), np.full(6, -np.inf), np.zeros(6)
-    loops.survey(b, u, p, admissible, smallest, not state.grid.periodic, penetrates, largest, sums)
+    loops.survey(b, depth, u, p, admissible, smallest, not state.grid.periodic, penetrates, largest, sums)
     sums, lowest = sums_and_minima(state.comm, sums, -largest)
     lift, penetration, deepest, tension, product, highest = (-lowest).tolist()
     of_u, energy, defect, to_p, moved, of_p = sums
@@ -128,8 +129,7 @@ def _prove(state, enough):
         gap = float(min(lifted, to_p + moved / (2 * smallest)))  # either bound holds
     gap = max(gap, 0.0)
     lost = np.sqrt(state.operator.diagonal * of_p) + np.sqrt(of_u / smallest)
-    astray = state.distance.rounding * np.sqrt(state.distance.statistics.cells / smallest)
-    error = np.sqrt(2 * gap) + _ROUNDING * np.finfo(float).eps * lost + astray
+    error = np.sqrt(2 * gap) + _ROUNDING * np.finfo(float).eps * lost
     return Certificate(
         duality_gap=gap * state.grid.cell_area,
         error_bound=float(error / np.sqrt(energy)) if energy > 0 else np.inf if gap > 0 else 0.0,
@@ -142,7 +142,7 @@ def _prove(state, enough):
 def _lifting(state, most, energy, penetrates):
     """What the lifting of penetrations adds to the duality gap: the least for some t up to `most`. Collective."""
     sums = np.zeros((3, _TRIALS + 1))  # of -e u, e e, u u
-    loops.lift(state.distance.b, state.u, state.admissible, most, penetrates, sums)
+    loops.lift(state.distance.b, state.depth, state.u, state.admissible, most, penetrates, sums)
     sums = state.sum(sums)
     shares, (product, of_e, of_u) = most * np.append(0.5 ** np.arange(_TRIALS), 0.0), np.cumsum(sums, axis=1)
     to_u, squares = product - shares * of_u, of_e + shares * (shares * of_u - 2 * product)
@@ -161,36 +161,38 @@ def _closing(state, energy, enough):
     """
     inverse, n = state.operator.inverse, state.grid.n
     diagonal = float(inverse.centre[1, 1]) or 1.0
-    fields = state.distance.b, state.u, state.p, state.admissible
+    fields = state.distance.b, state.depth, state.u, state.p, state.admissible
     gaps, excess, to_p, pressures, squares, of_u = state.sum(loops.gaps(*fields, diagonal))
-    inside, mean, _ = state.distance.statistics
+    inside, mean, *_ = state.distance.statistics
+    excess += of_u  # zero but for rounding, which near full contact is all that the few gaps have to take up
     if inside == n and not gaps:  # full contact: the mean of e is known without rounding
         excess = -n * (mean - state.depth)
     g = _gap_with_mean(gaps, excess, inside, n)
-    to_gap = g.factor * to_p + max(g.constant, 0.0) * pressures  # p.g
+    to_gap = (1 + g.stretch) * to_p + g.constant * pressures  # p.g
     energy -= pressures * of_u / n  # A 1 = 0, of which rounding leaves something
     if state.distance.is_flat:  # the waves of the pressure are of rounding alone
         energy = max(energy, np.finfo(float).eps * state.operator.diagonal * squares)
-    moved = (*fields, diagonal, g.factor, g.constant, g.elsewhere)
-    no_field = np.empty((len(state.u), 0))
-    curved = most = inverse.norm() * state.sum([loops.move(*moved, no_field)[0]])[0] / 2
-    if to_gap + curved > enough**2 * energy / 2:
+    moved = (*fields, diagonal, g.stretch, g.constant, g.elsewhere)
+    squares = state.sum([loops.move(*moved, 1.0, np.empty((len(state.u), 0)))[0]])[0]  # w.w
+    curved = most = inverse.norm() * squares / 2
+    if squares > 0 and to_gap + curved > enough**2 * energy / 2:
         field = np.empty(state.u.shape) if state.work is None else state.work
-        loops.move(*moved, field)  # w
+        scale = np.sqrt(n / squares)  # single precision has no numbers for the least w
+        loops.move(*moved, scale, field)  # w
         inverse.apply(field, field)  # B w
-        curved = state.sum([loops.move(*moved, field)[1]])[0] / 2  # w.Bw / 2
+        curved = state.sum([loops.move(*moved, 1.0, field)[1]])[0] / (2 * scale)  # w.Bw / 2
         curved += _TRANSFORM * np.finfo(inverse.dtype).eps * most
     return float(to_gap + curved), float(energy)
 
 
 class _Gap(NamedTuple):
-    """The dual feasible gap: ``g = factor max(e - p / B_II, 0) + constant`` in admissible cells.
+    """The dual feasible gap: ``g = (1 + stretch) max(e - p / B_II, 0) + constant`` in admissible cells.
 
-    Elsewhere e counts as zero, and g is `elsewhere`.
+    In the others g is any gap, and `elsewhere` more.
     """
 
-    factor: float
-    constant: float  # zero, but for a factor out of bounds
+    stretch: float
+    constant: float  # 0 unless the stretch would be out of bounds [mm]
     elsewhere: float
 
 
@@ -201,6 +203,9 @@ def _gap_with_mean(gaps, excess, inside, n):
     """
     elsewhere = max(gaps / inside, (2 * abs(excess) - gaps) / (n - inside)) if inside < n else 0.0
     total = gaps + (n - inside) * elsewhere
-    factor = float(np.clip(1 - excess / total, 0.0, 2.0)) if total > 0 else 1.0
-    constant = -(excess + (factor - 1) * total) / n
-    return _Gap(factor, constant, (factor - 1) * elsewhere + constant)
+    stretch = -excess / total if total > 0 else np.inf
+    if abs(stretch) <= 1:
+        return _Gap(stretch, 0.0, stretch * elsewhere)
+    stretch = float(np.sign(stretch)) if total > 0 else 0.0
+    constant = max(-(excess + stretch * total) / n, 0.0)
+    return _Gap(stretch, constant, stretch * elsewhere + constant)

@@ -1,7 +1,7 @@
 """The loops of the certificate, compiled.
 
-Arrays are (rows, nx) of a rank; `b` is -h, so that the gap is ``e = u - b``; inadmissible cells count as e = 0. Sums
-are per row first, so that they lose nothing on large grids.
+Arrays are (rows, nx) of a rank; `b` is -h at no depth, so that the gap is ``e = u - (b + depth)``; inadmissible cells
+count as e = 0. Sums are per row first, so that they lose nothing on large grids.
 """
 
 from __future__ import annotations
@@ -11,18 +11,20 @@ import math
 import numpy as np
 
 from app.compiled import FIELD, FIXED, MASK, njit
+from app.contact.kernels import gap
 from app.halfspace.reductions import any_order, plus
 
 
 @any_order
-def _gaps_row(b, u, p, admissible, diagonal):
+def _gaps_row(b, depth, u, p, admissible, diagonal):
     gaps, excess, to_p, pressures, squares, of_u = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(b.size):
-        e = u[i] - b[i] if admissible[i] else 0.0
-        gap = max(e - p[i] / diagonal, 0.0) if admissible[i] else 0.0
-        gaps += gap
-        excess += gap - e
-        to_p += p[i] * gap
+        e = gap(u[i], b[i], depth) if admissible[i] else 0.0
+        near = p[i] / diagonal
+        g = max(e - near, 0.0)
+        gaps += g
+        excess += max(-near, -e)
+        to_p += p[i] * g
         pressures += p[i]
         squares += p[i] * p[i]
         of_u += u[i]
@@ -30,46 +32,47 @@ def _gaps_row(b, u, p, admissible, diagonal):
 
 
 @njit()
-def gaps(b, u, p, admissible, diagonal):
+def gaps(b, depth, u, p, admissible, diagonal):
     """Sums of the gap g that is to be reached, of g - e, of p g, p, p p and u."""
     sums = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(b.shape[0]):
-        sums = plus(sums, _gaps_row(b[j], u[j], p[j], admissible[j], diagonal))
+        sums = plus(sums, _gaps_row(b[j], depth, u[j], p[j], admissible[j], diagonal))
     return sums
 
 
 @any_order
-def _move_row(b, u, p, admissible, diagonal, factor, constant, elsewhere, field):
+def _move_row(b, depth, u, p, admissible, diagonal, stretch, constant, elsewhere, scale, field):
     squares, product = 0.0, 0.0
     for i in range(b.size):
-        e = u[i] - b[i]
-        w = factor * max(e - p[i] / diagonal, 0.0) + constant - e if admissible[i] else elsewhere
+        e, near = gap(u[i], b[i], depth), p[i] / diagonal
+        w = max(-near, -e) + (stretch * max(e - near, 0.0) + constant)
+        w = w if admissible[i] else elsewhere
         squares += w * w
         if field.size:
             product += w * field[i]
-            field[i] = w
+            field[i] = scale * w
     return squares, product
 
 
 @njit()
-def move(b, u, p, admissible, diagonal, factor, constant, elsewhere, field):
-    """Return w.w, w what e moves by to the gap that is to be reached, and w.field; `field` becomes w.
+def move(b, depth, u, p, admissible, diagonal, stretch, constant, elsewhere, scale, field):
+    """Return w.w, w what e moves by to the gap that is to be reached, and w.field; `field` becomes w times a scale.
 
     Both only if it has columns.
     """
     sums = 0.0, 0.0
     for j in range(b.shape[0]):
-        row = _move_row(b[j], u[j], p[j], admissible[j], diagonal, factor, constant, elsewhere, field[j])
-        sums = plus(sums, row)
+        row = b[j], depth, u[j], p[j], admissible[j]
+        sums = plus(sums, _move_row(*row, diagonal, stretch, constant, elsewhere, scale, field[j]))
     return sums
 
 
 @any_order
-def _glance_row(b, u, p, admissible):
+def _glance_row(b, depth, u, p, admissible):
     penetration, deepest, highest, of_u = 0.0, 0.0, 0.0, 0.0
     for i in range(b.size):
-        h = -b[i] if admissible[i] else 0.0
-        e = h + u[i] if admissible[i] else 0.0
+        h = b[i] + depth if admissible[i] else 0.0
+        e = gap(u[i], b[i], depth) if admissible[i] else 0.0
         penetration = max(penetration, -e)
         deepest = max(deepest, abs(h))
         highest = max(highest, abs(p[i]))
@@ -78,28 +81,29 @@ def _glance_row(b, u, p, admissible):
 
 
 @any_order
-def _survey_row(b, u, p, admissible, smallest):
+def _survey_row(b, depth, u, p, admissible, smallest):
     tension, product, highest = -np.inf, 0.0, -np.inf
     energy, defect, to_p, moved, of_p = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(b.size):
-        e = u[i] - b[i] if admissible[i] else 0.0
+        e = gap(u[i], b[i], depth) if admissible[i] else 0.0
         tension = max(tension, -p[i] if admissible[i] else abs(p[i]))
         product = max(product, abs(p[i] * e))
         highest = max(highest, p[i])
         energy += p[i] * u[i]
         defect += p[i] * e
-        gap = max(e - smallest * p[i], 0.0)
-        to_p += p[i] * gap
-        moved += (gap - e) * (gap - e)
+        near = smallest * p[i]
+        to_p += p[i] * max(e - near, 0.0)
+        change = max(-near, -e)
+        moved += change * change
         of_p += p[i] * p[i]
     return tension, product, highest, energy, defect, to_p, moved, of_p
 
 
 @any_order
-def _lift_row(b, u, admissible):
+def _lift_row(b, depth, u, admissible):
     lift = 0.0
     for i in range(b.size):
-        penetration = b[i] - u[i]
+        penetration = -gap(u[i], b[i], depth)
         if penetration > lift * u[i] and u[i] > 0 and admissible[i]:
             lift = penetration / u[i]  # divided where it grows only, which is seldom
     return lift
@@ -109,19 +113,19 @@ _NOTHING = (0.0,) * 8  # what `_survey_row` finds where there is no pressure and
 
 
 @njit()
-def survey(b, u, p, admissible, smallest, lifts, penetrates, largest, sums):
+def survey(b, depth, u, p, admissible, smallest, lifts, penetrates, largest, sums):
     """Largest of -e / u, -e, |h|, -p, |p e|, p; sums of u u, p u, p e, p g, w w, p p: added to what is there.
 
     h and e are zero in inadmissible cells; g and w by the smallest eigenvalue. Most rows have gaps and no pressure: a
     glance is enough. `penetrates` is told which rows have e < 0. -e / u is divided if it `lifts` alone.
     """
     for j in range(b.shape[0]):
-        penetration, deepest, highest, of_u = _glance_row(b[j], u[j], p[j], admissible[j])
+        penetration, deepest, highest, of_u = _glance_row(b[j], depth, u[j], p[j], admissible[j])
         penetrates[j] = penetration > 0
-        lift = _lift_row(b[j], u[j], admissible[j]) if lifts and penetration > 0 else 0.0
+        lift = _lift_row(b[j], depth, u[j], admissible[j]) if lifts and penetration > 0 else 0.0
         row = _NOTHING
         if not (penetration <= 0 and highest <= 0):  # or NaN
-            row = _survey_row(b[j], u[j], p[j], admissible[j], smallest)
+            row = _survey_row(b[j], depth, u[j], p[j], admissible[j], smallest)
         for k, value in enumerate((lift, penetration, deepest) + row[:3]):
             largest[k] = max(largest[k], value)
         for k, value in enumerate((of_u,) + row[3:]):
@@ -129,7 +133,7 @@ def survey(b, u, p, admissible, smallest, lifts, penetrates, largest, sums):
 
 
 @njit()
-def lift(b, u, admissible, most, penetrates, sums):
+def lift(b, depth, u, admissible, most, penetrates, sums):
     """Sums of w u and w w for ``w = max(-(e + t u), 0)`` where e < 0, for t = most / 2^k; other rows are left out.
 
     A cell counts from the first k on for which w is positive, in the last one for t = 0: so the cells of each first k
@@ -141,7 +145,7 @@ def lift(b, u, admissible, most, penetrates, sums):
             continue
         for i in range(b.shape[1]):
             value = u[j, i]
-            e = value - b[j, i]
+            e = gap(value, b[j, i], depth)
             if e < 0 and admissible[j, i]:
                 first = 0
                 if most * value > -e:
@@ -154,8 +158,8 @@ def lift(b, u, admissible, most, penetrates, sums):
 def warm_up(periodic=False):
     """Load the compiled loops now, not after the first solve. Not collective."""
     rows = np.zeros(0, bool)
-    survey(FIXED, FIELD, FIXED, MASK, 1.0, not periodic, rows, np.zeros(6), np.zeros(6))
-    lift(FIXED, FIELD, MASK, 0.0, rows, np.zeros((3, 2)))
+    survey(FIXED, 0.0, FIELD, FIXED, MASK, 1.0, not periodic, rows, np.zeros(6), np.zeros(6))
+    lift(FIXED, 0.0, FIELD, MASK, 0.0, rows, np.zeros((3, 2)))
     if periodic:
-        gaps(FIXED, FIELD, FIXED, MASK, 1.0)
-        move(FIXED, FIELD, FIXED, MASK, 1.0, 1.0, 0.0, 0.0, FIELD)
+        gaps(FIXED, 0.0, FIELD, FIXED, MASK, 1.0)
+        move(FIXED, 0.0, FIELD, FIXED, MASK, 1.0, 1.0, 0.0, 0.0, 1.0, FIELD)

@@ -1,7 +1,8 @@
-"""The undeformed distance h of one grid, as the right-hand side -h of (2.11), and what is to be known of it."""
+"""The undeformed distance h of one grid, as the shape and the depth, and what is to be known of it."""
 
 from __future__ import annotations
 
+from fractions import Fraction
 from math import sqrt, ulp
 from typing import NamedTuple
 
@@ -21,13 +22,15 @@ class Statistics(NamedTuple):
     cells: int  # admissible
     mean: float  # of the undeformed distance at no depth over them [mm]
     squares_about_mean: float  # of its differences from the mean, summed [mm2]
+    mean_rest: float  # what the mean loses by rounding [mm]
 
 
 class UndeformedDistance:
-    """h = shape - approach on all cells of one grid, kept as the right-hand side -h of (2.11). Collective.
+    """h = shape - approach on all cells of one grid. Collective.
 
     Lengths are counted from a reference, so that distances with a large constant lose no digits: the approach is the
-    reference and the *depth* beyond it.
+    reference and the *depth* beyond it. The shape never changes: to move the bodies is to set the depth, and no move
+    costs digits. The right-hand side of (2.11) is ``-h = b + depth``.
 
     Parameters
     ----------
@@ -42,10 +45,12 @@ class UndeformedDistance:
 
     Attributes
     ----------
-    rhs : Vec
-        -h; anything in inadmissible cells.
     b : ndarray, shape (local rows, nx), [mm]
-        The same, to read.
+        -h at no depth, to read; 0 in inadmissible cells.
+    rhs : Vec
+        The same.
+    depth : float
+        The approach beyond the reference [mm].
     touching : float or None
         Depth at which the first cells touch [mm]; None of a window: nobody knows.
     lowest : float
@@ -64,7 +69,7 @@ class UndeformedDistance:
         self.admissible = ~np.isnan(b)
         np.copyto(b, 0.0, where=~self.admissible)
         self._hold(b, operator)
-        self.depth, self.deepest, self.reference = 0.0, 0.0, reference
+        self.depth, self.reference = 0.0, reference
         self.least_mean_pressure = -np.inf
         self._slabs = operator.slabs
         if measured:
@@ -87,18 +92,18 @@ class UndeformedDistance:
         part.admissible, b = scatter.forward(whole.admissible), scatter.forward(whole.b)
         part._hold(b, operator)
         part.statistics, part.touching, part.lowest = whole.statistics, None, whole.lowest
-        part.depth, part.deepest, part.reference = whole.depth, 0.0, whole.reference
+        part.depth, part.reference = whole.depth, whole.reference
         return part
 
     def _hold(self, b, operator):
-        """Keep -h in memory that stays when the Vec is gone: solutions refer to it."""
+        """Keep b in memory that stays when the Vec is gone: solutions refer to it."""
         self.b = b.view()
         self.b.flags.writeable = False
         self.rhs = vec_of(b, operator)
 
     def h_at(self, depth):
         """Return h at a depth, shape (rows, nx) [mm]; NaN in inadmissible cells. Not collective."""
-        return np.where(self.admissible, (self.depth - depth) - self.b, np.nan)
+        return np.where(self.admissible, -(self.b + depth), np.nan)
 
     @property
     def approach(self):
@@ -122,47 +127,12 @@ class UndeformedDistance:
 
     def move_to(self, depth):
         """Change the depth. Not collective."""
-        if depth != self.depth:
-            with self.rhs as values:
-                values += depth - self.depth
-            self.depth, self.deepest, self._norm = float(depth), max(self.deepest, abs(depth)), None
-
-    def reach(self, loading, operator):
-        """Depth of a loading, or the most that a load may come to: where a single cell bears all of it [mm].
-
-        Collective when first asked for on a periodic grid.
-        """
-        if loading.prescribes_load:
-            return operator.diagonal * loading.load / operator.grid.cell_area
-        return loading.depth_on(self)
-
-    def digits_lost(self, depth=np.inf):
-        """Whether approaches far beyond the shape, or a depth, have cost it digits. Not collective."""
-        shape = self.deviation or np.inf  # a flat one has none to lose
-        return self.deepest > 1e3 * min(shape, abs(depth))
-
-    @property
-    def rounding(self):
-        """What approaches far beyond the shape may have left in a cell [mm]; else nothing. Not collective."""
-        return ulp(self.deepest) if self.digits_lost() or not self.deviation else 0.0
-
-    @staticmethod
-    def kept(distances):
-        """Return a function that takes distances back to what they are now, at depth 0. Not collective."""
-        fields = [distance.b.copy() for distance in distances]
-
-        def take_back():
-            for distance, b in zip(distances, fields, strict=True):
-                with distance.rhs as values:
-                    values[...] = b.reshape(-1)
-                distance.depth, distance.deepest, distance._norm = 0.0, 0.0, None
-
-        return take_back
+        self.depth, self._norm = float(depth), None
 
     def norm(self):
         """||h||_2 over the admissible cells [mm], (5.1); 1 where it is zero, to be divided by. Not collective."""
         if self._norm is None:
-            cells, mean, squares = self.statistics
+            cells, mean, squares, _ = self.statistics
             self._norm = sqrt(squares + cells * (mean - self.depth) ** 2) or 1.0
         return self._norm
 
@@ -173,15 +143,29 @@ class UndeformedDistance:
 
 def _measure(levels, comm):
     """Find what is to be known of some distances at no depth. Collective over `comm`."""
-    sums = [[np.count_nonzero(d.admissible), -np.sum(d.b, where=d.admissible)] for d in levels]
+    size, rank = (comm.size, comm.rank) if comm else (1, 0)
+    counts, parts = [np.count_nonzero(d.admissible) for d in levels], np.zeros((size, 2 * len(levels)))
+    # Each rank adds zeros to the others' sums, so that none is rounded.
+    parts[rank] = np.ravel([kernels.compensated_sum(d.b, d.admissible) for d in levels])
     lowest = [
         [*box_here(d.admissible, d._slabs), -d.b.max(initial=-np.inf, where=d.admissible)] for d in levels
     ]
-    sums, lowest = sums_and_minima(comm, np.ravel(sums), np.ravel(lowest))
-    means = [float(total / cells) if cells else 0.0 for cells, total in sums.reshape(-1, 2)]
-    squares = [kernels.sum_squares(d.b, -mean, d.admissible) for d, mean in zip(levels, means, strict=True)]
-    found = zip(levels, sums[::2], means, sum_over(comm, squares), lowest.reshape(-1, 5), strict=True)
-    for distance, cells, mean, about_mean, (*box, touching) in found:
-        distance.statistics = Statistics(int(cells), mean, float(about_mean))
+    sums, lowest = sums_and_minima(comm, [*counts, *parts.ravel()], np.ravel(lowest))
+    counts, parts = sums[: len(levels)], sums[len(levels) :].reshape(size, len(levels), 2)
+    means = [_mean(part, cells) for part, cells in zip(np.moveaxis(-parts, 1, 0), counts, strict=True)]
+    squares = [
+        kernels.sum_squares(d.b, -mean, d.admissible) for d, (mean, _) in zip(levels, means, strict=True)
+    ]
+    found = zip(levels, counts, means, sum_over(comm, squares), lowest.reshape(-1, 5), strict=True)
+    for distance, cells, (mean, rest), about_mean, (*box, touching) in found:
+        distance.statistics = Statistics(int(cells), mean, float(about_mean), rest)
         distance.possible, distance.touching = box_of(box), float(touching)
         distance.lowest = distance.touching if np.isfinite(touching) else -np.inf
+
+
+def _mean(parts, cells):
+    """Mean of some cells from the parts of their sum, and what it loses by rounding. Not collective."""
+    if not cells:
+        return 0.0, 0.0
+    exact = sum(map(Fraction, parts.ravel().tolist())) / int(cells)
+    return float(exact), float(exact - Fraction(float(exact)))

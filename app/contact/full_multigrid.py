@@ -86,7 +86,7 @@ def prolongate(transfer, coarse, state, beta, prolong):
 def copy_prolongation(transfer, coarse, state, beta):
     """Sec. 4.3, 2 and (3.a): p by copy, C = {e <= beta max(u)} (4.1), p = 0 outside; u is there already. Collective."""
     highest = -float(state.minimum(-state.u.max(initial=-np.inf)))
-    np.less_equal(state.u - state.distance.b, beta * highest, out=state.contact)  # (4.1)
+    np.less_equal(state.gap(), beta * highest, out=state.contact)  # (4.1)
     state.contact &= state.admissible
     p = state.values
     transfer.copy(coarse.p, p)

@@ -1,7 +1,7 @@
 """One pass over the cells instead of ten: the loops of the contact state, compiled.
 
-Arrays are (rows, nx) of a rank; `b` is the right-hand side -h of (2.11), so that the gap (2.3) is ``e = u - b``. Sums
-are per row first, so that they lose nothing on large grids.
+Arrays are (rows, nx) of a rank; `b` is -h at no depth, so that (2.3) is ``e = u - (b + depth)``. Sums are per row
+first, so that they lose nothing on large grids.
 """
 
 from __future__ import annotations
@@ -12,18 +12,24 @@ from app.compiled import FIELD, FIXED, MASK, njit
 from app.halfspace.reductions import any_order, plus
 
 
+@njit()
+def gap(u, b, depth):
+    """e = h + u of a cell. In this order: near contact b + depth is exact, u - b is not."""
+    return u - (b + depth)
+
+
 @any_order
-def _defect_row(b, u, contact, factor, out):
+def _defect_row(b, depth, u, contact, factor, out):
     for i in range(b.size):
-        r = factor * (b[i] - u[i])
+        r = -factor * gap(u[i], b[i], depth)
         out[i] = r if contact[i] else 0.0
 
 
 @any_order
-def defect(b, u, contact, factor, out):
+def defect(b, depth, u, contact, factor, out):
     """out = -(h + u) on C, times a factor, 0 elsewhere."""
     for j in range(b.shape[0]):
-        _defect_row(b[j], u[j], contact[j], factor, out[j])
+        _defect_row(b[j], depth, u[j], contact[j], factor, out[j])
 
 
 @any_order
@@ -77,15 +83,15 @@ def tension(p, contact):
 
 
 @njit()
-def _overlap_row(b, u, overlap):
+def _overlap_row(b, depth, u, overlap):
     for i in range(b.size):
-        overlap[i] = u[i] - b[i] <= 0
+        overlap[i] = gap(u[i], b[i], depth) <= 0
 
 
 @njit()
-def _predicted_overlap_row(b, u, expected, overlap):
+def _predicted_overlap_row(b, depth, u, expected, overlap):
     for i in range(b.size):
-        overlap[i] = u[i] + expected[i] - b[i] <= 0
+        overlap[i] = gap(u[i] + expected[i], b[i], depth) <= 0
 
 
 @any_order
@@ -101,12 +107,12 @@ def _activate_row(overlap, admissible, contact, released):
 
 
 @any_order
-def _squares_row(b, u, contact):
+def _squares_row(b, depth, u, contact):
     gaps, distances = 0.0, 0.0
     for i in range(b.size):
-        e = u[i] - b[i]
+        e, h = gap(u[i], b[i], depth), b[i] + depth
         gaps += e * e if contact[i] else 0.0
-        distances += b[i] * b[i] if contact[i] else 0.0
+        distances += h * h if contact[i] else 0.0
     return gaps, distances
 
 
@@ -119,7 +125,7 @@ def _sum_row(x):
 
 
 @njit()
-def activate(b, u, p, admissible, contact, released, expected, overlap):
+def activate(b, depth, u, p, admissible, contact, released, expected, overlap):
     """Put cells outside C into it where h + u <= 0, u changed as expected (no rows: as it is); forget who was released.
 
     Return how many cells are in C, came, left since before `release`, the sums of squares of h + u and of h over the
@@ -128,13 +134,13 @@ def activate(b, u, p, admissible, contact, released, expected, overlap):
     cells, squares, total = (0, 0, 0), (0.0, 0.0), 0.0
     for j in range(b.shape[0]):
         if not expected.size:
-            _overlap_row(b[j], u[j], overlap)
+            _overlap_row(b[j], depth, u[j], overlap)
         else:
-            _predicted_overlap_row(b[j], u[j], expected[j], overlap)
+            _predicted_overlap_row(b[j], depth, u[j], expected[j], overlap)
         here = _activate_row(overlap, admissible[j], contact[j], released[j])
         cells = plus(cells, here)
         if here[0]:
-            squares = plus(squares, _squares_row(b[j], u[j], contact[j]))
+            squares = plus(squares, _squares_row(b[j], depth, u[j], contact[j]))
         total += _sum_row(p[j])
         released[j] = False
     return cells + squares + (total,)
@@ -162,6 +168,19 @@ def numbers(p, contact):
     return total, highest, cells
 
 
+@njit()
+def compensated_sum(x, mask):
+    """Sum over a mask, and what it loses by rounding."""
+    total, lost = 0.0, 0.0
+    for j in range(x.shape[0]):
+        for i in range(x.shape[1]):
+            value = x[j, i] if mask[j, i] else 0.0
+            before, total = total, total + value
+            added = total - before
+            lost += (before - (total - added)) + (value - added)
+    return total, lost
+
+
 @any_order
 def _sum_squares_row(x, shift, mask):
     total = 0.0
@@ -181,10 +200,10 @@ def sum_squares(x, shift, mask):
 
 
 @any_order
-def _gap_row(b, u, mask, overlapping):
+def _gap_row(b, depth, u, mask, overlapping):
     squares, total, cells = 0.0, 0.0, 0
     for i in range(b.size):
-        e = u[i] - b[i]
+        e = gap(u[i], b[i], depth)
         inside = mask[i] | (overlapping[i] & (e <= 0))
         e = e if inside else 0.0
         squares += e * e
@@ -194,14 +213,14 @@ def _gap_row(b, u, mask, overlapping):
 
 
 @any_order
-def gap_on(b, u, mask, overlapping):
+def gap_on(b, depth, u, mask, overlapping):
     """Sum of squares and sum of h + u over a mask, and where it is not positive over another; number of these cells.
 
     The same mask twice: over that alone.
     """
     sums = 0.0, 0.0, 0
     for j in range(b.shape[0]):
-        sums = plus(sums, _gap_row(b[j], u[j], mask[j], overlapping[j]))
+        sums = plus(sums, _gap_row(b[j], depth, u[j], mask[j], overlapping[j]))
     return sums
 
 
@@ -229,10 +248,11 @@ def warm_up():
     """Load the compiled loops now, not in the first iteration. Not collective."""
     tension(FIXED, MASK)
     for low in (FIELD, FIELD.astype(np.float32)):
-        defect(FIXED, FIELD, MASK, 1.0, low)
+        defect(FIXED, 0.0, FIELD, MASK, 1.0, low)
         release(FIELD, MASK, MASK, low)
-        activate(FIXED, FIELD, FIXED, MASK, MASK, MASK, low, np.zeros(1, bool))
+        activate(FIXED, 0.0, FIELD, FIXED, MASK, MASK, MASK, low, np.zeros(1, bool))
     numbers(FIXED, MASK)
+    compensated_sum(FIXED, MASK)
     sum_squares(FIXED, 0.0, MASK)
-    gap_on(FIXED, FIELD, MASK, MASK)
+    gap_on(FIXED, 0.0, FIELD, MASK, MASK)
     faces(MASK, np.zeros(1, bool), False)

@@ -383,7 +383,8 @@ def prescribe(grid, distance, **given):
     if kind == "mean_gap":
         _check_mean_gap(value, grid, holes, little)
         # no digits are lost to the reference
-        depth = _without_rounding(mean - max(value, 0.0), mean, distance.touching, mean)
+        depth = (mean - max(value, 0.0)) + distance.statistics.mean_rest
+        depth = _without_rounding(depth, mean, distance.touching, mean)
         return PrescribedMeanGap(distance, depth)
     if not grid.periodic:
         return PrescribedApproach(value)

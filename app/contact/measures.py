@@ -76,7 +76,7 @@ def measure_contact(state):
     ContactMeasures
     """
     grid, distance, slabs = state.grid, state.distance, state.operator.slabs
-    _, total, _ = kernels.gap_on(distance.b, state.u, state.admissible, state.admissible)
+    _, total, _ = kernels.gap_on(distance.b, state.depth, state.u, state.admissible, state.admissible)
     force, highest, _ = kernels.numbers(state.p, state.contact)
     # Cells that touch without pressure count, too, as in perimeter and patches.
     cells = np.count_nonzero(state.contact)
@@ -90,7 +90,7 @@ def measure_contact(state):
     sums = total, cells, in_x, in_y, force
     (total, cells, in_x, in_y, force), (lowest,) = sums_and_minima(state.comm, sums, [-highest])
     load = grid.cell_area * float(force)
-    admissible, mean, _ = distance.statistics
+    admissible, mean, *_ = distance.statistics
     # Displacements of a periodic patch have no mean: that of e is known without their rounding.
     gap = mean - state.depth if grid.periodic and admissible == grid.n else total / admissible
     return ContactMeasures(

@@ -68,7 +68,7 @@ class _ReferenceSolver:
         lower, upper = state.pressure.duplicate(), state.pressure.duplicate()
         lower.set(0)
         upper.setArray(np.where(state.admissible, PETSc.INFINITY, 0.0).reshape(-1))
-        self._h.setArray(np.where(state.admissible, -state.distance.b, 0.0).reshape(-1))
+        self._h.setArray(np.where(state.admissible, -(state.distance.b + state.depth), 0.0).reshape(-1))
         acceptable = self.stop.allowed(state)
         try:
             reason = self._attempt(state.pressure, lower, upper, 0.1 * acceptable)
@@ -103,7 +103,7 @@ class _ReferenceSolver:
         np.greater(p, 0, out=state.contact)
         self.operator.exact_displacement(p, state.u)
         state.u_is = Displacement.EXACT
-        e = state.u - state.distance.b
+        e = state.gap()
         defect, overlap = e[state.contact], e[state.admissible & ~state.contact].clip(max=0)
         return np.sqrt(state.sum([defect @ defect, overlap @ overlap])).tolist()
 

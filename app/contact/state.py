@@ -5,9 +5,9 @@ paper                     here                             unit
 ========================  ===============================  =====
 C                         ``ContactState.contact``         bool
 p, u                      ``pressure``, ``u``              N/mm2, mm
--h, (2.11)                ``rhs``, everywhere              mm
 delta                     ``approach``, ``depth`` + const  mm
-e = h + u, (2.3)          ``u - b``, b the array of -h     mm
+-h, (2.11)                ``b + depth``, see `distance`    mm
+e = h + u, (2.3)          ``gap()``, ``u - (b + depth)``   mm
 r (defect)                ``h + u`` on C                   mm
 ========================  ===============================  =====
 
@@ -166,7 +166,7 @@ class ContactState:
         On a periodic patch without holes mean(gap) = mean(undeformed distance) - approach; at zero contact is full,
         whatever the load. A coarse grid may get there before the target does.
         """
-        cells, mean, _ = self.distance.statistics
+        cells, mean, *_ = self.distance.statistics
         if not self.grid.periodic or cells < self.grid.n:
             return np.inf
         return mean - _ROUND_OFF * abs(mean)
@@ -177,10 +177,9 @@ class ContactState:
         highest = self.highest
         return highest - _TRIED * abs(highest) if highest < np.inf else highest
 
-    @property
-    def rhs(self):
-        """-h on all cells, a Vec: the right-hand side of (2.11), of which the operator sees what is on C."""
-        return self.distance.rhs
+    def gap(self):
+        """Return e = h + u on all cells, shape (local rows, nx) [mm]. Not collective."""
+        return self.u - (self.distance.b + self.depth)
 
     @property
     def values(self):
@@ -205,7 +204,7 @@ class ContactState:
         """Depth at which the first cells of the undeformed bodies touch [mm]. Collective in a window."""
         if self.distance.touching is not None:
             return self.distance.touching
-        return self.depth + float(self.minimum(-self.distance.b.max(initial=-np.inf, where=self.admissible)))
+        return float(self.minimum(-self.distance.b.max(initial=-np.inf, where=self.admissible)))
 
     def leave_one_open(self):
         """Where A is singular, on all cells of a periodic patch, the one most inclined to open leaves C. Collective.
@@ -226,14 +225,14 @@ class ContactState:
 
     def on_contact(self, with_h=False):
         """Return the Gaps on C; `with_h`: and ||h|| there. Collective."""
-        b, contact = self.distance.b, self.contact
-        of_h = kernels.sum_squares(b, 0.0, contact) if with_h else np.nan
-        squares, total, cells, h = self.sum([*kernels.gap_on(b, self.u, contact, contact), of_h])
+        b, depth, contact = self.distance.b, self.depth, self.contact
+        of_h = kernels.sum_squares(b, -depth, contact) if with_h else np.nan
+        squares, total, cells, h = self.sum([*kernels.gap_on(b, depth, self.u, contact, contact), of_h])
         return Gaps(int(cells), squares, total, h=sqrt(h))
 
     def on_contact_or_overlap(self):
         """Return the Gaps on C and where they are negative, and the load. Collective."""
-        sums = kernels.gap_on(self.distance.b, self.u, self.contact, self.admissible)
+        sums = kernels.gap_on(self.distance.b, self.depth, self.u, self.contact, self.admissible)
         squares, total, cells, pressure = self.sum([*sums, self._p.sum()])
         return Gaps(int(cells), squares, total, load=self.grid.cell_area * float(pressure))
 
@@ -241,7 +240,7 @@ class ContactState:
 
     def start_from_interpenetration(self):
         """Sec. 4.1, step 1: C^0 = {h <= 0}, p = 0. Not collective."""
-        np.greater_equal(self.distance.b, 0.0, out=self.contact)
+        np.greater_equal(self.distance.b, -self.depth, out=self.contact)
         self.contact &= self.admissible
         self.pressure.set(0)
         self.u[...] = 0
@@ -251,7 +250,7 @@ class ContactState:
         """Without contact: approach until the first cell touches, which becomes C. Collective."""
         if self.cells_in_contact():
             return
-        gap = self.u - self.distance.b
+        gap = self.gap()
         nearest = float(self.minimum(gap[self.admissible].min(initial=np.inf)))
         np.less_equal(gap, nearest, out=self.contact)
         self.contact &= self.admissible
@@ -266,7 +265,8 @@ class ContactState:
     def defect(self):
         """Sec. 4.1, step 2: (2.11) for the correction of p: the Vec ``right`` = -(h + u) on C. Not collective."""
         with self.right as values:
-            kernels.defect(self.distance.b, self.u, self.contact, 1.0, values.reshape(self.u.shape))
+            out = values.reshape(self.u.shape)
+            kernels.defect(self.distance.b, self.depth, self.u, self.contact, 1.0, out)
         return self.right
 
     def add(self, correction):
@@ -308,9 +308,10 @@ class ContactState:
         Update
             Since before `release_tensile`.
         """
-        fields = self.distance.b, self.u, self.p, self.admissible, self.contact, self._released
+        fields = self.u, self.p, self.admissible, self.contact, self._released
         expected, room = _NOBODY if expected is None else expected, np.empty(self.u.shape[1], bool)
-        cells, added, lost, squares, h, total = self.sum(kernels.activate(*fields, expected, room))
+        found = kernels.activate(self.distance.b, self.depth, *fields, expected, room)
+        cells, added, lost, squares, h, total = self.sum(found)
         load = self.grid.cell_area * float(total)
         return Update(int(cells), int(added), int(lost), sqrt(squares), sqrt(h), load)
 

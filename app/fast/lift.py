@@ -14,6 +14,7 @@ Switch: ``-lcp_prolongation lift|copy``. Gain: see `app.fast`.
 from __future__ import annotations
 
 from app.compiled import FIELD, FIXED, MASK, njit
+from app.contact.kernels import gap
 from app.fast.circulant import circulant_of
 from app.halfspace.reductions import any_order
 
@@ -35,7 +36,7 @@ def lift(transfer, coarse, state):
     transfer.copy(coarse.contact, state.contact)
     p = state.values  # T until it is B T
     transfer.interpolate(coarse.u, p)  # 1.
-    _close_gaps(state.distance.b, state.u, state.admissible, state.contact, p)  # 2.
+    _close_gaps(state.distance.b, state.depth, state.u, state.admissible, state.contact, p)  # 2.
     circulant_of(state.operator).apply(p, p)  # 3.
     after = _drop_nonpositive(p, state.contact)
     areas = coarse.operator.grid.cell_area, state.grid.cell_area
@@ -44,19 +45,19 @@ def lift(transfer, coarse, state):
 
 
 @njit()
-def _close_row(b, u, admissible, contact, target):
+def _close_row(b, depth, u, admissible, contact, target):
     for i in range(b.size):
-        e = u[i] - b[i]
+        e = gap(u[i], b[i], depth)
         inside = admissible[i] & (contact[i] | (e <= 0))
         contact[i] = inside
         target[i] -= e if inside else 0.0
 
 
 @njit()
-def _close_gaps(b, u, admissible, contact, target):
+def _close_gaps(b, depth, u, admissible, contact, target):
     """Put cells with h + u <= 0 into C, and take h + u off `target` on C."""
     for j in range(b.shape[0]):
-        _close_row(b[j], u[j], admissible[j], contact[j], target[j])
+        _close_row(b[j], depth, u[j], admissible[j], contact[j], target[j])
 
 
 @any_order
@@ -82,5 +83,5 @@ def _drop_nonpositive(p, contact):
 
 def warm_up():
     """Load the compiled loops now, not in the first lift. Not collective."""
-    _close_gaps(FIXED, FIELD, MASK, MASK, FIELD)
+    _close_gaps(FIXED, 0.0, FIELD, MASK, MASK, FIELD)
     _drop_nonpositive(FIELD, MASK)

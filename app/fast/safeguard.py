@@ -83,7 +83,7 @@ def projected_newton(state, solver, stop, history):
         update = _contact_from(state, gap, before)
         if update.residual <= stop.allowed(state) and state.u_is is not Displacement.EXACT:
             state.compute_displacement(exact=True)
-            gap = state.u - state.distance.b
+            gap = state.gap()
             update = _contact_from(state, gap, before)
         history.add(state, solver, update, its)
         residual = update.residual / state.distance.norm()
@@ -101,7 +101,7 @@ def _displaced(state, p):
     """A p, and h + A p, for any pressure. Collective."""
     u = np.empty(p.shape)
     state.operator.displacement(p, u)
-    return u, u - state.distance.b
+    return u, u - (state.distance.b + state.depth)
 
 
 def _nearly_none(state, gap):

@@ -74,9 +74,10 @@ class TrackingSolver(LinearSolver):
         if self._large:
             self.operator.forget_elsewhere()
         self.ksp.setInitialGuessNonzero(True)
-        self._cg.displacement, self._cg.first_norm, self._cg.multiply = state.u, norm, self._multiply
-        iterations, failure = self._run(state.rhs, state.pressure, allowed)
-        self._cg.displacement = None  # not for longer than the state
+        cg = self._cg
+        cg.displacement, cg.shift, cg.first_norm, cg.multiply = state.u, state.depth, norm, self._multiply
+        iterations, failure = self._run(state.distance.rhs, state.pressure, allowed)
+        cg.displacement, cg.shift = None, 0.0  # not for longer than the state
         if iterations:
             self._change_not_in_u, state.u_is = True, Displacement.STALE
         return iterations, failure, self._cg.residual
@@ -149,6 +150,6 @@ class TrackingSolver(LinearSolver):
         if extend is None:
             return None
         expected = self._cg.product
-        kernels.defect(state.distance.b, state.u, state.contact, factor, expected)
+        kernels.defect(state.distance.b, state.depth, state.u, state.contact, factor, expected)
         extend(expected)
         return expected

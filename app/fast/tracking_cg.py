@@ -16,6 +16,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.compiled import FIELD, FIXED, MASK
+from app.contact.kernels import gap
 from app.halfspace.operator import InfluenceOperator, context_of, vec_of
 from app.halfspace.reductions import add_row, any_order, plus, span_of
 from app.multigrid.ksp_context import KspContext
@@ -27,10 +28,10 @@ _DIGITS = {np.dtype(np.float64): 1e-8, np.dtype(np.float32): 1e-6}
 
 
 @any_order
-def _residual_row(b, u, contact, r):
+def _residual_row(b, shift, u, contact, r):
     squares = 0.0
     for i in range(r.size):
-        value = b[i] - u[i]
+        value = -gap(u[i], b[i], shift)
         value = value if contact[i] else 0.0
         r[i] = value
         squares += value * value
@@ -78,15 +79,15 @@ def _dots_row(d, q, r, contact):
 
 
 @any_order
-def _first_residual(b, u, contact, spans, r):
-    """r = b - u on C, 0 elsewhere, and in each row the first column of C and one past the last; return r.r."""
+def _first_residual(b, shift, u, contact, spans, r):
+    """r = b + shift - u on C, 0 elsewhere, and each row's first column of C and one past the last; return r.r."""
     squares = 0.0
     for j in range(r.shape[0]):
         first, last = span_of(contact[j])
         spans[j, 0], spans[j, 1] = first, last
         r[j] = 0
         span = slice(first, last)
-        squares += _residual_row(b[j, span], u[j, span], contact[j, span], r[j, span])
+        squares += _residual_row(b[j, span], shift, u[j, span], contact[j, span], r[j, span])
     return squares
 
 
@@ -140,7 +141,7 @@ def _dots(d, q, r, contact, spans):
 def warm_up(dtype):
     """Load the compiled loops now, not in the first iteration. Not collective."""
     low, spans = FIELD.astype(dtype), np.zeros((0, 2), np.int64)
-    _first_residual(FIXED, FIELD, MASK, spans, low)
+    _first_residual(FIXED, 0.0, FIELD, MASK, spans, low)
     _dot(low, low, MASK, spans)
     _direction(low, low, dtype.type(0), MASK, spans)
     _dots(low, low, low, MASK, spans)
@@ -157,6 +158,8 @@ class TrackingCG(KspContext):
     ----------
     displacement : ndarray, shape (local rows, nx), or None
         u = A x on entry; set by the caller, who also says that x is the initial guess.
+    shift : float
+        Constant that is added to b. Set by the caller.
     first_norm : float or None
         Norm of the residual on entry, if it is known. Set by the caller, for one solve.
     multiply : callable
@@ -170,7 +173,7 @@ class TrackingCG(KspContext):
     """
 
     displacement = first_norm = None
-    residual = 0.0
+    residual = shift = 0.0
     _z = _r = _d = _change = None
 
     def setUp(self, ksp):
@@ -268,7 +271,7 @@ class TrackingCG(KspContext):
         return apply, lambda _: (), self._r, self.work
 
     def _start(self, ksp, b, x, r):
-        """r = b - u; return its norm. Without `displacement` u is A x for the initial guess, and not kept."""
+        """r = b + shift - u; return its norm. Without `displacement` u is A x for the initial guess, and not kept."""
         u, known, self.first_norm = self.displacement, self.first_norm, None
         if u is None:
             u = self.work
@@ -277,7 +280,7 @@ class TrackingCG(KspContext):
             else:
                 x.set(0)
                 u[...] = 0
-        squares = _first_residual(self._read(b), u, self._operator.mask, self._spans, r)
+        squares = _first_residual(self._read(b), self.shift, u, self._operator.mask, self._spans, r)
         return sqrt(self._sum([squares])[0]) if known is None else known
 
     def destroy(self, ksp):

@@ -40,7 +40,8 @@ def random_pressure(state, seed=1):
 def test_undeformed_distance_is_shape_minus_approach(state, approach):
     state.approach = approach
     inside = state.admissible
-    np.testing.assert_allclose(-state.distance.b[inside], state.shape[inside] - approach, atol=1e-14)
+    h = state.distance.h_at(state.depth)
+    np.testing.assert_allclose(h[inside], state.shape[inside] - approach, atol=1e-14)
     assert state.distance.norm() == pytest.approx(np.linalg.norm(state.shape[inside] - approach), rel=1e-13)
     assert state.approach == pytest.approx(approach, abs=1e-15)
     assert state.first_touch() == pytest.approx(0.0, abs=1e-14)  # beyond the reference, the least distance
@@ -52,8 +53,17 @@ def test_distances_with_a_large_constant_keep_their_digits():
     operator = InfluenceOperator(Grid(2, 1, 1.0, 1.0), 1.0)
     distance = UndeformedDistance(operator, np.array([[0.0, 1e-12]]), reference=1e6)
     distance.move_to(1e-11)
-    np.testing.assert_allclose(distance.b, [[1e-11, 9e-12]], rtol=1e-12)
+    np.testing.assert_allclose(distance.h_at(1e-11), [[-1e-11, -9e-12]], rtol=1e-12)
     distance.destroy()
+
+
+def test_moves_cost_no_digits(state):
+    """However far the bodies go, the distances there are those of the shape."""
+    before = state.distance.h_at(state.depth)
+    for depth in (1e13, 3e-7, -1e9, 0.0):
+        state.depth = depth
+        np.testing.assert_array_equal(state.gap(), state.u - (depth + state.distance.b))
+    np.testing.assert_array_equal(state.distance.h_at(state.depth), before)
 
 
 def test_defect_is_minus_h_minus_u_on_c_and_nothing_elsewhere(state):
@@ -61,7 +71,7 @@ def test_defect_is_minus_h_minus_u_on_c_and_nothing_elsewhere(state):
     state.contact[1] = False
     state.compute_displacement()
     defect = state.defect().getArray(readonly=True).reshape(GRID.shape)
-    e = -state.distance.b + state.u
+    e = state.gap()
     np.testing.assert_allclose(defect, np.where(state.contact, -e, 0.0), atol=1e-14)
 
 
@@ -98,7 +108,7 @@ def test_activation_says_what_came_and_went_since_release(state):
     released = before & ~state.contact
     state.compute_displacement()
     update = state.activate_penetrating()
-    e = state.u - state.distance.b
+    e = state.gap()
     np.testing.assert_array_equal(state.contact, (before & ~released) | (state.admissible & (e <= 0)))
     assert update.cells == state.contact.sum()
     assert update.added == (state.contact & ~before).sum()
@@ -111,7 +121,7 @@ def test_activation_says_what_came_and_went_since_release(state):
 
 def test_activation_by_the_expected_displacement(state):
     state.start_from_interpenetration()
-    gap = state.u - state.distance.b
+    gap = state.gap()
     outside = np.argwhere(state.admissible & (gap > 0))
     cell = tuple(outside[0])
     expected = np.zeros(GRID.shape)
@@ -144,16 +154,15 @@ def test_numbers(state):
     set_pressure(state, p)
     state.compute_displacement()
     assert state.load == pytest.approx(p.sum() * GRID.cell_area, rel=1e-14)
-    e = state.u - state.distance.b
+    e = state.gap()
     where = state.contact | (state.admissible & (e <= 0))
     for gaps, cells in (state.on_contact(), state.contact), (state.on_contact_or_overlap(), where):
         assert gaps.cells == cells.sum()
         assert gaps.residual == pytest.approx(np.linalg.norm(e[cells]), rel=1e-13)
         assert gaps.rms == pytest.approx(np.sqrt(np.mean(e[cells] ** 2)), rel=1e-13)
         assert gaps.mean == pytest.approx(np.mean(e[cells]), rel=1e-12, abs=1e-14)
-    assert state.on_contact(with_h=True).h == pytest.approx(
-        np.linalg.norm(state.distance.b[state.contact]), rel=1e-13
-    )
+    h = state.distance.h_at(state.depth)
+    assert state.on_contact(with_h=True).h == pytest.approx(np.linalg.norm(h[state.contact]), rel=1e-13)
     assert state.on_contact_or_overlap().load == pytest.approx(state.load, rel=1e-13)
     assert state.cells_in_contact() == np.count_nonzero(state.contact)
     u = state.u.copy()
@@ -168,7 +177,7 @@ def test_start_forgets_everything(state):
     state.compute_displacement()
     state.approach = 0.1
     state.start_from_interpenetration()
-    np.testing.assert_array_equal(state.contact, state.admissible & (-state.distance.b <= 0))
+    np.testing.assert_array_equal(state.contact, state.distance.h_at(state.depth) <= 0)
     assert not state.p.any() and not state.u.any()
     assert state.u_is is Displacement.EXACT
     assert state.contact is state.operator.mask
