@@ -128,7 +128,11 @@ class Outcome(NamedTuple):
         """Return this outcome, not converged if the error bound that is proved is more than is allowed."""
         if not self.converged or bound <= allowed:
             return self
-        advice = "rounding allows no more" if self.to_rounding else "a smaller -lcp_rtol is more accurate"
+        advice = (
+            "rounding allows no more"
+            if self.to_rounding
+            else "a smaller -lcp_rtol or the default method is more accurate"
+        )
         doubt = f"the pressure is proved to {bound:.2g} only (-lcp_error_bound {allowed:g}); {advice}"
         return self._replace(converged=False, reason=f"{self.reason}, but {doubt}")
 

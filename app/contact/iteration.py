@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from app.contact.history import Outcome
 from app.contact.state import Displacement
+from app.contact.stopping import ROUNDING, ROUNDING_LEAVES
 
 CONVERGED = "contact area unchanged and residual small enough"
 NO_CONTACT = "the bodies do not touch"
@@ -39,6 +40,7 @@ def active_set(state, solver, loading, stop, history):
     Outcome
     """
     fewest, since = float("inf"), 0  # least number of cells that changed, and iterations since then
+    before = float("inf")  # residual [mm]
     if not begin(state, solver, loading, history):
         return Outcome(not loading.prescribes_load, NO_CONTACT)
     for k in range(1, stop.max_it + 1):
@@ -61,6 +63,10 @@ def active_set(state, solver, loading, stop, history):
             update = loading.settle(state, update) if stop.final else update
             if not update.changed and stop(state, update.residual):
                 return Outcome(True, CONVERGED, k, residual)
+        if not update.changed and before / 2 < update.residual <= ROUNDING * update.h_on_contact:
+            loading.settle(state, update)
+            return Outcome(False, ROUNDING_LEAVES, k, residual, to_rounding=True)
+        before = update.residual
     more = "more by -lcp_max_it, or the default method, which has a safeguard"
     return Outcome(
         False, f"{stop.max_it} active set iterations in a row were not enough: {more}", stop.max_it, residual
@@ -75,7 +81,7 @@ def active_set_or_search(state, solver, loading, stop, history):
     if not (loading.prescribes_load and state.grid.periodic):
         return active_set(state, solver, loading, stop, history)
     outcome = active_set(state, solver, loading, replace(stop, max_it=-(-stop.max_it // 2)), history)
-    if outcome.converged:
+    if outcome.converged or outcome.to_rounding:
         return outcome
     state.start_from_interpenetration()
     tight = stop.tighter(0.25)  # what is settled then must still pass
@@ -90,11 +96,11 @@ def active_set_or_search(state, solver, loading, stop, history):
 def search_load(state, loading, solve, stop, rtol, step=None):
     """Meet a load by root search, then exactly, and test (5.1) once more. Collective; see `PrescribedLoad.search`."""
     outcome = loading.search(state, solve, rtol, step)
-    if not outcome.converged:
-        return outcome
     state.first_contact()  # under next to no load the search may end without
     residual = loading.settle(state, state.activate_penetrating()).residual
     outcome = outcome._replace(residual=residual / state.distance.norm())
+    if not outcome.converged:
+        return outcome  # the load is right, if nothing else is
     if stop.final and residual > stop.allowed(state):
         return outcome._replace(converged=False, reason="the load is met to rounding only")
     return outcome

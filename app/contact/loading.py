@@ -170,7 +170,7 @@ class PrescribedLoad:
             if depth not in loads:
                 state.depth = depth
                 outcome = solve(PrescribedApproach(state.approach, state.depth)).after(outcome)
-                if not outcome.converged:
+                if not (outcome.converged or outcome.to_rounding):
                     raise _SearchOver
                 loads[depth] = state.load
                 if abs(loads[depth] - self.load) <= rtol * self.load:

@@ -25,6 +25,8 @@ import numpy as np
 from app.contact.history import Outcome
 from app.contact.iteration import CONVERGED, what_is_wrong
 from app.contact.state import Displacement, Update
+from app.contact.stopping import ROUNDING, ROUNDING_LEAVES
+from app.fast.progress import Halvings
 
 _NEARLY_NONE = 0.01  # of the largest pressure, at most: cells with less and a gap are left out of the system
 _ARMIJO = 1e-4
@@ -52,7 +54,7 @@ def projected_newton(state, solver, stop, history):
     np.maximum(state.p, 0.0, out=state.values)
     np.copyto(state.values, 0.0, where=~state.admissible)
     state.u[...], gap = _displaced(state, state.p)
-    residual = state.on_contact().residual / state.distance.norm()
+    residual, progress = state.on_contact().residual / state.distance.norm(), Halvings()
     for k in range(1, stop.max_it + 1):
         before = state.contact.copy()
         p, nearly = state.p, _nearly_none(state, gap)
@@ -92,7 +94,10 @@ def projected_newton(state, solver, stop, history):
         if update.residual <= stop.allowed(state):
             if stop.certified(state):
                 return Outcome(True, CONVERGED, k, residual)
-            stop = stop.tighter(0.1)
+            stop, progress = stop.tighter(0.1), Halvings()
+        progress.after(update.residual)
+        if progress.stalls and update.residual <= ROUNDING * state.on_contact(with_h=True).h:
+            return Outcome(False, ROUNDING_LEAVES, k, residual, to_rounding=True)
     too_few = f"{stop.max_it} iterations of the safeguard were not enough: more by -lcp_max_it"
     return Outcome(False, too_few, stop.max_it, residual)
 

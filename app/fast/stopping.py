@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from app.contact.certificate import estimate
-from app.contact.stopping import StoppingTest
+from app.contact.stopping import ROUNDING, StoppingTest
 
 # (5.1) holds with h on C alone and so many times rtol, too: contact may be small in its patch.
 IN_CONTACT = 100.0
-ROUNDING = 1e-13  # of ||h|| on C: what it leaves of displacements there
 
 
 @dataclass(frozen=True)
