@@ -14,8 +14,8 @@ import numpy as np
 from app.contact.history import Outcome
 from app.contact.iteration import CONVERGED, what_is_wrong
 from app.contact.state import Displacement
+from app.contact.stopping import ROUNDING, ROUNDING_LEAVES
 from app.fast.progress import Halvings, NeedsSafeguard
-from app.fast.stopping import ROUNDING
 from app.primal import kernels as loops
 
 _LOOSE = 0.005  # share of the cells that may still change on a coarse grid
@@ -27,7 +27,7 @@ _UNSURE = 0.5  # of the error aimed at: what levels may have left in p when it i
 _FAR = 10.0  # times the error aimed at: where the gap of a cell changes by more, the contact set is not the last one
 _OFF = 100.0  # true error over the residual beyond which p itself has drifted and is computed anew
 _DOUBT = 0.6  # margin below what the verification asks for, after it has failed
-_LIGHT = 1e-11  # of a prescribed depth: error that can be aimed at, however high the surface is
+_LEAST = 1e-15  # of the largest displacement: error that can be aimed at
 _LOWER = 0.1  # of what was reached is aimed at where the load is less than what was left on the free cells
 _SETTLED = "residual small enough, and so is what the contact area still changes by"
 _FLAT = 1e-12  # of the root mean square height: deviation that is rounding
@@ -59,7 +59,7 @@ def primal_active_set(primal, solver, stop, history):
     state, progress = primal.state, _Progress()
     solver.begin(state, primal.loading, stop.defect_correction)
     primal.start(solver)
-    accuracy = _Accuracy(allowed_gap(primal, stop), stop.rtol, primal.prescribed_depth)
+    accuracy = _Accuracy(allowed_gap(primal, stop))
     history.start(state, solver)
     primal.guess(solver, exact=stop.final)
     for k in range(1, stop.max_it + 1):
@@ -90,7 +90,10 @@ def primal_active_set(primal, solver, stop, history):
                 residual = verdict.residual / state.distance.norm()
             if verdict.solved:
                 return Outcome(True, _SETTLED if update.changed else CONVERGED, k, residual)
+            aim = accuracy.aim
             _go_on_after(verdict, primal, solver, accuracy, norm / np.sqrt(primal.cells), update.added > 0)
+            if accuracy.aim <= 0.5 * aim:
+                progress.restart()
             if accuracy.exhausted:
                 raise NeedsSafeguard(Outcome(False, _NO_PRESSURE, k, residual))
         else:
@@ -99,18 +102,22 @@ def primal_active_set(primal, solver, stop, history):
                 primal.close_captured_gaps(solver)  # the gaps of captured cells, by a product
         progress.after(norm, update.changed)
         if progress.stalls:
-            raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
+            if not (stop.final and norm <= ROUNDING * primal.largest() * np.sqrt(primal.cells)):
+                raise NeedsSafeguard(Outcome(False, "the residual stagnates", k, residual))
+            residual = _end_unsolved(primal, solver)
+            return Outcome(False, ROUNDING_LEAVES, k, residual)
     primal.commit(solver)
     if stop.final:
-        residual = _end_unsolved(primal, solver).residual / state.distance.norm()
+        residual = _end_unsolved(primal, solver)
     return Outcome(False, f"{stop.max_it} active set iterations were not enough", stop.max_it, residual)
 
 
 def _end_unsolved(primal, solver):
     """Leave the best there is: a pressure >= 0 with the right load, and u = A p.
 
-    Collective. Returns what `verify` has found. Where that is nothing the contact set bears the load evenly.
+    Collective. Returns the residual (5.1). Where there is no pressure the contact set bears the load evenly.
     """
+    primal.commit(solver)
     state = primal.state
     state.depth = primal.depth
     found = verify(primal, solver.scratch)
@@ -118,7 +125,7 @@ def _end_unsolved(primal, solver):
         state.values[...] = state.contact
         found = verify(primal, solver.scratch)
     accept(primal, solver.scratch)
-    return found
+    return found.residual / state.distance.norm()
 
 
 class _Accuracy:
@@ -128,10 +135,6 @@ class _Accuracy:
     ----------
     allowed : float
         Root mean square error of the gap that is small enough [mm].
-    rtol : float
-        What it was made from on the target grid, the only one that aims lower.
-    depth : float, optional
-        That is prescribed [mm]: displacements where contact is light.
 
     Attributes
     ----------
@@ -144,16 +147,15 @@ class _Accuracy:
         One has, though no smaller error can be aimed at.
     """
 
-    def __init__(self, allowed, rtol, depth=np.inf):
+    def __init__(self, allowed):
         self.allowed, self.aim = allowed, _SURE * allowed
-        self._lowest = min(ROUNDING / rtol * allowed, _LIGHT * depth)
         self.doubted = self.exhausted = False
 
     def keep(self):
         """Aim at the same: not the residual was too small, but p off. From now on a product precedes a verification."""
         self.doubted = True
 
-    def lower(self, reached, error):
+    def lower(self, reached, error, lowest):
         """Aim lower, by as much as a verification says that the residual was too small.
 
         Parameters
@@ -162,13 +164,15 @@ class _Accuracy:
             Error by the residual [mm].
         error : float
             By the verification [mm]; NaN: it found no pressure.
+        lowest : float
+            What rounding leaves [mm].
         """
         no_pressure = np.isnan(error)
-        self.exhausted = no_pressure and self.aim <= self._lowest
+        self.exhausted = no_pressure and self.aim <= lowest
         share = _LOWER if no_pressure else 0.5
         if error > 0:
             share = min(share, _DOUBT * self.allowed / error)
-        self.aim = max(share * min(self.aim, reached), self._lowest)
+        self.aim = max(share * min(self.aim, reached), lowest)
         self.doubted = True
 
 
@@ -177,6 +181,10 @@ class _Progress:
 
     def __init__(self):
         self._residual, self._fewest = Halvings(), float("inf")
+
+    def restart(self):
+        """Begin anew, where a smaller error is aimed at. Not collective."""
+        self._residual = Halvings()
 
     def after(self, norm, changed):
         """Hear of an iteration: the residual [mm], 0 if nothing is free, and the cells that changed."""
@@ -230,7 +238,7 @@ def _go_on_after(verdict, primal, solver, accuracy, reached, captured):
     if off and not accuracy.doubted:
         accuracy.keep()
     else:
-        accuracy.lower(reached, verdict.error)
+        accuracy.lower(reached, verdict.error, _LEAST * primal.largest())
 
 
 def allowed_gap(primal, stop):

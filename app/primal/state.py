@@ -68,6 +68,10 @@ class PrimalState:
         """What the mean of w says that it is now [mm]. Collective."""
         return -self.mean(self.w)
 
+    def largest(self):
+        """Largest |w|, by which rounding is measured [mm]. Collective."""
+        return -float(min(self.state.minimum([self.w.min(initial=0.0), -self.w.max(initial=0.0)])))
+
     @property
     def load(self):
         """That of p: B w has none [N]. Not collective."""

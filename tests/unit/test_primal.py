@@ -534,7 +534,7 @@ def test_if_they_matter_after_all_it_goes_on(steps, loading):
     update = primal.exchange(solver, 0.0, 0.0, np.inf, norm)
     free = ~state.contact
     primal.commit(solver)
-    accuracy = iteration._Accuracy(1e-9, 1e-6)
+    accuracy = iteration._Accuracy(1e-9)
     stop = InexactStop(1e-6, 100, True)
     verdict = iteration._judge(primal, solver.scratch, stop, accuracy.allowed)
     iteration._go_on_after(verdict, primal, solver, accuracy, norm / np.sqrt(primal.cells), True)
