@@ -1,10 +1,14 @@
 """Periodic patches on several ranks against one."""
 
+from fractions import Fraction
+
 import numpy as np
 import periodic
 import pytest
 from mpi4py import MPI
 from running import solve
+
+from app import ContactProblem, ContactSolver, Grid, Material
 
 CIRCULANT = {"pc_type": "python", "pc_python_type": "app.fast.circulant.Circulant", "pc_circulant_extend": 3}
 
@@ -17,6 +21,18 @@ CIRCULANT = {"pc_type": "python", "pc_python_type": "app.fast.circulant.Circulan
 )
 def test_any_number_of_ranks_finds_the_same(comm, method, options):
     assert_same_as_alone(comm, method, options)
+
+
+@pytest.mark.mpi(2, 3)
+def test_the_mean_distance_is_not_rounded_on_any_number_of_ranks(comm):
+    gap = 10.0 ** np.random.default_rng(1).uniform(-9, 9, (13, 8))
+    gap[0, 0] = 0.0
+    material = Material.from_contact_modulus(1.0)
+    problem = ContactProblem(Grid(8, 13, 0.1, 0.1), material, gap, periodic=True)
+    with ContactSolver(problem, comm=comm) as solver:
+        found = solver._distances[-1].statistics
+    exact = sum(map(Fraction, gap.ravel().tolist())) / gap.size
+    assert abs(Fraction(found.mean) + Fraction(found.mean_rest) - exact) <= 1e-29 * exact
 
 
 @pytest.mark.mpi(2, 3)

@@ -1,5 +1,6 @@
 """Periodic patches: influence coefficients, transfers, and the certificate."""
 
+from fractions import Fraction
 from unittest import mock
 
 import numpy as np
@@ -23,6 +24,7 @@ from app.halfspace.operator import InfluenceOperator
 from app.halfspace.periodic import _short_range, even_sums, influence_symbol
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.transfer import Transfer
+from app.verification.dense import DenseProblem
 
 each_grid = pytest.mark.parametrize("grid", PERIODIC.values(), ids=PERIODIC.keys())
 
@@ -288,6 +290,19 @@ def test_a_bound_that_is_small_enough_costs_no_product(seed, monkeypatch):
     assert bounds[0] == bounds[1] > bounds[2]
 
 
+@pytest.mark.parametrize("depth", [1e-3, 1e-10, 1e-16, 1e-25])
+@pytest.mark.parametrize("share", [1 - 1e-3, 1 + 1e-6, 1.1])
+def test_the_certificate_is_as_sharp_at_first_touch_as_elsewhere(depth, share):
+    """Sums of gaps, larger than those of contact by many decades, have no part in the bound."""
+    gap = np.random.default_rng(0).random((10, 12))
+    gap[[2, 2, 7], [3, 4, 9]] = 0.0
+    problem = ContactProblem(Grid(12, 10, 0.1, 0.1), Material.from_contact_modulus(1e5), gap, periodic="love")
+    dense = DenseProblem(problem)
+    exact = dense.at(depth).astype(float)
+    bound = certified(problem, depth, share * exact).error_bound
+    assert 0.5 * bound < abs(share - 1) / share <= bound
+
+
 def test_certificate_with_nothing_but_holes_and_contact():
     problem = periodic.rough(8, 8, 1, holes=0.3)
     exact, _ = periodic.by_pivoting(problem, 3 * np.nanmax(problem.gap))
@@ -406,6 +421,19 @@ def test_the_bound_asked_for_is_proved_by_any_method():
         assert found.converged
         bounds[wanted] = found.error_bound
     assert bounds[7e-6] <= 7e-6 < bounds[0.01]
+
+
+@pytest.mark.parametrize("share", [1e-3, 1e-8, 1e-12])
+def test_a_mean_gap_near_first_touch_keeps_its_digits(share):
+    """The mean undeformed distance is summed without rounding: what it exceeds a mean gap by is the depth."""
+    gap = np.random.default_rng(1).random((30, 41))
+    gap[7, 8] = 0.0
+    problem = ContactProblem(Grid(41, 30, 0.1, 0.1), Material.from_contact_modulus(1e5), gap, periodic=True)
+    wanted = (1 - share) * gap.mean()
+    depth = sum(map(Fraction, gap.ravel().tolist())) / gap.size - Fraction(wanted)
+    with ContactSolver(problem) as solver:
+        found = solver.solve(mean_gap=wanted)
+    assert found.indentation == pytest.approx(float(depth), rel=1e-15, abs=0)
 
 
 def test_a_deeper_solve_leaves_nothing_of_its_rounding():

@@ -147,6 +147,71 @@ def test_other_methods(case, method):
     assert_right_or_says_not(*case, method)
 
 
+@st.composite
+def extremes(draw, periodic):
+    """Cells a trillion times further away than others, plateaus and equal summits; next to no load, nearly full."""
+    nx, ny = draw(st.sampled_from([(4, 5), (8, 8), (12, 9), (32, 4), (9, 16), (12, 12)]))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    rough, some = rng.random((ny, nx)), rng.random((ny, nx)) < draw(st.sampled_from([0.02, 0.1, 0.3]))
+    some.flat[rng.integers(nx * ny)] = True
+    far = 10.0 ** draw(st.integers(0, 15))
+    gap = {
+        "asperities": np.where(some, rough, far * (1 + rough)),
+        "wall": np.where(np.arange(nx) < nx // 2, rough, far),
+        "plateaus": rng.integers(0, 3, (ny, nx)) * 1.0,
+        "summits": np.where(some, 0.0, 0.5 + rough),
+        "plateaus of rounding": rng.integers(0, 2, (ny, nx)) + rough / far,
+    }[draw(st.sampled_from(["asperities", "wall", "plateaus", "summits", "plateaus of rounding"]))]
+    gap = draw(st.sampled_from([1.0, 1e-3])) * (gap - gap.min())
+    material = Material.from_contact_modulus(draw(st.sampled_from([1.0, 1e5])))
+    symbol = draw(st.sampled_from(["spectral", "love"])) if periodic else ""
+    problem = ContactProblem(Grid(nx, ny, 1.0, draw(st.sampled_from([1.0, 2.5]))), material, gap, symbol)
+    mean, near = gap.mean(), np.quantile(gap, draw(st.sampled_from([0.05, 0.3, 0.7])))
+    share = draw(st.sampled_from([1e-16, 1e-13, 1e-9, 1e-6, 1e-3, 0.1, 0.5]))
+    kinds = ["load", "load", "approach", *["mean_gap"] * bool(periodic)]
+    loading = {
+        "load": draw(st.sampled_from([1, 30, 1e3])) * share * material.contact_modulus * max(near, 1e-3),
+        "approach": draw(st.sampled_from([share, 1 - share])) * (mean if periodic else near),
+        "mean_gap": draw(st.sampled_from([share, 1 - share])) * mean,
+    }
+    kind = draw(st.sampled_from(kinds))
+    return problem, {kind: loading[kind]}, draw(st.sampled_from([1e-3, 1e-6, 1e-9, 1e-12, 1e-14]))
+
+
+def assert_proved(case, method=None):
+    """What is called solved has no larger error than is proved, and what is not has the load."""
+    problem, loading, rtol = case
+    found = solved(problem, method, options={"lcp_rtol": rtol}, **loading)
+    if "load" in loading:
+        assert found.load == pytest.approx(loading["load"], rel=1e-9, abs=0)
+    dense = DenseProblem(problem)
+    exact = dense.under(loading["load"], found.approach)[0] if "load" in loading else dense.at(found.approach)
+    size, error = dense.energy(found.pressure), dense.energy(exact - found.pressure)
+    if found.converged and size:
+        assert error <= (found.error_bound + 1e-14) * size
+    return found
+
+
+@some
+@given(extremes(periodic=False))
+def test_far_cells_and_light_loads_on_free_patches(case):
+    assert assert_proved(case).converged
+
+
+@some
+@given(extremes(periodic=True))
+def test_far_cells_and_light_loads_on_periodic_patches(case):
+    assert assert_proved(case).converged
+
+
+@some
+@given(
+    st.booleans().flatmap(lambda periodic: extremes(periodic=periodic)), st.sampled_from(["norm", "fmg_v11"])
+)
+def test_far_cells_and_light_loads_by_other_methods(case, method):
+    assert_proved(case, method)
+
+
 def test_contact_impossible_everywhere_is_refused():
     for periodic in (False, True):
         problem = ContactProblem(

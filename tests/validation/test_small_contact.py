@@ -5,6 +5,7 @@ import pytest
 from running import solve
 
 from app import ContactProblem, ContactSolver, Grid, Material
+from app.verification.dense import DenseProblem
 
 MATERIAL = Material.from_contact_modulus(1e5)
 GRID = Grid.from_domain(256, 256, (0.0, 1.0, 0.0, 1.0))
@@ -36,6 +37,52 @@ def test_progress_is_measured_from_when_the_load_was_met(load):
     found = solve(ContactProblem(GRID, MATERIAL, gap), None, "fast", load)
     assert found.converged and not found.fallbacks
     assert found.operator_applications < 27
+
+
+@pytest.mark.parametrize("periodic", [False, "spectral", "love"])
+@pytest.mark.parametrize("far", [1e3, 1e9, 1e12, 1e15])
+def test_asperities_among_cells_far_away(far, periodic):
+    """On coarse grids all cells are far away, and the approach with them; the answer is that of the asperities."""
+    rng, grid = np.random.default_rng(1), Grid(16, 16, 1.0, 1.0)
+    high, among = 1e-3 * rng.random(6), rng.choice(grid.n, 6, replace=False)
+    gap = far * (1 + rng.random(grid.shape))
+    gap.flat[among] = high - high.min()
+    problem = ContactProblem(grid, MATERIAL, gap, periodic=periodic)
+    for load in (1e-9, 1e-3, 100.0):
+        found, dense = solve(problem, None, None, load), DenseProblem(problem)
+        error = dense.energy(found.pressure - dense.under(load, found.approach)[0])
+        assert found.converged
+        assert error <= (found.error_bound + 1e-14) * dense.energy(found.pressure)
+
+
+@pytest.mark.parametrize("heights", ["plateaus", "summits"])
+@pytest.mark.parametrize("symbol", ["spectral", "love"])
+def test_pressures_are_proportional_to_a_light_load_on_what_is_equally_high(heights, symbol):
+    """However light: what is not in contact has no part in it."""
+    rng, grid = np.random.default_rng(2), Grid(24, 12, 1.0, 1.0)
+    plateaus = rng.integers(0, 3, grid.shape) * 1.0
+    gap = plateaus if heights == "plateaus" else np.where(rng.random(grid.shape) < 0.02, 0.0, 1 + plateaus)
+    problem, first = ContactProblem(grid, MATERIAL, gap, periodic=symbol), None
+    for mean_pressure in 10.0 ** -np.arange(3, 19, 3):
+        with ContactSolver(problem, options={"lcp_error_bound": 1e-4}) as solver:
+            found = solver.solve(mean_pressure=mean_pressure)
+        assert found.converged and not found.fallbacks
+        first = found.pressure / mean_pressure if first is None else first
+        np.testing.assert_allclose(found.pressure / mean_pressure, first, atol=1e-3 * first.max())
+
+
+@pytest.mark.parametrize("method", [None, "norm", "fmg_lift"])
+@pytest.mark.parametrize("periodic", [False, True], ids=["free", "periodic"])
+def test_where_rounding_keeps_the_tolerance_from_being_met_the_load_is_and_the_advice_is_right(
+    periodic, method
+):
+    gap = 1e-3 * np.random.default_rng(5).random((32, 32))
+    problem = ContactProblem(Grid(32, 32, 1 / 32, 1 / 32), MATERIAL, gap, periodic=periodic)
+    for load in (1e-5, 1.0, 30.0, 300.0):
+        found = solve(problem, None, method, load, lcp_rtol=1e-16)
+        assert found.load == pytest.approx(load, rel=1e-9)
+        assert found.error_bound < 1e-11
+        assert found.converged or "choose a larger one" in found.message, found.message
 
 
 def test_levels_are_not_to_blame_for_cells_that_enter():
