@@ -263,7 +263,7 @@ class ContactSolver:
         loading, distance = self._loading(given), self._distances[-1]
         if start is not None:
             self._strategy.check(start)
-        if not loading.prescribes_load and loading.depth_on(distance) <= distance.touching:
+        if loading.misses_contact(distance):
             start = None  # there is no pressure
         history, self._cut_short = History(self.listeners), True
         with self._database.active():
@@ -361,20 +361,20 @@ class ContactSolver:
     def _loading(self, given):
         loading = prescribe(self.problem.grid, self._distances[-1], **given)
         self._strategy.check_loading(loading, self._largest)
-        if loading.prescribes_load and loading.load == 0:
+        if loading.load == 0:
             return PrescribedApproach(self.touching)  # it is not unique: where the bodies just touch
         return loading
 
     def _solution(self, given, state, loading, outcome, history, started, products, before):
         proof = certify(state, self.settings.error_bound)  # which may take a product
         applied, seconds = self.hierarchy.operator_applications() - products, time.perf_counter() - started
-        prescribed, found = loading.load if loading.prescribes_load else None, measures.measure_contact(state)
-        proof = proof.under(prescribed, found.load)
+        found = measures.measure_contact(state)
+        proof = proof.under(loading.load, found.load)
         outcome = outcome.if_proved(proof.error_bound, self.settings.error_bound)
         kind, value = next((kind, as_number(kind, it)) for kind, it in given.items() if it is not None)
         found = found.under(kind, value, self.problem.grid.area)
         distance, depth, last = state.distance, state.depth, len(self.hierarchy.levels) - 1
-        approach = loading.approach if prescribed is None else state.approach
+        approach = loading.found_approach(state)
         # Rank 0 has a part in every grid and window.
         told = applied, history.entries, self.comm.traffic.since(before)
         applied, history.entries, traffic = self._team.comm.bcast(told)
@@ -403,7 +403,7 @@ class ContactSolver:
             certificate=proof,
             history=history.columns(),
             problem=self.problem.describe()
-            | (analytic_values(self.problem, approach, prescribed) if found.load > 0 else {})
+            | (analytic_values(self.problem, approach, loading.load) if found.load > 0 else {})
             | theories(self.problem, found.mean_pressure, self._roughness.rms_slope),
             options=as_line(self.settings.texts),
             notes=(*self.settings.warnings, *notes_on(state, self.problem, found, self._roughness)),

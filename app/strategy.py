@@ -48,7 +48,7 @@ class Strategy:
     """
 
     target_only = False  # needs no coarser grid
-    by_load = True  # can meet a load
+    finds_approach = True  # as under a load
 
     def __init__(self, settings, hierarchy: Hierarchy):
         self._settings, self._hierarchy, self._distances = settings, hierarchy, None
@@ -170,13 +170,10 @@ class Strategy:
 
         `largest`: influence coefficient [mm3/N]; only single precision asks for it.
         """
-        if loading.prescribes_load and not self.by_load:
+        if not (loading.approach_is_known or self.finds_approach):
             raise InputError(f"-lcp_type {self._settings.strategy}: works by approach only, not by load")
         if self._settings.single:
-            if loading.prescribes_load:
-                pressure = loading.load / self._hierarchy.target.grid.cell_area
-            else:
-                pressure = max(loading.depth_on(self._distances[-1]), 0.0) / largest
+            pressure = loading.largest_pressure(self._distances[-1], self._hierarchy.target.grid, largest)
             check_single("pressures", pressure, "N/mm2")
 
     def _started_from(self, start, loading):
@@ -312,7 +309,7 @@ class Primal(Inexact):
 class Reference(Strategy):
     """``tao`` and ``snesvi``: PETSc's solvers of problems with bounds, on the target grid."""
 
-    target_only, by_load = True, False
+    target_only, finds_approach = True, False
 
     def _make_solver(self):
         return REFERENCE_SOLVERS[self._settings.strategy](self._hierarchy, self._stop())

@@ -50,7 +50,7 @@ class FullContact:
         Parameters
         ----------
         state : ContactState
-        loading : PrescribedApproach or PrescribedLoad
+        loading : Loading
         stop : StoppingTest
         history : History
 
@@ -60,18 +60,21 @@ class FullContact:
             None if contact is not full; `state` may be thrown away then.
         """
         grid, distance = state.grid, state.distance
-        wanted = loading.load / (grid.cell_area * grid.n) if loading.prescribes_load else None
-        if not self._possible(state, loading, wanted):
+        wanted = loading.mean_pressure_on(grid)
+        if not (state.highest < np.inf and loading.depth_on(distance) >= state.highest):
             return None
-        if wanted is not None and np.isinf(distance.least_mean_pressure) and not self.put_off:
+        if wanted < distance.least_mean_pressure:
+            return None
+        prescribed = wanted < np.inf
+        if prescribed and np.isinf(distance.least_mean_pressure) and not self.put_off:
             self.put_off = self._far(wanted)
             if self.put_off:
                 return None
         p = state.values
         least = self._find_needed(state.operator.exact_inverse, distance, p)
-        if wanted is not None and wanted < least:
+        if wanted < least:
             return None
-        p += max(least, 0.0) if wanted is None else wanted
+        p += wanted if prescribed else max(least, 0.0)
         np.maximum(p, 0.0, out=p)
         history.start(state, self)
         state.contact[...] = True
@@ -103,12 +106,3 @@ class FullContact:
             inverse = operator.inverse if operator.active else None
             self._find_needed(inverse, distance, np.empty(operator.local_shape))
         return wanted < _FAR * distance.least_mean_pressure
-
-    @staticmethod
-    def _possible(state, loading, wanted):
-        """Whether anything speaks for full contact. Not collective."""
-        if not np.isfinite(state.highest):
-            return False
-        if wanted is None:
-            return loading.depth_on(state.distance) >= state.highest
-        return wanted >= state.distance.least_mean_pressure

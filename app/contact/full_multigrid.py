@@ -27,7 +27,7 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
     hierarchy : Hierarchy
     distances : list of UndeformedDistance
         On every level, coarsest first.
-    loading : PrescribedApproach or PrescribedLoad
+    loading : Loading
     stop : StoppingTest
     history : History
     nested : bool

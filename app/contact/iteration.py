@@ -31,7 +31,7 @@ def active_set(state, solver, loading, stop, history):
         Step 1 is done: the first contact set is chosen.
     solver : LinearSolver or DirectSolver
         On the same operator.
-    loading : PrescribedApproach or PrescribedLoad
+    loading : Loading
     stop : StoppingTest
     history : History
 
@@ -42,7 +42,7 @@ def active_set(state, solver, loading, stop, history):
     fewest, since = float("inf"), 0  # least number of cells that changed, and iterations since then
     before = float("inf")  # residual [mm]
     if not begin(state, solver, loading, history):
-        return Outcome(not loading.prescribes_load, NO_CONTACT)
+        return Outcome(loading.allows_no_contact, NO_CONTACT)
     for k in range(1, stop.max_it + 1):
         state.leave_one_open()
         solver.set_contact()  # 2. (2.11) on C^k
@@ -78,32 +78,19 @@ def active_set_or_search(state, solver, loading, stop, history):
 
     Near full contact the slope of the load changes with every cell, and Newton's method on it may not converge.
     """
-    if not (loading.prescribes_load and state.grid.periodic):
+    if loading.approach_is_known or not state.grid.periodic:
         return active_set(state, solver, loading, stop, history)
     outcome = active_set(state, solver, loading, replace(stop, max_it=-(-stop.max_it // 2)), history)
     if outcome.converged or outcome.to_rounding:
         return outcome
     state.start_from_interpenetration()
-    tight = stop.tighter(0.25)  # what is settled then must still pass
 
-    def solve(approach):
+    def solve(approach, tight):
         return active_set(state, solver, approach, tight, history)
 
-    outcome = search_load(state, loading, solve, stop, rtol=0.01 * min(stop.rtol, 0.1)).after(outcome)
+    rtol = 0.01 * min(stop.rtol, 0.1)
+    outcome = loading.solve_by_search(state, solve, stop, 0.25, rtol).after(outcome)
     return outcome._replace(fallbacks=outcome.fallbacks + 1)
-
-
-def search_load(state, loading, solve, stop, rtol, step=None):
-    """Meet a load by root search, then exactly, and test (5.1) once more. Collective; see `PrescribedLoad.search`."""
-    outcome = loading.search(state, solve, rtol, step)
-    state.first_contact()  # under next to no load the search may end without
-    residual = loading.settle(state, state.activate_penetrating()).residual
-    outcome = outcome._replace(residual=residual / state.distance.norm())
-    if not outcome.converged:
-        return outcome  # the load is right, if nothing else is
-    if stop.final and residual > stop.allowed(state):
-        return outcome._replace(converged=False, reason="the load is met to rounding only")
-    return outcome
 
 
 def begin(state, solver, loading, history):

@@ -7,10 +7,10 @@ more than the residual may be to blame for (Newton's method). In the end the loa
 
 Where that does not converge, the root search over solved problems does on any grid: F is monotone.
 
-When what is called: on the first grid of all `first_solve`, or `resume` from a solution; on each grid `begin`, in each
-active set iteration `update`, between u = A p and (4.b), and on the target, when (5.1) holds, `settle`; after a grid
-`solved`, and before the next one `predict`. `known` is told to ranks that join. `search` is for where this fails.
-`app.primal` calls `predict` and `solved` only.
+Order of the calls: on the first grid `first_solve`, or `resume` from a solution; on each grid `begin`; in each active
+set iteration `update`, between u = A p and (4.b); on the target, when (5.1) holds, `settle`; after a grid `record`, and
+before the next one `predict`. Ranks that join receive `shared`. `solve_by_search` serves where this fails. The periodic
+method, whose unknown is the gap, calls `scale_pressure` and `set_depth` in place of `update` and `settle`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,102 @@ class _SearchOver(Exception):
     """The load of a root search is met, or a problem of it is not solved; its outcome says which."""
 
 
-class PrescribedApproach:
+class Loading:
+    """What is prescribed; the base of all loadings, and what they do where they do nothing special.
+
+    Attributes
+    ----------
+    kind : str
+        As in `LOADINGS`.
+    load : float or None
+        Total force, if it is prescribed [N].
+    approach_is_known : bool
+        Whether the approach follows from the loading alone, on every grid. If not, it is found along the way.
+    allows_no_contact : bool
+        Whether bodies that do not touch may be the answer.
+    shared : any
+        What has been found out on coarser grids, for the ranks that join on a finer one.
+    """
+
+    kind, load, approach_is_known, allows_no_contact, shared = "", None, True, True, None
+
+    def depth_on(self, distance):
+        """Return the approach beyond the reference of an `UndeformedDistance`, if known, or infinity [mm]."""
+        return np.inf
+
+    def mean_pressure_on(self, grid):
+        """Return the mean pressure over the patch, if it is prescribed, or infinity [N/mm2]."""
+        return np.inf
+
+    def largest_pressure(self, distance, grid, coefficient):
+        """Return a pressure that none exceeds by much [N/mm2], from an influence coefficient [mm3/N]."""
+        return max(self.depth_on(distance), 0.0) / coefficient
+
+    def least_displacement(self, operator):
+        """Return the displacement that the prescribed mean pressure causes in a cell, or 0 [mm]."""
+        return 0.0
+
+    def misses_contact(self, distance):
+        """Return whether no cell can carry pressure."""
+        return False
+
+    def found_approach(self, state):
+        """Return the approach of a solution, exactly as prescribed [mm]."""
+        return state.approach
+
+    def first_solve(self, state, solve):
+        """Solve on the first grid by ``solve(loading)``; return the Outcome. Collective."""
+        raise NotImplementedError
+
+    def solve_by_search(self, state, solve, stop, tighter, rtol, step=None):
+        """Solve by ``solve(loading, stop)``, a method that converges at any approach; return the Outcome. Collective.
+
+        Parameters
+        ----------
+        state : ContactState
+        solve : callable
+        stop : StoppingTest
+        tighter : float
+            Factor on the tolerance of solves after which the pressure is scaled.
+        rtol : float
+            Of what is searched for.
+        step : float, optional
+            How far the depth of `state` may be from the right one [mm].
+        """
+        return solve(self, stop)
+
+    def resume(self, state, load):
+        """Choose the approach to begin with, where `state` is a solution with a load [N]. Collective."""
+        raise NotImplementedError
+
+    def record(self, depth):
+        """Note the depth that a grid has ended with [mm]."""
+
+    def predict(self, depth):
+        """Return the depth to begin with on the next finer grid, after `depth` on this one [mm]."""
+        return depth
+
+    def begin(self, state):
+        """Prepare the iteration on a grid. Collective."""
+
+    def update(self, state):
+        """Move the approach after u = A p; return by how much [mm]. Collective."""
+        return 0.0
+
+    def settle(self, state, update):
+        """Meet the prescribed value exactly, after `update`; return the Update since then. Collective."""
+        return update
+
+    def scale_pressure(self, pressure, total, cell_area):
+        """Give a pressure >= 0 of the given sum the prescribed load; return whether that is possible."""
+        return True
+
+    def set_depth(self, state):
+        """Set the depth of a periodic state whose displacement is A p. Collective."""
+        state.depth = self.depth_on(state.distance)
+
+
+class PrescribedApproach(Loading):
     """The approach is given [mm].
 
     Parameters
@@ -51,49 +146,36 @@ class PrescribedApproach:
         The same beyond the reference, if it is known without the rounding of the approach [mm].
     """
 
-    prescribes, prescribes_load = "approach", False
-    known = None  # nothing is found out that other ranks would have to be told
+    kind = "approach"
 
     def __init__(self, approach, depth=None):
         self.approach, self._depth = float(approach), depth
 
     def depth_on(self, distance):
-        """Return the approach beyond the reference of an `UndeformedDistance` [mm]. Not collective."""
+        """See `Loading.depth_on`."""
         return self.approach - distance.reference if self._depth is None else self._depth
 
-    def first_solve(self, state, solve):
-        """Solve on the first grid of all: ``solve(loading)`` from C = {h <= 0}, step 1. Collective.
+    def misses_contact(self, distance):
+        """See `Loading.misses_contact`."""
+        return self.depth_on(distance) <= distance.touching
 
-        Returns
-        -------
-        Outcome
-        """
+    def found_approach(self, state):
+        """See `Loading.found_approach`."""
+        return self.approach
+
+    def first_solve(self, state, solve):
+        """See `Loading.first_solve`: from C = {h <= 0}, step 1."""
         state.depth = self.depth_on(state.distance)
         state.start_from_interpenetration()
         return solve(self)
 
     def resume(self, state, load):
-        """Choose the approach to begin with, where `state` is a solution with a load. Not collective."""
+        """See `Loading.resume`."""
         state.depth = self.depth_on(state.distance)
-
-    def solved(self, depth):
-        """Hear of the depth that a grid has ended with [mm]. Not collective."""
-
-    def predict(self, depth):
-        """Return the depth to begin with on the next finer grid, after this one [mm]. Not collective."""
-        return depth
 
     def begin(self, state):
-        """Prepare the iteration on a grid: the one before was in full contact, or had no holes. Not collective."""
+        """See `Loading.begin`: the grid before may have had full contact, or no holes."""
         state.depth = self.depth_on(state.distance)
-
-    def update(self, state):
-        """Keep the approach; return by how much it moved [mm]. Not collective."""
-        return 0.0
-
-    def settle(self, state, update):
-        """Return what `update` says: there is nothing else to be met. Not collective."""
-        return update
 
 
 class PrescribedMeanGap(PrescribedApproach):
@@ -107,18 +189,18 @@ class PrescribedMeanGap(PrescribedApproach):
         There [mm].
     """
 
-    prescribes = "mean_gap"
+    kind = "mean_gap"
 
     def __init__(self, distance, depth):
         super().__init__(distance.approach_at(depth), depth)
         self._mean = distance.statistics.mean
 
     def depth_on(self, distance):
-        """Return the approach beyond the reference on the grid of an `UndeformedDistance` [mm]. Not collective."""
+        """See `Loading.depth_on`."""
         return self._depth + (distance.statistics.mean - self._mean)
 
 
-class PrescribedLoad:
+class PrescribedLoad(Loading):
     """The total force is given.
 
     Parameters
@@ -127,7 +209,7 @@ class PrescribedLoad:
         F, positive [N].
     """
 
-    prescribes, prescribes_load = "load", True
+    kind, approach_is_known, allows_no_contact = "load", False, False
 
     def __init__(self, load):
         self.load = float(load)
@@ -135,10 +217,35 @@ class PrescribedLoad:
         self._before = None  # depth [mm] and load to be expected there [N], where the approach was moved last
         self._found = []  # depths of the grids solved so far [mm]
 
+    def mean_pressure_on(self, grid):
+        """See `Loading.mean_pressure_on`."""
+        return self.load / (grid.n * grid.cell_area)
+
+    def largest_pressure(self, distance, grid, coefficient):
+        """See `Loading.largest_pressure`: of a single cell that bears all of the load."""
+        return self.load / grid.cell_area
+
+    def least_displacement(self, operator):
+        """See `Loading.least_displacement`."""
+        return self.mean_pressure_on(operator.grid) * operator.diagonal
+
     def first_solve(self, state, solve):
-        """Solve on the first grid of all, by root search. Collective; see `PrescribedApproach.first_solve`."""
+        """See `Loading.first_solve`: by root search."""
         outcome = self.search(state, solve, rtol=0.02)
         return solve(self).after(outcome) if outcome.converged else outcome
+
+    def solve_by_search(self, state, solve, stop, tighter, rtol, step=None):
+        """See `Loading.solve_by_search`: by root search, then exactly; (5.1) is tested once more."""
+        tight = stop.tighter(tighter)  # after scaling, (5.1) must still hold
+        outcome = self.search(state, lambda loading: solve(loading, tight), rtol, step)
+        state.first_contact()  # under next to no load the search may end without
+        residual = self.settle(state, state.activate_penetrating()).residual
+        outcome = outcome._replace(residual=residual / state.distance.norm())
+        if not outcome.converged:
+            return outcome  # the load is right, if nothing else is
+        if stop.final and residual > stop.allowed(state):
+            return outcome._replace(converged=False, reason="the load is met to rounding only")
+        return outcome
 
     def search(self, state, solve, rtol, step=None):
         """Bracketing root search: problems of prescribed approach are solved until the load is met.
@@ -221,9 +328,9 @@ class PrescribedLoad:
         return beyond
 
     def resume(self, state, load):
-        """Choose the approach to begin with, where `state` is a solution with a load, of this gap or another one.
+        """See `Loading.resume`; the solution may be of another gap.
 
-        Collective. The gap in contact tells the depth. The load grows with a power of that beyond first touch, from 1
+        The gap in contact tells the depth. The load grows with a power of that beyond first touch, from 1
         for a punch to 2 for a cone: as of a sphere.
         """
         state.depth = touching = state.first_touch()
@@ -234,21 +341,21 @@ class PrescribedLoad:
         else:
             self.slope = stiffness_of_patch(state)
 
-    def solved(self, depth):
-        """Hear of the depth that a grid has ended with [mm]. Not collective."""
+    def record(self, depth):
+        """See `Loading.record`."""
         self._found.append(depth)
 
     @property
-    def known(self):
-        """What has been found out, for other ranks to take over. Not collective."""
+    def shared(self):
+        """Slope and depths that other ranks take over. Not collective."""
         return self.slope, self._found
 
-    @known.setter
-    def known(self, known):
-        self.slope, self._found = known
+    @shared.setter
+    def shared(self, shared):
+        self.slope, self._found = shared
 
     def predict(self, depth):
-        """Return the depth to begin with on the next finer grid, by extrapolation [mm]. Not collective.
+        """See `Loading.predict`: by extrapolation.
 
         The depths of a load on finer and finer grids converge like a geometric series.
         """
@@ -257,7 +364,7 @@ class PrescribedLoad:
         return depth + min(max(ratio, 0.0), 0.5) * last[-1] if last else depth
 
     def begin(self, state):
-        """Prepare the iteration on a grid. Collective."""
+        """See `Loading.begin`."""
         self._before = None
         state.first_contact()
 
@@ -316,6 +423,17 @@ class PrescribedLoad:
             return update._replace(added=1)  # there must be contact: go on
         state.depth += state.on_contact_or_overlap().mean
         return state.activate_penetrating().after(update)
+
+    def scale_pressure(self, pressure, total, cell_area):
+        """See `Loading.scale_pressure`."""
+        if total > 0:
+            pressure *= self.load / (cell_area * total)
+        return total > 0
+
+    def set_depth(self, state):
+        """See `Loading.set_depth`: the gaps on C have no mean."""
+        state.depth = 0.0
+        state.depth = state.on_contact().mean
 
 
 def _root(function, low, high, xtol):

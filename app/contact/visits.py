@@ -51,7 +51,7 @@ class Visits:
     def solved(self, outcome, depth):
         """Take note of the outcome on a grid, and of its depth [mm]. Not collective."""
         self.outcome = outcome.on_from(self.outcome)
-        self._loading.solved(depth)
+        self._loading.record(depth)
 
     def waiting(self, state):
         """Communicator of rank 0 and those that wait while a grid is solved, or None. Collective over these."""
@@ -75,14 +75,14 @@ class Visits:
             That, on all ranks of the next grid.
         """
         if self.hierarchy.joined(state.operator, self.following) and (comm := self.waiting(state)):
-            known = comm.tell((state.depth, self._loading.known, self.outcome, self.grid_numbers, found))
-            state.depth, self._loading.known, self.outcome, self.grid_numbers, found = known
+            known = comm.tell((state.depth, self._loading.shared, self.outcome, self.grid_numbers, found))
+            state.depth, self._loading.shared, self.outcome, self.grid_numbers, found = known
         return found
 
     def result(self, state, difference=float("nan")):
         """Return the outcome with what grids tell of errors, `difference` that of the pressures. Collective."""
         loading = self._loading
-        errors = estimated_errors(self.grid_numbers, state, self.hierarchy.comm, loading.prescribes)
+        errors = estimated_errors(self.grid_numbers, state, self.hierarchy.comm, loading.kind)
         return self.outcome._replace(discretisation_error=difference, grid_errors=errors)
 
 
@@ -98,4 +98,4 @@ def _route(hierarchy, distances, loading, nested):
     if nested:
         return range(max(set(range(last)).difference(sighted), default=-1) + 1, last + 1)
     small = [number for number in sighted if may_begin(hierarchy, number)]
-    return [*small[-1:], last] if loading.prescribes_load else [last]
+    return [last] if loading.approach_is_known else [*small[-1:], last]

@@ -42,7 +42,7 @@ def inexact_active_set(state, solver, loading, stop, history):
         If the residual stagnates, or the linear solver fails.
     """
     if not begin(state, solver, loading, history):
-        return Outcome(not loading.prescribes_load, NO_CONTACT)
+        return Outcome(loading.allows_no_contact, NO_CONTACT)
     sets = _ContactSets(state, solver, loading, stop)
     for k in range(1, stop.max_it + 1):
         solved = sets.solve()  # 2. and 3. (2.11) on C^k, a little
@@ -180,7 +180,7 @@ class _ContactSets:
         if rehearsal is not None:
             update = update.after(rehearsal)
         done = self._meets_the_test(update)
-        if done and loading.prescribes_load:
+        if done:
             update = loading.settle(state, update)
             done = self._meets_the_test(update)
         return _Exchanged(update, done, computed=True)
@@ -192,7 +192,7 @@ class _ContactSets:
         """
         if self.state.u_is is Displacement.EXACT or self._rehearsal_failed or self._load_has_fallen:
             return False
-        return self.loading.prescribes_load or not tension
+        return not (self.loading.approach_is_known and tension)
 
     def _rehearse(self, tension):
         """Step 4 by the carried displacement; return the update. It fails if cells enter, or the residual grows."""

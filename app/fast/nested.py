@@ -6,7 +6,7 @@ from functools import partial
 
 from app.contact.full_multigrid import prolongate
 from app.contact.grid_errors import numbers_on, pressure_difference
-from app.contact.iteration import active_set, search_load
+from app.contact.iteration import active_set
 from app.contact.stopping import StoppingTest
 from app.contact.visits import Visits
 from app.fast.iteration import inexact_active_set
@@ -106,17 +106,13 @@ def safeguarded(hierarchy, number, state, loading, stop, history):
     operator = state.operator
     with operator.in_double():
         solver = LinearSolver(hierarchy, number, operator=operator)
-        tight = stop.tighter(0.1)  # what a load settles then must still pass
 
-        def solve(_):  # the state has the approach
-            return projected_newton(state, solver, tight, history)
+        def solve(_, stop):  # the state has the approach
+            return projected_newton(state, solver, stop, history)
 
         try:
-            if loading.prescribes_load:
-                step = state.on_contact_or_overlap().rms
-                outcome = search_load(state, loading, solve, stop, 0.1 * stop.rtol, step)
-            else:
-                outcome = projected_newton(state, solver, stop, history)
+            step = state.on_contact_or_overlap().rms
+            outcome = loading.solve_by_search(state, solve, stop, 0.1, 0.1 * stop.rtol, step)
         finally:
             solver.destroy()
     return outcome._replace(fallbacks=outcome.fallbacks + 1)

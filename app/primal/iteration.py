@@ -253,8 +253,7 @@ def allowed_gap(primal, stop):
     flat, displaced = _FLAT * distance.norm() / np.sqrt(primal.cells), 0.0
     if distance.deviation <= flat or distance.statistics.cells < primal.cells:
         displaced = abs(primal.depth)
-        if primal.loading.prescribes_load:
-            displaced = max(displaced, primal.mean_pressure * primal.state.operator.diagonal)
+        displaced = max(displaced, primal.loading.least_displacement(primal.state.operator))
     if distance.deviation <= max(flat, _FLAT * displaced):
         return rtol * displaced
     beyond = primal.depth - primal.state.first_touch() if not stop.final else 0.0
@@ -280,16 +279,10 @@ def verify(primal, found):
     """
     state, loading = primal.state, primal.loading
     total = float(state.sum([loops.positive(state.p, state.contact, found)])[0])
-    if loading.prescribes_load:
-        if not total > 0:
-            return None
-        found *= loading.load / (state.grid.cell_area * total)
+    if not loading.scale_pressure(found, total, state.grid.cell_area):
+        return None
     state.operator.exact_displacement(found, state.u)
-    if loading.prescribes_load:
-        state.depth = 0.0
-        state.depth = state.on_contact().mean
-    else:
-        state.depth = loading.depth_on(state.distance)
+    loading.set_depth(state)
     return state.activate_penetrating()
 
 

@@ -46,10 +46,10 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
         On the target grid.
     """
     last, comm = len(hierarchy.levels) - 1, hierarchy.comm
-    if not loading.prescribes_load:
+    if loading.approach_is_known:
         state = ContactState(hierarchy.target, distances[last])
-        state.depth = loading.depth_on(state.distance)
-        if state.first_touch() >= state.depth:  # rounding would look for a pressure in cells that just touch
+        loading.set_depth(state)  # rounds h as the last step will, so that a second solve equals the first
+        if loading.misses_contact(state.distance):  # rounding would find a pressure in cells that just touch
             history.start(state, kept.solver(last, hierarchy.target))
             state.start_from_interpenetration()
             return state, Outcome(True, NO_CONTACT)

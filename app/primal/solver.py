@@ -88,7 +88,7 @@ class PrimalSolver(LinearSolver):
             levels_leave = 0.0
         kind = self.inverse.dtype if levels_leave else np.dtype(float)
         self.carried = state.u.reshape(-1).view(kind)[: state.u.size].reshape(state.u.shape)
-        self._constrained, self._levels_leave = not loading.prescribes_load, levels_leave
+        self._constrained, self._levels_leave = loading.approach_is_known, levels_leave
         self._set()
 
     def _set(self):

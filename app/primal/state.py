@@ -25,7 +25,7 @@ class PrimalState:
     state : ContactState
         Is put to depth 0. Its contact set and pressure are worked on; u only holds A p after `verify`.
     inverse : InverseOperator
-    loading : PrescribedApproach or PrescribedLoad
+    loading : Loading
 
     Attributes
     ----------
@@ -45,9 +45,8 @@ class PrimalState:
         grid = state.grid
         self.cells = grid.n
         self._has_pressure = self.lags = self.is_nearly = False
-        self.mean_pressure = 0.0  # the Lagrange multiplier of a prescribed approach; known under a load
-        if loading.prescribes_load:
-            self.mean_pressure = loading.load / (grid.n * grid.cell_area)
+        # Prescribed, or the Lagrange multiplier of a prescribed approach.
+        self.mean_pressure = float(np.nan_to_num(loading.mean_pressure_on(grid), posinf=0.0))
 
     # -- what it is -------------------------------------------------------------------------------------
 
@@ -57,7 +56,7 @@ class PrimalState:
 
         Not collective.
         """
-        return np.inf if self.loading.prescribes_load else self.loading.depth_on(self.state.distance)
+        return self.loading.depth_on(self.state.distance)
 
     def mean(self, field):
         """Mean of a field over all cells of the patch. Collective."""
@@ -134,7 +133,7 @@ class PrimalState:
 
     def restore_mean(self, solver, *changes):
         """Under a prescribed approach let w have its mean, by what the free cells do; add it to changes. Collective."""
-        if not self.loading.prescribes_load:
+        if self.loading.approach_is_known:
             missing = -self.cells * (self.prescribed_depth + self.mean(self.w))
             solver.preconditioner.shift(missing, self.w, *changes)
 
@@ -147,7 +146,7 @@ class PrimalState:
         """
         state, change = self.state, solver.direction
         loops.touch(self.w, state.distance.b, state.admissible, state.contact, change)
-        if not self.loading.prescribes_load:
+        if self.loading.approach_is_known:
             self.w -= self.prescribed_depth + self.mean(self.w)
         if not self._has_pressure:
             return self.refresh()
@@ -159,7 +158,7 @@ class PrimalState:
         state = self.state
         np.subtract(solution.displacement, solution.approach - state.distance.reference, out=self.w)
         np.copyto(self.w, state.distance.b, where=solution.contact & state.admissible)
-        if not self.loading.prescribes_load:
+        if self.loading.approach_is_known:
             self.mean_pressure = solution.mean_pressure
 
     def numbers(self):
@@ -180,7 +179,7 @@ class PrimalState:
         room = stencil.make_room(solver.guesses, shape[1], np.float32)
         stencil.sweep_projected(force, *rows(force), lowest, *rows(lowest), weights, solver.guesses, x, room)
         loops.take(x, lowest, self.w, state.distance.b, state.contact)
-        if self.loading.prescribes_load and not state.cells_in_contact():
+        if not (self.loading.allows_no_contact or state.cells_in_contact()):
             self._touch()
         self._contact_changed(solver)
         self.restore_mean(solver)
@@ -214,12 +213,10 @@ class PrimalState:
         cells, captured, released = map(int, counts)
         moves = float(np.sqrt(squares))
         approach = state.distance.reference - float(total) / self.cells
-        if self.loading.prescribes_load and not cells:
+        if not (cells or self.loading.allows_no_contact):
             self.restore_contact()
             cells, released, moves = released, 0, 0.0
-        elif (
-            not self.loading.prescribes_load and cells == self.cells and self.prescribed_depth < state.highest
-        ):
+        elif cells == self.cells and self.prescribed_depth < state.highest:
             opened = self._open_least(solver)
             cells, released, moves = cells - opened, released + opened, np.inf
         if captured or released:

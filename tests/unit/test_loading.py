@@ -256,7 +256,7 @@ def test_prediction_continues_a_geometric_series():
     loading = PrescribedLoad(1.0)
     found = []
     for depth in (1.0, 2.0, 2.25, 2.3125):
-        loading.solved(depth)
+        loading.record(depth)
         found.append(loading.predict(depth))
     assert found[:2] == [1.0, 2.0]
     assert found[2] == pytest.approx(2.25 + 0.25 * 0.25)

@@ -443,7 +443,7 @@ def test_without_a_product_the_solver_goes_on_where_it_was(steps, loading):
 def test_every_step_keeps_p_and_the_loading(steps, loading, holes):
     """p = B w + mean pressure; of an approach, the mean of w; of a load, that of p; w = b on C."""
     primal, solver = steps(loading(), holes)
-    state, given = primal.state, primal.loading.prescribes_load
+    state, given = primal.state, not primal.loading.approach_is_known
     primal.w[...] = random_field(state.grid, 8) * 0.01
 
     def check(closed=True):
