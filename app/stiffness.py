@@ -10,7 +10,7 @@ from contextlib import ExitStack
 
 import numpy as np
 
-from app.contact.state import ContactState
+from app.contact.periodic_state import contact_state
 from app.multigrid.linear_solver import LinearSolver
 from app.petsc import options_set
 
@@ -47,7 +47,7 @@ def contact_stiffness(hierarchy, distance, contact):
         does not converge.
     """
     operator, grid = hierarchy.target, hierarchy.target.grid
-    state = ContactState(operator, distance)
+    state = contact_state(operator, distance)
     with ExitStack() as to_end:
         to_end.callback(state.destroy)
         state.contact[...] = contact

@@ -10,8 +10,9 @@ from app.contact import certificate_kernels, extent, kernels, measures
 from app.contact.full_contact import FullContact
 from app.contact.full_multigrid import full_multigrid
 from app.contact.iteration import active_set_or_search
+from app.contact.periodic_state import contact_state
 from app.contact.reference_solvers import REFERENCE_SOLVERS
-from app.contact.state import ContactState, Displacement
+from app.contact.state import Displacement
 from app.contact.stopping import StoppingTest
 from app.errors import InputError
 from app.fast import circulant, lift, tracking_cg
@@ -147,7 +148,7 @@ class Strategy:
         return StoppingTest(self._settings.rtol, self._settings.max_it)
 
     def _new_state(self):
-        return ContactState(self._hierarchy.target, self._distances[-1])
+        return contact_state(self._hierarchy.target, self._distances[-1])
 
     def destroy(self):
         """Free the solver, and what is kept between solves. Collective."""
@@ -178,7 +179,7 @@ class Strategy:
 
     def _started_from(self, start, loading):
         """State of the target grid as a solution left it, at the approach of the loading."""
-        state = ContactState(self._hierarchy.target, self._distances[-1], u=start.displacement.copy())
+        state = contact_state(self._hierarchy.target, self._distances[-1], u=start.displacement.copy())
         holes = ~state.admissible & (start.pressure != 0)  # of a problem with others
         with state.pressure as p:
             p[...] = np.where(holes, 0.0, start.pressure).reshape(-1)

@@ -44,6 +44,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -82,6 +83,9 @@ class Certificate:
         return replace(self, error_bound=np.inf)
 
 
+_estimates = WeakKeyDictionary()  # of states: revision and Certificate
+
+
 def certify(state, wanted=np.inf):
     """Certify the pressure of a `ContactState`.
 
@@ -102,16 +106,21 @@ def certify(state, wanted=np.inf):
     return estimate(state, wanted)
 
 
-def estimate(state, wanted=np.inf):
-    """Certify the pressure as far as the displacement of `state` is that of the pressure. Collective; see `certify`."""
-    if state.certificate is None:
-        state.certificate = _prove(state, min(wanted, _NEGLIGIBLE))
-    return state.certificate
+def estimate(state, wanted=np.inf, work=None):
+    """Certify the pressure as far as the displacement of `state` is that of the pressure.
+
+    Collective. Parameters and result as of `certify`; `work` is a field to work in.
+    """
+    revision, certificate = _estimates.get(state, (None, None))
+    if revision != state.revision:
+        certificate = _prove(state, min(wanted, _NEGLIGIBLE), work)
+        _estimates[state] = state.revision, certificate
+    return certificate
 
 
-def _prove(state, enough):
+def _prove(state, enough, work):
     b, depth, u, p, admissible = state.distance.b, state.depth, state.u, state.p, state.admissible
-    grid = state.patch
+    grid = state.distance.patch
     smallest = 2 * state.operator.compliance / np.hypot(1 / grid.dx, 1 / grid.dy)  # eigenvalue
     penetrates, largest, sums = np.empty(len(b), bool), np.full(6, -np.inf), np.zeros(6)
     loops.survey(b, depth, u, p, admissible, smallest, not state.grid.periodic, penetrates, largest, sums)
@@ -123,7 +132,7 @@ def _prove(state, enough):
     if tension > _TENSION * highest:  # both bounds are of a pressure that is allowed
         gap = np.inf
     elif state.grid.periodic:
-        gap, energy = _closing(state, energy, enough)
+        gap, energy = _closing(state, energy, enough, work)
     else:
         lifted = defect + _lifting(state, lift, energy, penetrates)
         gap = float(min(lifted, to_p + moved / (2 * smallest)))  # either bound holds
@@ -146,14 +155,14 @@ def _lifting(state, most, energy, penetrates):
     sums = state.sum(sums)
     shares, (product, of_e, of_u) = most * np.append(0.5 ** np.arange(_TRIALS), 0.0), np.cumsum(sums, axis=1)
     to_u, squares = product - shares * of_u, of_e + shares * (shares * of_u - 2 * product)
-    grid, diagonal = state.patch, state.operator.diagonal
+    grid, diagonal = state.distance.patch, state.operator.diagonal
     to_u, squares = to_u / diagonal, squares / diagonal**2
     # Rows of A add up to less: the displacement in the middle of twice the patch under unit pressure.
     norm = middle_displacement(state.operator.compliance, (2 * grid.ny * grid.dy, 2 * grid.nx * grid.dx))
     return np.min((shares + shares**2 / 2) * energy + (1 + shares) * to_u + norm * squares / 2)
 
 
-def _closing(state, energy, enough):
+def _closing(state, energy, enough, work):
     """Duality gap on a periodic patch, and p.Ap, of a flat one at least what rounding leaves of it. Collective.
 
     ``p.g + w.Bw / 2``, ``w = g - e``, by a product with B; or without, where ``w.Bw <= ||B|| w.w`` bounds the error by
@@ -176,7 +185,7 @@ def _closing(state, energy, enough):
     squares = state.sum([loops.move(*moved, 1.0, np.empty((len(state.u), 0)))[0]])[0]  # w.w
     curved = most = inverse.norm() * squares / 2
     if squares > 0 and to_gap + curved > enough**2 * energy / 2:
-        field = np.empty(state.u.shape) if state.work is None else state.work
+        field = np.empty(state.u.shape) if work is None else work
         scale = np.sqrt(n / squares)  # single precision has no numbers for the least w
         loops.move(*moved, scale, field)  # w
         inverse.apply(field, field)  # B w

@@ -58,6 +58,8 @@ class UndeformedDistance:
     least_mean_pressure : float
         That full contact of a periodic patch needs [N/mm2]; -inf as long as nobody knows.
     admissible : ndarray of bool, shape (local rows, nx)
+    patch : Grid
+        Whole grid, which the statistics are of.
     possible : Window or None
         Around all admissible cells.
     """
@@ -71,7 +73,7 @@ class UndeformedDistance:
         self._hold(b, operator)
         self.depth, self.reference = 0.0, reference
         self.least_mean_pressure = -np.inf
-        self._slabs = operator.slabs
+        self._slabs, self.patch = operator.slabs, operator.grid
         if measured:
             _measure([self], operator.comm)
 
@@ -91,7 +93,8 @@ class UndeformedDistance:
         part = cls.__new__(cls)
         part.admissible, b = scatter.forward(whole.admissible), scatter.forward(whole.b)
         part._hold(b, operator)
-        part.statistics, part.touching, part.lowest = whole.statistics, None, whole.lowest
+        part.patch, part.statistics = whole.patch, whole.statistics
+        part.touching, part.lowest = None, whole.lowest
         part.depth, part.reference = whole.depth, whole.reference
         return part
 

@@ -10,7 +10,8 @@ from functools import partial
 import numpy as np
 
 from app.contact.iteration import active_set_or_search
-from app.contact.state import ContactState, Displacement
+from app.contact.periodic_state import contact_state
+from app.contact.state import Displacement
 from app.contact.visits import Visits
 from app.halfspace.communication import FailuresTold
 from app.multigrid.direct import DirectSolver, begins_directly
@@ -47,7 +48,7 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
     visits, coarse = Visits(hierarchy, distances, loading, nested), None
     for number in visits:
         level = hierarchy.levels[number]
-        state = ContactState(level, distances[number])
+        state = contact_state(level, distances[number])
         if coarse is not None:
             state.depth = loading.predict(coarse.depth)
             if nested:

@@ -85,6 +85,13 @@ class History:
         for listener in self.listeners:
             listener.iteration(entry, state)
 
+    def stagnates(self):
+        """Return whether the last iteration has not halved the residual. Not collective."""
+        if self._iteration < 2:
+            return False
+        before, now = (entry["residual"] for entry in self.entries[-2:])
+        return now > before / 2
+
     def columns(self):
         """Return the entries as name -> list. Not collective."""
         return (

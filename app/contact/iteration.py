@@ -14,47 +14,29 @@ from app.contact.stopping import ROUNDING, ROUNDING_LEAVES
 
 CONVERGED = "contact area unchanged and residual small enough"
 NO_CONTACT = "the bodies do not touch"
-
-# On a periodic patch in contact nearly everywhere contact sets may come back for ever. After so many iterations without
-# progress cells enter only where none leave, as in Kalker's own NORM.
-_PATIENCE = 4
+TOO_MANY = (
+    "{} active set iterations in a row were not enough: more by -lcp_max_it, "
+    "or the default method, which has a safeguard"
+)
 
 
 def active_set(state, solver, loading, stop, history):
     """Solve (2.8)-(2.10) on one grid from the contact set and pressure in `state`: Sec. 3; Sec. 4.1, steps 2 to 6.
 
-    Collective over the ranks of `state`.
-
-    Parameters
-    ----------
-    state : ContactState
-        Step 1 is done: the first contact set is chosen.
-    solver : LinearSolver or DirectSolver
-        On the same operator.
-    loading : Loading
-    stop : StoppingTest
-    history : History
-
-    Returns
-    -------
-    Outcome
+    Collective over the ranks of `state`, for which step 1, the first contact set, is done. `solver` is a LinearSolver
+    or DirectSolver on its operator. Returns the Outcome.
     """
-    fewest, since = float("inf"), 0  # least number of cells that changed, and iterations since then
-    before = float("inf")  # residual [mm]
     if not begin(state, solver, loading, history):
         return Outcome(loading.allows_no_contact, NO_CONTACT)
     for k in range(1, stop.max_it + 1):
-        state.leave_one_open()
+        state.keep_solvable()  # periodic patches only
         solver.set_contact()  # 2. (2.11) on C^k
         correction, its, failure = solver.solve(state.defect(), stop.allowed(state))  # 3. one cycle, or CG
         state.add(correction)
-        released = state.release_tensile()  # (4.a)
-        state.compute_displacement()  # u = A p, after the zeroing: any other order oscillates
+        state.release_tensile()  # (4.a)
+        state.compute_displacement()  # u = A p, after the release: any other order oscillates
         loading.update(state)  # a prescribed load only: the approach
-        only_release = state.grid.periodic and released and since >= _PATIENCE  # not in the paper
-        update = state.let_none_in() if only_release else state.activate_penetrating()  # (4.b)
-        since = 0 if update.changed < fewest else since + 1
-        fewest = min(fewest, update.changed)
+        update = state.activate_penetrating()  # (4.b)
         history.add(state, solver, update, its)
         residual = update.residual / state.distance.norm()
         if wrong := what_is_wrong(failure, residual):
@@ -63,14 +45,10 @@ def active_set(state, solver, loading, stop, history):
             update = loading.settle(state, update) if stop.final else update
             if not update.changed and stop(state, update.residual):
                 return Outcome(True, CONVERGED, k, residual)
-        if not update.changed and before / 2 < update.residual <= ROUNDING * update.h_on_contact:
+        if not update.changed and history.stagnates() and update.residual <= ROUNDING * update.h_on_contact:
             loading.settle(state, update)
             return Outcome(False, ROUNDING_LEAVES, k, residual, to_rounding=True)
-        before = update.residual
-    more = "more by -lcp_max_it, or the default method, which has a safeguard"
-    return Outcome(
-        False, f"{stop.max_it} active set iterations in a row were not enough: {more}", stop.max_it, residual
-    )
+    return Outcome(False, TOO_MANY.format(stop.max_it), stop.max_it, residual)
 
 
 def active_set_or_search(state, solver, loading, stop, history):
@@ -99,6 +77,7 @@ def begin(state, solver, loading, history):
     A coarser grid may have missed it; without pressure the gap decides.
     """
     loading.begin(state)
+    state.begin()
     history.start(state, solver)
     touches = state.cells_in_contact() > 0
     if not touches:

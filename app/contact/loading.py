@@ -290,10 +290,13 @@ class PrescribedLoad(Loading):
             else:
                 low, high = max(touching, state.depth - step), max(touching, state.depth) + step
             least = 4 * np.spacing(max(abs(low), abs(high)))  # what can be told apart
-            high = min(max(high, low + least), state.highest_tried)
-            while (short := -lacks(high)) > 0 and high < state.highest_tried:
+            high = min(max(high, low + least), state.highest_searched)
+            while (short := -lacks(high)) > 0 and high < state.highest_searched:
                 # enough if the load is proportional to the depth, or grows faster
-                low, high = high, min(high + max(2 * short * (high - touching), least), state.highest_tried)
+                low, high = (
+                    high,
+                    min(high + max(2 * short * (high - touching), least), state.highest_searched),
+                )
             while lacks(low) > 0:
                 low, high = max(touching, low - max(2 * (high - low), least)), low
             # A periodic patch may be in contact everywhere before it carries the load: nothing is beyond that.
@@ -382,7 +385,7 @@ class PrescribedLoad(Loading):
         if abs(lacks) <= _BLAMED * gaps.rms:
             return 0.0
         # Towards full contact the slope grows without bound; before first touch there is no load.
-        there, lowest = min(depth + lacks, (depth + state.highest_tried) / 2), state.distance.lowest
+        there, lowest = min(depth + lacks, (depth + state.highest_searched) / 2), state.distance.lowest
         state.depth = there if there >= lowest else (depth + lowest) / 2
         self._before = depth, expected
         return abs(state.depth - depth)
@@ -413,12 +416,10 @@ class PrescribedLoad(Loading):
             Of the contact set after that.
         """
         load = state.load
-        if load > 0 and state.grid.periodic:
-            state.add_evenly(self.load)
-        elif load > 0:
-            state.scale(self.load / load)
+        if load > 0:
+            state.set_load(self.load, load)
         elif update.cells:  # so little that no pressure at all passes for solved
-            state.spread(self.load)
+            state.distribute_load(self.load)
         else:
             return update._replace(added=1)  # there must be contact: go on
         state.depth += state.on_contact_or_overlap().mean

@@ -27,7 +27,6 @@ from petsc4py import PETSc
 from app.contact import kernels
 from app.halfspace.operator import vec_of
 from app.halfspace.reductions import minimum_over, sum_over
-from app.halfspace.window import whole
 
 
 class Update(NamedTuple):
@@ -77,10 +76,7 @@ class Gaps(NamedTuple):
         return float(self.total / max(self.cells, 1))
 
 
-_NOBODY = np.zeros((0, 0))
-# How near, relatively, the mean gap of a periodic patch comes to zero before full contact ...
-_ROUND_OFF = 1e-15
-_TRIED = 1e-10  # ... and in looking for a load, of which less than that says nothing
+_NO_FIELD = np.zeros((0, 0))
 
 
 class Displacement(IntEnum):
@@ -102,17 +98,22 @@ class ContactState:
     operator : InfluenceOperator
     distance : UndeformedDistance
         On the same cells.
-    window : Window, optional
-        Which cells of the level these are; default: all.
     u : ndarray, shape (local rows, nx), [mm], optional
         Displacement, if there is one already. Taken over.
     u_is : Displacement
         What it will be to the pressure that it comes with.
-    patch : Grid, optional
-        All of the level: what is proved, is proved for it; default: the operator's.
+
+    Attributes
+    ----------
+    highest, highest_searched : float
+        Depths that the state, and a search for a load, never exceed [mm].
+    revision : int
+        Grows when pressure, displacement or depth change.
     """
 
-    def __init__(self, operator, distance, window=None, u=None, patch=None, u_is=Displacement.CARRIED):
+    highest = highest_searched = np.inf
+
+    def __init__(self, operator, distance, u=None, u_is=Displacement.CARRIED):
         self.operator, self.grid, self.comm = operator, operator.grid, operator.comm
         self.distance, self.admissible = distance, distance.admissible
         self._p = np.zeros(operator.local_shape)
@@ -120,14 +121,11 @@ class ContactState:
         self.p.flags.writeable = False
         self.pressure = vec_of(self._p, operator)
         self.u = np.zeros(operator.local_shape) if u is None else u
+        self.revision = 0
         self.u_is = Displacement.EXACT if u is None else u_is
-        self.scaled = 1.0  # what p and u have been multiplied by since the last exact product
         self._released = np.zeros(operator.local_shape, bool)
         self.contact = operator.mask  # the very array the operator uses, with what the last state left in it
         self.contact[...] = False
-        self._of_window = window is not None
-        self.window, self.patch = window or whole(operator.grid), patch or operator.grid
-        self.work = None  # a field that the certificate may write into, if somebody has one at rest
 
     # -- what it is -------------------------------------------------------------------------------------
 
@@ -138,7 +136,8 @@ class ContactState:
 
     @u_is.setter
     def u_is(self, value):
-        self._u_is, self.certificate = value, None
+        self._u_is = value
+        self.revision += 1
 
     @property
     def approach(self):
@@ -157,25 +156,7 @@ class ContactState:
     @depth.setter
     def depth(self, value):
         self.distance.move_to(min(value, self.highest))
-        self.certificate = None
-
-    @property
-    def highest(self):
-        """Depth that the state never goes beyond [mm]. Not collective.
-
-        On a periodic patch without holes mean(gap) = mean(undeformed distance) - approach; at zero contact is full,
-        whatever the load. A coarse grid may get there before the target does.
-        """
-        cells, mean, *_ = self.distance.statistics
-        if not self.grid.periodic or cells < self.grid.n:
-            return np.inf
-        return mean - _ROUND_OFF * abs(mean)
-
-    @property
-    def highest_tried(self):
-        """Depth beyond which nobody looks for a load [mm]. Not collective."""
-        highest = self.highest
-        return highest - _TRIED * abs(highest) if highest < np.inf else highest
+        self.revision += 1
 
     def gap(self):
         """Return e = h + u on all cells, shape (local rows, nx) [mm]. Not collective."""
@@ -206,19 +187,6 @@ class ContactState:
             return self.distance.touching
         return float(self.minimum(-self.distance.b.max(initial=-np.inf, where=self.admissible)))
 
-    def leave_one_open(self):
-        """Where A is singular, on all cells of a periodic patch, the one most inclined to open leaves C. Collective.
-
-        Below the highest depth not all gaps can be closed.
-        """
-        if not np.isfinite(self.highest) or self.cells_in_contact() < self.grid.n:
-            return
-        tends = self._p + self.distance.b / (self.operator.diagonal or 1.0)
-        least = self.minimum([tends.min(initial=np.inf)])[0]
-        np.greater(tends, least, out=self.contact)
-        self.values[~self.contact] = 0.0
-        self.compute_displacement()
-
     def cells_in_contact(self):
         """Number of cells in C. Collective."""
         return int(self.sum([np.count_nonzero(self.contact)])[0])
@@ -237,6 +205,12 @@ class ContactState:
         return Gaps(int(cells), squares, total, load=self.grid.cell_area * float(pressure))
 
     # -- Sec. 4.1, step by step -----------------------------------------------------------------------
+
+    def begin(self):
+        """Prepare an iteration."""
+
+    def keep_solvable(self):
+        """Change C where (2.11) has no solution; nothing to do unless the patch is periodic. Collective."""
 
     def start_from_interpenetration(self):
         """Sec. 4.1, step 1: C^0 = {h <= 0}, p = 0. Not collective."""
@@ -275,7 +249,7 @@ class ContactState:
         self.u_is = Displacement.STALE
 
     @PETSc.Log.EventDecorator("ContactUpdate")
-    def release_tensile(self, some=None, change=_NOBODY):
+    def release_tensile(self, some=None, change=_NO_FIELD):
         """(4.a): cells with p < 0 leave C, p = 0 there, for p >= 0 in (2.9). Return how many, or `some`.
 
         Collective, unless it is known whether there are some. `change`: a field to which is added what that does to p.
@@ -291,7 +265,6 @@ class ContactState:
         exact = exact or not self.operator.needs_verification
         compute = self.operator.exact_displacement if exact else self.operator.displacement
         compute(self.p, self.u)
-        self.scaled = 1.0 if exact else self.scaled
         self.u_is = Displacement.EXACT if exact else Displacement.CARRIED
 
     @PETSc.Log.EventDecorator("ContactUpdate")
@@ -309,49 +282,30 @@ class ContactState:
             Since before `release_tensile`.
         """
         fields = self.u, self.p, self.admissible, self.contact, self._released
-        expected, room = _NOBODY if expected is None else expected, np.empty(self.u.shape[1], bool)
+        expected, room = _NO_FIELD if expected is None else expected, np.empty(self.u.shape[1], bool)
         found = kernels.activate(self.distance.b, self.depth, *fields, expected, room)
         cells, added, lost, squares, h, total = self.sum(found)
         load = self.grid.cell_area * float(total)
         return Update(int(cells), int(added), int(lost), sqrt(squares), sqrt(h), load)
 
-    def let_none_in(self):
-        """In place of (4.b): let no cell in; return the Update since before `release_tensile`. Collective."""
-        return self.activate_penetrating(np.full(self.u.shape, np.inf))
-
     def scale(self, factor):
-        """p and u times a factor. Not collective."""
+        """Multiply p and u by a factor. Not collective."""
         self.pressure.scale(factor)
         self.u *= factor
-        self.scaled *= factor
-        self.certificate = None
+        self.revision += 1
 
-    def add_evenly(self, load):
-        """Give p another load [N] by a constant on C, but for cells with next to no pressure; u = A p. Collective.
+    def set_load(self, load, carried):
+        """Give p, which carries some load, another one, both [N]: by a factor; u = A p. Collective."""
+        self.scale(load / carried)
 
-        On a periodic patch a constant displaces the less the more of it is in contact; a factor would displace all.
-        """
-        total, cells = self.sum([self._p.sum(), np.count_nonzero(self.contact)])
-        carried, cells = self.grid.cell_area * float(total), max(cells, 1)
-        lacks = (load - carried) / self.grid.cell_area
-        inside = self._p > 2 * abs(lacks) / cells
-        cells_inside = self.sum([np.count_nonzero(inside)])[0]
-        if 2 * cells_inside < cells:
-            return self.scale(load / carried)
-        p = self.values
-        p += inside * (lacks / cells_inside)
-        return self.compute_displacement()
-
-    def spread(self, load):
+    def distribute_load(self, load):
         """Let p have a load [N], evenly over C, and u be A p. Collective."""
         each = load / self.grid.cell_area / max(self.cells_in_contact(), 1)
         self.pressure.setArray(self.contact.reshape(-1) * each)
         self.compute_displacement(exact=True)
 
     def destroy(self):
-        """Free the vectors made here, and the distances of a window, which are made for it. Collective."""
+        """Free the vectors made here. Collective."""
         self.pressure.destroy()
-        if self._of_window and self.distance is not None:
-            self.distance.destroy()
         if "right" in vars(self):
             self.right.destroy()

@@ -46,14 +46,14 @@ class InexactStop(StoppingTest):
             return max(self.coarse_rtol, ROUNDING) * min(whole, h_on_contact)
         return min(self.rtol * whole, max(IN_CONTACT * self.rtol, ROUNDING) * h_on_contact)
 
-    def certified(self, state):
-        """Whether the certificate, computed with the u there is, is within `error_bound`. Collective.
+    def certified(self, state, work=None):
+        """Return whether the certificate, computed with the u there is, is within `error_bound`. Collective.
 
-        On coarse grids, and where a smaller rtol would be rounding, nobody asks.
+        Always true on coarse grids, and where a smaller rtol would be rounding. `work`: a field to work in.
         """
         if not self.final or IN_CONTACT * self.rtol <= ROUNDING:
             return True
-        return estimate(state, self.error_bound).error_bound <= self.error_bound
+        return estimate(state, self.error_bound, work).error_bound <= self.error_bound
 
     def says_little(self, state, h_on_contact):
         """Whether (5.1) says little here, because ||h|| on C [mm] is below 1% of ||h||. Not collective.

@@ -40,9 +40,38 @@ class CoarseSolution:
     depth: float
 
 
-class Boxes(NamedTuple):
-    """What a coarser grid tells the next one to choose its window by: cells of the coarser grid, or None."""
+class WindowState(ContactState):
+    """State of a window, which owns its undeformed distance.
 
+    Attributes
+    ----------
+    scaled : float
+        Factor by which p and u have been multiplied since the last product in double precision.
+    """
+
+    scaled = 1.0
+
+    def compute_displacement(self, exact=False):
+        """See `ContactState.compute_displacement`."""
+        super().compute_displacement(exact)
+        self.scaled = 1.0 if self.u_is is Displacement.EXACT else self.scaled
+
+    def scale(self, factor):
+        """See `ContactState.scale`."""
+        super().scale(factor)
+        self.scaled *= factor
+
+    def destroy(self):
+        """See `ContactState.destroy`."""
+        super().destroy()
+        if self.distance is not None:
+            self.distance.destroy()
+
+
+class Boxes(NamedTuple):
+    """What the window of the next finer grid is chosen by, in cells of the coarser grid."""
+
+    worked_on: Window  # the coarser grid's own window
     contact: Window | None
     predicted: Window | None  # where the target grid may have contact that this one cannot see
 
@@ -83,24 +112,26 @@ class Stage:
         self._predicted = boxes and boxes.predicted
         self.coarse, self.transfer = coarse, hierarchy.transfers[number]
         self._level = level = hierarchy.levels[number]
-        self._verification, window = None, None
+        self._verification, self._window, coarse_window = None, whole(level.grid), None
         if coarse is not None:
             distance.move_to(coarse.depth)
             if hierarchy.may_be_windowed(level):
-                window = _choose(boxes, coarse, hierarchy.margin, distance.possible, self.transfer)
-        self.windowed = window is not None
+                coarse_window = _choose(
+                    boxes, coarse.distance.patch, hierarchy.margin, distance.possible, self.transfer
+                )
+        self.windowed = coarse_window is not None
         if self.windowed:
-            self._make_window(window)
+            self._make_window(coarse_window, boxes.worked_on)
         else:
             self.state = ContactState(level, distance)
 
     @PETSc.Log.EventDecorator("ContactWindow")
-    def _make_window(self, coarse_window):
-        """Make operators, transfer and state of a window, which is given by that of the coarser grid."""
+    def _make_window(self, coarse_window, worked_on):
+        """Make operators, transfer and state of a window, given as cells of the coarser grid, like what it lies in."""
         hierarchy, level = self._hierarchy, self._level
         coarse, factors, comm = self.coarse, self.transfer.factors, hierarchy.comm
-        window = coarse_window.refine(factors, level.grid)
-        grid, below_grid = window.grid(level.grid), coarse_window.grid(coarse.patch)
+        self._window = window = coarse_window.refine(factors, level.grid)
+        grid, below_grid = window.grid(level.grid), coarse_window.grid(coarse.distance.patch)
         slabs, few = hierarchy.ranks.deal(grid)
         self._scatter = Scatter(window, level.slabs, slabs, comm)
         if level is hierarchy.target:
@@ -108,11 +139,11 @@ class Stage:
         fine = self._kept.window((self._number, "fine"), grid, slabs, few, self._verification)
         below = self._kept.window((self._number, "below"), below_grid, slabs.coarsen(factors[0]), few)
         self._operators = fine, below
-        cut = Scatter(coarse_window.within(coarse.window), coarse.operator.slabs, below.slabs, comm).forward
+        cut = Scatter(coarse_window.within(worked_on), coarse.operator.slabs, below.slabs, comm).forward
         self.coarse = CoarseSolution(below, cut(coarse.u), cut(coarse.p), cut(coarse.contact), coarse.depth)
         self.transfer = Transfer(fine, below, factors, comm)
         part = UndeformedDistance.part_of(self._distance, fine, self._scatter)
-        self.state = ContactState(fine, part, window, patch=level.grid)
+        self.state = WindowState(fine, part)
 
     def boxes_for_next(self, coarse_minimum, depth):
         """Boxes that the window of the next finer grid should hold.
@@ -142,7 +173,7 @@ class Stage:
             with np.errstate(invalid="ignore"):
                 masks.append(coarse_minimum - depth + state.u <= 0)
         contact, *others = bounding_boxes(masks, state.operator.slabs, state.comm)
-        return Boxes(contact, others[0] if others else predicted)
+        return Boxes(self._window, contact, others[0] if others else predicted)
 
     def end_verification(self):
         """End the iteration in a window, on ranks outside of it, too. Collective."""
@@ -181,7 +212,7 @@ class Stage:
         return state, not converged or not state.activate_penetrating().added
 
 
-def _choose(boxes, coarse, margin, possible, transfer):
+def _choose(boxes, patch, margin, possible, transfer):
     """Window of the coarser grid around its contact, in the one that was worked on.
 
     Not collective. If a smaller one does not pay: that one, or None if all of the coarser grid was worked on.
@@ -189,15 +220,15 @@ def _choose(boxes, coarse, margin, possible, transfer):
     Parameters
     ----------
     boxes : Boxes
-    coarse : ContactState
-        On the coarser grid, or the window of it that was worked on.
+    patch : Grid
+        The coarser grid.
     margin : float
     possible : Window
         Of the finer grid, around all cells where contact is possible.
     transfer : Transfer
     """
-    outer, contact = coarse.window, boxes.contact
-    otherwise, most = (None, _MOST) if outer == whole(coarse.patch) else (outer, 1.0)
+    outer, contact = boxes.worked_on, boxes.contact
+    otherwise, most = (None, _MOST) if outer == whole(patch) else (outer, 1.0)
     if contact is None:
         return otherwise
     possible = possible.coarsen(transfer.factors)

@@ -218,7 +218,7 @@ def _judge(primal, found, stop, allowed):
     passed = error <= allowed
     if passed:
         accept(primal, found)
-    return _Verdict(update.residual, error, passed, passed and stop.certified(primal.state))
+    return _Verdict(update.residual, error, passed, passed and stop.certified(primal.state, found))
 
 
 def _go_on_after(verdict, primal, solver, accuracy, reached, captured):

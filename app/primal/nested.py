@@ -7,7 +7,8 @@ import numpy as np
 from app.contact.grid_errors import pressure_difference
 from app.contact.history import Outcome
 from app.contact.iteration import NO_CONTACT
-from app.contact.state import ContactState, Displacement
+from app.contact.periodic_state import PeriodicState
+from app.contact.state import Displacement
 from app.contact.visits import Visits
 from app.fast.nested import safeguarded
 from app.fast.progress import NeedsSafeguard
@@ -47,7 +48,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
     """
     last, comm = len(hierarchy.levels) - 1, hierarchy.comm
     if loading.approach_is_known:
-        state = ContactState(hierarchy.target, distances[last])
+        state = PeriodicState(hierarchy.target, distances[last])
         loading.set_depth(state)  # rounds h as the last step will, so that a second solve equals the first
         if loading.misses_contact(state.distance):  # rounding would find a pressure in cells that just touch
             history.start(state, kept.solver(last, hierarchy.target))
@@ -59,11 +60,10 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
     for number in visits:
         level, coarser = hierarchy.levels[number], visits.grid_numbers
         no_u = np.empty(level.local_shape)  # before `verify`
-        state = ContactState(level, distances[number], u=no_u, u_is=Displacement.STALE)
+        state = PeriodicState(level, distances[number], u=no_u, u_is=Displacement.STALE)
         if level.active:
             solver = kept.solver(number, level)
             primal = PrimalState(state, solver.inverse, loading)
-            state.work = solver.scratch
         else:
             primal = PrimalState(state, InverseOperator(level), loading)
         if start is not None:

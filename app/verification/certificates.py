@@ -6,7 +6,7 @@ import numpy as np
 
 from app.contact.certificate import certify
 from app.contact.distance import UndeformedDistance
-from app.contact.state import ContactState
+from app.contact.periodic_state import contact_state
 from app.halfspace.operator import InfluenceOperator
 from app.verification.check import Check, Figure
 from app.verification.dense import DenseProblem
@@ -70,7 +70,7 @@ def of_anything(quick):
             approach = least + 0.7 * (np.nanmean(problem.gap) - least)
             exact = dense.at(approach).astype(float)
             operator = InfluenceOperator(problem.grid, problem.material.compliance)
-            state = ContactState(operator, UndeformedDistance(operator, problem.gap))
+            state = contact_state(operator, UndeformedDistance(operator, problem.gap))
             state.approach = approach
             for size in (0.0, 1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 0.1, 1.0, 10.0):
                 noise = size * exact.max() * rng.normal(size=exact.shape)

@@ -14,7 +14,7 @@ from app.contact.distance import UndeformedDistance
 from app.contact.history import History, Outcome
 from app.contact.iteration import active_set
 from app.contact.loading import PrescribedApproach, PrescribedLoad, stiffness_of_patch
-from app.contact.state import ContactState
+from app.contact.periodic_state import contact_state
 from app.contact.stopping import StoppingTest
 from app.multigrid.direct import DirectSolver
 from app.multigrid.hierarchy import Hierarchy
@@ -27,7 +27,7 @@ class Exact:
         hierarchy = Hierarchy(problem.grid, problem.material.compliance, MPI.COMM_SELF)
         self.operator, shape = hierarchy.target, problem.shape_on(problem.grid)
         self.distance = UndeformedDistance(self.operator, shape - np.nanmin(shape), np.nanmin(shape))
-        self.state = ContactState(self.operator, self.distance)
+        self.state = contact_state(self.operator, self.distance)
         self.solver = DirectSolver(self.operator)
         self.approaches = []
 

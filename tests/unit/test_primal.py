@@ -15,7 +15,7 @@ from app import ContactProblem, ContactSolver, SelfAffineSurface, solve
 from app.contact.distance import UndeformedDistance
 from app.contact.iteration import CONVERGED
 from app.contact.loading import PrescribedApproach, PrescribedLoad
-from app.contact.state import ContactState
+from app.contact.periodic_state import contact_state
 from app.errors import InputError
 from app.fast.stopping import InexactStop
 from app.halfspace.grid import Grid, Slabs
@@ -388,7 +388,7 @@ def steps(make):
         solver = make(grid, dtype=dtype)
         operator = solver.inverse.influence
         distance = UndeformedDistance(operator, problem.gap)
-        state = ContactState(operator, distance)
+        state = contact_state(operator, distance)
         made.append(PrimalState(state, solver.inverse, loading))
         made[-1].w[...] = 0
         solver.begin(state, loading)

@@ -10,7 +10,7 @@ from scipy.optimize import nnls
 
 from app.contact.distance import UndeformedDistance
 from app.contact.history import History, Listener
-from app.contact.state import ContactState
+from app.contact.periodic_state import contact_state
 from app.fast import nested, progress
 from app.fast.safeguard import projected_newton
 from app.fast.solver import TrackingSolver
@@ -63,7 +63,7 @@ def test_any_positive_definite_problem_is_solved_downhill(seed, condition, ksp_r
     operator = hierarchy.target
     operator.product = operator.exact_product = DenseProduct(a, grid.shape)
     distance = UndeformedDistance(operator, np.where(inadmissible, np.nan, h).reshape(grid.shape))
-    state = ContactState(operator, distance)
+    state = contact_state(operator, distance)
     energy = Energy(a, np.where(inadmissible, 0.0, h))
     start = np.where(inadmissible, 0.0, rng.normal(size=grid.n))
     state.pressure.setArray(start)
@@ -166,7 +166,7 @@ class Uphill:
 def test_what_it_gives_up_has_no_pressure_outside_contact(length, reason, monkeypatch):
     """The system of its last step is without cells that are nearly free."""
     operator = InfluenceOperator(Grid(6, 5, 1.0, 1.0), 1.0)
-    state = ContactState(operator, UndeformedDistance(operator, np.ones((5, 6))))
+    state = contact_state(operator, UndeformedDistance(operator, np.ones((5, 6))))
     state.values[2, 1:4] = 1.0, 1e-3, 1e-4
     monkeypatch.setattr(History, "start", lambda *_: None)
     outcome = projected_newton(state, Uphill(length), InexactStop(1e-10, 10), History())

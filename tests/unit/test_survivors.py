@@ -19,7 +19,8 @@ from app.contact.certificate import certify
 from app.contact.distance import UndeformedDistance
 from app.contact.grid_errors import GridNumbers, errors_from
 from app.contact.history import Listener
-from app.contact.state import ContactState, Displacement, Gaps
+from app.contact.periodic_state import contact_state
+from app.contact.state import Displacement, Gaps
 from app.errors import InputError
 from app.fast.lift import lift
 from app.fast.solver import TrackingSolver
@@ -221,7 +222,7 @@ def test_differences_of_grids_that_do_not_fall_are_an_error_of_all():
 
 def test_certificate_names_the_smallest_pressure():
     operator = InfluenceOperator(Grid(4, 1, 1.0, 1.0), 1.0)
-    state = ContactState(operator, UndeformedDistance(operator, np.array([[0.0, 1.0, 2.0, np.nan]])))
+    state = contact_state(operator, UndeformedDistance(operator, np.array([[0.0, 1.0, 2.0, np.nan]])))
     with state.pressure as p:
         p[:] = 3.0, -0.25, 0.5, 0.0
     assert certify(state).smallest_pressure == -0.25
@@ -233,7 +234,7 @@ def test_nothing_is_proved_of_a_pressure_that_is_not_allowed(periodic, p, smalle
     """Negative, or where there can be none; what rounding makes negative is nothing."""
     operator = InfluenceOperator(Grid(4, 1, 1.0, 1.0, periodic=periodic), 1.0)
     for share, bounded in (1.0, False), (1e-16, True):
-        state = ContactState(operator, UndeformedDistance(operator, np.array([[0.0, 1.0, 2.0, np.nan]])))
+        state = contact_state(operator, UndeformedDistance(operator, np.array([[0.0, 1.0, 2.0, np.nan]])))
         with state.pressure as values:
             values[:] = [p[0], *(share * value for value in p[1:])]
         state.u_is = Displacement.STALE
@@ -245,7 +246,7 @@ def test_nothing_is_proved_of_a_pressure_that_is_not_allowed(periodic, p, smalle
 @pytest.mark.parametrize("periodic", [False, True])
 def test_nothing_is_proved_of_a_pressure_that_is_no_number(periodic):
     operator = InfluenceOperator(Grid(4, 2, 1.0, 1.0, periodic=periodic), 1.0)
-    state = ContactState(operator, UndeformedDistance(operator, np.arange(8.0).reshape(2, 4)))
+    state = contact_state(operator, UndeformedDistance(operator, np.arange(8.0).reshape(2, 4)))
     with state.pressure as p:
         p[:2] = 1.0, np.nan
     found = certify(state)
