@@ -46,7 +46,7 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
         On the target grid.
     """
     visits, coarse = Visits(hierarchy, distances, loading, nested), None
-    for number in visits:
+    for number in visits:  # Sec. 4.3, 4: steps 2 and 3 up to the target grid
         level = hierarchy.levels[number]
         state = contact_state(level, distances[number])
         if coarse is not None:
@@ -60,9 +60,9 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
             solver = target_solver
             if not visits.at_target:
                 solver = _solver_on(hierarchy, number, first=coarse is None)
-            # (3.b): until the contact area is unchanged, and on the target grid (5.1)
+            # Sec. 4.3, 3, (3.b): until the contact area is unchanged, and on the target grid (5.1)
             solve = partial(active_set_or_search, state, solver, stop=visits.test(stop), history=history)
-            # Sec. 4.3, 1: the coarsest grid, directly if it is small; Sec. 4.3, 3 and 4: the others, to the target
+            # Sec. 4.3, 1: the coarsest grid, directly if it is small
             with FailuresTold(visits.waiting(state)):
                 found = loading.first_solve(state, solve) if coarse is None else solve(loading)
             visits.solved(found, state.depth)

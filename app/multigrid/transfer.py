@@ -150,7 +150,7 @@ class Transfer:
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def add_copies(self, coarse, fine):
-        """Sec. 4.2, 5, formula 3, and 6: v_H copied to the children, 0 in E_h; p_h + v_h. Collective."""
+        """Sec. 4.2, 5, formula 3: v_H copied to the children, 0 in E_h; added to p_h. Collective."""
         mine, skipped = self._of_parents(coarse), self.fine.slabs.rows.start % self.fy
         _add_copies(mine, self.fine.mask, fine, skipped, self.fy, self.fx, np.empty(fine.shape[1]))
 
@@ -293,7 +293,7 @@ class _Restriction:
 
 
 class _Prolongation:
-    """Sec. 4.2, 5 and 6: v_H copied, zero in E_h, and added."""
+    """Sec. 4.2, 5: v_H copied, zero in E_h."""
 
     def __init__(self, transfer):
         self.transfer = transfer
@@ -303,6 +303,7 @@ class _Prolongation:
         self.multAdd(mat, x, y, y)
 
     def multAdd(self, mat, x, v, y):
+        """Sec. 4.2, 6: p_h + v_h."""
         t = self.transfer
         if v.handle != y.handle:
             v.copy(y)
