@@ -75,7 +75,9 @@ class LinearSolver:
         self._counted = [(op, hierarchy.share(op)) for op in counted or [self.operator]]
         # The grids of a nested iteration have fewer levels than the target grid may have been given.
         levels = {"pc_mg_levels": str(len(self.multigrid.operators))} if self.multigrid else {}
-        with options_set(default_options() if self.multigrid else {}, {"ksp_view": None, **levels}):
+        kind = options.getString("ksp_type", PETSc.KSP.Type.GMRES)
+        defaults = default_options(kind) if self.multigrid else {}
+        with options_set(defaults, {"ksp_view": None, **levels}):
             ksp.setFromOptions()
             if self.multigrid:
                 self.multigrid.contact_changed()

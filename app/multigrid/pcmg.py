@@ -2,7 +2,9 @@
 
 Everything that may be chosen is PETSc's: ``-pc_mg_type``, ``-pc_mg_cycle_type``, ``-pc_mg_levels``, the smoothers by
 ``-mg_levels_*`` (and ``-mg_levels_up_*`` with ``-pc_mg_distinct_smoothup``), the coarsest grid by ``-mg_coarse_*``.
-What is not chosen is the paper's: one sweep of forward Gauss-Seidel with omega 0.8, and a direct solve.
+The defaults are the paper's: one sweep of forward Gauss-Seidel with omega 0.8, and a direct solve.
+A KSP that needs a symmetric preconditioner gets one: the smoother after the coarse grid is the adjoint of that before
+it, so a forward sweep is followed by a backward one.
 
 =============================  ========================================================================
 Sec. 4.2                       here
@@ -18,6 +20,8 @@ Sec. 4.2                       here
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 from petsc4py import PETSc
 
@@ -31,6 +35,11 @@ _SMOOTHER = {
     "mg_levels_pc_sor_omega": "0.8",
 }
 _OTHER_SWEEPS = ("symmetric", "backward", "local_symmetric", "local_backward", "local_forward")
+# KSPs that need a symmetric preconditioner: short recurrences, or an orthogonality that holds for symmetric ones only
+_NEED_SYMMETRY = (
+    "cg groppcg pipecg pipecgrr pipelcg pipeprcg pipecg2 cr pipecr minres symmlq qcg nash stcg gltr chebyshev"
+).split()
+_OF_LEVELS = re.compile(r"mg_levels_(\d+_)?(?!up_)(.+)")
 _DIRECT = {
     "mg_coarse_ksp_type": "preonly",
     "mg_coarse_pc_type": "bjacobi",
@@ -163,13 +172,31 @@ class Multigrid:
             mat.destroy()
 
 
-def default_options():
-    """Options of smoothers and coarsest grid that the user has not given; one kind of sweep excludes others.
+def default_options(ksp_type):
+    """Return the options of smoothers and coarsest grid that the user has not given. Not collective.
 
-    Not collective.
+    Parameters
+    ----------
+    ksp_type : str
+        Of the KSP around the cycle; some need a symmetric one.
     """
-    given = PETSc.Options().getAll()
+    given = {name: text or "" for name, text in PETSc.Options().getAll().items()}
     defaults = _SMOOTHER | _DIRECT
     if any(f"mg_levels_pc_sor_{kind}" in given for kind in _OTHER_SWEEPS):
-        del defaults["mg_levels_pc_sor_forward"]
+        del defaults["mg_levels_pc_sor_forward"]  # one direction excludes the others
+    if ksp_type in _NEED_SYMMETRY and "pc_mg_distinct_smoothup" not in given:
+        defaults |= _adjoint_smoothers(defaults | given)
     return defaults
+
+
+def _adjoint_smoothers(options):
+    """Options with which each smoother after the coarse grid is the adjoint of the one before it."""
+    turned = {"forward": "backward", "backward": "forward"}
+    adjoint = {"pc_mg_distinct_smoothup": ""}
+    for name, text in options.items():
+        if level := _OF_LEVELS.fullmatch(name):
+            what = re.sub(
+                r"(?<=^pc_sor_)(local_)?(forward|backward)$", lambda m: (m[1] or "") + turned[m[2]], level[2]
+            )
+            adjoint[f"mg_levels_{level[1] or ''}up_{what}"] = text
+    return adjoint

@@ -2,6 +2,7 @@
 
 import warnings
 
+import numpy as np
 import pytest
 from cases import hertz, periodic_rough
 
@@ -144,3 +145,53 @@ def test_a_method_that_is_missing_in_python_is_said_to_be():
 def test_monitors_of_errors_need_what_there_is_not(method):
     with pytest.raises(InputError, match=r"^-ksp_monitor_error: needs a DM of PETSc's, there is none$"):
         ContactSolver(PROBLEM, method, {"ksp_monitor_error": ""})
+
+
+def asymmetry(solver, contact):
+    """|u.Mv - v.Mu| / |u| |Mv| of the preconditioner M on a contact set, for two random vectors."""
+    linear, operator, rng = solver._strategy.solver, solver.hierarchy.target, np.random.default_rng(1)
+    operator.mask[...] = contact
+    linear.set_contact()
+    u, v, mu, mv = vectors = [linear.mat.createVecRight() for _ in range(4)]
+    for vector in (u, v):
+        vector.setArray((rng.normal(size=operator.local_shape) * operator.mask).reshape(-1))
+    pc = linear.ksp.getPC()
+    pc.apply(u, mu)
+    pc.apply(v, mv)
+    found = abs(u.dot(mv) - v.dot(mu)) / (u.norm() * mv.norm())
+    for vector in vectors:
+        vector.destroy()
+    return found
+
+
+CYCLES = [
+    ("norm", {}),
+    ("norm", {"pc_mg_cycle_type": "w", "mg_levels_ksp_max_it": 2}),
+    ("norm", {"mg_levels_2_pc_sor_omega": 0.5, "mg_levels_pc_sor_backward": ""}),
+    ("norm", {"mg_levels_pc_sor_symmetric": ""}),
+    ("fmg_v11", {}),  # whose file says forward
+    ("fmg_fft", {}),
+]
+
+
+@pytest.mark.parametrize("kind", ["cg", "minres"])
+@pytest.mark.parametrize(("method", "options"), CYCLES)
+def test_a_krylov_method_that_needs_a_symmetric_cycle_has_one(kind, method, options):
+    options = {"ksp_type": kind, "ksp_norm_type": "natural" if kind == "cg" else "preconditioned"} | options
+    with warnings.catch_warnings(), ContactSolver(hertz(32), method, options | {"pc_type": "mg"}) as solver:
+        warnings.simplefilter("ignore", RuntimeWarning)
+        assert asymmetry(solver, solver.solve(approach=0.1).contact) < 1e-14
+
+
+def test_other_methods_sweep_as_their_files_say():
+    for method, options in (("fmg_v11", {}), ("norm", {"pc_type": "mg", "ksp_type": "fcg"})):
+        with ContactSolver(hertz(32), method, options) as solver:
+            assert asymmetry(solver, solver.solve(approach=0.1).contact) > 1e-4
+
+
+def test_multigrid_speeds_up_conjugate_gradients():
+    options = {"ksp_type": "cg", "pc_type": "mg"}
+    with ContactSolver(hertz(64), "norm", options) as fast, ContactSolver(hertz(64), "norm") as plain:
+        fast, plain = fast.solve(approach=0.1), plain.solve(approach=0.1)
+    assert fast.converged and fast.inner_iterations < plain.inner_iterations / 2
+    assert fast.load == pytest.approx(plain.load, rel=fast.error_bound + plain.error_bound)
