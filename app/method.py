@@ -83,7 +83,10 @@ _WORKS_WITH = {  # strategies in which an option has an effect, where that is no
 _ONLY_NESTED = ("lcp_prolongation", "lcp_beta", "lcp_window", "lcp_coarse_rtol")
 _CHANGES = "what the linear solver makes is a change of the pressure, not PETSc's solution"
 _REFUSED = {  # PETSc's options by how their names end: strategies that they spoil, or end, and why
-    "ksp_error_if_not_converged": (_ACTIVE_SET, "contact sets are not solved further than is worth it"),
+    "ksp_error_if_not_converged": (
+        (DEFAULT, PERIODIC),
+        "the default methods end linear solves early on purpose",
+    ),
     "ksp_guess_type": (
         (DEFAULT, PERIODIC, "tao", "snesvi"),
         "solutions of other contact sets do not fit the next one",

@@ -21,8 +21,11 @@ from app.petsc import OptionDatabase, as_raised, check_cells, error_message
 from app.problems.problem import Problem
 from app.strategy import STRATEGIES
 
-# PETSc looks at the viewer only when there is something to view.
-_VIEW = re.compile(r"(\w+_)?(ksp|pc|mat|snes|tao)_(view\w*|converged_reason)")
+# PETSc checks the viewer only when there is something to view.
+_VIEW = re.compile(
+    r"(\w+_)?((ksp|pc|mat|snes|tao)_(view\w*|converged_reason)"
+    r"|ksp_monitor(_(short|range|max|singular_value|true_residual|solution))?)"
+)
 
 
 def check_kind(name, given, kind, what):

@@ -27,8 +27,8 @@ from app.petsc import Resources, help_text
 _READ_LATE = {
     r"(|\w+_)ksp_converged_reason": "ksp_error_if_not_converged",
     r"((?:\w+_)?sub_)mat_view": "ksp_error_if_not_converged",
-    r"()snes_(converged_reason|view(_pre|_solution)?)": "snes_error_if_not_converged",
-    r"()tao_(ls_)?view": "tao_recycle_history",
+    r"()snes_(converged_reason|view(_pre|_solution)?|test_jacobian(_view)?)": "snes_error_if_not_converged",
+    r"()tao_((ls_)?view|test_(gradient|hessian)(_view)?)": "tao_recycle_history",
 }
 
 

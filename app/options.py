@@ -22,6 +22,13 @@ from app.errors import InputError
 LARGEST = 1e50  # and 1 / LARGEST the smallest number besides 0: neither squares nor quotients overflow
 REQUIRED = object()
 _VIEWERS = "ascii", "binary", "draw", "hdf5", "matlab", "saws", "socket", "string", "vtk"
+_TEXT = {("ascii", "default")}
+_DRAWN = _TEXT | {("draw", "default"), ("draw", "draw_lg")}
+# What PETSc can show of an option, viewer and format; it crashes at any other.
+_CAN_SHOW = [
+    (r"(\w+_)?ksp_monitor(_true_residual|_solution)?", _DRAWN),
+    (r"(\w+_)?ksp_monitor_(short|range|max|singular_value)|snes_converged_reason", _TEXT),
+]
 # The program's option files: inside of an installed package, beside app/ in a checkout.
 FILES = next(filter(Path.is_dir, (path / "petsc_options" for path in Path(__file__).parents)))
 
@@ -54,21 +61,25 @@ def named_files(text):
 
 
 def check_viewer(name, text):
-    """Refuse a viewer of PETSc's, ``KIND:FILE:FORMAT``, that there is not, or for a file that cannot be.
+    """Refuse a viewer of PETSc, ``KIND:FILE:FORMAT``, that does not exist or cannot show the option.
 
-    Not collective. PETSc itself looks at it only when there is something to view.
+    Not collective. PETSc itself checks it only when there is something to view, or not at all.
 
     Raises
     ------
     InputError
     """
-    kind, _, rest = text.partition(":")
+    kind, file, form, *_ = [*text.split(":"), "", ""]
     if kind not in ("", *_VIEWERS):
         raise InputError(
             f"-{name} {text}: allowed: nothing, or ascii:FILE:FORMAT, with any of {', '.join(_VIEWERS)}"
         )
+    for pattern, shown in _CAN_SHOW:
+        if re.fullmatch(pattern, name) and (kind or "ascii", form.lower() or "default") not in shown:
+            kinds = ", ".join(sorted({f"{kind}:FILE" if kind == "ascii" else kind for kind, _ in shown}))
+            raise InputError(f"-{name} {text}: PETSc cannot show it so; allowed: nothing, or {kinds}")
     if kind not in ("draw", "socket"):
-        check_place(name, text, rest.partition(":")[0])
+        check_place(name, text, file)
 
 
 def check_place(name, text, file):

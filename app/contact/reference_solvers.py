@@ -16,8 +16,8 @@ from app.contact.state import Displacement, Update
 from app.multigrid.linear_solver import reason_names
 from app.petsc import TAO_REASONS, error_message, options_set
 
-# PETSc's errors: numbers that are none, inconsistent data (a line search), no convergence
-_GIVES_UP = 72, 77, 82, 91
+# Codes of PETSc errors: argument out of range and inconsistent data (line searches), floating point, no convergence
+_GIVES_UP = 63, 72, 77, 82, 91
 
 
 class _ReferenceSolver:
@@ -85,13 +85,13 @@ class _ReferenceSolver:
         return Outcome(converged, reason, self.iterations, norm / state.distance.norm())
 
     def _attempt(self, *arguments):
-        """What `_run` says, or PETSc where it gives up. Collective."""
+        """Call `_run`; return its reason, or that of PETSc for giving up. Collective."""
         try:
             return self._run(*arguments)
         except PETSc.Error as error:
             if error.ierr not in _GIVES_UP:
                 raise
-            return error_message(error)
+            return f"{self._prefix.upper()}: gives up: {error_message(error)}"
 
     def _residual(self, state):
         """Norms of the residual (5.1) and of the penetration outside contact [mm], by a double precision product.

@@ -92,6 +92,8 @@ class LinearSolver:
             if not (math.isfinite(value) and value >= allowed):
                 raise ValueError(f"-ksp_{name} {value:g}: allowed: from {allowed}")
         self._own_atol = options.hasName("ksp_atol")
+        self._must_converge = ksp.getErrorIfNotConverged()
+        ksp.setErrorIfNotConverged(False)  # an unconverged solve has a result, with this as its reason
 
     def set_contact(self):
         """Take over the contact set that is in the operator's mask now. Collective."""
@@ -168,7 +170,7 @@ class LinearSolver:
             self.ksp.viewFromOptions(self._view)
             self._view = ""
         reason = self.ksp.getConvergedReason()
-        failed = reason < 0 and reason != PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT
+        failed = reason < 0 and (self._must_converge or reason != PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
         return self.ksp.getIterationNumber(), _REASONS.get(reason, str(reason)) if failed else ""
 
     def rest(self):

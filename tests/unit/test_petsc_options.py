@@ -21,7 +21,8 @@ READ = [
     ("fmg_v11", "ksp_converged_reason mg_levels_ksp_converged_reason mg_levels_1_ksp_converged_reason"),
     ("fmg_v11", "mg_coarse_ksp_converged_reason mg_coarse_sub_ksp_converged_reason mat_view mg_coarse_sub_mat_view"),
     (SNESVI, "ksp_converged_reason snes_converged_reason snes_view snes_view_pre snes_view_solution"),
-    (TAO, "ksp_converged_reason tao_converged_reason tao_view tao_ls_view"),
+    (SNESVI, "snes_test_jacobian"),
+    (TAO, "ksp_converged_reason tao_converged_reason tao_view tao_ls_view tao_test_gradient tao_test_hessian"),
 ]  # fmt: skip
 UNREAD = [
     (None, f"{NONSENSE} foo_ksp_converged_reason mat_view"),
@@ -75,20 +76,51 @@ def test_what_is_switched_off_is_not_refused():
     ContactSolver(PROBLEM, options={"ksp_knoll": False, "ksp_error_if_not_converged": "no"}).close()
 
 
-@pytest.mark.parametrize("method", [None, "norm", "fmg_v11"])
-def test_an_unconverged_linear_solve_is_no_error(method):
+def test_the_default_methods_end_linear_solves_early():
     with pytest.raises(
-        InputError, match=r"^-ksp_error_if_not_converged: .* allowed with -lcp_type tao or snesvi$"
+        InputError, match=r"^-ksp_error_if_not_converged: .* with -lcp_type active_set or tao or snesvi$"
     ):
-        ContactSolver(PROBLEM, method, {"ksp_max_it": 2, "ksp_error_if_not_converged": ""})
+        ContactSolver(PROBLEM, options={"ksp_error_if_not_converged": ""})
 
 
-@pytest.mark.parametrize("method", [SNESVI, TAO])
-def test_but_may_be_one_to_others(method):
+@pytest.mark.parametrize("method", ["norm", "mg_v11", SNESVI, TAO])
+def test_an_unconverged_linear_solve_is_the_reason_if_asked_for(method):
     options = {"ksp_max_it": 2, "ksp_error_if_not_converged": "", "ksp_rtol": 1e-12}
+    if method in ("norm", "mg_v11"):
+        options |= {"ksp_type": "cg", "ksp_norm_type": "unpreconditioned", "ksp_atol": 0}
     with warnings.catch_warnings(), ContactSolver(PROBLEM, method, options) as solver:
         warnings.simplefilter("ignore", RuntimeWarning)
-        assert solver.solve(approach=0.1).message
+        for _ in range(2):
+            found = solver.solve(approach=0.1)
+            assert found.message
+            if method == "norm":
+                assert not found.converged and "DIVERGED_" in found.message
+
+
+def test_norm_solves_as_ever_if_every_linear_solve_must_converge():
+    with ContactSolver(PROBLEM, "norm", {"ksp_error_if_not_converged": ""}) as solver:
+        assert solver.solve(approach=0.1).converged
+
+
+NOT_SHOWN = ["::ascii_info_detail", "::ascii_xml", "binary:x", "hdf5:x"]
+NOT_DRAWN = [f"ksp_monitor_{name}" for name in ("short", "range", "max", "singular_value")]
+
+
+@pytest.mark.parametrize("method", [None, "norm", "mg_v11"])
+@pytest.mark.parametrize(
+    "name", ["ksp_monitor", "ksp_monitor_true_residual", *NOT_DRAWN, "mg_levels_ksp_monitor"]
+)
+def test_monitors_that_crash_petsc_are_refused(method, name):
+    for view in NOT_SHOWN + ["draw"] * (name in NOT_DRAWN):
+        with pytest.raises(InputError, match=f"^-{name} {view}: "):
+            ContactSolver(PROBLEM, method, {name: view})
+
+
+def test_monitors_may_write_text_to_a_file(tmp_path):
+    for view in (f":{tmp_path / 'Text'}", f"ascii:{tmp_path / 'Text'}:default"):
+        with ContactSolver(PROBLEM, "norm", {"ksp_monitor": view}) as solver:
+            solver.solve(approach=0.1)
+        assert "KSP Residual norm" in (tmp_path / "Text").read_text()
 
 
 @pytest.mark.parametrize("method", [SNESVI, TAO])
