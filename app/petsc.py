@@ -73,8 +73,17 @@ def _call(name, *arguments):
 
 
 @atexit.register
+def _finalize():
+    """End PETSc while Python still runs: objects that programs keep at module level call their contexts."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(AttributeError, OSError, ValueError):  # closed, or its reader is gone
+            stream.flush()
+    PETSc._finalize()  # does nothing if it has ended
+
+
+@atexit.register  # functions run in reverse order: before `_finalize`
 def _forget_last_exception():
-    """Free what the frames of an exception that nobody caught hold: once Python is gone PETSc would call into it."""
+    """Free what the frames of an uncaught exception hold."""
     error, seen = getattr(sys, "last_value", None), set()
     while error is not None and id(error) not in seen:  # what `as_raised` raises goes round
         seen.add(id(error))

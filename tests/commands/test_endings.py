@@ -284,3 +284,38 @@ def test_own_problem_that_ends_the_program_has_not_solved_it(solve, tmp_path, ra
     done = solve(*words.split(), ranks=ranks)
     assert (done.returncode, done.stdout) == (1, "")
     assert "SystemExit" in next(line for line in done.stderr.splitlines() if line.startswith("error: "))
+
+
+KEEPS = """
+import sys
+import weakref
+
+kept = weakref.finalize(type(sys), print)  # libraries register functions for the end of Python before the solver
+kept.detach()
+from app import ContactProblem, ContactSolver, Grid, Material
+from app.halfspace.operator import InfluenceOperator
+from petsc4py import PETSc
+
+grid = Grid.from_domain(16, 16, (-1, 1, -1, 1))
+operator = InfluenceOperator(grid, 1e-5)
+mat = operator.mat(operator.petsc_comm)
+own = PETSc.KSP().create(mat.comm)
+own.setOperators(mat)
+own.getPC().setType("none")
+x, b = mat.createVecs()
+b.set(1)
+own.solve(b, x)
+solver = ContactSolver(ContactProblem(grid, Material.from_contact_modulus(1e5), lambda x, y: x * x + y * y), "mg_v11")
+ksp, pc = solver.ksp, solver.ksp.getPC()
+print(solver.solve(approach=0.1).converged, end="")
+"""
+
+
+@pytest.mark.parametrize(("ranks", "end", "status"), [(None, "", 0), (2, "", 0), (None, "1 / 0", 1)])
+def test_petsc_objects_may_live_until_the_program_ends(solve, ranks, end, status):
+    done = solve(
+        ranks=ranks, program=("-c", KEEPS + end), PYTHONPATH=os.pathsep.join([str(TESTS.parent), str(TESTS)])
+    )
+    assert done.returncode == status, done.stderr
+    assert "PETSC ERROR" not in done.stderr
+    assert done.stdout == "True" * (ranks or 1)
