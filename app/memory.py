@@ -17,6 +17,7 @@ from app.errors import InputError, agree
 DOUBLES = {"fast": 10, "primal": 11, "active_set": 15, "tao": 37, "snesvi": 37}  # per cell, on one rank
 DOUBLE_PRECISION = 2  # more of the first two, without single precision
 CYCLES = 12  # more of the active set with Gauss-Seidel sweeps, multigrid cycles, or the root search of periodic patches
+STRIPS = 64  # for each of up to 4 rows and columns, per cell of it: what transforms work on
 EXCHANGE = 0.2  # share more on several ranks: what is received while columns and rows change places
 LEAST = 9  # of any method on any problem
 SMALL = 1 << 20  # bytes that nobody asks after
@@ -46,7 +47,12 @@ def doubles_per_cell(settings, periodic=False):
     return doubles + CYCLES * bool(periodic or types & {"mg", "sor", "eisenstat"})
 
 
-def check_hosts(comm, grid, cells, doubles):
+def doubles_in_strips(grid):
+    """Count the doubles of the strips that a rank transforms at once. Not collective."""
+    return STRIPS * sum(n * min(m, 4) for n, m in ((grid.nx, grid.ny), (grid.ny, grid.nx)))
+
+
+def check_hosts(comm, grid, doubles):
     """Refuse a grid that does not fit into the memory of a host, or of one process.
 
     Collective.
@@ -56,10 +62,8 @@ def check_hosts(comm, grid, cells, doubles):
     comm : app.halfspace.communication.Communicator
     grid : Grid
         For the message.
-    cells : int
-        That this rank will hold, of the target grid and of grids that not all ranks share.
     doubles : float
-        Per cell.
+        That this rank will hold.
 
     Raises
     ------
@@ -68,7 +72,7 @@ def check_hosts(comm, grid, cells, doubles):
     """
     from mpi4py import MPI
 
-    needed = 8.0 * doubles * cells * (1 + EXCHANGE * (comm.size > 1))
+    needed = 8.0 * doubles * (1 + EXCHANGE * (comm.size > 1))
     host = comm.machine
     together, ranks = host.allreduce(needed), host.size
     there = host.allreduce(available(), MPI.MIN)

@@ -226,7 +226,7 @@ def quadrant_rows(grid, compliance):
     quadrant = periodic_quadrant(grid, compliance) if grid.periodic else None
 
     def rows(which=slice(None), columns=None):
-        offsets, count = np.arange(grid.ny)[which], grid.nx if columns is None else columns
+        offsets, count = np.arange(*which.indices(grid.ny)), grid.nx if columns is None else columns
         if quadrant is None:
             return love_coefficients((grid.dx, grid.dy), compliance, offsets, count)
         return quadrant[np.ix_(folded(offsets, grid.ny), folded(np.arange(count), grid.nx))]

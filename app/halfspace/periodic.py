@@ -17,17 +17,15 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import erf, erfc, zeta
+from scipy.special import erfc
 
-from app.halfspace.chebyshev import nodes, polynomials
 from app.halfspace.fft.multiplier import transform_even
 from app.halfspace.grid import runs
-from app.halfspace.love import love_coefficients
 
-# Ewald's splitting of 1/rho: beyond so many lengths erfc(rho) / rho, and beyond so many waves erfc(q / 2) / q, vanish.
-_RANGE = 6.2
-_SPLITTING = 0.7  # lengths in the longer side of a cell
-_TERMS = 48  # even polynomials that leave nothing but rounding of what is smooth, over its range
+# Widths of the Gaussians of `_line_sums`, in sides of a cell. To rounding, a narrower one stays in its cell, and a wider
+# one leaves only the wave itself.
+_SHORTEST, _LONGEST = 0.04, 2.0
+_POINTS = 12  # of quadrature in a panel; they leave only rounding
 
 
 def frequencies(grid, columns, rows):
@@ -67,102 +65,70 @@ def _spectral(grid, columns, rows):
 
 
 def _love(grid, columns, rows):
-    """Transform of the integral of 1/rho over a cell and all its images, over 2 pi.
+    """Compute the transform of the integral of 1/rho over a cell and all its images, over 2 pi.
 
-    By Ewald's method: what is long of 1/rho as a sum over all waves that look alike in cell centres, what is short of
-    it as a sum over cells near by. One cell and its images are an endless strip, whose waves are summed up at once.
+    It is the sum of ``sinc(qx dx / 2) sinc(qy dy / 2) / |q|`` over all waves that look alike in cell centres. The factor
+    ``1 / |q|`` is an integral of ``exp(-s^2 |q|^2)`` over lengths s (Ewald). For each s the sum is a product of one sum
+    in x and one in y. From two cells on, only the wave itself is left, whose integral is known.
     """
-    qx, qy = frequencies(grid, columns, rows)
-    if 1 in grid.shape:
-        along, across = _of_strips(qx, grid.dx)[:, None], _of_strips(qy, grid.dy)
-        return np.where(qx[:, None] > 0, along, across)
-    alpha = _SPLITTING / max(grid.dx, grid.dy)
-    total = np.zeros((len(columns), len(rows)))
-    for x in _aliases(qx, grid.dx, alpha):
-        for y in _aliases(qy, grid.dy, alpha):
-            q = np.hypot(x[:, None], y)
-            part = np.sinc(x * grid.dx / (2 * np.pi))[:, None] * np.sinc(y * grid.dy / (2 * np.pi))
-            total += np.divide(part * erfc(q / (2 * alpha)), q, out=np.zeros_like(q), where=q > 0)
-    near = _short_range(grid.dx, grid.dy, alpha)
-    # Long cells have thousands of neighbours across, and ten along.
-    if grid.dx > grid.dy:
-        short = _cosines(columns, grid.nx, near.shape[1]) @ even_sums(near.T, grid.ny, rows)
-    else:
-        short = (_cosines(rows, grid.ny, near.shape[0]) @ even_sums(near, grid.nx, columns)).T
-    total += short / (2 * np.pi)
-    total[np.ix_(np.asarray(columns) == 0, np.asarray(rows) == 0)] = 0.0
+    lengths, weights = _quadrature(*sorted((grid.dx, grid.dy)))
+    x, y = (2 * np.pi / n * np.asarray(index) for index, n in ((columns, grid.nx), (rows, grid.ny)))
+    total = np.empty((x.size, y.size))
+    for some in runs(x.size, lengths.size):
+        in_x = weights * _line_sums(x[some], lengths / grid.dx)
+        left = in_x.any(axis=0)  # Most lengths are too long for most waves in x if cells are long in y.
+        for others in runs(y.size, lengths.size):
+            in_y = _line_sums(y[others], lengths[left] / grid.dy)
+            total[some, others] = in_x[:, left] @ in_y.T
+    q = np.hypot(x[:, None] / grid.dx, y / grid.dy)
+    wave = np.sinc(x / (2 * np.pi))[:, None] * np.sinc(y / (2 * np.pi))
+    total += np.divide(
+        wave * erfc(_LONGEST * max(grid.dx, grid.dy) * q), q, out=np.zeros_like(q), where=q > 0
+    )
+    total[np.ix_(x == 0, y == 0)] = 0.0
     return total
 
 
-def _cosines(frequencies, period, count):
-    """Waves at offsets 0, 1, ... of both signs, shape (frequencies, count)."""
-    offsets = np.arange(count)
-    return np.cos(2 * np.pi / period * np.outer(frequencies, offsets)) * np.where(offsets > 0, 2.0, 1.0)
-
-
-def even_sums(near, period, frequencies):
-    """Sums of near times waves along axis 1, whose offsets are 0, 1, ... of both signs, as many as there are.
-
-    Not collective. Of whole frequencies, 0 to period // 2, by an FFT.
-    """
-    if frequencies.dtype.kind == "f":
-        return near @ _cosines(frequencies, period, near.shape[1]).T
-    offsets = np.arange(near.shape[1])
-    place = folded(offsets, period)
-    met = np.where((offsets > 0) & ((place == 0) | (2 * place == period)), 2.0, 1.0)  # by both signs
-    samples = np.zeros((near.shape[0], period // 2 + 1))
-    np.add.at(samples, (slice(None), place), met * near)
-    return transform_even(samples, period)[:, frequencies]
-
-
-def _of_strips(q, width):
-    """Sum of sinc(k width / 2) / |k| over all k that look like q in the middle of strips; 0 at 0."""
-    place = np.where(q > 0, q * width / (2 * np.pi), 0.5)  # up to that
-    ends = zeta(2, place / 2) + zeta(2, (1 - place) / 2)
-    middle = zeta(2, (1 + place) / 2) + zeta(2, 1 - place / 2)
-    return np.where(q > 0, width * np.sin(np.pi * place) * (ends - middle) / (8 * np.pi**2), 0.0)
-
-
-def _aliases(q, step, alpha):
-    """Wave numbers that look like q in cell centres, and matter."""
-    most = int(np.ceil(2 * alpha * _RANGE * step / (2 * np.pi) + 0.5))
-    return [q + 2 * np.pi * m / step for m in range(-most, most + 1)]
-
-
 @lru_cache(maxsize=64)
-def _short_range(dx, dy, alpha):
-    """Integral of erfc(alpha rho) / rho over cells near by, at non-negative offsets (j, i)."""
-    if dx < dy:
-        return _short_range(dy, dx, alpha).T
-    rows, columns = (int(np.ceil(_RANGE / (alpha * d) + 0.5)) + 1 for d in (dy, dx))
-    whole = love_coefficients((dx, dy), 1.0, np.arange(rows), columns)
-    if rows <= _TERMS:
-        return whole - _smooth_range(dx, dy, alpha, np.arange(rows), columns)
-    # Long cells have many neighbours across: what is smooth is known from few of them.
-    few = _smooth_range(dx, dy, alpha, (rows - 1) * nodes(_TERMS), columns)
-    few = np.linalg.solve(polynomials(nodes(_TERMS), _TERMS), few)
-    for part in runs(rows, _TERMS, 1 << 20):
-        whole[part] -= polynomials(np.arange(part.start, part.stop) / (rows - 1), _TERMS) @ few
-    return whole
+def _quadrature(short, long):
+    """Return lengths s and weights of the integral from 0 to `_LONGEST` long sides, times 2 / sqrt(pi).
 
-
-def _smooth_range(dx, dy, alpha, rows, columns):
-    """Integral of erf(alpha rho) / rho over cells, at offsets `rows` and 0, 1, ... columns - 1."""
-    (x, weights_x), (y, weights_y) = _nodes(dx, alpha, np.arange(columns)), _nodes(dy, alpha, rows)
-    rho = np.hypot(x[None, :, None, :], y[:, None, :, None])
-    smooth = erf(alpha * rho) / np.where(rho > 0, rho, 1.0)
-    smooth[rho == 0] = 2 * alpha / np.sqrt(np.pi)
-    return np.einsum("jikl,k,l->ji", smooth, weights_y, weights_x)
-
-
-def _nodes(side, alpha, offsets):
-    """Nodes of Gauss's quadrature in cells at some offsets, shape (cells, nodes), and weights [mm].
-
-    What is integrated is smooth over 1 / alpha: in short cells a few nodes leave nothing but rounding.
+    Gauss's quadrature is used on panels that double at most. The first panel has one point: there the integrand is 1
+    to rounding.
     """
-    count = 24 if alpha * side > 0.2 else 8 if alpha * side > 0.02 else 4
-    places, weights = np.polynomial.legendre.leggauss(count)
-    return (offsets[:, None] + 0.5 * places) * side, weights * side / 2
+    first, last = _SHORTEST * short, _LONGEST * long
+    panels = int(np.ceil(np.log2(last / first)))
+    edges = np.append(first * (last / first) ** (np.arange(panels) / panels), last)
+    places, weights = np.polynomial.legendre.leggauss(_POINTS)
+    half = np.diff(edges)[:, None] / 2
+    lengths = np.append(first / 2, edges[:-1, None] + half * (1 + places))
+    return lengths, np.append(first, half * weights) * 2 / np.sqrt(np.pi)
+
+
+def _line_sums(phases, lengths):
+    """Sum ``sinc(q / 2) exp(-lengths^2 q^2)`` over all q that look like a wave in the centres of cells of side 1.
+
+    For short lengths the same function is summed in x: a Gaussian integrated over cells near by.
+
+    Parameters
+    ----------
+    phases : ndarray
+        Phases of the waves from cell to cell, from 0 to pi.
+    lengths : ndarray
+
+    Returns
+    -------
+    ndarray, shape (phases, lengths)
+    """
+    sums, short = np.zeros((phases.size, lengths.size)), lengths < 0.5
+    long = ~short & (lengths * phases.min(initial=np.pi) < 6.5)  # Longer ones leave nothing of any wave.
+    cells = np.arange(7)
+    edges = erfc((np.arange(8)[:, None] - 0.5) / (2 * lengths[short]))
+    sums[:, short] = np.cos(np.outer(phases, cells)) * np.where(cells, 1, 0.5) @ -np.diff(edges, axis=0)
+    waves = phases[:, None] + 2 * np.pi * np.arange(-2, 2)
+    terms = np.exp(-((lengths[long, None] * waves[:, None, :]) ** 2))
+    sums[:, long] = (terms @ np.sinc(waves / (2 * np.pi))[:, :, None])[..., 0]
+    return sums
 
 
 def periodic_quadrant(grid, compliance):

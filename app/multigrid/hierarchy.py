@@ -17,7 +17,7 @@ from app.halfspace.communication import Team
 from app.halfspace.grid import plan
 from app.halfspace.operator import InfluenceOperator, petsc_comm
 from app.halfspace.ranks import Ranks, worth_solving
-from app.memory import check_hosts, doubles_per_cell
+from app.memory import check_hosts, doubles_in_strips, doubles_per_cell
 from app.multigrid.transfer import Transfer
 from app.petsc import free_forgotten
 from app.problems.problem import checked_shape
@@ -45,7 +45,8 @@ def check_room(comm, grid, settings):
     # What grids that all ranks share take is counted with the target's cells.
     few = [ranks.slabs(g).local * g.nx for g in grids[1:] if ranks.number(g) < comm.size]
     cells = ranks.slabs(grid, comm.size).local * grid.nx + sum(few)
-    check_hosts(ranks.comm, grid, cells, doubles_per_cell(settings, grid.periodic))
+    doubles = cells * doubles_per_cell(settings, grid.periodic) + doubles_in_strips(grid)
+    check_hosts(ranks.comm, grid, doubles)
 
 
 def team_for(comm, grid, settings):

@@ -18,6 +18,26 @@ from app.problems.array_file import ArrayFile
 
 GRID = Grid(4000, 3000, 1.0, 1.0)
 
+LONG = """
+import resource, sys
+import numpy as np
+from mpi4py import MPI
+from app import ContactProblem, ContactSolver, Grid, Material
+from app.memory import doubles_per_cell, doubles_in_strips
+from app.method import settings
+peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+def solve(nx, ny):
+    grid = Grid.from_domain(nx, ny, (0, 1, 0, 1))
+    gap = np.cos(np.arange(nx) * 20 / nx) + np.cos(np.arange(ny) * 20 / ny)[:, None]
+    with ContactSolver(ContactProblem(grid, Material.combined(1, 0.3), gap)) as solver:
+        solver.solve(approach=solver.touching + 0.01)
+    return 8 * (grid.n * doubles_per_cell(settings()) + doubles_in_strips(grid))
+solve(300, 3)
+before = peak()
+estimated = solve(*map(int, sys.argv[1:]))
+print(peak() - before, estimated)
+"""
+
 
 def peak(*words, **how):
     """Doubles per cell, as measured and as estimated."""
@@ -57,20 +77,29 @@ def test_refused_before_anything_is_allocated(monkeypatch):
     monkeypatch.setattr(memory, "available", lambda: 2.0**30)
     solver = hertz(4096)
     with pytest.raises(
-        InputError, match=r"grid 4096,4096: needs about 1.25 GiB on one host \(1 rank\); 1 GiB are free"
+        InputError, match=r"grid 4096,4096: needs about 1.27 GiB on one host \(1 rank\); 1 GiB are free"
     ):
         ContactSolver(solver)
-    memory.check_hosts(Communicator(MPI.COMM_SELF), GRID, 2**23, 16)  # just fits
+    memory.check_hosts(Communicator(MPI.COMM_SELF), GRID, 2**27)  # just fits
     with pytest.raises(InputError, match="about 1.2e\\+07 cells would fit"):
-        memory.check_hosts(Communicator(MPI.COMM_SELF), GRID, 2**23, 16.001)
+        memory.check_hosts(Communicator(MPI.COMM_SELF), GRID, 1.001 * 2**27)
 
 
 def test_limit_of_the_process_counts(monkeypatch):
     monkeypatch.setattr(resource, "getrlimit", lambda kind: (2**40, 2**40))
-    memory.check_hosts(Communicator(MPI.COMM_SELF), GRID, 1000, 16)
+    memory.check_hosts(Communicator(MPI.COMM_SELF), GRID, 16000)
     monkeypatch.setattr(resource, "getrlimit", lambda kind: (1000, 1000))
     with pytest.raises(InputError, match="ulimit -v"):
-        memory.check_hosts(Communicator(MPI.COMM_SELF), GRID, 1000, 16)
+        memory.check_hosts(Communicator(MPI.COMM_SELF), GRID, 16000)
+
+
+@pytest.mark.parametrize("shape", [(1, 100000), (20000, 20)])
+def test_long_patches_take_what_is_estimated(shape):
+    """Transforms work on strips as long as the patch, which are all of its memory where it is narrow."""
+    done = run("-c", LONG, *map(str, shape), timeout=100)
+    assert done.returncode == 0, done.stderr
+    measured, estimated = map(float, done.stdout.split())
+    assert 0.3 * estimated < measured <= 1.1 * estimated + 8e6
 
 
 @pytest.mark.parametrize(

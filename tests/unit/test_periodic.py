@@ -1,5 +1,6 @@
 """Periodic patches: influence coefficients, transfers, and the certificate."""
 
+import tracemalloc
 from fractions import Fraction
 from unittest import mock
 
@@ -21,7 +22,7 @@ from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Grid
 from app.halfspace.influence import influence_quadrant
 from app.halfspace.operator import InfluenceOperator
-from app.halfspace.periodic import _short_range, even_sums, influence_symbol
+from app.halfspace.periodic import influence_symbol
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.transfer import Transfer
 from app.verification.dense import DenseProblem
@@ -83,27 +84,31 @@ def test_springs_hold_constants_and_long_waves(grid, stiffness):
     np.testing.assert_allclose(back + stiffness * u, p, rtol=0, atol=1e-12 * abs(p).max())
 
 
-@pytest.mark.parametrize("side", [0.5, 0.1, 0.003])
-def test_what_is_short_of_a_cell_is_so_however_long_it_is(side):
-    """The integral itself, away from the singularity, and nothing beyond the range; long in y as in x."""
-    alpha = 0.7
-    near = _short_range(1.0, side, alpha)
-    np.testing.assert_array_equal(_short_range(side, 1.0, alpha), near.T)
-    t, weights = np.polynomial.legendre.leggauss(60)
-    for j, i in (
-        (int(0.4 / side), 1),
-        (int(1.7 / side), 0),
-        (int(2.9 / side), 2),
-        (1, 3),
-        (len(near) - 1, 0),
-    ):
-        rho = np.hypot(i + t / 2, side * (j + t[:, None] / 2))
-        found = weights @ (scipy.special.erfc(alpha * rho) / rho) @ weights * side / 4
-        assert near[j, i] == pytest.approx(found, rel=1e-9, abs=1e-12 * near[0, 0])
-    assert np.abs(near[-1]).max() < 1e-12 * near[0, 0]
+@pytest.mark.parametrize("cells", [3, 101, 1001])
+def test_a_long_cell_displaces_as_the_square_cells_that_it_consists_of(cells):
+    long, square = Grid(64, 2, 1.0, cells, periodic="love"), Grid(64, 2 * cells, 1.0, 1.0, periodic="love")
+    whole, parts = (influence_quadrant(grid, 1.0) for grid in (long, square))
+    offsets = np.arange(2)[:, None] * cells + np.arange(cells) - cells // 2
+    np.testing.assert_allclose(whole, parts[offsets].sum(axis=1), rtol=0, atol=1e-13 * whole.max())
+    turned = influence_quadrant(Grid(2, 64, cells, 1.0, periodic="love"), 1.0)
+    np.testing.assert_allclose(turned, whole.T, rtol=0, atol=1e-14 * whole.max())
 
 
-@pytest.mark.parametrize(("nx", "ny", "dx", "dy"), [(8, 6, 0.5, 0.5), (5, 6, 0.3, 0.4)])
+def test_the_symbol_of_long_cells_takes_little_more_memory_than_that_of_square_ones():
+    """Though the images near by are as many as a cell is long."""
+    columns, rows = np.arange(64), np.arange(2)
+    peaks = {}
+    for aspect in (1.0, 1e5):
+        grid = Grid(128, 2, 1.0, aspect, periodic="love")
+        influence_symbol(grid, 1.0, columns[:1], rows[:1])  # load what is loaded once
+        tracemalloc.start()
+        influence_symbol(grid, 1.0, columns, rows)
+        peaks[aspect] = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+    assert peaks[1e5] < 10 * peaks[1.0]  # by a logarithm
+
+
+@pytest.mark.parametrize(("nx", "ny", "dx", "dy"), [(8, 6, 0.5, 0.5), (5, 6, 0.3, 0.4), (50, 2, 0.02, 0.5)])
 def test_love_is_the_sum_over_all_images(nx, ny, dx, dy):
     """The sum over images up to R, its mean taken off, lacks a / R + b / R^3: three of them leave next to nothing."""
     grid = Grid(nx, ny, dx, dy, periodic="love")
@@ -124,16 +129,22 @@ def test_love_is_the_sum_over_all_images(nx, ny, dx, dy):
     assert errors[-1] < 1e-6 and errors[1] < 0.1 * errors[0] and errors[2] < 0.1 * errors[1], errors
 
 
-@pytest.mark.parametrize(("n", "step"), [(8, 0.01), (13, 0.7), (200, 0.1), (1, 2.0)])
-def test_love_on_strips_is_what_cells_along_them_make_of_waves_across(n, step):
-    """However many cells a strip is cut into; their influence is summed up in another way."""
+@pytest.mark.parametrize(("n", "step"), [(8, 1e-5), (13, 0.7), (200, 0.1), (1, 2.0)])
+def test_love_on_strips_is_the_closed_sum_of_waves_across(n, step):
+    """However many cells a strip is cut into, and whichever way it lies."""
     whole = np.arange(n // 2 + 1)
-    strips, cut = (
-        influence_symbol(Grid(nx, n, 3.0 / nx, step, periodic="love"), 1.0, [0], whole) for nx in (1, 4)
+    part = np.append(0.5, whole[1:] / n)  # of a wave from strip to strip; the first one has none
+    ends, middle = (
+        scipy.special.zeta(2, one) + scipy.special.zeta(2, other)
+        for one, other in ((part / 2, (1 - part) / 2), ((1 + part) / 2, 1 - part / 2))
     )
-    np.testing.assert_allclose(strips, cut, rtol=1e-12)
+    closed = 2 * np.pi * step * np.sin(np.pi * part) * (ends - middle) / (8 * np.pi**2)
+    closed[0] = 0.0
+    for nx in (1, 4):
+        strips = influence_symbol(Grid(nx, n, 3.0 / nx, step, periodic="love"), 1.0, [0], whole)
+        np.testing.assert_allclose(strips, closed[None], rtol=1e-13)
     turned = influence_symbol(Grid(n, 1, step, 3.0, periodic="love"), 1.0, whole, [0])
-    np.testing.assert_allclose(turned, strips.T, rtol=1e-15)
+    np.testing.assert_allclose(turned, strips.T, rtol=1e-14)
 
 
 def test_the_kernel_of_a_sweep_is_computed_once():
@@ -353,16 +364,6 @@ def test_the_energy_is_that_of_the_cells_there_are():
     p, u = operator.mask.astype(float), np.empty(operator.local_shape)
     operator.displacement(p, u)
     assert (energy, cells) == (np.vdot(p, u), 12) != before
-
-
-@pytest.mark.parametrize("period", [1, 2, 3, 8, 9])
-def test_sums_of_waves_over_more_offsets_than_a_period_has(period):
-    near, k = np.random.default_rng(1).normal(size=(2, 21)), np.arange(period // 2 + 1)
-    offsets = np.arange(-20, 21)
-    waves = np.cos(2 * np.pi / period * np.outer(offsets, k))
-    for frequencies in (k, k.astype(float), k[::-1]):
-        expected = near[:, abs(offsets)] @ waves[:, frequencies.astype(int)]
-        np.testing.assert_allclose(even_sums(near, period, frequencies), expected, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(("nx", "ny"), [(45, 31), (50, 51), (33, 64)])

@@ -52,22 +52,32 @@ class _Sequences:
     places of the cache, for lengths are multiples of large powers of two.
     """
 
-    def __init__(self, length, dtype):
+    def __init__(self, length, dtype, count):
         line = _LINE // np.dtype(dtype).itemsize
         apart = line * (-(-length // line) | 1)
         # Not in place: estimated plans take 0.7 to 0.95 of the time then. Measured ones take less yet, but are others
         # on another day: the last digits of a solution would be, too.
-        self.data, self.transforms = _scratch((2, STRIP, apart), dtype)
-        self.length, self._plans, self._fftw = length, {}, FFTW(np.dtype(self.data.real.dtype))
+        self.data, self.transforms = _scratch((2, count, apart), dtype)
+        self.length, self._count, self._plans, self._fftw = (
+            length,
+            count,
+            {},
+            FFTW(np.dtype(self.data.real.dtype)),
+        )
         self.execute = self._fftw.execute
 
     def plans(self, few):
         """Addresses of the plans for all of them, there and back, and for the `few` that a last batch may have."""
-        for count in (STRIP, few or STRIP):
+        for count in (self._count, few or self._count):
             if count not in self._plans:
                 part = self.data[:count], self.transforms[:count]
                 self._plans[count] = self._fftw.plans(*part, self.length)
-        return self._plans[STRIP] + self._plans[few or STRIP]
+        return self._plans[self._count] + self._plans[few or self._count]
+
+
+def _in_strip(count):
+    """Limit a number of sequences to those that are transformed together, 1 at least."""
+    return max(1, min(STRIP, count))
 
 
 # Scratch of one transform after the other: rows and columns of all grids share what has the same length.
@@ -187,14 +197,17 @@ class EvenMultiplier:
         self._edges = np.array([0, *(edge for group in self._groups for edge in group.edges[1:])])
         self._exchange = self._make_exchange()
 
-        self._in_x, self._in_y = _sequences(nx_fft, complex_type), _sequences(ny_fft, complex_type)
-        self._row_plans = self._in_x.plans(-(-self.slabs.local // 2) % STRIP)
-        self._column_plans = [
-            self._in_y.plans((group.mine.stop - group.mine.start) % STRIP) for group in self._groups
-        ]
+        pairs, mine = (
+            -(-self.slabs.local // 2),
+            [group.mine.stop - group.mine.start for group in self._groups],
+        )
+        self._in_x = _sequences(nx_fft, complex_type, _in_strip(pairs))
+        self._in_y = _sequences(ny_fft, complex_type, _in_strip(max(mine)))
+        self._row_plans = self._in_x.plans(pairs % STRIP)
+        self._column_plans = [self._in_y.plans(count % STRIP) for count in mine]
         in_y = self._in_y
         self._column_room = in_y.length, in_y.data, in_y.transforms, in_y.transforms.view(self.dtype)
-        self._scratch = _scratch((ROWS * columns,), complex_type)
+        self._scratch = _scratch((2 * _in_strip(pairs) * columns,), complex_type)
         warm_up(self.dtype)
 
     def _make_exchange(self):
