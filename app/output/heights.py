@@ -30,7 +30,7 @@ def surface_figure(surface):
 
     Parameters
     ----------
-    surface : app.problems.measured.Surface
+    surface : app.problems.measured_surface.Surface
         With a spacing; levelled by "plane", so that what is drawn is what its numbers are about [mm].
 
     Returns

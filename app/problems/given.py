@@ -17,7 +17,7 @@ from app.units import in_words
 
 
 def is_measured(surface):
-    """Whether a surface knows its own cells and units: `app.problems.measured.Surface`. Not collective."""
+    """Whether a surface knows its own cells and units: `app.problems.measured_surface.Surface`. Not collective."""
     return getattr(surface, "measured", False)
 
 
