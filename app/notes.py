@@ -134,10 +134,10 @@ def doubt(surface, grid):
 
     Not collective.
     """
-    slope = surface.rms_slope(grid)
+    slope, flat = surface.rms_slope(grid), COARSE_FLAT if max(surface.cell(grid)) > COARSE else FLAT
     if slope > STEEP:
         what = f"steeper than the theory is for (slopes below {STEEP:g}), by spikes, perhaps"
-    elif 0 < slope < (COARSE_FLAT if max(surface.cell(grid)) > COARSE else FLAT):
+    elif 0 < slope < flat and surface.rms_level > surface.rounding:
         what = "flatter than most surfaces"
     else:
         return None
@@ -148,7 +148,7 @@ def doubt(surface, grid):
 def spiked(surface):
     """Note on a point of a measured surface that stands out of all beside it; None: no one does. Not collective."""
     height, steps, row, column = surface.spike
-    if steps <= SPIKE:
+    if steps <= SPIKE or height <= surface.rounding:
         return None
     return (
         f"surface file {surface.file}: has spikes: the point in row {row}, column {column} stands {in_words(height)} "

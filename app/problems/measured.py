@@ -27,10 +27,11 @@ from app.problems.height_file import (
 )
 from app.problems.measured_surface import Surface
 from app.problems.moments import LEVELS, Moments
-from app.units import UNITS, unit_named
+from app.units import UNITS, in_words, unit_named
 
 MISSING = ("hole", "fill")
 _TILTED = 4.0  # rise of the best plane over the patch in rms heights about it that is worth a note
+_NAMED = 4  # rows that a note names
 
 
 def read_surface(
@@ -164,8 +165,19 @@ def surface_of(source, unit=None, level="none", crop=None, missing="hole", heigh
             f"surface file {source.file}: {holes} of {nx * ny} points are missing: cells without any cannot touch; "
             "fill them by missing='fill' (-surface_missing fill)"
         )
-    (height, times, row, column), (rise, rms) = moments.spike(), moments.tilt()
-    if level in ("none", "mean") and rise > _TILTED * rms > 0:
+    for what, lines, moved in moments.unmeasured():
+        first = crop[2] if what == "row" else crop[0]
+        numbers = ", ".join(map(str, first + lines[:_NAMED])) + ", ..." * (len(lines) > _NAMED)
+        notes.append(
+            f"surface file {source.file}: all points in {what}{'s'[: len(lines) != 1]} {numbers} have the lowest "
+            f"height, as if they were not measured, which moves the best plane by up to {in_words(moved)}; leave them "
+            "out by crop= (-surface_crop), or mark them as missing, NaN"
+        )
+    rise, rms = moments.tilt()
+    found = moments.roughness(level)
+    height, times, row, column = found["spike"]
+    found["spike"] = height, times, crop[2] + row, crop[0] + column
+    if level in ("none", "mean") and rise > max(_TILTED * rms, moments.rounding):
         notes.append(
             f"surface file {source.file}: is tilted by {rise:.3g} mm over the patch, its rms height about the best "
             f"plane is {rms:.3g} mm; level it by level='plane' (-surface_level plane) if that is the instrument's"
@@ -179,11 +191,11 @@ def surface_of(source, unit=None, level="none", crop=None, missing="hole", heigh
         missing=missing,
         crop=crop,
         orient=source.orient,
-        spike=(height, times, crop[2] + row, crop[0] + column),
+        rounding=moments.rounding,
         missing_points=holes,
         notes=tuple(notes),
         _source=source,
         _coefficients=moments.fit(level),
         _filled=filled,
-        **moments.roughness(level),
+        **found,
     )

@@ -45,8 +45,10 @@ class Surface:
     steps : tuple of float
         Root mean square of the steps from cell to cell of the file in x and in y, about the same, after filters [mm].
     spike : tuple
-        How high the point that stands out most does above the highest of its four neighbours [mm], how many rms steps
-        that is, its row and column; before filters, which only smear it.
+        Height above the highest of its four neighbours of the point that stands out most [mm], the same in rms steps,
+        its row and column; about the same, before filters, which only smear it.
+    rounding : float
+        Height in the file below which differences may be rounding only [mm].
     missing_points : int
         Of the file, within the crop.
     notes : tuple of str
@@ -71,6 +73,7 @@ class Surface:
     kurtosis: float
     steps: tuple
     spike: tuple
+    rounding: float
     missing_points: int
     notes: tuple
     _source: object
@@ -175,8 +178,8 @@ class Surface:
         ny, nx, cell = self.crop[3] - self.crop[2], self.crop[1] - self.crop[0], self.cell(grid)
         check_cells(self.file, s_filter, l_filter, (ny, nx), cell)
         rest = band_pass(self._levelled(0, ny), s_filter, l_filter, cell, bool(grid.periodic))
-        moments = Moments(self.file, lambda *rows: rest[slice(*rows)], (ny, nx))
-        found = moments.roughness("none") | {"s_filter": s_filter, "l_filter": l_filter}
+        moments = Moments(self.file, lambda *rows: rest[slice(*rows)].copy(), (ny, nx))
+        found = moments.roughness("none") | {"s_filter": s_filter, "l_filter": l_filter, "spike": self.spike}
         return replace(self, **found, periodic=bool(grid.periodic), _rest=rest, _source=None)
 
     def cell(self, grid=None):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from operator import itemgetter
+
 import numpy as np
 
 from app.errors import InputError
@@ -11,6 +13,11 @@ LEVELS = {"none": (), "mean": ((0, 0),)}
 LEVELS["plane"] = (*LEVELS["mean"], (1, 0), (0, 1))
 LEVELS["quadratic"] = (*LEVELS["plane"], (2, 0), (1, 1), (0, 2))  # powers of x and y that are taken off
 _RUN = 1 << 18  # cells that are looked at together
+# Heights that differ by less may differ by rounding only: share of their range, as of six digits, and of the largest
+# one, as of single precision.
+_ROUNDING = 1e-6, 2.0**-24
+_FEW_POINTS = 8  # of a row, fewer of which may have the same height by chance
+_FAR_BELOW = 2.0  # rms heights below the best plane of all other rows, where a row was probably not measured
 
 
 def centred(n):
@@ -36,7 +43,7 @@ class Moments:
     name : str
         Of the file, for messages.
     rows : callable
-        ``rows(start, stop)`` gives rows of heights, NaN where missing [mm].
+        ``rows(start, stop)`` gives rows of heights, NaN where missing, in an array of their own [mm].
     shape : tuple of int
         ny, nx.
 
@@ -51,17 +58,14 @@ class Moments:
         self._name, self._rows, self.shape, self.reference = name, rows, shape, None
         self._steps = np.zeros((2, 3))  # along x, y: how many, their sum and that of their squares
         ny, nx = shape
-        self._spike = (0.0, 0, 0)  # height above the highest of its four neighbours [mm], row, column
-        x, y, run, beyond = centred(nx), centred(ny), self._run, np.full((1, nx), np.nan)
-        held = beyond  # the last rows of the run before, one beside whose neighbours are not all known yet
+        self._in_rows, self._in_columns = np.full((3, ny), np.nan), np.full((3, nx), np.nan)
+        x, y, run, last = centred(nx), centred(ny), self._run, np.full((1, nx), np.nan)
         for start in range(0, ny, run):
             z = rows(start, min(start + run, ny))
             self._add(z, x, y[start : start + run], start)
             self._add_steps(0, np.diff(z, axis=1))
-            self._add_steps(1, np.diff(np.vstack([held[-1:], z]), axis=0))
-            block = np.vstack([held, z, *([beyond] if start + run >= ny else [])])
-            self._find_spike(block, start - len(held) + 1)
-            held = block[-2:]
+            self._add_steps(1, np.diff(np.vstack([last, z]), axis=0))
+            last = z[-1:]
         if not self.count:
             raise InputError(f"surface file {name}: all points are missing (NaN)")
 
@@ -83,6 +87,8 @@ class Moments:
             )
         if self.reference is None:
             self.reference = z[there][0]  # so that large offsets cost no digits
+        _widen(self._in_rows[:, first : first + len(z)], z, there, 1)
+        _widen(self._in_columns, z, there, 0)
         z = np.where(there, z - self.reference, 0.0)
         in_x, in_y = (np.stack([values**k for k in range(5)]) for values in (x, y))
         self.powers += in_x @ there.T.astype(float) @ in_y.T
@@ -93,23 +99,16 @@ class Moments:
         known = steps[np.isfinite(steps)]
         self._steps[along] += known.size, known.sum(), known @ known
 
-    def _find_spike(self, z, first):
-        """Look through all rows but the first and the last, neighbours only; `first`: number of the second."""
-        inner = z[1:-1]
-        if not inner.size:
-            return
-        above = np.fmin(inner - z[:-2], inner - z[2:])  # fmin: missing neighbours do not count
-        across = np.diff(inner, axis=1)
-        above[:, 1:] = np.fmin(above[:, 1:], across)
-        above[:, :-1] = np.fmin(above[:, :-1], -across)
-        j, i = np.unravel_index(np.nan_to_num(above).argmax(), above.shape)
-        if above[j, i] > self._spike[0]:
-            self._spike = float(above[j, i]), first + int(j), int(i)
-
     @property
     def count(self):
         """Points that are there."""
         return self.powers[0, 0]
+
+    @property
+    def rounding(self):
+        """Height below which differences may be rounding only [mm]."""
+        low, high = np.nanmin(self._in_rows[0]), np.nanmax(self._in_rows[1])
+        return float(np.dot(_ROUNDING, (high - low, max(high, -low))))
 
     @property
     def steps(self):
@@ -121,42 +120,73 @@ class Moments:
             mean = (squares - 2 * plane * total) / count + plane**2
         return tuple(float(step) for step in np.sqrt(np.maximum(mean, 0.0)))
 
-    def spike(self):
-        """How high the point that stands out most does above all beside it [mm], in rms steps; its row and column."""
-        height, row, column = self._spike
-        step = max((step for step in self.steps if step > 0), default=np.inf)
-        return height, height / step, row, column
-
     def tilt(self):
         """Rise of the best plane from side to side, and the standard deviation about it [mm]."""
         plane = self._solve(LEVELS["plane"])
         return float(2 * (abs(plane[1]) + abs(plane[2]))), self._rms_about("plane")
 
+    def unmeasured(self):
+        """Find rows and columns whose points all have the lowest height, far below the plane of the others.
+
+        Returns
+        -------
+        list of tuple
+            "row" or "column", their numbers, and by how much they move the best plane [mm].
+        """
+        found, lowest = [], np.nanmin(self._in_rows[0])
+        for k, (low, high, known) in enumerate((self._in_rows, self._in_columns)):
+            lines = (low == lowest) & (high == lowest) & (known >= max(_FEW_POINTS, self.shape[1 - k] / 2))
+            others = (known > 0) & ~lines
+            if not lines.any() or 2 * np.count_nonzero(low[others] < high[others]) <= np.count_nonzero(
+                others
+            ):
+                continue  # heights that vary in one direction only have such rows, too
+
+            def measured(start, stop, k=k, lines=lines):
+                left_out = lines[None, :] if k else lines[start:stop, None]
+                return np.where(left_out, np.nan, self._rows(start, stop))
+
+            rest = Moments(self._name, measured, self.shape)
+            plane, whole = (moments.fit("plane") for moments in (rest, self))
+            above = plane[0, 0] + centred(len(lines))[lines] * plane[(1, 0) if k else (0, 1)] - lowest
+            if above.max() > _FAR_BELOW * rest.tilt()[1]:
+                moved = sum(abs(plane[term] - whole[term]) for term in plane)
+                found.append((("row", "column")[k], np.flatnonzero(lines), moved))
+        return found
+
     def roughness(self, level):
-        """What a `Surface` says of its heights, by name; skewness and kurtosis by a second look at all of them."""
-        if level == "quadratic":  # what it leaves is pressed, not what is about the plane
+        """What a `Surface` says of its heights, by name, by a second look at all of them.
+
+        All but the rms height is about the best plane, or about level "quadratic", which leaves what is pressed.
+        """
+        if level == "quadratic":
 
             def left(start, stop):
                 return take_off(bowl, self._rows(start, stop), start, self.shape[0])
 
             bowl = self.fit(level)
             return Moments(self._name, left, self.shape).roughness("none")
-        (mean, *slopes), sums, (ny, nx) = self._solve(LEVELS["plane"]), np.zeros(3), self.shape
-        rms = self._rms_about("plane")
+        plane, sums, ny = self.fit("plane"), np.zeros(3), self.shape[0]
+        rms, steps, spike = self._rms_about("plane"), self.steps, (0.0, 0, 0)
         for start in range(0, ny, self._run):
-            z = self._rows(start, min(start + self._run, ny)) - (self.reference + mean)
-            z -= slopes[0] * centred(nx) + slopes[1] * centred(ny)[start : start + len(z), None]
-            z[np.isnan(z)] = 0.0
+            stop, first = min(start + self._run, ny), max(start - 1, 0)
+            z = take_off(plane, self._rows(first, min(stop + 1, ny)), first, ny)
+            here = slice(start - first, stop - first)
+            height, row, column = _spike(z, here)
+            spike = max(spike, (height, start + row, column), key=itemgetter(0))
+            z = np.nan_to_num(z[here])
             z /= rms or 1.0
             square = z * z
             sums += [np.sum(square), np.vdot(square, z), np.vdot(square, square)]
         square, cube, fourth = sums / self.count
+        step = max((step for step in steps if step > 0), default=np.inf)
         return {
             "rms_height": self._rms_about(level),
             "rms_level": rms,
             "skewness": float(cube / square**1.5) if square else np.nan,
             "kurtosis": float(fourth / square**2) if square else np.nan,
-            "steps": self.steps,
+            "steps": steps,
+            "spike": (spike[0], spike[0] / step, *spike[1:]),
         }
 
     def fit(self, level):
@@ -172,9 +202,37 @@ class Moments:
             return np.zeros(0)
         gram = np.array([[self.powers[k + p, m + q] for p, q in terms] for k, m in terms])
         right = np.array([self.products[k, m] for k, m in terms])
-        return np.linalg.lstsq(gram, right, rcond=1e-12)[0]  # of one row of points no slope across is known
+        # About the means, so that one row of points, of which no slope across is known, gets none.
+        means, height = gram[0] / self.count, right[0] / self.count
+        gram, right = gram - np.outer(gram[0], means), right - gram[0] * height
+        found = np.linalg.lstsq(gram, right, rcond=1e-12)[0]
+        found[0] = height - means[1:] @ found[1:]
+        return found
 
     def _rms_about(self, level):
         terms = LEVELS[level] or LEVELS["mean"]
         right = np.array([self.products[k, m] for k, m in terms])
         return float(np.sqrt(max(self.squares - right @ self._solve(terms), 0.0) / self.count))
+
+
+def _widen(extremes, z, there, axis):
+    """Add heights to the lowest and the highest of each row or column, and to their number, in place."""
+    low, high, known = extremes
+    np.fmin(low, np.fmin.reduce(z, axis=axis), out=low)
+    np.fmax(high, np.fmax.reduce(z, axis=axis), out=high)
+    known[...] = np.nan_to_num(known) + np.count_nonzero(there, axis=axis)
+
+
+def _spike(z, here):
+    """Find the point of some rows that stands out most above its four neighbours, as far as these are there.
+
+    Returns
+    -------
+    tuple
+        Height above the highest of them, 0 if none does, row from the first of `here`, and column.
+    """
+    beyond = np.pad(z, 1, constant_values=np.nan)
+    beside = np.fmax.reduce([beyond[2:, 1:-1], beyond[:-2, 1:-1], beyond[1:-1, 2:], beyond[1:-1, :-2]])
+    above = np.nan_to_num((z - beside)[here])
+    j, i = np.unravel_index(above.argmax(), above.shape)
+    return max(float(above[j, i]), 0.0), int(j), int(i)

@@ -32,7 +32,7 @@ class ResampledSurface:
     ----------
     surface : Surface
         On its own cells.
-    file, spacing, spike, notes
+    file, spacing, spike, rounding, rms_level, notes
         Of that.
 
     Examples
@@ -49,8 +49,9 @@ class ResampledSurface:
 
     sampled = measured = refinable = True
 
-    file, spacing, spike, notes = (
-        property(attrgetter(f"surface.{name}")) for name in ("file", "spacing", "spike", "notes")
+    file, spacing, spike, rounding, rms_level, notes = (
+        property(attrgetter(f"surface.{name}"))
+        for name in ("file", "spacing", "spike", "rounding", "rms_level", "notes")
     )
 
     def own_grid(self, grid):

@@ -495,17 +495,21 @@ def test_rms_slope_is_that_about_the_best_plane(saved, holes):
     )
 
 
+@pytest.mark.parametrize("tilt", [0, 1e3])
 @pytest.mark.parametrize("run", [1, 3, 4, 12])
-def test_the_point_that_stands_out_most_is_found_whatever_is_read_at_a_time(monkeypatch, run):
-    heights = HEIGHTS.copy()
+def test_the_point_that_stands_out_most_is_found_whatever_is_read_at_a_time(monkeypatch, run, tilt):
+    """About the best plane, however tilted that is."""
+    heights = HEIGHTS + tilt * (X - 2 * Y)
     heights[np.random.default_rng(3).random(heights.shape) < 0.2] = np.nan
+    heights[7, 4] += 9
+    flat = read_surface(heights, "mm", "plane").heights()
     j, i = np.indices(heights.shape) + 1
-    beyond = np.pad(heights, 1, constant_values=np.nan)
+    beyond = np.pad(flat, 1, constant_values=np.nan)
     beside = np.fmax.reduce([beyond[j + dj, i + di] for dj, di in ((1, 0), (-1, 0), (0, 1), (0, -1))])
-    expected = np.nanmax(heights - beside)
+    expected = np.nanmax(flat - beside)
     monkeypatch.setattr(moments, "_RUN", run * NX)
     found, _, row, column = read_surface(heights, "mm").spike
-    assert found == pytest.approx(expected) and (heights - beside)[row, column] == pytest.approx(expected)
+    assert found == pytest.approx(expected) and (flat - beside)[row, column] == pytest.approx(expected)
     crop = (column, NX, row, NY)  # numbers are those of the whole file
     assert read_surface(heights, "mm", crop=crop).spike[2:] == (row, column)
 
@@ -528,6 +532,76 @@ def test_spikes_are_told_and_surfaces_are_not(saved):
         ContactProblem(surface.grid(), Material.from_contact_modulus(1e3), surfaces=[surface]), load=0.01
     )
     assert sum("has spikes" in note for note in found.notes) == 1
+
+
+@pytest.mark.parametrize("tilt", [(0, 0), (0.5, 0.3), (-20, 7), (1e3, 0)])
+def test_a_spike_is_named_on_a_tilt_and_a_tilt_is_no_spike(tilt):
+    noise = 0.03 * np.random.default_rng(2).normal(size=(40, 60))
+    heights = noise + tilt[0] * np.arange(60) + tilt[1] * np.arange(40)[:, None]
+    assert spiked(read_surface(heights, "um")) is None
+    heights[12, 30] += 2
+    assert "row 12, column 30 stands " in spiked(read_surface(heights, "um"))
+
+
+@pytest.mark.parametrize("precision", [np.float64, np.float32])
+@pytest.mark.parametrize(
+    ("heights", "level"),
+    [
+        (0.1 * X - 0.7 * Y, "none"),
+        (1 / 3 + 0 * HEIGHTS, "mean"),
+        (1e3 * X + Y / 7, "plane"),
+        (300 + X**2 - X * Y / 3, "quadratic"),
+        (np.pi * Y + 0 * X, "none"),
+        (0.011 * X + 0.26 * Y + 350, "mean"),
+    ],
+)
+def test_rounding_is_neither_spikes_nor_flatness(heights, level, precision):
+    surface = read_surface(heights.astype(precision), "um", level, spacing=(1e-3, 1e-3))
+    assert spiked(surface) is None
+    assert "flatter" not in (doubt(surface, surface.grid()) or "")
+    assert spiked(surface.resampled()) is None
+
+
+SHAPED = np.random.default_rng(6).normal(size=(48, 64))
+
+
+@pytest.mark.parametrize("tilt", [0, 0.02])
+@pytest.mark.parametrize(
+    ("lines", "named"),
+    [
+        (np.s_[:1], "row 0 "),
+        (np.s_[-3:], "rows 45, 46, 47 "),
+        (np.s_[:, 63:], "column 63 "),
+        (np.s_[:, :9], "columns 0, 1, 2, 3, ... "),
+        (np.s_[20:21], "row 20 "),
+    ],
+)
+def test_rows_that_were_never_measured_are_noted(lines, named, tilt):
+    """They all have the lowest height, and move the best plane."""
+    heights = 40 + SHAPED + tilt * np.arange(64)
+    assert read_surface(heights, "um").notes == ()
+    heights[lines] = 0.0
+    heights[5, 10] = np.nan
+    note = next(note for note in read_surface(heights, "um").notes if "not measured" in note)
+    assert f"all points in {named}have the lowest height" in note
+
+
+@pytest.mark.parametrize(
+    "heights",
+    [
+        SHAPED,
+        np.maximum(SHAPED, -1),
+        np.maximum(0, 1 - np.hypot(*np.meshgrid(np.linspace(-2, 2, 64), np.linspace(-2, 2, 48)))),
+        -(np.linspace(-1, 1, 64) ** 2) + np.zeros((48, 1)),
+        SHAPED[:1] + np.zeros((48, 1)),
+        np.abs(SHAPED) * np.outer(np.hanning(48), np.hanning(64)),
+        np.pad(np.ones((20, 30)), 10),
+        np.where(SHAPED > 0, 3.0, np.nan),
+    ],
+    ids=["rough", "cut off", "cone on a plane", "cylinder", "grooves", "tapered", "mesa", "constant"],
+)
+def test_lowest_rows_of_a_surface_are_not_noted(heights):
+    assert not any("not measured" in note for note in read_surface(heights, "um").notes)
 
 
 def test_a_surface_is_printed_as_it_was_understood(saved):
