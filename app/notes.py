@@ -19,6 +19,7 @@ SPIKE = 12.0  # rms steps by which a point may stand above all beside it: of Gau
 TALL = 0.1  # rms height over the longer side of the patch: with wrong units, or slopes that are steep anyway
 SQUARISH = 0.2  # of cells by a domain that are meant to be square, perhaps: logarithm of their sides' ratio
 SEAM = 3.0  # steps where a periodic patch repeats, in those beside: larger ones are not the surface's
+FILLED = 0.01  # of the load, carried by filled points, more of which is not negligible
 FEW_CELLS = 4  # across a contact; fewer do not show its shape
 LONG_PATCH = 10  # cells along the longer side of a patch that is meant to show one
 
@@ -52,6 +53,7 @@ def notes_on(state, problem, contact, roughness):
     doubts = [note for surface in measured if (note := doubt(surface, grid))]
     found += doubts
     found += [note for surface in measured if (note := spiked(surface))]
+    found += [note for surface in measured if (note := filled(surface, state))]
     if roughness.rms_slope > STEEP and not doubts:
         found.append(f"the rms slope is {roughness.rms_slope:.2g}: the theory is for slopes below {STEEP:g}")
     if any(surface.spacing is None for surface in measured) and min(grid.nx, grid.ny) > 1:
@@ -154,6 +156,20 @@ def spiked(surface):
         f"surface file {surface.file}: has spikes: the point in row {row}, column {column} stands {in_words(height)} "
         f"above all beside it, {steps:.0f} times the rms step from cell to cell; they carry the load: take "
         "them out first"
+    )
+
+
+def filled(surface, state):
+    """Note on the load that filled points of a measured surface carry; None: hardly any. Collective."""
+    share = surface.filled_on(state.grid, state.operator.slabs.rows)
+    if share is None:
+        return None
+    carried, load = state.sum([np.vdot(share, state.p), state.p.sum()])
+    if carried <= FILLED * load:
+        return None
+    return (
+        f"surface file {surface.file}: {100 * carried / load:.2g}% of the load is carried by points that were missing "
+        "and are filled: their heights are a guess; leave them out by missing='hole' (-surface_missing hole), or crop"
     )
 
 

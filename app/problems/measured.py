@@ -152,13 +152,9 @@ def surface_of(source, unit=None, level="none", crop=None, missing="hole", heigh
     ny, nx = crop[3] - crop[2], crop[1] - crop[0]
     moments = Moments(source.file, lambda *rows: scale * cropped(source, crop, *rows), (ny, nx))
     holes = nx * ny - int(moments.count)
-    notes, filled = [], (np.zeros(0, int), np.zeros(0, int), np.zeros(0))
+    notes, filled = [], (np.zeros(0, int),) * 2
     if holes and missing == "fill":
-        values = cropped(source, crop, 0, ny)
-        values *= scale
-        from app.problems.fill import harmonic_fill  # sparse solvers take a while to load
-
-        filled = harmonic_fill(values)
+        filled = np.nonzero(np.isnan(cropped(source, crop, 0, ny)))
         notes.append(f"surface file {source.file}: {holes} of {nx * ny} points were missing and are filled")
     elif holes:
         notes.append(
@@ -177,7 +173,8 @@ def surface_of(source, unit=None, level="none", crop=None, missing="hole", heigh
     found = moments.roughness(level)
     height, times, row, column = found["spike"]
     found["spike"] = height, times, crop[2] + row, crop[0] + column
-    if level in ("none", "mean") and rise > max(_TILTED * rms, moments.rounding):
+    tilted = level in ("none", "mean")
+    if tilted and rise > max(_TILTED * rms, moments.rounding):
         notes.append(
             f"surface file {source.file}: is tilted by {rise:.3g} mm over the patch, its rms height about the best "
             f"plane is {rms:.3g} mm; level it by level='plane' (-surface_level plane) if that is the instrument's"
@@ -196,6 +193,7 @@ def surface_of(source, unit=None, level="none", crop=None, missing="hole", heigh
         notes=tuple(notes),
         _source=source,
         _coefficients=moments.fit(level),
+        _tilt=moments.slopes() if tilted else {},
         _filled=filled,
         **found,
     )

@@ -5,7 +5,7 @@ Each rank keeps its own rows only; filled points every rank finds for itself, so
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -78,7 +78,9 @@ class Surface:
     notes: tuple
     _source: object
     _coefficients: dict  # powers of x, y, from -1 to 1 over the crop -> [mm]
-    _filled: tuple  # rows, columns of the crop, values [mm]
+    _tilt: dict  # the same of the best plane that is left, without a constant
+    _filled: tuple  # rows and columns of the crop
+    _fillings: dict = field(default_factory=dict)  # whether x and y go around -> heights of these points [mm]
     _averaged: tuple = (1, 1)
     s_filter: float | None = None
     l_filter: float | None = None
@@ -177,10 +179,13 @@ class Surface:
         self.check_grid(grid)
         ny, nx, cell = self.crop[3] - self.crop[2], self.crop[1] - self.crop[0], self.cell(grid)
         check_cells(self.file, s_filter, l_filter, (ny, nx), cell)
-        rest = band_pass(self._levelled(0, ny), s_filter, l_filter, cell, bool(grid.periodic))
+        periodic = bool(grid.periodic)
+        rest = band_pass(self._levelled(0, ny, (periodic,) * 2), s_filter, l_filter, cell, periodic)
         moments = Moments(self.file, lambda *rows: rest[slice(*rows)].copy(), (ny, nx))
         found = moments.roughness("none") | {"s_filter": s_filter, "l_filter": l_filter, "spike": self.spike}
-        return replace(self, **found, periodic=bool(grid.periodic), _rest=rest, _source=None)
+        return replace(
+            self, **found, periodic=periodic, _tilt=moments.slopes(), _rest=rest, _source=None, _fillings={}
+        )
 
     def cell(self, grid=None):
         """Size dx, dy of a cell of the file, where `grid` is that of this surface [mm]. Not collective."""
@@ -244,23 +249,53 @@ class Surface:
     def __repr__(self):
         return f"<Surface{str(self).removeprefix('surface file')}>"
 
-    def heights(self, rows=slice(None)):
-        """Heights of some rows, peaks positive, shape (rows, nx) [mm]; NaN: missing. Not collective."""
+    def heights(self, rows=slice(None), around=None):
+        """Heights of some rows, peaks positive [mm]; NaN: missing.
+
+        Not collective.
+
+        Parameters
+        ----------
+        rows : slice
+        around : pair of bool, optional
+            Whether missing points are filled from the other side, in x and in y; by default as the surface was read.
+
+        Returns
+        -------
+        ndarray, shape (rows, nx)
+        """
         start, stop, _ = rows.indices(self.shape[0])
-        fy, fx = self._averaged
-        fine = self._levelled(fy * start, fy * max(start, stop))
+        stop, (fy, fx) = max(start, stop), self._averaged
+        fine = self._levelled(fy * start, fy * stop, around or (self.periodic,) * 2)
         if fy == fx == 1:
             return fine
-        blocks = fine.reshape(-1, fy, self.shape[1], fx)
+        # Means of the points that are there, about the best plane, which they need not lie about evenly.
+        tilt = self._tilt if self.missing_points else {}
+        fine = take_off(tilt, fine, fy * start, fy * self.shape[0])
+        blocks = fine.reshape(stop - start, fy, self.shape[1], fx)
         known = ~np.isnan(blocks)
         with np.errstate(invalid="ignore"):
-            return np.where(known, blocks, 0.0).sum(axis=(1, 3)) / known.sum(axis=(1, 3))
+            means = np.where(known, blocks, 0.0).sum(axis=(1, 3)) / known.sum(axis=(1, 3))
+        return take_off({term: -slope for term, slope in tilt.items()}, means, start, self.shape[0])
 
     def heights_on(self, grid, rows=slice(None)):
-        """See `heights`; only on the surface's own cells."""
+        """See `heights`; only on the surface's own cells, around a period as the grid goes."""
         if grid.shape != self.shape:
             raise ValueError("a measured surface is known on its own grid only")
-        return self.heights(rows)
+        return self.heights(rows, (bool(grid.periodic),) * 2)
+
+    def filled_on(self, grid, rows=slice(None)):
+        """Share of filled points in the cells of some rows, shape (rows, nx); None: no point is filled.
+
+        Not collective.
+        """
+        if not len(self._filled[0]):
+            return None
+        start, stop, _ = rows.indices(self.shape[0])
+        (fy, fx), (j, i), shape = self._averaged, self._filled, (max(stop - start, 0), self.shape[1])
+        here = slice(*np.searchsorted(j, (fy * start, fy * (start + shape[0]))))
+        cells = np.ravel_multi_index((j[here] // fy - start, i[here] // fx), shape)
+        return np.bincount(cells, minlength=shape[0] * shape[1]).reshape(shape) / (fy * fx)
 
     def describe(self):
         """Data for the result file, by the names of the options. Not collective."""
@@ -269,13 +304,23 @@ class Surface:
         facts |= {"surface_crop": list(self.crop), "surface_orient": ",".join(self.orient)}
         return {name: value for name, value in facts.items() if value is not None}
 
-    def _levelled(self, start, stop):
+    def _levelled(self, start, stop, around):
         """Rows of the crop, before averaging [mm]."""
         if self._rest is not None:
             return self._rest[start:stop].copy()
+        values = self._in_file(start, stop)
+        (j, i), ny = self._filled, self.crop[3] - self.crop[2]
+        if len(j):
+            if around not in self._fillings:
+                from app.problems.fill import fill_missing  # sparse solvers take a while to load
+
+                self._fillings[around] = fill_missing(self._in_file(0, ny), around)
+            here = slice(*np.searchsorted(j, (start, stop)))
+            values[j[here] - start, i[here]] = self._fillings[around][here]
+        return values
+
+    def _in_file(self, start, stop):
+        """Rows of the crop that the file has, less the level [mm]."""
         values = cropped(self._source, self.crop, start, stop)
         values *= UNITS[self.unit]
-        j, i, heights = self._filled
-        here = slice(*np.searchsorted(j, (start, stop)))
-        values[j[here] - start, i[here]] = heights[here]
         return take_off(self._coefficients, values, start, self.crop[3] - self.crop[2])

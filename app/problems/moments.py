@@ -125,6 +125,10 @@ class Moments:
         plane = self._solve(LEVELS["plane"])
         return float(2 * (abs(plane[1]) + abs(plane[2]))), self._rms_about("plane")
 
+    def slopes(self):
+        """Coefficients of the best plane but the constant."""
+        return {term: slope for term, slope in self.fit("plane").items() if sum(term)}
+
     def unmeasured(self):
         """Find rows and columns whose points all have the lowest height, far below the plane of the others.
 

@@ -91,20 +91,22 @@ class ResampledSurface:
         own = self.own_grid(grid)
         ny, nx = own.shape
         check_fits(40.0 * own.n + 16.0 * ny * grid.nx, f"resampling {nx} x {ny} heights")
-        x, y = _edges(nx, own.dx, grid.nx, grid.dx), _edges(ny, own.dy, grid.ny, grid.dy)
-        around = [bool(grid.periodic) and edges[0] == 0 for edges in (x, y)]
-        start, stop, _ = rows.indices(grid.ny)
-        y = y[start : max(start, stop) + 1]
-        heights, share = self.surface.heights(), 1.0
+        x, y, around = _edges(own, grid, rows)
+        heights, share = self.surface.heights(around=around), 1.0
         missing = np.isnan(heights)
         if missing.any():
-            from app.problems.fill import harmonic_fill  # sparse solvers take a while to load
+            from app.problems.fill import fill_missing  # sparse solvers take a while to load
 
-            j, i, values = harmonic_fill(heights)
-            heights[j, i] = values
+            heights[missing] = fill_missing(heights, around)
             share = _means(_means(1.0 - missing, x, 1).T, y, 1).T
         means = _means(_means(heights, x, 3, around[0]).T, y, 3, around[1]).T
         return np.where(share > _ROUNDING, means, np.nan)
+
+    def filled_on(self, grid, rows=slice(None)):
+        """See `Surface.filled_on`: the share of the area."""
+        own = self.own_grid(grid)
+        share, (x, y, _) = self.surface.filled_on(own), _edges(own, grid, rows)
+        return None if share is None else _means(_means(share, x, 1).T, y, 1).T
 
     def describe(self):
         """See `Surface.describe`."""
@@ -139,12 +141,17 @@ def common_grid(surfaces, cells=None, domain=None, periodic=False):
     return Grid.from_domain(*cells, domain, periodic)
 
 
-def _edges(n, width, cells, cell):
-    """Edges of the cells of a grid, counted in the file's n, shape (cells + 1,): both have the same middle."""
-    edges = (np.arange(cells + 1) - cells / 2) * (cell / width) + n / 2
-    if abs(edges[0]) <= _ROUNDING * n:
-        edges[[0, -1]] = 0, n
-    return edges
+def _edges(own, grid, rows):
+    """Edges in x, and in y of some rows, of the cells of a grid, counted in the file's; whether x and y go around."""
+    found, around = [], []
+    for n, width, cells, cell in (own.nx, own.dx, grid.nx, grid.dx), (own.ny, own.dy, grid.ny, grid.dy):
+        edges = (np.arange(cells + 1) - cells / 2) * (cell / width) + n / 2  # both have the same middle
+        if abs(edges[0]) <= _ROUNDING * n:
+            edges[[0, -1]] = 0, n
+        found.append(edges)
+        around.append(bool(grid.periodic and edges[0] == 0))
+    start, stop, _ = rows.indices(grid.ny)
+    return found[0], found[1][start : max(start, stop) + 1], tuple(around)
 
 
 def _means(values, edges, degree, around=False):

@@ -85,3 +85,17 @@ def test_a_measured_surface_that_is_not_periodic_says_so(tmp_path, comm):
         found = solve(problem, None, None, load=1e-3, comm=comm).notes
         assert any("not periodic" in note for note in found) == told, (waves, found)
         comm.Barrier()
+
+
+@pytest.mark.mpi(1, 3)
+def test_the_load_that_filled_points_carry_is_that_of_all_ranks(comm):
+    """Rows 9 to 12 were not measured, which lie on two ranks."""
+    x = np.linspace(-1, 1, 32)
+    cap = -(x**2) - (x[:, None] + 0.3) ** 2
+    cap[9:13] = np.nan
+    surface = read_surface(cap, "um", missing="fill", spacing=(1e-3, 1e-3))
+    problem = ContactProblem(surface.grid(), STEEL, surfaces=[surface])
+    solution = solve(problem, None, None, load=0.02, comm=comm)
+    share = solution.gather()
+    share = comm.bcast(share and share.pressure[9:13].sum() / share.pressure.sum())
+    assert any(f"{100 * share:.2g}% of the load is carried by points" in note for note in solution.notes)
