@@ -14,7 +14,8 @@ commas only                         by commas, if they cannot be decimal
 neither                             by blanks and tabs
 ==================================  =======================================
 
-Commas between semicolons or tabs begin decimals, unless there are points as well.
+Commas between semicolons or tabs begin decimals, unless there are points as well. Commas in quotes begin decimals,
+those beside quotes separate. Exponents may begin with D, as Fortran writes them.
 """
 
 from __future__ import annotations
@@ -23,13 +24,32 @@ import re
 
 import numpy as np
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
-_MARK = re.compile(r"\*+|-+|_+|n/?a|null|none|bad|void|missing|1\.#\w+", re.IGNORECASE)  # of missing points
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([ed][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
+# What spreadsheets write instead of a number, in English and German.
+_ERROR = r"#(?:N/A|N/D|NV|DIV/0!|NUM!|ZAHL!|VALUE!|WERT!|REF!|BEZUG!|NAME\?|NULL!)"
+_MARK = re.compile(
+    rf"\*+|-+|_+|n/?a|null|none|bad|void|missing|[+-]?1[.,]#\w+|[+-]?nan\(\w+\)|{_ERROR}", re.IGNORECASE
+)  # of missing points
+_COMMA_MARK = re.compile(r"\b1,#(?=IND|INF|[QS]?NAN)")  # with a decimal comma
+_ERROR_FIRST = re.compile(rf'\s*"?{_ERROR}"?(?![^\s;,])')  # in a line that is no comment
 _NO_DATA_VALUE = re.compile(r"\s*nodata_value\s+(\S+)", re.IGNORECASE)  # at the head of an ESRI grid
 _NO_DATA = re.compile(r"\bno data\b", re.IGNORECASE)  # one more of them, in two words
 _PLAIN = frozenset("0123456789+-.,;eE \t")
+_EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")  # as Fortran writes it
+_QUOTED = re.compile(r'"([^"\n]*)"')
+_COMMA_BESIDE = re.compile(r"^ *,|, *$")  # a quote
+_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")  # may be thousands, or a decimal comma
 _COMMENTS = ("#", "%")
 _SIGNS = 8  # different numbers below 0, all before the first comma of two: by chance none stands behind one
+
+
+class UnknownText(ValueError):
+    """The text has words where only a reader of its format can tell what they mean."""
+
+
+def is_comment(line):
+    """True if a line begins with # or %, except for the error values of spreadsheets. Not collective."""
+    return line.lstrip().startswith(_COMMENTS) and not _ERROR_FIRST.match(line)
 
 
 def read_table(lines, missing, skip=0, marks=False, how_to_skip=""):
@@ -57,6 +77,8 @@ def read_table(lines, missing, skip=0, marks=False, how_to_skip=""):
 
     Raises
     ------
+    UnknownText
+        If there are words at the head, and nowhere else.
     ValueError
         If a line holds something else, is of another length, or could be read in two ways; it says which.
 
@@ -69,12 +91,14 @@ def read_table(lines, missing, skip=0, marks=False, how_to_skip=""):
     numbered = [
         (j, _NO_DATA.sub("nan", line.strip(" \r")) if marks else line.strip(" \r"))
         for j, line in enumerate(lines, 1)
-        if j > skip and line.strip() and not line.lstrip().startswith(_COMMENTS)
+        if j > skip and line.strip() and not is_comment(line)
     ]
     if not numbered:
         raise ValueError("it is empty")
     _refuse_words_at_the_head(numbered, marks, how_to_skip)
-    texts = [line for _, line in numbered]
+    texts = _unquoted(
+        [_EXPONENT.sub("e", line) if "d" in line or "D" in line else line for _, line in numbered]
+    )
     separator, decimal_commas = _layout(texts)
     if separator and separator != "\t":
         texts = [line.rstrip() for line in texts]
@@ -95,6 +119,7 @@ def read_table(lines, missing, skip=0, marks=False, how_to_skip=""):
         except ValueError:
             rows.append(np.array([_value(entry, j, i, missing, marks) for i, entry in enumerate(row, 1)]))
     table = np.array(rows)
+    _refuse_blocks([j for j, _ in numbered], table.shape[1])
     for j, line in enumerate(lines[:skip] if marks else (), 1):
         if said := _NO_DATA_VALUE.match(line):
             table[table == _value(said[1], j, 2, missing, marks)] = np.nan
@@ -109,14 +134,47 @@ def _refuse_words_at_the_head(numbered, marks, how_to_skip):
         skipped = numbered[first][0] - 1
         what = f"{skipped} lines" if skipped > 1 else "line"
         advice = how_to_skip.format(what, skipped) or "lines that are no row of cells begin with #"
-        raise ValueError(f"line {j}: {_word_in(line, marks)!r} is no number; {advice}")
+        more = any(_word_in(line, marks) for _, line in numbered[first:])  # perhaps the head of another map
+        refusal = ValueError if more else UnknownText
+        raise refusal(f"line {j}: {_word_in(line, marks)!r} is no number; {advice}")
+
+
+def _refuse_blocks(numbers, columns):
+    """Refuse blocks of equally many rows with other lines between them, by the numbers of the lines with rows.
+
+    Points x, y, z may be written so.
+    """
+    starts = np.flatnonzero(np.diff(numbers, prepend=-1) > 1)
+    rows = np.diff(starts, append=len(numbers))
+    if columns != 3 and len(rows) > 1 and rows[0] > 1 and (rows == rows[0]).all():
+        raise ValueError(
+            f"it has {len(rows)} blocks of {rows[0]} lines, the second one from line {numbers[starts[1]]}: keep one "
+            "map, or remove the empty lines and comments between rows of the same map"
+        )
+
+
+def _unquoted(lines):
+    """Take quotes off. Commas beside quotes become semicolons, those within quotes decimal points."""
+    text = "\n".join(lines)
+    if '"' not in text:
+        return lines
+    outside, entries = _QUOTED.split(text)[::2], _QUOTED.findall(text)
+    if re.search("[;\t]", "".join(outside)) or not any(map(_COMMA_BESIDE.search, outside)):
+        return text.replace('"', "").splitlines()
+    commas = [entry for entry in entries if "," in entry]
+    if commas and ("." in text or all(_GROUPED.fullmatch(entry.strip()) for entry in commas)):
+        raise ValueError(
+            f"the comma in {commas[0][:40]!r} may begin decimals or group thousands: write decimal points"
+        )
+    parts = zip([part.replace(",", ";") for part in outside], [*entries, ""], strict=True)
+    return "".join(part + entry.replace(",", ".") for part, entry in parts).splitlines()
 
 
 def _word_in(line, marks):
     """First entry of a line that is no number, whatever separates numbers; None if all are."""
     if _PLAIN.issuperset(line):
         return None
-    for entry in re.split(r"[\s;,]+", line):
+    for entry in re.split(r'[\s;,"]+', _COMMA_MARK.sub("1.#", line)):
         if entry and not _NUMBER.fullmatch(entry) and not (marks and _MARK.fullmatch(entry)):
             return entry
     return None

@@ -50,6 +50,9 @@ def test_whole_numbers_between_commas_are_no_decimals(text):
         ("0,12, 0,34", "commas with and without a blank behind"),
         ("1.234,5;2.345,6", "both points and commas"),
         ("1.234,5 2.345,6", "both points and commas"),
+        ('"1,234","5,678"', "may begin decimals or group thousands"),
+        ('0.5,"1,25"', "may begin decimals or group thousands"),
+        ("#N/A;1\n2;3", "'#N/A' is no number"),
         ("1 2\n3 4 5", "line 2 has 3 entries, line 1 has 2"),
         ("1,,2", "line 1, entry 2: '' is no number"),
         ("1 ***", r"line 1, entry 2: '\*\*\*' is no number"),
@@ -61,10 +64,52 @@ def test_what_can_be_read_in_two_ways_is_refused(text, message):
         read_table(text.splitlines(), "missing")
 
 
-@pytest.mark.parametrize("mark", ["***", "---", "NaN", "", "BAD", "n/a", "1.#QNAN", "No Data"])
+@pytest.mark.parametrize(
+    "mark",
+    [
+        "***",
+        "---",
+        "NaN",
+        "",
+        "BAD",
+        "n/a",
+        "1.#QNAN",
+        "-1.#IND",
+        "-nan(ind)",
+        "#N/A",
+        "#NV",
+        '"#DIV/0!"',
+        "No Data",
+    ],
+)
 def test_marks_of_missing_points(mark):
     found = read_table(["0.5;1;2", f"3;{mark};1", f"{mark};2;{mark}"], "missing", marks=True)
     np.testing.assert_array_equal(found, [[0.5, 1, 2], [3, np.nan, 1], [np.nan, 2, np.nan]])
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("1.0D-03 2.5d+1\n-3D0 4", [[1e-3, 25], [-3, 4]]),
+        ('"0.5","1.25"\n"2","-3"', [[0.5, 1.25], [2, -3]]),
+        ('"0,5","1,25"\n"2","-3"', [[0.5, 1.25], [2, -3]]),
+        ('"0,5",2\n3,"1,25"', [[0.5, 2], [3, 1.25]]),
+        ('"0","12"\n"1","13"', [[0, 12], [1, 13]]),
+        ('"0,5";"1,25"\n2;3', [[0.5, 1.25], [2, 3]]),
+        ('"0,5" "1,25"\n2 3', [[0.5, 1.25], [2, 3]]),
+        ("0,5 1,#IND\n1,5 2,5", [[0.5, np.nan], [1.5, 2.5]]),
+        ("#N/A 1\n# no row\n2 3", [[np.nan, 1], [2, 3]]),
+    ],
+)
+def test_numbers_of_fortran_and_spreadsheets(text, expected):
+    np.testing.assert_array_equal(read_table(text.splitlines(), "missing", marks=True), expected)
+
+
+@pytest.mark.parametrize("between", ["", "# next", "\n# New slice\n"])
+def test_blocks_below_each_other_are_no_map(between):
+    text = f"# two maps\n{text_of(' ')}\n{between}\n{text_of(' ')}\n".splitlines()
+    with pytest.raises(ValueError, match="2 blocks of 3 lines, the second one from line"):
+        read_table(text, "missing")
 
 
 @pytest.mark.parametrize("lines", [["1; 2;\t", "3; 4; "], ["1,\t 2,\t", "3,\t4,"]])
@@ -89,7 +134,9 @@ def test_words_at_the_head_say_how_many_lines_to_skip(tmp_path, coding):
 
 @pytest.mark.parametrize(("name", "told"), [("scan.sdf", True), ("scan.x3p", True), ("scan.csv", False)])
 def test_instruments_files_are_sent_to_the_command_that_reads_them(tmp_path, name, told):
-    (tmp_path / name).write_bytes(b"PK\x03\x04\xff\xfe" if name.endswith("x3p") else b"aISO-1.0\n1 2\n")
+    (tmp_path / name).write_bytes(
+        b"PK\x03\x04\xff\xfe" if name.endswith("x3p") else b"aISO-1.0\n1 2\n" if told else b"ISO-1.0\n1 2\n"
+    )
     with pytest.raises(InputError) as refused:
         read_surface(tmp_path / name, "um")
     assert ("app.convert FILE" in str(refused.value)) == told
