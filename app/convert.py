@@ -26,21 +26,22 @@ from app.commands import streams
 from app.commands.arguments import Parser, argument, command, writing
 from app.errors import InputError
 from app.options import cells, integer, pair_of_reals, some_of
-from app.problems.array_file import TEXTS
+from app.problems.array_file import UnknownFormat
+from app.problems.formats import ARRAYS, TEXTS, format_of
 from app.problems.height_file import (
     TURNS,
     HeightArray,
-    HeightFile,
     agreed_units,
     checked_crop,
+    open_heights,
+    replace_stated,
     turned_spacing,
 )
 
 ENVIRONMENT = "ELASTIC_CONTACT_SURFACES"  # path of a Python that has SurfaceTopography, if not the one below
-_PLAIN = (".npy", ".npz", ".h5", ".hdf5")  # read here
 _spacing = pair_of_reals("DX,DY, two positive numbers [mm]", above=0)
 _line_count = integer(0, "a whole number from 0")
-_OTHER_UNITS = {"pm": 1e-3, "Å": 0.1, "A": 0.1}  # of instruments [nm]
+_NAMES = "--unit", "--height-unit", "--override"  # of options, for messages
 
 
 def instruments_python():
@@ -57,8 +58,8 @@ def main(argv):
     add, a_unit, elsewhere = parser.add_argument, argument(units.unit), "where the file does not say"
     add("file", type=Path, metavar="FILE", help="what an instrument wrote, .npy, .npz, .h5 or text")
     add("-o", "--output", type=Path, required=True, metavar="SURFACE.h5", help="file to write")
-    add("--channel", default="", help="name or number of a channel, where there are several")
-    add("--unit", type=a_unit, help=f"m, mm, um (or µm) or nm: {elsewhere}")
+    add("--channel", default="", help="name or number, from 0, of a channel, where there are several")
+    add("--unit", type=a_unit, help=f"{units.ALLOWED}: {elsewhere}")
     add("--height-unit", type=a_unit, help="of the heights alone, where points x, y have another one")
     how = "how rows and columns are turned: transpose, flip_x, flip_y, or some of them with commas between"
     lines = "lines at the head of a text to leave out"
@@ -67,6 +68,8 @@ def main(argv):
     add("--orient", type=argument(some_of(*TURNS)), default=(), metavar="HOW", help=how)
     add("--crop", type=argument(cells), metavar="I0,I1,J0,J1", help=part)
     add("--spacing", type=argument(_spacing), metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
+    replaced = "what --unit, --height-unit and --spacing say replaces what the file says"
+    add("--override", action="store_true", help=replaced)
     arguments = parser.parse_args(argv)
     from app.output.files import check_output_path, digest
 
@@ -77,7 +80,10 @@ def main(argv):
     source, origin = _read(path, arguments)
     if arguments.crop:
         source = HeightArray.of(source, checked_crop(source, arguments.crop))
-    settle(source, arguments.unit, arguments.height_unit, arguments.spacing)
+    wanted = arguments.unit, arguments.height_unit, arguments.spacing
+    if arguments.override:
+        replace_stated(source, *wanted, "--override")
+    settle(source, *wanted)
     summary, doubts = _summary(source)  # refuses what no solve would read
     with writing(arguments.output):
         _write(arguments.output, source, {**origin, "source": file.name, "sha256": digest(file)})
@@ -93,20 +99,21 @@ def _without_dataset(path):
 
 def _read(path, arguments):
     """Heights, turned, and where they are from: format and channel."""
-    channel, skip, suffix = arguments.channel, arguments.skip, _without_dataset(path).suffix.lower()
-    if channel and suffix in (".npy", ".npz"):
+    channel, skip = arguments.channel, arguments.skip
+    known = format_of(_without_dataset(path), skip)
+    if channel and known.kind in ("npy", "npz"):
         raise InputError(
             f"--channel {channel}: an array of a .npz is named as {path}:/{channel}, a .npy has one only"
         )
-    if channel or suffix not in (*_PLAIN, *TEXTS):
-        if skip:
-            raise InputError(f"--skip {skip}: allowed of {', '.join(TEXTS)}")
+    if known.kind == "instrument" or (channel and known.kind == "hdf5"):
         return _of_instruments(path, *_read_instruments(path, channel), arguments)
     try:
-        source = HeightFile(path, skip, arguments.orient)
-    except ValueError:
-        if suffix in _PLAIN or skip or not instruments_python():
+        source = open_heights(path, skip, arguments.orient, channel, coordinates=bool(arguments.crop))
+    except UnknownFormat as error:
+        if skip or (error.is_text and not instruments_python()):
             raise
+        if not error.is_text:
+            return _of_instruments(path, *_read_instruments(path, channel), arguments)
         facts = {}
         with suppress(InputError):
             heights, facts = _read_instruments(path, channel)
@@ -114,9 +121,7 @@ def _read(path, arguments):
         if not (facts.get("unit") and facts.get("spacing")):
             raise  # what is wrong with it as text says more
         return _of_instruments(path, heights, facts, arguments)
-    if not arguments.crop:
-        source.refuse_coordinates()
-    return source, {"format": suffix[1:], "channel": ""}
+    return source, {"format": known.kind, "channel": channel}
 
 
 def _read_instruments(path, channel):
@@ -124,7 +129,7 @@ def _read_instruments(path, channel):
     if python is None:
         raise InputError(
             f"surface file {path}: formats of instruments need SurfaceTopography: run/setup --surfaces installs it in "
-            f"an environment of its own; read without: {', '.join((*_PLAIN, *TEXTS))}"
+            f"an environment of its own; read without: {', '.join((*ARRAYS, *TEXTS))}"
         )
     import numpy as np
 
@@ -148,15 +153,9 @@ def _read_instruments(path, channel):
 
 
 def _of_instruments(path, heights, facts, arguments):
-    """What `_read` returns, in a unit of ours; one that is no length counts as not said."""
-    said = facts["unit"]
-    unit, factor = ("nm", _OTHER_UNITS[said]) if said in _OTHER_UNITS else (units.unit_named(said), 1.0)
-    if said and unit is None and not (arguments.unit or arguments.height_unit):
-        raise InputError(
-            f"--unit is missing: surface file {path} says {said}, which is no length; allowed: {units.ALLOWED}"
-        )
-    spacing = facts["spacing"] and [factor * side for side in facts["spacing"]]
-    source = HeightArray(factor * heights, arguments.orient, unit, spacing)
+    """Heights, turned, and where they are from."""
+    source = HeightArray(heights, arguments.orient, units.unit_named(facts["unit"]), facts["spacing"])
+    source.other_unit = None if source.unit else facts["unit"]
     source.file = str(path)
     return source, {name: facts[name] for name in ("format", "channel")}
 
@@ -168,7 +167,7 @@ def settle(source, unit, height_unit, spacing):
 
     Parameters
     ----------
-    source : HeightFile or HeightArray
+    source : app.problems.height_file.HeightFile or HeightArray
     unit, height_unit : str or None
         As of the command.
     spacing : pair of float or None
@@ -179,14 +178,17 @@ def settle(source, unit, height_unit, spacing):
     InputError
         If neither says it, or both do.
     """
-    source.unit, source.lateral = agreed_units(source, unit, height_unit, ("--unit", "--height-unit"))
+    source.unit, source.lateral = agreed_units(source, unit, height_unit, _NAMES)
     if source.spacing is None and spacing is None:
         raise InputError(
             f"--spacing is missing: surface file {source.file} does not say the size DX,DY of its cells [mm]"
         )
     if source.spacing and spacing:
         told = " x ".join(f"{side:.7g}" for side in turned_spacing(source.spacing, source.orient))
-        raise InputError(f"--spacing: surface file {source.file} says {told} {source.lateral} itself")
+        raise InputError(
+            f"--spacing: surface file {source.file} says {told} {source.lateral} itself; if that is wrong, "
+            "add --override"
+        )
     if spacing:
         source.spacing, source.lateral = turned_spacing(spacing, source.orient), "mm"
 

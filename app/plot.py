@@ -94,11 +94,10 @@ def _save(figure, path, dpi):
 
 def _surface(file, arguments):
     from app.convert import settle  # these load numba, which results do without
-    from app.problems.height_file import HeightFile
+    from app.problems.height_file import open_heights
     from app.problems.measured import surface_of
 
-    source = HeightFile(file)
-    source.refuse_coordinates()
+    source = open_heights(file)
     settle(source, arguments.unit, None, arguments.spacing)
     return surface_of(source, level="plane")
 
@@ -165,7 +164,7 @@ def _arguments(argv):
     add("--only", action="append", choices=PICTURES, metavar="NAME", help=only)
     add("--x", metavar="NAME", help=against)
     add("--y", action="append", default=[], metavar="NAME", help=column)
-    add("--unit", type=a_unit, help=f"m, mm, um (or µm) or nm: of the heights, {elsewhere}")
+    add("--unit", type=a_unit, help=f"{units.ALLOWED}: of the heights, {elsewhere}")
     add("--spacing", type=argument(_spacing), metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
     add("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")
     add("--dpi", type=argument(_dots), default=200, help=dots)

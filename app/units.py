@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+import unicodedata
 from typing import NamedTuple
 
-UNITS = {"m": 1e3, "mm": 1.0, "um": 1e-3, "nm": 1e-6}  # [mm]
-ALLOWED = f"{', '.join(UNITS)} (µm is um)"  # for messages
+UNITS = {
+    "m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3, "nm": 1e-6, "pm": 1e-9, "angstrom": 1e-7, "in": 25.4
+}  # fmt: skip  # [mm]
+ALLOWED = f"{', '.join(UNITS)} (µm is um, Å is angstrom)"  # for messages
 
 
 class Unit(NamedTuple):
@@ -20,7 +23,9 @@ def unit_named(name):
     """One of `UNITS` by what files call it; None if it is none of them. Not collective."""
     if isinstance(name, bytes):
         name = name.decode(errors="replace")
-    name = str(name).strip().replace("µ", "u").replace("μ", "u")
+    # Two code points mean micro, and two angstrom: NFKC makes them one.
+    name = unicodedata.normalize("NFKC", str(name).strip()).replace("\u03bc", "u")
+    name = "angstrom" if name in ("Å", "Angstrom") else name
     return name if name in UNITS else None
 
 
@@ -29,8 +34,8 @@ def unit(text):
 
     Examples
     --------
-    >>> unit("nm"), unit("µm")  # either micro sign
-    ('nm', 'um')
+    >>> unit("nm"), unit("µm"), unit("Å")  # either micro sign
+    ('nm', 'um', 'angstrom')
     """
     found = unit_named(text)
     if found is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import gzip
 import zipfile
 import zlib
 from pathlib import Path
@@ -13,20 +14,38 @@ import numpy as np
 from app.errors import InputError, one_line
 from app.memory import check_fits
 from app.problems.arrays import refuse_large
-from app.problems.text_table import read_table
+from app.problems.formats import format_of, suffix_of
+from app.problems.text_heads import channels_of
+from app.problems.text_table import UnknownText, is_comment, read_table
 
 _STRANGE = 0.01  # share of characters beyond ASCII that texts of numbers do not reach
 _NEVER = [bytes([code]) for code in range(32) if code not in b"\t\n\v\f\r\x1a"]  # in no text
-TEXTS = (".txt", ".csv", ".dat", ".xyz", ".asc")  # names of texts; others may be of anything
 _HEADER = SyntaxError, TokenError  # of arrays, which numpy reads as Python
 _BYTES_PER_BYTE = 40  # of memory, for a byte of text: a line is a list of texts, then of numbers
+_PIECE = 1 << 24  # bytes unpacked at once
+
+
+class UnknownFormat(InputError):
+    """The file is no text, or a text with a head that is not known: another reader may know its format.
+
+    Attributes
+    ----------
+    is_text : bool
+    """
+
+    is_text = True
+
+
+class NoText(UnknownText):
+    """The file has bytes that no text has."""
 
 
 class ArrayFile:
     """A two-dimensional array in a file, read a few rows at a time where the format allows it.
 
     ``.npy``; ``.npz``, ``.h5``, ``.hdf5`` or ``.h5:/dataset``; anything else is read as text, a row of cells a line
-    (see `app.problems.text_table`). The first row is the one of smallest y.
+    (see `app.problems.text_table`), unless `app.problems.formats` knows better. Texts may be compressed (``.gz``).
+    The first row is the one of smallest y.
 
     Not collective: every rank opens the file for itself.
 
@@ -36,6 +55,8 @@ class ArrayFile:
         File name, with ``:/dataset`` behind it if an HDF5 or .npz file holds more than one 2-D dataset.
     skip : int
         Lines at the head of a text that are none of the array.
+    channel : str
+        Name or number, from 0, of a channel of a text that has several, one below the other.
 
     Attributes
     ----------
@@ -47,38 +68,58 @@ class ArrayFile:
 
     Raises
     ------
+    UnknownFormat
+        If it is read as text and is none, or has words at its head.
     InputError
         If there is no such file or dataset, or it is not a 2-D array of real numbers.
     """
 
     what, missing, how_to_skip = "array file", "a missing value", ""  # for messages
-    elsewhere = ""  # where to go with what is no text by its name, nor is read as one
+    how_to_choose = ": leave one"  # one of several channels
+    elsewhere = ""  # what reads formats of instruments
     marks = False  # whether texts may mark missing values in other ways than by nan
     preferred = ""  # dataset that is taken where there are several
 
-    def __init__(self, name, skip=0):
+    def __init__(self, name, skip=0, channel=""):
         name, self.attributes, self.comments, self.skip = str(name), {}, [], skip
         path, _, dataset = name.partition(":/")
         self.file, self.path, self._dataset = name, Path(path), dataset
         if not self.path.is_file():
             raise InputError(f"{self.what} {path}: {self._why_not()}")
-        suffix = self.path.suffix.lower()
-        self.is_text = suffix not in (".npy", ".npz", ".h5", ".hdf5")
-        if skip and not self.is_text:
-            raise InputError(f"{self.what} {path}: {skip} lines to skip: allowed of text, which it is not")
+        known = format_of(self.path, skip)
+        if known.kind in ("instrument", "other"):
+            elsewhere = self.elsewhere if known.kind == "instrument" else ""
+            raise InputError(f"{self.what} {name}: is {known.what}{elsewhere and f'; {elsewhere}'}")
+        self.is_text = known.kind not in ("npy", "npz", "hdf5")
+        for option, given in (f"{skip} lines to skip", skip), (f"channel {channel}", channel):
+            if given and not self.is_text:
+                raise InputError(f"{self.what} {path}: {option}: allowed of text, which it is not")
         try:
-            if suffix == ".npy":
-                self._rows = self._map_npy()
-            elif suffix == ".npz":
-                self._rows = self._load_npz()
-            elif self.is_text:
-                self._rows = self._read_text()
+            if self.is_text:
+                self._rows = self._read_text(channel)
             else:
-                self._rows = self._open_hdf5()
-        except (ValueError, OSError, EOFError, KeyError, RuntimeError, MemoryError, *_HEADER) as error:
+                read = {"npy": self._map_npy, "npz": self._load_npz, "hdf5": self._open_hdf5}
+                self._rows = read[known.kind]()
+        except (
+            ValueError,
+            OSError,
+            EOFError,
+            KeyError,
+            RuntimeError,
+            MemoryError,
+            zlib.error,
+            *_HEADER,
+        ) as error:
             # RuntimeError: a dataset that is linked to itself.
-            elsewhere = self.elsewhere if self.is_text and suffix not in TEXTS else ""
-            raise InputError(f"{self.what} {name}: cannot be read: {elsewhere}{one_line(error)}") from None
+            binary = isinstance(error, NoText)
+            elsewhere = (
+                f"{self.elsewhere}; else: " if self.elsewhere and (binary or known.kind == "unknown") else ""
+            )
+            refusal = (UnknownFormat if isinstance(error, UnknownText) else InputError)(
+                f"{self.what} {name}: cannot be read: {elsewhere}{one_line(error)}"
+            )
+            refusal.is_text = self.is_text and not binary
+            raise refusal from None
         if self._rows.ndim != 2 or not all(self._rows.shape) or self._rows.dtype.kind not in "fiu":
             raise InputError(
                 f"{self.what} {name}: holds {self._rows.dtype} of shape {self._rows.shape}; "
@@ -145,12 +186,41 @@ class ArrayFile:
             raise ValueError(one_line(error)) from None
         return file[name]
 
-    def _read_text(self):
-        check_fits(self.path.stat().st_size * _BYTES_PER_BYTE, "text, where .npy or .h5 take little")
-        lines = _decoded(self.path.read_bytes()).splitlines()
+    def _read_text(self, channel):
+        lines = _decoded(self._content()).splitlines()
+        lines = self._choose_channel(lines, channel)
         self.skip = self._lines_of_head(lines, self.skip)
-        self.comments = [line for j, line in enumerate(lines) if j < self.skip or line.startswith("#")]
+        self.comments = [line for j, line in enumerate(lines) if j < self.skip or is_comment(line)]
         return read_table(lines, self.missing, self.skip, self.marks, self.how_to_skip)
+
+    def _content(self):
+        """Bytes of a text, unpacked."""
+        refuse = "text, where .npy or .h5 take little"
+        check_fits(self.path.stat().st_size * _BYTES_PER_BYTE, refuse)
+        if not suffix_of(self.path)[1]:
+            return self.path.read_bytes()
+        content = bytearray()
+        with gzip.open(self.path) as file:
+            while piece := file.read(_PIECE):
+                content += piece
+                check_fits(len(content) * _BYTES_PER_BYTE, refuse)
+        return bytes(content)
+
+    def _choose_channel(self, lines, wanted):
+        """Return the lines with those of other channels empty."""
+        channels = channels_of(lines)
+        names = ", ".join(f"{j} {channel.name or '(no name)'}" for j, channel in enumerate(channels))
+        if not wanted and len(channels) > 1:
+            raise ValueError(f"it has several channels, one below the other: {names}{self.how_to_choose}")
+        chosen = channels
+        if wanted:
+            chosen = channels[int(wanted) :][:1] if wanted.isdecimal() else []
+            chosen = chosen or [channel for channel in channels if channel.name == wanted]
+            if len(chosen) != 1:
+                many = "several have this name, choose by number" if chosen else "not there"
+                raise ValueError(f"channel {wanted}: {many}; allowed: {names}")
+        part = chosen[0].lines
+        return [line if part.start <= j < part.stop else "" for j, line in enumerate(lines)]
 
     def _lines_of_head(self, _, skip):
         """How many lines at the head of a text are none of the array: those to skip, or known ones."""
@@ -190,5 +260,5 @@ def _decoded(content):
         strange = len(content) - len(content.translate(None, bytes(range(128, 256))))
         control = any(byte in content for byte in _NEVER)
         if coding == "utf-16" or control or strange > _STRANGE * len(content) + 8:
-            raise ValueError("it is no text; formats: .npy, .npz, .h5, .hdf5, and text") from None
+            raise NoText("it is no text; formats: .npy, .npz, .h5, .hdf5, and text") from None
         return content.decode("latin-1")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from app.errors import InputError
 from app.problems.array_file import ArrayFile
+from app.problems.points import looks_like_points, looks_like_profile
+from app.problems.text_heads import gwyddion_head
 
 
 class GapFile(ArrayFile):
@@ -15,13 +17,18 @@ class GapFile(ArrayFile):
     what, missing = "gap file", "cells where contact is impossible"
     name, sampled = "file", True
 
-    @property
-    def notes(self):
-        """What the user should look at twice."""
-        ny, nx = self.shape
-        if nx == 3 and ny > 9:
-            return (f"gap file {self.file}: taken for {ny} rows of 3 cells, not for points x, y, z",)
-        return ()
+    def __init__(self, name):
+        super().__init__(name)
+        unit, _ = gwyddion_head(self.comments)
+        if unit not in (None, "mm"):
+            raise InputError(f"gap file {name}: says {unit}; needed: mm")
+        if self.is_text and (looks_like_points(self._rows) or looks_like_profile(self._rows)):
+            rows, columns = self.shape
+            what = "points x, y, z" if columns == 3 else "x, z of a line scan"
+            raise InputError(
+                f"gap file {name}: {rows} lines of {columns} numbers are {what}, not a map; needed: the gap of all "
+                "cells in rows and columns, without x and y; such narrow ones as .npy"
+            )
 
     def check_grid(self, grid):
         """Refuse a grid of another shape."""

@@ -2,31 +2,31 @@
 
 from __future__ import annotations
 
-import re
-from itertools import islice, takewhile
+import os
+from itertools import islice
 from operator import index
 
 import numpy as np
 
 from app.errors import InputError
 from app.problems.array_file import ArrayFile
-from app.problems.points import gridded, looks_like_points
+from app.problems.arrays import real_numbers
+from app.problems.points import gridded, looks_like_points, looks_like_profile
+from app.problems.text_heads import cells_of, esri_head, gwyddion_head
 from app.units import ALLOWED, UNITS, unit_named
 
-# At the head of Gwyddion's ASCII export: the size of the map, and the unit of its heights.
-_SAID = re.compile(r"#\s*(Width|Height|Value units):\s*([\d.,eE+-]*)\s*(\S+)\s*")
-# At the head of an ESRI grid: the size of a cell, in the unit of x and y, which it does not say.
-_CELLS = re.compile(r"\s*(cellsize|dx|dy)\s+(\S+)\s*", re.IGNORECASE)
-
-# All that such a head has, of which the first two say what it is.
-_ESRI = re.compile(
-    r"\s*(ncols|nrows|[xy]ll(?:corner|cent(?:er|re))|cellsize|dx|dy|nodata_value)\s+(\S+)\s*", re.IGNORECASE
+# What says the unit of heights and of points, that of the heights alone, and that a file is wrong.
+_UNIT_OPTIONS = (
+    "unit= (-surface_unit)",
+    "height_unit= (-surface_height_unit)",
+    "override=True (app.convert --override)",
 )
-
-# What says the unit of heights and of points, and that of the heights alone.
-_UNIT_OPTIONS = "unit= (-surface_unit)", "height_unit= (-surface_height_unit)"
 _FEW = 8  # heights in a row, that may go by equal steps by chance
 _EVEN, _UNEVEN = 0.1, 0.5  # by how much steps differ, in the largest: of printed coordinates, of heights
+_MORE_EVEN, _STEEPER = (
+    0.01,
+    0.05,
+)  # steps of coordinates over those of heights: spreads; difference of their means
 _OTHER = 0.01  # by which slopes of two rows differ, in the largest step, that are not of one plane
 
 TURNS = {
@@ -57,7 +57,7 @@ def _is_even(rows):
 
     Missing points count for nothing, nor do rows where nearly all are.
     """
-    if min(rows.shape) < _FEW:
+    if rows.shape[1] < _FEW:
         return False
     beside = (steps for row in rows[1:] if np.isfinite(steps := np.diff(row[1:])).sum() >= _FEW - 2)
     steps = [np.diff(rows[0, 1:]), *islice(beside, 2)]
@@ -72,18 +72,14 @@ def _is_even(rows):
     # Tilted heights are nearly even; but a row of theirs has the slope of the next one, but for roughness or a twist.
     other, next_one = np.abs(np.diff(mean))
     another = other > max(*spread[1:], 10 * next_one, _OTHER * largest[:2].max())
-    return bool(uneven or (largest[1] > 0 and another))
-
-
-def _may_be_of_head(line):
-    """Whether a line may stand at the head of an ESRI grid: empty ones, and comments, too."""
-    return not line.strip() or line.lstrip().startswith(("#", "%")) or _ESRI.fullmatch(line)
+    clear = spread[0] <= _MORE_EVEN * spread[1:].min() and other >= _STEEPER * np.abs(mean[:2]).max()
+    return bool(uneven or clear or (largest[1] > 0 and another))
 
 
 class HeightArray:
     """Heights in memory, (ny, nx), as if they were a `HeightFile`; see there."""
 
-    file, lateral = "(array)", None
+    file, lateral, other_unit = "(array)", None, None
 
     def __init__(self, heights, orient=(), unit=None, spacing=None):
         heights = np.array(heights)
@@ -118,11 +114,15 @@ class HeightFile(ArrayFile):
         Lines at the head of a text that are none of the map.
     orient : sequence of str
         Some of `TURNS`, done one after the other, before all else. All of an HDF5 file is read then.
+    channel : str
+        As of `ArrayFile`.
 
     Attributes
     ----------
     unit, lateral : str or None
         Of the heights, and of the spacing, if that is another one.
+    other_unit : str or None
+        Unit of the values that the file states, if it is no length.
     spacing : pair of float or None
         dx, dy, after the turns.
     orient : tuple of str
@@ -130,27 +130,20 @@ class HeightFile(ArrayFile):
     """
 
     what, missing, preferred, marks = "surface file", "missing points", "heights", True
-    _is_esri = False
-    elsewhere = "python -m app.convert FILE -o surface.h5 reads what instruments write; else: "
+    elsewhere = "python -m app.convert FILE -o surface.h5 reads what instruments write"
     how_to_skip = (
         "skip the {0} at the head by skip={1} (-surface_skip {1}, app.convert --skip {1}), "
         "or begin them with #"
     )
+    how_to_choose = "; choose one by channel= (app.convert --channel)"
 
-    def __init__(self, name, skip=0, orient=()):
-        super().__init__(name, skip)
-        if self._is_esri:
-            self._refuse_other_cells()
-        self.unit, self.spacing, self.lateral = self._said("unit"), None, None
-        given = self.attributes.get("spacing", self._cells_of_head())
-        if given is not None:
-            self.lateral = self._said("spacing_unit") or self.unit
-            self.spacing = _sides(given)
-            if self.spacing is None:
-                raise InputError(f"surface file {name}: spacing {given}: needed: two positive numbers dx, dy")
-        elif self._read_head():
-            pass
-        elif self.is_text and looks_like_points(self._rows):
+    def __init__(self, name, skip=0, orient=(), channel=""):
+        self._esri = {}
+        super().__init__(name, skip, channel)
+        self._refuse_other_cells()
+        self.unit, self.spacing, self.lateral, self.other_unit = self._said("unit"), None, None, None
+        self._read_head()
+        if not self.spacing and self.is_text and looks_like_points(self._rows):
             try:
                 self._rows, self.spacing = gridded(self._rows)
             except ValueError as error:
@@ -158,7 +151,7 @@ class HeightFile(ArrayFile):
                     f"surface file {name}: its lines of 3 numbers are no points x, y, z of a grid: {error} "
                     "(a map of 3 columns can be given as .npy)"
                 ) from None
-        if self._is_esri and not orient:
+        if self._esri and not orient:
             orient = ("flip_y",)  # its rows go from north to south
         self._written, self.orient = self._rows, tuple(orient)
         if orient:
@@ -166,15 +159,22 @@ class HeightFile(ArrayFile):
             self.spacing = turned_spacing(self.spacing, orient)
 
     def refuse_coordinates(self):
-        """Refuse a text whose first row or column goes by equal steps, as x and y do, not heights.
+        """Refuse a text whose numbers are coordinates, not heights: those of a line scan, or at the rim of a map.
 
-        Not collective. A tilted plane is none: it does so in the second one, too.
+        Not collective. Coordinates increase by equal steps. A tilted plane does so in the second row, too.
         """
         if not self.is_text or self.spacing:
             return
+        (ny, nx), (lines, numbers) = self.shape, self._written.shape
+        if looks_like_profile(self._written):
+            raise InputError(
+                f"surface file {self.file}: {lines} lines of {numbers} numbers are x, z of a line scan, not a map; "
+                "needed: heights in rows and columns, or points x, y, z of a grid; a map of "
+                f"two columns or rows is kept by crop=[0,{nx},0,{ny}] (-surface_crop, app.convert --crop 0,{nx},0,{ny})"
+            )
         row, column = (int(_is_even(rows)) for rows in (self._written, self._written.T))
         if row or column:
-            (ny, nx), what = self.shape, " and ".join(["row"] * row + ["column"] * column)
+            what = " and ".join(["row"] * row + ["column"] * column)
             heights = np.zeros(self._written.shape, bool)
             heights[row:, column:] = True
             j, i = np.nonzero(turned(heights, self.orient))
@@ -186,48 +186,40 @@ class HeightFile(ArrayFile):
             )
 
     def _lines_of_head(self, lines, skip):
-        head = lines[:skip] if skip else list(takewhile(_may_be_of_head, lines))
-        said = {found[1].lower(): found[2] for found in map(_ESRI.fullmatch, head) if found}
-        self._is_esri = {"ncols", "nrows"} <= said.keys()
-        if not self._is_esri:
-            return skip
-        self._told = said["nrows"], said["ncols"]
-        return len(head)
+        self._esri, count = esri_head(lines, skip)
+        return count
 
     def _refuse_other_cells(self):
         """An ESRI grid may go on in the next line wherever it likes; or it is cut off."""
+        if not self._esri:
+            return
+        told = self._esri["nrows"], self._esri["ncols"]
         try:
-            whole = self.shape == tuple(map(float, self._told))
+            whole = self.shape == tuple(map(float, told))
         except ValueError:
             whole = False
         if not whole:
             raise InputError(
-                f"surface file {self.file}: its head says nrows {self._told[0]}, ncols {self._told[1]}; there are "
+                f"surface file {self.file}: its head says nrows {told[0]}, ncols {told[1]}; there are "
                 f"{self.shape[0]} lines of {self.shape[1]} numbers; needed: all rows of the map, each in a line"
             )
 
     def _read_head(self):
-        """Take unit and spacing from comments as Gwyddion writes them; whether there is a spacing."""
-        said = {found[1]: found.groups()[1:] for line in self.comments if (found := _SAID.fullmatch(line))}
-        if "Value units" in said:
-            self.unit = unit_named(said["Value units"][1])
-        try:
-            sides = [
-                float(number.replace(",", ".")) * UNITS[unit_named(unit)]
-                for number, unit in (said["Width"], said["Height"])
-            ]
-        except (LookupError, ValueError):
-            return False
-        if min(sides) > 0:
+        """Take unit and spacing from attributes or from the head of a text."""
+        spacing = self.attributes.get("spacing", cells_of(self.comments))
+        if spacing is not None:
+            self.spacing, self.lateral = _sides(spacing), self._said("spacing_unit")
+            if self.spacing is None:
+                raise InputError(
+                    f"surface file {self.file}: spacing {spacing}: needed: two positive numbers dx, dy"
+                )
+            return
+        unit, sides = gwyddion_head(self.comments)
+        if unit:
+            self.unit = unit_named(unit)
+            self.other_unit = None if self.unit else unit
+        if sides:
             self.spacing, self.lateral = (sides[0] / self.shape[1], sides[1] / self.shape[0]), "mm"
-        return min(sides) > 0
-
-    def _cells_of_head(self):
-        """dx, dy as the head of an ESRI grid writes them; None if it has none."""
-        found = filter(None, map(_CELLS.fullmatch, self.comments))
-        said = {cell[1].lower(): cell[2].replace(",", ".") for cell in found}
-        both = said.get("cellsize")
-        return (said.get("dx", both), said.get("dy", both)) if said else None
 
     def _said(self, key):
         """Unit that an attribute names, or None."""
@@ -239,13 +231,72 @@ class HeightFile(ArrayFile):
         return unit
 
 
+def open_heights(path, skip=0, orient=(), channel="", coordinates=False):
+    """Return a `HeightFile` of a path, or a `HeightArray` of an array.
+
+    Not collective.
+
+    Parameters
+    ----------
+    path : str or Path, or array_like, shape (ny, nx)
+    skip, orient, channel
+        As of `HeightFile`.
+    coordinates : bool
+        Whether coordinates among the numbers of a text are allowed.
+    """
+    channel = "" if channel is None else str(channel)
+    if isinstance(path, str | os.PathLike):
+        source = HeightFile(path, skip, orient, channel)
+        if not coordinates:
+            source.refuse_coordinates()
+        return source
+    if skip or channel:
+        raise InputError(f"surface skip {skip}, channel {channel!r}: allowed of a file, not of an array")
+    return HeightArray(real_numbers("surface", path, "a file name, or an array of real numbers"), orient)
+
+
+def replace_stated(source, unit, height_unit, spacing, option):
+    """Forget what a source states itself where options replace it.
+
+    Not collective.
+
+    Parameters
+    ----------
+    unit, height_unit, spacing
+        As of `agreed_units` and `agreed_spacing`.
+    option : str
+        Name of the option that asks for it, for messages.
+
+    Raises
+    ------
+    InputError
+        If the options replace nothing.
+    """
+    stated = source.unit or source.other_unit
+    if not (spacing and source.spacing) and not ((unit or height_unit) and stated):
+        raise InputError(
+            f"{option}: has no effect: surface file {source.file} states no unit or spacing that is given otherwise"
+        )
+    if height_unit:
+        source.lateral = source.lateral or source.unit
+    if unit or height_unit:
+        source.unit = source.other_unit = None
+    if spacing:
+        source.spacing = source.lateral = None
+
+
 def agreed_units(source, unit, height_unit, names=_UNIT_OPTIONS):
     """Unit of the heights and that of the spacing, from the file or from options, which must not say another one.
 
     Not collective.
     """
-    given, of_unit, of_height = height_unit or unit, *names
+    given, (of_unit, of_height, override) = height_unit or unit, names
     allowed = f"allowed: {ALLOWED}"
+    if source.other_unit:
+        raise InputError(
+            f"surface file {source.file}: says {source.other_unit}, which is no length that is known here; if its "
+            f"values are heights all the same, state their unit by {of_unit} and {override}; {allowed}"
+        )
     if source.unit is None and given is None:
         cells = ", nor of its cells of {:g} x {:g}".format(*source.spacing) if source.spacing else ""
         raise InputError(
@@ -253,7 +304,9 @@ def agreed_units(source, unit, height_unit, names=_UNIT_OPTIONS):
         )
     if source.unit and given and given != source.unit:
         option = of_height if height_unit else of_unit
-        raise InputError(f"{option} {given}: surface file {source.file} says {source.unit}")
+        raise InputError(
+            f"{option} {given}: surface file {source.file} says {source.unit}; if that is wrong, add {override}"
+        )
     lateral = source.lateral or source.unit or unit
     if source.spacing and lateral is None:
         raise InputError(
@@ -267,7 +320,9 @@ def agreed_spacing(source, lateral, given, orient):
     """Size of a cell, from the file or given [mm], or None. Not collective."""
     if source.spacing:
         if given is not None:
-            raise InputError(f"spacing: surface file {source.file} says it itself")
+            raise InputError(
+                f"spacing: surface file {source.file} says it itself; if that is wrong, add {_UNIT_OPTIONS[2]}"
+            )
         return tuple(UNITS[lateral] * side for side in source.spacing)
     if given is None:
         return None

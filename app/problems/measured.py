@@ -6,7 +6,6 @@ points) every rank finds for itself, in the same order, so that it is the same o
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from numbers import Integral
 
@@ -14,16 +13,15 @@ import numpy as np
 
 from app.errors import InputError
 from app.halfspace.grid import symbol_name
-from app.problems.arrays import real_numbers
 from app.problems.filters import check_cells, check_order
 from app.problems.height_file import (
     TURNS,
-    HeightArray,
-    HeightFile,
     agreed_spacing,
     agreed_units,
     checked_crop,
     cropped,
+    open_heights,
+    replace_stated,
 )
 from app.problems.measured_surface import Surface
 from app.problems.moments import LEVELS, Moments
@@ -47,6 +45,8 @@ def read_surface(
     s_filter=None,
     l_filter=None,
     periodic=False,
+    channel=None,
+    override=False,
 ):
     """Read measured heights.
 
@@ -60,7 +60,7 @@ def read_surface(
         Peaks towards the other body are positive; the first row is the one of smallest y. What instruments
         write ``python -m app.convert`` turns into ``.h5``.
     unit : str, optional
-        m, mm, um (or µm) or nm: of the file; needed where it does not say.
+        m, cm, mm, um (or µm), nm, pm, angstrom (or Å) or in: of the file; needed where it does not say.
     level : str
         What is taken off: none, mean, plane or quadratic (least squares on the points that are there).
     crop : sequence of int, optional
@@ -82,6 +82,10 @@ def read_surface(
         `Surface.filtered` does it.
     periodic : bool
         Whether the patch repeats for ever, so that filters go around; `Surface.grid` does then, too.
+    channel : str or int, optional
+        Name or number, from 0, of a channel of a text that has several, one below the other.
+    override : bool
+        Whether `unit`, `height_unit` and `spacing` replace what the file states; else a contradiction is refused.
 
     Returns
     -------
@@ -113,8 +117,8 @@ def read_surface(
     for name, value, allowed in (
         ("level", level, LEVELS),
         ("missing", missing, MISSING),
-        ("unit", unit, (*UNITS, "µm", None)),
-        ("height unit", height_unit, (*UNITS, "µm", None)),
+        ("unit", unit, (*UNITS, None)),
+        ("height unit", height_unit, (*UNITS, None)),
         *(("orient", turn, TURNS) for turn in orient),
     ):
         if value not in allowed:
@@ -122,18 +126,11 @@ def read_surface(
                 f"surface {name} {value}: not allowed; allowed: {', '.join(filter(None, allowed))}"
             )
     try:
-        if isinstance(path, str | os.PathLike):
-            source = HeightFile(path, skip, orient)
-            if crop is None:
-                source.refuse_coordinates()
-        else:
-            if skip:
-                raise InputError(f"surface skip {skip}: of an array there are no lines")
-            source = HeightArray(
-                real_numbers("surface", path, "a file name, or an array of real numbers"), orient
-            )
+        source = open_heights(path, skip, orient, channel, coordinates=crop is not None)
     except (ValueError, OSError) as error:
         raise InputError(str(error)) from None
+    if override:
+        replace_stated(source, unit, height_unit, spacing, "override=True")
     surface = surface_of(source, unit, level, crop, missing, height_unit, spacing)
     surface = replace(surface, periodic=periodic)
     check_cells(surface.file, s_filter, l_filter, surface.shape, surface.spacing)

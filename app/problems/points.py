@@ -1,4 +1,4 @@
-"""Lists of points x, y, z on a regular lattice, in any order, put back into rows of cells."""
+"""Lists of points x, y, z on a regular lattice, in any order, put back into rows of cells; line scans."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import numpy as np
 
 _OFF = 0.1  # of a spacing by which a point may miss its place: printed digits
 _SPARSE = 2  # places for each point, at most
-_FEW = 9  # rows of three numbers that may well be a map
+_FEW = 9  # rows of two or three numbers that may well be a map
+_SHORT = 3  # numbers of a map that may increase by chance
 
 
 def looks_like_points(table):
@@ -19,6 +20,20 @@ def looks_like_points(table):
         return columns == 3
     x, y = (np.unique(table[:, k]).size for k in (0, 1))
     return min(x, y) > 1 and x * y == rows == len(np.unique(table[:, :2], axis=0))
+
+
+def looks_like_profile(table):
+    """Return whether a table is taken for x, z of a line scan rather than rows of cells.
+
+    Not collective. Two columns are, if there are many rows. So are fewer, and two rows, if the first one increases or
+    decreases and the second one is another one.
+    """
+    if 2 not in table.shape:
+        return False
+    x, z = table.T if table.shape[1] == 2 else table
+    steps = np.diff(x)
+    ordered = len(x) > _SHORT and (np.all(steps > 0) or np.all(steps < 0)) and not np.array_equal(x, z)
+    return bool(ordered or (table.shape[1] == 2 and len(x) > _FEW))
 
 
 def gridded(points):

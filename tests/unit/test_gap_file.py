@@ -170,6 +170,43 @@ def test_file_that_is_no_gap(name, save, message, tmp_path):
     assert str(refusal.value).startswith(f"gap file {tmp_path}/gap.")
 
 
+X = np.arange(12) / 3
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        (np.stack([X, np.cos(X)], -1), "12 lines of 2 numbers are x, z of a line scan"),
+        (np.stack([X**2, X], -1), "12 lines of 2 numbers are x, z of a line scan"),
+        (np.stack([X[:5] ** 2, np.cos(X[:5])], -1), "5 lines of 2 numbers are x, z of a line scan"),
+        (np.stack([X, np.cos(X)]), "2 lines of 12 numbers are x, z of a line scan"),
+        (np.zeros((10, 3)), "10 lines of 3 numbers are points x, y, z"),
+    ],
+)
+def test_lists_of_points_are_no_gap(tmp_path, table, message):
+    """Equal steps or not; as .npy they are what they are."""
+    np.savetxt(tmp_path / "gap.txt", table)
+    with pytest.raises(ValueError, match=message):
+        GapFile(tmp_path / "gap.txt")
+    np.save(tmp_path / "gap.npy", table)
+    assert GapFile(tmp_path / "gap.npy").shape == table.shape
+
+
+def test_two_equal_rows_are_a_gap(tmp_path):
+    np.savetxt(tmp_path / "gap.txt", [X, X])
+    assert GapFile(tmp_path / "gap.txt").shape == (2, 12)
+
+
+@pytest.mark.parametrize(("unit", "read"), [("mm", True), ("m", False), ("V", False)])
+def test_a_gap_is_in_mm(tmp_path, unit, read):
+    np.savetxt(tmp_path / "gap.txt", SQUARE, header=f"Value units: {unit}")
+    if read:
+        assert GapFile(tmp_path / "gap.txt").shape == SQUARE.shape
+    else:
+        with pytest.raises(ValueError, match=f"says {unit}; needed: mm"):
+            GapFile(tmp_path / "gap.txt")
+
+
 def test_gap_of_another_shape_than_the_grid(tmp_path):
     np.save(tmp_path / "gap.npy", np.ones((8, 9)))
     with pytest.raises(ValueError, match=re.escape("-grid 8,9 needs (ny, nx) = (9, 8)")):

@@ -92,7 +92,11 @@ def test_an_array_is_read_as_its_file(saved):
         (HEIGHTS + 1j, {}, "a file name, or an array of real numbers"),
         (None, {}, "a file name, or an array of real numbers"),
         (HEIGHTS, {"unit": None}, r"^unit= \(-surface_unit\) is missing"),
-        (HEIGHTS, {"unit": "micron"}, "surface unit micron: not allowed; allowed: m, mm, um, nm, µm"),
+        (
+            HEIGHTS,
+            {"unit": "micron"},
+            "surface unit micron: not allowed; allowed: m, cm, mm, um, nm, pm, angstrom, in",
+        ),
         (HEIGHTS, {"spacing": 0.1}, "two positive numbers dx, dy"),
         (HEIGHTS, {"spacing": (0.1, 0)}, "two positive numbers dx, dy"),
         (HEIGHTS, {"crop": (0, 3, 0)}, "four whole numbers i0, i1, j0, j1"),
@@ -186,6 +190,17 @@ def test_coordinates_at_the_rim_are_no_heights(tmp_path, head, tilt):
     np.testing.assert_array_equal(surface.heights(), left)
     assert surface.spacing == (1, 2)
     assert read_surface(path, "um", crop=(0, nx, 0, ny)).shape == table.shape
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_coordinates_are_told_beside_smooth_heights(tmp_path, seed):
+    """The steps of the second row may be much smaller than those of the third one."""
+    rng = np.random.default_rng(seed)
+    heights = rng.normal(size=(20, 30)).cumsum(axis=0).cumsum(axis=1)
+    heights[0] *= 0.2
+    np.savetxt(path := tmp_path / "s.txt", np.vstack([ALONG, heights]), fmt="%.6g")
+    with pytest.raises(InputError, match="first row: equal steps"):
+        read_surface(path, "um")
 
 
 @pytest.mark.parametrize("head", ["row", "column"])
@@ -371,7 +386,18 @@ def test_points_that_are_no_grid(tmp_path, points, message):
 
 
 def test_units(saved):
-    for unit, scale in (("m", 1e3), ("mm", 1), ("um", 1e-3), ("nm", 1e-6)):
+    scales = {
+        "m": 1e3,
+        "cm": 10,
+        "mm": 1,
+        "um": 1e-3,
+        "nm": 1e-6,
+        "pm": 1e-9,
+        "Å": 1e-7,
+        "\u212b": 1e-7,
+        "in": 25.4,
+    }
+    for unit, scale in scales.items():
         np.testing.assert_allclose(read_surface(saved(HEIGHTS), unit).heights(), scale * HEIGHTS, rtol=1e-15)
 
 
@@ -381,12 +407,12 @@ def test_units(saved):
         (
             "s.npy",
             {},
-            r"-surface_unit\) is missing: surface file .*s.npy does not say the unit .* m, mm, um, nm",
+            r"-surface_unit\) is missing: surface file .*s.npy does not say the unit .* m, cm, mm, um, nm",
         ),
         (
             "s.npy",
             {"surface_unit": "inch"},
-            "-surface_unit inch: not allowed; allowed: one of m, mm, um, nm .µm is um.",
+            "-surface_unit inch: not allowed; allowed: one of m, cm, mm, um, nm, pm, angstrom, in .µm is um, Å is",
         ),
         ("s.npy", {"surface_unit": "um"}, r"-domain\) is missing: surface file .* does not say its spacing"),
         ("s.h5", {"surface_unit": "nm"}, r"-surface_unit\) nm: surface file .* says um"),

@@ -116,12 +116,5 @@ def test_default_patch_is_that_of_the_largest_step(kind):
         patch(**{f"{kind}_path": "0,0"})
 
 
-def test_list_that_looks_like_points_is_worth_a_note(tmp_path):
-    np.savetxt(tmp_path / "gap.txt", np.zeros((10, 3)))
-    problem, _ = made(problem="file", gap_file=str(tmp_path / "gap.txt"))
-    assert problem.grid.shape == (10, 3)
-    assert len(problem.notes) == 1 and "10 rows of 3 cells" in problem.notes[0]
-
-
 def test_input_files():
     assert {"a.h5", "mine.py"} <= set(input_files({"gap_file": "a.h5:/b", "problem_type": "mine.py:bowl"}))

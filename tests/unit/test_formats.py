@@ -1,0 +1,93 @@
+"""Formats of files: each is read, or refused with what to do."""
+
+import gzip
+
+import numpy as np
+import pytest
+
+from app import read_surface
+from app.convert import main as convert
+from app.errors import InputError
+from app.problems.formats import FORMATS, format_of
+from app.problems.gap_file import GapFile
+
+ROWS = "0.5 1.5 2\n3 4 5.25\n"
+WYKO = "Wyko ASCII Data File Format\t0\t1\t1\nX Size\t2\nRAW_DATA\t3\t280\n"
+REFUSED = [
+    *[(suffix, known.what) for known in FORMATS if known.kind == "other" for suffix in known.suffixes],
+    (".zip", "an archive: unpack it, unless it is of contact.engineering; python -m app.convert"),
+    (".npy.gz", "compressed: unpack it"),
+    (".x3p.gz", "python -m app.convert FILE"),
+]
+
+
+@pytest.mark.parametrize(("suffix", "message"), REFUSED, ids=[suffix for suffix, _ in REFUSED])
+def test_what_is_not_read_is_refused_with_what_to_do(tmp_path, capsys, suffix, message):
+    path = tmp_path / f"s{suffix}"
+    path.write_bytes(gzip.compress(b"\x00\xff") if suffix.endswith(".gz") else b"\x89PNG\r\n\x1a\n\x00")
+    with pytest.raises(InputError) as refused:
+        read_surface(path, "um")
+    assert message in str(refused.value) and "\n" not in str(refused.value)
+    with pytest.raises(InputError):
+        GapFile(path)
+    assert convert([str(path), "-o", str(tmp_path / "s.h5"), "--unit", "um", "--spacing", "1,1"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: ") and said.count("\n") == 1
+
+
+def test_every_suffix_stands_once():
+    suffixes = [suffix for known in FORMATS for suffix in known.suffixes]
+    assert len(suffixes) == len(set(suffixes))
+
+
+@pytest.mark.parametrize("name", ["s.txt.gz", "s.csv.GZ", "s.gz"])
+def test_compressed_texts_are_read(tmp_path, name):
+    (tmp_path / name).write_bytes(gzip.compress(ROWS.encode()))
+    expected = [[0.5, 1.5, 2], [3, 4, 5.25]]
+    np.testing.assert_array_equal(read_surface(tmp_path / name, "mm").heights(), expected)
+    np.testing.assert_array_equal(GapFile(tmp_path / name).rows(), expected)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9])
+def test_a_compressed_text_that_is_cut_off_is_refused(tmp_path, share):
+    packed = gzip.compress(ROWS.encode())
+    (tmp_path / "s.txt.gz").write_bytes(packed[: int(share * len(packed))])
+    with pytest.raises(InputError, match="cannot be read"):
+        read_surface(tmp_path / "s.txt.gz", "mm")
+
+
+def test_a_compressed_text_is_no_larger_than_the_memory(tmp_path, monkeypatch):
+    """A megabyte may unpack to a thousand."""
+    (tmp_path / "s.txt.gz").write_bytes(gzip.compress(b"0 " * 10**6))
+
+    def check_fits(size, what):
+        if size > 10**7:
+            raise MemoryError(f"{what} needs too much")
+
+    monkeypatch.setattr("app.problems.array_file.check_fits", check_fits)
+    with pytest.raises(InputError, match="text, where .npy or .h5 take little needs too much"):
+        read_surface(tmp_path / "s.txt.gz", "mm")
+
+
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [
+        (WYKO, "Wyko's ASCII format"),
+        ("aISO-1.0\n", "an SDF file"),
+        ("# File Format = ASCII\n# Bit2nm = 0.1\n", "SPIP's"),
+    ],
+)
+@pytest.mark.parametrize("name", ["s.asc", "s.txt", "s.sdf"])
+def test_texts_of_instruments_are_sent_to_their_reader(tmp_path, content, what, name):
+    """Unless their head is skipped on purpose."""
+    (tmp_path / name).write_text(content + ROWS)
+    with pytest.raises(InputError, match=f"is {what}.*app.convert FILE -o surface.h5"):
+        read_surface(tmp_path / name, "um")
+    assert read_surface(tmp_path / name, "um", skip=content.count("\n")).shape == (2, 3)
+    assert format_of(tmp_path / name).kind == "instrument"
+
+
+def test_binary_files_of_instruments_with_the_name_of_a_text_are_sent_to_their_reader(tmp_path):
+    (tmp_path / "zygo.dat").write_bytes(b"\x88\x1b\x03\x6f\x00\x01\xff")
+    with pytest.raises(InputError, match="app.convert FILE -o surface.h5 reads what instruments write"):
+        read_surface(tmp_path / "zygo.dat", "um")

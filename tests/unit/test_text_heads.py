@@ -1,0 +1,163 @@
+"""Heads of texts: channels one below the other, languages and units of Gwyddion's export, and what overrides them."""
+
+import numpy as np
+import pytest
+
+from app import read_surface
+from app.convert import main as convert
+from app.errors import InputError
+from app.problems.gap_file import GapFile
+
+HEIGHTS = np.random.default_rng(8).normal(size=(2, 6, 9)).round(6)
+GERMAN = "Kanal", "Breite", "Höhe", "Einheiten"
+ENGLISH = "Channel", "Width", "Height", "Value units"
+
+
+def head(name="Z", sides=("9 µm", "12 µm"), unit="m", labels=ENGLISH):
+    return [f"# {label}: {text}" for label, text in zip(labels, (name, *sides, unit), strict=True)]
+
+
+def rows(heights):
+    return ["\t".join(map(str, row)) for row in heights]
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(*lines, name="s.txt"):
+        (tmp_path / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return tmp_path / name
+
+    return write
+
+
+@pytest.mark.parametrize("between", [[], [""], ["# made by hand"]])
+@pytest.mark.parametrize("second", [slice(4), slice(1), slice(1, 2)])
+def test_one_of_two_channels_is_read_by_name_or_number(written, tmp_path, between, second):
+    """Each with its own head; which one is never guessed."""
+    other = head("Phase", ("18 µm", "6 µm"), "nm")[second]
+    path = written(*head("Topo"), *rows(HEIGHTS[0]), *between, *other, *rows(HEIGHTS[1][:4]))
+    for refuse in (lambda: read_surface(path, "nm"), lambda: GapFile(path)):
+        with pytest.raises(InputError, match="several channels, one below the other: 0 Topo, 1 "):
+            refuse()
+    assert convert([str(path), "-o", str(tmp_path / "s.h5")]) == 2
+    for channel in ("Topo", "0", 0):
+        surface = read_surface(path, channel=channel)
+        np.testing.assert_allclose(surface.heights(), 1e3 * HEIGHTS[0], rtol=1e-15)
+        assert surface.spacing == pytest.approx((1e-3, 2e-3))
+    if second == slice(4):
+        for channel in "Phase", "1":
+            assert convert([str(path), "-o", str(tmp_path / "s.h5"), "--channel", channel]) == 0
+            surface = read_surface(tmp_path / "s.h5")
+            np.testing.assert_allclose(surface.heights(), 1e-6 * HEIGHTS[1][:4], rtol=1e-12)
+            assert surface.spacing == pytest.approx((2e-3, 1.5e-3))
+    with pytest.raises(InputError, match="channel X: not there; allowed: 0 Topo, 1 "):
+        read_surface(path, channel="X")
+
+
+def test_two_channels_of_one_name_are_told_apart_by_number(written):
+    path = written(*head(), *rows(HEIGHTS[0]), *head(), *rows(HEIGHTS[1]))
+    with pytest.raises(
+        InputError, match="channel Z: several have this name, choose by number; allowed: 0 Z, 1 Z"
+    ):
+        read_surface(path, channel="Z")
+    np.testing.assert_allclose(read_surface(path, channel=1).heights(), 1e3 * HEIGHTS[1], rtol=1e-15)
+
+
+def test_a_footer_is_no_channel(written):
+    path = written(*rows(HEIGHTS[0]), *head(unit="nm"))
+    surface = read_surface(path)
+    np.testing.assert_allclose(surface.heights(), 1e-6 * HEIGHTS[0], rtol=1e-15)
+
+
+@pytest.mark.parametrize("labels", [GERMAN, ("Canal", "Largeur", "Hauteur", "Unités"), ENGLISH])
+def test_heads_in_other_languages(written, labels):
+    path = written(*head("Höhe", ("9,0 µm", "0,0012 cm"), "m", labels), *rows(HEIGHTS[0]))
+    surface = read_surface(path)
+    np.testing.assert_allclose(surface.heights(), 1e3 * HEIGHTS[0], rtol=1e-15)
+    assert surface.spacing == pytest.approx((1e-3, 2e-3))
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale"), [("Å", 1e-7), ("\u212b", 1e-7), ("pm", 1e-9), ("in", 25.4), ("cm", 10), ("μm", 1e-3)]
+)
+def test_units_of_values(written, unit, scale):
+    path = written(*head(unit=unit), *rows(HEIGHTS[0]))
+    np.testing.assert_allclose(read_surface(path).heights(), scale * HEIGHTS[0], rtol=1e-14)
+
+
+@pytest.mark.parametrize("unit", ["V", "deg", "A", "m/s"])
+def test_values_that_are_no_lengths_are_no_heights(written, tmp_path, unit):
+    path = written(*head(unit=unit), *rows(HEIGHTS[0]))
+    for given in None, "um":
+        with pytest.raises(InputError, match=f"says {unit}, which is no length.*override=True"):
+            read_surface(path, given)
+    words = [str(path), "-o", str(tmp_path / "s.h5"), "--unit", "um"]
+    assert convert(words) == 2
+    assert convert([*words, "--override"]) == 0
+    expected = read_surface(path, "um", override=True)
+    np.testing.assert_allclose(expected.heights(), 1e-3 * HEIGHTS[0], rtol=1e-15)
+    np.testing.assert_array_equal(read_surface(tmp_path / "s.h5").heights(), expected.heights())
+
+
+def test_a_wrong_width_is_corrected_where_that_is_said(written, tmp_path, capsys):
+    """A map of 160 m; what is not given anew stays as the file states it."""
+    path = written(*head(sides=("160 m", "12 µm")), *rows(HEIGHTS[0]))
+    spacing = (1e-3, 3e-3)
+    with pytest.raises(InputError, match=r"says it itself; if that is wrong, add override=True"):
+        read_surface(path, spacing=spacing)
+    words = [str(path), "-o", str(tmp_path / "s.h5"), "--spacing", "0.001,0.003"]
+    assert convert(words) == 2 and "if that is wrong, add --override" in capsys.readouterr().err
+    assert convert([*words, "--override"]) == 0
+    for surface in read_surface(path, spacing=spacing, override=True), read_surface(tmp_path / "s.h5"):
+        assert surface.spacing == pytest.approx(spacing)
+        np.testing.assert_allclose(surface.heights(), 1e3 * HEIGHTS[0], rtol=1e-12)
+    other = read_surface(path, "nm", override=True)
+    np.testing.assert_allclose(other.heights(), 1e-6 * HEIGHTS[0], rtol=1e-15)
+    assert other.spacing == pytest.approx((160e3 / 9, 2e-3))
+    for nothing in ({}, {"level": "plane"}):
+        with pytest.raises(InputError, match="override=True: has no effect"):
+            read_surface(path, override=True, **nothing)
+
+
+def test_the_unit_of_heights_alone_is_corrected(tmp_path):
+    """Cells whose unit is that of the heights keep it under height_unit, and change with unit."""
+    points = np.stack([*np.meshgrid(2.0 * np.arange(5), 3.0 * np.arange(4)), HEIGHTS[0][:4, :5]], -1).reshape(
+        -1, 3
+    )
+    np.savetxt(tmp_path / "s.xyz", points, fmt="%.6f")
+    assert (
+        convert(
+            [str(tmp_path / n) for n in ("s.xyz", "-o", "s.h5")][:1]
+            + ["-o", str(tmp_path / "s.h5"), "--unit", "um"]
+        )
+        == 0
+    )
+    surface = read_surface(tmp_path / "s.h5", height_unit="nm", override=True)
+    np.testing.assert_allclose(surface.heights(), 1e-6 * HEIGHTS[0][:4, :5], rtol=1e-9)
+    assert surface.spacing == pytest.approx((2e-3, 3e-3))
+
+
+SCAN = np.arange(40) / 7
+
+
+@pytest.mark.parametrize(
+    "x", [SCAN, SCAN[::-1], SCAN**2, SCAN[:5] ** 2, np.random.default_rng(1).permutation(SCAN)]
+)
+@pytest.mark.parametrize("z", [np.cos, np.square, np.ones_like])
+def test_a_line_scan_is_no_map(tmp_path, x, z):
+    """Equal steps or not, sorted or not; it is kept as a map of two columns only where that is said."""
+    np.savetxt(path := tmp_path / "s.txt", np.stack([x, z(x)], -1), fmt="%.9g")
+    with pytest.raises(InputError, match=f"{len(x)} lines of 2 numbers are x, z of a line scan, not a map"):
+        read_surface(path, "um")
+    words = [str(path), "-o", str(tmp_path / "s.h5"), "--unit", "um", "--spacing", "1,1"]
+    assert convert(words) == 2
+    assert convert([*words, "--crop", f"0,2,0,{len(x)}"]) == 0
+    assert read_surface(path, "um", crop=(0, 2, 0, len(x))).shape == (len(x), 2)
+
+
+def test_a_line_scan_in_two_rows_is_no_map(tmp_path):
+    np.savetxt(path := tmp_path / "s.txt", [SCAN, np.cos(SCAN)])
+    with pytest.raises(InputError, match="2 lines of 40 numbers are x, z of a line scan"):
+        read_surface(path, "um")
+    np.savetxt(path, np.cos([SCAN, SCAN + 1]))
+    assert read_surface(path, "um").shape == (2, 40)
