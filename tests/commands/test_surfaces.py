@@ -1,16 +1,21 @@
 """Measured surfaces from the command line: converted, solved on any number of ranks, refused in one line."""
 
+import gzip
 import hashlib
+import zipfile
 from subprocess import CompletedProcess
+from types import SimpleNamespace
 from unittest import mock
 
 import h5py
 import numpy as np
 import pytest
+import yaml
 from mpi4py import MPI
 from processes import run
 
 from app import ContactProblem, Material, Sphere, read_surface, solve
+from app.commands import instruments
 from app.convert import instruments_python, main
 from app.output.result import read_result
 from app.problems.moments import Moments
@@ -134,9 +139,12 @@ def test_converted_with_a_head_turned_and_doubted(convert, tmp_path):
     )
 
 
-@pytest.mark.skipif(
+needs_reader = pytest.mark.skipif(
     instruments_python() is None, reason="SurfaceTopography is not installed: run/setup --surfaces"
 )
+
+
+@needs_reader
 def test_format_of_an_instrument(convert, tmp_path):
     text = "\n".join(" ".join(map(str, row)) for row in HEIGHTS)
     (tmp_path / "s.sdf").write_text(SDF + text.replace(str(HEIGHTS[7, 2]), "BAD", 1) + "\n*\n")
@@ -148,16 +156,149 @@ def test_format_of_an_instrument(convert, tmp_path):
     assert convert(tmp_path / "s.sdf", "-o", tmp_path / "s.h5", "--channel", "phase").returncode == 2
 
 
+def nanoscope(names):
+    """An image file of an atomic force microscope, and the numbers of its channels."""
+    sensor = "V [Sens. Zsens] (0.0003 V/LSB) 20 V"
+    scales = {"Height": sensor, "Deflection": sensor, "Phase": "V (0.005 deg/LSB) 360 deg"}
+    lines = [
+        "*File list", "Version: 0x05120003", "Start context: OL", "*Scanner list", "@Sens. Zsens: V 10 nm/V",
+        "*Ciao scan list", "Samps/line: 16", "Lines: 20", "Scan Size: 1600 nm",
+    ]  # fmt: skip
+    values = np.random.default_rng(2).integers(-3000, 3000, (len(names), 20, 16)).astype("<i2")
+    for k, name in enumerate(names):
+        lines += [
+            "*Ciao image list", f"Data offset: {4096 + 640 * k}", "Data length: 640", "Bytes/pixel: 2",
+            "Samps/line: 16", "Number of lines: 20", "Scan Size: 1600 4000 nm", f'@2:Image Data: S [{name}] "{name}"',
+            f"@2:Z scale: {scales.get(name, 'V (0.0003 V/LSB) 20 V')}",
+        ]  # fmt: skip
+    text = "".join(f"\\{line}\r\n" for line in [*lines, "*File list end"])
+    return text.encode("latin-1").ljust(4096, b"\0") + values.tobytes(), values * (20 / 65536 * 10)
+
+
+@needs_reader
+def test_channels_that_are_no_heights_are_not_offered(convert, tmp_path):
+    def write(*names):
+        content, heights = nanoscope(names)
+        (tmp_path / "s.spm").write_bytes(content)
+        (tmp_path / "s.spm.gz").write_bytes(gzip.compress(content))
+        return 1e-6 * heights[:, ::-1]  # the last row is at the smallest y
+
+    out = "-o", tmp_path / "s.h5"
+    heights = write("Phase", "Height", "AmplitudeError", "Deflection")
+    assert convert(tmp_path / "s.spm.gz", *out).returncode == 0
+    np.testing.assert_allclose(read_surface(tmp_path / "s.h5").heights(), heights[1], rtol=1e-9, atol=1e-15)
+    write("Phase", "AmplitudeError", "Deflection", "Amplitude")
+    done = convert(tmp_path / "s.spm", *out)
+    assert (
+        done.returncode == 2 and "has no channel of heights, only Phase, AmplitudeError, Def" in done.stderr
+    )
+    heights = write("Height", "Phase", "Height")
+    done = convert(tmp_path / "s.spm", *out, "--channel", "Height")
+    assert (
+        done.returncode == 2 and "allowed: 0 Height, 2 Height" in done.stderr and done.stderr.count("\n") == 1
+    )
+    assert convert(tmp_path / "s.spm", *out, "--channel", 2).returncode == 0
+    np.testing.assert_allclose(read_surface(tmp_path / "s.h5").heights(), heights[2], rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "chosen"),
+    [
+        ("3", 3),
+        ("0", 0),
+        ("ZSensor", 3),
+        ("", "several channels of heights; choose one by --channel: 0 Height, 2 Height, 3 ZSensor"),
+        ("Height", "several have this name, choose by number; allowed: 0 Height, 2 Height, 3 ZSensor"),
+        ("Phase", "it is no map of heights; allowed: 0"),
+        ("1", "it is no map of heights; allowed: 0"),
+        ("4", "there is none; allowed: 0"),
+    ],
+)
+def test_a_channel_is_chosen_or_none(wanted, chosen):
+    names = "Height", "Phase", "Height", "ZSensor"
+    channels = [instruments.Channel(k, name, name != "Phase", None) for k, name in enumerate(names)]
+    if isinstance(chosen, int):
+        assert instruments.choose(channels, wanted).index == chosen
+        return
+    with pytest.raises(ValueError, match=chosen):
+        instruments.choose(channels, wanted)
+
+
+@needs_reader
+def test_archive_of_contact_engineering(convert, tmp_path):
+    """Maps are told apart by number; line scans are not offered."""
+    text = "\n".join(" ".join(map(str, row)) for row in HEIGHTS)
+    files = {"a.txt": text, "b.txt": text.replace("-", ""), "c.txt": "\n".join(map(str, HEIGHTS[0]))}
+    measured = [("map", "a.txt", [32, 60]), ("map", "b.txt", [32, 60]), ("line", "c.txt", [32])]
+    described = [
+        {"name": name, "datafile": {"original": file}, "size": size, "unit": "nm", "data_source": 0}
+        for name, file, size in measured
+    ]
+    files["meta.yml"] = yaml.dump({"surfaces": [{"name": "s", "topographies": described}]})
+    arguments = tmp_path / "s.zip", "-o", tmp_path / "s.h5"
+
+    def write(names):
+        with zipfile.ZipFile(tmp_path / "s.zip", "w") as archive:
+            for name in names:
+                archive.writestr(name, files[name])
+
+    write(files)
+    done = convert(*arguments)
+    assert done.returncode == 2 and "choose one by --channel: 0 map, 1 map\n" in done.stderr
+    done = convert(*arguments, "--channel", 1)
+    assert done.returncode == 0, done.stderr
+    surface = read_surface(tmp_path / "s.h5")
+    np.testing.assert_allclose(surface.heights(), 1e-6 * abs(HEIGHTS), rtol=1e-12)
+    assert surface.spacing == pytest.approx((2e-6, 3e-6))
+    write(["a.txt"])
+    assert "is no archive of contact.engineering: unpack it" in convert(*arguments).stderr
+
+
+@needs_reader
+def test_text_of_an_instrument(convert, tmp_path):
+    """Wyko's lines go along y, in units of the wavelength."""
+    head = (
+        "Wyko ASCII Data File Format 0\t1\t0\nX Size\t16\nY Size\t20\nBlock Name\tType\tLength\tValue\n"
+        "Wavelength\t7\t4\t500\nAspect\t7\t4\t1\nPixel_size\t7\t4\t0.002\nMult\t6\t2\t1000\nRAW_DATA\t3\t80\n"
+    )
+    rows = "\n".join("\t".join(map(str, row)) for row in HEIGHTS.T)
+    (tmp_path / "s.asc").write_text(head + rows.replace(str(HEIGHTS[7, 2]), "Bad", 1))
+    done = convert(tmp_path / "s.asc", "-o", tmp_path / "s.h5")
+    assert done.returncode == 0, done.stderr
+    surface = read_surface(tmp_path / "s.h5")
+    assert surface.missing_points == 1 and surface.spacing == pytest.approx((2e-3, 2e-3))
+    assert sorted(surface.shape) == [16, 20]
+
+
+@needs_reader
+def test_a_file_of_no_format_is_no_map(convert, tmp_path):
+    """Formats without a mark of their own fit to any file of a suitable size."""
+    (tmp_path / "s.raw.gz").write_bytes(gzip.compress(b"\x00\xff" * 9))
+    done = convert(tmp_path / "s.raw.gz", "-o", tmp_path / "s.h5", "--unit", "um", "--spacing", "1,1")
+    assert done.returncode == 2 and "is in no format that SurfaceTopography knows" in done.stderr
+
+
+@pytest.mark.parametrize("unit", ["nm", ("nm", "V"), ("nm", None)])
+@pytest.mark.parametrize("name", ["Height", "ZSensor", "Deflection", "AmplitudeRetrace", "Phase", "Lateral"])
+def test_which_channels_have_heights(unit, name):
+    """Deflection and amplitude may be lengths, too; a pair of units is that of another quantity."""
+    channel = SimpleNamespace(index=3, name=name, unit=unit, is_height_channel=True)
+    assert instruments._channel(channel).has_heights == (unit == "nm" and name in ("Height", "ZSensor"))
+
+
 @pytest.mark.parametrize(
     ("said", "given", "message"),
     [
         ({"unit": "nm", "spacing": (2.0, 3.0)}, [], "in nm, cells of 3 x 2 nm,"),
-        ({"unit": "pm", "spacing": (2.0, 3.0)}, [], "in nm, cells of 0.003 x 0.002 nm,"),
-        ({"unit": "Å", "spacing": None}, ["--spacing", "2,3"], "in nm, cells of 3 x 2 mm,"),
+        ({"unit": "pm", "spacing": (2.0, 3.0)}, [], "in pm, cells of 0.003 x 0.002 nm,"),
+        ({"unit": "Å", "spacing": None}, ["--spacing", "2,3"], "in angstrom, cells of 3 x 2 mm,"),
         ({"unit": None, "spacing": (2.0, 3.0)}, ["--unit", "um"], "in um, cells of 3 x 2 um,"),
-        ({"unit": "V", "spacing": (2.0, 3.0)}, ["--unit", "um"], "in um, cells of 3 x 2 um,"),
-        ({"unit": "V", "spacing": (2.0, 3.0)}, [], "--unit is missing: surface file s.sdf says V, which is no length"),
-        ({"unit": "pm", "spacing": None}, ["--unit", "um"], "--unit um: surface file s.sdf says nm"),
+        ({"unit": "V", "spacing": (2.0, 3.0)}, ["--unit", "um", "--override"], "in um, cells of 3 x 2 um,"),
+        ({"unit": "V", "spacing": (2.0, 3.0)}, ["--unit", "um"], "surface file s.sdf: says V, which is no length"),
+        ({"unit": "V", "spacing": (2.0, 3.0)}, [], "surface file s.sdf: says V, which is no length"),
+        ({"unit": "nm", "spacing": (2.0, 3.0)}, ["--spacing", "2,3", "--override"], "in nm, cells of 3 x 2 mm,"),
+        ({"unit": "nm", "spacing": (2.0, 3.0)}, ["--override"], "--override: has no effect"),
+        ({"unit": "pm", "spacing": None}, ["--unit", "um"], "--unit um: surface file s.sdf says pm"),
         ({"unit": "m", "spacing": (2.0, 3.0)}, ["--spacing", "2,3"], "--spacing: surface file s.sdf says 2 x 3 m "),
         ({"unit": None, "spacing": (2.0, 3.0)}, ["--height-unit", "nm"], "does not say the unit of its x and y"),
     ],
@@ -166,14 +307,14 @@ def test_what_an_instrument_says_is_believed(convert, tmp_path, monkeypatch, sai
     facts = {**said, "format": "sdf", "channel": "Z"}
     monkeypatch.setattr("app.convert._read_instruments", lambda *_: (HEIGHTS.copy(), facts))
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "s.sdf").write_text("anything")
+    (tmp_path / "s.sdf").write_bytes(b"\x00\xff")
     done = convert("s.sdf", "-o", "s.h5", "--orient", "transpose", *given)
     assert message in done.stdout + done.stderr
     assert (done.returncode == 0) == (tmp_path / "s.h5").exists() == message.startswith("in ")
     if done.returncode == 0:
-        surface, factor = read_surface("s.h5"), {"pm": 1e-3, "Å": 0.1}.get(said["unit"], 1.0)
-        scale = 1e-3 if surface.unit == "um" else 1e-6
-        np.testing.assert_allclose(surface.heights(), scale * factor * HEIGHTS.T, rtol=1e-12)
+        surface = read_surface("s.h5")
+        scale = {"pm": 1e-9, "angstrom": 1e-7, "nm": 1e-6, "um": 1e-3}[surface.unit]
+        np.testing.assert_allclose(surface.heights(), scale * HEIGHTS.T, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -210,7 +351,7 @@ def test_what_is_refused_as_text_is_no_map_of_three_columns(convert, tmp_path, s
         (["s.npy", "--unit", "um"], "--spacing is missing: surface file "),
         (
             ["s.npy", "--unit", "inch", "--spacing", "1,1"],
-            "--unit inch: not allowed; allowed: one of m, mm, um, nm (µm is um)",
+            "--unit inch: not allowed; allowed: one of m, cm, mm, um, nm, pm, angstrom, in (µm is um, Å is angstrom)",
         ),
         (["s.npy", "--unit", "um", "--spacing", "1"], "1: not allowed; allowed: DX,DY"),
         (["s.npy", "-o", "s.txt"], "the name must end in .h5"),
