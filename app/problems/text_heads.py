@@ -6,7 +6,7 @@ import re
 from itertools import takewhile
 from typing import NamedTuple
 
-from app.problems.text_table import is_comment
+from app.problems.text_table import is_comment, is_row
 from app.units import UNITS, unit_named
 
 # Gwyddion translates what it writes.
@@ -59,11 +59,11 @@ def channels_of(lines):
     heads = [(j, entry) for j, line in enumerate(lines) if is_comment(line) and (entry := _head_entry(line))]
     starts, end = [0], 0
     for j, _ in heads:
-        if any(line.strip() and not is_comment(line) for line in lines[end:j]):
+        if any(map(is_row, lines[end:j])):
             starts.append(j)
         end = j + 1
     # A head without data behind it is a footer.
-    if len(starts) > 1 and not any(line.strip() and not is_comment(line) for line in lines[starts[-1] :]):
+    if len(starts) > 1 and not any(map(is_row, lines[starts[-1] :])):
         del starts[-1]
     found = []
     for start, stop in zip(starts, [*starts[1:], len(lines)], strict=True):

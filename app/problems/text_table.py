@@ -52,6 +52,11 @@ def is_comment(line):
     return line.lstrip().startswith(_COMMENTS) and not _ERROR_FIRST.match(line)
 
 
+def is_row(line):
+    """True if a line has numbers or marks of missing points, and nothing else. Not collective."""
+    return bool(line.strip()) and not is_comment(line) and _word_in(line, marks=True) is None
+
+
 def read_table(lines, missing, skip=0, marks=False, how_to_skip=""):
     """Read the rows of a table.
 

@@ -63,6 +63,14 @@ def test_two_channels_of_one_name_are_told_apart_by_number(written):
     np.testing.assert_allclose(read_surface(path, channel=1).heights(), 1e3 * HEIGHTS[1], rtol=1e-15)
 
 
+def test_words_before_a_head_are_no_channel(written):
+    path = written("Export of 1 image", *head(unit="nm"), *rows(HEIGHTS[0]))
+    with pytest.raises(InputError, match="skip the 5 lines at the head"):
+        read_surface(path)
+    surface = read_surface(path, skip=1)
+    np.testing.assert_allclose(surface.heights(), 1e-6 * HEIGHTS[0], rtol=1e-15)
+
+
 def test_a_footer_is_no_channel(written):
     path = written(*rows(HEIGHTS[0]), *head(unit="nm"))
     surface = read_surface(path)
