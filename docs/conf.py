@@ -30,7 +30,6 @@ NAV = {  # heading -> page -> its name there; None: that of the page
     "Theory": {"theory": "The problem", "equations": None},
     "Trust": {
         "verification": None,
-        "mutation": None,
         "faults": "Faults",
         "contact-mechanics-challenge": "Contact Mechanics Challenge",
         "comparison": None,

@@ -1,4 +1,4 @@
-"""Laws that mutants broke unnoticed: see docs/mutation.md."""
+"""Details of several modules: switches, limits, and what is restored afterwards."""
 
 import math
 import signal
