@@ -11,5 +11,13 @@ os.environ.setdefault("OMPI_MCA_hwloc_base_binding_policy", "none")
 petsc4py.init([])
 pytest.register_assert_rewrite("running", "cases", "results")
 pytest_plugins = ["on_ranks"]  # tests/on_ranks.py
-# The command, once imported, would hide the function of that name in what `from app import solve` finds.
-collect_ignore = ["app/solve.py"]
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Collect test files, and the examples in app/; no other module is imported to look for examples."""
+    if collection_path.suffix != ".py" or collection_path.name == "__init__.py":
+        return None
+    if config.rootpath / "app" in collection_path.parents:
+        # The command, once imported, would hide the function of that name in what `from app import solve` finds.
+        return True if collection_path.name == "solve.py" else None
+    return None if collection_path.name.startswith("test_") else True
