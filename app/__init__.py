@@ -6,7 +6,9 @@ PETSc with its own options before.
 
 from importlib import import_module
 
-from app import petsc_path  # noqa: F401  petsc4py can be imported from here on
+from app import packages, petsc_path  # noqa: F401  petsc4py can be imported from here on
+
+packages.install()
 
 __version__ = "0.3.0"
 

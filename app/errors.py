@@ -11,8 +11,12 @@ class InputError(ValueError):
     """The user asked for something that cannot be done; the message says what, where and what is allowed."""
 
 
-class PackageMissing(ModuleNotFoundError, InputError):
-    """There is no petsc4py or no h5py; the message says how to get it."""
+class PackageError(ImportError, InputError):
+    """A package does not load; the message says what to do."""
+
+
+class PackageMissing(ModuleNotFoundError, PackageError):
+    """A package is not installed; the message says how to get it."""
 
 
 class FailedElsewhere(RuntimeError):

@@ -10,13 +10,6 @@ import os
 import sys
 
 DEBIAN = "/usr/lib/petscdir/petsc3.*/*-real"
-HOW_TO_GET = {
-    "petsc4py": "Debian: apt-get install python3-petsc4py-real, for Debian's own python3 or a venv of it with "
-    "--system-site-packages; conda-forge: conda install petsc4py; "
-    "elsewhere: pip install petsc petsc4py, which compiles PETSc (docs/install.md)",
-    "h5py": "Debian: apt-get install python3-h5py-mpi; conda-forge: conda install 'h5py=*=mpi*'; "
-    "elsewhere: pip install h5py, with which ranks write in turn (docs/install.md)",
-}
 
 
 def find(environment=os.environ):
@@ -36,18 +29,4 @@ def _add(folder, first=False):
             sys.path.insert(0 if first else len(sys.path), path)
 
 
-class Missing:
-    """The last of Python's finders: for what pip does not install by itself one line says how to get it."""
-
-    @staticmethod
-    def find_spec(name, path=None, target=None):
-        """Refuse these, know nothing of anything else."""
-        if name in HOW_TO_GET:
-            from app.errors import PackageMissing
-
-            raise PackageMissing(f"{name} is not installed. {HOW_TO_GET[name]}", name=name)
-
-
 find()  # also at the start of Python in .venv, which executes this file
-if __name__ == "app.petsc_path":
-    sys.meta_path.append(Missing)

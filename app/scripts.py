@@ -4,15 +4,8 @@ import runpy
 import sys
 from pathlib import Path
 
-from app.commands import streams
-from app.errors import PackageMissing
-
 
 def main():
     """Run the command by whose name this was called. Does not return."""
     command = Path(sys.argv[0]).stem.removeprefix("contact-")
-    try:
-        runpy.run_module(f"app.{command}", run_name="__main__", alter_sys=True)
-    except PackageMissing as error:
-        streams.complain(f"error: {error}")
-        sys.exit(2)
+    runpy.run_module(f"app.{command}", run_name="__main__", alter_sys=True)

@@ -24,7 +24,7 @@ from app import __version__
 from app.commands import streams
 from app.errors import FailedElsewhere, InputError, agree, described, one_line
 from app.memory import tell_malloc
-from app.petsc_path import HOW_TO_GET
+from app.packages import HOW_TO_GET, mismatch
 
 # mallopt's numbers, names in the environment and values: freed work arrays are made anew all the time, and their pages,
 # but for huge arrays', need not be found again.
@@ -71,6 +71,8 @@ def start(argv):
             petsc4py.init(words)
             from petsc4py import PETSc
         except (ImportError, ValueError) as error:  # it is of another Python, numpy or MPI
+            if "numpy" in str(error):
+                raise mismatch("petsc4py") from None
             place = petsc4py.__path__[0]
             raise InputError(f"{place} does not load: {one_line(error)}. {HOW_TO_GET['petsc4py']}") from None
         except Exception:

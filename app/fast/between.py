@@ -70,7 +70,7 @@ class Between:
         partly = np.count_nonzero((blocks > 0) & (blocks < 1))
         _smooth(blocks, self._room)
         np.divide(1.0, blocks + _LEAST, out=self._held)
-        return partly >= _SCATTERED * blocks.size
+        return bool(partly >= _SCATTERED * blocks.size)
 
     def look_at(self, r):
         """Find the means of the residual to be filled next. Collective."""
