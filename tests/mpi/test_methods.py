@@ -33,7 +33,11 @@ def test_load_on_two_ranks(comm, method):
     assert by_approach.converged and by_load.converged
     assert by_load.operator_applications <= 1.5 * by_approach.operator_applications
     assert by_load.load == pytest.approx(by_approach.load, rel=1e-12)
-    assert by_load.approach == pytest.approx(0.1, abs=1e-6)
+    # (5.1) allows both this mean gap on C.
+    square, cells = (
+        comm.allreduce(np.nansum(of)) for of in (by_approach.undeformed_distance**2, by_approach.contact)
+    )
+    assert by_load.approach == pytest.approx(0.1, abs=2e-6 * np.sqrt(square / cells))
 
 
 @pytest.mark.mpi(2)
