@@ -21,7 +21,6 @@ from dataclasses import dataclass, fields
 from petsc4py import PETSc
 
 from app.errors import InputError
-from app.old_names import in_words_of_today
 from app.options import (
     FILES,
     Option,
@@ -177,14 +176,11 @@ def settings(method=None, options=None, periodic=False):
         If an option is not allowed, or has no effect with the others. What a file says may be idle if something later
         has overridden it.
     """
-    given, warnings = in_words_of_today(as_texts(options or {}))
+    given = as_texts(options or {})
     if isinstance(method, str):
         method = {method: read_method_file(method)}
-    files = {}
-    for name, texts in (method or {}).items():
-        files[name], more = in_words_of_today(as_texts(texts, f"method {name!r}"))
-        warnings += more
-    warnings += _give_way(files, given)
+    files = {name: as_texts(texts, f"method {name!r}") for name, texts in (method or {}).items()}
+    warnings = _give_way(files, given)
     said = {name: text for texts in (*files.values(), given) for name, text in texts.items()}
     default = PERIODIC if periodic else DEFAULT
     if not said.keys() & {"ksp_type", "pc_type"} and said.get("lcp_type", default) == default:

@@ -12,7 +12,6 @@ from app.commands import arguments, load_path
 from app.commands.geometry import GEOMETRY_OPTIONS, MATERIAL_OPTIONS
 from app.commands.problem_options import LOADING, PROBLEM_OPTIONS
 from app.method import METHOD_OPTIONS, PART_OPTIONS, read_method_file
-from app.old_names import GONE, RENAMED
 from app.options import written
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -162,12 +161,6 @@ def page():
     for heading, text, options in sections():
         parts.append(f"\n## {heading}\n\n{text.strip()}\n\n{options_table(options)}")
     parts.append(f"\n## Method\n\n{_METHOD.strip()}\n\n{options_table(METHOD_OPTIONS, DEFAULT_METHODS)}")
-    old = [
-        f"- `-{name}` is called `-{new}` now; the old name works in this release."
-        for name, new in RENAMED.items()
-    ]
-    old += [f"- `-{name}` is gone and ignored with a note: {why}." for name, why in GONE.items()]
-    parts.append("\n" + "\n".join(old) + "\n")
     parts.append(f"\n## Parts\n\n{_PARTS.strip()}\n\n{options_table(PART_OPTIONS, DEFAULT_METHODS)}")
     parts.append(_LINEAR)
     parts.append("\n## Other commands\n\n[Commands](commands.md) says what they are for.\n")

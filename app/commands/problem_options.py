@@ -9,7 +9,6 @@ from app.commands import load_path
 from app.commands.geometry import ALTERNATIVES, FILES, GEOMETRY_OPTIONS, MATERIAL_OPTIONS, make_problem
 from app.errors import InputError, agree, check_alike
 from app.method import DEFAULT, METHOD_OPTIONS, PART_OPTIONS, PERIODIC, read_method_file
-from app.old_names import NAMES
 from app.options import (
     Option,
     OptionReader,
@@ -150,7 +149,7 @@ def suggesting(texts):
 def _unknown(texts, own=()):
     """Names of the options of the tables and a problem's `own`, and others that do not look like a solver's."""
     known = [*(option.name for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)), *own]
-    others = texts.keys() - NAMES - set(known)
+    others = texts.keys() - set(known)
     return known, [name for name in others if name.startswith("lcp_") or not _OF_SOLVERS.search(name)]
 
 

@@ -9,7 +9,6 @@ from documents import PAGES, ROOT, anchors, files_named, links, options_named
 
 from app.commands.problem_options import PROBLEM_OPTIONS
 from app.method import METHOD_OPTIONS, PART_OPTIONS, method_file
-from app.old_names import NAMES
 
 DOCS = ROOT / "docs"
 TEXT = {page: page.read_text(encoding="utf-8") for page in PAGES}
@@ -19,12 +18,13 @@ NAV = next(
     if isinstance(node, ast.Assign) and node.targets[0].id == "NAV"
 )
 KNOWN = {option.name for option in (*METHOD_OPTIONS, *PART_OPTIONS, *PROBLEM_OPTIONS)}
+REMOVED = ("lcp_merge", "lcp_cheap")  # docs/performance.md says why
 OTHERS = {
     "options_file",
     "skip_petscrc",
     "help",
     "cone_slope",
-    *NAMES,
+    *REMOVED,
 }
 PETSCS = re.compile(r"(ksp|pc|mg_levels|mg_coarse|snes|tao|log|malloc|objects)_\w*")
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -181,11 +181,11 @@ def test_what_was_handed_over_stays_as_it_was():
         def shape_on(self, grid, rows=slice(None)):
             return self.heights
 
-    method = {"own": {"lcp_rtol": 1e-6, "lcp_replicate": 1}}
+    method = {"own": {"lcp_rtol": 1e-6, "lcp_predictor": 1}}
     first, second = (solve(Kept(GRID, STEEL), load=5, method=method) for _ in range(2))
     np.testing.assert_array_equal(Kept.heights, HEIGHTS + 1.0)
     assert second.approach == first.approach > 1.0
-    assert method == {"own": {"lcp_rtol": 1e-6, "lcp_replicate": 1}}
+    assert method == {"own": {"lcp_rtol": 1e-6, "lcp_predictor": 1}}
 
 
 def test_threads_get_what_one_gets_alone():

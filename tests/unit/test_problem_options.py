@@ -26,7 +26,7 @@ def made(**texts):
         ),
         ({"load": "10", "sub_0_pc_type": "2", "radius": "2"}, "unknown option: -radius; what is wrong"),
         ({"problem": "python", "ksp_rtol": "1", "mylaw": "2"}, "what is wrong"),
-        ({"lcp_merge": "1"}, "what is wrong"),
+        ({"lcp_merge": "1"}, "unknown option: -lcp_merge; what is wrong"),
     ],
 )  # fmt: skip
 def test_options_that_nobody_knows_are_named(texts, message):
