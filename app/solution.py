@@ -147,16 +147,6 @@ class Solution(ContactFields):
         h = state["distance"]
         self.__dict__.update(state, distance=lambda: h, comm=MPI.COMM_SELF)
 
-    def without_rows(self, comm=None):
-        """Return the numbers for ranks that have no rows, or to be sent to them. Not collective."""
-        from mpi4py import MPI
-
-        none = {name: getattr(self, name)[:0] for name in ("pressure", "displacement", "contact")}
-        slabs = self.slabs if comm is None else self.slabs.among(comm.size, comm.rank)
-        return replace(
-            self, **none, distance=lambda: none["pressure"], slabs=slabs, comm=comm or MPI.COMM_SELF
-        )
-
     @property
     def undeformed_distance(self):
         """h, the approach taken off, shape (rows, nx) [mm]; NaN where contact is impossible. Made when asked for."""

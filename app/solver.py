@@ -33,7 +33,7 @@ from app.halfspace.communication import Communicator
 from app.halfspace.influence import influence_quadrant
 from app.halfspace.reductions import minimum_over
 from app.method_solver import choose, database_of, make_hierarchy, make_strategy
-from app.multigrid.hierarchy import team_for
+from app.multigrid.hierarchy import check_room
 from app.notes import notes_on
 from app.option_use import read_by, refuse_unread
 from app.options import as_line
@@ -112,8 +112,7 @@ class ContactSolver:
     setup_seconds : float
     touching : float
         Approach at which the bodies just touch [mm].
-    hierarchy : Hierarchy or None
-        None on ranks that have no part in it: where a grid is not worth a second machine, those beyond the first one.
+    hierarchy : Hierarchy
     ksp : PETSc.KSP or None
         Of the target grid; None where it is only made in a window, or there is none.
 
@@ -139,9 +138,9 @@ class ContactSolver:
             # Processors may round differently.
             sizes = [f"{size:.6g}" for size in (grid.dx, grid.dy, problem.material.compliance)]
             check_alike(self.comm, (grid.shape, grid.periodic, sizes, chosen), "grid, material or options")
-            self._team = team_for(self.comm, grid, chosen)
-            self._resources.add(self._team)
-            self.settings, self.touching = self._team.call(self._prepare)
+            self.comm.shares_memory = chosen.shared_memory
+            check_room(self.comm, grid, chosen)
+            self._prepare()
         except BaseException:
             self.close()
             raise
@@ -152,14 +151,13 @@ class ContactSolver:
         return f"<ContactSolver: {grid.nx} x {grid.ny} cells{closed}>"
 
     def _prepare(self):
-        """Make all that solves; on the ranks of the team."""
-        comm, chosen = self._team.comm, self.settings
+        """Make all that solves."""
+        chosen = self.settings
         self._database = database_of(chosen)
         # Rank 0 has a part in every grid.
-        if unread := comm.bcast(read_by(self._database, self._set_up)):
+        if unread := self.comm.bcast(read_by(self._database, self._set_up)):
             self.settings = refuse_unread(unread, chosen, bool(self.problem.grid.periodic))
         self._measure_shapes()
-        return self.settings, self.touching
 
     def _set_up(self):
         chosen, problem = self.settings, self.problem
@@ -169,7 +167,7 @@ class ContactSolver:
             alone = replace(grid, periodic="")  # images change little of a cell's influence on itself
             self._largest = float(influence_quadrant(alone, compliance, slice(0, 1), 1)[0, 0])
             check_single("influence coefficients", self._largest, "mm3/N")
-        self.hierarchy = hierarchy = make_hierarchy(grid, compliance, self._team.comm, chosen)
+        self.hierarchy = hierarchy = make_hierarchy(grid, compliance, self.comm, chosen)
         self._resources.add(hierarchy)
         self._strategy = make_strategy(hierarchy, chosen)
         self._resources.add(self._strategy)
@@ -177,7 +175,7 @@ class ContactSolver:
 
     def _measure_shapes(self):
         """Undeformed distance on all grids."""
-        hierarchy, problem, comm = self.hierarchy, self.problem, self._team.comm
+        hierarchy, problem, comm = self.hierarchy, self.problem, self.comm
         shapes = hierarchy.shapes(problem)
         target = shapes[-1]
         lowest, highest = np.nanmin(target, initial=np.inf), np.nanmax(target, initial=-np.inf)
@@ -199,7 +197,6 @@ class ContactSolver:
             self._resources.add(distance)
         for distance in before:
             self._resources.remove(distance)
-        return reference
 
     def _mend(self):
         """After a call that was cut short: an update may have come half way."""
@@ -248,15 +245,12 @@ class ContactSolver:
             for listener in self.listeners:
                 listener.begin(self.settings)
                 to_end.callback(listener.end)
-            solution = self._team.call(self._solve, given, start, summary=Solution.without_rows)
-        if solution.comm is not self._outer_comm:  # the summary
-            solution = solution.without_rows(self._outer_comm)
+            solution = self._solve(given, start)
         if not solution.converged:
             warn_caller(f"not converged: {solution.message}")
         return solution
 
     def _solve(self, given, start):
-        """Solve, on the ranks of the team."""
         started, before = time.perf_counter(), self.comm.traffic.copy()
         products = self.hierarchy.operator_applications()
         self._mend()
@@ -309,7 +303,8 @@ class ContactSolver:
         """Refuse the first of some loadings, as keywords of `solve`, that it would refuse. Collective."""
         self._refuse_if_closed()
         check_alike(self.comm, loadings, "loading")
-        self._team.call(lambda: [self._loading(given) for given in loadings], summary=lambda _: None)
+        for given in loadings:
+            self._loading(given)
 
     @one_at_a_time
     def update(self, problem):
@@ -325,7 +320,7 @@ class ContactSolver:
             raise InputError("problem: needed: a ContactProblem of the solver's grid and material")
         self.problem = problem
         try:
-            self.touching = self._team.call(self._measure_shapes)
+            self._measure_shapes()
         except BaseException:
             self.problem, self._cut_short = before, True
             raise
@@ -346,13 +341,9 @@ class ContactSolver:
             solver does not converge.
         """
         self._refuse_if_closed()
-
-        def solve():
-            self._strategy.check(solution, "solution")
-            with self._database.active():
-                return contact_stiffness(self.hierarchy, self._distances[-1], solution.contact)
-
-        return self._team.call(solve)
+        self._strategy.check(solution, "solution")
+        with self._database.active():
+            return contact_stiffness(self.hierarchy, self._distances[-1], solution.contact)
 
     def _refuse_if_closed(self):
         if not self._finalizer.alive:
@@ -377,7 +368,7 @@ class ContactSolver:
         approach = loading.found_approach(state)
         # Rank 0 has a part in every grid and window.
         told = applied, history.entries, self.comm.traffic.since(before)
-        applied, history.entries, traffic = self._team.comm.bcast(told)
+        applied, history.entries, traffic = self.comm.bcast(told)
         return Solution(
             pressure=state.p,
             displacement=state.u,
@@ -411,7 +402,7 @@ class ContactSolver:
             setup_seconds=self.setup_seconds,
             traffic=traffic,
             grid=self.problem.grid,
-            slabs=self.hierarchy.slabs.among(self.comm.size),
+            slabs=self.hierarchy.slabs,
             comm=self._outer_comm,
         )
 

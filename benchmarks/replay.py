@@ -32,7 +32,6 @@ from app import ContactProblem, ContactSolver, Grid
 from app.contact.full_multigrid import Visits
 from app.fast.multilevel import MultilevelOperator
 from app.fast.verification_product import VerificationProduct
-from app.halfspace import ranks as sharing
 from app.halfspace.communication import Communicator, Traffic
 from app.halfspace.fetch import Fetch
 from app.halfspace.fft.multiplier import EvenMultiplier
@@ -40,7 +39,7 @@ from app.halfspace.fft.transpose import ColumnGroup, deal_columns
 from app.halfspace.grid import Slabs
 from app.halfspace.halo import Halo, Parents
 from app.halfspace.influence import Material
-from app.halfspace.ranks import Ranks, worth_solving
+from app.halfspace.ranks import Ranks
 from app.halfspace.window import Scatter
 from app.multigrid.transfer import Transfer
 from app.output.table import markdown
@@ -268,9 +267,7 @@ class Replay:
     ranks : int
     network : Network
     cells : int
-        That a rank gets at least of coarser grids and windows; 0: by the network, as the program does.
-    everywhere : bool
-        All ranks share the target grid, and others if they have cells enough, though it may not be worth it.
+        Least number of cells of a rank that shares a coarser grid or a window.
 
     Attributes
     ----------
@@ -280,25 +277,12 @@ class Replay:
         Reductions of PETSc's own, which traffic does not count.
     computing, talking : float
         Seconds, of all in turn.
-    sharing : int
-        Ranks that solve.
     """
 
-    def __init__(self, recorded, ranks, network=INSIDE, cells=0, everywhere=False):
-        self._network = network
-        comm = Counting(ranks)
-        comm.first_machine = min(ranks, network.ranks)
-        comm.latency = self._tree(ranks) if ranks > network.ranks else 0.0
-        comm.byte_seconds = 0.0 if everywhere else min(ranks, network.ranks) / network.rate
-        self.sharing = comm.size = ranks if everywhere else worth_solving(recorded.grid, comm, cells)
-        if self.sharing == comm.first_machine:
-            comm.latency = 0.0
+    def __init__(self, recorded, ranks, network=INSIDE, cells=8192):
+        self._network, self.sharing = network, ranks
         self._ranks = Ranks.__new__(Ranks)
-        vars(self._ranks).update(
-            comm=comm, size=comm.size, rank=0, first_machine=1 if cells else comm.first_machine,
-            least=0 if cells else sharing._worth_a_machine(comm),
-            cells=cells or sharing._worth_a_rank(comm), _made={},
-        )  # fmt: skip
+        vars(self._ranks).update(comm=Counting(ranks), size=ranks, rank=0, cells=cells, _made={})
         self.traffic, self.petsc, self.computing, self.talking = Traffic(), 0, 0.0, 0.0
         self._rows = cache(self._rows)
         self._exchange = cache(self._exchange)
@@ -428,7 +412,7 @@ class Replay:
 
         def slabs_of(key):
             slabs = self._slabs(key)
-            return slabs.among(slabs.size, comm.rank)
+            return Slabs.starting(slabs.starts, comm.rank)
 
         def make(kind, value):
             if kind == "slabs":
@@ -470,14 +454,10 @@ def table(recorded, counts):
         for count in counts:
             if count <= network.ranks and network is not NETWORKS[0]:
                 continue
-            found, forced = (
-                Replay(recorded, count, network),
-                Replay(recorded, count, network, everywhere=True),
-            )
+            found = Replay(recorded, count, network)
             yield {
                 "network": network.name if count > network.ranks else INSIDE.name,
                 "ranks": count,
-                "that solve": found.sharing,
                 "messages": found.traffic.messages,
                 "MB": f"{found.traffic.message_bytes / 1e6:.3g}",
                 "all-to-alls": found.traffic.all_to_alls,
@@ -485,7 +465,6 @@ def table(recorded, counts):
                 "computing": f"{1e3 * found.computing:.0f} ms",
                 "talking": f"{1e3 * found.talking:.0f} ms",
                 "speed-up": f"{alone / found.seconds:.3g}",
-                "if all solve": f"{alone / forced.seconds:.3g}",
             }
 
 

@@ -5,7 +5,6 @@ Which ranks share a grid: `app.halfspace.ranks`.
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, fields
 from functools import cached_property
 
@@ -14,9 +13,6 @@ from mpi4py import MPI
 
 from app.errors import FailedElsewhere, InputError, described
 from app.petsc import log_messages, log_reduction, refusal
-
-_TRIAL_BYTES = 1 << 18  # that a rank sends, but a page to each other one at least
-_TRIALS, _TRIAL_SECONDS = 6, 0.005  # at most; so long together, but for the first, which opens connections
 
 
 @dataclass
@@ -76,45 +72,9 @@ class Communicator(MPI.Intracomm):
         return self.plain().Split_type(MPI.COMM_TYPE_SHARED)
 
     @cached_property
-    def first_machine(self):
-        """How many ranks are on the machine of rank 0, up to the first that is not. Collective when first asked for."""
-        if self.machine.size == self.size:
-            return self.size
-        ours, here = self.Get_group(), self.machine.Get_group()
-        [place] = MPI.Group.Translate_ranks(ours, [0], here)
-        ours.Free()
-        here.Free()
-        return self.allgather(place != MPI.UNDEFINED).index(False)
-
-    @cached_property
-    def latency(self):
-        """Seconds that a reduction takes between machines, about. Collective when first asked for, and the same there.
-
-        0 on one machine, which is not measured, so that runs can be repeated.
-        """
-        if self.first_machine == self.size:
-            return 0.0
-        last, slowest, found = np.zeros(1), np.zeros(1), []
-        while len(found) <= _TRIALS and sum(found[2:]) < _TRIAL_SECONDS:
-            started = time.perf_counter()
-            self.Allreduce(last, slowest, MPI.MAX)
-            last[0] = time.perf_counter() - started
-            found.append(float(slowest[0]))  # of the trial before
-        return min(found[1:])
-
-    @cached_property
-    def byte_seconds(self):
-        """Seconds for a byte that a rank sends, while all send to all. Collective when first asked for."""
-        part = max(_TRIAL_BYTES // self.size, 4096)
-        counts, times = np.full(self.size, part), []
-        sent, got = np.zeros((2, part * self.size), np.uint8)
-        for _ in range(_TRIALS):
-            started = time.perf_counter()
-            self.Alltoallv([sent, counts], [got, counts])
-            times.append(time.perf_counter() - started)
-        slowest = np.empty(_TRIALS)
-        self.Allreduce(np.array(times), slowest, MPI.MAX)
-        return max(slowest.min() - self.latency, 0.0) / sent.size
+    def one_machine(self):
+        """Whether all ranks are on one machine. Collective when first asked for."""
+        return self.machine.size == self.size
 
     def Free(self):
         """Free it, and what was made of it. Collective."""
@@ -132,8 +92,8 @@ class Communicator(MPI.Intracomm):
         few = group.Incl(ranks)
         made = Communicator(self.plain().Create_group(few, ranks[-1]), self.traffic)
         made.shares_memory = self.shares_memory
-        if vars(self).get("first_machine") == self.size:
-            made.first_machine = made.size
+        if vars(self).get("one_machine"):
+            made.one_machine = True
         group.Free()
         few.Free()
         return made
@@ -214,54 +174,3 @@ class FailuresTold:
         """End."""
         if error is not None and self._comm is not None:
             self._comm.tell(Failure(error))
-
-
-class Team:
-    """The first ranks, that share the grids of a problem, and the others, who wait to be told what is found.
-
-    Collective.
-
-    Parameters
-    ----------
-    everybody : Communicator
-    size : int
-
-    Attributes
-    ----------
-    comm : Communicator or None
-        Of the first ranks; None on the others.
-    """
-
-    def __init__(self, everybody, size):
-        self.everybody, self.comm = everybody, everybody
-        self._told = None  # communicator of rank 0, which tells, and those that are told
-        if size < everybody.size:
-            self.comm = everybody.first(size) if everybody.rank < size else None
-            if everybody.rank == 0 or self.comm is None:
-                self._told = everybody.of([0, *range(size, everybody.size)])
-
-    def call(self, function, *arguments, summary=lambda result: result):
-        """Let the first ranks call a function; the others get a summary of what rank 0 got.
-
-        Collective; `function` over the first ranks. What goes wrong on rank 0 is raised on the others, too.
-
-        Raises
-        ------
-        InputError
-            On all ranks, if it does.
-        """
-        if self._told is None:
-            return function(*arguments)
-        if self.comm is None:
-            return self._told.tell()
-        with FailuresTold(self._told):
-            result = function(*arguments)
-            known = summary(result)
-        self._told.tell(known)
-        return result
-
-    def destroy(self):
-        """Free what was made here. Collective."""
-        for comm in (self._told, self.comm):
-            if comm is not None and comm is not self.everybody:
-                comm.Free()

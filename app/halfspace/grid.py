@@ -290,13 +290,6 @@ class Slabs:
         edges[:known] = self.starts[:known]
         return edges[:-1], edges[1:]
 
-    def among(self, size, rank=None):
-        """Return the same rows with so many ranks, of which those beyond have none, seen by one of them."""
-        rank = self.rank if rank is None else rank
-        if (size, rank) == (self.size, self.rank):
-            return self
-        return self.starting([*self.starts, *[self.ny] * (size - self.size)], rank)
-
     def coarsen(self, factor):
         """Slabs of the coarse grid whose rows are made of `factor` of these rows each: with the first is the parent."""
         return (

@@ -1,7 +1,7 @@
 """The grids of one problem, from the coarsest to the target, with their operators and transfers.
 
-Operators are rediscretised on every grid (no Galerkin products). All ranks share the target grid; each of the others is
-dealt to as many as it is worth (`app.halfspace.ranks.Ranks`), and one that can be solved directly is on one.
+Operators are rediscretised on every grid (no Galerkin products). All ranks share the target grid. Small grids are on
+fewer ranks (`app.halfspace.ranks.Ranks`), and one that can be solved directly is on one.
 """
 
 from __future__ import annotations
@@ -13,10 +13,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from app.errors import InputError, agree
-from app.halfspace.communication import Team
 from app.halfspace.grid import plan
 from app.halfspace.operator import InfluenceOperator, petsc_comm
-from app.halfspace.ranks import Ranks, worth_solving
+from app.halfspace.ranks import Ranks
 from app.memory import check_hosts, doubles_in_strips, doubles_per_cell
 from app.multigrid.transfer import Transfer
 from app.petsc import free_forgotten
@@ -47,38 +46,6 @@ def check_room(comm, grid, settings):
     cells = ranks.slabs(grid, comm.size).local * grid.nx + sum(few)
     doubles = cells * doubles_per_cell(settings, grid.periodic) + doubles_in_strips(grid)
     check_hosts(ranks.comm, grid, doubles)
-
-
-def team_for(comm, grid, settings):
-    """Ranks that solve on a target grid: as many as it is worth, or all if those have not the memory. Collective.
-
-    Parameters
-    ----------
-    comm : Communicator
-        All ranks.
-    grid : Grid
-    settings : app.method.Settings
-
-    Returns
-    -------
-    Team
-
-    Raises
-    ------
-    InputError
-        If there is too little memory on some machine.
-    """
-    comm.shares_memory = settings.shared_memory
-    team = Team(comm, worth_solving(grid, comm, settings.cells_per_rank))
-    try:
-        team.call(check_room, team.comm, grid, settings)
-    except InputError:
-        if team.comm is comm:
-            raise
-        team.destroy()
-        team = Team(comm, comm.size)
-        check_room(comm, grid, settings)
-    return team
 
 
 def _check_same_on_all(comm, problem):
@@ -121,7 +88,7 @@ class Hierarchy:
     coarsest : int
         Directions of at most this many cells are not halved.
     cells_per_rank : int
-        That a rank gets at least of grids but the target; 0: see `Ranks`.
+        Least number of cells of a rank that shares a coarser grid or a window.
     target_only : bool
         Only the target grid is needed.
     dtype : numpy real type
@@ -132,7 +99,15 @@ class Hierarchy:
     """
 
     def __init__(
-        self, grid, compliance, comm, coarsest=4, cells_per_rank=0, target_only=False, dtype=float, margin=0.0
+        self,
+        grid,
+        compliance,
+        comm,
+        coarsest=4,
+        cells_per_rank=8192,
+        target_only=False,
+        dtype=float,
+        margin=0.0,
     ):
         self.ranks = Ranks(comm, cells_per_rank)
         self.comm, self.compliance, self.dtype, self.margin = self.ranks.comm, compliance, dtype, margin

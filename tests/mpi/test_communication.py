@@ -1,7 +1,5 @@
 """Rows that change place, ranks that have no part in a grid, and how often a solve talks."""
 
-from contextlib import nullcontext
-
 import numpy as np
 import pytest
 from cases import APPROACH, hertz, punch
@@ -9,9 +7,8 @@ from mpi4py import MPI
 from running import assert_proved_equal, solve
 
 from app import ContactSolver
-from app.errors import FailedElsewhere, InputError
 from app.fast.levels import influence_of
-from app.halfspace.communication import Communicator, Team
+from app.halfspace.communication import Communicator
 from app.halfspace.fetch import Fetch
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Grid, Slabs
@@ -19,7 +16,6 @@ from app.halfspace.ranks import Ranks
 from app.halfspace.reductions import minimum_over, sums_and_minima
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
-from app.output.result import read_result
 from app.petsc import _counter, options_set
 from benchmarks.replay import Replay, record
 from benchmarks.replay import hertz as recorded_problem
@@ -194,43 +190,6 @@ def test_windows_of_grids_that_some_ranks_have_no_part_in(comm, cells):
         assert_proved_equal(whole, alone)
 
 
-@pytest.fixture
-def machines_apart(monkeypatch):
-    """Rank 0 is alone on its machine, a second away from all others."""
-    monkeypatch.setattr(Communicator, "first_machine", 1)
-    monkeypatch.setattr(Communicator, "latency", 1.0)
-
-
-@pytest.mark.mpi(2, 3)
-def test_a_grid_not_worth_a_second_machine_is_solved_on_the_first(comm, machines_apart, tmp_path):
-    """With the answer of one rank, told to all; what is refused is refused on all."""
-    alone = solve(hertz(32), APPROACH, "fast", comm=MPI.COMM_SELF)
-    with ContactSolver(hertz(32), "fast") as solver:
-        assert (solver.hierarchy is None) == (comm.rank > 0)
-        here = solver.solve(approach=APPROACH)
-        solver.solve(approach=APPROACH, start=here)
-        [step] = solver.path(load=[here.load], stiffness=True)
-        stiffness = solver.stiffness(step)
-        for refused in ({"load": -1}, {"approach": 1, "load": 1}):
-            with pytest.raises(InputError):
-                solver.solve(**refused)
-    with pytest.raises(InputError, match="ksp_typo"):
-        ContactSolver(hertz(32), "fast", {"ksp_typo": 1})
-    counts = {"messages", "message_bytes", "all_to_alls", "small_collectives", "ranks", "solving_ranks"}
-    same = set(alone.attributes) - counts - {"solve_seconds", "setup_seconds"}
-    assert {name: str(here.attributes[name]) for name in same} == {
-        name: str(alone.attributes[name]) for name in same
-    }
-    assert (here.attributes["solving_ranks"], here.attributes["ranks"]) == (1, comm.size)
-    assert here.slabs.counts == (32, *[0] * (comm.size - 1))
-    assert here.gap.shape == (here.slabs.local, 32)
-    assert comm.allgather(stiffness) == [stiffness] * comm.size
-    assert stiffness > 0
-    here.save(tmp_path / "result.h5")
-    if comm.rank == 0:
-        np.testing.assert_array_equal(read_result(tmp_path / "result.h5").pressure, alone.pressure)
-
-
 @pytest.mark.mpi(1, 2, 3)
 def test_sums_and_minima_by_one_reduction(comm):
     counted = Communicator(comm)
@@ -260,38 +219,6 @@ def test_a_replay_sends_what_ranks_send(comm):
         assert replayed.message_bytes == pytest.approx(real.message_bytes, rel=0.02)
         # The loading is compared before, and the rest told after, a solve counts.
         assert replayed.small_collectives == real.small_collectives + 2
-
-
-@pytest.mark.mpi(3)
-def test_all_ranks_of_the_first_machine_share_it(comm, machines_apart, monkeypatch):
-    monkeypatch.setattr(Communicator, "first_machine", 2)
-    here = solve(punch(32), None, "fast", load=1e4)
-    assert here.slabs.counts == (16, 16, 0)
-    alone = solve(punch(32), None, "fast", load=1e4, comm=MPI.COMM_SELF)
-    assert here.iterations == alone.iterations
-    whole = here.gather()
-    if comm.rank == 0:
-        assert_proved_equal(whole, alone)
-
-
-@pytest.mark.mpi(3)
-def test_what_fails_in_a_team_is_heard_by_those_who_wait_and_keeps_nobody(comm):
-    """A rank that fails alone does not wait for the others of the team, which may be in the midst of something."""
-    everybody = Communicator(comm.Dup())
-    team = Team(everybody, 2)
-
-    def fail(error, *ranks):
-        if comm.rank in ranks:
-            raise error("this one")
-        return comm.rank
-
-    for error, heard in ((InputError, InputError), (ZeroDivisionError, FailedElsewhere)):
-        with pytest.raises(error if comm.rank < 2 else heard, match="this one"):
-            team.call(fail, error, 0, 1)
-        with pytest.raises(error, match="this one") if comm.rank == 1 else nullcontext():
-            assert team.call(fail, error, 1) == (comm.rank if comm.rank < 2 else 0)
-    team.destroy()
-    everybody.Free()
 
 
 @pytest.mark.mpi(2, 3)

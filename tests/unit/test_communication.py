@@ -1,10 +1,10 @@
-"""Which rank has what: the balance of slabs, and how many ranks a grid is worth. Computed, not run."""
+"""Which rank has what: the balance of slabs, and how many ranks share a grid. Computed, not run."""
 
 import numpy as np
 import pytest
 
 from app.halfspace.grid import Grid, Slabs
-from app.halfspace.ranks import aligned, worth
+from app.halfspace.ranks import aligned, sharing
 
 
 def balance(slabs):
@@ -28,25 +28,16 @@ def test_4096_rows_are_balanced_on_any_number_of_ranks():
 
 @pytest.mark.parametrize("size", [2, 3, 48, 64, 500, 512])
 @pytest.mark.parametrize("cells", [1, 100, 8192])
-def test_so_are_coarser_grids_on_the_ranks_that_they_are_worth(size, cells):
+def test_coarser_grids_are_balanced_on_the_ranks_that_share_them(size, cells):
     before = size
     for grid in grids(4096):
-        ranks = worth(grid, size, cells)
+        ranks = sharing(grid, size, cells)
         assert 1 <= ranks <= min(before, grid.ny)
         assert ranks == 1 or grid.n >= cells * ranks
         slabs = Slabs(grid.ny, ranks, 0, aligned(grid.ny, ranks))
         assert balance(slabs) >= min(0.9, grid.ny / ranks / -(-grid.ny // ranks))
         before = ranks
     assert before == 1 or cells == 1
-
-
-def test_machines_share_what_is_worth_the_way_between_them():
-    """Else it is for as many ranks of the first one as inside of a machine."""
-    far = 1 << 21  # cells, at 5 ms
-    ranks = {
-        n: worth(Grid(n, n, 1.0, 1.0), 64, far, first_machine=24) for n in (128, 512, 1024, 4096, 8192, 16384)
-    }
-    assert ranks == {128: 2, 512: 24, 1024: 24, 4096: 24, 8192: 32, 16384: 64}
 
 
 def test_slabs_of_a_grid_and_the_next_coarser_one_fit():
