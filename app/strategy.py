@@ -6,7 +6,6 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.contact import certificate_kernels, extent, kernels, measures
 from app.contact.full_contact import FullContact
 from app.contact.full_multigrid import full_multigrid
 from app.contact.iteration import active_set_or_search
@@ -15,13 +14,12 @@ from app.contact.reference_solvers import REFERENCE_SOLVERS
 from app.contact.state import Displacement
 from app.contact.stopping import StoppingTest
 from app.errors import InputError
-from app.fast import circulant, lift, tracking_cg
+from app.fast import circulant, lift
 from app.fast.kept import Kept
 from app.fast.nested import nested_iteration, solve_on
 from app.fast.solver import TrackingSolver
 from app.fast.stopping import InexactStop
-from app.halfspace import product
-from app.multigrid import direct, transfer
+from app.multigrid import direct
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.kept import KeptSolvers
 from app.multigrid.linear_solver import LinearSolver
@@ -58,26 +56,8 @@ class Strategy:
     def _make_solver(self):
         return LinearSolver(self._hierarchy)
 
-    def warm_up(self):
-        """Load the compiled loops now, not in the first iteration. Not collective.
-
-        A rank that is needed on fine grids only has time for that now; later the others would wait for it.
-        """
-        for module in (kernels, extent, measures, transfer, direct):
-            module.warm_up()
-        certificate_kernels.warm_up(bool(self._hierarchy.target.grid.periodic))
-        if self._settings.lifted:
-            lift.warm_up()
-        texts = self._settings.texts
-        kind = texts.get("pc_type", "")
-        if kind == "sor" or (kind == "mg" and texts.get("mg_levels_pc_type", "") in ("", "sor")):
-            from app.halfspace.sweeps import gauss_seidel
-
-            gauss_seidel.warm_up()
-
     def prepare(self):
-        """Load and make now what the first solve would of the grids alone. Collective."""
-        self.warm_up()
+        """Make what depends on the grids alone. Collective."""
         if self._settings.lifted:
             for operator in self._hierarchy.levels:
                 if not self._hierarchy.may_be_windowed(operator):
@@ -219,9 +199,6 @@ class Inexact(Strategy):
             defect_correction=chosen.defect_correction,
         )
 
-    def _precisions(self):
-        return {np.dtype(np.float64), np.dtype(self._hierarchy.dtype)}
-
     def _run(self, loading, history, start):
         state, outcome = super()._run(loading, history, start)
         return state, outcome._replace(to_rounding=True)
@@ -259,14 +236,10 @@ class Fast(Inexact):
     def _first(self):
         return int(direct.begins_directly(self._hierarchy, 0))
 
-    def warm_up(self):
-        """See `Strategy.warm_up`."""
-        super().warm_up()
-        grid = self._hierarchy.target.grid
-        for kind in self._precisions():
-            product.warm_up(grid, kind)
-            tracking_cg.warm_up(kind)
-        circulant.warm_up(grid, np.dtype(self._hierarchy.dtype))
+    def prepare(self):
+        """See `Strategy.prepare`."""
+        super().prepare()
+        circulant.prepare(self._hierarchy.target.grid)
 
     def _solve(self, loading, history, start):
         chosen, hierarchy, kept, stop = self._settings, self._hierarchy, self._kept, self._inexact_stop()
@@ -293,12 +266,6 @@ class Primal(Inexact):
     def _make_solver(self):
         primal_solver.prepare(self._hierarchy, self._settings.defect_correction > 0)
         return PrimalSolver(self._hierarchy)
-
-    def warm_up(self):
-        """See `Strategy.warm_up`."""
-        super().warm_up()
-        for kind in self._precisions():
-            primal_solver.warm_up(kind)
 
     def _solve(self, loading, history, start):
         nested, stop = self._settings.nested, self._inexact_stop()

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from app.compiled import FIELD, FIXED, MASK, njit
+from app.compiled import njit
 from app.contact.kernels import gap
 from app.halfspace.reductions import any_order, plus
 
@@ -153,13 +153,3 @@ def lift(b, depth, u, admissible, most, penetrates, sums):
                 sums[0, first] -= e * value
                 sums[1, first] += e * e
                 sums[2, first] += value * value
-
-
-def warm_up(periodic=False):
-    """Load the compiled loops now, not after the first solve. Not collective."""
-    rows = np.zeros(0, bool)
-    survey(FIXED, 0.0, FIELD, FIXED, MASK, 1.0, not periodic, rows, np.zeros(6), np.zeros(6))
-    lift(FIXED, 0.0, FIELD, MASK, 0.0, rows, np.zeros((3, 2)))
-    if periodic:
-        gaps(FIXED, 0.0, FIELD, FIXED, MASK, 1.0)
-        move(FIXED, 0.0, FIELD, FIXED, MASK, 1.0, 1.0, 0.0, 0.0, 1.0, FIELD)

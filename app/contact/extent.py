@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.compiled import FIXED, MASK, ROW, njit
+from app.compiled import njit
 from app.halfspace.reductions import any_order
 
 
@@ -84,8 +84,3 @@ def _moments(p, contact, x, y, sums):
         row = load, at_x, load * y[j], cells, sx, cells * y[j], sxx, cells * y[j] ** 2, sx * y[j]
         for k in range(9):
             sums[k] += row[k]
-
-
-def warm_up():
-    """Load the compiled loops now, not after the first solve. Not collective."""
-    _moments(FIXED, MASK, ROW, ROW, np.zeros(9))

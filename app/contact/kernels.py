@@ -6,9 +6,7 @@ first, so that they lose nothing on large grids.
 
 from __future__ import annotations
 
-import numpy as np
-
-from app.compiled import FIELD, FIXED, MASK, njit
+from app.compiled import njit
 from app.halfspace.reductions import any_order, plus
 
 
@@ -242,17 +240,3 @@ def faces(contact, before, periodic):
         in_x += row[0] != row[-1] if periodic else int(row[0]) + int(row[-1])
         in_y += _unlike(row, contact[j - 1] if j else before)
     return in_x, in_y
-
-
-def warm_up():
-    """Load the compiled loops now, not in the first iteration. Not collective."""
-    tension(FIXED, MASK)
-    for low in (FIELD, FIELD.astype(np.float32)):
-        defect(FIXED, 0.0, FIELD, MASK, 1.0, low)
-        release(FIELD, MASK, MASK, low)
-        activate(FIXED, 0.0, FIELD, FIXED, MASK, MASK, MASK, low, np.zeros(1, bool))
-    numbers(FIXED, MASK)
-    compensated_sum(FIXED, MASK)
-    sum_squares(FIXED, 0.0, MASK)
-    gap_on(FIXED, 0.0, FIELD, MASK, MASK)
-    faces(MASK, np.zeros(1, bool), False)

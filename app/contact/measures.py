@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.compiled import FIELD, ROW, njit
+from app.compiled import njit
 from app.contact import kernels
 from app.halfspace.halo import row_before
 from app.halfspace.periodic import frequencies
@@ -238,8 +238,3 @@ def _squared_differences(shape, before, periodic):
             in_x = plus(in_x, _squares_row(row[:1], row[-1:]))
         in_y = plus(in_y, _squares_row(row, shape[j - 1] if j else before))
     return in_x + in_y
-
-
-def warm_up():
-    """Load the compiled loops now, not after the first solve. Not collective."""
-    _squared_differences(FIELD, ROW, False)

@@ -17,8 +17,6 @@ nothing by it: there the steps begin with zero.
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
 from app.compiled import njit
@@ -211,12 +209,3 @@ def _take(blocks, contact, cells, first, row, b):
         _spread(blocks[k], cells, row)
         for j in _rows_in(k, cells, first, len(b)):
             add_inside(row, contact[j], b[j])
-
-
-@cache
-def warm_up(dtype):
-    """Load the compiled loops for fields of a type now, not in the first iteration. Not collective."""
-    between, field = Between((3, 3), None, None, 2), np.zeros((3, 3), dtype)
-    between.set_contact(np.eye(3, dtype=bool), field)
-    between.fill(field, field)
-    between.take_back(field, field)

@@ -14,12 +14,12 @@ on the target grid and as a multigrid smoother, where it must be damped (``-mg_l
 
 from __future__ import annotations
 
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 from petsc4py import PETSc
 
-from app.fast import between, levels, rim
+from app.fast import levels
 from app.fast.between import Between
 from app.fast.levels import circulant_inverse, known
 from app.fast.rim import RimExtension
@@ -59,18 +59,10 @@ def circulant_of(operator, apart=False):
     return known(operator, "apart" if apart and not periodic else "adjoining", make)
 
 
-def warm_up(grid, dtype):
-    """Prepare now what preconditioners on a free grid, and in windows of it, will need. Not collective."""
+def prepare(grid):
+    """Prepare what preconditioners on a free grid, and in windows of it, need. Not collective."""
     centre(grid)
-    levels.warm_up(grid, dtype)
-    _load_loops(dtype)
-
-
-@cache
-def _load_loops(dtype):
-    for kind in {np.dtype(np.float64), dtype}:
-        rim.warm_up(kind)
-        between.warm_up(kind)
+    levels.prepare(grid)
 
 
 class Circulant:
@@ -110,7 +102,6 @@ class Circulant:
         self._scattered = False
         self.extension.set_stencil(stencil)
         self._contact = -1  # number of the set that the extension knows
-        _load_loops(operator.dtype)
 
     def apply(self, pc, x, y):
         """Compute y = C E^T B E C x."""

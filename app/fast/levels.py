@@ -24,7 +24,6 @@ from functools import partial
 import numpy as np
 from scipy.fft import next_fast_len
 
-from app.fast import multilevel
 from app.fast.multilevel import MultilevelOperator, coarse_shape
 from app.fast.symbol import cells_in_one, coarser, eigenvalues, left_near_by, stencils
 from app.halfspace.fft.lengths import quick_length, transform_length
@@ -191,10 +190,8 @@ def _coarsest_shape(grid, near):
     return shape
 
 
-def warm_up(grid, dtype):
-    """Prepare now what a free grid, and windows of it, will need. Not collective."""
-    of_influence = len(_stencils(grid, 1))
-    for levels in range(1, of_influence + 1):
+def prepare(grid):
+    """Prepare what products on a free grid, and in windows of it, need. Not collective."""
+    _stencils(grid, -1)
+    for levels in range(1, len(_stencils(grid, 1)) + 1):
         left_near_by(grid, levels)
-    if of_influence or _stencils(grid, -1):
-        multilevel.warm_up(np.dtype(dtype))

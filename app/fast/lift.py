@@ -13,7 +13,7 @@ Switch: ``-lcp_prolongation lift|copy``. Gain: see `app.fast`.
 
 from __future__ import annotations
 
-from app.compiled import FIELD, FIXED, MASK, njit
+from app.compiled import njit
 from app.contact.kernels import gap
 from app.fast.circulant import circulant_of
 from app.halfspace.reductions import any_order
@@ -79,9 +79,3 @@ def _drop_nonpositive(p, contact):
     for j in range(p.shape[0]):
         total += _drop_row(p[j], contact[j])
     return total
-
-
-def warm_up():
-    """Load the compiled loops now, not in the first lift. Not collective."""
-    _close_gaps(FIXED, 0.0, FIELD, MASK, MASK, FIELD)
-    _drop_nonpositive(FIELD, MASK)

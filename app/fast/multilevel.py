@@ -17,11 +17,9 @@ References
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
-from app.compiled import FIELD, njit
+from app.compiled import njit
 from app.fast.symbol import REACH
 from app.halfspace.fft.multiplier import ALONE
 from app.halfspace.grid import Slabs, unless_alone
@@ -98,7 +96,6 @@ class MultilevelOperator:
         self._four = np.zeros((5, 2 * half), dtype), np.empty((2, half), dtype)
         self._wide = np.zeros(below[1] + 2, dtype)
         self.flops = 62 * slabs.local * shape[1] + self._next.flops
-        warm_up(self.dtype)
 
     @property
     def points(self):
@@ -294,16 +291,3 @@ def _add_near(
         around = five[(j - 2) % 5], five[(j - 1) % 5], five[j % 5], five[(j + 1) % 5], five[(j + 2) % 5]
         _in_y(around, stencil, columns[0], columns[1], columns[2])
         _in_x(columns[0], columns[1], columns[2], doubled[parent % 2], doubled[far % 2], three, out[j])
-
-
-@cache
-def warm_up(dtype):
-    """Load the compiled loops now, not in the first product. Not collective."""
-    low, rows, stencil = FIELD.astype(dtype), np.zeros(0, bool), np.zeros((3, 3), dtype)
-    room = np.zeros((5, 4), dtype)
-    for field in {FIELD.dtype: FIELD, dtype: low}.values():
-        _restrict(field, rows, low, low, 0, 0, low, (2, 2), False, room, room)
-        parents = low, low, low
-        _add_near(
-            field, rows, low, low, stencil, parents, 0, 0, (2, 2), False, field, room, room, room, room[0]
-        )

@@ -21,8 +21,6 @@ once, and gone through here, too.
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
 from app.compiled import njit
@@ -264,12 +262,3 @@ def _all_steps(x, out, before, after, contact, away, periodic, back, weights, le
             out[here] = 0
         else:
             _step(above, middle, below, nothing, contact[j], weights, lengths[steps - 1], out[here])
-
-
-@cache
-def warm_up(dtype):
-    """Load the compiled loops for fields of a type now, not in the first iteration. Not collective."""
-    extension, field = RimExtension((3, 3), None, None, 1), np.zeros((3, 3), dtype)
-    extension.set_contact(np.eye(3, dtype=bool))
-    extension.extend(field)
-    extension.restrict(field)

@@ -9,13 +9,12 @@ Usable from options::
 
 from __future__ import annotations
 
-from functools import cache, partial
+from functools import partial
 from math import sqrt
 
 import numpy as np
 from petsc4py import PETSc
 
-from app.compiled import FIELD, FIXED, MASK
 from app.contact.kernels import gap
 from app.halfspace.operator import InfluenceOperator, context_of, vec_of
 from app.halfspace.reductions import add_row, any_order, plus, span_of
@@ -137,18 +136,6 @@ def _dots(d, q, r, contact, spans):
     return sums
 
 
-@cache
-def warm_up(dtype):
-    """Load the compiled loops now, not in the first iteration. Not collective."""
-    low, spans = FIELD.astype(dtype), np.zeros((0, 2), np.int64)
-    _first_residual(FIXED, 0.0, FIELD, MASK, spans, low)
-    _dot(low, low, MASK, spans)
-    _direction(low, low, dtype.type(0), MASK, spans)
-    _dots(low, low, low, MASK, spans)
-    _advance(low, low, low, low, MASK, spans, 0.0)
-    add(FIELD, 0.0, low)
-
-
 class TrackingCG(KspContext):
     """KSP context; its operator must be an `InfluenceOperator`. Options: -ksp_rtol, -ksp_atol, -ksp_max_it, -pc_*.
 
@@ -187,7 +174,6 @@ class TrackingCG(KspContext):
         self._z = vec_of(self.work, operator)
         self.product = self.work.reshape(-1).view(operator.dtype)[: self.work.size].reshape(shape)  # q = A d
         self._spans = np.zeros((shape[0], 2), np.int64)
-        warm_up(operator.dtype)
 
     @property
     def change(self):

@@ -13,8 +13,6 @@ from functools import partial
 import numpy as np
 from mpi4py import MPI
 
-from app.halfspace import images
-from app.halfspace.fft import multiplier
 from app.halfspace.fft.lengths import lengths_with_margin, transform_length
 from app.halfspace.fft.multiplier import ALONE, EvenMultiplier
 from app.halfspace.images import Box, ImageCorrection
@@ -186,10 +184,3 @@ class NoRows:
         """Do nothing. Not collective; nor are the others."""
 
     apply_inverse = apply
-
-
-def warm_up(grid, dtype):
-    """Load now what products on a free grid, and in windows of it, call. Not collective."""
-    multiplier.warm_up(dtype)
-    if BoxProduct.suits(grid, dtype):
-        images.warm_up(dtype)

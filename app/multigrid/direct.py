@@ -95,13 +95,3 @@ class DirectSolver:
     def destroy(self):
         """Free the work vector."""
         self._work.destroy()
-
-
-def warm_up():
-    """Load the compiled loop, and let LAPACK take the memory it works in, now and not in the first solve.
-
-    Not collective.
-    """
-    cells, system = np.arange(64), np.eye(64)
-    _cut(system, cells, np.empty_like(system))
-    dpotrs(dpotrf(system.T)[0], system[0])

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from app.compiled import FIELD, ROW, njit
+from app.compiled import njit
 from app.halfspace.chebyshev import lagrange_weights
 from app.halfspace.reductions import any_order, mix_rows, wrap
 
@@ -130,10 +130,3 @@ def _before(index, place):
     centre = place[0] * index + place[1]
     before = np.floor(centre).astype(int)
     return before, centre - before
-
-
-def warm_up():
-    """Load the compiled loops now, not in the first interpolation. Not collective."""
-    cells = np.zeros(0, int)
-    bilinear(FIELD, FIELD, cells, cells, ROW, cells, cells, ROW, False, ROW)
-    quintics(FIELD, FIELD, cells, FIELD, cells, FIELD, False, ROW)

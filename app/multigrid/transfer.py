@@ -12,10 +12,9 @@ from functools import cached_property
 import numpy as np
 from petsc4py import PETSc
 
-from app.compiled import FIELD, FIXED, MASK, ROW, njit
+from app.compiled import njit
 from app.halfspace.fetch import Fetch
 from app.halfspace.reductions import add_inside, add_row, copy_row
-from app.multigrid import interpolation
 from app.multigrid.interpolation import BESIDE, bilinear, quintics, six_around, two_around
 from app.petsc import restricts_by_transpose
 
@@ -257,16 +256,6 @@ def _add_copies(coarse, mask, fine, skipped, fy, fx, row):
     for j in range(fine.shape[0]):
         _copy_row(coarse[(skipped + j) // fy], row, fx)
         add_inside(row, mask[j], fine[j])
-
-
-def warm_up():
-    """Load the compiled loops now, not in the first iteration. Not collective."""
-    interpolation.warm_up()
-    for source in (FIELD, FIXED):
-        _add_children(source, FIELD, 1, 1)
-        _copy(source, FIELD, 0, 1, 1)
-        _add_copies(source, MASK, FIELD, 0, 1, 1, ROW)
-    _copy(MASK, MASK, 0, 1, 1)
 
 
 def _transfer_mat(context, rows, columns, comm):

@@ -12,13 +12,12 @@ CG, the preconditioner need not be quite symmetric. By options of -lcp_type prim
 
 from __future__ import annotations
 
-from functools import cache
 from math import sqrt
 
 import numpy as np
 from petsc4py import PETSc
 
-from app.compiled import FIELD, FIXED, MASK, njit
+from app.compiled import njit
 from app.halfspace.operator import context_of
 from app.halfspace.reductions import add_row, any_order, plus
 from app.multigrid.ksp_context import KspContext
@@ -102,19 +101,6 @@ def _direct(d, z, beta):
         _direct_row(d[j], z[j], beta)
 
 
-@cache
-def warm_up(dtype):
-    """Load the compiled loops now, not in the first iteration. Not collective."""
-    low, zero = FIELD.astype(dtype), np.dtype(dtype).type(0)
-    _dots(low, low, FIXED, MASK)
-    for left in (low, FIELD):
-        _dots(low, low, left, MASK)
-        _first_step(FIXED, low, low, zero, left, low)
-        _step(low, low, zero, left, low)
-    _normed(low, low)
-    _direct(low, low, zero)
-
-
 class CarryingCG(KspContext):
     """KSP context; its operator must be an `InverseOperator`, its PC a `TwoGrid`.
 
@@ -161,7 +147,6 @@ class CarryingCG(KspContext):
         self.direction = np.zeros(shape, dtype)
         [lent] = operator.scratch_beside_product(dtype)
         self.product = np.zeros(shape, dtype) if lent is None else lent
-        warm_up(dtype)
 
     def solve(self, ksp, b, x):
         """Find by how much w is to change."""

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
-from app.compiled import FIELD, FIXED, MASK, njit
+from app.compiled import njit
 from app.halfspace.reductions import any_order, plus
 
 
@@ -124,16 +122,3 @@ def positive(p, contact, out):
     for j in range(p.shape[0]):
         total += _positive_row(p[j], contact[j], out[j])
     return total
-
-
-@cache
-def warm_up(dtype):
-    """Load the compiled loops now, not in the first iteration. Not collective."""
-    low, kind = FIELD.astype(np.float32), FIELD.astype(dtype)
-    for p in (FIELD, kind):
-        exchange(p, FIELD, kind, FIXED, MASK, MASK, 0.0, 0.0, 1.0, 1.0, MASK)
-    close(FIELD, FIXED, MASK, kind, 0.0, kind)
-    touch(FIELD, FIXED, MASK, MASK, kind)
-    guess_sources(FIXED, FIELD, FIXED, MASK, 0.0, low, low)
-    take(low, low, FIELD, FIXED, MASK)
-    positive(FIXED, MASK, FIELD)

@@ -11,8 +11,6 @@ from app.fast.levels import inverse_of
 from app.halfspace.halo import Halo
 from app.halfspace.operator import vec_of
 from app.multigrid.linear_solver import LinearSolver
-from app.primal import cg, stencil
-from app.primal import kernels as loops
 from app.primal.cg import CarryingCG
 from app.primal.operator import InverseOperator
 from app.primal.two_grid import TwoGrid
@@ -67,7 +65,6 @@ class PrimalSolver(LinearSolver):
         # A right-hand side and a solution that are not touched: they cost no memory. PETSc may ask for the norm of the
         # first, and for that of zero takes the first residual's.
         self._untouched = [vec_of(np.zeros(self.operator.local_shape), self.operator) for _ in "bx"]
-        warm_up(self.operator.dtype)
 
     def _make(self):
         super()._make()
@@ -177,10 +174,3 @@ def _check_kinds(options):
 def coarser_operator(hierarchy, number):
     """A on the grid of the long waves; None if there is none. Not collective."""
     return hierarchy.levels[max(number - _LONG_WAVES, 0)] if number else None
-
-
-def warm_up(dtype):
-    """Load the compiled loops of a precision now, not in the first iteration. Not collective."""
-    stencil.warm_up()
-    for module in (cg, loops):
-        module.warm_up(dtype)

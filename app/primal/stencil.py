@@ -10,11 +10,9 @@ as is good enough for a preconditioner and a guess.
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
-from app.compiled import FIELD, FIXED, MASK, njit
+from app.compiled import njit
 from app.halfspace.reductions import add_row, any_order, around, copy_at, copy_row, mix_rows, wrap
 
 # Weights are over that of the cell itself, of the neighbours in x, in y, and on the diagonals.
@@ -338,21 +336,3 @@ def make_room(steps, nx, kind=bool):
     """What so many sweeps of rows of nx cells work in; `kind`: of what is beside the sources. Not collective."""
     sources, swept = np.empty((steps + 1, nx), np.float32), np.zeros((steps + 1, 3, nx + 2), np.float32)
     return sources, np.empty((steps + 1, nx), kind), swept
-
-
-@cache
-def warm_up():
-    """Load the compiled loops now, not in the first iteration. Not collective."""
-    low, one = FIELD.astype(np.float32), np.ones(1, np.float32)
-    weights = (1.0, *(np.float32(0),) * 3)
-    nowhere, no_x = ((1.0, 0.0), (1.0, 0.0)), (low, low, low)
-    for s, beside, results in (FIXED, FIELD, (low, FIELD)), (FIELD, FIELD, (low, FIELD)), (low, low, (low,)):
-        free_in_cells(s, MASK, 1.0, FIELD, 0, (1, 1), one)
-        left_in_cells(s, MASK, weights, *no_x, FIELD, 0, (1, 1), np.zeros((3, 3), np.float32), one)
-        for z in results:
-            inside = s, beside, beside, MASK, MASK, MASK, weights
-            sweep(*inside, one, *no_x, FIELD, nowhere, (one, one), z, make_room(1, 1))
-    sweep_projected(low, low, low, low, low, low, weights, 1, low, make_room(1, 1, np.float32))
-    for d in (FIELD, low):
-        add_centre(d, d, d, weights, np.zeros((3, 3)), FIELD)
-    contact_in_cells(MASK, FIELD, 0, (1, 1), one)

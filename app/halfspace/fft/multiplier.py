@@ -17,14 +17,13 @@ Fields are padded with zeros to the periods ``Ny x Nx``. The transform conventio
 
 from __future__ import annotations
 
-from functools import cache, cached_property, lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from mpi4py_fft import fftw
 from scipy.fft import dct, rfft
 
-from app.compiled import FIELD, FIXED
 from app.halfspace.fft.fftw import FFTW
 from app.halfspace.fft.strips import (
     ROWS,
@@ -89,23 +88,6 @@ def _scratch(shape, dtype):
     data = fftw.aligned(shape, dtype=dtype)
     data[...] = 0
     return data
-
-
-@cache
-def warm_up(dtype):
-    """Compile the loops, or read them from the cache, now and not in the first product. Not collective."""
-    spectrum, whole = FIELD.astype(dtype), np.zeros(1, np.int64)
-    batch = np.zeros((1, 1), np.result_type(dtype, np.complex64))
-    strips = np.zeros(0, batch.dtype)
-    inside = _NO_MASK, _NO_ROWS, 0, batch, batch, strips, strips, whole, 0, 0, 0
-    for field in {FIELD.dtype: FIELD, dtype: spectrum}.values():
-        rows_to_strips(field, *inside)
-        strips_to_rows(field, *inside)
-    rows_to_strips(FIXED, *inside)
-    put_rows(spectrum, spectrum.reshape(-1), 0, 0)
-    convolve_columns(
-        strips, strips, whole, whole, 0, 0, batch, batch, batch.view(dtype), spectrum, dtype.type(0), 0, 0, 0, 0, 0,
-    )  # fmt: skip
 
 
 class Spectra(dict):
@@ -208,7 +190,6 @@ class EvenMultiplier:
         in_y = self._in_y
         self._column_room = in_y.length, in_y.data, in_y.transforms, in_y.transforms.view(self.dtype)
         self._scratch = _scratch((2 * _in_strip(pairs) * columns,), complex_type)
-        warm_up(self.dtype)
 
     def _make_exchange(self):
         if self.comm is None:

@@ -29,8 +29,6 @@ Several ranks: see `app.halfspace.sweeps.pipeline`.
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
 from app.halfspace.fft.lengths import transform_length
@@ -279,14 +277,3 @@ class GaussSeidel:
 def _flops(length):
     """Operations of a real transform."""
     return 2.5 * length * np.log2(length)
-
-
-@cache
-def warm_up():
-    """Compile the loops, or read them from the cache, now and not in the first sweep. Not collective."""
-    rows, columns = 64, 4
-    kernel = 1.0 / (1.0 + np.arange(rows)[:, None] + np.arange(2 * columns))
-    smoother = GaussSeidel(lambda which, count: kernel[which, :count], (rows, columns))
-    ones = np.ones((rows, columns))
-    for backward in (False, True):
-        smoother.sweep(ones, ones > 0, 1.0, np.empty_like(ones), backward)
