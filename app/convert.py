@@ -98,7 +98,7 @@ def _without_dataset(path):
 
 
 def _read(path, arguments):
-    """Heights, turned, and where they are from: format and channel."""
+    """Return turned heights and their origin: format and channel."""
     channel, skip = arguments.channel, arguments.skip
     known = format_of(_without_dataset(path), skip)
     if channel and known.kind in ("npy", "npz"):
@@ -153,7 +153,7 @@ def _read_instruments(path, channel):
 
 
 def _of_instruments(path, heights, facts, arguments):
-    """Heights, turned, and where they are from."""
+    """Return turned heights and their origin, as `_read` does."""
     source = HeightArray(heights, arguments.orient, units.unit_named(facts["unit"]), facts["spacing"])
     source.other_unit = None if source.unit else facts["unit"]
     source.file = str(path)

@@ -53,7 +53,7 @@ def heights_of(path, wanted):
 
 
 def _channels(path):
-    """Channels of a file, and its format."""
+    """Return the channels of a file and its format."""
     from SurfaceTopography.IO import open_topography
 
     source = gzip.open(path) if path.lower().endswith(".gz") else path  # noqa: SIM115: the reader's own
@@ -78,13 +78,13 @@ def _channel(channel):
 
 
 def _archive(path):
-    """Measurements in an archive of contact.engineering, and its format."""
+    """Return the measurements in an archive of contact.engineering and its format."""
     from SurfaceTopography.Container.IO import open_container
 
     with zipfile.ZipFile(path) as archive:
         if not _INDEXES & set(archive.namelist()):
             raise ValueError("is no archive of contact.engineering: unpack it")
-    # Of the files there, the one that needs no other reader goes first.
+    # The archive's own file of a measurement is preferred to the instrument's.
     reader = open_container(path, format="ce", datafile_keys=["squeezed-netcdf", "original"])
     found = []
     for k in range(reader.nb_containers):

@@ -251,7 +251,12 @@ def open_heights(path, skip=0, orient=(), channel="", coordinates=False):
             source.refuse_coordinates()
         return source
     if skip or channel:
-        raise InputError(f"surface skip {skip}, channel {channel!r}: allowed of a file, not of an array")
+        what = (
+            f"skip {skip}: of an array there are no lines"
+            if skip
+            else f"channel {channel}: of an array there are none"
+        )
+        raise InputError(f"surface {what}")
     return HeightArray(real_numbers("surface", path, "a file name, or an array of real numbers"), orient)
 
 

@@ -160,9 +160,9 @@ def _refuse_blocks(numbers, columns):
 
 def _unquoted(lines):
     """Take quotes off. Commas beside quotes become semicolons, those within quotes decimal points."""
-    text = "\n".join(lines)
-    if '"' not in text:
+    if not any('"' in line for line in lines):
         return lines
+    text = "\n".join(lines)
     outside, entries = _QUOTED.split(text)[::2], _QUOTED.findall(text)
     if re.search("[;\t]", "".join(outside)) or not any(map(_COMMA_BESIDE.search, outside)):
         return text.replace('"', "").splitlines()
