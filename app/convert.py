@@ -27,7 +27,7 @@ from app.commands.arguments import Parser, argument, command, writing
 from app.errors import InputError
 from app.options import cells, integer, pair_of_reals, some_of
 from app.problems.array_file import UnknownFormat
-from app.problems.formats import ARRAYS, TEXTS, format_of
+from app.problems.formats import ARRAYS, TEXTS, format_of, suffix_of
 from app.problems.height_file import (
     TURNS,
     HeightArray,
@@ -105,6 +105,8 @@ def _read(path, arguments):
         raise InputError(
             f"--channel {channel}: an array of a .npz is named as {path}:/{channel}, a .npy has one only"
         )
+    if skip and known.kind == "instrument":
+        raise InputError(f"--skip {skip}: allowed of {', '.join(TEXTS)}")
     if known.kind == "instrument" or (channel and known.kind == "hdf5"):
         return _of_instruments(path, *_read_instruments(path, channel), arguments)
     try:
@@ -121,7 +123,7 @@ def _read(path, arguments):
         if not (facts.get("unit") and facts.get("spacing")):
             raise  # what is wrong with it as text says more
         return _of_instruments(path, heights, facts, arguments)
-    return source, {"format": known.kind, "channel": channel}
+    return source, {"format": suffix_of(_without_dataset(path))[0][1:], "channel": channel}
 
 
 def _read_instruments(path, channel):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from app.errors import InputError
 from app.problems.array_file import ArrayFile
-from app.problems.points import looks_like_points, looks_like_profile
+from app.problems.points import listed, looks_like_points
 from app.problems.text_heads import gwyddion_head
 
 
@@ -22,12 +22,12 @@ class GapFile(ArrayFile):
         unit, _ = gwyddion_head(self.comments)
         if unit not in (None, "mm"):
             raise InputError(f"gap file {name}: says {unit}; needed: mm")
-        if self.is_text and (looks_like_points(self._rows) or looks_like_profile(self._rows)):
-            rows, columns = self.shape
-            what = "points x, y, z" if columns == 3 else "x, z of a line scan"
+        if not self.is_text:
+            return
+        if what := "points x, y, z" * looks_like_points(self._rows) or listed(self._rows):
             raise InputError(
-                f"gap file {name}: {rows} lines of {columns} numbers are {what}, not a map; needed: the gap of all "
-                "cells in rows and columns, without x and y; such narrow ones as .npy"
+                f"gap file {name}: {self.shape[0]} lines of {self.shape[1]} numbers are {what}, not a map; needed: the "
+                "gap of all cells in rows and columns, without x and y; such narrow ones as .npy"
             )
 
     def check_grid(self, grid):

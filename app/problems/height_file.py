@@ -11,7 +11,7 @@ import numpy as np
 from app.errors import InputError
 from app.problems.array_file import ArrayFile
 from app.problems.arrays import real_numbers
-from app.problems.points import gridded, looks_like_points, looks_like_profile
+from app.problems.points import gridded, listed, looks_like_points
 from app.problems.text_heads import cells_of, esri_head, gwyddion_head
 from app.units import ALLOWED, UNITS, unit_named
 
@@ -95,7 +95,8 @@ class HeightArray:
     def of(cls, source, crop):
         """Part of a source, which knows what that does. Not collective."""
         array = cls(cropped(source, crop, 0, crop[3] - crop[2]), (), source.unit, source.spacing)
-        array.file, array.lateral, array.orient = source.file, source.lateral, source.orient
+        for name in "file", "lateral", "orient", "other_unit":
+            setattr(array, name, getattr(source, name))
         return array
 
     def rows(self, rows=slice(None)):
@@ -166,11 +167,11 @@ class HeightFile(ArrayFile):
         if not self.is_text or self.spacing:
             return
         (ny, nx), (lines, numbers) = self.shape, self._written.shape
-        if looks_like_profile(self._written):
+        if what := listed(self._written):
             raise InputError(
-                f"surface file {self.file}: {lines} lines of {numbers} numbers are x, z of a line scan, not a map; "
-                "needed: heights in rows and columns, or points x, y, z of a grid; a map of "
-                f"two columns or rows is kept by crop=[0,{nx},0,{ny}] (-surface_crop, app.convert --crop 0,{nx},0,{ny})"
+                f"surface file {self.file}: {lines} lines of {numbers} numbers are {what}, not a map; needed: heights "
+                "in rows and columns, or points x, y, z of a grid; if it is a map all the same, keep it by "
+                f"crop=[0,{nx},0,{ny}] (-surface_crop, app.convert --crop 0,{nx},0,{ny})"
             )
         row, column = (int(_is_even(rows)) for rows in (self._written, self._written.T))
         if row or column:

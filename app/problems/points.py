@@ -7,6 +7,7 @@ import numpy as np
 _OFF = 0.1  # of a spacing by which a point may miss its place: printed digits
 _SPARSE = 2  # places for each point, at most
 _FEW = 9  # rows of two or three numbers that may well be a map
+_WIDEST = 8  # numbers of a point: x, y, z, colours or errors
 _SHORT = 3  # numbers of a map that may increase by chance
 
 
@@ -16,24 +17,34 @@ def looks_like_points(table):
     Three columns are, if there are many rows, or if the first two are all places of a lattice.
     """
     rows, columns = table.shape
-    if columns != 3 or rows > _FEW:
-        return columns == 3
+    return columns == 3 and (rows > _FEW or _begins_with_lattice(table))
+
+
+def _begins_with_lattice(table):
     x, y = (np.unique(table[:, k]).size for k in (0, 1))
-    return min(x, y) > 1 and x * y == rows == len(np.unique(table[:, :2], axis=0))
+    return min(x, y) > 1 and x * y == len(table) == len(np.unique(table[:, :2], axis=0))
 
 
-def looks_like_profile(table):
-    """Return whether a table is taken for x, z of a line scan rather than rows of cells.
+def listed(table):
+    """Return what the lines of a table list if they are no rows of cells; else an empty text.
 
-    Not collective. Two columns are, if there are many rows. So are fewer, and two rows, if the first one increases or
-    decreases and the second one is another one.
+    Not collective. Two columns are a line scan, if there are many rows. So are fewer, and two rows, if the first one
+    increases or decreases and the second one is another one.
+
+    Examples
+    --------
+    >>> listed(np.array([[0.0, 2.0], [1.0, 7.0], [1.5, 3.0], [4.0, 2.0]]))
+    'x, z of a line scan'
     """
-    if 2 not in table.shape:
-        return False
-    x, z = table.T if table.shape[1] == 2 else table
-    steps = np.diff(x)
-    ordered = len(x) > _SHORT and (np.all(steps > 0) or np.all(steps < 0)) and not np.array_equal(x, z)
-    return bool(ordered or (table.shape[1] == 2 and len(x) > _FEW))
+    rows, columns = table.shape
+    if 2 in (rows, columns):
+        x, z = table.T if columns == 2 else table
+        steps = np.diff(x)
+        ordered = len(x) > _SHORT and (np.all(steps > 0) or np.all(steps < 0)) and not np.array_equal(x, z)
+        return "x, z of a line scan" if ordered or (columns == 2 and rows > _FEW) else ""
+    if 3 < columns <= _WIDEST and rows > _FEW and _begins_with_lattice(table):
+        return "points x, y, z with more behind z"
+    return ""
 
 
 def gridded(points):

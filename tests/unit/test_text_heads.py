@@ -100,7 +100,7 @@ def test_values_that_are_no_lengths_are_no_heights(written, tmp_path, unit):
         with pytest.raises(InputError, match=f"says {unit}, which is no length.*override=True"):
             read_surface(path, given)
     words = [str(path), "-o", str(tmp_path / "s.h5"), "--unit", "um"]
-    assert convert(words) == 2
+    assert convert(words) == convert([*words, "--crop", "0,9,0,6"]) == 2
     assert convert([*words, "--override"]) == 0
     expected = read_surface(path, "um", override=True)
     np.testing.assert_allclose(expected.heights(), 1e-3 * HEIGHTS[0], rtol=1e-15)
@@ -133,13 +133,7 @@ def test_the_unit_of_heights_alone_is_corrected(tmp_path):
         -1, 3
     )
     np.savetxt(tmp_path / "s.xyz", points, fmt="%.6f")
-    assert (
-        convert(
-            [str(tmp_path / n) for n in ("s.xyz", "-o", "s.h5")][:1]
-            + ["-o", str(tmp_path / "s.h5"), "--unit", "um"]
-        )
-        == 0
-    )
+    assert convert([str(tmp_path / "s.xyz"), "-o", str(tmp_path / "s.h5"), "--unit", "um"]) == 0
     surface = read_surface(tmp_path / "s.h5", height_unit="nm", override=True)
     np.testing.assert_allclose(surface.heights(), 1e-6 * HEIGHTS[0][:4, :5], rtol=1e-9)
     assert surface.spacing == pytest.approx((2e-3, 3e-3))
@@ -161,6 +155,18 @@ def test_a_line_scan_is_no_map(tmp_path, x, z):
     assert convert(words) == 2
     assert convert([*words, "--crop", f"0,2,0,{len(x)}"]) == 0
     assert read_surface(path, "um", crop=(0, 2, 0, len(x))).shape == (len(x), 2)
+
+
+def test_points_with_more_than_heights_are_no_map(tmp_path):
+    x, y = np.meshgrid(2.0 * np.arange(9), 3.0 * np.arange(6))
+    np.savetxt(
+        path := tmp_path / "s.txt", np.stack([x, y, HEIGHTS[0], 0 * x + 255], -1).reshape(-1, 4), fmt="%.6f"
+    )
+    for read in (lambda: read_surface(path, "um")), (lambda: GapFile(path)):
+        with pytest.raises(
+            InputError, match="54 lines of 4 numbers are points x, y, z with more behind z, not a map"
+        ):
+            read()
 
 
 def test_a_line_scan_in_two_rows_is_no_map(tmp_path):
