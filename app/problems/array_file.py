@@ -20,7 +20,11 @@ from app.problems.text_table import UnknownText, is_comment, read_table
 
 _STRANGE = 0.01  # share of characters beyond ASCII that texts of numbers do not reach
 _NEVER = [bytes([code]) for code in range(32) if code not in b"\t\n\v\f\r\x1a"]  # in no text
-_HEADER = SyntaxError, TokenError  # of arrays, which numpy reads as Python
+# What readers raise. SyntaxError, TokenError: of the header of an array, which numpy reads as Python. RuntimeError: a
+# dataset that is linked to itself.
+_UNREADABLE = (
+    ValueError, OSError, EOFError, KeyError, RuntimeError, MemoryError, SyntaxError, TokenError, zlib.error
+)  # fmt: skip
 _BYTES_PER_BYTE = 40  # of memory, for a byte of text: a line is a list of texts, then of numbers
 _PIECE = 1 << 24  # bytes unpacked at once
 
@@ -100,21 +104,10 @@ class ArrayFile:
             else:
                 read = {"npy": self._map_npy, "npz": self._load_npz, "hdf5": self._open_hdf5}
                 self._rows = read[known.kind]()
-        except (
-            ValueError,
-            OSError,
-            EOFError,
-            KeyError,
-            RuntimeError,
-            MemoryError,
-            zlib.error,
-            *_HEADER,
-        ) as error:
-            # RuntimeError: a dataset that is linked to itself.
+        except _UNREADABLE as error:
             binary = isinstance(error, NoText)
-            elsewhere = (
-                f"{self.elsewhere}; else: " if self.elsewhere and (binary or known.kind == "unknown") else ""
-            )
+            other = self.elsewhere and (binary or known.kind == "unknown")
+            elsewhere = f"{self.elsewhere}; else: " if other else ""
             refusal = (UnknownFormat if isinstance(error, UnknownText) else InputError)(
                 f"{self.what} {name}: cannot be read: {elsewhere}{one_line(error)}"
             )

@@ -28,10 +28,9 @@ _ESRI = re.compile(
 
 
 class TextChannel(NamedTuple):
-    """A channel of a text: name and unit as its head states them, and its lines."""
+    """A channel of a text: its name, empty if its head has none, and its lines."""
 
     name: str
-    unit: str
     lines: slice
 
 
@@ -68,7 +67,7 @@ def channels_of(lines):
     found = []
     for start, stop in zip(starts, [*starts[1:], len(lines)], strict=True):
         said = dict(entry for j, entry in heads if start <= j < stop)
-        found.append(TextChannel(said.get("channel", ""), said.get("unit", ""), slice(start, stop)))
+        found.append(TextChannel(said.get("channel", ""), slice(start, stop)))
     return found
 
 
