@@ -136,7 +136,7 @@ class HeightFile(ArrayFile):
         "skip the {0} at the head by skip={1} (-surface_skip {1}, app.convert --skip {1}), "
         "or begin them with #"
     )
-    how_to_choose = "; choose one by channel= (app.convert --channel)"
+    how_to_choose = "; choose one by app.convert --channel, or channel= of read_surface"
 
     def __init__(self, name, skip=0, orient=(), channel=""):
         self._esri = {}
@@ -171,7 +171,7 @@ class HeightFile(ArrayFile):
             raise InputError(
                 f"surface file {self.file}: {lines} lines of {numbers} numbers are {what}, not a map; needed: heights "
                 "in rows and columns, or points x, y, z of a grid; if it is a map all the same, keep it by "
-                f"crop=[0,{nx},0,{ny}] (-surface_crop, app.convert --crop 0,{nx},0,{ny})"
+                f"crop=[0,{nx},0,{ny}] (-surface_crop 0,{nx},0,{ny}, app.convert --crop)"
             )
         row, column = (int(_is_even(rows)) for rows in (self._written, self._written.T))
         if row or column:
