@@ -273,8 +273,8 @@ def test_text_of_an_instrument(convert, tmp_path):
 @needs_reader
 def test_a_file_of_no_format_is_no_map(convert, tmp_path):
     """Formats without a mark of their own fit to any file of a suitable size."""
-    (tmp_path / "s.raw.gz").write_bytes(gzip.compress(b"\x00\xff" * 9))
-    done = convert(tmp_path / "s.raw.gz", "-o", tmp_path / "s.h5", "--unit", "um", "--spacing", "1,1")
+    (tmp_path / "s.bin").write_bytes(b"\x00\xff" * 9)
+    done = convert(tmp_path / "s.bin", "-o", tmp_path / "s.h5", "--unit", "um", "--spacing", "1,1")
     assert done.returncode == 2 and "is in no format that SurfaceTopography knows" in done.stderr
 
 
