@@ -19,7 +19,7 @@ from pathlib import Path
 
 from app.commands.option_text import OPTION_FILES, bare, is_option, look_into, look_over_yaml
 from app.errors import InputError
-from app.options import Option, OptionReader, check_place, check_viewer, flag, option_file
+from app.options import Option, OptionReader, check_place, check_viewer, flag, is_off, option_file
 
 COMMAND_LINE = "on the command line"
 
@@ -171,6 +171,10 @@ def for_the_start(argv, environment):
         if len(pairs) == 1 and bare(name) == "help":
             continue  # our own is help enough; beside a problem PETSc tells the options of what it uses
         if _OF_PETSC.fullmatch(bare(name)):
+            if bare(name) == "fp_trap" and not is_off(text or ""):
+                raise InputError(
+                    "-fp_trap: not available; holes of a body are NaN, with which numpy computes"
+                )
             _check_end(bare(name), text)
             chosen += [name] if text is None else [name, text]
     # A debug build would tell of unused options in the end; those of the solvers are looked after by `app.solver`.

@@ -19,6 +19,7 @@ import threading
 import traceback
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
+from pathlib import Path
 
 from app import __version__
 from app.commands import streams
@@ -66,6 +67,7 @@ def start(argv):
     words = agree(comm, places.for_the_start, argv, os.environ, only_root=True)
     import petsc4py
 
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGHUP, signal.SIGQUIT)}
     with _environment({"PETSC_OPTIONS": None, "PETSC_OPTIONS_YAML": None}), _errors_of_petsc() as said:
         try:
             petsc4py.init(words)
@@ -77,6 +79,8 @@ def start(argv):
             raise InputError(f"{place} does not load: {one_line(error)}. {HOW_TO_GET['petsc4py']}") from None
         except Exception:
             raise InputError(f"PETSc does not accept {' '.join(words[3:-1])}: {said()}") from None
+    for number, handler in handlers.items():  # PETSc would abort, also where nohup ignores the signal
+        signal.signal(number, handler)
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc would abort; see `streams.say`
     given = agree(comm, places.read, argv, os.environ, only_root=True)
     for name, text in given.of_petsc.items():
@@ -228,7 +232,9 @@ def run(main, argv=None):
     status, complaint, trace = 0, None, ""
     argv = ["-help" if word in ("-h", "--help") else word for word in (sys.argv if argv is None else argv)]
     try:
-        status = main(start(argv)) or 0
+        given = start(argv)
+        status = main(given) or 0
+        write_logs(given.of_petsc)
     except InputError as error:
         status, complaint = 2, one_line(error)
     except MemoryError as error:
@@ -246,6 +252,54 @@ def run(main, argv=None):
     if complaint is not None:
         _end(status, complaint, trace)
     sys.exit(status)
+
+
+def write_logs(of_petsc):
+    """End PETSc and write its logs, if it is to write some into files. Collective over all ranks.
+
+    PETSc does not notice a full disk, so it writes into memory here.
+
+    Parameters
+    ----------
+    of_petsc : dict of str to str
+        See `app.commands.places.Given`.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be written.
+    """
+    logs = {"log_view": r"(?:ascii)?:([^:,]+)(?::\w*:?(append)?)?", "citations": "(.+)()"}
+    logs = {name: pattern for name, pattern in logs.items() if re.search(pattern, of_petsc.get(name, ""))}
+    if not logs or not hasattr(os, "memfd_create"):
+        return
+    from mpi4py import MPI
+    from petsc4py import PETSc
+
+    comm, opened = MPI.COMM_WORLD, []
+
+    def in_memory(match):
+        file = os.memfd_create("log")
+        opened.append((file, match[1], "ab" if match[2] else "wb"))
+        start, end = (place - match.start() for place in match.span(1))
+        return f"{match[0][:start]}/proc/self/fd/{file}{match[0][end:]}"
+
+    def write():
+        for file, name, mode in opened:
+            text = Path(f"/proc/self/fd/{file}").read_bytes()
+            for other, shown, _ in opened:
+                text = text.replace(b"/proc/self/fd/%d" % other, shown.encode())
+            try:
+                with Path(name).open(mode) as log:
+                    log.write(text)
+            except OSError as error:
+                raise InputError(f"{name}: cannot be written: {error.strerror}") from None
+
+    for name, pattern in logs.items():
+        text = re.sub(pattern, in_memory, of_petsc[name]) if comm.rank == 0 else ""
+        PETSc.Options().setValue(name, comm.bcast(text))
+    PETSc._finalize()
+    agree(comm, write, only_root=True)
 
 
 def _end(status, complaint, trace):

@@ -37,7 +37,13 @@ def test_exception_on_one_rank_ends_the_job_with_its_traceback(cli, ranks, tmp_p
 
 @pytest.mark.parametrize(
     ("ranks", "word"),
-    [(None, signal.SIGKILL), (None, signal.SIGTERM), (2, signal.SIGTERM), (2, signal.SIGINT)],
+    [
+        (None, signal.SIGKILL),
+        (None, signal.SIGTERM),
+        (None, signal.SIGHUP),
+        (2, signal.SIGTERM),
+        (2, signal.SIGINT),
+    ],
 )
 def test_run_ended_by_a_signal_leaves_the_earlier_result_whole(cli, ranks, word, tmp_path):
     """Ctrl-C on one rank is below."""
@@ -50,6 +56,7 @@ def test_run_ended_by_a_signal_leaves_the_earlier_result_whole(cli, ranks, word,
         env={**os.environ, "PYTHONPATH": str(TESTS), "SOLVE_HAS_BEGUN": str(begun)},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # as without nohup
     )
     try:
         deadline = time.monotonic() + 60
@@ -60,6 +67,7 @@ def test_run_ended_by_a_signal_leaves_the_earlier_result_whole(cli, ranks, word,
         process.send_signal(word)
         process.wait(timeout=60)
     assert process.returncode not in (0, 2, 3)
+    assert ranks or process.returncode == -word
     begun.unlink()
     assert path.read_bytes() == before
     assert read_result(path).attributes["converged"] is True

@@ -259,6 +259,19 @@ def test_logging_may_be_asked_for_in_a_file(solve, tmp_path):
         assert words in done.stdout
 
 
+@RANKS
+@pytest.mark.parametrize("option", ["-log_view :", "-citations "])
+def test_a_log_that_cannot_be_written_is_an_error(solve, tmp_path, ranks, option):
+    done = solve(*HERTZ, *f"{option}/dev/full".split(), ranks=ranks)
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert done.returncode == 2
+    assert errors == ["error: /dev/full: cannot be written: No space left on device"]
+    done = solve(*HERTZ, *f"{option}{tmp_path / 'a.log'}".split())
+    assert (done.returncode, done.stderr) == (0, "")
+    log = (tmp_path / "a.log").read_text()
+    assert "PETSc" in log and "/proc/" not in log
+
+
 def test_own_problem(solve, tmp_path):
     (tmp_path / "mine.py").write_text("def bowl(x, y):\n    return (x**2 + y**2) / 40\n")
     problem = (

@@ -119,6 +119,13 @@ def test_place_for_the_log_that_there_is_not(view):
         places.for_the_start(["solve.py", "-log_view", view], {})
 
 
+@pytest.mark.parametrize(("line", "environment"), [("-fp_trap", ""), ("", "-fp_trap"), ("-FP_TRAP true", "")])
+def test_trapping_floating_point_operations_is_refused(line, environment):
+    with pytest.raises(InputError, match="^-fp_trap: not available; "):
+        places.for_the_start(["solve.py", *line.split()], {"PETSC_OPTIONS": environment})
+    assert "-fp_trap" in places.for_the_start(["solve.py", "-fp_trap", "no"], {})
+
+
 @pytest.mark.parametrize("name", ["citations", "history", "log_summary", "malloc_view"])
 def test_file_of_petscs_that_there_cannot_be(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
