@@ -2,13 +2,32 @@
 
 from __future__ import annotations
 
+import re
 import socket
 import sys
 import warnings
 
+_LONG_WORD = re.compile(r"\S{72,}")  # that of a quotation, with quotes and a colon, is shorter
+_LONGEST_PATH, _LONGEST_MESSAGE = 255, 4000  # characters
+
+
+def quoted(text, longest=60):
+    """Shorten a text for a message to its beginning and its end. Not collective."""
+    return text if len(text) <= longest else f"{text[: longest - 18]}...{text[-15:]}"
+
+
+def _quoted_word(word):
+    return quoted(word[0], _LONGEST_PATH) if "/" in word[0] else quoted(word[0])
+
 
 class InputError(ValueError):
-    """The user asked for something that cannot be done; the message says what, where and what is allowed."""
+    """The user asked for something that cannot be done; the message says what, where and what is allowed.
+
+    Long words and long messages are shortened. A text with blanks is shortened by `quoted` where it is quoted.
+    """
+
+    def __init__(self, message=""):
+        super().__init__(quoted(_LONG_WORD.sub(_quoted_word, str(message)), _LONGEST_MESSAGE))
 
 
 class PackageError(ImportError, InputError):

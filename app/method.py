@@ -132,7 +132,7 @@ def method_file(name):
     InputError
         If there is none.
     """
-    if not (FILES / f"{name}.opts").is_file():
+    if name not in {path.stem for path in FILES.glob("*.opts")}:
         raise InputError(f"method {name!r}: allowed: {', '.join(method_names())}")
     return FILES / f"{name}.opts"
 

@@ -12,7 +12,7 @@ from functools import wraps
 
 from app import __version__, options
 from app.commands import streams
-from app.errors import InputError, one_line
+from app.errors import InputError, one_line, quoted
 
 
 class Parser(argparse.ArgumentParser):
@@ -35,7 +35,7 @@ def argument(kind):
         try:
             return kind(text)
         except ValueError as error:
-            raise argparse.ArgumentTypeError(f"{text}: not allowed; allowed: {error}") from None
+            raise argparse.ArgumentTypeError(f"{quoted(text)}: not allowed; allowed: {error}") from None
 
     return parse
 

@@ -10,13 +10,15 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 
-from app.errors import InputError, yaml_fault
+from app.errors import InputError, quoted, yaml_fault
 from app.options import FILES
 
 OPTION_FILES = ("-options_file", "-options_file_yaml")
 LARGEST_FILE = 1 << 24  # bytes of an option file
+_MOST_NODES = 10_000  # of YAML, each as often as aliases repeat it
 _OWN = sorted(path.stem for path in FILES.glob("*.opts"))
 _FORM = (
     "allowed: an option on a line, -name value, a value with blanks in double quotes, and # before a comment"
@@ -116,7 +118,7 @@ def _look_over(content, where):
         found = list(_WORD.finditer(text))
         words = [word[0] if word["quoted"] is None else word["quoted"] for word in found]
         if words and (wrong := _wrong_with(found, words)):
-            raise InputError(f"{where}, line {number}: {line.strip()}: {wrong}; {_FORM}")
+            raise InputError(f"{where}, line {number}: {quoted(line.strip())}: {wrong}; {_FORM}")
         if words and is_option(words[0]):
             looked.mentioned.add(bare(words[0]))
             if words[0].lower() in OPTION_FILES:
@@ -151,9 +153,11 @@ def look_over_yaml(content, where):
     """Look over options in YAML. Not collective; raises InputError with `where` and the line."""
     import yaml
 
-    looked = Looked()
+    looked, steps = Looked(), count()
 
     def look(node, prefix):
+        if next(steps) > _MOST_NODES:
+            refuse(node, f"stands for more than {_MOST_NODES} nodes")
         if isinstance(node, yaml.ScalarNode) and not node.value:
             return
         if not isinstance(node, yaml.MappingNode):
@@ -181,7 +185,7 @@ def look_over_yaml(content, where):
     def refuse(node, wrong):
         lines = content.splitlines()[node.start_mark.line :]
         raise InputError(
-            f"{where}, line {node.start_mark.line + 1}: {lines[0].strip()}: {wrong}; {_YAML_FORM}"
+            f"{where}, line {node.start_mark.line + 1}: {quoted(lines[0].strip())}: {wrong}; {_YAML_FORM}"
         )
 
     try:

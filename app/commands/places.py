@@ -18,10 +18,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from app.commands.option_text import OPTION_FILES, bare, is_option, look_into, look_over_yaml
-from app.errors import InputError
+from app.errors import InputError, quoted
 from app.options import Option, OptionReader, check_place, check_viewer, flag, is_off, option_file
 
 COMMAND_LINE = "on the command line"
+MOST_FILES = 100  # option files that are read, each as often as it is included
 
 # PETSc's options that are none of a solver's: most of them must be there when PETSc starts ...
 _OF_PETSC = re.compile(
@@ -217,7 +218,7 @@ class _Reader:
     """Reads place after place: each for itself to know what it sets, then all of them into one database."""
 
     def __init__(self):
-        self._places, self._files, self._steps = [], [], []
+        self._places, self._files, self._steps, self._read = [], [], [], 0
 
     def take(self, pairs, description):
         """Take the option files and then the options of some words."""
@@ -247,6 +248,11 @@ class _Reader:
         """Take an option file, after those it includes."""
         path = os.path.expandvars(path)
         looked = look_into(flag, path, inside)
+        self._read += 1
+        if self._read > MOST_FILES:
+            raise InputError(
+                f"option file {path}: more than {MOST_FILES} files are included; allowed: {MOST_FILES}"
+            )
         before = len(self._places)
         for inner_flag, inner in looked.nested:
             self._file(inner_flag, inner, (*inside, looked.identity))
@@ -279,7 +285,8 @@ class _Reader:
             for name in sorted(place.names) if place.description == COMMAND_LINE else ():
                 last = next((other for other in reversed(later) if name in other.names), None)
                 if last and last.file and last.texts[name] != place.texts[name]:
-                    yield f"-{name} {place.texts[name]}: {last.file} comes later and says {last.texts[name]}"
+                    before, after = quoted(place.texts[name]), quoted(last.texts[name])
+                    yield f"-{name} {before}: {last.file} comes later and says {after}"
 
 
 def _read(steps):
@@ -353,7 +360,7 @@ def _pairs(words):
             raise InputError(f"{word!a}: is not UTF-8 text") from None
         if re.match(r"-{0,2}[A-Za-z]\w*=", word) and (is_option(word) or not open_for_a_value):
             name, text = word.split("=", 1)
-            raise InputError(f"{word}: needed: -{name.lstrip('-')} {text}")
+            raise InputError(f"{quoted(word)}: needed: -{name.lstrip('-')} {quoted(text)}")
         if is_option(word):
             pairs.append((word, None))
             open_for_a_value = word.lower() != "-prefix_pop"
@@ -361,5 +368,5 @@ def _pairs(words):
             pairs[-1] = (pairs[-1][0], word)
             open_for_a_value = False
         else:
-            raise InputError(f"{word}: neither an option nor the value of one")
+            raise InputError(f"{quoted(word)}: neither an option nor the value of one")
     return pairs

@@ -6,7 +6,8 @@ import os
 import re
 import sys
 
-_ALSO = re.compile(r"\w+=\S* \((-[^()]*)\)")  # what Python calls it, and the option in brackets
+# What Python calls an option, and the option in brackets. Bounds keep the search linear in the text.
+_ALSO = re.compile(r"\b\w{1,60}=\S{0,80} \((-[^()]*)\)")
 
 
 def repair():

@@ -22,8 +22,8 @@ from scipy.special import erfc
 from app.halfspace.fft.multiplier import transform_even
 from app.halfspace.grid import runs
 
-# Widths of the Gaussians of `_line_sums`, in sides of a cell. To rounding, a narrower one stays in its cell, and a wider
-# one leaves only the wave itself.
+# Widths of the Gaussians of `_line_sums`, in sides of a cell. To rounding, a narrower one stays in its cell, and a
+# wider one leaves only the wave itself.
 _SHORTEST, _LONGEST = 0.04, 2.0
 _POINTS = 12  # of quadrature in a panel; they leave only rounding
 
@@ -67,7 +67,7 @@ def _spectral(grid, columns, rows):
 def _love(grid, columns, rows):
     """Compute the transform of the integral of 1/rho over a cell and all its images, over 2 pi.
 
-    It is the sum of ``sinc(qx dx / 2) sinc(qy dy / 2) / |q|`` over all waves that look alike in cell centres. The factor
+    It is the sum of ``sinc(qx dx / 2) sinc(qy dy / 2) / |q|`` over all waves that look alike in cell centres. Here
     ``1 / |q|`` is an integral of ``exp(-s^2 |q|^2)`` over lengths s (Ewald). For each s the sum is a product of one sum
     in x and one in y. From two cells on, only the wave itself is left, whose integral is known.
     """

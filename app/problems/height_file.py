@@ -9,6 +9,7 @@ from operator import index
 import numpy as np
 
 from app.errors import InputError
+from app.memory import check_fits
 from app.problems.array_file import ArrayFile
 from app.problems.arrays import real_numbers
 from app.problems.points import gridded, listed, looks_like_points
@@ -156,7 +157,7 @@ class HeightFile(ArrayFile):
             orient = ("flip_y",)  # its rows go from north to south
         self._written, self.orient = self._rows, tuple(orient)
         if orient:
-            self._rows = turned(self._rows[...], orient)
+            self._rows = turned(self.rows(), orient)
             self.spacing = turned_spacing(self.spacing, orient)
 
     def refuse_coordinates(self):
@@ -350,10 +351,8 @@ def _sides(given):
 def checked_crop(source, crop):
     """Columns i0 to i1 - 1 and rows j0 to j1 - 1: those asked for, or all. Not collective."""
     ny, nx = source.shape
-    if crop is None:
-        return 0, nx, 0, ny
     try:
-        i0, i1, j0, j1 = crop = tuple(map(index, crop))
+        i0, i1, j0, j1 = crop = tuple(map(index, (0, nx, 0, ny) if crop is None else crop))
     except (TypeError, ValueError):
         raise InputError(f"surface crop {crop!r}: needed: four whole numbers i0, i1, j0, j1") from None
     if not (0 <= i0 < i1 <= nx and 0 <= j0 < j1 <= ny):
@@ -361,6 +360,7 @@ def checked_crop(source, crop):
             f"surface crop {i0},{i1},{j0},{j1}: not allowed; surface file {source.file} has columns 0,{nx} and rows "
             f"0,{ny}: needed: i0 < i1 and j0 < j1 within them"
         )
+    check_fits(8.0 * (i1 - i0) * (j1 - j0), f"surface file {source.file}: {i1 - i0} x {j1 - j0} heights")
     return crop
 
 

@@ -5,12 +5,13 @@ import resource
 import subprocess
 import sys
 
+import h5py
 import pytest
 from cases import hertz
 from mpi4py import MPI
 from processes import TESTS, run
 
-from app import ContactSolver, memory
+from app import ContactSolver, memory, read_surface
 from app.errors import InputError
 from app.halfspace.communication import Communicator
 from app.halfspace.grid import Grid
@@ -100,6 +101,20 @@ def test_long_patches_take_what_is_estimated(shape):
     assert done.returncode == 0, done.stderr
     measured, estimated = map(float, done.stdout.split())
     assert 0.3 * estimated < measured <= 1.1 * estimated + 8e6
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize("how", [{}, {"orient": "flip_y"}, {"crop": (0, 10**7, 1, 10**7)}])
+def test_heights_that_a_file_of_a_few_bytes_declares_are_refused_at_once(how, tmp_path):
+    with h5py.File(tmp_path / "large.h5", "w") as file:
+        heights = file.create_dataset(
+            "heights", (10**7, 10**7), "i1", chunks=(1024, 1024), compression="gzip"
+        )
+        heights.attrs.update(unit="um", spacing=(1.0, 1.0))
+    with pytest.raises(InputError, match=r"large\.h5.* needs .* of memory"):
+        read_surface(tmp_path / "large.h5", **how)
+    small = read_surface(tmp_path / "large.h5", crop=(5, 13, 0, 4))
+    assert small.shape == (4, 8)
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from app.commands.places import for_the_start
 from app.commands.problem_options import PROBLEM_OPTIONS
 from app.errors import InputError
-from app.method import METHOD_OPTIONS
+from app.method import METHOD_OPTIONS, method_file
 from app.options import REQUIRED, Option, OptionReader, as_texts, real
 
 TABLE = [*PROBLEM_OPTIONS, *METHOD_OPTIONS]
@@ -78,6 +79,39 @@ SMALL = (
     Option("size", real(), 1.0, "how large [mm]"),
     Option("shift", real(), None, "where [mm]"),
 )
+
+
+LONG = "x" * 10**5
+
+
+@pytest.mark.parametrize(
+    "refuse",
+    [
+        lambda: OptionReader(TABLE, {"problem": LONG})["problem"],
+        lambda: OptionReader(TABLE, {"grid": "8 " * 10**5})["grid"],
+        lambda: as_texts([LONG], LONG),
+        lambda: for_the_start(["solve", LONG], {}),
+        lambda: for_the_start(["solve", f"-grid={LONG}"], {}),
+        lambda: method_file(LONG),
+        lambda: raise_(InputError(f"{LONG}: {LONG}")),
+        lambda: raise_(InputError(" ".join(10**5 * ["unknown"]))),
+    ],
+)
+def test_what_a_refusal_quotes_is_short(refuse):
+    with pytest.raises(InputError) as refusal:
+        refuse()
+    message = str(refusal.value)
+    assert len(message) <= 4000
+    assert max(map(len, message.split())) < 72
+
+
+def raise_(error):
+    raise error
+
+
+def test_names_of_files_are_quoted_as_a_whole():
+    message = f"{'/folder' * 30}/file.h5: no such file"
+    assert str(InputError(message)) == message
 
 
 def test_names_of_a_table_are_compared_without_regard_to_case():

@@ -188,10 +188,14 @@ def test_what_petsc_reads_as_yes_or_no_in_the_end_is_that(read, files, name):
         ("-malloc_debug\n", "-malloc_debug in a.opts: PETSc needs it when it starts"),
         ("-log_view :nowhere/log\n", "-log_view :nowhere/log: there is no folder nowhere"),
         ("x" * (LARGEST_FILE + 1), "option file a.opts: is larger than 16 MiB"),
+        (3 * "-options_file c0.opts\n", ".opts: more than 100 files are included; allowed: 100"),
+        (10**5 * "x" + "\n", f"line 1: {42 * 'x'}...{15 * 'x'}: {42 * 'x'}..."),
     ],
+    ids=lambda text: repr(text)[:60],
 )
 def test_file_that_is_no_option_file(content, message, read, files):
-    files(a__opts=content, b__opts='-options_file "./a.opts"\n')
+    files(a__opts=content, b__opts='-options_file "./a.opts"\n', c12__opts="")
+    files(**{f"c{n}__opts": 3 * f"-options_file c{n + 1}.opts\n" for n in range(12)})
     with pytest.raises(InputError, match=re.escape(message)) as refusal:
         read("-options_file a.opts")
     assert "\n" not in str(refusal.value)
@@ -239,6 +243,10 @@ def test_form_of_a_file_is_petscs_own(lines):
     assert here == there or (here and any('"' in line for line in lines))
 
 
+# The last line stands for 2^25 times the first one.
+ALIASES = "a0: &a0 {x: 1}\n" + "".join(f"a{n}: &a{n} {{<<: [*a{n - 1}, *a{n - 1}]}}\n" for n in range(1, 26))
+
+
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
@@ -249,7 +257,10 @@ def test_form_of_a_file_is_petscs_own(lines):
         ("a.yml", "a: [1, {b: 2, c: 3}]\n", "line 1: .*: is not a single value"),
         ("a.yml", "a: &a\n  b: *a\n", "option file a.yml"),
         ("a.yml", "$$other: !include a.yml\n", "includes itself"),
+        ("a.yml", ALIASES, "a.yml, line 1: .*: stands for more than 10000 nodes"),
+        ("a.yml", f"- {10**5 * 'x'}\n", rf"a.yml, line 1: - {40 * 'x'}\.\.\.{15 * 'x'}: has no name"),
     ],
+    ids=lambda text: repr(text)[:60],
 )
 def test_file_that_is_no_yaml(name, content, message, read, tmp_path):
     (tmp_path / name).write_text(content)

@@ -11,7 +11,7 @@ from unittest import mock
 import pytest
 
 from app import __version__
-from app.commands import session
+from app.commands import session, streams
 from app.errors import InputError
 
 ONE_HOST = {"OMPI_COMM_WORLD_SIZE": "4", "OMPI_COMM_WORLD_LOCAL_SIZE": "4"}
@@ -102,6 +102,15 @@ def test_commands_of_the_shell_end_alike(name, error, status, line, monkeypatch,
     assert command.main([]) == status
     assert capsys.readouterr().err == line
     assert signal.getsignal(signal.SIGTERM) == before
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize("part", ["x", "a=", "a=.", "x= (-", "(-", " "])
+def test_any_complaint_is_printed_in_linear_time(part, capsys):
+    """A quadratic search takes hours."""
+    line = 10**6 * part
+    streams.complain(line)
+    assert capsys.readouterr().err == line + "\n"
 
 
 @pytest.mark.parametrize("name", "solve convert plot report reproduce subsurface sweep verify xdmf".split())
