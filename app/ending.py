@@ -10,9 +10,8 @@ import sys
 import time
 from contextlib import suppress
 
-from mpi4py import MPI
-
 from app.errors import described
+from app.mpi import MPI
 
 PATIENCE = 3.0  # s; of a rank that has met an error, until it believes that the others have not
 

@@ -70,7 +70,7 @@ def check_hosts(comm, grid, doubles):
     InputError
         On all ranks, if there is too little memory for any.
     """
-    from mpi4py import MPI
+    from app.mpi import MPI
 
     needed = 8.0 * doubles * (1 + EXCHANGE * (comm.size > 1))
     host = comm.machine

@@ -12,13 +12,12 @@ import re
 from contextlib import suppress
 from dataclasses import replace
 
-from mpi4py import MPI
-
 from app.errors import InputError
 from app.halfspace.communication import Communicator
 from app.halfspace.grid import Grid
 from app.method import METHOD_OPTIONS, PART_OPTIONS, settings
 from app.method_solver import database_of, make_hierarchy, make_strategy
+from app.mpi import MPI
 from app.options import unknown_options
 from app.petsc import Resources, help_text
 

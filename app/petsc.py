@@ -24,16 +24,13 @@ from contextlib import ExitStack, contextmanager, suppress
 from functools import cache, wraps
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.errors import InputError
 from app.memory import tell_malloc
+from app.mpi import MPI
 
 _M_MMAP_MAX = -4
-with suppress(ValueError):  # of a text that is no number
-    # SuperLU_DIST, which many a PETSc loads, has malloc keep whatever is freed; large arrays are to go again.
-    tell_malloc(_M_MMAP_MAX, int(os.environ.get("MALLOC_MMAP_MAX_", 65536)))
 _INTERRUPTS = {signal.SIGINT, signal.SIGALRM}  # which Python turns into exceptions, between any two steps
 _Handle = ctypes.c_void_p
 _Text = ctypes.c_char_p
@@ -72,6 +69,13 @@ def _call(name, *arguments):
         raise PETSc.Error(code)
 
 
+@cache
+def return_large_arrays():
+    """Let malloc return large arrays, which SuperLU_DIST, a part of many a PETSc, keeps it from. Not collective."""
+    with suppress(ValueError):  # of a text that is no number
+        tell_malloc(_M_MMAP_MAX, int(os.environ.get("MALLOC_MMAP_MAX_", 65536)))
+
+
 @atexit.register
 def _finalize():
     """End PETSc while Python still runs: objects that programs keep at module level call their contexts."""
@@ -101,7 +105,7 @@ def free_forgotten(comm=PETSc.COMM_SELF):
         PETSc.garbage_cleanup(comm)
 
 
-# Python ignores the signal of a pipe that nobody reads any more, and raises; PETSc has begun to abort.
+# PETSc aborts on the signal of a pipe that nobody reads any more. Python's own treatment comes back here.
 with suppress(ValueError):  # not the main thread
     signal.signal(signal.SIGPIPE, signal.getsignal(signal.SIGPIPE))
 
@@ -404,6 +408,7 @@ class Resources:
     """Objects with a ``destroy``, and a communicator: freed in reverse order, once. Collective."""
 
     def __init__(self):
+        return_large_arrays()  # the first of all that a solver does
         self._parts, self.comm = [], None
 
     def add(self, part):

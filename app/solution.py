@@ -142,7 +142,7 @@ class Solution(ContactFields):
         return self.__dict__ | {"distance": self.undeformed_distance, "comm": None}
 
     def __setstate__(self, state):
-        from mpi4py import MPI
+        from app.mpi import MPI
 
         h = state["distance"]
         self.__dict__.update(state, distance=lambda: h, comm=MPI.COMM_SELF)
@@ -201,7 +201,7 @@ class Solution(ContactFields):
         """
         if self.comm.size == 1:
             return self
-        from mpi4py import MPI
+        from app.mpi import MPI
 
         here, whole, nx = self.comm.rank == root, {}, self.grid.nx
         for name in ("pressure", "displacement", "contact", "undeformed_distance"):

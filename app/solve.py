@@ -19,7 +19,6 @@ def main(given):
     from contextlib import nullcontext
     from dataclasses import replace
 
-    from mpi4py import MPI
     from petsc4py import PETSc
 
     from app import compiled
@@ -28,6 +27,7 @@ def main(given):
     from app.commands.problem_options import Request, help_text, suggesting
     from app.commands.summary import along, grids, summary
     from app.contact.history import Monitor
+    from app.mpi import MPI
     from app.refinement import refine
     from app.solver import ContactSolver
 

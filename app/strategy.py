@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.contact.full_contact import FullContact
@@ -19,6 +18,7 @@ from app.fast.kept import Kept
 from app.fast.nested import nested_iteration, solve_on
 from app.fast.solver import TrackingSolver
 from app.fast.stopping import InexactStop
+from app.mpi import MPI
 from app.multigrid import direct
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.kept import KeptSolvers

@@ -10,7 +10,7 @@ from app.contact.history import Listener
 
 def listeners():
     """Return a bar for rank 0, which takes part in all grids, if it has a terminal. Not collective."""
-    from mpi4py import MPI
+    from app.mpi import MPI
 
     return [Progress()] if MPI.COMM_WORLD.rank == 0 and sys.stderr.isatty() else []
 

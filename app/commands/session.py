@@ -25,6 +25,7 @@ from app import __version__
 from app.commands import streams
 from app.errors import FailedElsewhere, InputError, agree, described, one_line
 from app.memory import tell_malloc
+from app.mpi import changed_environment
 from app.packages import HOW_TO_GET, mismatch
 
 # mallopt's numbers, names in the environment and values: freed work arrays are made anew all the time, and their pages,
@@ -34,8 +35,6 @@ _MALLOC = {
     -2: ("MALLOC_TOP_PAD_", 2**24),
     -3: ("MALLOC_MMAP_THRESHOLD_", 2**26),
 }
-# Names that begin so are of somebody else than mpiexec of Open MPI who starts ranks: the number of hosts is not known.
-_LAUNCHERS = ("PMI", "SLURM_STEP", "PALS_", "FLUX_", "ALPS_", "JSM_")
 
 
 def start(argv):
@@ -54,11 +53,9 @@ def start(argv):
     folder_is_gone = _leave_removed_folder()
     if not {"", os.getcwd()} & set(sys.path):  # noqa: PTH109
         sys.path.append("")  # where users have parts of their own; behind ours, whatever a folder holds
-    with _environment(for_mpi(os.environ)):
-        from mpi4py import MPI
-
     from app import ending
     from app.commands import places
+    from app.mpi import MPI
 
     comm = MPI.COMM_WORLD
     ending.meeting_place(comm)
@@ -68,7 +65,7 @@ def start(argv):
     import petsc4py
 
     handlers = {number: signal.getsignal(number) for number in (signal.SIGHUP, signal.SIGQUIT)}
-    with _environment({"PETSC_OPTIONS": None, "PETSC_OPTIONS_YAML": None}), _errors_of_petsc() as said:
+    with changed_environment({"PETSC_OPTIONS": None, "PETSC_OPTIONS_YAML": None}), _errors_of_petsc() as said:
         try:
             petsc4py.init(words)
             from petsc4py import PETSc
@@ -90,23 +87,6 @@ def start(argv):
     for line in given.warnings:
         warn(line)
     return given
-
-
-def for_mpi(environment):
-    """Variables with which Open MPI starts: where all ranks are on one host, what it would choose there in the end.
-
-    It need not look for networks then, which takes 0.2 s, a fifth of a small solve's command. Not collective.
-    """
-    chosen = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "^openib,ofi,uct,usnic"}
-    ranks, here = (environment.get(f"OMPI_COMM_WORLD_{size}") for size in ("SIZE", "LOCAL_SIZE"))
-    launched = any(name.startswith(_LAUNCHERS) for name in environment)
-    together = ranks == here if ranks else not launched
-    if environment.get("OMPI_VERSION", "").startswith(
-        "5"
-    ):  # it complains of networks whose speed it does not know
-        chosen["OMPI_MCA_btl_tcp_if_include"] = "lo"
-    said = chosen.keys() | {"OMPI_MCA_btl_tcp_if_exclude"}
-    return chosen if together and not said & environment.keys() else {}
 
 
 def _keep_pages(environment):
@@ -135,19 +115,6 @@ def _check_programs(comm):
 def _refuse(complaint):
     if complaint:
         raise InputError(complaint)
-
-
-@contextmanager
-def _environment(changes):
-    """Environment with some variables set, or without them where the value is None."""
-    kept = {name: os.environ.pop(name) for name in changes if name in os.environ}
-    os.environ.update({name: value for name, value in changes.items() if value is not None})
-    try:
-        yield
-    finally:
-        for name in changes:
-            os.environ.pop(name, None)
-        os.environ.update(kept)
 
 
 @contextmanager
@@ -198,13 +165,13 @@ def peak_memory():
     """Largest memory of all ranks together so far [bytes]. Collective."""
     import resource
 
-    from mpi4py import MPI
+    from app.mpi import MPI
 
     return MPI.COMM_WORLD.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
 
 
 def _rank():
-    from mpi4py import MPI
+    from app.mpi import MPI
 
     return MPI.COMM_WORLD.rank
 
@@ -314,9 +281,8 @@ def _end(status, complaint, trace):
     trace : str
         Where a mistake of the program is, on the rank that has met it; printed first.
     """
-    from mpi4py import MPI
-
     from app import ending
+    from app.mpi import MPI
 
     comm = MPI.COMM_WORLD
     together = ending.all_come(ending.meeting_place(comm))
@@ -344,6 +310,6 @@ def _finalize():
     """Finalise MPI without holding Python's lock, for the timer's sake."""
     import ctypes
 
-    from mpi4py import MPI
+    from app.mpi import MPI
 
     ctypes.CDLL(MPI.__file__).MPI_Finalize()

@@ -9,9 +9,9 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
-from mpi4py import MPI
 
 from app.errors import FailedElsewhere, InputError, described
+from app.mpi import MPI
 from app.petsc import log_messages, log_reduction, refusal
 
 

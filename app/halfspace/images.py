@@ -17,13 +17,13 @@ from functools import cache, lru_cache
 
 import numpy as np
 import scipy.fft
-from mpi4py import MPI
 from numpy.polynomial import legendre
 from scipy.special import erf, erfc
 
 from app.compiled import FIELD, FIXED, MASK, njit
 from app.halfspace.chebyshev import coefficients, lagrange_weights, nodes, polynomials
 from app.halfspace.reductions import add_inside, add_row, any_order
+from app.mpi import MPI
 
 _RANGE = 6.2  # erfc(6.2) is nothing
 _TERMS = 16  # even Chebyshev polynomials for a square

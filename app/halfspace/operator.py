@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from functools import cached_property, partial
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from app.errors import InputError
@@ -23,6 +22,7 @@ from app.halfspace.influence import dense_matrix, influence_quadrant, quadrant_r
 from app.halfspace.periodic import influence_symbol
 from app.halfspace.product import BoxProduct, Convolution, DenseProduct, NoRows, PeriodicProduct
 from app.halfspace.reductions import sum_over
+from app.mpi import MPI
 
 _FORWARD, _BACKWARD = 1 | 4, 2 | 8  # MatSORType: the "local" kinds mean the same here, see `SOR`
 _ZERO_GUESS = 16

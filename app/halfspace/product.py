@@ -11,12 +11,12 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from mpi4py import MPI
 
 from app.halfspace.fft.lengths import lengths_with_margin, transform_length
 from app.halfspace.fft.multiplier import ALONE, EvenMultiplier
 from app.halfspace.images import Box, ImageCorrection
 from app.halfspace.influence import influence_at
+from app.mpi import MPI
 
 _SINGLE, _DOUBLE = np.dtype(np.float32), np.dtype(np.float64)
 # Of boxes:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from mpi4py import MPI
 from numba.extending import overload
 
 from app.compiled import njit
+from app.mpi import MPI
 
 # A loop over one row, without branches and in a function of its own, becomes vector instructions if its sums may be
 # taken in any order. The order is the same on any number of ranks.

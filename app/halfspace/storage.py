@@ -13,7 +13,8 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
+
+from app.mpi import MPI
 
 
 class Storage:

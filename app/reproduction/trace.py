@@ -52,10 +52,9 @@ class Recorder(Listener):
 def main(given):
     """Solve and write; return the exit status."""
     # Not before the session has started: PETSc starts when it is imported.
-    from mpi4py import MPI
-
     from app.commands.problem_options import PROBLEM_OPTIONS, loading, make_problem, settle
     from app.errors import InputError, agree
+    from app.mpi import MPI
     from app.solver import ContactSolver
 
     comm, options = MPI.COMM_WORLD, settle(given)

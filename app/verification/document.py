@@ -12,10 +12,10 @@ import numba
 import numpy as np
 import scipy
 from matplotlib.ticker import NullLocator
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from app import __version__
+from app.mpi import MPI
 from app.output.style import GREY, SERIES, log_axis, new_figure, styled
 from app.output.table import markdown
 from app.verification import analytic, certificates, invariances, oracles, ranks

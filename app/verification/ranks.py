@@ -7,10 +7,10 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
+from app.mpi import MPI
 from app.problems.given import ContactProblem
 from app.problems.shapes import Paraboloid
 from app.problems.surfaces import SelfAffineSurface

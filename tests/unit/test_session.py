@@ -9,8 +9,9 @@ from importlib import import_module
 from unittest import mock
 
 import pytest
+from processes import TESTS
 
-from app import __version__
+from app import __version__, mpi
 from app.commands import session, streams
 from app.errors import InputError
 
@@ -37,7 +38,7 @@ ONE_HOST = {"OMPI_COMM_WORLD_SIZE": "4", "OMPI_COMM_WORLD_LOCAL_SIZE": "4"}
     ],
 )
 def test_networks_are_looked_for_unless_all_ranks_are_on_this_host(environment, alone):
-    found = session.for_mpi(environment)
+    found = mpi.for_mpi(environment)
     assert bool(found) == alone
     assert not found.keys() & environment.keys()
 
@@ -64,6 +65,42 @@ def test_what_is_freed_keeps_its_pages_unless_the_environment_says_otherwise(ask
     assert (int(found.stdout) > 1000) == bool(asked)  # 20 MB are 4883 pages
 
 
+STATE = """
+import os, re, signal, sys
+from app import memory
+calls, chosen = [], []
+
+class Finder:
+    def find_spec(name, path=None, target=None):
+        if name == "mpi4py.MPI":
+            chosen.append(os.environ.get("OMPI_MCA_pml"))
+
+sys.meta_path.insert(0, Finder)
+memory.tell_malloc = lambda *words: calls.append(words)
+
+def state():
+    status = open("/proc/self/status").read()
+    pipe = [int(mask, 16) >> signal.SIGPIPE - 1 & 1 for mask in re.findall("Sig(?:Ign|Cgt):(.*)", status)]
+    return pipe, signal.getsignal(signal.SIGPIPE), sys.excepthook, dict(os.environ), list(calls)
+
+signal.signal(signal.SIGPIPE, getattr(signal, sys.argv[1]))
+before = state()
+import app.analytic, app.path, app.refinement, app.solver, app.subsurface
+from app import *
+assert state() == before, (before, state())
+print(*chosen)
+"""
+
+
+@pytest.mark.parametrize("ignored", ["SIG_IGN", "SIG_DFL"])
+def test_to_import_the_library_changes_nothing_of_the_process(ignored):
+    """Open MPI does not look for networks, as in a command."""
+    plain = {name: value for name, value in os.environ.items() if not name.startswith(("OMPI_", "PMI"))}
+    command = [sys.executable, "-c", STATE, ignored]
+    done = subprocess.run(command, env=plain, cwd=TESTS.parent, capture_output=True, text=True)
+    assert (done.returncode, done.stdout.split()) == (0, ["ob1"]), done.stderr
+
+
 def test_the_environment_comes_back(monkeypatch):
     """Else a program that a command starts, on other hosts maybe, would inherit it."""
     monkeypatch.setenv("CONTACT_KEPT", "1")
@@ -71,7 +108,7 @@ def test_the_environment_comes_back(monkeypatch):
     before = dict(os.environ)
     with (
         pytest.raises(KeyError),
-        session._environment({"CONTACT_KEPT": None, "CONTACT_NEW": "2", "CONTACT_NEVER": None}),
+        mpi.changed_environment({"CONTACT_KEPT": None, "CONTACT_NEW": "2", "CONTACT_NEVER": None}),
     ):
         assert "CONTACT_KEPT" not in os.environ
         assert os.environ["CONTACT_NEW"] == "2"

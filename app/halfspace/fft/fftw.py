@@ -16,12 +16,12 @@ from uuid import uuid4
 
 import numpy as np
 from llvmlite import ir
-from mpi4py import MPI
 from mpi4py_fft import fftw
 from numba import types
 from numba.extending import intrinsic
 
 from app.compiled import folder_of
+from app.mpi import MPI
 
 _WISDOM_ONLY = 1 << 21  # FFTW_WISDOM_ONLY
 _LARGEST = 250_000  # bytes of wisdom that are worth reading: 600 plans, in 5 ms

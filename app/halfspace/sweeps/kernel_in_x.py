@@ -5,10 +5,10 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from mpi4py import MPI
 from scipy.fft import dct
 
 from app.halfspace.fft.lengths import quick_length, transform_length
+from app.mpi import MPI
 
 _SMALL = 128  # columns up to which a longer period gains nothing
 _MARGIN = 0.1  # of the columns, added to the least period: the blend needs room

@@ -17,7 +17,8 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from mpi4py import MPI
+
+from app.mpi import MPI
 
 _DEFECT, _CORRECTION, _ADDED, _SOLVED = range(1, 5)  # tags
 
