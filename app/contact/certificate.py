@@ -35,8 +35,8 @@ Both hold for a prescribed load, too, if p has it: f at the approach found diffe
 They take u for A p, which rounding forbids: with an error d of u they are those of the problem with h + d, whose
 solution differs from that with h by ``||d||_B <= ||d|| / sqrt(smallest eigenvalue)`` at most. A product by FFT leaves
 about ``eps (sqrt(A_II) ||p|| + ||u|| / sqrt(smallest))`` in that norm, from the transforms forth and back (measured:
-0.26 to 0.72 times it); `_ROUNDING` times it is added to the bound. Undeformed distances are taken as they are held. No
-cell in contact lies further below the other body than u, so that their rounding is not more.
+0.26 to 0.72 times it); `_ROUNDING` times it is added to the bound. Undeformed distances are taken as they are held. In
+contact they are no larger than u, and so is their rounding.
 """
 
 from __future__ import annotations

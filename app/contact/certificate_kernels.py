@@ -93,7 +93,7 @@ def _survey_row(b, depth, u, p, admissible, smallest):
         defect += p[i] * e
         near = smallest * p[i]
         to_p += p[i] * max(e - near, 0.0)
-        change = max(-near, -e)
+        change = min(near, e)
         moved += change * change
         of_p += p[i] * p[i]
     return tension, product, highest, energy, defect, to_p, moved, of_p

@@ -22,6 +22,7 @@ from numbers import Real
 import numpy as np
 
 from app.contact.history import Outcome
+from app.contact.stopping import ROUNDING_LEAVES
 from app.errors import InputError
 from app.options import LARGEST
 
@@ -244,7 +245,7 @@ class PrescribedLoad(Loading):
         if not outcome.converged:
             return outcome  # the load is right, if nothing else is
         if stop.final and residual > stop.allowed(state):
-            return outcome._replace(converged=False, reason="the load is met to rounding only")
+            return outcome._replace(converged=False, reason=ROUNDING_LEAVES)
         return outcome
 
     def search(self, state, solve, rtol, step=None):

@@ -227,7 +227,6 @@ def _go_on_after(verdict, primal, solver, accuracy, reached, captured):
     Collective. `reached`: error by the solver's residual [mm]; `captured`: whether cells have just been.
     """
     primal.restore_contact()
-    primal.state.depth = 0.0
     off = verdict.error > _OFF * reached
     if captured:
         primal.touch_captured()
