@@ -42,6 +42,31 @@ class FailedElsewhere(RuntimeError):
     """Another rank has met a mistake of the program; the message says which."""
 
 
+def exactly(number):
+    """Write a number so that it differs from every other one. Not collective.
+
+    Examples
+    --------
+    >>> exactly(0.5), exactly(-1.0), exactly(0.1 + 0.2)
+    ('0.5', '-1', '0.30000000000000004')
+    """
+    text = f"{number:g}"
+    return text if float(text) == number or number != number else repr(float(number))
+
+
+def apart(number, other, digits=3):
+    """Write a number with few digits, but enough to tell it from another one. Not collective.
+
+    Examples
+    --------
+    >>> apart(0.012345, 0.02), apart(0.50001, 0.5), apart(0.5, 0.5)
+    ('0.0123', '0.50001', '0.5')
+    """
+    texts = [f"{number:.{count}g}" for count in range(digits, 18)]
+    others = (f"{other:.{count}g}" for count in range(digits, 18))
+    return next((mine for mine, its in zip(texts, others, strict=True) if mine != its), texts[0])
+
+
 def one_line(error):
     """Text of an exception on one line; its type if it says nothing. Not collective."""
     return " ".join(str(error).split()) or type(error).__name__

@@ -12,7 +12,7 @@ import resource
 from contextlib import suppress
 from pathlib import Path
 
-from app.errors import InputError, agree
+from app.errors import InputError, agree, apart
 
 DOUBLES = {"fast": 10, "primal": 11, "active_set": 15, "tao": 37, "snesvi": 37}  # per cell, on one rank
 DOUBLE_PRECISION = 2  # more of the first two, without single precision
@@ -92,8 +92,8 @@ def check_share(grid, cells):
 def _check(grid, needed, there, where):
     if needed > there:
         raise InputError(
-            f"grid {grid.nx},{grid.ny}: needs about {_size(needed)} {where}; {_size(there)} are free: "
-            f"about {int(grid.n * there / needed):.2g} cells would fit"
+            f"grid {grid.nx},{grid.ny}: needs about {_size(needed, there)} {where}; {_size(there, needed)} are free: "
+            f"about {apart(int(grid.n * there / needed), grid.n, 2)} cells would fit"
         )
 
 
@@ -115,7 +115,7 @@ def check_fits(size, what):
         return
     there = min(available(), _address_space())
     if size > there:
-        raise InputError(f"{what}: needs {_size(size)} of memory; {_size(there)} are free")
+        raise InputError(f"{what}: needs {_size(size, there)} of memory; {_size(there, size)} are free")
 
 
 def available():
@@ -180,6 +180,7 @@ def _lines(path, otherwise=()):
         return otherwise
 
 
-def _size(size):
-    """A number of bytes to be read."""
-    return f"{size / 2**30:.3g} GiB" if size >= 2**29 else f"{size / 2**20:.3g} MiB"
+def _size(size, other):
+    """Write a number of bytes so that it differs from another one."""
+    unit, name = (2**30, "GiB") if size >= 2**29 else (2**20, "MiB")
+    return f"{apart(size / unit, other / unit)} {name}"

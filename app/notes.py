@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.contact.measures import contact_width
+from app.errors import apart
 from app.problems.given import is_measured
 from app.units import in_words
 
@@ -55,7 +56,9 @@ def notes_on(state, problem, contact, roughness):
     found += [note for surface in measured if (note := spiked(surface))]
     found += [note for surface in measured if (note := filled(surface, state))]
     if roughness.rms_slope > STEEP and not doubts:
-        found.append(f"the rms slope is {roughness.rms_slope:.2g}: the theory is for slopes below {STEEP:g}")
+        found.append(
+            f"the rms slope is {apart(roughness.rms_slope, STEEP, 2)}: the theory is for slopes below {STEEP:g}"
+        )
     if any(surface.spacing is None for surface in measured) and min(grid.nx, grid.ny) > 1:
         shape = np.log(grid.dx / grid.dy)
         exchanged = abs(shape + 2 * np.log(grid.nx / grid.ny)) < 1e-3  # sides of the patch
@@ -75,8 +78,8 @@ def notes_on(state, problem, contact, roughness):
         )
     if state.depth > side:
         found.append(
-            f"the bodies approach each other by {state.depth:.2g} mm beyond first touch, more than the patch is wide "
-            f"({side:.2g} mm)"
+            f"the bodies approach each other by {apart(state.depth, side, 2)} mm beyond first touch, more than the "
+            f"patch is wide ({apart(side, state.depth, 2)} mm)"
         )
     if contact.max_pressure > 0 and max(grid.nx, grid.ny) >= LONG_PATCH:
         widths = contact_width(state, contact, FEW_CELLS)

@@ -20,7 +20,7 @@ from app.analytic import ANALYTIC, THEORIES
 from app.contact.extent import ContactExtent
 from app.contact.grid_errors import GridErrors
 from app.contact.loading import LOADINGS, as_number
-from app.errors import InputError, agree, check_alike
+from app.errors import InputError, agree, check_alike, exactly
 
 # Columns of the table that a solution has by these names, after `load` and the like what beside it is known.
 COLUMNS = (
@@ -212,8 +212,8 @@ def _as_rows(rows, kind, numbers):
         # What is not solved may have missed its load.
         if row["converged"] and not np.isclose(row[kind], number, 1e-9, rounding):
             raise InputError(
-                f"path: rows: step {step} has {kind} {row[kind]:.12g}, this path {number:.12g} {LOADINGS[kind]}; "
-                "needed: rows of the same path, from its first step on"
+                f"path: rows: step {step} has {kind} {exactly(row[kind])}, this path {exactly(number)} "
+                f"{LOADINGS[kind]}; needed: rows of the same path, from its first step on"
             )
     return found
 

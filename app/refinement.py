@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from app import ending
 from app.contact.grid_errors import GridErrors, GridNumbers, errors_from
-from app.errors import InputError, agree, check_alike
+from app.errors import InputError, agree, check_alike, exactly
 from app.method_solver import check_kind
 from app.multigrid.hierarchy import check_room
 from app.options import as_texts
@@ -103,7 +103,7 @@ def refine(
             last = 4 * grid.n > most_cells or not _has_room(solver, grid.refine())
             if reached or not solution.converged or last:
                 if solution.converged and not reached:
-                    short = f"refined to {grid.nx} x {grid.ny} cells, not to errors below {until:g}"
+                    short = f"refined to {grid.nx} x {grid.ny} cells, not to errors below {exactly(until)}"
                     solution = replace(solution, notes=(*solution.notes, short))
                 if stiffness:
                     solution = replace(solution, stiffness=solver.stiffness(solution))

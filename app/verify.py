@@ -68,7 +68,7 @@ def _run(check, quick):
     result = Result(check, tuple(check.measure(quick)), time.perf_counter() - started)
     streams.say(f"{result.verdict}  {check.name}: {result.judged} limits, {result.seconds:.1f} s")
     for figure in result.failed:
-        streams.say(f"      {figure.what}: {figure.value:.3g}, has to be {figure.limit}")
+        streams.say(f"      {figure.what}: {figure.shown}, has to be {figure.limit}")
     return result
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.errors import InputError
+from app.errors import InputError, exactly
 from app.halfspace.grid import SYMBOLS
 from app.options import (
     REQUIRED,
@@ -277,7 +277,9 @@ def _default_patch(options, shape, material, periodic):
     largest = float(np.max(options[loading]))
     contact = shape.analytic(material.contact_modulus, **{loading.removesuffix("_path"): largest})
     if not contact.a:
-        raise InputError(f"-domain is missing: without contact (-{loading} {largest:g}) Hertz gives no patch")
+        raise InputError(
+            f"-domain is missing: without contact (-{loading} {exactly(largest)}) Hertz gives no patch"
+        )
     a, b = DEFAULT_PATCH * contact.a, DEFAULT_PATCH * contact.b
     return -a, a, -b, b
 

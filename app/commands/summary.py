@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from app.analytic import ANALYTIC
 from app.commands.load_path import which
+from app.errors import exactly
 from app.output.table import text
 from app.quantities import label_of
 from app.units import resolved
@@ -167,7 +168,7 @@ def grids(refined, until):
     """Table of the grids of a refinement, and whether the last is fine enough. Not collective."""
     formats = {name: ".1e" for name in refined.rows[0] if name.endswith("_error")}
     end = "is below" if refined.reached else "is NOT below"
-    return f"{text(refined.rows, formats=formats)}the largest of the errors {end} {until:g}"
+    return f"{text(refined.rows, formats=formats)}the largest of the errors {end} {exactly(until)}"
 
 
 def _words(name):

@@ -8,6 +8,7 @@ from functools import partial
 from typing import NamedTuple
 
 from app.contact.grid_errors import UNKNOWN, GridErrors
+from app.errors import apart, exactly
 
 
 class Listener:
@@ -140,7 +141,8 @@ class Outcome(NamedTuple):
             if self.to_rounding
             else "a smaller -lcp_rtol or the default method is more accurate"
         )
-        doubt = f"the pressure is proved to {bound:.2g} only (-lcp_error_bound {allowed:g}); {advice}"
+        proved, asked = apart(bound, allowed, 2), exactly(allowed)
+        doubt = f"the pressure is proved to {proved} only (-lcp_error_bound {asked}); {advice}"
         return self._replace(converged=False, reason=f"{self.reason}, but {doubt}")
 
     def on_from(self, coarser):

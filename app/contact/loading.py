@@ -23,7 +23,7 @@ import numpy as np
 
 from app.contact.history import Outcome
 from app.contact.stopping import ROUNDING_LEAVES
-from app.errors import InputError
+from app.errors import InputError, exactly
 from app.options import LARGEST
 
 _TELLING = 3.0  # rms residuals that the approach has to move by for a secant to count
@@ -492,7 +492,7 @@ def prescribe(grid, distance, **given):
     if kind in ("load", "mean_pressure"):
         if value < 0:
             raise InputError(
-                f"{kind} {value:g}: the bodies do not stick together; allowed: at least 0 {LOADINGS[kind]}"
+                f"{kind} {exactly(value)}: the bodies do not stick together; allowed: at least 0 {LOADINGS[kind]}"
             )
         return PrescribedLoad(value if kind == "load" else value * grid.area)
     # On a periodic patch displacements have no mean: mean(gap) = mean(undeformed distance) - approach.
@@ -510,7 +510,7 @@ def prescribe(grid, distance, **given):
         return PrescribedApproach(value)
     if value - full > little and not holes:
         raise InputError(
-            f"approach {value:g}: the mean gap of this periodic patch would be negative; "
+            f"approach {exactly(value)}: the mean gap of this periodic patch would be negative; "
             f"allowed: at most {full!r} mm, full contact"
         )
     value, mean = (value, np.inf) if holes else (min(value, full), mean)
@@ -550,22 +550,20 @@ def as_number(kind, given):
     except OverflowError:
         value = np.inf
     if not (value == 0 or 1 / LARGEST <= abs(value) <= LARGEST):
-        raise InputError(f"{kind} {value:g}: allowed: a number of size {1 / LARGEST:g} to {LARGEST:g}, or 0")
+        raise InputError(
+            f"{kind} {exactly(value)}: allowed: a number of size {1 / LARGEST:g} to {LARGEST:g}, or 0"
+        )
     return value
 
 
 def _check_mean_gap(value, grid, holes, little):
     """Refuse a mean gap that no approach is known for, or none has."""
-    others = "allowed: approach, load or mean_pressure"
+    given, others = f"mean_gap {exactly(value)}", "allowed: approach, load or mean_pressure"
     if not grid.periodic:
-        raise InputError(
-            f"mean_gap {value:g}: only on a periodic patch does it say what the approach is; {others}"
-        )
+        raise InputError(f"{given}: only on a periodic patch does it say what the approach is; {others}")
     if holes:
         raise InputError(
-            f"mean_gap {value:g}: contact is impossible in {holes} cells (NaN), whose gap nobody knows; {others}"
+            f"{given}: contact is impossible in {holes} cells (NaN), whose gap nobody knows; {others}"
         )
     if value < -little:
-        raise InputError(
-            f"mean_gap {value:g}: the bodies do not penetrate each other; allowed: at least 0 mm"
-        )
+        raise InputError(f"{given}: the bodies do not penetrate each other; allowed: at least 0 mm")

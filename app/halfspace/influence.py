@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from app.errors import InputError
+from app.errors import InputError, exactly
 from app.halfspace.love import love_coefficients
 from app.halfspace.periodic import folded, periodic_quadrant
 
@@ -73,11 +73,13 @@ class Material:
         for name, value in (("shear_modulus", shear_modulus), ("poisson_ratio", poisson_ratio)):
             object.__setattr__(self, name, _real(name.replace("_", " "), value))
         if not (np.isfinite(self.shear_modulus) and self.shear_modulus > 0):
-            raise InputError(f"shear modulus {self.shear_modulus:g}: must be positive and finite")
+            raise InputError(f"shear modulus {exactly(self.shear_modulus)}: must be positive and finite")
         if not 0 <= self.poisson_ratio <= 0.5:
-            raise InputError(f"Poisson ratio {self.poisson_ratio:g}: must be from 0 to 0.5")
+            raise InputError(f"Poisson ratio {exactly(self.poisson_ratio)}: must be from 0 to 0.5")
         if not np.isfinite(self.compliance):
-            raise InputError(f"shear modulus {self.shear_modulus:g}: too small, its reciprocal is infinite")
+            raise InputError(
+                f"shear modulus {exactly(self.shear_modulus)}: too small, its reciprocal is infinite"
+            )
 
     @classmethod
     def combined(cls, shear_modulus, poisson_ratio):
@@ -155,7 +157,7 @@ class Material:
         """
         contact_modulus = _real("contact modulus", contact_modulus)
         if not (np.isfinite(contact_modulus) and contact_modulus > 0):
-            raise InputError(f"contact modulus {contact_modulus:g}: must be positive and finite")
+            raise InputError(f"contact modulus {exactly(contact_modulus)}: must be positive and finite")
         return cls(shear_modulus=contact_modulus, poisson_ratio=0.0)._knowing()
 
     def _knowing(self, **known):
@@ -184,7 +186,7 @@ class Material:
 
 
 def _listed(numbers):
-    return ",".join(f"{number:g}" for number in numbers)
+    return ",".join(map(exactly, numbers))
 
 
 def influence_quadrant(grid, compliance, rows=slice(None), columns=None):

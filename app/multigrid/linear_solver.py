@@ -10,6 +10,7 @@ import math
 
 from petsc4py import PETSc
 
+from app.errors import exactly
 from app.multigrid.pcmg import Multigrid, default_options
 from app.petsc import options_set
 
@@ -90,7 +91,7 @@ class LinearSolver:
         rtol, atol, _, max_it = ksp.getTolerances()
         for name, value, allowed in (("rtol", rtol, 0), ("atol", atol, 0), ("max_it", max_it, 1)):
             if not (math.isfinite(value) and value >= allowed):
-                raise ValueError(f"-ksp_{name} {value:g}: allowed: from {allowed}")
+                raise ValueError(f"-ksp_{name} {exactly(value)}: allowed: from {allowed}")
         self._own_atol = options.hasName("ksp_atol")
         self._must_converge = ksp.getErrorIfNotConverged()
         ksp.setErrorIfNotConverged(False)  # an unconverged solve has a result, with this as its reason

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.errors import InputError
+from app.errors import InputError, exactly
 from app.options import LARGEST
 
 
@@ -60,6 +60,6 @@ def refuse_large(what, values, first_row=0):
     if large.any():
         j, i = np.argwhere(large)[0]
         raise InputError(
-            f"{what}: {values[j, i]:g} in row {j + first_row}, column {i}; allowed: numbers up to {LARGEST:g}, and NaN "
-            "where contact is impossible"
+            f"{what}: {exactly(values[j, i])} in row {j + first_row}, column {i}; allowed: numbers up to {LARGEST:g}, "
+            "and NaN where contact is impossible"
         )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from app.errors import apart, exactly
+
 _OFF = 0.1  # of a spacing by which a point may miss its place: printed digits
 _SPARSE = 2  # places for each point, at most
 _FEW = 9  # rows of two or three numbers that may well be a map
@@ -122,5 +124,7 @@ def _places(name, values):
     off = np.abs(places - nearest)
     if off.max() > _OFF:
         worst = values[off.argmax()]
-        raise ValueError(f"{name} = {worst:g} is off the spacing of {spacing:.6g}; needed: a regular grid")
+        raise ValueError(
+            f"{name} = {exactly(worst)} is off the spacing of {apart(spacing, worst, 6)}; needed: a regular grid"
+        )
     return nearest.astype(np.int64), float(spacing)

@@ -65,8 +65,8 @@ class ResampledSurface:
         sides, there = (np.array([g.nx * g.dx, g.ny * g.dy]) for g in (grid, own))
         if np.any(sides > there * (1 + _ROUNDING)):
             raise InputError(
-                f"surface file {self.file}: is {there[0]:.7g} x {there[1]:.7g} mm, the domain {sides[0]:.7g} x "
-                f"{sides[1]:.7g} mm; needed: a domain that is no larger"
+                f"surface file {self.file}: is {there[0]:.10g} x {there[1]:.10g} mm, the domain {sides[0]:.10g} x "
+                f"{sides[1]:.10g} mm; needed: a domain that is no larger"
             )
 
     def filtered(self, grid, s_filter=None, l_filter=None):

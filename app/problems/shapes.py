@@ -25,7 +25,7 @@ from numbers import Real
 import numpy as np
 
 from app import reference
-from app.errors import InputError
+from app.errors import InputError, apart, exactly
 from app.reference.base import require_positive
 
 
@@ -124,9 +124,10 @@ class Paraboloid(Shape):
             turn, difference = turn - math.copysign(math.pi / 2, turn), -difference
         curvatures = (total + difference) / 2, (total - difference) / 2
         if min(curvatures) <= 1e-12 * max(map(abs, (*k1, *k2))):
+            one, other = (apart(curvature, 0, 4) for curvature in curvatures)
             raise InputError(
-                f"the bodies' relative curvatures are {curvatures[0]:.4g} and {curvatures[1]:.4g} per mm; needed: both "
-                "positive (0 is a line contact, see -problem cylinder; a negative one touches at the rim first)"
+                f"the bodies' relative curvatures are {one} and {other} per mm; needed: both positive "
+                "(0 is a line contact, see -problem cylinder; a negative one touches at the rim first)"
             )
         bodies = (tuple(radii1), tuple(radii2), float(angle), math.degrees(turn) + 0.0)
         return cls(1 / curvatures[0], 1 / curvatures[1], bodies)
@@ -189,7 +190,7 @@ class Cylinder(Shape):
         check_strip(grid)
         if not (np.abs(grid.y()) <= self.length / 2).any():
             raise InputError(
-                f"length of the cylinder {self.length:g}: no cell centre of the patch lies under it"
+                f"length of the cylinder {exactly(self.length)}: no cell centre of the patch lies under it"
             )
 
     def describe(self):
@@ -253,7 +254,7 @@ class FlatPunch(Shape):
         """Refuse a patch without a cell under the punch."""
         if np.isnan(self.distance(np.abs(grid.x()).min(), np.abs(grid.y()).min())):
             raise InputError(
-                f"punch diameter {self.diameter:g}: no cell centre of the patch lies under the punch"
+                f"punch diameter {exactly(self.diameter)}: no cell centre of the patch lies under the punch"
             )
 
     def analytic(self, contact_modulus, **loading):

@@ -24,7 +24,7 @@ from numbers import Integral
 import numpy as np
 import scipy.fft
 
-from app.errors import InputError
+from app.errors import InputError, exactly
 from app.memory import check_fits
 from app.problems.arrays import lattice
 from app.reference.base import require_numbers
@@ -119,9 +119,9 @@ class WavySurface(_Function):
         if not (len(self.modes) == 2 and all(isinstance(k, Integral) and k >= 1 for k in self.modes)):
             raise InputError(f"surface modes {tuple(self.modes)}: need two integers M, N, each 1 or more")
         if not 0 < self.decay <= 1:
-            raise InputError(f"surface decay {self.decay:g}: must be above 0 and at most 1")
+            raise InputError(f"surface decay {exactly(self.decay)}: must be above 0 and at most 1")
         if not (np.isfinite(self.sigma) and self.sigma >= 0):
-            raise InputError(f"surface sigma {self.sigma:g}: must be 0 or more, and finite")
+            raise InputError(f"surface sigma {exactly(self.sigma)}: must be 0 or more, and finite")
         _check_seed(self.seed)
         _check_pair("extent", self.extent, "positive, finite lengths", above=0)
         _check_pair("origin", self.origin, "finite coordinates")
@@ -295,12 +295,12 @@ class SelfAffineSurface(_Function):
         lengths = {"rolloff_wavelength": rolloff_wavelength, "shortest_wavelength": shortest_wavelength}
         require_numbers(**{"Hurst exponent": hurst}, **lengths)
         if not 0 < hurst <= 1:
-            raise InputError(f"Hurst exponent {hurst:g}: must be above 0 and at most 1")
+            raise InputError(f"Hurst exponent {exactly(hurst)}: must be above 0 and at most 1")
         longest = np.inf if longest_wavelength is None else longest_wavelength
         if not (0 < shortest_wavelength <= rolloff_wavelength <= longest and np.isfinite(rolloff_wavelength)):
             raise InputError(
-                f"surface wavelengths: shortest {shortest_wavelength:g}, roll-off {rolloff_wavelength:g},"
-                f" longest {longest:g}: must be positive and in this order"
+                f"surface wavelengths: shortest {exactly(shortest_wavelength)}, roll-off {exactly(rolloff_wavelength)},"
+                f" longest {exactly(longest)}: must be positive and in this order"
             )
         _check_pair("period", period, "positive, finite lengths", above=0)
         _check_pair("origin", origin, "finite coordinates")
@@ -310,21 +310,19 @@ class SelfAffineSurface(_Function):
         target = rms_slope if rms_height is None else rms_height
         require_numbers(**{"surface rms value": target})
         if not (np.isfinite(target) and target >= 0):
-            raise InputError(f"surface rms value {target:g}: must be 0 or more, and finite")
+            raise InputError(f"surface rms value {exactly(target)}: must be 0 or more, and finite")
         self.period, self.origin, self.seed = tuple(period), tuple(origin), seed
 
         # A half-plane of integer wave vectors: k_x = 0 .. K_x and k_y = -K_y .. K_y.
         largest_x, largest_y = (int(l / shortest_wavelength * (1 + 1e-12)) for l in period)
-        waves = f"surface wavelengths: {period[0]:g} x {period[1]:g} mm down to {shortest_wavelength:g} mm"
+        waves = f"surface wavelengths: {' x '.join(map(exactly, period))} mm down to {exactly(shortest_wavelength)} mm"
         check_fits(16.0 * (largest_x + 1) * (largest_y + 1), waves)
         self.wave_numbers = np.arange(largest_x + 1), np.arange(-largest_y, largest_y + 1)
         self.hurst, self.rolloff_wavelength = hurst, rolloff_wavelength
         self.shortest_wavelength, self.longest_wavelength = shortest_wavelength, longest_wavelength
         sums = sum(np.array([power.sum(), np.sum(power * q**2)]) for _, power, q in self._strips())
         if not sums[0]:
-            raise InputError(
-                f"no wave of period {period[0]:g},{period[1]:g} is between {shortest_wavelength:g} and {longest:g} long"
-            )
+            raise InputError(f"{waves}, at most {exactly(longest)} mm long: no wave has this period")
         # Parseval's theorem: a cosine has mean square 1/2.
         height, slope = np.sqrt(sums / 2)
         self._factor = factor = target / (slope if rms_height is None else height)
@@ -352,7 +350,8 @@ class SelfAffineSurface(_Function):
     def _check_span(self, *points):
         for name, at, period in zip("xy", points, self.period, strict=True):
             if len(at) and np.ptp(at) >= period * (1 - 1e-12):
-                raise InputError(f"surface: points span {np.ptp(at):g} in {name}, its period is {period:g}")
+                span, most = exactly(np.ptp(at)), exactly(period)
+                raise InputError(f"surface: points span {span} in {name}, not less than its period {most}")
 
     def _strips(self):
         """Columns k_x, their power spectrum but for a factor, and q [1/mm], both of shape (2 K_y + 1, columns)."""
@@ -445,6 +444,6 @@ def check_cut_off(grid, shortest):
         sides = (grid.nx * grid.dx, grid.ny * grid.dy)
         nx, ny = (int(np.ceil(2 * side / shortest * (1 - 1e-12))) for side in sides)
         raise InputError(
-            f"surface cut-off {shortest:g}: cells of {grid.dx:g} x {grid.dy:g} mm cannot carry waves that short; "
-            f"needed: at least {nx},{ny} cells (-grid), two to a wave"
+            f"surface cut-off {exactly(shortest)}: cells of {exactly(grid.dx)} x {exactly(grid.dy)} mm cannot carry "
+            f"waves that short; needed: at least {nx},{ny} cells (-grid), two to a wave"
         )

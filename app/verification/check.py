@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from app.errors import apart
+
 
 @dataclass(frozen=True)
 class Figure:
@@ -37,6 +39,11 @@ class Figure:
     def passed(self):
         """Whether it keeps its limits; NaN does not."""
         return not self.judged or bool(self.least <= self.value <= self.most)
+
+    @property
+    def shown(self):
+        """The value, with digits enough to tell it from its limits."""
+        return max((apart(self.value, bound) for bound in (self.least, self.most)), key=len)
 
     @property
     def limit(self):

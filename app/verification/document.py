@@ -133,7 +133,7 @@ def _table(result, quick):
     rows = [
         {
             "figure": figure.what,
-            "value": f"{figure.value:.3g}",
+            "value": figure.shown,
             "limit": figure.limit,
             "": "" if not figure.judged else "pass" if figure.passed else "**FAIL**",
         }

@@ -305,10 +305,10 @@ def test_self_affine_rejects(changes, message):
 
 def test_self_affine_refuses_to_repeat_itself():
     x = np.linspace(-6, 6, 13)
-    with pytest.raises(ValueError, match="span 12 in x, its period is 12"):
+    with pytest.raises(ValueError, match="span 12 in x, not less than its period 12"):
         self_affine().height(x, x[:3])
     with pytest.raises(
-        ValueError, match="span 14.75 in y, its period is 10"
+        ValueError, match="span 14.75 in y, not less than its period 10"
     ):  # whatever rows a rank will ask for
         self_affine().check_grid(Grid(40, 60, 0.25, 0.25))
 
