@@ -8,19 +8,22 @@ standard error. Runs on one rank.
 
 from __future__ import annotations
 
+import base64
+import io
 import re
 import sys
 from dataclasses import dataclass, field
 from numbers import Real
 from pathlib import Path
 
+import jinja2
 import numpy as np
 
 from app import subsurface
 from app.commands import streams
 from app.commands.arguments import Parser, command, writing
 from app.errors import InputError
-from app.output import figures, page, sweeps
+from app.output import figures, style, sweeps
 from app.output.files import check_output_path, write_text
 from app.output.result import read_result
 from app.plot import PICTURES, pictures_of
@@ -229,8 +232,15 @@ def stress_section(result, poisson_ratio=None, body=None):
     found = subsurface.survey(below, along="x")
     texts = subsurface.summary(found.hottest, found.sheared, result, below.nu)
     texts = [text[0].upper() + " ".join(text[1:].split()) + "." for text in texts]
-    picture = page.png(subsurface.picture(result, found))
+    picture = _png(subsurface.picture(result, found))
     return Section("stress", "Below the surface", texts, pictures={"stress": picture})
+
+
+def _png(figure):
+    """Bytes of a figure as a picture in a page."""
+    target = io.BytesIO()
+    style.write_figure(figure, target, "png", 100)
+    return target.getvalue()
 
 
 def web_page(result, poisson_ratio=None, body=None, with_stress=True):
@@ -253,7 +263,7 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
     values = result.attributes
     stresses = [stress_section(result, poisson_ratio, body)] if with_stress else []  # refuses bodies
     pictures = {
-        name: page.png(figure)
+        name: _png(figure)
         for name, figure in pictures_of(result, [name for name in PICTURES if name not in _IN_SUMMARY])
     }
     of_path = {name: pictures.pop(name) for name in ("path",) if name in pictures}
@@ -270,7 +280,12 @@ def web_page(result, poisson_ratio=None, body=None, with_stress=True):
     made = {label: plain(values[name]) for name, label in _ORIGIN.items() if name in values}
     sections.append(Section("made", "How it was made", facts=made))
     state = f"{'Solved' if values['converged'] else 'NOT SOLVED'}: {values['reason']}."
-    return page.template("result.html", typeset=typeset).render(
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("app.output"), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
+    environment.filters |= {"base64": lambda data: base64.b64encode(data).decode(), "typeset": typeset}
+    return environment.get_template("result.html").render(
         title=figures.title(result, path=bool(result.path)),
         converged=values["converged"],
         state=state,

@@ -5,7 +5,7 @@ selfaffine with their pictures work and kappa; `tables`, `figures`, `studies` an
 `beyond` (512 and 1024 cells squared) only runs when asked for. In DIR:
 
 - ``tables.json``: our numbers under the keys of the paper's; ``report.json``: the studies, and the checks;
-- ``tables.md``, ``report.html``: the paper's numbers beside ours; ``fig8.png`` ...: the pictures;
+- ``report.md``: the paper's numbers beside ours, with the pictures ``fig8.png`` ...;
 - ``runs/table1.csv`` ...: every run with its options; ``runs.jsonl``: what is done, so that a second call goes on.
 
 A call adds its items to what is there already. Exit status: 0 done; 1 a run crashed or was refused, and its item is
@@ -152,16 +152,13 @@ def _write(folder, tables, rest, items, plans, found, quick, seconds):
     _dump(folder / "tables.json", {name: tables[name] for name in ("source", *ITEMS) if name in tables})
     _dump(folder / "report.json", rest)
     numbers = {name: _without_title(data) for name, data in tables.items() if name != "source"}
-    pictures = {
-        name: (folder / f"{name}.png").read_bytes() for name in ITEMS if (folder / f"{name}.png").is_file()
-    }
-    sections = report.sections(_reading_order(), numbers, studies, pictures, checks)
-    write_text(folder / "tables.md", report.markdown_page(sections))
-    facts = {"version": __version__, "date": today}
+    pictures = {name: f"{name}.png" for name in ITEMS if (folder / f"{name}.png").is_file()}
+    facts = [f"version {__version__}", today]
     if any(entry["quick"] for entry in made.values()):
-        facts["note:"] = "some items were made with --quick, on small grids only"
-    write_text(folder / "report.html", report.web_page(sections, facts))
-    streams.say(f"report: {folder / 'report.html'} ({seconds:.0f} s)")
+        facts.append("some items were made with --quick, on small grids only")
+    page = report.page(_reading_order(), numbers, studies, pictures, checks, facts)
+    write_text(folder / "report.md", page)
+    streams.say(f"report: {folder / 'report.md'} ({seconds:.0f} s)")
 
 
 def check(outcomes):

@@ -1,16 +1,11 @@
-"""Side by side: the paper's numbers and ours, for the terminal, in Markdown and as a web page.
-
-The page is ``templates/report.html``; here is what it shows.
-"""
+"""Side by side: the paper's numbers and ours, for the terminal and as a page in Markdown."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
-from app.output.page import template
 from app.output.table import markdown, text
 from app.reproduction.tables import HEADINGS, PAPER
 
@@ -157,20 +152,11 @@ def _check_rows(checks):
 
 # -- sections ----------------------------------------------------------------------------------------------
 
-_TITLE = "A full multigrid method for elastic contact: tables and figures from real runs"
-_INTRODUCTION = (
-    f"The numbers of {PAPER['source']} beside those of this program, each from a run of its own. In the tables our "
-    "number stands above, the paper's below it in grey; what differs noticeably (by "
-    f"{ITERATIONS} iterations, or by more than {SHARE:.0%}) is set in orange. In brackets: work units."
-)
-_LINKS = {
-    "work": "Work",
-    "seeds": "Other surfaces",
-    "inexact": "Few CG iterations",
-    "selfaffine": "Self-affine surfaces",
-    "kappa": "Contact share",
-    "beyond": "Larger grids",
-}
+_HEAD = f"""# A full multigrid method for elastic contact: tables and figures from real runs
+
+The numbers of {PAPER["source"]} beside those of this program, each from a run of its own. In brackets: work units.
+A difference is called noticeable from {ITERATIONS} iterations, or {SHARE:.0%}, on.
+"""
 _CHECKS_NOTE = (
     "Worst values over all converged runs of an item: gap e < 0 [mm], pressure p < 0 [N/mm²], and "
     "max |p e| / (max p max |h|). Residuals of 1e-6 of the size of h are what (5.1) asks for."
@@ -185,65 +171,47 @@ class Section:
     ----------
     name, title : str
         Of the item.
-    heading, link : str
-        Above the section, and in the list of all sections.
     rows : sequence of mapping
         Table, heading -> text.
-    entries : sequence of Entry
-        The same as pairs, if that is what they are.
-    picture : bytes
-        PNG.
+    picture : str
+        Name of its file.
     note : str
     """
 
     name: str
     title: str
-    heading: str
-    link: str
     rows: Sequence = ()
-    entries: Sequence = ()
-    picture: bytes = b""
+    picture: str = ""
     note: str = ""
-
-    @property
-    def columns(self):
-        """Columns of the paper's table, each once."""
-        return dict.fromkeys(entry.column for entry in self.entries)
-
-    @property
-    def grids(self):
-        """Rows of the paper's table, each once."""
-        return dict.fromkeys(entry.row for entry in self.entries)
-
-    @cached_property
-    def cells(self):
-        """(row, column) -> Entry."""
-        return {(entry.row, entry.column): entry for entry in self.entries}
 
     def text(self):
         """Table for the terminal."""
         return f"{self.name}  {self.title}\n{text(self.rows)}"
 
     def markdown(self):
-        """Heading, table and note in Markdown."""
-        return f"## {self.heading}\n\n{markdown(self.rows)}\n{self.note}\n"
+        """Heading, picture or table, and note in Markdown."""
+        kind, number = re.fullmatch(r"(table|fig|)(.*)", self.name).groups()
+        label = {"table": f"Table {number}: ", "fig": f"Figure {number}: "}.get(kind, "")
+        content = f"![{self.title}]({self.picture})\n" if self.picture else markdown(self.rows)
+        return "\n".join([f"## {label}{self.title}\n", content, *([f"{self.note}\n"] if self.note else [])])
 
 
 def table_section(item, ours):
     """Section of a table: `ours` as in ``tables.json``."""
     found = entries(item.name, ours)
     why = item.why if any(entry.noticeable for entry in found) else ""
-    return _section(item, rows=_long_rows(found), entries=found, note=_joined(item.note, verdict(found), why))
+    return Section(item.name, item.title, _long_rows(found), note=_joined(item.note, verdict(found), why))
 
 
 def study_section(item, data):
     """Section of a study: `data` as in ``report.json``."""
     triples = any(isinstance(value, list) for row in data["rows"] for value in row.values())
-    return _section(item, rows=_study_rows(data), note=_joined(item.note, _TRIPLES if triples else ""))
+    note = _joined(item.note, _TRIPLES if triples else "")
+    return Section(item.name, item.title, _study_rows(data), note=note)
 
 
-def sections(items, tables, studies, pictures, checks):
-    """Sections of all items that have a result, and of the checks.
+def page(items, tables, studies, pictures, checks, facts):
+    """Write all that has a result as one page in Markdown.
 
     Parameters
     ----------
@@ -252,60 +220,29 @@ def sections(items, tables, studies, pictures, checks):
     tables, studies : mapping
         Item name -> data.
     pictures : mapping
-        Item name -> PNG as bytes.
+        Item name -> name of the picture's file.
     checks : mapping
         Item name -> worst values of the complementarity conditions.
-
-    Returns
-    -------
-    list of Section
-    """
-    found = []
-    for item in items:
-        if item.name in tables:
-            found.append(table_section(item, tables[item.name]))
-        elif item.name in studies:
-            found.append(study_section(item, studies[item.name]))
-        elif item.name in pictures:
-            found.append(_section(item, picture=pictures[item.name], note=item.note))
-    if checks:
-        title = "Complementarity conditions"
-        found.append(Section("checks", title, title, "Conditions", _check_rows(checks), note=_CHECKS_NOTE))
-    return found
-
-
-def _section(item, **content):
-    kind, number = re.fullmatch(r"(table|fig|)(.*)", item.name).groups()
-    label = {"table": f"Table {number}", "fig": f"Figure {number}"}.get(kind)
-    heading = f"{label}: {item.title}" if label else item.title
-    return Section(item.name, item.title, heading, label or _LINKS[item.name], **content)
-
-
-def _joined(*sentences):
-    return " ".join(filter(None, sentences))
-
-
-# -- pages -------------------------------------------------------------------------------------------------
-
-
-def markdown_page(sections):
-    """Write the tables as one Markdown file."""
-    head = f"# Tables: the paper's numbers and ours\n\nPaper: {PAPER['source']}. In brackets: work units.\n"
-    return "\n".join([head, *(section.markdown() for section in sections if not section.picture)])
-
-
-def web_page(sections, facts):
-    """Write the report as one HTML file with its pictures inside.
-
-    Parameters
-    ----------
-    sections : sequence of Section
-    facts : mapping
-        What to say about the making of it: heading -> text.
+    facts : sequence of str
+        How the page was made.
 
     Returns
     -------
     str
     """
-    page = template("report.html", "app.reproduction", show=show)
-    return page.render(title=_TITLE, introduction=_INTRODUCTION, facts=facts, sections=sections)
+    sections = []
+    for item in items:
+        if item.name in tables:
+            sections.append(table_section(item, tables[item.name]))
+        elif item.name in studies:
+            sections.append(study_section(item, studies[item.name]))
+        elif item.name in pictures:
+            sections.append(Section(item.name, item.title, picture=pictures[item.name], note=item.note))
+    if checks:
+        title = "Complementarity conditions"
+        sections.append(Section("checks", title, _check_rows(checks), note=_CHECKS_NOTE))
+    return "\n".join([_HEAD, f"{' · '.join(facts)}\n", *(section.markdown() for section in sections)])
+
+
+def _joined(*sentences):
+    return " ".join(filter(None, sentences))

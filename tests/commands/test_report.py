@@ -56,7 +56,7 @@ def read_back(solution):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Pictures are not drawn; that takes longest."""
-    monkeypatch.setattr(report.page, "png", lambda figure: b"no picture")
+    monkeypatch.setattr(report, "_png", lambda figure: b"no picture")
 
 
 def test_report_has_the_path_and_says_what_is_not_known(made, undrawn):
