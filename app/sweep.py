@@ -65,8 +65,11 @@ def main(argv):
     output = arguments.output
     check_ranks(arguments.ranks)
     runs = read_sweep(arguments.sweep)
-    check_output_path(output, {file for run in runs for file in run.inputs()}, "-o", SUFFIXES)
-    journal = Journal(output.with_suffix(".runs.jsonl"), arguments.resume)
+    inputs = {arguments.sweep, *(file for run in runs for file in run.inputs())}
+    check_output_path(output, inputs, "-o", SUFFIXES)
+    kept = output.with_suffix(".runs.jsonl")
+    check_output_path(kept, inputs, f"-o {output}: file of finished runs", (".jsonl",))
+    journal = Journal(kept, arguments.resume)
     try:
         outcomes, interrupted = run_all(
             runs, output.with_suffix(".runs"), journal, jobs=arguments.jobs, ranks=arguments.ranks,

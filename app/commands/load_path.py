@@ -81,6 +81,9 @@ class PathRequest:
         kept = [*given.files, *inputs]
         if csv:
             check_output_path(csv, kept, "path table", (".csv",))
+            check_output_path(
+                _journal_beside(csv), kept, f"path table {csv}: file of finished steps", (".jsonl",)
+            )
         depends = as_line({name: text for name, text in given.texts.items() if name not in _NO_MATTER})
         output, csv = output and Path(output), csv and Path(csv)
         request = cls(kind, numbers, output, csv, fields, resume, inputs, depends)
@@ -94,11 +97,15 @@ class PathRequest:
     @property
     def journal(self):
         """File of the steps finished so far, or None."""
-        return self.csv and self.csv.with_suffix(".path.jsonl")
+        return self.csv and _journal_beside(self.csv)
 
     def of_step(self, step):
         """Result file of a step, counted from 1."""
         return self.output.with_name(f"{self.output.stem}_{step:04d}{self.output.suffix}")
+
+
+def _journal_beside(csv):
+    return Path(csv).with_suffix(".path.jsonl")
 
 
 def run_path(wanted, solver, stiffness, save):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import re
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from app.options import number, option_file
 from app.runs.run import Run
 
 LEFT_OUT = "~"
+MOST_RUNS = 100_000  # before `exclude`
 _KEYS = ("description", "option_files", "options", "zip", "exclude")
 _RESERVED = {
     "output": "each run has its own",
@@ -78,6 +80,8 @@ def _combine(content):
     if not seen and not files:
         raise InputError("neither option_files nor options are given")
     excluded = [_excluded(entry, seen) for entry in _sequence(content.get("exclude") or [], "exclude")]
+    if (count := math.prod(map(len, axes))) > MOST_RUNS:
+        raise InputError(f"{count} combinations; at most {MOST_RUNS} are allowed")
     runs = [_merge(combination) for combination in itertools.product(*axes)]
     runs = [run for run in runs if not any(_matches(run, entry) for entry in excluded)]
     if not runs:

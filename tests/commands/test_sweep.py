@@ -131,6 +131,9 @@ BAD = {
     "options: {grid: 8}\nexclude: [{}]": "must name an option",
     "option_files: [absent.opts]": "absent.opts: no such file",
     "description: nothing": "neither",
+    f"options: {{{', '.join(f'{name}: [0, 1, 2, 3, 4, 5, 6, 7, 8, 9]' for name in 'abcdefghi')}}}": (
+        "1000000000 combinations; at most 100000"
+    ),
     "": "mapping",
     "- 1": "mapping",
 }
@@ -416,6 +419,20 @@ def test_table_does_not_take_the_place_of_what_an_option_file_names(tmp_path, ca
     assert "is the input" in capsys.readouterr().err and table.read_text() == "heights"
     (other := tmp_path / "other.h5").touch()
     assert main([str(path), "-o", str(other), "--timeout", "1e-3"]) == 3
+
+
+@pytest.mark.parametrize(
+    ("sweep", "output"), [("s.csv", "s.csv"), ("s.csv", "./s.csv"), ("s.runs.jsonl", "s.csv"), ("link.yml", "s.csv")]
+)  # fmt: skip
+def test_a_sweep_does_not_take_the_place_of_its_own_file(tmp_path, capsys, monkeypatch, sweep, output):
+    monkeypatch.chdir(tmp_path)
+    text = f"option_files: [{HERTZ}]\noptions: {{grid: 8}}"
+    Path("s.csv" if sweep == "link.yml" else sweep).write_text(text)
+    Path("link.yml").symlink_to("s.csv")
+    before = sorted(Path().iterdir())
+    assert main([sweep, "-o", output]) == 2
+    assert f"is the input {sweep}; choose another name" in capsys.readouterr().err
+    assert sorted(Path().iterdir()) == before and Path(sweep).read_text() == text
 
 
 def test_option_files_of_one_name_are_told_apart(tmp_path):
