@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from threading import Event
 
 from tqdm import tqdm
 
 from app.errors import InputError
-from app.runs.processes import Processes, perform
+from app.runs.processes import perform
 from app.runs.run import OUTCOME, WHERE_KNOWN
 
 # Exit statuses of app.solve with an answer, as good as it gets. What is refused depends on more than a key knows
@@ -55,13 +56,11 @@ def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None,
         folder.mkdir(exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: needed for the files of the runs: {error.strerror}") from None
-    processes = Processes()
-    interrupted = False
-    failed = 0
+    stop, interrupted, failed = Event(), False, 0
 
     def work(key, run):
         try:
-            return perform(run, files[key], processes, ranks, timeout)
+            return perform(run, files[key], stop, ranks, timeout)
         finally:
             if not keep:
                 for suffix in (".h5", ".csv"):  # the table of a load path is in that of the sweep
@@ -80,7 +79,7 @@ def run_all(runs, folder, journal, *, jobs=1, ranks=1, keep=False, timeout=None,
                 bar.update()
         except BaseException as error:
             pool.shutdown(wait=False, cancel_futures=True)
-            processes.close()
+            stop.set()
             interrupted = isinstance(error, KeyboardInterrupt)
             if not interrupted:
                 raise

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import subprocess
 import sys
 import tempfile
-import threading
+import time
+from contextlib import suppress
 
 from app.runs.run import ROOT
 
@@ -18,62 +20,59 @@ _OPEN_MPI = {
 }
 # A run without mpiexec needs no daemon of its own; without that, all would have one folder, which one removes while
 # another makes it.
+_GLANCE = 0.5  # s between looks at the event that stops a process
 _ALONE = {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_orte_create_session_dirs": "0"}
 
 
-class Processes:
-    """Starts processes from several threads, and ends them all at once."""
+def call(command, timeout=None, stop=None):
+    """Run a command in a process group of its own, so that Ctrl-C reaches only the caller.
 
-    def __init__(self):
-        self._running, self._lock, self._closed = set(), threading.Lock(), False
+    Parameters
+    ----------
+    command : sequence of str
+    timeout : float, optional
+        [s]
+    stop : threading.Event, optional
+        Ends the process when it is set, by another thread.
 
-    def call(self, command, timeout=None):
-        """Run a command in a process group of its own, so that Ctrl-C reaches only the caller.
+    Returns
+    -------
+    status : int
+        Exit status; minus the signal that ended it.
+    errors : str
+        What it said on standard error.
 
-        Returns
-        -------
-        status : int
-            Exit status; minus the signal that ended it.
-        errors : str
-            What it said on standard error.
-
-        Raises
-        ------
-        subprocess.TimeoutExpired
-            After `timeout` seconds; the process is gone then.
-        """
-        environment = {"OMP_NUM_THREADS": "1", **os.environ, **_OPEN_MPI}
-        if command[0] != "mpiexec":
-            environment |= _ALONE
-        environment["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
-        # A file, not a pipe: a daemon that outlives the process would keep a pipe open.
-        with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as errors:
-            with self._lock:
-                if self._closed:
-                    raise InterruptedError("no more processes are started")
-                process = subprocess.Popen(
-                    command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors,
-                    env=environment, start_new_session=True,
-                )  # fmt: skip
-                self._running.add(process)
-            try:
-                process.wait(timeout)
-            except BaseException:  # the time limit, Ctrl-C
-                _end(process)
-                raise
-            finally:
-                with self._lock:
-                    self._running.discard(process)
-            errors.seek(0)
-            return process.returncode, errors.read()
-
-    def close(self):
-        """End all processes and start no more."""
-        with self._lock:
-            self._closed = True
-            running = list(self._running)
-        for process in running:
+    Raises
+    ------
+    subprocess.TimeoutExpired
+        After `timeout` seconds; the process is gone then.
+    InterruptedError
+        If it was stopped.
+    """
+    environment = {"OMP_NUM_THREADS": "1", **os.environ, **_OPEN_MPI}
+    if command[0] != "mpiexec":
+        environment |= _ALONE
+    environment["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
+    deadline = time.monotonic() + (timeout or math.inf)
+    # A file, not a pipe: a daemon that outlives the process would keep a pipe open.
+    with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as errors:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors, env=environment,
+            start_new_session=True,
+        )  # fmt: skip
+        try:
+            while process.poll() is None:
+                if stop is not None and stop.is_set():
+                    raise InterruptedError("stopped")
+                if (left := deadline - time.monotonic()) <= 0:
+                    raise subprocess.TimeoutExpired(command, timeout)
+                with suppress(subprocess.TimeoutExpired):
+                    process.wait(min(left, _GLANCE))
+        except BaseException:  # the time limit, Ctrl-C
             _end(process)
+            raise
+        errors.seek(0)
+        return process.returncode, errors.read()
 
 
 def _end(process):
@@ -88,7 +87,7 @@ def _end(process):
             continue
 
 
-def perform(run, output, processes, ranks=1, timeout=None):
+def perform(run, output, stop=None, ranks=1, timeout=None):
     """Call the program of a run and collect its outcome; call from any thread.
 
     Parameters
@@ -96,10 +95,9 @@ def perform(run, output, processes, ranks=1, timeout=None):
     run : Run
     output : Path
         File the program is to write.
-    processes : Processes
+    stop, timeout
+        See `call`.
     ranks : int
-    timeout : float, optional
-        [s]
 
     Returns
     -------
@@ -111,7 +109,7 @@ def perform(run, output, processes, ranks=1, timeout=None):
         command = ["mpiexec", "-n", str(ranks), *command]
     output.unlink(missing_ok=True)
     try:
-        status, errors = processes.call(command, timeout)
+        status, errors = call(command, timeout, stop)
     except subprocess.TimeoutExpired:
         return {"exit_status": 124, "message": f"stopped after {timeout:g} s"}
     lines = [line.strip() for line in errors.splitlines() if line.strip()]

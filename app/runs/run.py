@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import inspect
 import json
 import os
 import re
@@ -21,12 +20,6 @@ from app.output.files import digest
 from app.output.result import read_result
 
 ROOT = Path(__file__).resolve().parents[2]
-# No solve depends on these; all else in app/ belongs to the program that a key stands for.
-_NO_PART = """
-    runs reproduction analysis verification
-    sweep.py reproduce.py verify.py plot.py report.py subsurface.py xdmf.py convert.py
-""".split()
-
 _ANSWER = (
     "contact_fraction", "max_pressure", "mean_gap", "load", "approach", "mean_pressure", "contact_fraction_corrected",
 )  # fmt: skip
@@ -118,9 +111,8 @@ class Run:
     def key(self, ranks=1):
         """Return a digest of all that the outcome depends on: options, files, program, number of ranks."""
         contents = [_digest(file) for file in self.inputs()]
-        module = ROOT.joinpath(*self.module.split(".")).with_suffix(".py")
-        program = [_program_digest(), _digest(module), inspect.getsource(self.collect)]
-        what = [self.module, self.arguments(), contents, ranks, program, _environment()]
+        program = [self.module, self.collect.__qualname__, _program_digest()]
+        what = [program, self.arguments(), contents, ranks, _environment()]
         return hashlib.sha256(json.dumps(what).encode()).hexdigest()[:16]
 
 
@@ -168,7 +160,9 @@ def _digest_of(path, *state):
 
 @cache
 def _program_digest():
-    app = ROOT / "app"
-    sources = [path for path in app.rglob("*.py") if path.relative_to(app).parts[0] not in _NO_PART]
-    sources += [FILES / "fast.opts", FILES / "primal.opts"]  # the default methods
+    sources = [
+        *(ROOT / "app").rglob("*.py"),
+        FILES / "fast.opts",
+        FILES / "primal.opts",
+    ]  # the default methods
     return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(sources))).hexdigest()

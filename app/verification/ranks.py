@@ -14,7 +14,7 @@ from app.mpi import MPI
 from app.problems.given import ContactProblem
 from app.problems.shapes import Paraboloid
 from app.problems.surfaces import SelfAffineSurface
-from app.runs.processes import Processes
+from app.runs.processes import call
 from app.verification.check import Check, Figure
 from app.verification.solving import difference, solved
 
@@ -67,12 +67,12 @@ def answers(quick, comm):
 
 def on_ranks(quick):
     """Compare two and three ranks with one."""
-    processes, found = Processes(), {1: answers(quick, MPI.COMM_SELF)}
+    found = {1: answers(quick, MPI.COMM_SELF)}
     with tempfile.TemporaryDirectory() as folder:
         for ranks in (2,) if quick else (2, 3):
             target = Path(folder) / f"{ranks}.npz"
             command = ["mpiexec", "-n", str(ranks), sys.executable, "-m", __spec__.name, str(target)]
-            status, errors = processes.call([*command, "quick"] if quick else command, timeout=600)
+            status, errors = call([*command, "quick"] if quick else command, timeout=600)
             if status:
                 return [Figure(f"exit status of {ranks} ranks: {errors.strip()[-300:]}", status, 0, 0)]
             with np.load(target) as data:

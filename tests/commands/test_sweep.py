@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from unittest import mock
@@ -20,10 +21,10 @@ from app.contact.grid_errors import GridErrors
 from app.errors import InputError
 from app.output.result import read_result
 from app.output.sweeps import sweep_figure
-from app.runs import batch
+from app.runs import batch, processes
 from app.runs.batch import rows_of, run_all
 from app.runs.journal import Journal
-from app.runs.processes import Processes, perform
+from app.runs.processes import call, perform
 from app.runs.run import CHECKS, Run
 from app.runs.sweep_file import read_sweep
 from app.sweep import SUFFIXES, main
@@ -252,7 +253,7 @@ def test_a_missing_kept_file_is_made_again(swept, tmp_path):
 
 def test_a_solution_of_a_run_that_is_not_fine_enough_is_not_why(tmp_path):
     run = Run((str(HERTZ),), {"grid": "8", "refine_until": "1e-3", "refine_max": "64"})
-    outcome = perform(run, tmp_path / "a.h5", Processes())
+    outcome = perform(run, tmp_path / "a.h5")
     assert outcome["exit_status"] == 3 and outcome["converged"]
     assert "-refine_max was reached" in outcome["message"]
 
@@ -493,23 +494,23 @@ def test_journal_survives_a_line_that_was_cut_off(tmp_path):
 def test_serial_runs_at_a_time_share_no_folder_that_one_of_them_removes(tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     code = f"import os; from mpi4py import MPI; assert MPI.COMM_WORLD.size == 1 and not os.listdir({str(tmp_path)!r})"
-    assert Processes().call([sys.executable, "-c", code]) == (0, "")
+    assert call([sys.executable, "-c", code]) == (0, "")
 
 
 def test_a_run_that_hangs_or_crashes_is_a_row(tmp_path):
-    processes = Processes()
-    slow = perform(Run((str(HERTZ), str(NORM))), tmp_path / "a.h5", processes, timeout=0.1)
+    slow = perform(Run((str(HERTZ), str(NORM))), tmp_path / "a.h5", timeout=0.1)
     assert slow == {"exit_status": 124, "message": "stopped after 0.1 s"}
-    crashed = perform(Run(module="app.absent"), tmp_path / "a.h5", processes)
+    crashed = perform(Run(module="app.absent"), tmp_path / "a.h5")
     assert crashed["exit_status"] == 1 and "app.absent" in crashed["message"]
-    status, errors = processes.call([sys.executable, "-c", "import os; os.abort()"])
+    status, errors = call([sys.executable, "-c", "import os; os.abort()"])
     assert (status, errors) == (-signal.SIGABRT, "")
     for number, name in ((signal.SIGABRT, "SIGABRT"), (signal.SIGRTMIN + 6, f"signal {signal.SIGRTMIN + 6}")):
         with mock.patch.object(processes, "call", return_value=(-number, "")):
-            assert perform(Run(), tmp_path / "a.h5", processes)["message"] == f"ended by {name}"
-    processes.close()
+            assert perform(Run(), tmp_path / "a.h5")["message"] == f"ended by {name}"
+    stop = threading.Event()
+    stop.set()
     with pytest.raises(InterruptedError):
-        processes.call([sys.executable, "-c", ""])
+        call([sys.executable, "-c", "import time; time.sleep(20)"], stop=stop)
 
 
 def test_an_interrupt_of_the_one_who_waits_ends_the_process(tmp_path):
@@ -524,7 +525,7 @@ def test_an_interrupt_of_the_one_who_waits_ends_the_process(tmp_path):
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt):
-            Processes().call([sys.executable, "-c", interrupts, str(child)])
+            call([sys.executable, "-c", interrupts, str(child)])
     finally:
         signal.signal(signal.SIGINT, before)
     assert not Path("/proc", child.read_text()).exists()
