@@ -19,7 +19,7 @@ import numpy as np
 from app.analytic import ANALYTIC, THEORIES
 from app.contact.extent import ContactExtent
 from app.contact.grid_errors import GridErrors
-from app.contact.loading import LOADINGS, as_number
+from app.contact.loading_input import LOADINGS, as_number
 from app.errors import InputError, agree, check_alike, exactly
 
 # Columns of the table that a solution has by these names, after `load` and the like what beside it is known.

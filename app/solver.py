@@ -27,7 +27,8 @@ from app.contact.certificate import certify
 from app.contact.distance import UndeformedDistance
 from app.contact.extent import measure_extent
 from app.contact.history import History, Monitor
-from app.contact.loading import PrescribedApproach, as_number, prescribe
+from app.contact.loading import PrescribedApproach
+from app.contact.loading_input import as_number, make_loading
 from app.errors import InputError, agree, check_alike, warn_caller
 from app.halfspace.communication import Communicator
 from app.halfspace.influence import influence_quadrant
@@ -350,7 +351,7 @@ class ContactSolver:
             raise InputError("the solver is closed")
 
     def _loading(self, given):
-        loading = prescribe(self.problem.grid, self._distances[-1], **given)
+        loading = make_loading(self.problem.grid, self._distances[-1], **given)
         self._strategy.check_loading(loading, self._largest)
         if loading.load == 0:
             return PrescribedApproach(self.touching)  # it is not unique: where the bodies just touch

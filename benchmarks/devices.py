@@ -71,6 +71,7 @@ class Constant:
         return f"`{self.name}`" if self.module else f"`-{self.name}`"
 
 
+_LOAD = "app.contact.prescribed_load"
 FREE = (
     Constant("ksp_rtol", "a contact set is solved until its residual is smaller by this"),
     Constant("lcp_coarse_rtol", "residual over h on C that is enough on coarse grids"),
@@ -87,10 +88,10 @@ FREE = (
     Constant("SINGLE", "residual over h on C that is too small for single precision", "app.fast.iteration"),
     Constant("FALLEN", "of the largest load since u was computed: below, it is anew", "app.fast.iteration"),
     Constant("PATIENCE", "iterations without halving the residual, then the safeguard", "app.fast.progress"),
-    Constant("_TELLING", "rms residuals that the approach has to move by for a secant to count", "app.contact.loading"),
-    Constant("_AT_ONCE", "factor by which the slope may change at once", "app.contact.loading"),
-    Constant("_NEARLY", "of the mean slope since first touch: a secant counts from there on", "app.contact.loading"),
-    Constant("_BLAMED", "of the rms residual: the approach may be off by it, unmoved", "app.contact.loading"),
+    Constant("MIN_SECANT_STEP", "rms residuals that the approach has to move by for a secant to count", _LOAD),
+    Constant("MAX_SLOPE_RATIO", "factor by which the slope may change at once", _LOAD),
+    Constant("MIN_MEAN_SLOPE_FRACTION", "of the mean slope since first touch: a secant counts from there on", _LOAD),
+    Constant("LOAD_RESIDUAL_FRACTION", "of the rms residual: the approach may be off by it, unmoved", _LOAD),
     Constant("_TRUSTED", "factor in the load beyond which p is copied, not lifted", "app.fast.lift"),
     Constant("_LEAST", "cells around contact in a window, at least", "app.fast.windows"),
     Constant("_MOST", "share of the cells; a larger window is none", "app.fast.windows"),

@@ -12,7 +12,7 @@ On each grid, from the coarsest to the target (`nested`):
 3. *Enough.* A coarse grid is left as soon as its residual is small against h on C. The target grid is left by one
    product in double precision on all cells; it decides (5.1), and with it the certificate must hold. For a window
    all ranks make it (`verification_product`).
-4. *Load.* A prescribed load moves the approach along the way (`app.contact.loading`).
+4. *Load.* A prescribed load moves the approach along the way (`app.contact.prescribed_load`).
 5. *Safeguard.* Where the residual stagnates, `safeguard` takes over: slower, with a proof of convergence.
 
 Words of this room, and what the field calls it:

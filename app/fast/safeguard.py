@@ -5,7 +5,7 @@ which here leaves out the cells with next to no pressure and a gap; along ``p(al
 halved until f falls as much as Armijo asks for. With alpha = 1 this is steps 2 to 4.b of Sec. 4.1, so little is lost
 where they work. f falls in every iteration and the limit is the solution, for any symmetric positive definite
 preconditioner and any number of CG steps [1, Prop. 2]. Under a prescribed load a bracketing root search goes around it:
-the load is monotone in the approach (`app.contact.loading.PrescribedLoad.solve_by_search`).
+the load is monotone in the approach (`app.contact.prescribed_load.PrescribedLoad.solve_by_search`).
 
 All in double precision; on top of the iteration's own it takes some vectors while it runs. The result says that it
 took over (``fallbacks``, the number of grids).

@@ -13,8 +13,9 @@ from app import ContactProblem, ContactSolver, Grid, Material
 from app.contact.distance import UndeformedDistance
 from app.contact.history import History, Outcome
 from app.contact.iteration import active_set
-from app.contact.loading import PrescribedApproach, PrescribedLoad, stiffness_of_patch
+from app.contact.loading import PrescribedApproach
 from app.contact.periodic_state import contact_state
+from app.contact.prescribed_load import PrescribedLoad, stiffness_of_patch
 from app.contact.stopping import StoppingTest
 from app.multigrid.direct import DirectSolver
 from app.multigrid.hierarchy import Hierarchy

@@ -14,8 +14,9 @@ from petsc4py import PETSc
 from app import ContactProblem, ContactSolver, SelfAffineSurface, solve
 from app.contact.distance import UndeformedDistance
 from app.contact.iteration import CONVERGED
-from app.contact.loading import PrescribedApproach, PrescribedLoad
+from app.contact.loading import PrescribedApproach
 from app.contact.periodic_state import contact_state
+from app.contact.prescribed_load import PrescribedLoad
 from app.errors import InputError
 from app.fast.stopping import InexactStop
 from app.halfspace.grid import Grid, Slabs

@@ -1,0 +1,121 @@
+"""Loadings of numbers that users give: which are allowed, and what they prescribe."""
+
+from __future__ import annotations
+
+from math import ulp
+from numbers import Real
+
+import numpy as np
+
+from app.contact.loading import PrescribedApproach, PrescribedMeanGap
+from app.contact.prescribed_load import PrescribedLoad
+from app.errors import InputError, exactly
+from app.options import LARGEST
+
+LOADINGS = {"approach": "mm", "load": "N", "mean_pressure": "N/mm2", "mean_gap": "mm"}
+_FULL_CONTACT_ROUNDING = 1e-12  # of its approach
+_FEW = 4  # units in the last place, that numbers as users compute them may be wrong by
+
+
+def make_loading(grid, distance, **given):
+    """Make the loading of a number. Not collective.
+
+    Parameters
+    ----------
+    grid : Grid
+        Target grid.
+    distance : UndeformedDistance
+        On it.
+    **given : float
+        Of `LOADINGS` exactly one that is not None: approach or mean gap [mm], load [N], or mean pressure, load over
+        area of the patch [N/mm2].
+
+    Raises
+    ------
+    InputError
+        If not exactly one is given, or it is not allowed.
+    """
+    given = {kind: number for kind, number in given.items() if number is not None}
+    if len(given) != 1 or not given.keys() <= LOADINGS.keys():
+        *others, last = (f"{kind} [{unit}]" for kind, unit in LOADINGS.items())
+        raise InputError(f"exactly one of {', '.join(others)} and {last} is needed")
+    [(kind, number)] = given.items()
+    value = as_number(kind, number)
+    if kind in ("load", "mean_pressure"):
+        if value < 0:
+            raise InputError(
+                f"{kind} {exactly(value)}: the bodies do not stick together; allowed: at least 0 {LOADINGS[kind]}"
+            )
+        return PrescribedLoad(value if kind == "load" else value * grid.area)
+    # On a periodic patch displacements have no mean: mean(gap) = mean(undeformed distance) - approach.
+    holes = grid.n - distance.statistics.cells
+    mean, reference = distance.statistics.mean, distance.reference
+    full = distance.approach_at(mean)
+    little = _FULL_CONTACT_ROUNDING * (abs(full) + distance.deviation)
+    if kind == "mean_gap":
+        _check_mean_gap(value, grid, holes, little)
+        # no digits are lost to the reference
+        depth = (mean - max(value, 0.0)) + distance.statistics.mean_rest
+        depth = _without_rounding(depth, mean, distance.touching, mean)
+        return PrescribedMeanGap(distance, depth)
+    if not grid.periodic:
+        return PrescribedApproach(value)
+    if value - full > little and not holes:
+        raise InputError(
+            f"approach {exactly(value)}: the mean gap of this periodic patch would be negative; "
+            f"allowed: at most {full!r} mm, full contact"
+        )
+    value, mean = (value, np.inf) if holes else (min(value, full), mean)
+    size = max(abs(value), abs(reference))
+    return PrescribedApproach(value, _without_rounding(value - reference, size, distance.touching, mean))
+
+
+def _without_rounding(depth, size, touching, full):
+    """A depth, or that of first touch or full contact, if it differs by no more than numbers of a size are rounded by.
+
+    A contact, or a gap that is left, of rounding alone has no digits.
+    """
+    rounding = _FEW * ulp(size)
+    if full - depth <= rounding:
+        return full
+    return touching if 0 < depth - touching <= rounding else depth
+
+
+def as_number(kind, given):
+    """The number of a loading, by Python or numpy, an array without dimensions, too. Not collective.
+
+    Raises
+    ------
+    InputError
+        If it is something else, or too large or small.
+    """
+    if isinstance(given, np.ndarray) and not given.shape:
+        given = given[()]
+    if isinstance(given, bool) or not isinstance(given, Real):
+        many = hasattr(given, "__len__") and getattr(given, "shape", None) != ()  # () as of what is masked
+        if many and not isinstance(given, str | bytes):
+            what = f"{kind}: {type(given).__name__} of {len(given)}"
+            raise InputError(f"{what}; allowed: a number; many, one after the other: ContactSolver.path")
+        raise InputError(f"{kind}: is {type(given).__name__}; needed: a number [{LOADINGS[kind]}]")
+    try:
+        value = float(given)
+    except OverflowError:
+        value = np.inf
+    if not (value == 0 or 1 / LARGEST <= abs(value) <= LARGEST):
+        raise InputError(
+            f"{kind} {exactly(value)}: allowed: a number of size {1 / LARGEST:g} to {LARGEST:g}, or 0"
+        )
+    return value
+
+
+def _check_mean_gap(value, grid, holes, little):
+    """Refuse a mean gap that no approach is known for, or none has."""
+    given, others = f"mean_gap {exactly(value)}", "allowed: approach, load or mean_pressure"
+    if not grid.periodic:
+        raise InputError(f"{given}: only on a periodic patch does it say what the approach is; {others}")
+    if holes:
+        raise InputError(
+            f"{given}: contact is impossible in {holes} cells (NaN), whose gap nobody knows; {others}"
+        )
+    if value < -little:
+        raise InputError(f"{given}: the bodies do not penetrate each other; allowed: at least 0 mm")
