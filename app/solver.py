@@ -27,7 +27,6 @@ from app.contact.certificate import certify
 from app.contact.distance import UndeformedDistance
 from app.contact.extent import measure_extent
 from app.contact.history import History, Monitor
-from app.contact.loading import PrescribedApproach
 from app.contact.loading_input import as_number, make_loading
 from app.errors import InputError, agree, check_alike, warn_caller
 from app.halfspace.communication import Communicator
@@ -353,8 +352,6 @@ class ContactSolver:
     def _loading(self, given):
         loading = make_loading(self.problem.grid, self._distances[-1], **given)
         self._strategy.check_loading(loading, self._largest)
-        if loading.load == 0:
-            return PrescribedApproach(self.touching)  # it is not unique: where the bodies just touch
         return loading
 
     def _solution(self, given, state, loading, outcome, history, started, products, before):

@@ -46,6 +46,8 @@ def make_loading(grid, distance, **given):
             raise InputError(
                 f"{kind} {exactly(value)}: the bodies do not stick together; allowed: at least 0 {LOADINGS[kind]}"
             )
+        if not value:  # the approach is not unique: where the bodies just touch
+            return PrescribedApproach(distance.approach_at(distance.touching), distance.touching)
         return PrescribedLoad(value if kind == "load" else value * grid.area)
     # On a periodic patch displacements have no mean: mean(gap) = mean(undeformed distance) - approach.
     holes = grid.n - distance.statistics.cells

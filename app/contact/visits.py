@@ -91,9 +91,12 @@ def _route(hierarchy, distances, loading, nested):
 
     Without nested iteration that is the target alone; a prescribed load is met on a small grid first, which is where
     the approach to begin with comes from. Grids so coarse that no cell is admissible say nothing, and a function may
-    have one on a grid and none on the next finer one.
+    have one on a grid and none on the next finer one. At first touch and before it there is no pressure: one from a
+    coarser grid, where bodies may overlap, would go down to rounding only.
     """
     last = len(hierarchy.levels) - 1
+    if loading.misses_contact(distances[last]):
+        return [last]
     sighted = [number for number, distance in enumerate(distances) if distance.statistics.cells]
     if nested:
         return range(max(set(range(last)).difference(sighted), default=-1) + 1, last + 1)

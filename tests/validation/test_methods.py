@@ -306,6 +306,7 @@ def test_load_zero_is_no_pressure_at_all():
         assert found.load == 0
         assert found.approach == np.nanmin(found.undeformed_distance + found.approach)
         assert found.certificate.error_bound == 0
+        assert list(found.history["iteration"]) == [1]  # nothing comes from coarse grids, down to rounding
 
 
 @pytest.mark.parametrize("method", METHODS)
