@@ -6,7 +6,7 @@ prints a long notice and a traceback for each of its modules.
 
 import io
 import sys
-from contextlib import redirect_stderr
+from contextlib import redirect_stderr, suppress
 from functools import partial
 from importlib import import_module
 from importlib.machinery import PathFinder
@@ -63,8 +63,9 @@ class Compiled:
             error = mismatch(name.partition(".")[0])
         finally:
             cls._loading = False
-            if error is None:
-                sys.stderr.write(printed.getvalue())
+            if error is None and printed.getvalue():
+                with suppress(OSError):  # a full disk, or nobody who reads
+                    sys.stderr.write(printed.getvalue())
         if error is not None:
             _refuse(error)
 
@@ -77,9 +78,13 @@ def mismatch(name):
 
     package = PathFinder.find_spec(name).submodule_search_locations[0]
     folder, of_numpy = (str(Path(place).parent) for place in (package, *numpy.__path__))
-    behind = [place for place in sys.path if place != of_numpy]
     remedy = "install releases of both that fit (docs/install.md)"
-    if PathFinder.find_spec("numpy", behind) is not None:
+    others = [place for place in sys.path if place != of_numpy]
+    if (
+        sys.prefix != sys.base_prefix
+        and of_numpy.startswith(sys.prefix)
+        and PathFinder.find_spec("numpy", others)
+    ):
         remedy = "remove that numpy (pip uninstall numpy), and install what needs it in another environment"
     text = f"{name} in {folder} does not work with numpy {numpy.__version__} in {of_numpy}: {remedy}"
     return PackageError(text, name=name)

@@ -42,8 +42,10 @@ PROGRAMS = {
 }
 
 
-@pytest.mark.ranks(1, 2)
-@pytest.mark.parametrize("name", PROGRAMS)
+@pytest.mark.parametrize(
+    ("name", "ranks"),
+    [*((name, 1) for name in PROGRAMS), ("forgotten", 2), ("several, in a list", 2), ("in the middle", 2)],
+)
 def test_a_solver_that_is_not_closed_ends_without_a_crash(name, ranks, tmp_path):
     program = tmp_path / "program.py"
     start = (

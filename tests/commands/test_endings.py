@@ -186,15 +186,20 @@ def test_python_without_mpi(solve):
     assert_ended(done, f"{sys.executable} has no mpi4py")
 
 
-def test_petsc4py_of_another_python(solve, tmp_path):
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        ("numpy.dtype size changed", "petsc4py in {} does not work with numpy "),
+        ("undefined symbol", "{}/petsc4py does not load: undefined symbol. Debian: "),
+    ],
+)
+def test_petsc4py_of_another_python_or_numpy(solve, tmp_path, error, message):
     """As Debian's is in an environment with a newer numpy: the line says where it is and what is wrong with it."""
     folder = tmp_path / "petsc4py"
     folder.mkdir()
-    (folder / "__init__.py").write_text(
-        "def init(words):\n    raise ValueError('numpy.dtype size changed')\n"
-    )
+    (folder / "__init__.py").write_text(f"def init(words):\n    raise ValueError({error!r})\n")
     done = solve("-problem", "hertz", PYTHONPATH=f"{tmp_path}:{TESTS.parent}")
-    assert_ended(done, f"{folder} does not load: numpy.dtype size changed. Debian: ")
+    assert_ended(done, message.format(tmp_path))
 
 
 # ------------------------------------------------------------------------------------------------ streams
