@@ -83,4 +83,7 @@ class PeriodicState(ContactState):
             return self.scale(load / carried)
         p = self.values
         p += inside * (lacks / cells_inside)
+        if not (left := self.load) > 0:
+            return self.distribute_load(load)
+        p *= load / left  # where nearly all is taken off, the rest has few digits
         return self.compute_displacement()

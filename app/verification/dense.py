@@ -14,6 +14,7 @@ Computers Ops Res. 21 (1994) 587.
 from __future__ import annotations
 
 from fractions import Fraction
+from math import ulp
 
 import numpy as np
 from scipy.linalg import lu_factor, lu_solve
@@ -107,7 +108,8 @@ class DenseProblem:
         """Pressure at an approach, shape (ny, nx) [N/mm2]."""
         depth = np.longdouble(approach) - self._least
         mean = self._gap.mean()
-        if self._singular and depth >= mean - 1e-15 * abs(self._least + mean):
+        rounding = 4 * ulp(max(abs(approach), abs(float(self._least))))  # see docs/periodic.md
+        if self._singular and depth >= mean - rounding:
             return self._field(self._full())
         return self._field(self._pivot(depth))
 
