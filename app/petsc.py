@@ -54,6 +54,7 @@ def _library():
         "PetscOptionsHelpPrintedCreate": [ctypes.POINTER(_Handle)],
         "PetscOptionsHelpPrintedDestroy": [ctypes.POINTER(_Handle)],
         "MatRestrict": [_Handle, _Handle, _Handle],
+        "MatSetOperation": [_Handle, ctypes.c_int, _Handle],
         "PetscOptionsLeftGet": lists,
         "PetscOptionsLeftRestore": lists,
     }.items():
@@ -387,6 +388,23 @@ def restricts_by_transpose():
     for part in (x, y, mat):
         part.destroy()
     return asked.transposed
+
+
+_MATOP_GETINFO, _MAT_INFO_BYTES = 15, 10 * 8
+
+
+@ctypes.CFUNCTYPE(ctypes.c_int, _Handle, ctypes.c_int, _Handle)
+def _no_entries(mat, kind, info):
+    ctypes.memset(info, 0, _MAT_INFO_BYTES)
+    return 0
+
+
+def report_no_entries(mat):
+    """Let a Mat of type python answer ``getInfo``: no entries are stored. Not collective.
+
+    petsc4py passes the question on to no context (none yet).
+    """
+    _call("MatSetOperation", mat.handle, _MATOP_GETINFO, ctypes.cast(_no_entries, _Handle))
 
 
 def check_cells(grid):

@@ -24,6 +24,7 @@ NAV = {  # heading -> page -> its name there; None: that of the page
         "load-paths": "Load curves",
         "periodic": None,
         "methods": None,
+        "operator": "The operator as a Mat",
         "results": None,
     },
     "Reference": {"options": None, "api": "Python"},

@@ -19,10 +19,12 @@ from app.halfspace.fft.lengths import transform_length
 from app.halfspace.fft.multiplier import EvenMultiplier, Layout
 from app.halfspace.grid import Slabs
 from app.halfspace.influence import dense_matrix, influence_quadrant, quadrant_rows
+from app.halfspace.mat_methods import MatMethods, factors_of
 from app.halfspace.periodic import influence_symbol
 from app.halfspace.product import BoxProduct, Convolution, DenseProduct, NoRows, PeriodicProduct
 from app.halfspace.reductions import sum_over
 from app.mpi import MPI
+from app.petsc import report_no_entries
 
 _FORWARD, _BACKWARD = 1 | 4, 2 | 8  # MatSORType: the "local" kinds mean the same here, see `SOR`
 _ZERO_GUESS = 16
@@ -33,7 +35,7 @@ _sweep_event = PETSc.Log.Event("InfluenceSOR")
 transpose.exchange_event = PETSc.Log.Event("InfluenceAlltoall")
 
 
-class InfluenceOperator:
+class InfluenceOperator(MatMethods):
     """A and C A C on one grid: products, diagonal, Gauss-Seidel sweeps. What PETSc calls is collective.
 
     Parameters
@@ -67,7 +69,7 @@ class InfluenceOperator:
     active : bool
         Whether this rank is one of those that share the rows.
     mask : ndarray of bool, shape (local rows, nx)
-        The contact set C. Change it in place and then call `mask_changed`.
+        The contact set C, at first all cells. Change it in place and then call `mask_changed`.
     contact_number : int
         Contact sets that solvers have been told of, by `mask_changed`. In steps 4.a and 4.b the mask is ahead of it.
     products, sweeps : int
@@ -98,7 +100,7 @@ class InfluenceOperator:
         self._verified_elsewhere = exact_product is not None
         self.multipliers = {}  # by name: the inverse of A and what stands for A, made by who uses them first, or None
         self.local_shape = (self.slabs.local, grid.nx)
-        self.mask = np.zeros(self.local_shape, bool)
+        self.mask = np.ones(self.local_shape, bool)
         self.products = self.sweeps = 0
         self._spent = 0.0  # products of objects that are gone
         self.contact_number = 0
@@ -223,9 +225,12 @@ class InfluenceOperator:
         """PETSc communicator of the ranks that share the rows."""
         return petsc_comm(self.comm)
 
-    def mat(self, comm):
-        """Make a Mat with this context, the caller's to destroy. Collective over the PETSc communicator `comm`."""
-        return symmetric_mat(self, comm)
+    def mat(self, comm=None):
+        """Make a Mat with this context, the caller's to destroy. Collective over `comm`, a PETSc communicator.
+
+        `comm` is by default that of the ranks that share the rows.
+        """
+        return symmetric_mat(self, comm or self.petsc_comm)
 
     def mask_changed(self):
         """Take notice of another contact set; who holds a Mat must tell PETSc. Not collective."""
@@ -287,18 +292,26 @@ class InfluenceOperator:
     # -- what PETSc calls --------------------------------------------------------------------------------
 
     def mult(self, mat, x, y):
-        """Compute y = C A C x, the left side of (2.11); from it PCMG has the defect of Sec. 4.2, 2."""
+        """Compute y = C A C x, the left side of (2.11); from it PCMG has the defect of Sec. 4.2, 2.
+
+        A Mat that was scaled or shifted is a C A C + s I.
+        """
         self.products += 1
+        a, s = factors_of(mat)
         with y as out:
-            p = x.getArray(readonly=True).reshape(self.local_shape)
-            logged(_mult_event, self.product, p, out.reshape(self.local_shape), self.mask)
+            p, out = x.getArray(readonly=True).reshape(self.local_shape), out.reshape(self.local_shape)
+            logged(_mult_event, self.product, p, out, self.mask)
+            if (a, s) != (1.0, 0.0):
+                out *= a
+                out += s * p
 
     multTranspose = mult
 
     def getDiagonal(self, mat, diagonal):
-        """Diagonal of A; the same outside C, where it only has to be nonzero."""
+        """Diagonal of the Mat; the same outside C, where it only has to be nonzero."""
+        a, s = factors_of(mat)
         with diagonal as values:
-            values[...] = self.diagonal
+            values[...] = a * self.diagonal + s
 
     def SOR(self, mat, b, omega, kind, shift, its, lits, x):
         """Sec. 4.2, 1: damped lexicographic Gauss-Seidel on C, the sequential sweep on any number of ranks.
@@ -306,7 +319,8 @@ class InfluenceOperator:
         PETSc's "local" sweeps (its default) would make the result depend on the number of ranks, and the
         multigrid method diverge; here they are the global ones.
         """
-        if shift or kind & ~(_FORWARD | _BACKWARD | _ZERO_GUESS):
+        a, s = factors_of(mat)
+        if shift or s or kind & ~(_FORWARD | _BACKWARD | _ZERO_GUESS):
             raise ValueError(
                 "Gauss-Seidel with a diagonal shift, or by parts of the matrix, is not available"
             )
@@ -317,6 +331,7 @@ class InfluenceOperator:
         zero = bool(kind & _ZERO_GUESS)
         directions = [backward for flag, backward in ((_FORWARD, False), (_BACKWARD, True)) if kind & flag]
         right = b.getArray(readonly=True).reshape(self.local_shape)
+        right = right if a == 1 else right / a
         r, d = relaxation.defect, relaxation.correction
         with _sweep_event, x as solution:
             p = solution.reshape(self.local_shape)
@@ -419,6 +434,8 @@ def symmetric_mat(context, comm):
     """Make a Mat of an operator with a `local_shape`, symmetric positive definite. Collective over `comm`."""
     size = context.local_shape[0] * context.local_shape[1], context.grid.n
     mat = PETSc.Mat().createPython((size, size), context, comm=comm)
-    mat.setOption(PETSc.Mat.Option.SPD, True)
+    for option in (PETSc.Mat.Option.HERMITIAN, PETSc.Mat.Option.SPD):
+        mat.setOption(option, True)
     mat.setUp()
+    report_no_entries(mat)
     return mat

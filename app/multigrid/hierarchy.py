@@ -120,6 +120,7 @@ class Hierarchy:
             slabs, few = self.ranks.deal(level, size)
             target = operators[0] if operators else None
             operators.append(InfluenceOperator(level, compliance, slabs, few, dtype, target=target))
+            operators[-1].mask[...] = False  # nothing is in contact yet
         transfers = [
             Transfer(fine, coarse, between, self.comm)
             for (fine, coarse), between in zip(pairwise(operators), factors, strict=True)

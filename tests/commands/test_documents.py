@@ -26,7 +26,7 @@ OTHERS = {
     "cone_slope",
     *REMOVED,
 }
-PETSCS = re.compile(r"(ksp|pc|mg_levels|mg_coarse|snes|tao|log|malloc|objects)_\w*")
+PETSCS = re.compile(r"((punch_)?ksp|pc|mg_levels|mg_coarse|snes|tao|log|malloc|objects)_\w*")
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 
 

@@ -146,3 +146,60 @@ def test_mat_with_a_contact_set_that_changes(comm, grid, block):
     x.destroy()
     y.destroy()
     mat.destroy()
+
+
+def mat_of(comm, grid, block):
+    """Mat of all cells, its operator and its dense matrix."""
+    slabs = slabs_of(comm, grid, block)
+    operator = InfluenceOperator(grid, STEEL, slabs, comm if comm.size > 1 else None)
+    return operator.mat(), operator, matrix_of(grid)
+
+
+def assert_is(mat, operator, dense, seed=7):
+    """A Mat multiplies, and has norms and a diagonal, like a dense matrix."""
+    rows, p = operator.slabs.rows, random_field(operator.grid, seed)
+    x, y = mat.createVecs()
+    x.setArray(p[rows].reshape(-1))
+    mat.mult(x, y)
+    found = y.getArray(readonly=True).reshape(operator.local_shape)
+    expected = (dense @ p.reshape(-1)).reshape(p.shape)
+    error = np.abs(found - expected[rows]).max(initial=0.0)
+    assert error <= DOUBLE * np.abs(dense).sum(1).max() * np.abs(p).max()
+    columns = np.abs(dense).sum(0).max()
+    for kind, norm in (("NORM_1", columns), ("INFINITY", columns), ("FROBENIUS", np.linalg.norm(dense))):
+        assert mat.norm(getattr(PETSc.NormType, kind)) == pytest.approx(norm, rel=1e-11)
+    for vec in (x, y):
+        vec.destroy()
+
+
+@pytest.mark.mpi(1, 2, 3)
+@each_grid
+def test_a_new_operator_has_all_cells(comm, grid):
+    mat, operator, dense = mat_of(comm, grid, 1)
+    assert_is(mat, operator, dense)
+    mat.destroy()
+
+
+@pytest.mark.mpi(1, 2, 3)
+@each_grid
+def test_mats_are_scaled_and_shifted_by_themselves(comm, grid):
+    mat, operator, dense = mat_of(comm, grid, 8)  # some ranks own no rows
+    mask = random_mask(grid, 8)
+    operator.mask[...] = mask[operator.slabs.rows]
+    operator.mask_changed()
+    inside = mask.reshape(-1)
+    dense = np.where(inside[:, None] & inside, dense, 0.0)
+    shift = 3 * dense.max()
+    other = mat.duplicate()
+    other.scale(-2.0)
+    other.shift(shift)
+    copy = other.copy()
+    copy.scale(0.5)
+    for one, factor, summand in ((mat, 1, 0), (other, -2, shift), (copy, -1, shift / 2)):
+        assert_is(one, operator, factor * dense + summand * np.eye(grid.n))
+        assert one.isHermitian() and one.isSymmetric()
+        assert one.getInfo()["nz_used"] == 0
+    with pytest.raises((ValueError, PETSc.Error)):
+        mat.norm(PETSc.NormType.NORM_2)
+    for one in (mat, other, copy):
+        one.destroy()

@@ -356,6 +356,7 @@ def test_one_cell_at_least_stays_open_below_the_approach_of_full_contact():
 def test_the_energy_is_that_of_the_cells_there_are():
     """In step 4.a cells leave, and no solver has been told yet."""
     operator = InfluenceOperator(Grid(12, 10, 1.0, 1.0, periodic="love"), 1.0)
+    operator.mask[...] = False
     operator.mask[2:6, 2:6] = True
     operator.mask_changed()
     before = operator.energy_of_contact()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cases import hertz, periodic_rough
 
-from app import ContactSolver
+from app import ContactProblem, ContactSolver, Grid
 from app.errors import InputError
 
 PROBLEM = hertz(16)
@@ -227,3 +227,18 @@ def test_multigrid_speeds_up_conjugate_gradients():
         fast, plain = fast.solve(approach=0.1), plain.solve(approach=0.1)
     assert fast.converged and fast.inner_iterations < plain.inner_iterations / 2
     assert fast.load == pytest.approx(plain.load, rel=fast.error_bound + plain.error_bound)
+
+
+@pytest.mark.parametrize("length", [1e-12, 1e-16])
+@pytest.mark.parametrize("kind", ["tron", "blmvm", "gpcg", "bnls", "bncg", "bqnls"])
+def test_tao_gives_up_with_a_reason_at_tiny_lengths(kind, length):
+    grid = Grid.from_domain(16, 16, (-10 * length, 10 * length, -6 * length, 6 * length))
+    problem = ContactProblem(grid, PROBLEM.material, lambda x, y: (x**2 / 600 + y**2 / 326) / length)
+    with (
+        warnings.catch_warnings(),
+        ContactSolver(problem, options={"lcp_type": "tao", "tao_type": kind}) as solver,
+    ):
+        warnings.simplefilter("ignore", RuntimeWarning)
+        for _ in range(2):
+            found = solver.solve(approach=0.1 * length)
+            assert found.converged or found.error_bound > 0.01 or "TAO" in found.message

@@ -534,7 +534,7 @@ OPTIONS = {
     "unknown smoother": ({"method": "fmg_v11", "options": {"mg_levels_pc_type": "gc"}}, "gc"),
     "unknown KSP of SNESVI": ({"options": {"lcp_type": "snesvi", "ksp_type": "gc"}}, "gc"),
     "unknown line search": ({"options": {"lcp_type": "tao", "tao_ls_type": "gc"}}, "gc"),
-    "linear solver that needs entries": ({"method": "norm", "options": {"pc_type": "gamg"}}, "getinfo"),
+    "linear solver that needs entries": ({"method": "norm", "options": {"pc_type": "gamg"}}, "No method"),
     "only the default method": ({"method": "norm", "options": {"lcp_predictor": 1.0}}, "lcp_predictor.*no effect"),
     "only nested": ({"method": "mg_v11", "options": {"lcp_beta": 0.01}}, "lcp_beta.*no effect"),
     "only by copy": ({"options": {"lcp_beta": 0.01}}, "lcp_beta.*no effect"),

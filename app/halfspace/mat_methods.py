@@ -1,0 +1,75 @@
+"""Methods of the influence matrix's Mat that Krylov methods do not need, for programs of users.
+
+A Mat is ``a C A C + s I``. The factors a and s belong to the Mat; the operator with its contact set is shared by all.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+
+from app.halfspace.fft.multiplier import Layout
+from app.halfspace.influence import quadrant_rows
+from app.halfspace.product import Convolution
+from app.halfspace.reductions import minimum_over, sum_over
+
+_FACTORS = "factors"  # attribute of a Mat
+
+
+def factors_of(mat):
+    """Return a and s of a Mat. Not collective."""
+    return (mat and mat.getAttr(_FACTORS)) or (1.0, 0.0)
+
+
+def _check_definite(mat):
+    """Tell PETSc whether the Mat is still known to be positive definite. Not collective."""
+    a, s = factors_of(mat)
+    mat.setOption(PETSc.Mat.Option.SPD, a > 0 and s >= 0)
+    mat.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+
+
+class MatMethods:
+    """Copies, linear combinations with the identity, and norms. Collective."""
+
+    def duplicate(self, mat, _=None):
+        """Return another Mat of the same operator with the same factors."""
+        other = self.mat(mat.comm)
+        other.setAttr(_FACTORS, factors_of(mat))
+        return other
+
+    def scale(self, mat, factor):
+        """Multiply the Mat by a number."""
+        a, s = factors_of(mat)
+        mat.setAttr(_FACTORS, (factor * a, factor * s))
+        _check_definite(mat)
+
+    def shift(self, mat, summand):
+        """Add a multiple of the identity, in and outside C."""
+        a, s = factors_of(mat)
+        mat.setAttr(_FACTORS, (a, s + summand))
+        _check_definite(mat)
+
+    def norm(self, mat, kind):
+        """Return the norm of the Mat: NORM_1 or NORM_INFINITY, which are equal, or FROBENIUS."""
+        squared = kind == PETSc.NormType.FROBENIUS
+        if not squared and kind not in (PETSc.NormType.NORM_1, PETSc.NormType.INFINITY):
+            raise ValueError("norm of an influence matrix: must be NORM_1, FROBENIUS or INFINITY")
+        (a, s), power = factors_of(mat), 2 if squared else 1
+        sums = (
+            abs(a) ** power * (self._row_sums(power) - self.diagonal**power)
+            + abs(a * self.diagonal + s) ** power
+        )
+        sums = np.where(self.mask, sums, abs(s) ** power)
+        if squared:
+            return float(np.sqrt(sum_over(self.comm, [sums.sum()])[0]))
+        return float(-minimum_over(self.comm, [-sums.max(initial=0.0)])[0])
+
+    def _row_sums(self, power):
+        """Sums of ``|entry|^power`` over the columns in C, for the rows of this rank."""
+        if not self.active:
+            return np.zeros(self.local_shape)
+        rows, sums = quadrant_rows(self.grid, self.compliance), np.empty(self.local_shape)
+        layout = Layout(self.slabs, self.comm, np.float64)
+        entries = Convolution(lambda which: np.abs(rows(which)) ** power, self.grid.shape, layout)
+        entries.apply(self.mask.astype(float), sums)
+        return sums
