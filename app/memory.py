@@ -20,6 +20,9 @@ CYCLES = 12  # more of the active set with Gauss-Seidel sweeps, multigrid cycles
 STRIPS = 64  # for each of up to 4 rows and columns, per cell of it: what transforms work on
 EXCHANGE = 0.2  # share more on several ranks: what is received while columns and rows change places
 LEAST = 9  # of any method on any problem
+# Bytes of address space that libraries take from the start of a command to the end of a small solve, and those of the
+# solve alone. OpenBLAS repeats for ever what it cannot allocate, so less is refused.
+LOADING, SOLVING = 384 << 20, 192 << 20
 SMALL = 1 << 20  # bytes that nobody asks after
 
 
@@ -79,9 +82,18 @@ def check_hosts(comm, grid, doubles):
 
     def check():
         _check(grid, together, there, f"on one host ({ranks} rank{'s'[: ranks > 1]})")
-        _check(grid, needed, _address_space(), "in one process, which may have (ulimit -v)")
+        _check(grid, needed + SOLVING, _address_space(), "in one process, which may have (ulimit -v)")
 
     agree(comm, check)
+
+
+def check_process():
+    """Refuse to start in a process that may not load what a solve needs. Not collective."""
+    if _address_space() < LOADING:
+        raise InputError(
+            f"a process may take {_size(_address_space())} more of address space (ulimit -v); "
+            f"needed: {_size(LOADING)} and what the grid takes"
+        )
 
 
 def check_share(grid, cells):

@@ -24,7 +24,7 @@ from pathlib import Path
 from app import __version__
 from app.commands import streams
 from app.errors import FailedElsewhere, InputError, agree, described, one_line
-from app.memory import tell_malloc
+from app.memory import check_process, tell_malloc
 from app.mpi import changed_environment
 from app.packages import HOW_TO_GET, mismatch
 
@@ -79,6 +79,7 @@ def start(argv):
     for number, handler in handlers.items():  # PETSc would abort, also where nohup ignores the signal
         signal.signal(number, handler)
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc would abort; see `streams.say`
+    agree(comm, check_process)
     given = agree(comm, places.read, argv, os.environ, only_root=True)
     for name, text in given.of_petsc.items():
         PETSc.Options().setValue(name, text or None)

@@ -222,6 +222,18 @@ def test_files_up_to_4_mib_are_compared_as_a_whole(tmp_path):
     assert fingerprint(tmp_path / "absent") is None
 
 
+@pytest.mark.parametrize("most", [640_000, 720_000, 800_000])
+def test_a_rank_that_is_short_of_address_space_does_not_let_the_other_wait(most):
+    """OpenBLAS tries for ever to allocate what it may not have."""
+    script = f'if [ "$OMPI_COMM_WORLD_RANK" = 1 ]; then ulimit -v {most}; fi; exec "$@"'
+    done = run(
+        "-c", script, "sh", sys.executable, "-m", "app.solve", *HERTZ, ranks=2, program="sh", timeout=LIMIT
+    )
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert (done.returncode, len(errors)) in ((0, 0), (2, 1)), done.stderr
+    assert all("ulimit -v" in line for line in errors)
+
+
 # ----------------------------------------------------------------------------------------- hostile files
 
 
