@@ -11,6 +11,7 @@ from app.halfspace.stress import max_shear, von_mises
 from app.output.figures import EVEN_VALUES, number, title
 from app.output.maps import cell_edges, finite_pressure, rounding
 from app.output.style import (
+    BESIDE,
     BLUE,
     DASHED,
     DOTTED,
@@ -18,8 +19,7 @@ from app.output.style import (
     GREY,
     ORANGE,
     PURPLE,
-    linear_ticks,
-    log_axis,
+    log_axes,
     new_figure,
     say_instead,
     styled,
@@ -71,8 +71,7 @@ def _density(axes, values, label, unit):
     shown = share > 0
     middle = np.sqrt(edges[1:] * edges[:-1])
     axes.plot(middle[shown], density[shown], "o-", color=BLUE, markersize=4)
-    log_axis(axes.xaxis, middle[shown], EVEN_VALUES)
-    log_axis(axes.yaxis, density[shown])
+    log_axes(axes)
     return None
 
 
@@ -84,11 +83,8 @@ def _draw_patches(axes, patches):
     areas, larger = sizes * unit.per_mm**2, counts[::-1].cumsum()[::-1]
     axes.step(areas, larger, where="pre", color=BLUE)
     axes.plot(areas, larger, "o", color=BLUE, markersize=3)
-    log_axis(axes.xaxis, areas)
-    log_axis(axes.yaxis, larger)
-    limits = axes.get_ylim()
-    axes.set_yticks([tick for tick in axes.get_yticks() if tick == round(tick)])  # half a patch is none
-    axes.set_ylim(limits)
+    log_axes(axes)
+    axes.set_ylim(bottom=1)
 
 
 def rough_part(result):
@@ -127,14 +123,12 @@ def spectrum_figure(result):
     if drawn is None:
         return None
     q, density, unit = drawn
-    wave_numbers, densities = [q], [density]
     for name, label, line in (("surface_rolloff", "roll-off", DASHED), ("surface_cutoff", "cut-off", DOTTED)):
         if values.get(name):
             at = 2 * np.pi / values[name] / unit.per_mm
             wave = length_unit(values[name])
             text = f"{label}, λ = {values[name] * wave.per_mm:.3g} {wave.name}"
             axes.axvline(at, color=ORANGE, linestyle=line, label=text)
-            wave_numbers.append([at])
     if values.get("surface_hurst"):
         power = -2 - 2 * values["surface_hurst"]
         first = max(q[0], 2 * np.pi / values.get("surface_rolloff", np.inf) / unit.per_mm)
@@ -145,9 +139,6 @@ def spectrum_figure(result):
             axes.plot(
                 span, height, color=GREEN, linestyle=DASHED, label=f"slope {power:.2g}".replace("-", "−")
             )
-            densities.append(height)
-    log_axis(axes.xaxis, np.concatenate(wave_numbers))
-    log_axis(axes.yaxis, np.concatenate(densities))
     axes.legend(loc="lower left", frameon=True, framealpha=1, edgecolor="none")  # lines end at it
     return figure
 
@@ -169,8 +160,7 @@ def draw_spectrum(axes, surface, grid, label):
     if np.count_nonzero(known) < 3:
         return None
     axes.plot(q[known], density[known], "-", color=BLUE, label=label)
-    log_axis(axes.xaxis, q[known])
-    log_axis(axes.yaxis, density[known])
+    log_axes(axes)
     axes.set(xlabel=f"wave number q  [1/{unit.name}]", ylabel="power spectral density C  [mm⁴]")
     return q[known], density[known], unit
 
@@ -233,7 +223,6 @@ def stress_figure(along, grid, depths, section, line, hottest, heading):
     left.legend(loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.2)
     left.set_box_aspect(box)
     left.set(xlabel=f"{along}  [{unit.name}]{remark}", ylabel=f"depth z  [{deep.name}]", ylim=(bottom, 0))
-    linear_ticks(left.xaxis, 6.0)
     for k, label, colour, style in (
         (0, "σx", GREEN, "-."), (1, "σy", PURPLE, DOTTED), (2, "σz", BLUE, DASHED)
     ):  # fmt: skip
@@ -242,6 +231,5 @@ def stress_figure(along, grid, depths, section, line, hottest, heading):
     right.plot(max_shear(line), z, color="0.3", linestyle=DASHED, label="largest shear")
     right.axvline(0, color=GREY, linewidth=0.8, zorder=0)
     right.set(xlabel="stress  [N/mm²]", ylabel=f"depth z  [{deep.name}]", ylim=(bottom, 0))
-    linear_ticks(right.xaxis, 3.0)
-    right.legend(loc="upper left", bbox_to_anchor=(1, 1))  # curves are everywhere
+    right.legend(**BESIDE)  # curves are everywhere
     return figure

@@ -19,8 +19,7 @@ from app.output.style import (
     DASHED,
     ORANGE,
     PALE,
-    linear_ticks,
-    log_axis,
+    log_axes,
     new_figure,
     say_instead,
     styled,
@@ -192,7 +191,6 @@ def draw_section(axes, result, along, row, column, reference):
     axes.set_ylim(0, highest or 1.0)
     if not highest:
         axes.set_yticks([0])
-    linear_ticks(axes.xaxis, 5.0)
     if reference is None:
         _draw_gap(axes, sides, gap, ends)
 
@@ -238,7 +236,7 @@ def draw_residual(axes, result):
     if tolerance:
         axes.axhline(tolerance, color=ORANGE, linestyle=DASHED, label="tolerance")
         axes.legend(loc="best")
-    log_axis(axes.yaxis, np.append(shown, tolerance))
+    log_axes(axes, "y")
 
 
 def _draw_cells(axes, result):

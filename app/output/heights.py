@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from app.output.curves import draw_spectrum, rough_part
 from app.output.maps import LENGTH_MAP, Canvas
-from app.output.style import BLUE, DASHED, GREY, ORANGE, PALE, linear_ticks, new_figure, say_instead, styled
+from app.output.style import BLUE, DASHED, GREY, ORANGE, PALE, new_figure, say_instead, styled
 from app.units import length_unit
 
 _TAIL = 1e-3  # share of heights at each end that may be left out of colours and distribution,
@@ -112,10 +112,7 @@ def _draw_profile(axes, canvas, heights, along, unit):
     name = lateral.name
     axes.set(xlabel=f"{along}  [{name}]   at {place} {name}", ylabel=f"height z  [{unit.name}]")
     axes.margins(x=0 if at.size > 1 else 0.05)
-    if np.isfinite(profile).any():
-        linear_ticks(axes.xaxis, 5.0)
-        linear_ticks(axes.yaxis, 2.2)
-    else:
+    if not np.isfinite(profile).any():
         say_instead(axes, "all of it is missing")
 
 
@@ -135,6 +132,5 @@ def _draw_distribution(axes, values, limits, unit):
     axes.plot(z, normal, color=ORANGE, linestyle=DASHED, label="normal, of the same Sq")
     axes.set_xlim(edges[0], edges[-1])
     axes.set_ylim(0, 1.3 * max(density.max(), normal.max()))  # room for the legend
-    linear_ticks(axes.xaxis, 5.0)
     axes.legend(loc="upper left", ncol=2)
     return None

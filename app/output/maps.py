@@ -13,7 +13,7 @@ from matplotlib.legend_handler import HandlerTuple
 from matplotlib.patches import Patch
 
 from app.output import style
-from app.output.style import BLUE, GREY, linear_ticks
+from app.output.style import BLUE, GREY
 from app.units import length_unit
 
 PRESSURE_MAP, LENGTH_MAP = "viridis", "cividis"
@@ -91,8 +91,6 @@ class Canvas:
             between, within = ("\n", "\n") if slim else ("   ", " ")
             axes.set(xlabel=f"x  [{name}]{between}({short}: {times:.3g} ×{within}the scale of {long})")
         axes.set_box_aspect(self.height / self.width)
-        linear_ticks(axes.xaxis, self.width)
-        linear_ticks(axes.yaxis, self.height)
         axes.tick_params(axis="x", labelrotation=90 if self.width < _SLIM else 0)
         axes.ticklabel_format(axis="y", style="plain", useOffset=False)  # it would stand where the legend is
         for spine in axes.spines.values():
@@ -115,11 +113,9 @@ class Canvas:
         if self.low:
             place = axes.inset_axes([0, -0.85 / self.height, 1, _BAR / self.height])
             bar = axes.figure.colorbar(image, cax=place, extend=extend, orientation="horizontal")
-            linear_ticks(bar.ax.xaxis, self.width)
         else:
             place = axes.inset_axes([1 + 0.15 / self.width, 0, _BAR / self.width, 1])
             bar = axes.figure.colorbar(image, cax=place, extend=extend)
-            linear_ticks(bar.ax.yaxis, self.height)
         bar.set_label(label)
         if np.isnan(pixels).all():
             ticks = []

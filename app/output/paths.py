@@ -20,7 +20,7 @@ import numpy as np
 
 from app import options
 from app.errors import InputError
-from app.output.style import DASHED, DOTTED, linear_ticks, log_axis, new_figure, say_instead, series, styled
+from app.output.style import BESIDE, DASHED, DOTTED, log_axes, new_figure, say_instead, series, styled
 from app.quantities import axis_label
 from app.reference.rough import bush_gibson_thomas_fraction, persson_fraction, persson_pressure
 from app.units import length_unit
@@ -32,8 +32,6 @@ _ERRORS = {
     "contact_fraction": ("contact_fraction", "contact_area_error"),
     "mean_pressure": ("mean_pressure", "load_error"),
 }
-_PANEL = 4.8  # inches of a panel's width
-_LEGEND = 0.45  # of a panel's height
 _BAND = {"alpha": 0.2, "linewidth": 0, "zorder": 0.5}
 
 
@@ -94,18 +92,18 @@ def path_figure(paths, heading=""):
         np.isfinite(path.relative) and path.positive("mean_pressure", "contact_fraction") is not None
         for path in paths
     )
-    figure = new_figure(12.0, 8.6, heading)
+    figure = new_figure(14.0, 8.6, heading)
     panels = figure.subplots(2, 2)
     for axes, draw in zip(panels.flat, _ROUGH if rough else _SMOOTH, strict=True):
         draw(axes, paths)
     if not rough and len(panels[0, 0].lines) + len(panels[0, 0].collections) > 1:
-        panels[0, 0].legend()
+        panels[0, 0].legend(loc="best")
     return figure
 
 
 def _curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True)):
-    """Draw a column against another for all paths; return all values in x and y, positive ones on logarithmic axes."""
-    drawn, lowest = [], 0.0 if any(logs) else -np.inf
+    """Draw a column against another for all paths, positive values on logarithmic axes; return whether any."""
+    drawn, lowest = False, 0.0 if any(logs) else -np.inf
 
     def known(*names):
         return [path.positive(*names, lowest=lowest) for path in paths]
@@ -115,18 +113,15 @@ def _curves(axes, paths, x, y, scale=lambda path: (1.0, 1.0), logs=(True, True))
             continue
         values = found * np.array(scale(path))[:, None]
         axes.plot(*values, **series(number), label=path.name or "computed")
-        drawn.append(values)
+        drawn = True
         for name in x, y:
             _draw_band(axes, path, (x, y), name, scale(path), number)
     if not drawn:
         absent = next((name for name in (x, y) if all(one is None for one in known(name))), y)
-        return say_instead(axes, f"no {absent.replace('_', ' ')}")
-    for axis, values, log in zip((axes.xaxis, axes.yaxis), _all_drawn(axes), logs, strict=True):
-        if log:
-            log_axis(axis, values)
-        elif axis is axes.xaxis:
-            linear_ticks(axis, _PANEL)
-    return np.hstack(drawn)
+        say_instead(axes, f"no {absent.replace('_', ' ')}")
+        return False
+    log_axes(axes, [name for name, log in zip("xy", logs, strict=True) if log])
+    return True
 
 
 def _draw_band(axes, path, names, name, scale, number):
@@ -154,12 +149,6 @@ def _draw_band(axes, path, names, name, scale, number):
     )
 
 
-def _all_drawn(axes):
-    """x and y of all curves and bands."""
-    bands = [outline.vertices for band in axes.collections for outline in band.get_paths()]
-    return np.vstack([line.get_xydata() for line in axes.lines] + bands).T
-
-
 def _draw_analytic(axes, paths, x, y, per_mm=1.0):
     """The analytic solutions of smooth bodies, where they are known, beside the computed ones."""
     label = "analytic"
@@ -169,17 +158,13 @@ def _draw_analytic(axes, paths, x, y, per_mm=1.0):
             line = {"color": "0.3", "linestyle": DASHED, "zorder": 1, "label": label}
             axes.plot(found[0] * per_mm, found[1], **line)
             label = None  # once
-    if label is None and axes.get_xscale() == "log":
-        drawn_x, drawn_y = _all_drawn(axes)
-        log_axis(axes.xaxis, drawn_x)
-        log_axis(axes.yaxis, drawn_y)
 
 
 _RELATIVE = "p / (E* h′rms)"
 
 
 def _draw_shares(axes, paths, value):
-    """Draw ``value(x, contact fraction)`` of paths and theories against x = p / (E* h'rms); return those of paths."""
+    """Draw ``value(x, contact fraction)`` of paths and theories against x = p / (E* h'rms)."""
     drawn, cross = [], {"color": "0.4", "marker": "x", "linestyle": "none", "zorder": 1}
     for name in "contact_fraction", "contact_fraction_corrected":
         label = "corrected for the stepped boundary"
@@ -188,51 +173,43 @@ def _draw_shares(axes, paths, value):
             if found is None:
                 continue
             x = found[0] * path.relative
-            drawn.append((x, value(x, found[1])))
+            drawn.append(x)
             if name == "contact_fraction":
-                axes.plot(*drawn[-1], **series(number), label=path.name or "computed")
+                axes.plot(x, value(x, found[1]), **series(number), label=path.name or "computed")
                 with np.errstate(divide="ignore"):
                     one = value(np.asarray(path.columns["mean_pressure"], float) * path.relative, 1.0)
                 _draw_band(axes, path, ("mean_pressure", name), name, (path.relative, one), number)
             else:
-                axes.plot(*drawn[-1], **cross, label=label)
+                axes.plot(x, value(x, found[1]), **cross, label=label)
                 label = None  # once
-    x, values = np.hstack(drawn)
-    log_axis(axes.xaxis, x)
+    x = np.concatenate(drawn)
+    log_axes(axes, "x")
     span = np.geomspace(x.min(), x.max() * 1.0001, 200)
     persson, bgt = persson_fraction(span), bush_gibson_thomas_fraction(span)
     axes.plot(span, value(span, persson), color="0.3", linestyle=DASHED, label="Persson")
     axes.plot(span, value(span, bgt), color="0.3", linestyle=DOTTED, label="Bush, Gibson, Thomas")
     axes.set_xlabel(_RELATIVE)
-    return values
 
 
 def _draw_fraction(axes, paths):
-    log_axis(axes.yaxis, _draw_shares(axes, paths, lambda x, share: share))
+    _draw_shares(axes, paths, lambda x, share: share)
     axes.set_ylabel("contact fraction")
+    log_axes(axes, "y")
 
 
 def _draw_kappa(axes, paths):
-    highest = _draw_shares(axes, paths, lambda x, share: share / x).max()
-    top = 1.1 * max(highest, 2.6)
-    # The legend is for the panel beside this one, too. Here is room below the curves, or above them where they fall.
-    drawn = _all_drawn(axes)
-    x, kappa = drawn[:, np.isfinite(drawn).all(axis=0)]
-    place = "lower left"
-    if kappa.min() < _LEGEND * top:
-        place, top = "upper right", max(top, kappa[x > np.sqrt(x.min() * x.max())].max() / (1 - _LEGEND))
-    axes.set(ylabel="κ = contact fraction · E* h′rms / p", ylim=(0, top))
-    axes.legend(loc=place, fontsize=10, ncol=1 if len(paths) < 5 else 2)
+    _draw_shares(axes, paths, lambda x, share: share / x)
+    axes.set(ylabel="κ = contact fraction · E* h′rms / p", ylim=(0, None))
+    axes.legend(**BESIDE)  # for the panel on the left, too
 
 
 def _draw_gap(axes, paths):
     known = [path.positive("mean_pressure", "mean_gap") for path in paths]
     unit = length_unit(max((found[1].max() for found in known if found is not None), default=1.0))
     # Exponential over much of the range: a straight line here.
-    drawn = _curves(
+    if _curves(
         axes, paths, "mean_gap", "mean_pressure", lambda path: (unit.per_mm, path.relative), (False, True)
-    )
-    if drawn is not None:
+    ):
         axes.set(xlabel=f"mean gap  [{unit.name}]", ylabel=_RELATIVE)
 
 
@@ -243,7 +220,7 @@ def _draw_stiffness_against(axes, paths, x, scale=lambda path: (1.0, 1.0)):
         path if known else path._replace(columns=_by_differences(path.columns))
         for path, known in zip(paths, exact, strict=True)
     ]
-    if _curves(axes, paths, x, "stiffness", scale) is None:
+    if not _curves(axes, paths, x, "stiffness", scale):
         return False
     others = [path.name for path, known in zip(paths, exact, strict=True) if not known]
     names = ", ".join(others) if len(others) < 4 else f"{len(others)} of {len(paths)} paths"
@@ -280,13 +257,13 @@ def _draw_load(axes, paths):
         x, known = "indentation", values("indentation")
     unit = length_unit(abs(known).max())
     log = known.min() >= 0  # an approach that is counted from within the roughness has no logarithm
-    if _curves(axes, paths, x, "load", lambda path: (unit.per_mm, 1.0), (log, log)) is not None:
+    if _curves(axes, paths, x, "load", lambda path: (unit.per_mm, 1.0), (log, log)):
         axes.set(xlabel=axis_label(x).replace("mm", unit.name), ylabel=axis_label("load"))
         _draw_analytic(axes, paths, "approach", "load", unit.per_mm)
 
 
 def _draw_against_load(name, axes, paths):
-    if _curves(axes, paths, "load", name) is not None:
+    if _curves(axes, paths, "load", name):
         axes.set(xlabel=axis_label("load"), ylabel=axis_label(name))
         _draw_analytic(axes, paths, "load", name)
 

@@ -8,10 +8,9 @@ from __future__ import annotations
 from functools import wraps
 
 import matplotlib
-import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from app.output.files import whole_file
 
@@ -22,6 +21,12 @@ SERIES = (
     (BLUE, "o", "-"), (ORANGE, "s", "--"), (GREEN, "^", "-."),
     (PURPLE, "D", ":"), ("#56b4e9", "v", (0, (6, 1, 1, 1, 1, 1))), ("#8c6d31", "P", (0, (3, 1))),
 )  # fmt: skip
+BESIDE = {
+    "loc": "upper left",
+    "bbox_to_anchor": (1.02, 1),
+    "fontsize": 11,
+    "title_fontsize": 11,
+}  # of legends
 STYLE = {
     "figure.constrained_layout.use": True,
     "figure.constrained_layout.h_pad": 0.08,
@@ -43,10 +48,6 @@ STYLE = {
     "svg.fonttype": "none",
     "svg.hashsalt": "contact",  # the same picture is the same file
 }
-_INCHES_PER_TICK = 0.75
-_SUBS = ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7))  # of the decades of logarithmic axes: ticks
-_NARROWEST = 1.1  # end over beginning of logarithmic axes
-_LEAST_TICKS = 3  # with numbers, on logarithmic axes
 
 
 def styled(draw):
@@ -79,50 +80,16 @@ def series(number):
     }  # fmt: skip
 
 
-def linear_ticks(axis, inches):
-    """Ticks that do not touch on an axis so long, two at least."""
-    axis.set_major_locator(MaxNLocator(int(np.clip(inches / _INCHES_PER_TICK, 2, 7)), steps=[1, 2, 5, 10]))
-
-
-def log_axis(axis, values, narrowest=_NARROWEST):
-    """Logarithmic axis with at least three ticks that have numbers, whatever the positive `values` span.
-
-    Its end is at least `narrowest` times its beginning.
-    """
-    axes = axis.axes
-    in_x = axis is axes.xaxis
-    values = np.ravel(values)
-    values = values[np.isfinite(values) & (values > 0)]
-    low, high = (values.min(), values.max()) if values.size else (0.1, 1.0)
-    if high < narrowest * low:
-        low, high = low / narrowest**0.5, high * narrowest**0.5
-    (axes.set_xscale if in_x else axes.set_yscale)("log")
-    margin = (high / low) ** 0.06
-    low, high = low / margin, high * margin
-    (axes.set_xlim if in_x else axes.set_ylim)(low, high)
-    subs = next((subs for subs in _SUBS if _ticks_between(low, high, subs) >= _LEAST_TICKS), ())
-    if subs != (1,):
-        even = MaxNLocator(5, steps=[1, 2, 5, 10], min_n_ticks=_LEAST_TICKS)
-        axis.set_major_locator(LogLocator(subs=subs) if subs else even)
-        axis.set_major_formatter(FuncFormatter(lambda value, _: _number(value)))
-        axis.set_minor_formatter(NullFormatter())
-        axis.set_minor_locator(NullLocator())
-
-
-def _ticks_between(low, high, subs):
-    """How many numbers of (subs) 10^k there are."""
-    powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.log10(high) + 1)
-    values = np.outer(powers, subs)
-    return np.count_nonzero((low <= values) & (values <= high))
-
-
-def _number(value):
-    """A number as text, very large and small ones as in 5·10⁻⁵."""
-    if 1e-3 <= value < 1e5:
-        return f"{value:g}"
-    factor, _, power = f"{value:e}".partition("e")
-    times = "" if float(factor) == 1 else f"{float(factor):g}\\cdot "
-    return f"${times}10^{{{int(power)}}}$"
+def log_axes(axes, names="xy"):
+    """Make what is drawn logarithmic in these directions, with numbers between the powers of ten where they are few."""
+    for name in names:
+        axes.set(**{f"{name}scale": "log"})
+        axis = getattr(axes, f"{name}axis")
+        low, high = axis.get_view_interval()
+        if 3 * low < high < 100 * low:  # matplotlib shows some below that
+            axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())
 
 
 def say_instead(axes, why):

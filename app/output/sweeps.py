@@ -8,7 +8,7 @@ import numpy as np
 
 from app.errors import InputError
 from app.output.paths import numbers
-from app.output.style import log_axis, new_figure, series, styled
+from app.output.style import BESIDE, log_axes, new_figure, series, styled
 from app.quantities import axis_label
 from app.units import length_unit
 
@@ -103,8 +103,7 @@ def sweep_figure(columns, heading="", x=None, y=()):
     if others:
         said = [_axis_label(others[0])] if len(others) == 1 else []
         said += [f"{_MOST_SERIES} of {len(groups)}"] if len(groups) > _MOST_SERIES else []
-        place = {"loc": "upper left", "bbox_to_anchor": (1.02, 1)}
-        figure.axes[across - 1].legend(**place, title=": ".join(said) or None, fontsize=11, title_fontsize=11)
+        figure.axes[across - 1].legend(**BESIDE, title=": ".join(said) or None)
     return figure
 
 
@@ -172,10 +171,10 @@ def _draw(axes, x, y, groups, names):
         rows = np.array(rows)[np.argsort(x[rows], kind="stable")]
         kept = rows[np.isfinite(x[rows]) & np.isfinite(y[rows])]
         axes.plot(x[kept], y[kept], **series(number) | ({"linestyle": "none"} if names else {}), label=label)
-    for axis, values in ((axes.xaxis, x), (axes.yaxis, y))[bool(names) :]:
+    for direction, values in (("x", x), ("y", y))[bool(names) :]:
         values = values[np.isfinite(values)]
         if values.min() > 0 and values.max() >= 4 * values.min():
-            log_axis(axis, values)
+            log_axes(axes, direction)
     if names:
         told = [f"…{name[1 - _LONGEST :]}" if len(name) > _LONGEST else name or "left out" for name in names]
         axes.set_xticks(range(len(names)), told, rotation=30, ha="right", rotation_mode="anchor")

@@ -12,7 +12,7 @@ from app.analysis import smoothers
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material, influence_quadrant
 from app.output.maps import LENGTH_MAP
-from app.output.style import BLUE, GREEN, GREY, ORANGE, linear_ticks, new_figure, styled
+from app.output.style import BLUE, GREEN, GREY, ORANGE, new_figure, styled
 from app.problems.statistics import normal_plot
 from app.problems.surfaces import WavySurface
 from app.reproduction import studies, trace
@@ -329,7 +329,6 @@ def _figure_selfaffine(outcomes):
     right.set_xscale("log")
     right.legend(loc="upper right")
     left.legend(loc="upper left")
-    linear_ticks(left.xaxis, 4.5)
     _letter([left, right], {"a": "contact share", "b": "its slope κ"})
     return figure
 

@@ -16,7 +16,7 @@ from petsc4py import PETSc
 
 from app import __version__
 from app.mpi import MPI
-from app.output.style import GREY, SERIES, log_axis, new_figure, styled
+from app.output.style import GREY, SERIES, log_axes, new_figure, styled
 from app.output.table import markdown
 from app.verification import analytic, certificates, invariances, oracles, ranks
 from app.verification.check import Check, Figure
@@ -176,7 +176,7 @@ def orders_picture(results):
                 panel.plot(*line.points, color=colour, marker=marker, ls=style, lw=1.2, ms=3.5, label=label)
                 label = None
         sizes = lines[0].points[0]
-        log_axis(panel.yaxis, np.concatenate([line.points[1] for line in lines]))
+        log_axes(panel, "y")
         panel.set_xscale("log")
         panel.set_title(result.check.title)
         panel.set_xlabel("cells in a direction")
