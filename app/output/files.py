@@ -6,13 +6,11 @@ A file is written under a temporary name in the folder of its target and renamed
 from __future__ import annotations
 
 import hashlib
-import itertools
 import os
-import re
-import socket
+import secrets
 import stat
+import time
 from contextlib import contextmanager, suppress
-from functools import cache
 from pathlib import Path
 
 from app.errors import InputError, agree
@@ -20,7 +18,7 @@ from app.errors import InputError, agree
 SUFFIXES = (".h5", ".hdf5")  # of result files
 _PIECES, _PIECE = 64, 1 << 16  # of a file, and bytes of each, that tell it from another one
 _BLOCK = 1 << 20  # bytes by which a file in memory grows
-_numbers = itertools.count()
+_DAY = 86400  # s; no file is under its temporary name for so long
 
 
 def check_output_path(path, inputs=(), what="result file", suffixes=SUFFIXES):
@@ -189,38 +187,13 @@ def whole_hdf5(path):
 def temporary_name(path):
     """Return an unused name in the folder of `path`, so that the later rename stays in one file system.
 
-    Not collective. It is short, whatever the name of `path`. What killed runs on this machine left in the folder goes.
+    Not collective. It is short, whatever the name of `path`. What killed runs left in the folder a day ago goes.
     """
-    for left in path.parent.glob(f".*-{_machine()}-*.tmp"):
-        name = re.fullmatch(r"\.[0-9a-f]{8}-[0-9a-f]{8}-(\d+)-\d+\.tmp", left.name)
-        if name and not _runs(int(name[1])):
-            remove(left)
-    return path.with_name(f".{_digest(path.name)}-{_machine()}-{os.getpid()}-{next(_numbers)}.tmp")
-
-
-def _digest(text):
-    return hashlib.sha256(os.fsencode(text)).hexdigest()[:8]
-
-
-@cache
-def _machine():
-    """Digest of where process numbers mean the same: boot of a host, and container on it."""
-    try:
-        boot = Path("/proc/sys/kernel/random/boot_id").read_text()
-        container = Path("/proc/self/ns/pid").stat().st_ino
-    except OSError:
-        boot, container = socket.gethostname(), 0
-    return _digest(f"{boot} {container}")
-
-
-def _runs(process):
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        pass
-    return True
+    for left in path.parent.glob(".contact-*.tmp"):
+        with suppress(OSError):  # Another process may have removed it.
+            if time.time() - left.stat().st_mtime > _DAY:
+                left.unlink()
+    return path.with_name(f".contact-{secrets.token_hex(8)}.tmp")
 
 
 def remove(path):
