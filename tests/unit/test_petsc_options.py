@@ -116,6 +116,11 @@ def test_monitors_that_crash_petsc_are_refused(method, name):
             ContactSolver(PROBLEM, method, {name: view})
 
 
+def test_a_reason_with_a_format_that_crashes_petsc_is_refused():
+    with pytest.raises(InputError, match="^-snes_converged_reason ::ascii_info_detail: "):
+        ContactSolver(PROBLEM, SNESVI, {"snes_converged_reason": "::ascii_info_detail"})
+
+
 def test_monitors_may_write_text_to_a_file(tmp_path):
     for view in (f":{tmp_path / 'Text'}", f"ascii:{tmp_path / 'Text'}:default"):
         with ContactSolver(PROBLEM, "norm", {"ksp_monitor": view}) as solver:
