@@ -105,9 +105,10 @@ def assert_right_or_says_not(problem, loading, rtol, method=None, **options):
     else:
         exact, met = dense.at(loading["approach"]), True
         assert found.approach == pytest.approx(loading["approach"], rel=1e-12, abs=0)
-    # The bound holds, but for what rounding leaves of distances that are large in all cells alike.
+    # The bound holds, but for what rounding leaves of distances that are large in all cells alike: four units in the
+    # last place of an approach that is taken as that of full contact.
     size, error = dense.energy(p), dense.energy(exact - p)
-    largest = np.nanmax(abs(gap - found.approach)) + 1e-3 * abs(found.approach)
+    largest = np.nanmax(abs(gap - found.approach)) + 1e-2 * abs(found.approach)
     smallest = 2 * problem.material.compliance / np.hypot(1 / problem.grid.dx, 1 / problem.grid.dy)
     rounding = ROUNDING * largest * np.sqrt(inside.sum() / smallest)
     if met and size > np.finfo(float).tiny:
