@@ -31,10 +31,8 @@ from app.units import length_unit
 _SMOOTH = "hertz", "sphere", "cylinder", "cone", "punch"  # but for surfaces on them
 _BINS_PER_DECADE = 8
 _STRESS_MAP = "magma_r"
-EVEN = 1e-9  # of the largest: stresses that differ by less have no contours
+EVEN = 1e-9  # of the largest: stresses that differ by less are one number
 _STRESS_BOX = 0.6, 0.7  # height over width of a section at least, and at most
-_MOST_MAXIMA = 12  # of stress side by side, whose contours are still told apart
-_MOST_LABELLED = 2  # and have their numbers beside them
 
 
 @styled
@@ -165,13 +163,6 @@ def draw_spectrum(axes, surface, grid, label):
     return q[known], density[known], unit
 
 
-def _maxima(mises, depths, depth):
-    """How many maxima stand side by side at a depth."""
-    row = mises[np.abs(depths - depth).argmin()]
-    inner = row[1:-1]
-    return np.count_nonzero((inner > row[:-2]) & (inner >= row[2:]) & (inner > 0.1 * row.max()))
-
-
 @styled
 def stress_figure(along, grid, depths, section, line, hottest, heading):
     """Von Mises stress on a section through the most stressed point, and stresses on the line through it.
@@ -199,19 +190,13 @@ def stress_figure(along, grid, depths, section, line, hottest, heading):
     stretched = not np.isclose(times, 1)
     remark = f"   (z: {times:.3g} × the scale of {along})" if stretched else ""
     deep = length_unit(depths[-1]) if stretched else unit
-    x, z = centres * unit.per_mm, depths * deep.per_mm
+    z = depths * deep.per_mm
     mises = von_mises(section)
     bottom = z[-1] or 1.0
     between = np.concatenate([z[:1], (z[1:] + z[:-1]) / 2, [bottom]])
     colours = {"cmap": _STRESS_MAP, "vmin": 0, "vmax": mises.max() or 1.0}
     image = left.pcolormesh(sides * unit.per_mm, between, mises, rasterized=True, **colours)
     uneven = np.ptp(mises) > EVEN * mises.max()
-    maxima = _maxima(mises, depths, hottest.depth)
-    if uneven and min(mises.shape) > 1 and maxima <= _MOST_MAXIMA:
-        lines = left.contour(x, z, mises, levels=8, colors="white", linewidths=0.6)
-        if maxima <= _MOST_LABELLED:
-            for text in left.clabel(lines, fontsize=9, fmt="%g"):
-                text.set_visible(text.get_position()[1] > 0.05 * z[-1])  # not cut in two by the surface
     bar = figure.colorbar(image, cax=left.inset_axes([1.02, 0, 0.03, 1]))
     bar.set_label("von Mises stress  [N/mm²]")
     at = (hottest.x if along == "x" else hottest.y) * unit.per_mm
@@ -231,5 +216,6 @@ def stress_figure(along, grid, depths, section, line, hottest, heading):
     right.plot(max_shear(line), z, color="0.3", linestyle=DASHED, label="largest shear")
     right.axvline(0, color=GREY, linewidth=0.8, zorder=0)
     right.set(xlabel="stress  [N/mm²]", ylabel=f"depth z  [{deep.name}]", ylim=(bottom, 0))
+    right.locator_params(axis="x", nbins=5)
     right.legend(**BESIDE)  # curves are everywhere
     return figure

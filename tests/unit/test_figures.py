@@ -480,18 +480,6 @@ def test_corrected_fractions_are_within_the_picture():
     assert fraction.get_ylim()[0] < columns["contact_fraction_corrected"].min()
 
 
-def test_contours_of_stress_are_drawn_where_they_can_be_told_apart():
-    grid, z = Grid.from_domain(201, 1, (-1.005, 1.005, 0, 1)), np.linspace(0, 1, 21)
-    x = grid.x()
-    hottest = Hottest(1.0, 0.0, 0.0, 0.5, np.zeros(6))
-    for waves, drawn in ((1, True), (40, False)):
-        section = np.zeros((6, 21, 201))
-        section[2] = -np.exp(-((z[:, None] - 0.5) ** 2)) * np.cos(np.pi * waves * x / 2) ** 2
-        figure = curves.stress_figure("x", grid, z, section, section[:, :, 100], hottest, "")
-        collections = [type(one).__name__ for one in figure.axes[0].collections]
-        assert (collections != ["QuadMesh"]) == drawn
-
-
 @pytest.mark.parametrize(("deepest", "times"), [(1.3, None), (0.1, 12), (10, 0.14)])
 def test_a_section_below_says_when_depth_has_another_scale(deepest, times):
     grid, z = Grid.from_domain(200, 1, (-1, 1, 0, 1)), np.linspace(0, deepest, 21)
@@ -507,16 +495,6 @@ def test_a_section_below_says_when_depth_has_another_scale(deepest, times):
     assert drawn == pytest.approx(times or 1, rel=1e-3)
     assert axes.get_xlabel() == "x  [mm]" + (f"   (z: {times} × the scale of x)" if times else "")
     assert times or axes.get_ylabel().endswith("[mm]")
-
-
-def test_contours_of_stress_have_their_values_beside_them():
-    grid, z = Grid.from_domain(201, 1, (-1.005, 1.005, 0, 1)), np.linspace(0, 1, 21)
-    section = np.zeros((6, 21, 201))
-    section[2] = -np.exp(-((z[:, None] - 0.5) ** 2) - grid.x() ** 2)
-    hottest = Hottest(1.0, 0.0, 0.0, 0.5, np.zeros(6))
-    axes = curves.stress_figure("x", grid, z, section, section[:, :, 100], hottest, "").axes[0]
-    values = [float(text.get_text()) for text in axes.texts]
-    assert len(values) > 2 and all(0 < value < 1 for value in values)
 
 
 def test_stress_below_a_single_column_has_its_width_and_the_legend_touches_no_curve():
