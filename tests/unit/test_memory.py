@@ -100,7 +100,7 @@ def test_long_patches_take_what_is_estimated(shape):
     done = run("-c", LONG, *map(str, shape), timeout=100)
     assert done.returncode == 0, done.stderr
     measured, estimated = map(float, done.stdout.split())
-    assert 0.3 * estimated < measured <= 1.1 * estimated + 8e6
+    assert 0.3 * estimated < measured <= 1.1 * estimated + 24e6  # what is loaded late, and what malloc keeps
 
 
 @pytest.mark.timeout(20)
