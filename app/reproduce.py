@@ -1,8 +1,7 @@
 """The paper's tables and figures from real runs: ``python -m app.reproduce [table1 fig8 ...|all] -o DIR``.
 
-Items: table1 .. table8, the figures fig2, fig5, fig6, fig7, fig8, fig10, fig11, fig12, the studies seeds, inexact,
-selfaffine with their pictures work and kappa; `tables`, `figures`, `studies` and `all` (default) name several;
-`beyond` (512 and 1024 cells squared) only runs when asked for. In DIR:
+Items: table1 .. table8, the figures fig2, fig5, fig6, fig7, fig8, fig10, fig11, fig12, work, and the studies seeds and
+inexact; `tables`, `figures`, `studies` and `all` (default) name several. In DIR:
 
 - ``tables.json``: our numbers under the keys of the paper's; ``report.json``: the studies, and the checks;
 - ``report.md``: the paper's numbers beside ours, with the pictures ``fig8.png`` ...;
@@ -42,8 +41,8 @@ ITEMS = {item.name: item for item in (*TABLES, *FIGURES, *STUDIES)}
 GROUPS = {
     "tables": TABLES,
     "figures": FIGURES,
-    "studies": [item for item in STUDIES if not item.optional],
-    "all": [item for item in ITEMS.values() if not item.optional],
+    "studies": STUDIES,
+    "all": list(ITEMS.values()),
 }
 
 
@@ -175,7 +174,7 @@ def check(outcomes):
 def _reading_order():
     """Tables with the figures that belong to them."""
     behind = {"table1": ["fig2", "fig5", "fig6", "fig7"], "table3": ["fig8"], "table4": ["fig12", "fig10"],
-              "table8": ["fig11", "work", "seeds", "inexact", "selfaffine", "kappa", "beyond"]}  # fmt: skip
+              "table8": ["fig11", "work", "seeds", "inexact"]}  # fmt: skip
     return [ITEMS[name] for item in TABLES for name in (item.name, *behind.get(item.name, []))]
 
 

@@ -42,8 +42,6 @@ class Item:
     evaluate : callable
         Mapping of those tuples to the outcomes of the runs -> data of JSON types for tables and studies, or a
         Figure.
-    optional : bool
-        Not part of "all".
     note : str
         What a reader should know about it.
     why : str
@@ -55,7 +53,6 @@ class Item:
     title: str
     plan: Callable
     evaluate: Callable
-    optional: bool = False
     note: str = ""
     why: str = ""
 

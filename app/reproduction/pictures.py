@@ -1,4 +1,4 @@
-"""Figures 2, 5, 6, 7, 8, 10, 11, 12 of the paper in content, and a picture of each study."""
+"""Figures 2, 5, 6, 7, 8, 10, 11, 12 of the paper in content, and work against grid size."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from app.output.maps import LENGTH_MAP
 from app.output.style import BLUE, GREEN, GREY, ORANGE, new_figure, styled
 from app.problems.statistics import normal_plot
 from app.problems.surfaces import WavySurface
-from app.reproduction import studies, trace
+from app.reproduction import trace
 from app.reproduction.item import CASES, Item, solver_run
 from app.reproduction.tables import PAPER, converged, evaluate_methods, traced
 
@@ -255,7 +255,7 @@ def _figure12(outcomes):
     return figure
 
 
-# -- the studies ---------------------------------------------------------------------------------------------
+# -- work ----------------------------------------------------------------------------------------------------
 
 
 _WORK = {
@@ -302,37 +302,6 @@ def _figure_work(outcomes):
     return figure
 
 
-@styled
-def _figure_selfaffine(outcomes):
-    points = studies.evaluate_selfaffine(outcomes)["points"]
-    figure = new_figure(11.0, 4.6)
-    left, right = figure.subplots(1, 2)
-    for where, label, (colour, marker, _) in zip(
-        ("", "middle_"), ("whole patch", "middle"), _MARKERS, strict=False
-    ):
-        pressure = np.array([point[f"{where}pressure"] for point in points])
-        share = np.array([point[f"{where}share"] for point in points])
-        left.plot(pressure, share, marker, color=colour, markerfacecolor="none", label=label)
-        loads = np.array([point["load"] for point in points])
-        groups = [[p for p in points if p["load"] == load] for load in np.unique(loads)]
-        mean = [np.mean([p[f"{where}pressure"] for p in group]) for group in groups]
-        slopes = [studies.kappa(group, where) for group in groups]
-        right.plot(mean, slopes, marker=marker, color=colour, label=label)
-        right.plot(pressure, share / pressure, marker, color=colour, markersize=3, alpha=0.5)
-    reach = np.array([0, 1.05 * max(point["pressure"] for point in points)])
-    for axes, low, high in ((left, 2.0 * reach, 2.2 * reach), (right, [2.0, 2.0], [2.2, 2.2])):
-        axes.fill_between(reach, low, high, color="0.8", linewidth=0, label="κ = 2.0 to 2.2", zorder=0)
-    left.set(
-        xlabel="mean pressure / (E* rms slope)", ylabel="contact share A / A₀", xlim=(0, None), ylim=(0, None)
-    )
-    right.set(xlabel="mean pressure / (E* rms slope)", ylabel="slope κ", xlim=(1e-3, 0.25), ylim=(1.4, 3.6))
-    right.set_xscale("log")
-    right.legend(loc="upper right")
-    left.legend(loc="upper left")
-    _letter([left, right], {"a": "contact share", "b": "its slope κ"})
-    return figure
-
-
 FIGURES = [
     Item("fig2", "figure", "Influence coefficients of the Hertz problem, 32 × 32 cells", _nothing, _figure2),
     Item("fig5", "figure", "Eigenvalues of Jacobi and Gauss–Seidel, line contact of 32 cells", _nothing, _figure5),
@@ -347,6 +316,4 @@ FIGURES = [
     Item("fig12", "figure", "Rough surfaces with different decay, and normal probability plot", _nothing, _figure12),
     Item("work", "figure", "Work against grid size: full multigrid and active set + CG, ours and the paper's",
          _plan_work, _figure_work),
-    Item("kappa", "figure", "Self-affine surfaces: contact share against load",
-         studies.plan_selfaffine, _figure_selfaffine),
 ]  # fmt: skip
