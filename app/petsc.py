@@ -58,8 +58,8 @@ def _library():
         "PetscOptionsLeftGet": lists,
         "PetscOptionsLeftRestore": lists,
     }.items():
-        library[name].argtypes = arguments
-        library[name].restype = ctypes.c_int
+        function = getattr(library, name)  # library[name] is another one each time
+        function.argtypes, function.restype = arguments, ctypes.c_int
     library.integer = integer
     return library
 
