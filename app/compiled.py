@@ -10,16 +10,14 @@ import fcntl
 import os
 import stat
 import tempfile
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import wraps
 from pathlib import Path
 
 import numba
 import numpy as np
 from llvmlite.binding import set_option
-from numba.core import event
 from numba.core.caching import FunctionCache
-from numba.core.compiler_lock import global_compiler_lock
 from numba.core.options import DefaultOptions
 from numba.core.runtime import rtsys
 
@@ -52,19 +50,72 @@ def njit(makes_arrays=False, **options):
             numba.config.CACHE_DIR = str(_own_folder())
             dispatcher = numba.njit(cache=True, **options)(function)
         dispatcher._cache = _Cache(function)
-        dispatcher.compile = _one_at_a_time(dispatcher, dispatcher.compile)
+        dispatcher.compile = _unlocking(dispatcher.compile, dispatcher._cache)
         return dispatcher
 
     return decorate
 
 
 class _Cache(FunctionCache):
+    """Cache of a function: the process that finds nothing in it compiles while the others wait, and load it then.
+
+    numba's own may mix up the types of a function that two processes save at once.
+    """
+
+    def __init__(self, function):
+        super().__init__(function)
+        where = f"{function.__qualname__}-{function.__code__.co_firstlineno}"
+        self._lock = Path(self.cache_path, f"{function.__module__}.{where}.lock")
+        self._locked = None
+
     def load_overload(self, signature, context):
-        """Load a function without numba's tables of all types, which take 0.1 s and only compiling needs."""
+        """Load what has been compiled; None leaves it to the caller, who calls `save_overload`, then `unlock`."""
+        found = self._loaded(signature, context)
+        if found is None:
+            _tell()
+            with suppress(OSError):  # a file system without locks
+                self._locked = self._lock.open("a")
+                fcntl.flock(self._locked, fcntl.LOCK_EX)
+            found = self._loaded(signature, context)
+        return found
+
+    def _loaded(self, signature, context):
+        """Load without numba's tables of all types, which take 0.1 s and only compiling needs."""
         if not hasattr(self, "_load_overload"):  # should numba change
             return super().load_overload(signature, context)
         rtsys.initialize(context)  # memory for arrays
         return self._load_overload(signature, context)
+
+    def save_overload(self, signature, result):
+        """Keep what has been compiled."""
+        with suppress(OSError):  # a full disk
+            super().save_overload(signature, result)
+
+    def unlock(self):
+        """Let others compile."""
+        if self._locked is not None:
+            self._locked.close()
+            self._locked = None
+
+
+def _unlocking(compile_, cache):
+    """Return a function that compiles and unlocks the cache, also when it is interrupted."""
+
+    @wraps(compile_)
+    def compile_and_unlock(signature):
+        try:
+            return compile_(signature)
+        finally:
+            cache.unlock()
+
+    return compile_and_unlock
+
+
+def _tell():
+    global tell
+    say, tell = tell, None
+    if say is not None:
+        say()
 
 
 def folder_of(function):
@@ -87,55 +138,3 @@ def _own_folder():
     facts = folder.lstat()
     mine = stat.S_ISDIR(facts.st_mode) and facts.st_uid == os.getuid() and not facts.st_mode & 0o022
     return folder if mine else tempfile.mkdtemp()
-
-
-def _one_at_a_time(dispatcher, compile_):
-    """Let one process load or compile a function at a time: numba's cache may mix up types that two save at once."""
-    name = f"{dispatcher.py_func.__module__}.{dispatcher.py_func.__qualname__}.lock"
-
-    @wraps(compile_)
-    def compile_alone(signature):
-        with global_compiler_lock, _locked(Path(dispatcher.stats.cache_path, name)):
-            try:
-                return compile_(signature)
-            except OSError:  # It cannot be kept, on a full disk, but is there.
-                return compile_(signature)
-
-    return compile_alone
-
-
-@contextmanager
-def _locked(path):
-    lock = None
-    with suppress(OSError):  # a file system without locks
-        path.parent.mkdir(parents=True, exist_ok=True)
-        lock = path.open("a")
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            _tell()
-            fcntl.flock(lock, fcntl.LOCK_EX)
-    try:
-        yield
-    finally:
-        if lock is not None:
-            lock.close()
-
-
-def _tell():
-    global tell
-    say, tell = tell, None
-    if say is not None:
-        say()
-
-
-class _Compiling(event.Listener):
-    def on_start(self, event):
-        """Say that something is compiled."""
-        _tell()
-
-    def on_end(self, event):
-        """Say nothing."""
-
-
-event.register("numba:compile", _Compiling())

@@ -107,7 +107,7 @@ def test_compiling_is_told_once_and_a_loop_that_cannot_be_kept_works(tmp_path, m
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(loops.twice._cache, "save_overload", full)
+    monkeypatch.setattr(compiled.FunctionCache, "save_overload", full)
     assert loops.four_times(1.5) == 6
     assert told == [1]
 
