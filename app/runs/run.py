@@ -160,9 +160,5 @@ def _digest_of(path, *state):
 
 @cache
 def _program_digest():
-    sources = [
-        *(ROOT / "app").rglob("*.py"),
-        FILES / "fast.opts",
-        FILES / "primal.opts",
-    ]  # the default methods
+    sources = [*(ROOT / "app").rglob("*.py"), *FILES.glob("*.opts")]
     return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(sources))).hexdigest()
