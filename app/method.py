@@ -56,7 +56,7 @@ METHOD_OPTIONS = [
     Option("lcp_window", from_zero, 0.0, "fast: work in a window around contact, wider by this share; 0: all cells"),
     Option("lcp_beta", from_zero, 0.003, "nested: start set after prolongation by copy, eq. (4.1)"),
     Option("lcp_coarsest", count, 4, "directions of up to this many cells are not coarsened"),
-    Option("lcp_cells_per_rank", count, 8192, "coarser grids and windows: on fewer ranks if one had fewer cells"),
+    Option("lcp_cells_per_rank", count, 8192, "least cells of a rank on coarser grids and windows; else fewer ranks"),
     Option("lcp_shared_memory", flag, True, "ranks on one machine send nothing for transforms: they share memory"),
     Option("lcp_monitor", flag, False, "print a line for each active set iteration"),
     Option("lcp_precision", choice("double", "single"), "double", "fast, primal: of products, verified in double"),
