@@ -240,24 +240,27 @@ class OptionDatabase:
 
 
 @contextmanager
-def options_set(defaults, forced):
-    """Set options of the database that is active, inside the block. Not collective.
+def options_set(prefix, defaults, forced):
+    """Set options of PETSc's database inside the block. Not collective.
 
     Parameters
     ----------
+    prefix : str
+        Of all names.
     defaults, forced : mapping of str to str
         For where the user has given none; in any case, None: as if not given. What is replaced counts as used.
     """
     database = PETSc.Options()
-    given = database.getAll().keys()  # which, other than hasName, counts as asking for none
+    given = {name.lower() for name in database.getAll()}  # which counts as asking for none
+    defaults, forced = ({prefix + name: text for name, text in each.items()} for each in (defaults, forced))
     before = {name: database.getString(name, "") for name in forced if name in given}
     temporary = {name: text for name, text in defaults.items() if name not in given} | forced
-    for name, text in temporary.items():
-        if text is None:
-            database.delValue(name)
-        else:
-            database.setValue(name, text)
     try:
+        for name, text in temporary.items():
+            if text is None:
+                database.delValue(name)
+            else:
+                database.setValue(name, text)
         yield
     finally:
         for name in temporary:

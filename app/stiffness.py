@@ -57,7 +57,7 @@ def contact_stiffness(hierarchy, distance, contact):
         ones = state.right
         ones.setArray(contact.reshape(-1).astype(float))
         to_end.enter_context(operator.in_double())
-        to_end.enter_context(options_set({}, _OPTIONS))
+        to_end.enter_context(options_set(hierarchy.prefix, {}, _OPTIONS))
         solver = LinearSolver(hierarchy, operator=operator)
         to_end.callback(solver.destroy)
         solver.set_contact()

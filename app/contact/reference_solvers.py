@@ -30,18 +30,22 @@ class _ReferenceSolver:
     stop : StoppingTest
     """
 
-    _prefix = ""
+    _name = ""
     types = ()  # the default, and others that know bounds and need no more of the matrix than products
 
     def __init__(self, hierarchy, stop):
         self.operator = hierarchy.target
         self.stop = stop
-        wanted = PETSc.Options().getString(f"{self._prefix}_type", self.types[0])
+        self.prefix = hierarchy.prefix
+        wanted = PETSc.Options(self.prefix).getString(f"{self._name}_type", self.types[0])
         if wanted not in self.types:
-            raise ValueError(f"-{self._prefix}_type {wanted}: allowed: {', '.join(self.types)}")
+            raise ValueError(f"-{self._name}_type {wanted}: allowed: {', '.join(self.types)}")
         self.level = len(hierarchy.levels) - 1
         self.comm = hierarchy.petsc_comm
         self.mat = self.operator.mat(self.comm)
+        grid = self.operator.grid
+        self.mat.setName(f"contact {grid.nx} x {grid.ny}")
+        self.mat.setOptionsPrefix(self.prefix)
         self._h = self.mat.createVecRight()
 
     def solve(self, state, history, start=None):
@@ -91,7 +95,7 @@ class _ReferenceSolver:
         except PETSc.Error as error:
             if error.ierr not in _GIVES_UP:
                 raise
-            return f"{self._prefix.upper()}: gives up: {error_message(error)}"
+            return f"{self._name.upper()}: gives up: {error_message(error)}"
 
     def _residual(self, state):
         """Norms of the residual (5.1) and of the penetration outside contact [mm], by a double precision product.
@@ -122,9 +126,9 @@ class _ReferenceSolver:
 
     def _unless_given(self, **tolerances):
         """Those tolerances that the user has not given."""
-        options = PETSc.Options()
+        options = PETSc.Options(self.prefix)
         return {
-            name: value for name, value in tolerances.items() if not options.hasName(f"{self._prefix}_{name}")
+            name: value for name, value in tolerances.items() if not options.hasName(f"{self._name}_{name}")
         }
 
 
@@ -168,7 +172,7 @@ class _Record:
 class Tao(_ReferenceSolver):
     """A TAO solver; default tron with Jacobi-preconditioned CG."""
 
-    _prefix = "tao"
+    _name = "tao"
     types = "tron gpcg blmvm bncg bnls bntr bntl bqnls bqnkls bqnktr bqnktl".split()
 
     def __init__(self, hierarchy, stop):
@@ -178,6 +182,8 @@ class Tao(_ReferenceSolver):
     def _make(self):
         self._interrupted = False
         self.tao = PETSc.TAO().create(self.comm)
+        self.tao.setName(self.mat.getName())
+        self.tao.setOptionsPrefix(self.prefix)
         self.tao.setType(self.types[0])
         self.tao.setObjectiveGradient(self._objective, None)  # PETSc 3.18 never frees a vector given here
         self.tao.setHessian(lambda tao, x, hessian, pre: None, self.mat)
@@ -187,7 +193,7 @@ class Tao(_ReferenceSolver):
         ksp = self.tao.getKSP()  # of the type that was chosen; some have none
         if ksp.handle:
             ksp.setMonitor(self._count)
-            if not PETSc.Options().hasName("pc_type"):
+            if not PETSc.Options(self.prefix).hasName("pc_type"):
                 ksp.getPC().setType(PETSc.PC.Type.JACOBI)  # the default, ILU, needs an assembled matrix
 
     @property
@@ -231,12 +237,14 @@ class Tao(_ReferenceSolver):
 class SnesVI(_ReferenceSolver):
     """A SNES for variational inequalities; default vinewtonrsls with CG."""
 
-    _prefix = "snes"
+    _name = "snes"
     types = ("vinewtonrsls",)
 
     def __init__(self, hierarchy, stop):
         super().__init__(hierarchy, stop)
         self.snes = PETSc.SNES().create(self.comm)
+        self.snes.setName(self.mat.getName())
+        self.snes.setOptionsPrefix(self.prefix)
         self.snes.setType(self.types[0])
         self._template = self.mat.createVecRight()
         self.snes.setFunction(self._function, self._template)
@@ -248,7 +256,7 @@ class SnesVI(_ReferenceSolver):
         ksp.getPC().setType(PETSc.PC.Type.NONE)
         ksp.setTolerances(rtol=1e-8)
         # PETSc's own default is a pressure of 1e-8, whatever the units.
-        with options_set({"snes_vi_zero_tolerance": "0"}, {}):
+        with options_set(self.prefix, {"snes_vi_zero_tolerance": "0"}, {}):
             self._configure(self.snes)
 
     @property

@@ -120,6 +120,7 @@ class ContactState:
         self.p = self._p.view()  # the local pressure to read; it stays when the Vec is gone
         self.p.flags.writeable = False
         self.pressure = vec_of(self._p, operator)
+        self.pressure.setName("pressure")  # in PETSc's views and files
         self.u = np.zeros(operator.local_shape) if u is None else u
         self.revision = 0
         self.u_is = Displacement.EXACT if u is None else u_is

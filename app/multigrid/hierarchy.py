@@ -96,6 +96,8 @@ class Hierarchy:
     margin : float
         Larger grids will be worked on in windows around contact, which this share of its extent is added to on all
         sides: products on all of their cells are only made when somebody asks. 0: no windows.
+    prefix : str
+        Of the options in PETSc's database that its solvers read.
     """
 
     def __init__(
@@ -108,8 +110,9 @@ class Hierarchy:
         target_only=False,
         dtype=float,
         margin=0.0,
+        prefix="",
     ):
-        self.ranks = Ranks(comm, cells_per_rank)
+        self.ranks, self.prefix = Ranks(comm, cells_per_rank), prefix
         self.comm, self.compliance, self.dtype, self.margin = self.ranks.comm, compliance, dtype, margin
         self._in_windows, self._counted = 0.0, WeakKeyDictionary()  # products; those of each operator so far
         grids, factors = plan(grid, coarsest, target_only)

@@ -52,6 +52,10 @@ class LinearSolver:
         self.operator = operators[-1]
         self.multigrid, self._work, self._interrupted = None, None, False
         self.mat = self.operator.mat(self.operator.petsc_comm)
+        grid, self._prefix = self.operator.grid, hierarchy.prefix
+        self._name = f"contact {grid.nx} x {grid.ny}"
+        self.mat.setName(self._name)
+        self.mat.setOptionsPrefix(self._prefix)
         # PETSc would view the solver of every grid after every solve; once, on the target grid, is enough.
         self._view = "-ksp_view" if self.level == len(hierarchy.levels) - 1 else ""
         self._hierarchy = hierarchy
@@ -59,11 +63,13 @@ class LinearSolver:
 
     def _make(self):
         hierarchy, comm = self._hierarchy, self.operator.petsc_comm
-        options = PETSc.Options()
+        options = PETSc.Options(self._prefix)
         pc_type = options.getString("pc_type", "")
         if pc_type in _NEED_PARTS:
             raise ValueError(f"-pc_type {pc_type}: needs parts that options, or this matrix, cannot give")
         self.ksp = ksp = PETSc.KSP().create(comm)
+        ksp.setName(self._name)
+        ksp.setOptionsPrefix(self._prefix)
         ksp.setOperators(self.mat)
         if pc_type == "mg":
             levels, transfers = hierarchy.levels, hierarchy.transfers
@@ -77,8 +83,8 @@ class LinearSolver:
         # The grids of a nested iteration have fewer levels than the target grid may have been given.
         levels = {"pc_mg_levels": str(len(self.multigrid.operators))} if self.multigrid else {}
         kind = options.getString("ksp_type", PETSc.KSP.Type.GMRES)
-        defaults = default_options(kind) if self.multigrid else {}
-        with options_set(defaults, {"ksp_view": None, **levels}):
+        defaults = default_options(self._prefix, kind) if self.multigrid else {}
+        with options_set(self._prefix, defaults, {"ksp_view": None, **levels}):
             ksp.setFromOptions()
             if self.multigrid:
                 self.multigrid.contact_changed()
@@ -145,6 +151,7 @@ class LinearSolver:
         """
         if self._work is None:
             self._work = self.mat.createVecRight()
+            self._work.setName("pressure")
         self.ksp.setInitialGuessNonzero(False)
         iterations, failure = self._run(b, self._work, allowed)
         return self._work, iterations, failure

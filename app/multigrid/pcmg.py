@@ -109,7 +109,7 @@ class Multigrid:
     """
 
     def __init__(self, ksp, operators, transfers, comm, most):
-        wanted = PETSc.Options().getInt("pc_mg_levels", len(operators))
+        wanted = PETSc.Options(ksp.getOptionsPrefix()).getInt("pc_mg_levels", len(operators))
         if not 1 <= wanted <= most:
             raise ValueError(f"-pc_mg_levels {wanted}: this grid allows 1 to {most}")
         wanted = min(wanted, len(operators))
@@ -172,15 +172,17 @@ class Multigrid:
             mat.destroy()
 
 
-def default_options(ksp_type):
+def default_options(prefix, ksp_type):
     """Return the options of smoothers and coarsest grid that the user has not given. Not collective.
 
     Parameters
     ----------
+    prefix : str
+        Of all options.
     ksp_type : str
         Of the KSP around the cycle; some need a symmetric one.
     """
-    given = {name: text or "" for name, text in PETSc.Options().getAll().items()}
+    given = {name: text or "" for name, text in PETSc.Options(prefix).getAll().items()}
     defaults = _SMOOTHER | _DIRECT
     if any(f"mg_levels_pc_sor_{kind}" in given for kind in _OTHER_SWEEPS):
         del defaults["mg_levels_pc_sor_forward"]  # one direction excludes the others

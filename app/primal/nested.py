@@ -100,7 +100,7 @@ def _solve_on(hierarchy, number, primal, solver, stop, history):
         primal.reset_for_safeguard()
         verify(primal, solver.scratch)
         accept(primal, solver.scratch)
-        with options_set({}, _SAFEGUARD):
+        with options_set(hierarchy.prefix, {}, _SAFEGUARD):
             rest = safeguarded(hierarchy, number, primal.state, primal.loading, stop, history)
         np.subtract(primal.state.u, primal.state.depth, out=primal.w)
         primal.mean_pressure = primal.mean(primal.state.p)

@@ -54,7 +54,7 @@ class PrimalSolver(LinearSolver):
     carried, _constrained, _levels_leave = None, False, 0.0
 
     def __init__(self, hierarchy, level=-1, operator=None):
-        _check_kinds(PETSc.Options())
+        _check_kinds(PETSc.Options(hierarchy.prefix))
         number = range(len(hierarchy.levels))[level]
         self.inverse = InverseOperator(
             operator or hierarchy.levels[number], coarser_operator(hierarchy, number)

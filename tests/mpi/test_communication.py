@@ -81,7 +81,7 @@ def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(
         "pc_circulant_blocks": "16" if scattered else "0",
     }
     for steps in (1, 3):  # so few that the norm needs no summing anew
-        with options_set({}, options | {"ksp_max_it": str(steps)}):
+        with options_set("", {}, options | {"ksp_max_it": str(steps)}):
             solver = LinearSolver(hierarchy)
         nearly = influence_of(operator) if by_levels else None
         if nearly is not None:

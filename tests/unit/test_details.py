@@ -37,7 +37,7 @@ from app.refinement import refine
 
 def test_options_are_as_they_were_after_the_block_that_sets_them():
     with OptionDatabase({"given": "1", "in_the_way": "2"}).active() as options:
-        with options_set({"given": "3", "wanted": "4"}, {"in_the_way": "5"}):
+        with options_set("", {"given": "3", "wanted": "4"}, {"in_the_way": "5"}):
             assert options.getAll() == {"given": "1", "wanted": "4", "in_the_way": "5"}
         assert options.getAll() == {"given": "1", "in_the_way": "2"}
 
