@@ -1,9 +1,8 @@
 """How a problem is solved, from options: the method file, the options of this table, and PETSc's for the KSP.
 
 A method is a file of options, ``petsc_options/NAME.opts``. Without one, and without a -ksp_type or -pc_type, it is the
-default, `DEFAULT`; of several the last one counts, as a whole. Options beside it override. What is asked for and can do
-nothing is refused, unless it is a file's and something later took its meaning: here what is in the table, in
-`app.option_use` what PETSc reads. The strategies (-lcp_type) are
+default, `DEFAULT`; of several the last one counts, as a whole. Options given with it override. An option without effect
+is refused, unless it stands in a method file and a later option has made it useless. The strategies (-lcp_type) are
 
 ==============  ======================================================================================
 ``active_set``  the paper's: `app.contact`, around any KSP
@@ -16,9 +15,8 @@ nothing is refused, unless it is a file's and something later took its meaning: 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-
-from petsc4py import PETSc
+import re
+from dataclasses import dataclass, fields, replace
 
 from app.errors import InputError
 from app.options import (
@@ -35,7 +33,7 @@ from app.options import (
     real,
     unknown_options,
 )
-from app.petsc import OptionDatabase, error_message
+from app.solver_options import read_option_file
 
 DEFAULT, PERIODIC = "fast", "primal"
 
@@ -43,23 +41,45 @@ _tolerance = real("a number above 0 and below 1", above=0, highest=1 - 1e-9)
 _cells = integer(0, "a whole number from 0")
 _ACTIVE_SET = ("active_set", "fast", "primal")
 _STRATEGIES = (*_ACTIVE_SET, "tao", "snesvi")
+_COPIES, _INEXACT = ("active_set", "fast"), ("fast", "primal")
+
+
+@dataclass(frozen=True)
+class MethodOption(Option):
+    """An option of the method, and where it has an effect."""
+
+    strategies: tuple = _STRATEGIES
+    only_nested: bool = False
+
+
 METHOD_OPTIONS = [
-    Option("lcp_type", choice(*_STRATEGIES), "active_set", "strategy"),
-    Option("lcp_nested", flag, False, "nested iteration (FMG): solve on coarser grids first"),
-    Option("lcp_rtol", _tolerance, 1e-6, "accepted ||r|| / ||h||, (5.1); fast: also 100 times, h on C; primal: std(h)"),
-    Option("lcp_error_bound", _tolerance, 0.01, "proved error (energy norm) up to which a solution counts as solved"),
-    Option("lcp_max_it", count, 100, "iterations in a row on one grid: active set, or those of tao and snesvi"),
-    Option("lcp_coarse_rtol", from_zero, 0.0, "fast: ||r|| / ||h|| on C enough on coarser grids; primal: as -lcp_rtol"),
-    Option("lcp_predictor", from_zero, 0.0, "fast: share of the change of u to be expected that step 4.b believes"),
-    Option("lcp_defect_correction", from_zero, 0.0, "fast, primal: by levels till this share of r is left; 0: by FFT"),
-    Option("lcp_prolongation", choice("copy", "lift"), "copy", "nested: of p, the paper's or by FFT preconditioner"),
-    Option("lcp_window", from_zero, 0.0, "fast: work in a window around contact, wider by this share; 0: all cells"),
-    Option("lcp_beta", from_zero, 0.003, "nested: start set after prolongation by copy, eq. (4.1)"),
-    Option("lcp_coarsest", count, 4, "directions of up to this many cells are not coarsened"),
-    Option("lcp_cells_per_rank", count, 8192, "least cells of a rank on coarser grids and windows; else fewer ranks"),
-    Option("lcp_shared_memory", flag, True, "ranks on one machine send nothing for transforms: they share memory"),
-    Option("lcp_monitor", flag, False, "print a line for each active set iteration"),
-    Option("lcp_precision", choice("double", "single"), "double", "fast, primal: of products, verified in double"),
+    MethodOption("lcp_type", choice(*_STRATEGIES), "active_set", "strategy"),
+    MethodOption("lcp_nested", flag, False, "nested iteration (FMG): solve on coarser grids first", _ACTIVE_SET),
+    MethodOption("lcp_rtol", _tolerance, 1e-6,
+        "accepted ||r|| / ||h||, (5.1); fast: also 100 times, h on C; primal: std(h)"),
+    MethodOption("lcp_error_bound", _tolerance, 0.01,
+        "proved error (energy norm) up to which a solution counts as solved"),
+    MethodOption("lcp_max_it", count, 100, "iterations in a row on one grid: active set, or those of tao and snesvi"),
+    MethodOption("lcp_coarse_rtol", from_zero, 0.0,
+        "fast: ||r|| / ||h|| on C enough on coarser grids; primal: as -lcp_rtol", _INEXACT, True),
+    MethodOption("lcp_predictor", from_zero, 0.0,
+        "fast: share of the change of u to be expected that step 4.b believes", ("fast",)),
+    MethodOption("lcp_defect_correction", from_zero, 0.0,
+        "fast, primal: by levels till this share of r is left; 0: by FFT", _INEXACT),
+    MethodOption("lcp_prolongation", choice("copy", "lift"), "copy",
+        "nested: of p, the paper's or by FFT preconditioner", _COPIES, True),
+    MethodOption("lcp_window", from_zero, 0.0,
+        "fast: work in a window around contact, wider by this share; 0: all cells", ("fast",), True),
+    MethodOption("lcp_beta", from_zero, 0.003,
+        "nested: start set after prolongation by copy, eq. (4.1)", _COPIES, True),
+    MethodOption("lcp_coarsest", count, 4, "directions of up to this many cells are not coarsened", _ACTIVE_SET),
+    MethodOption("lcp_cells_per_rank", count, 8192,
+        "least cells of a rank on coarser grids and windows; else fewer ranks"),
+    MethodOption("lcp_shared_memory", flag, True,
+        "ranks on one machine send nothing for transforms: they share memory"),
+    MethodOption("lcp_monitor", flag, False, "print a line for each active set iteration"),
+    MethodOption("lcp_precision", choice("double", "single"), "double",
+        "fast, primal: of products, verified in double", _INEXACT),
 ]  # fmt: skip
 # Read by the preconditioners themselves, as -pc_* are.
 PART_OPTIONS = [
@@ -68,18 +88,8 @@ PART_OPTIONS = [
     Option("pc_two_grid_sweeps", count, 2, "TwoGrid: sweeps after the coarser grid, maybe before; at most 50"),
 ]  # fmt: skip
 _TABLE = {option.name: option for option in METHOD_OPTIONS}
-_WORKS_WITH = {  # strategies in which an option has an effect, where that is not in all
-    "lcp_nested": _ACTIVE_SET,
-    "lcp_coarsest": _ACTIVE_SET,
-    "lcp_prolongation": ("active_set", "fast"),
-    "lcp_beta": ("active_set", "fast"),
-    "lcp_coarse_rtol": ("fast", "primal"),
-    "lcp_precision": ("fast", "primal"),
-    "lcp_predictor": ("fast",),
-    "lcp_defect_correction": ("fast", "primal"),
-    "lcp_window": ("fast",),
-}
-_ONLY_NESTED = ("lcp_prolongation", "lcp_beta", "lcp_window", "lcp_coarse_rtol")
+# An option so called chooses other solvers, or parts of them, which may not read what chosen ones would.
+_CHOICE = re.compile(r"\w+_type|pc_mg_\w+")
 _CHANGES = "what the linear solver makes is a change of the pressure, not PETSc's solution"
 _REFUSED = {  # PETSc's options by how their names end: strategies that they spoil, or end, and why
     "ksp_error_if_not_converged": (
@@ -120,8 +130,7 @@ class Settings:
     single: bool
     texts: dict
     warnings: tuple = ()
-    files_so_far: tuple = ()  # name of a file, and what it and all files before it say: without what overrides it later
-    of_files: tuple = ()  # names that nothing but files has set
+    replaced: tuple = ()  # names in method files that may be useless, as something later chooses other solvers
 
 
 def method_file(name):
@@ -146,12 +155,7 @@ def method_names():
 
 def read_method_file(name):
     """Options of a method file, name -> text. Not collective; PETSc reads them."""
-    database = OptionDatabase()
-    try:
-        database.insert(f'-options_file "{method_file(name)}"')
-    except PETSc.Error as error:
-        raise InputError(f"method {name!r}: {error_message(error)}") from None
-    return database.texts()
+    return read_option_file(method_file(name))
 
 
 def settings(method=None, options=None, periodic=False):
@@ -193,6 +197,7 @@ def settings(method=None, options=None, periodic=False):
     texts = texts | given
     if unknown := {name for name in texts if name.startswith("lcp_")} - _TABLE.keys():
         raise InputError(unknown_options(unknown, _TABLE))
+    replaced = _replaced(files, given)
     texts = _without_idle(texts, of_files, files_so_far)
     reader = OptionReader(METHOD_OPTIONS, texts)
     strategy = reader["lcp_type"]
@@ -211,8 +216,7 @@ def settings(method=None, options=None, periodic=False):
         },
         texts=texts,
         warnings=tuple(warnings),
-        files_so_far=tuple(files_so_far),
-        of_files=of_files,
+        replaced=tuple(sorted(replaced)),
     )
 
 
@@ -224,7 +228,7 @@ def _give_way(files, given):
     warnings, wanted, kept = [], given.get("lcp_type"), None
     for name in reversed(list(files)):
         texts = files[name]
-        if "lcp_type" not in texts and not {"ksp_type", "pc_type"} <= texts.keys():
+        if not _is_method(texts):
             continue
         other = wanted is not None and texts.get("lcp_type", "active_set") != wanted
         if later := f"-lcp_type {wanted}" if other else kept:
@@ -233,6 +237,41 @@ def _give_way(files, given):
         else:
             kept = name
     return warnings[::-1]
+
+
+def _is_method(texts):
+    """Whether a file with these options is a method file."""
+    return "lcp_type" in texts or {"ksp_type", "pc_type"} <= texts.keys()
+
+
+def _replaced(files, given):
+    """Names in method files before others that choose solvers."""
+    later, found = set(given), set()
+    for texts in reversed(files.values()):
+        if _is_method(texts) and any(map(_CHOICE.fullmatch, later)):
+            found |= texts.keys() - later
+        later |= texts.keys()
+    return found
+
+
+def without_unused(chosen, unused, known):
+    """Settings without unused options of replaced methods; refuse all other unused ones. Not collective.
+
+    Parameters
+    ----------
+    chosen : Settings
+    unused : iterable of str
+    known : iterable of str
+        Names like which one may have been meant.
+
+    Raises
+    ------
+    InputError
+    """
+    if mistakes := set(unused).difference(chosen.replaced):
+        ours = {option.name for option in (*METHOD_OPTIONS, *PART_OPTIONS)}
+        raise InputError(unknown_options(mistakes, ours.union(known), "unknown or unused"))
+    return replace(chosen, texts={name: text for name, text in chosen.texts.items() if name not in unused})
 
 
 def _without_idle(texts, of_files, files_so_far):
@@ -260,12 +299,12 @@ def _idle(texts):
     """
     reader, idle = OptionReader(METHOD_OPTIONS, texts), {}
     for name in texts.keys() & _TABLE.keys():
-        strategies = _WORKS_WITH.get(name, _STRATEGIES)
-        if reader[name] == _TABLE[name].default:
+        option = _TABLE[name]
+        if reader[name] == option.default:
             continue
-        if reader["lcp_type"] not in strategies:
-            idle[name] = f"-lcp_type {' or '.join(strategies)} only"
-        elif name in _ONLY_NESTED and not reader["lcp_nested"]:
+        if reader["lcp_type"] not in option.strategies:
+            idle[name] = f"-lcp_type {' or '.join(option.strategies)} only"
+        elif option.only_nested and not reader["lcp_nested"]:
             idle[name] = "-lcp_nested only"
         elif name == "lcp_beta" and reader["lcp_prolongation"] == "lift":
             idle[name] = "-lcp_prolongation copy only"

@@ -13,12 +13,13 @@ from petsc4py import PETSc
 
 from app.compiled import check_compiler
 from app.contact.history import Listener
-from app.errors import InputError, agree, described
+from app.errors import InputError, agree, described, quoted
 from app.method import settings
 from app.multigrid.hierarchy import Hierarchy
 from app.options import as_texts, check_viewer
-from app.petsc import OptionDatabase, as_raised, check_cells, error_message
+from app.petsc import as_raised, check_cells, error_message
 from app.problems.problem import Problem
+from app.solver_options import SolverOptions, global_options
 from app.strategy import STRATEGIES
 
 # PETSc checks the viewer only when there is something to view.
@@ -26,6 +27,7 @@ _VIEW = re.compile(
     r"(\w+_)?((ksp|pc|mat|snes|tao)_(view\w*|converged_reason)"
     r"|ksp_monitor(_(short|range|max|singular_value|true_residual|solution))?)"
 )
+_OF_SOLVERS = re.compile("(lcp|ksp|pc|mg|sub|tao|snes)_")
 
 
 def check_kind(name, given, kind, what):
@@ -35,18 +37,31 @@ def check_kind(name, given, kind, what):
 
 
 def choose(problem, method, options, prefix, listeners):
-    """Settings of a method for a problem, if it can be had on this machine; see `ContactSolver`. Not collective.
+    """Settings of a method for a problem, and the options for PETSc; see `ContactSolver`. Not collective.
+
+    Returns
+    -------
+    app.method.Settings, SolverOptions
 
     Raises
     ------
     InputError
+        If it cannot be had on this machine.
     """
     check_kind("problem", problem, Problem, "a ContactProblem")
     check_kind("method", method, str | Mapping | None, "the name of a method file, or a mapping")
     check_kind("listeners", listeners, Sequence, "a sequence of app.Listener")
     for listener in listeners:
         check_kind("listeners", listener, Listener, "objects of a class made from app.Listener")
-    grid, texts = problem.grid, as_texts(options or {}) | _global_options(prefix)
+    check_kind("prefix", prefix, str, "a word")
+    if not re.fullmatch(r"([A-Za-z]\w*)?", prefix):
+        raise InputError(f"prefix {quoted(prefix)}: must begin with a letter and be a word")
+    grid, own, global_ones = problem.grid, as_texts(options or {}), global_options(prefix.lower())
+    if prefix:
+        texts, left_alone = own | global_ones, ()
+    else:  # the database may have options of other programs
+        left_alone = {name for name in global_ones if _OF_SOLVERS.match(name)} - own.keys()
+        texts = {name: global_ones[name] for name in left_alone} | own
     check_compiler()
     check_cells(grid)
     if dashed := [name for name in texts if name.startswith("-")]:
@@ -55,7 +70,8 @@ def choose(problem, method, options, prefix, listeners):
     for name in filter(_VIEW.fullmatch, chosen.texts):
         check_viewer(name, chosen.texts[name])
     _check_parts(chosen.texts)
-    return chosen
+    for_petsc = {name: text for name, text in chosen.texts.items() if not name.startswith("lcp_")}
+    return chosen, SolverOptions(prefix, for_petsc, left_alone)
 
 
 def _check_parts(texts):
@@ -87,19 +103,7 @@ def _check_parts(texts):
                 raise InputError(f"-{name} {text}: PETSc makes it without arguments: {error}") from None
 
 
-def _global_options(prefix):
-    """Options of PETSc's global database that begin with a prefix, without it."""
-    if not prefix:
-        return {}
-    database = PETSc.Options()
-    return {
-        name.removeprefix(prefix): database.getString(name, "")
-        for name in database.getAll()
-        if name.startswith(prefix)
-    }
-
-
-def make_hierarchy(grid, compliance, comm, chosen):
+def make_hierarchy(grid, compliance, comm, chosen, prefix):
     """Grids and operators for a method. Collective over the mpi4py communicator `comm`.
 
     Parameters
@@ -109,6 +113,8 @@ def make_hierarchy(grid, compliance, comm, chosen):
         Of the material [mm2/N].
     comm : mpi4py.MPI.Comm
     chosen : app.method.Settings
+    prefix : str
+        Of PETSc's options.
 
     Returns
     -------
@@ -119,13 +125,8 @@ def make_hierarchy(grid, compliance, comm, chosen):
         target_only=STRATEGIES[chosen.strategy].target_only,
         dtype=np.float32 if chosen.single else np.float64,
         margin=chosen.window,
+        prefix=prefix,
     )  # fmt: skip
-
-
-def database_of(chosen):
-    """Option database of a method: what PETSc is to read. Not collective."""
-    texts = {name: text for name, text in chosen.texts.items() if not name.startswith("lcp_")}
-    return OptionDatabase(texts)
 
 
 def make_strategy(hierarchy, chosen):

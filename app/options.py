@@ -261,17 +261,15 @@ def nearest(name, known):
     return next(iter(difflib.get_close_matches(name, known, 1, max(0.75, 1 - 2 / max(len(name), 1)))), None)
 
 
-def unknown_options(names, known, files=None, what="unknown"):
-    """Complain about options that nobody knows; a known name that is nearly the same is told.
+def unknown_options(names, known, what="unknown"):
+    """Complain about unknown options; suggest a known name that is nearly the same.
 
     Parameters
     ----------
     names : iterable of str
     known : container of str
-    files : mapping of str to str, optional
-        Name of an option -> the file that it is in.
     what : str
-        What is said of them.
+        What they are called.
 
     Examples
     --------
@@ -280,10 +278,8 @@ def unknown_options(names, known, files=None, what="unknown"):
     """
     said = []
     for name in sorted(names):
-        remarks = [f"in {files[name]}"] if name in (files or ()) else []
-        if near := nearest(name, known):
-            remarks.append(f"did you mean -{near}?")
-        said.append(f"-{name} ({'; '.join(remarks)})" if remarks else f"-{name}")
+        near = nearest(name, known)
+        said.append(f"-{name} (did you mean -{near}?)" if near else f"-{name}")
     return f"{what} option{'s'[: len(said) > 1]}: {', '.join(said)}"
 
 

@@ -20,7 +20,7 @@ import sys
 import threading
 import traceback
 import weakref
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from functools import cache, wraps
 
 import numpy as np
@@ -239,76 +239,9 @@ class OptionDatabase:
         return found
 
 
-@contextmanager
-def options_set(prefix, defaults, forced):
-    """Set options of PETSc's database inside the block. Not collective.
-
-    Parameters
-    ----------
-    prefix : str
-        Of all names.
-    defaults, forced : mapping of str to str
-        For where the user has given none; in any case, None: as if not given. What is replaced counts as used.
-    """
-    database = PETSc.Options()
-    given = {name.lower() for name in database.getAll()}  # which counts as asking for none
-    defaults, forced = ({prefix + name: text for name, text in each.items()} for each in (defaults, forced))
-    before = {name: database.getString(name, "") for name in forced if name in given}
-    temporary = {name: text for name, text in defaults.items() if name not in given} | forced
-    try:
-        for name, text in temporary.items():
-            if text is None:
-                database.delValue(name)
-            else:
-                database.setValue(name, text)
-        yield
-    finally:
-        for name in temporary:
-            database.delValue(name)
-        for name, text in before.items():
-            database.setValue(name, text or None)
-            database.getString(name, "")  # still an option that is used
-
-
 def _destroy_database(handle):
     if PETSc.Sys.isInitialized() and not PETSc.Sys.isFinalized():
         _call("PetscOptionsDestroy", ctypes.byref(handle))
-
-
-@contextmanager
-def help_text():
-    """Keep what PETSc prints inside the block, such as its help; yields a list of texts. Not collective.
-
-    PETSc tells the help of an object once only; here it tells all again. Where that cannot be had, the list is shorter.
-    """
-    library, texts = _library(), []
-
-    @ctypes.CFUNCTYPE(ctypes.c_int, _Handle, _Text, _Handle)
-    def keep(_, pattern, arguments):
-        text = ctypes.create_string_buffer(1024)  # as much of it as anybody reads
-        library.vsnprintf(text, ctypes.c_size_t(len(text)), pattern, _Handle(arguments))
-        texts.append(text.value.decode(errors="replace"))
-        return 0
-
-    with ExitStack() as stack:
-        stack.enter_context(_replaced("PetscVFPrintf", ctypes.cast(keep, _Handle)))
-        with suppress(ValueError):  # a PETSc that hides it
-            nothing_yet = _Handle()
-            _call("PetscOptionsHelpPrintedCreate", ctypes.byref(nothing_yet))
-            stack.callback(_call, "PetscOptionsHelpPrintedDestroy", ctypes.byref(nothing_yet))
-            stack.enter_context(_replaced("PetscOptionsHelpPrintedSingleton", nothing_yet))
-        yield texts
-
-
-@contextmanager
-def _replaced(name, handle):
-    """Another value of a pointer of PETSc's inside the block."""
-    pointer = _Handle.in_dll(_library(), name)
-    before, pointer.value = pointer.value, handle.value
-    try:
-        yield
-    finally:
-        pointer.value = before
 
 
 @cache
@@ -358,12 +291,17 @@ def as_raised():
     try:
         yield
     except PETSc.Error as error:
-        original = error
-        while isinstance(original, PETSc.Error):
-            original = original.__cause__
-        if original is None:
-            raise
-        raise original from None
+        raise_original(error)
+
+
+def raise_original(error):
+    """Raise what a Python callback has raised in place of an error of PETSc's, if there is such. Not collective."""
+    original = error
+    while isinstance(original, PETSc.Error):
+        original = original.__cause__
+    if original is None:
+        raise error
+    raise original from None
 
 
 @cache

@@ -7,8 +7,8 @@
 >>> solution.converged, round(solution.load, -1)
 (True, 680.0)
 
-Options are PETSc's and those of `app.method`; each solver has them in a database of its own, so nothing of the global
-one changes, nor does anybody's command line count.
+Options are PETSc's and those of `app.method`. Each solver has them under a prefix of its own in PETSc's database, and
+only while it is set up or solves.
 """
 
 from __future__ import annotations
@@ -32,14 +32,15 @@ from app.errors import InputError, agree, check_alike, warn_caller
 from app.halfspace.communication import Communicator
 from app.halfspace.influence import influence_quadrant
 from app.halfspace.reductions import minimum_over
-from app.method_solver import choose, database_of, make_hierarchy, make_strategy
+from app.method import without_unused
+from app.method_solver import choose, make_hierarchy, make_strategy
 from app.multigrid.hierarchy import check_room
 from app.notes import notes_on
-from app.option_use import read_by, refuse_unread
-from app.options import as_line
+from app.options import as_line, unknown_options
 from app.path import LoadPath, exactly_one
 from app.petsc import Resources, mpi_comm, one_at_a_time
 from app.solution import Solution, identity
+from app.solver_options import SolverOptions
 from app.stiffness import contact_stiffness
 from app.strategy import check_single
 
@@ -101,14 +102,17 @@ class ContactSolver:
         Options without dash, texts or numbers: {"lcp_rtol": 1e-8, "ksp_rtol": 0.1}. They override the file's.
     comm : communicator of mpi4py or petsc4py, optional
         Ranks that share the grid; default: all. One of its own is made, and freed.
-    prefix : str
-        Options of PETSc's global database that begin with it are taken, too, and override.
+    prefix : str, optional
+        Of the solver's options in PETSc's database, such as "gear_" for ``-gear_ksp_view``; those of the user override.
+        Default: "contact0_", "contact1_", ... in order. With "" PETSc's options without a prefix count, too.
     listeners : sequence of Listener
         Hear of every iteration.
 
     Attributes
     ----------
     settings : app.method.Settings
+    options : SolverOptions
+        Those that PETSc reads.
     setup_seconds : float
     touching : float
         Approach at which the bodies just touch [mm].
@@ -123,7 +127,7 @@ class ContactSolver:
     """
 
     @one_at_a_time
-    def __init__(self, problem, method=None, options=None, comm=None, prefix="", listeners=()):
+    def __init__(self, problem, method=None, options=None, comm=None, prefix=None, listeners=()):
         started, comm = time.perf_counter(), mpi_comm(comm)
         self._resources, self._distances = Resources(), []
         self._finalizer = weakref.finalize(self, one_at_a_time(self._resources.free))
@@ -131,13 +135,19 @@ class ContactSolver:
         self._resources.add(ending.Waits(comm))
         self.comm = self._resources.comm = Communicator(self._outer_comm.Dup())
         self.hierarchy, self._strategy, self._cut_short = None, None, False  # was the last call?
+        self._judged = False  # the options that PETSc reads while it solves
         try:
-            self.settings = chosen = agree(self.comm, choose, problem, method, options, prefix, listeners)
+            if prefix is None:
+                prefix = SolverOptions.new_prefix(self.comm)
+            chosen, self.options = agree(self.comm, choose, problem, method, options, prefix, listeners)
+            self.settings = chosen
             monitors = [Monitor()] if chosen.monitor and self.comm.rank == 0 else []
             self.listeners, grid = [*listeners, *monitors], problem.grid
             # Processors may round differently.
             sizes = [f"{size:.6g}" for size in (grid.dx, grid.dy, problem.material.compliance)]
-            check_alike(self.comm, (grid.shape, grid.periodic, sizes, chosen), "grid, material or options")
+            check_alike(
+                self.comm, (grid.shape, grid.periodic, sizes, chosen, prefix), "grid, material or options"
+            )
             self.comm.shares_memory = chosen.shared_memory
             check_room(self.comm, grid, chosen)
             self._prepare()
@@ -152,12 +162,16 @@ class ContactSolver:
 
     def _prepare(self):
         """Make all that solves."""
-        chosen = self.settings
-        self._database = database_of(chosen)
-        # Rank 0 has a part in every grid.
-        if unread := self.comm.bcast(read_by(self._database, self._set_up)):
-            self.settings = refuse_unread(unread, chosen, bool(self.problem.grid.periodic))
+        with self.options.inserted():
+            self._set_up()
+        self._drop(self.options.unused(self.comm))
         self._measure_shapes()
+
+    def _drop(self, unused):
+        """Drop unused options, if there are reasons for them."""
+        self.settings = without_unused(self.settings, unused, self.options.used)
+        for name in unused:
+            self.options.drop(name)
 
     def _set_up(self):
         chosen, problem = self.settings, self.problem
@@ -167,7 +181,7 @@ class ContactSolver:
             alone = replace(grid, periodic="")  # images change little of a cell's influence on itself
             self._largest = float(influence_quadrant(alone, compliance, slice(0, 1), 1)[0, 0])
             check_single("influence coefficients", self._largest, "mm3/N")
-        self.hierarchy = hierarchy = make_hierarchy(grid, compliance, self.comm, chosen)
+        self.hierarchy = hierarchy = make_hierarchy(grid, compliance, self.comm, chosen, self.options.prefix)
         self._resources.add(hierarchy)
         self._strategy = make_strategy(hierarchy, chosen)
         self._resources.add(self._strategy)
@@ -246,9 +260,22 @@ class ContactSolver:
                 listener.begin(self.settings)
                 to_end.callback(listener.end)
             solution = self._solve(given, start)
+        solution = self._judge_late_options(solution)
         if not solution.converged:
             warn_caller(f"not converged: {solution.message}")
         return solution
+
+    def _judge_late_options(self, solution):
+        """Note options that the first solve of linear systems has left unused; some are read in it only."""
+        if self._judged or not sum(solution.history.get("inner_iterations", ())):
+            return solution
+        self._judged = True
+        unused = set(self.options.unused(self.comm, late=True)).difference(self.settings.replaced)
+        if not unused:
+            return solution
+        return replace(
+            solution, notes=(*solution.notes, unknown_options(unused, self.options.used, "unused"))
+        )
 
     def _solve(self, given, start):
         started, before = time.perf_counter(), self.comm.traffic.copy()
@@ -260,7 +287,7 @@ class ContactSolver:
         if loading.misses_contact(distance):
             start = None  # there is no pressure
         history, self._cut_short = History(self.listeners), True
-        with self._database.active():
+        with self.options.inserted():
             state, outcome = self._strategy.run(loading, history, start)
             self._cut_short = False
             try:
@@ -342,7 +369,7 @@ class ContactSolver:
         """
         self._refuse_if_closed()
         self._strategy.check(solution, "solution")
-        with self._database.active():
+        with self.options.inserted():
             return contact_stiffness(self.hierarchy, self._distances[-1], solution.contact)
 
     def _refuse_if_closed(self):

@@ -12,7 +12,7 @@ import numpy as np
 
 from app.contact.periodic_state import contact_state
 from app.multigrid.linear_solver import LinearSolver
-from app.petsc import options_set
+from app.solver_options import options_set
 
 RTOL = 1e-8  # of ||A q - 1||; that of the stiffness is smaller still
 _MAX_IT = 2000

@@ -14,7 +14,8 @@ from petsc4py import PETSc
 from app.contact.history import Outcome, entry
 from app.contact.state import Displacement, Update
 from app.multigrid.linear_solver import reason_names
-from app.petsc import TAO_REASONS, error_message, options_set
+from app.petsc import TAO_REASONS, error_message
+from app.solver_options import options_set
 
 # Codes of PETSc errors: argument out of range and inconsistent data (line searches), floating point, no convergence
 _GIVES_UP = 63, 72, 77, 82, 91

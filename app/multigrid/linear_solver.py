@@ -12,7 +12,7 @@ from petsc4py import PETSc
 
 from app.errors import exactly
 from app.multigrid.pcmg import Multigrid, default_options
-from app.petsc import options_set
+from app.solver_options import options_set
 
 
 def reason_names(reasons):

@@ -139,7 +139,10 @@ class Multigrid:
                 mat = self.operators[l].mat(comm)
                 self._level_mats.append(mat)
             pc.getMGSmoother(l).setOperators(mat)
-        pc.getMGCoarseSolve().setOperators(self.coarse.mat if self.coarse else ksp.getOperators()[0])
+        coarse = pc.getMGCoarseSolve()
+        if self.coarse:
+            self.coarse.mat.setOptionsPrefix(coarse.getOptionsPrefix())
+        coarse.setOperators(self.coarse.mat if self.coarse else ksp.getOperators()[0])
 
     def contact_changed(self):
         """Sec. 4.2, 3: restrict the contact set of the finest grid to all others. Collective."""

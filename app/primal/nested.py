@@ -13,10 +13,10 @@ from app.contact.visits import Visits
 from app.fast.nested import safeguarded
 from app.fast.progress import NeedsSafeguard
 from app.halfspace.communication import FailuresTold
-from app.petsc import options_set
 from app.primal.iteration import accept, primal_active_set, verify
 from app.primal.operator import InverseOperator
 from app.primal.state import PrimalState
+from app.solver_options import options_set
 
 # CG for pressures, with A's own inverse as preconditioner
 _SAFEGUARD = {

@@ -29,10 +29,6 @@ PROGRAMS = {
         "solvers = [ContactSolver(problem, options={'lcp_type': kind}) for kind in ('tao', 'snesvi')]\n"
         "found = [solver.solve(approach=0.005) for solver in solvers]"
     ),
-    "options that outlive all modules": (
-        "import numba\nfrom app.petsc import OptionDatabase\n@numba.njit\ndef f(x):\n    return x\n"
-        "f(1)\nf.kept = OptionDatabase({'a': '1'})"
-    ),
     "in the middle": "solver = ContactSolver(problem)\nimport sys\nsys.exit()",
     "PETSc first": (
         "solver = ContactSolver(problem)\nsolver.solve(load=10.0)\n"

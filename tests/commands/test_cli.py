@@ -80,7 +80,7 @@ CASES = {
     "value that cannot be squared": (gap_of(np.full((8, 8), 1e200)), "1e+200 in row 0, column 0; allowed: numbers"),
     "mistyped option in a file": (
         with_file("a.opts", b"-pc_mg_tipe full\n", *HERTZ, "-options_file", "FILE", "-pc_type", "jacobi"),
-        "unknown or unused option: -pc_mg_tipe (in ",
+        "unknown or unused option: -pc_mg_tipe",
     ),
     "prefix of nothing": ([*HERTZ, "-foo_ksp_view"], "unknown or unused option: -foo_ksp_view"),
     "bounds of nothing": ([*HERTZ, "-ksp_type", "chebyshev"], "needed: -ksp_chebyshev_eigenvalues"),

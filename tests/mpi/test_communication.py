@@ -16,7 +16,8 @@ from app.halfspace.ranks import Ranks
 from app.halfspace.reductions import minimum_over, sums_and_minima
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
-from app.petsc import _counter, options_set
+from app.petsc import _counter
+from app.solver_options import options_set
 from benchmarks.replay import Replay, record
 from benchmarks.replay import hertz as recorded_problem
 

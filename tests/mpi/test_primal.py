@@ -13,8 +13,8 @@ from app.halfspace.grid import Grid, Slabs
 from app.halfspace.halo import Halo
 from app.method import read_method_file
 from app.multigrid.hierarchy import Hierarchy
-from app.petsc import OptionDatabase
 from app.primal.solver import PrimalSolver
+from app.solver_options import SolverOptions
 
 
 @pytest.mark.mpi(2, 3, 5)
@@ -44,7 +44,7 @@ def test_the_preconditioner_is_the_same_on_any_number_of_ranks(comm, shape, cell
     found = []
     for ranks in (comm, MPI.COMM_SELF):
         hierarchy = Hierarchy(grid, STEEL, ranks, 2, cells_per_rank=cells, dtype=np.float32)
-        with OptionDatabase(read_method_file("primal")).active():
+        with SolverOptions("", read_method_file("primal")).inserted():
             solver = PrimalSolver(hierarchy)
         rows = hierarchy.slabs.rows
         solver.inverse.mask[...] = free[rows]

@@ -17,7 +17,7 @@ from app.halfspace.grid import Grid, Slabs
 from app.halfspace.influence import dense_matrix, influence_quadrant, middle_displacement
 from app.halfspace.operator import InfluenceOperator
 from app.halfspace.periodic import influence_symbol
-from app.petsc import OptionDatabase
+from app.solver_options import SolverOptions
 
 SMALL = {name: grid for name, grid in (GRIDS | PERIODIC).items() if grid.n <= 500}
 
@@ -29,7 +29,7 @@ def preconditioner(operator, **options):
     pc.setOperators(mat)
     pc.setType(PETSc.PC.Type.PYTHON)
     pc.setPythonContext(Circulant())
-    with OptionDatabase({name: str(value) for name, value in options.items()}).active():
+    with SolverOptions("", {name: str(value) for name, value in options.items()}).inserted():
         pc.setFromOptions()
         pc.setUp()
     x, y = mat.createVecs()
@@ -103,7 +103,7 @@ def test_means_over_blocks_follow_the_residual_of_cg(monkeypatch, dtype):
         PETSc.KSP().create(PETSc.COMM_SELF),
         {"pc_circulant_extend": "2", "pc_circulant_blocks": "4"},
     )
-    with OptionDatabase(choice).active():
+    with SolverOptions("", choice).inserted():
         ksp.setOperators(mat)
         ksp.setType(PETSc.KSP.Type.PYTHON)
         ksp.setPythonContext(TrackingCG())

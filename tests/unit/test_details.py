@@ -1,7 +1,6 @@
 """Details of several modules: switches, limits, and what is restored afterwards."""
 
 import math
-import signal
 from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 from unittest import mock
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 from cases import APPROACH, hertz, periodic_rough
 from mpi4py import MPI
-from petsc4py import PETSc
 from running import solve
 
 from app import ContactProblem, ContactSolver, petsc, strategy
@@ -30,38 +28,8 @@ from app.halfspace.influence import Material, dense_matrix
 from app.halfspace.operator import InfluenceOperator, vec_of
 from app.halfspace.product import DenseProduct
 from app.multigrid.hierarchy import Hierarchy
-from app.petsc import OptionDatabase, options_set
 from app.primal import kernels, stencil
 from app.refinement import refine
-
-
-def test_options_are_as_they_were_after_the_block_that_sets_them():
-    with OptionDatabase({"given": "1", "in_the_way": "2"}).active() as options:
-        with options_set("", {"given": "3", "wanted": "4"}, {"in_the_way": "5"}):
-            assert options.getAll() == {"given": "1", "wanted": "4", "in_the_way": "5"}
-        assert options.getAll() == {"given": "1", "in_the_way": "2"}
-
-
-@pytest.mark.parametrize("call", ["PetscOptionsPush", "PetscOptionsPop"])
-def test_options_are_as_they_were_whenever_ctrl_c_comes(call, monkeypatch, request):
-    plain = petsc._call
-
-    def interrupted(name, *arguments):
-        plain(name, *arguments)
-        if name == call:
-            signal.raise_signal(signal.SIGINT)
-
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it is ignored
-    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
-    database, outside = OptionDatabase({"inside": "1"}), PETSc.Options()
-    with monkeypatch.context() as patch:
-        patch.setattr(petsc, "_call", interrupted)
-        with pytest.raises(KeyboardInterrupt), database.active():
-            assert call == "PetscOptionsPop"
-    assert not outside.hasName("inside")
-    with database.active():
-        assert outside.hasName("inside")
-    assert not outside.hasName("inside")
 
 
 def test_grids_worked_on_in_windows_get_no_product_before_somebody_asks():

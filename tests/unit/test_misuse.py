@@ -310,11 +310,11 @@ def test_what_is_allowed_is_the_reason(kind, meaning, text, allowed):
         (None, "ksp_rtol"),
         (None, "pc_circulant_extend"),
         (None, "pc_python_type"),
-        ("norm", "ksp_max_it"),
+        ("norm", "ksp_norm_type"),
         ("fmg_v11", "mg_levels_ksp_max_it"),
-        ("fmg_v11", "mg_levels_1_pc_sor_omega"),
+        ("fmg_v11", "mg_levels_pc_sor_omega"),
         ("primal", "pc_two_grid_sweeps"),
-        ({"tao.opts": {"lcp_type": "tao"}}, "tao_type"),
+        ({"tao.opts": {"lcp_type": "tao", "tao_type": "tron"}}, "tao_type"),
     ],
 )
 def test_of_misspelt_solver_options_the_nearest_is_told_every_time(method, name, capfd):

@@ -25,11 +25,11 @@ from app.halfspace.influence import Material
 from app.halfspace.operator import InfluenceOperator
 from app.method import read_method_file
 from app.multigrid.hierarchy import Hierarchy
-from app.petsc import OptionDatabase
 from app.primal import iteration, kernels, stencil
 from app.primal.operator import InverseOperator
 from app.primal.solver import PrimalSolver
 from app.primal.state import PrimalState
+from app.solver_options import SolverOptions
 
 WEIGHTS = 0.7, *(np.float32(w) for w in (-0.19, -0.16, -0.04))
 SHAPES = (8, 12), (4, 64), (1, 8), (8, 1), (2, 4), (12, 2), (5, 7), (3, 33)
@@ -249,7 +249,7 @@ def make():
     def solver(grid, share=0.3, seed=1, dtype=np.float32, **options):
         hierarchy = Hierarchy(grid, STEEL, MPI.COMM_SELF, dtype=dtype)
         texts = read_method_file("primal") | {name: str(text) for name, text in options.items()}
-        with OptionDatabase(texts).active():
+        with SolverOptions("", texts).inserted():
             made.append(PrimalSolver(hierarchy))
         made[-1].inverse.mask[...] = np.random.default_rng(seed).random(grid.shape) >= share
         made[-1].set_contact()

@@ -20,8 +20,8 @@ from app.halfspace.operator import InfluenceOperator
 from app.halfspace.product import DenseProduct
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
-from app.petsc import OptionDatabase
 from app.primal import nested as primal_nested
+from app.solver_options import SolverOptions
 
 
 def positive_definite(n, rng, condition):
@@ -67,7 +67,7 @@ def test_any_positive_definite_problem_is_solved_downhill(seed, condition, ksp_r
     energy = Energy(a, np.where(inadmissible, 0.0, h))
     start = np.where(inadmissible, 0.0, rng.normal(size=grid.n))
     state.pressure.setArray(start)
-    with OptionDatabase({"ksp_type": "cg", "pc_type": "none", "ksp_rtol": str(ksp_rtol)}).active():
+    with SolverOptions("", {"ksp_type": "cg", "pc_type": "none", "ksp_rtol": str(ksp_rtol)}).inserted():
         solver = LinearSolver(hierarchy)
     outcome = projected_newton(state, solver, InexactStop(rtol=1e-10, max_it=500), History([energy]))
     assert outcome.converged, outcome

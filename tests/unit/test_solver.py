@@ -547,7 +547,7 @@ OPTIONS = {
         {"method": "fmg_v11", "options": {"mg_levels_ksp_type": "chebyshev"}}, "mg_levels_ksp_chebyshev_eigenvalues"
     ),
     "mistake in a file that is overridden": (
-        {"method": {"m": {"pc_type": "mg", "pc_mg_tipe": "full"}}, "options": {"pc_type": "none"}}, "tipe .in m"
+        {"method": {"m": {"pc_type": "mg", "pc_mg_tipe": "full"}}, "options": {"pc_type": "none"}}, "tipe$"
     ),
     "idle in its own file": ({"method": {"m": {"ksp_type": "cg", "lcp_beta": "1"}}}, "lcp_beta 1: has no effect"),
     "no tracking": ({"method": "fast", "options": {"ksp_type": "cg"}}, "TrackingCG|ksp_python_type"),

@@ -7,9 +7,9 @@ from mpi4py import MPI
 
 from app import Grid
 from app.method import settings
-from app.method_solver import database_of
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
+from app.solver_options import SolverOptions
 
 
 @pytest.mark.parametrize("share", [0.02, 0.4, 1.0])
@@ -25,7 +25,7 @@ def test_cycle_in_the_theory_equals_pcmg(share):
 
     grid = Grid.from_domain(n, n, (-1, 1, -1, 1))
     hierarchy = Hierarchy(grid, page["compliance"], MPI.COMM_SELF)
-    with database_of(settings("mg_v11")).active():
+    with SolverOptions("", settings("mg_v11").texts).inserted():
         solver = LinearSolver(hierarchy)
         hierarchy.target.mask[...] = contact
         solver.set_contact()
