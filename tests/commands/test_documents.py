@@ -23,6 +23,7 @@ OTHERS = {
     "options_file",
     "skip_petscrc",
     "help",
+    "citations",
     "cone_slope",
     *REMOVED,
 }

@@ -78,7 +78,7 @@ def test_version_is_the_same_everywhere():
     places = {
         "pyproject.toml": r'^version = "(.*?)"$',
         "CITATION.cff": r"^version: (.*?)$",
-        "CHANGELOG.md": r"^## (\S+)",
+        "CHANGELOG.md": r"^## (\d\S+)",
     }
     found = {name: re.search(pattern, text_of(name), re.MULTILINE)[1] for name, pattern in places.items()}
     assert found == dict.fromkeys(places, __version__)
