@@ -46,8 +46,9 @@ def doubles_per_cell(settings, periodic=False):
         return doubles + DOUBLE_PRECISION * (not settings.single)
     if settings.strategy != "active_set":
         return doubles
-    types = {text for name, text in settings.texts.items() if name.endswith("pc_type")}
-    return doubles + CYCLES * bool(periodic or types & {"mg", "sor", "eisenstat"})
+    of_pc = "pc_type", "pc_python_type"
+    types = {text.rpartition(".")[2] for name, text in settings.texts.items() if name.endswith(of_pc)}
+    return doubles + CYCLES * bool(periodic or types & {"mg", "ContactMG", "sor", "eisenstat"})
 
 
 def doubles_in_strips(grid):

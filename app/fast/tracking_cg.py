@@ -16,8 +16,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.contact.kernels import gap
-from app.errors import InputError
-from app.halfspace.mat_methods import factors_of
+from app.halfspace.mat_methods import check_plain
 from app.halfspace.operator import InfluenceOperator, context_of, vec_of
 from app.halfspace.reductions import add_row, any_order, plus, span_of
 from app.multigrid.ksp_context import KspContext
@@ -169,8 +168,7 @@ class TrackingCG(KspContext):
         """Make the work arrays: z and q, never needed at the same time, are one."""
         mat = ksp.getOperators()[0]
         self._operator = operator = context_of(mat, InfluenceOperator, "TrackingCG")
-        if factors_of(mat) != (1.0, 0.0):
-            raise InputError("TrackingCG: needs a Mat that is neither scaled nor shifted")
+        check_plain(mat, "TrackingCG")
         self.multiply = operator.displacement
         shape = operator.local_shape
         work, self._lent = operator.scratch_beside_product(np.float64, operator.dtype)

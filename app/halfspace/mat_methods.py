@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
+from app.errors import InputError
 from app.halfspace.fft.multiplier import Layout
 from app.halfspace.influence import quadrant_rows
 from app.halfspace.product import Convolution
@@ -21,6 +22,12 @@ def factors_of(mat):
     return (mat and mat.getAttr(_FACTORS)) or (1.0, 0.0)
 
 
+def check_plain(mat, who):
+    """Refuse a Mat that was scaled or shifted, for a solver that takes none. Not collective."""
+    if factors_of(mat) != (1.0, 0.0):
+        raise InputError(f"{who}: needs a Mat that is neither scaled nor shifted")
+
+
 def _check_definite(mat):
     """Tell PETSc whether the Mat is still known to be positive definite. Not collective."""
     a, s = factors_of(mat)
@@ -29,7 +36,11 @@ def _check_definite(mat):
 
 
 class MatMethods:
-    """Copies, linear combinations with the identity, and norms. Collective."""
+    """Contact sets that change, copies, linear combinations with the identity, and norms. Collective."""
+
+    def assemblyEnd(self, mat, kind):
+        """Take over the contact set that is in the mask now; preconditioners are set up again."""
+        self.mask_changed()
 
     def duplicate(self, mat, _=None):
         """Return another Mat of the same operator with the same factors."""

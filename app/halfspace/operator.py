@@ -7,6 +7,7 @@ vector that vanishes outside C stay there, so they solve the system (2.11) on C.
 
 from __future__ import annotations
 
+import weakref
 from contextlib import contextmanager
 from functools import cached_property, partial
 
@@ -68,6 +69,8 @@ class InfluenceOperator(MatMethods):
     ----------
     active : bool
         Whether this rank is one of those that share the rows.
+    coarser_levels : tuple of InfluenceOperator, or None
+        On the coarser grids of a multigrid method, the finest first; None until there are any.
     mask : ndarray of bool, shape (local rows, nx)
         The contact set C, at first all cells. Change it in place and then call `mask_changed`.
     contact_number : int
@@ -94,7 +97,10 @@ class InfluenceOperator(MatMethods):
         self.active = self.slabs.active
         self._dense = grid.n <= DenseProduct.largest and self.slabs.size == 1
         self.dtype = np.dtype(np.float64 if self._dense else dtype)
-        self._target = target
+        self._target = weakref.ref(
+            self if target is None else target
+        )  # which has this one in its `coarser_levels`
+        self.coarser_levels = None
         if exact_product is not None:
             self.exact_product = exact_product
         self._verified_elsewhere = exact_product is not None
@@ -138,9 +144,14 @@ class InfluenceOperator(MatMethods):
         return self.product if self._dense or not self.active else self._convolution(np.float64)
 
     @property
+    def target(self):
+        """Operator of the target grid, or this one; None if that is gone. Not collective."""
+        return self._target()
+
+    @property
     def storage(self):
         """The product in whose working storage other transforms may work, if it has been made. Not collective."""
-        exact = vars(self._target or self).get("exact_product")
+        exact = vars(self.target or self).get("exact_product")
         return exact if isinstance(exact, EvenMultiplier) else None
 
     def scratch_beside_product(self, *types, others=()):
@@ -434,8 +445,8 @@ def symmetric_mat(context, comm):
     """Make a Mat of an operator with a `local_shape`, symmetric positive definite. Collective over `comm`."""
     size = context.local_shape[0] * context.local_shape[1], context.grid.n
     mat = PETSc.Mat().createPython((size, size), context, comm=comm)
-    for option in (PETSc.Mat.Option.HERMITIAN, PETSc.Mat.Option.SPD):
-        mat.setOption(option, True)
+    for option in ("HERMITIAN", "SYMMETRY_ETERNAL", "SPD"):
+        mat.setOption(getattr(PETSc.Mat.Option, option), True)
     mat.setUp()
     report_no_entries(mat)
     return mat

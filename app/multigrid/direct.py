@@ -7,6 +7,7 @@ from petsc4py import PETSc
 from scipy.linalg.lapack import dpotrf, dpotrs
 
 from app.compiled import njit
+from app.errors import InputError
 from app.halfspace.influence import dense_matrix
 from app.multigrid.hierarchy import LARGEST_DIRECT
 
@@ -32,8 +33,8 @@ def stored_matrix(operator):
     if not solves_directly(operator):
         what = f"a coarsest grid of {grid.nx} x {grid.ny} cells is"
         if grid.n > LARGEST_DIRECT:
-            raise ValueError(f"{what} too large for a direct solve; allowed: {LARGEST_DIRECT} cells in all")
-        raise ValueError(
+            raise InputError(f"{what} too large for a direct solve; allowed: {LARGEST_DIRECT} cells in all")
+        raise InputError(
             f"{what} on {operator.slabs.size} ranks, a direct solve is on one; allowed: a larger -lcp_cells_per_rank, "
             "or more -pc_mg_levels"
         )

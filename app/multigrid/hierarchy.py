@@ -7,7 +7,7 @@ fewer ranks (`app.halfspace.ranks.Ranks`), and one that can be solved directly i
 from __future__ import annotations
 
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, repeat
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,6 +17,7 @@ from app.halfspace.grid import plan
 from app.halfspace.operator import InfluenceOperator, petsc_comm
 from app.halfspace.ranks import Ranks
 from app.memory import check_hosts, doubles_in_strips, doubles_per_cell
+from app.mpi import MPI
 from app.multigrid.transfer import Transfer
 from app.petsc import free_forgotten
 from app.problems.problem import checked_shape
@@ -75,6 +76,47 @@ def _check_same_on_all(comm, problem):
             )
 
 
+def _make_coarser(target, grids, sizes, ranks):
+    """Make the operators of coarser grids, the finest first, each on so many ranks. Collective."""
+    dtype, finest = target.dtype, target.target
+    target.coarser_levels = tuple(
+        InfluenceOperator(grid, target.compliance, *ranks.deal(grid, size), dtype, target=finest)
+        for grid, size in zip(grids, sizes, strict=True)
+    )
+    for number, operator in enumerate(target.coarser_levels):
+        operator.mask[...] = False  # nothing is in contact yet
+        operator.coarser_levels = target.coarser_levels[number + 1 :]
+
+
+def coarser_levels(operator):
+    """Return the operators of all coarser grids, the finest first. Collective when they are made.
+
+    An operator that belongs to no hierarchy keeps those that are made here, on all of its ranks, or on one if small.
+    """
+    if operator.coarser_levels is None:
+        grids, size = plan(operator.grid)[0][1:], operator.slabs.size
+        ranks = Ranks(MPI.COMM_SELF if operator.comm is None else operator.comm, 1)
+        _make_coarser(operator, grids, [1 if grid.n <= LARGEST_DIRECT else size for grid in grids], ranks)
+    return operator.coarser_levels
+
+
+def transfers_between(operators, comm):
+    """Make the transfers between levels, coarsest first: the first is None. Not collective.
+
+    Parameters
+    ----------
+    operators : list of InfluenceOperator
+        Coarsest first.
+    comm : mpi4py communicator or None
+        Of all ranks that have rows of the finest grid; None: one rank has all.
+    """
+    factors = (
+        tuple(1 + (n > m) for n, m in zip(fine.grid.shape, coarse.grid.shape, strict=True))
+        for coarse, fine in pairwise(operators)
+    )
+    return [None, *map(Transfer, operators[1:], operators, factors, repeat(comm))]
+
+
 class Hierarchy:
     """Operators ``levels[0]`` (coarsest) to ``levels[-1]`` (target), ``transfers[l]`` from level l to l-1.
 
@@ -115,20 +157,15 @@ class Hierarchy:
         self.ranks, self.prefix = Ranks(comm, cells_per_rank), prefix
         self.comm, self.compliance, self.dtype, self.margin = self.ranks.comm, compliance, dtype, margin
         self._in_windows, self._counted = 0.0, WeakKeyDictionary()  # products; those of each operator so far
-        grids, factors = plan(grid, coarsest, target_only)
-        direct = int(len(grids) > 1 and grids[-1].n <= LARGEST_DIRECT)
-        sizes = [self.ranks.size, *map(self.ranks.number, grids[1 : len(grids) - direct]), *[1] * direct]
-        operators = []  # the target first, whose working storage the others share
-        for level, size in zip(grids, sizes, strict=True):
-            slabs, few = self.ranks.deal(level, size)
-            target = operators[0] if operators else None
-            operators.append(InfluenceOperator(level, compliance, slabs, few, dtype, target=target))
-            operators[-1].mask[...] = False  # nothing is in contact yet
-        transfers = [
-            Transfer(fine, coarse, between, self.comm)
-            for (fine, coarse), between in zip(pairwise(operators), factors, strict=True)
-        ]
-        self.levels, self.transfers = operators[::-1], [None, *transfers[::-1]]
+        [_, *grids], _ = plan(grid, coarsest, target_only)
+        sizes = [*map(self.ranks.number, grids)]
+        if grids and grids[-1].n <= LARGEST_DIRECT:
+            sizes[-1] = 1
+        target = InfluenceOperator(grid, compliance, *self.ranks.deal(grid, self.ranks.size), dtype)
+        target.mask[...] = False
+        _make_coarser(target, grids, sizes, self.ranks)
+        self.levels = [*target.coarser_levels[::-1], target]
+        self.transfers = transfers_between(self.levels, self.comm)
         self.slabs = self.levels[-1].slabs
         self.target.prepare("exact_product")
         for level in self.levels:
@@ -206,10 +243,11 @@ class Hierarchy:
         return self._in_windows + sum(self.share(level) * level.equivalent_products for level in self.levels)
 
     def count_window(self, operator):
-        """Add what was computed in a window since this was last called for its operator. Not collective."""
-        products = operator.equivalent_products
-        self._in_windows += self.share(operator) * (products - self._counted.get(operator, 0.0))
-        self._counted[operator] = products
+        """Add what was computed in a window, and below it, since this was last called for it. Not collective."""
+        for level in (operator, *(operator.coarser_levels or ())):
+            products = level.equivalent_products
+            self._in_windows += self.share(level) * (products - self._counted.get(level, 0.0))
+            self._counted[level] = products
 
     def free_forgotten(self):
         """Free what an interrupted solve has left on the grids. Collective."""

@@ -1,7 +1,7 @@
 """The linear solver of one contact system (2.11): a KSP on the masked operator, set up from PETSc's options.
 
 Whatever PETSc offers for a matrix that can be multiplied can be chosen: ``-ksp_type cg -pc_type none`` (NORM),
-``-pc_type jacobi``, ``-pc_type mg`` (see `pcmg`), ``-pc_type python -pc_python_type ...``.
+``-pc_type jacobi``, ``-pc_type python -pc_python_type ...``. ``-pc_type mg`` stands for the one of `pcmg`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import math
 from petsc4py import PETSc
 
 from app.errors import exactly
-from app.multigrid.pcmg import Multigrid, default_options
 from app.solver_options import options_set
 
 
@@ -21,6 +20,7 @@ def reason_names(reasons):
 
 
 _REASONS = reason_names(PETSc.KSP.ConvergedReason)
+_MULTIGRID = {"pc_type": "python", "pc_python_type": "app.multigrid.ContactMG"}  # in place of -pc_type mg
 # PCs that need parts which options alone cannot give, or the triangles of a matrix
 _NEED_PARTS = ("shell", "composite", "galerkin", "fieldsplit", "ksp", "mat", "eisenstat")
 
@@ -36,7 +36,7 @@ class LinearSolver:
     level : int
         Number of the grid the system lives on; default the target.
     operator : InfluenceOperator, optional
-        In place of that level's: the same in a window. Not with -pc_type mg.
+        In place of that level's: the same in a window.
 
     Raises
     ------
@@ -46,11 +46,8 @@ class LinearSolver:
 
     def __init__(self, hierarchy, level=-1, operator=None):
         self.level = range(len(hierarchy.levels))[level]
-        operators = hierarchy.levels[: self.level + 1]
-        if operator not in (None, operators[-1]):
-            operators = [operator]
-        self.operator = operators[-1]
-        self.multigrid, self._work, self._interrupted = None, None, False
+        self.operator = operator or hierarchy.levels[self.level]
+        self._work, self._interrupted = None, False
         self.mat = self.operator.mat(self.operator.petsc_comm)
         grid, self._prefix = self.operator.grid, hierarchy.prefix
         self._name = f"contact {grid.nx} x {grid.ny}"
@@ -62,38 +59,21 @@ class LinearSolver:
         self._make()
 
     def _make(self):
-        hierarchy, comm = self._hierarchy, self.operator.petsc_comm
         options = PETSc.Options(self._prefix)
         pc_type = options.getString("pc_type", "")
         if pc_type in _NEED_PARTS:
             raise ValueError(f"-pc_type {pc_type}: needs parts that options, or this matrix, cannot give")
-        self.ksp = ksp = PETSc.KSP().create(comm)
+        self.ksp = ksp = PETSc.KSP().create(self.operator.petsc_comm)
         ksp.setName(self._name)
         ksp.setOptionsPrefix(self._prefix)
         ksp.setOperators(self.mat)
-        if pc_type == "mg":
-            levels, transfers = hierarchy.levels, hierarchy.transfers
-            self.multigrid = Multigrid(
-                ksp, levels[: self.level + 1], transfers[: self.level + 1], comm, len(levels)
-            )
-        counted = (
-            self.multigrid.operators[1:] if self.multigrid else []
-        )  # all but the coarsest one, if there are others
-        self._counted = [(op, hierarchy.share(op)) for op in counted or [self.operator]]
-        # The grids of a nested iteration have fewer levels than the target grid may have been given.
-        levels = {"pc_mg_levels": str(len(self.multigrid.operators))} if self.multigrid else {}
-        kind = options.getString("ksp_type", PETSc.KSP.Type.GMRES)
-        defaults = default_options(self._prefix, kind) if self.multigrid else {}
-        with options_set(self._prefix, defaults, {"ksp_view": None, **levels}):
+        with options_set(self._prefix, {}, {"ksp_view": None} | (_MULTIGRID if pc_type == "mg" else {})):
             ksp.setFromOptions()
-            if self.multigrid:
-                self.multigrid.contact_changed()
             if ksp.getNormType() == PETSc.KSP.NormType.NONE:
                 ksp.setTolerances(rtol=0, atol=0)  # otherwise PETSc spends a product on a norm nobody reads
             ksp.setUp()
-            if self.multigrid:
-                # What cannot be had is refused now, not by the rank that has the coarsest grid in a cycle.
-                ksp.getPC().getMGCoarseSolve().getPC().setUpOnBlocks()
+        counted = self.operator, *(self.operator.coarser_levels or ())
+        self._counted = [(operator, self._hierarchy.share(operator)) for operator in counted]
         rtol, atol, _, max_it = ksp.getTolerances()
         for name, value, allowed in (("rtol", rtol, 0), ("atol", atol, 0), ("max_it", max_it, 1)):
             if not (math.isfinite(value) and value >= allowed):
@@ -106,22 +86,19 @@ class LinearSolver:
         """Take over the contact set that is in the operator's mask now. Collective."""
         if self._interrupted:
             self._interrupted = False
-            (self.multigrid or self.ksp).destroy()
+            self.ksp.destroy()
             if self._work is not None:
                 self._work.destroy()
                 self._work = None
             self._make()
-        if self.multigrid:
-            self.multigrid.contact_changed()
-        else:
-            self.operator.mask_changed()
+        self.operator.mask_changed()
         self.mat.stateIncrease()
 
     @property
     def work_units(self):
         """Work so far in the paper's count: products and sweeps by the KSP, one on the target grid being one.
 
-        What the coarsest grid of a multigrid method costs is left out.
+        What the coarsest grid of a multigrid method costs, as an assembled matrix, is left out.
         """
         total = 0.0
         for operator, share in self._counted:
@@ -151,7 +128,6 @@ class LinearSolver:
         """
         if self._work is None:
             self._work = self.mat.createVecRight()
-            self._work.setName("pressure")
         self.ksp.setInitialGuessNonzero(False)
         iterations, failure = self._run(b, self._work, allowed)
         return self._work, iterations, failure
@@ -171,8 +147,6 @@ class LinearSolver:
             self.ksp.solve(b, x)
         except BaseException:
             self._interrupted = True  # vectors stay locked: another KSP is made
-            if self.multigrid:
-                self.ksp.incRef()  # vectors are in it that are not its own, and that it would free
             raise
         if self._view:
             self.ksp.viewFromOptions(self._view)
@@ -190,5 +164,3 @@ class LinearSolver:
         self.mat.destroy()
         if self._work is not None:
             self._work.destroy()
-        if self.multigrid:
-            self.multigrid.destroy()

@@ -1,4 +1,8 @@
-"""PETSc's PCMG on the masked operators of a hierarchy (Sec. 4.2).
+"""The multigrid method (Sec. 4.2) as a PC for any KSP: PETSc's PCMG on masked operators.
+
+::
+
+    -pc_type python -pc_python_type app.multigrid.ContactMG
 
 Everything that may be chosen is PETSc's: ``-pc_mg_type``, ``-pc_mg_cycle_type``, ``-pc_mg_levels``, the smoothers by
 ``-mg_levels_*`` (and ``-mg_levels_up_*`` with ``-pc_mg_distinct_smoothup``), the coarsest grid by ``-mg_coarse_*``.
@@ -25,7 +29,12 @@ import re
 import numpy as np
 from petsc4py import PETSc
 
+from app.errors import InputError
+from app.halfspace.mat_methods import check_plain
+from app.halfspace.operator import InfluenceOperator, context_of
 from app.multigrid.direct import stored_matrix
+from app.multigrid.hierarchy import coarser_levels, transfers_between
+from app.solver_options import options_set
 
 _SMOOTHER = {
     "mg_levels_ksp_type": "richardson",
@@ -92,104 +101,175 @@ class MaskedMatrix:
         self.mat.destroy()
 
 
-class Multigrid:
-    """Sets up the PCMG of a KSP and keeps its contact sets.
+class ContactMG:
+    """PC context: multigrid cycles on the contact set of an `InfluenceOperator`, which each set-up restricts.
 
-    Collective over `comm`.
+    Collective. PETSc sets it up again when the state of the Mat has grown, as by ``mat.assemble()``. The coarser
+    operators are those of the hierarchy that the operator belongs to, or they are made. Options under the prefix of the
+    PC: ``-pc_mg_*``, ``-mg_levels_*``, ``-mg_coarse_*``.
 
-    Parameters
+    Attributes
     ----------
-    ksp : KSP
-        With operators set; its options are read here.
-    operators, transfers : lists
-        Levels of a `Hierarchy`, coarsest first, up to the KSP's own grid.
-    most : int
-        Number of levels of the target grid: what -pc_mg_levels may ask for.
-    comm : PETSc communicator
+    operators : list of InfluenceOperator
+        Of the levels, coarsest first.
     """
 
-    def __init__(self, ksp, operators, transfers, comm, most):
-        wanted = PETSc.Options(ksp.getOptionsPrefix()).getInt("pc_mg_levels", len(operators))
-        if not 1 <= wanted <= most:
-            raise ValueError(f"-pc_mg_levels {wanted}: this grid allows 1 to {most}")
-        wanted = min(wanted, len(operators))
-        if most == 1:
-            grid = operators[-1].grid
-            least = "3 cells in a direction of a period" if grid.periodic else "2 cells"
-            raise ValueError(
-                f"-pc_type mg: the grid {grid.nx},{grid.ny} cannot be halved; allowed: at least {least}"
-            )
-        self.operators, self.transfers = operators[-wanted:], transfers[-wanted:]
-        # PETSc's only level is a smoother, as it has options of one: it works on the grid's own operator.
-        self.coarse = MaskedMatrix(self.operators[0], comm) if wanted > 1 else None
-        pc = ksp.getPC()
-        pc.setType(PETSc.PC.Type.MG)
-        pc.setMGLevels(wanted)
-        self._transfer_mats, self._level_mats = [], []
-        for l in range(1, wanted):
-            restriction = self.transfers[l].restriction_mat(comm)
-            interpolation = self.transfers[l].interpolation_mat(comm)
-            self._transfer_mats += [restriction, interpolation]
-            pc.setMGRestriction(l, restriction)
-            pc.setMGInterpolation(l, interpolation)
-            # Only the finest Mat exists; getMGSmootherDown would silently make the up smoother another one.
-            if l == wanted - 1:
-                mat = ksp.getOperators()[0]
+    operators = _transfers = _mats = ()
+    _cycle = _mat = _coarse = None
+    _contact = -1  # number of the set that was restricted last
+    _symmetric = False  # whether the KSP is known to need that
+
+    def setFromOptions(self, pc):
+        """Read the options again in the next set-up."""
+        self.reset(pc)
+
+    def setUp(self, pc):
+        """Make the PCMG, if there is none for this Mat, and restrict the contact set to all levels."""
+        try:
+            mat = pc.getOperators()[1]
+            if self._cycle is not None and mat != self._mat:
+                self.reset(pc)
+            if self._cycle is None:
+                self._make(pc, mat)
             else:
-                mat = self.operators[l].mat(comm)
-                self._level_mats.append(mat)
-            pc.getMGSmoother(l).setOperators(mat)
-        coarse = pc.getMGCoarseSolve()
-        if self.coarse:
-            self.coarse.mat.setOptionsPrefix(coarse.getOptionsPrefix())
-        coarse.setOperators(self.coarse.mat if self.coarse else ksp.getOperators()[0])
+                self._restrict_contact()
+                self._cycle.setUp()
+        except BaseException:
+            self.reset(pc)
+            raise
 
-    def contact_changed(self):
-        """Sec. 4.2, 3: restrict the contact set of the finest grid to all others. Collective."""
-        for transfer in self.transfers[:0:-1]:
-            transfer.restrict_contact()
-        for operator in self.operators:
-            operator.mask_changed()
-        for mat in self._level_mats:
-            mat.stateIncrease()
-        if self.coarse:
-            self.coarse.update(self._energy_of_constant())
+    def preSolve(self, pc, ksp, b, x):
+        """Make the cycle symmetric if the KSP needs that, which was not set from options."""
+        if ksp.getType() in _NEED_SYMMETRY and not self._symmetric:
+            self._symmetric = True
+            self.reset(pc)
+            self.setUp(pc)
 
-    def _energy_of_constant(self):
-        """p.Ap for p = 1 on C of a periodic patch, as the coarsest grid should see it; 0 on a free one. Collective.
+    def apply(self, pc, x, y):
+        """Compute y = M x, by one cycle (or more of them: ``-pc_mg_multiplicative_cycles``)."""
+        if self._cycle is None:
+            self.setUp(pc)
+        try:
+            self._cycle.apply(x, y)
+        except BaseException:
+            x.incRef()  # an interrupted PCMG keeps x as if it were its own, and frees it
+            self.reset(pc)
+            raise
 
-        The coarser the grid the more of it is in C, in the end all, where a constant costs nothing: its correction
-        would be much too large, or infinite.
-        """
-        fine, coarse = self.operators[-1], self.operators[0]
-        if not fine.grid.periodic:
-            return 0.0
-        energy = max(fine.energy_of_contact()[0], fine.diagonal)  # that of one open cell, at the least
-        return energy * coarse.grid.n / fine.grid.n
+    def view(self, pc, viewer):
+        """View the PCMG."""
+        if self._cycle is not None:
+            self._cycle.view(viewer)
 
-    def destroy(self):
-        """Free the Mats made here. Collective."""
-        if self.coarse:
-            self.coarse.destroy()
-        for mat in (*self._transfer_mats, *self._level_mats):
+    def reset(self, pc):
+        """Free everything made here. Made again when needed."""
+        if self._cycle is not None:
+            self._cycle.destroy()
+        if self._coarse is not None:
+            self._coarse.destroy()
+        for mat in self._mats:
             mat.destroy()
+        self._cycle = self._mat = self._coarse = None
+        self.operators = self._transfers = self._mats = ()
+
+    destroy = reset
+
+    def _make(self, pc, mat):
+        operator, prefix = context_of(mat, InfluenceOperator, "ContactMG"), pc.getOptionsPrefix() or ""
+        check_plain(mat, "ContactMG")
+        if pc.comm.size != operator.slabs.size:
+            raise InputError("ContactMG: needs a Mat on the ranks that share the rows of its operator")
+        options, coarser = PETSc.Options(prefix), coarser_levels(operator)
+        coarser = coarser[: _levels_wanted(operator, options) - 1]
+        self.operators, self._mat = [*coarser[::-1], operator], mat
+        self._cycle = cycle = PETSc.PC().create(pc.comm)
+        cycle.incrementTabLevel(1, parent=pc)
+        cycle.setOptionsPrefix(pc.getOptionsPrefix())
+        cycle.setOperators(*pc.getOperators())
+        cycle.setType(PETSc.PC.Type.MG)
+        cycle.setMGLevels(len(self.operators))
+        self._set_levels(pc.comm)
+        self._symmetric |= options.getString("ksp_type", "") in _NEED_SYMMETRY
+        defaults = _default_options(options.getAll(), self._symmetric)
+        forced = {"pc_type": "mg", "pc_mg_levels": str(len(self.operators))}
+        with options_set(prefix, defaults, forced):
+            cycle.setFromOptions()
+            self._restrict_contact()
+            cycle.setUp()  # levels read their options here
+            # What cannot be had is refused now, not by the rank that has the coarsest grid in a cycle.
+            cycle.getMGCoarseSolve().getPC().setUpOnBlocks()
+
+    def _set_levels(self, comm):
+        """Give the PCMG its operators, transfers and coarsest matrix."""
+        cycle, finest = self._cycle, len(self.operators) - 1
+        self._transfers = transfers_between(self.operators, self.operators[-1].comm)
+        self._mats = []
+        for level, transfer in enumerate(self._transfers[1:], 1):
+            mats = transfer.restriction_mat(comm), transfer.interpolation_mat(comm)
+            cycle.setMGRestriction(level, mats[0])
+            cycle.setMGInterpolation(level, mats[1])
+            mat = self._mat if level == finest else self.operators[level].mat(comm)
+            cycle.getMGSmoother(level).setOperators(
+                mat
+            )  # getMGSmootherDown would make the up smoother another one
+            self._mats += mats if level == finest else (*mats, mat)
+        coarsest = cycle.getMGCoarseSolve()
+        if finest:
+            self._coarse = MaskedMatrix(self.operators[0], comm)
+            self._coarse.mat.setOptionsPrefix(coarsest.getOptionsPrefix())
+        # PETSc's only level is a smoother, as it has options of one: it works on the grid's own operator.
+        coarsest.setOperators(self._coarse.mat if finest else self._mat)
+
+    def _restrict_contact(self):
+        """Sec. 4.2, 3: restrict the contact set of the finest grid to all others."""
+        fine = self.operators[-1]
+        if fine.contact_number == self._contact:
+            fine.mask_changed()  # PETSc alone was told
+        self._contact = fine.contact_number
+        for transfer in self._transfers[:0:-1]:
+            transfer.restrict_contact()
+        for operator in self.operators[:-1]:
+            operator.mask_changed()
+        for mat in self._mats:
+            mat.stateIncrease()
+        if self._coarse:
+            self._coarse.update(_energy_of_constant(fine, self.operators[0]))
 
 
-def default_options(prefix, ksp_type):
-    """Return the options of smoothers and coarsest grid that the user has not given. Not collective.
+def _levels_wanted(operator, options):
+    """Number of levels of a cycle, by ``-pc_mg_levels`` or all; a grid of a nested iteration may have fewer."""
+    levels = 1 + len(operator.coarser_levels)
+    most = max(levels, 1 + len((operator.target or operator).coarser_levels))
+    wanted = options.getInt("pc_mg_levels", levels)
+    if not 1 <= wanted <= most:
+        raise InputError(f"-pc_mg_levels {wanted}: this grid allows 1 to {most}")
+    if most == 1:
+        grid = operator.grid
+        least = "3 cells in a direction of a period" if grid.periodic else "2 cells"
+        raise InputError(
+            f"-pc_type mg: the grid {grid.nx},{grid.ny} cannot be halved; allowed: at least {least}"
+        )
+    return min(wanted, levels)
 
-    Parameters
-    ----------
-    prefix : str
-        Of all options.
-    ksp_type : str
-        Of the KSP around the cycle; some need a symmetric one.
+
+def _energy_of_constant(fine, coarse):
+    """p.Ap for p = 1 on C of a periodic patch, as the coarsest grid should see it; 0 on a free one. Collective.
+
+    The coarser the grid the more of it is in C, in the end all, where a constant costs nothing: its correction
+    would be much too large, or infinite.
     """
-    given = {name: text or "" for name, text in PETSc.Options(prefix).getAll().items()}
+    if not fine.grid.periodic:
+        return 0.0
+    energy = max(fine.energy_of_contact()[0], fine.diagonal)  # that of one open cell, at the least
+    return energy * coarse.grid.n / fine.grid.n
+
+
+def _default_options(given, symmetric):
+    """Options of smoothers and coarsest grid that the user has not given, maybe for a symmetric cycle."""
     defaults = _SMOOTHER | _DIRECT
     if any(f"mg_levels_pc_sor_{kind}" in given for kind in _OTHER_SWEEPS):
         del defaults["mg_levels_pc_sor_forward"]  # one direction excludes the others
-    if ksp_type in _NEED_SYMMETRY and "pc_mg_distinct_smoothup" not in given:
+    if symmetric and "pc_mg_distinct_smoothup" not in given:
         defaults |= _adjoint_smoothers(defaults | given)
     return defaults
 
@@ -203,5 +283,5 @@ def _adjoint_smoothers(options):
             what = re.sub(
                 r"(?<=^pc_sor_)(local_)?(forward|backward)$", lambda m: (m[1] or "") + turned[m[2]], level[2]
             )
-            adjoint[f"mg_levels_{level[1] or ''}up_{what}"] = text
+            adjoint[f"mg_levels_{level[1] or ''}up_{what}"] = text or ""
     return adjoint

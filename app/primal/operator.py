@@ -39,7 +39,7 @@ class InverseOperator:
         self.mask = np.zeros(self.local_shape, bool)
         self.products = self.contact_number = 0
 
-    sweeps = 0  # of Gauss-Seidel, that work units count
+    sweeps, coarser_levels = 0, ()  # that work units count
 
     @property
     def product(self):

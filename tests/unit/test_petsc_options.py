@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from cases import hertz, periodic_rough
 
-from app import ContactProblem, ContactSolver, Grid
+from app import ContactProblem, ContactSolver, Grid, solve
 from app.errors import InputError
 
 PROBLEM = hertz(16)
@@ -246,6 +246,25 @@ def test_multigrid_speeds_up_conjugate_gradients():
         fast, plain = fast.solve(approach=0.1), plain.solve(approach=0.1)
     assert fast.converged and fast.inner_iterations < plain.inner_iterations / 2
     assert fast.load == pytest.approx(plain.load, rel=fast.error_bound + plain.error_bound)
+
+
+@pytest.mark.parametrize("method", ["mg_v10", "fmg_v11"])
+def test_mg_is_short_for_the_multigrid_pc(method):
+    pc = {"pc_type": "python", "pc_python_type": "app.multigrid.ContactMG"}
+    short, long = (solve(hertz(32), approach=0.1, method=method, options=options) for options in ({}, pc))
+    assert short.converged and long.pressure.tolist() == short.pressure.tolist()
+    assert long.work_units == short.work_units
+    assert long.operator_applications == short.operator_applications
+
+
+def test_multigrid_in_windows():
+    """A window has coarser grids of its own, whose work is counted."""
+    with ContactSolver(hertz(160), "fast", {"pc_type": "mg"}) as solver:
+        first, second = (solver.solve(approach=0.1) for _ in range(2))
+    plain = solve(hertz(160), approach=0.1, method="fast")
+    assert first.converged
+    assert first.load == pytest.approx(plain.load, rel=first.error_bound + plain.error_bound)
+    assert second.operator_applications == pytest.approx(first.operator_applications)
 
 
 @pytest.mark.parametrize("length", [1e-12, 1e-16])

@@ -1,0 +1,244 @@
+"""The multigrid PC in a KSP of a user's own, on the Mat of an operator without a hierarchy."""
+
+import weakref
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from operators import STEEL, slabs_of
+from petsc4py import PETSc
+
+from app.errors import InputError
+from app.halfspace.grid import Grid
+from app.halfspace.operator import InfluenceOperator
+from app.multigrid import ContactMG
+from app.multigrid.hierarchy import Hierarchy
+from app.multigrid.linear_solver import LinearSolver
+from app.multigrid.transfer import Transfer
+from app.solver_options import options_set
+
+MULTIGRID = {"pc_type": "python", "pc_python_type": "app.multigrid.ContactMG"}
+RTOL = 1e-8
+FREE, PERIODIC = (Grid.from_domain(48, 40, (-3, 3, -2.5, 2.5), periodic) for periodic in (False, True))
+
+
+def contact_sets(grid):
+    """An ellipse, and a part of it with a hole."""
+    x, y = grid.x()[None, :], grid.y()[:, None]
+    ellipse = (x / 2.5) ** 2 + (y / 2) ** 2 < 1
+    return ellipse, ellipse & (x > -1) & (x**2 + y**2 > 0.3)
+
+
+def right_side(operator):
+    x, y = operator.grid.x()[None, :], operator.grid.y(operator.slabs.rows)[:, None]
+    return (operator.mask * (1 + 0.1 * x + 0.2 * np.sin(3 * x * y))).reshape(-1)
+
+
+def bare(comm, grid):
+    """An operator that belongs to no hierarchy, and its Mat."""
+    operator = InfluenceOperator(grid, STEEL, slabs_of(comm, grid), comm if comm.size > 1 else None)
+    return operator, operator.mat()
+
+
+def user_ksp(mat, kind, prefix="user_"):
+    ksp = PETSc.KSP().create(mat.comm)
+    ksp.setOptionsPrefix(prefix)
+    ksp.setOperators(mat)
+    ksp.setType(kind)
+    ksp.setTolerances(rtol=RTOL, max_it=60)
+    ksp.setNormType(PETSc.KSP.NormType.PRECONDITIONED)
+    ksp.setFromOptions()
+    return ksp
+
+
+def with_prefix(prefix, options):
+    return {prefix + name: text for name, text in options.items()}
+
+
+def of_the_loop(grid, kind):
+    """Iterations that the linear solver of the paper's loop needs for each contact set, on one rank."""
+    hierarchy, counts = Hierarchy(grid, STEEL, MPI.COMM_SELF), []
+    options = {"ksp_type": kind, "ksp_norm_type": "preconditioned", "ksp_rtol": str(RTOL), "ksp_max_it": "60"}
+    with options_set("", {}, options | {"pc_type": "mg"}):
+        solver = LinearSolver(hierarchy)
+        right = solver.mat.createVecRight()
+        for contact in contact_sets(grid):
+            hierarchy.target.mask[...] = contact
+            solver.set_contact()
+            right.setArray(right_side(hierarchy.target))
+            counts.append(solver.solve(right, np.inf)[1])
+    right.destroy()
+    solver.destroy()
+    hierarchy.destroy()
+    return counts
+
+
+@pytest.mark.mpi(1, 2, 3)
+@pytest.mark.parametrize("kind", ["gmres", "cg", "richardson"])
+@pytest.mark.parametrize("grid", [FREE, PERIODIC], ids=["free", "periodic"])
+def test_a_users_ksp_needs_as_many_iterations_as_the_loop(comm, kind, grid):
+    """For one contact set and then another, whichever way PETSc is told of that."""
+    operator, mat = bare(comm, grid)
+    counts, (p, b) = [], mat.createVecs()
+    with options_set("", {}, with_prefix("user_", MULTIGRID)):
+        ksp = user_ksp(mat, kind)
+        for contact, announce in zip(contact_sets(grid), (mat.assemble, mat.stateIncrease), strict=True):
+            operator.mask[...] = contact[operator.slabs.rows]
+            announce()
+            b.setArray(right_side(operator))
+            ksp.solve(b, p)
+            assert ksp.getConvergedReason() > 0
+            counts.append(ksp.getIterationNumber())
+            residual = b.duplicate()
+            mat.mult(p, residual)
+            residual.aypx(-1, b)
+            assert residual.norm() < 100 * RTOL * b.norm()
+            residual.destroy()
+    assert counts == of_the_loop(grid, kind)
+    for part in (ksp, p, b, mat):
+        part.destroy()
+
+
+def asymmetry(pc, operator, mat):
+    """|u.Mv - v.Mu| / |u| |Mv| of a preconditioner M for two random vectors on the contact set."""
+    u, v, mu, mv = vectors = [mat.createVecRight() for _ in range(4)]
+    rng = np.random.default_rng(operator.slabs.rows.start)
+    for vector in (u, v):
+        vector.setArray((rng.normal(size=operator.local_shape) * operator.mask).reshape(-1))
+    pc.apply(u, mu)
+    pc.apply(v, mv)
+    found = abs(u.dot(mv) - v.dot(mu)) / (u.norm() * mv.norm())
+    for vector in vectors:
+        vector.destroy()
+    return found
+
+
+def ready(comm, grid=FREE):
+    """A KSP with the PC, set in code, ready to solve for the first contact set; and what belongs to it."""
+    operator, mat = bare(comm, grid)
+    operator.mask[...] = contact_sets(grid)[0][operator.slabs.rows]
+    mat.assemble()
+    p, b = mat.createVecs()
+    b.setArray(right_side(operator))
+    ksp = PETSc.KSP().create(mat.comm)
+    ksp.setOperators(mat)
+    ksp.setType("gmres")
+    ksp.setTolerances(rtol=RTOL)
+    ksp.getPC().setType("python")
+    ksp.getPC().setPythonContext(ContactMG())
+    return operator, ksp, (mat, p, b)
+
+
+@pytest.mark.mpi(1, 2)
+def test_cycles_of_a_ksp_that_needs_symmetry_are_symmetric(comm):
+    """Whether the type is an option or set in code, and as often as it changes."""
+    operator, ksp, (mat, p, b) = ready(comm)
+    ksp.solve(b, p)
+    assert asymmetry(ksp.getPC(), operator, mat) > 1e-4
+    ksp.setType("cg")
+    ksp.solve(b, p)
+    assert asymmetry(ksp.getPC(), operator, mat) < 1e-14
+    with options_set("", {}, with_prefix("user_", MULTIGRID | {"ksp_type": "minres"})):
+        other = user_ksp(mat, "gmres")
+        other.setUp()
+    assert asymmetry(other.getPC(), operator, mat) < 1e-14
+    for part in (other, ksp, mat, p, b):
+        part.destroy()
+
+
+@pytest.mark.mpi(1, 2)
+def test_options_are_read_under_the_prefix_of_the_pc(comm):
+    """So two solvers of one program have cycles of their own; the user's options stay."""
+    operator, ksp, parts = ready(comm)
+    mat, p, b = parts
+    options = {"pc_mg_levels": "3", "mg_levels_pc_sor_omega": "1", "mg_levels_ksp_max_it": "2"}
+    given = with_prefix("user_", MULTIGRID | options) | with_prefix(
+        "other_", MULTIGRID | {"pc_mg_cycle_type": "w"}
+    )
+    counts = []
+    with options_set("", {}, given):
+        for prefix in ("user_", "other_"):
+            other = user_ksp(mat, "gmres", prefix)
+            other.solve(b, p)
+            counts.append(other.getIterationNumber())
+            viewer = PETSc.Viewer().createASCII("/dev/null", comm=mat.comm)
+            other.view(viewer)
+            viewer.destroy()
+            context = other.getPC().getPythonContext()
+            assert len(context.operators) == (3 if prefix == "user_" else 5)
+            other.destroy()
+        database = PETSc.Options()
+        assert {name: database.getString(name, "") for name in given} == given
+    ksp.solve(b, p)
+    assert counts[0] < ksp.getIterationNumber()
+    for part in (ksp, *parts):
+        part.destroy()
+
+
+@pytest.mark.mpi(1, 2)
+@pytest.mark.parametrize(
+    ("grid", "levels", "message"),
+    [
+        (FREE, "9", "-pc_mg_levels 9: this grid allows 1 to 5"),
+        (FREE, "0", "-pc_mg_levels 0: this grid allows 1 to 5"),
+        (Grid(1, 1, 0.1, 0.1), "1", "the grid 1,1 cannot be halved; allowed: at least 2 cells"),
+    ],
+)
+def test_what_the_grid_does_not_allow_is_refused(comm, grid, levels, message):
+    _, ksp, parts = ready(comm, grid)
+    with options_set("", {}, {"pc_mg_levels": levels}), pytest.raises(InputError, match=message):
+        ksp.setUp()
+    for part in (ksp, *parts):
+        part.destroy()
+
+
+@pytest.mark.mpi(1, 2)
+def test_a_scaled_mat_is_refused(comm):
+    _, ksp, parts = ready(comm)
+    parts[0].scale(2.0)
+    with pytest.raises(InputError, match="ContactMG: needs a Mat that is neither scaled nor shifted"):
+        ksp.setUp()
+    for part in (ksp, *parts):
+        part.destroy()
+
+
+@pytest.mark.mpi(1)
+@pytest.mark.parametrize("call", [1, 2, 5, 9])
+@pytest.mark.parametrize(
+    "place",
+    [
+        (InfluenceOperator, "mult"),
+        (InfluenceOperator, "SOR"),
+        (Transfer, "restrict_defect"),
+        (Transfer, "add_copies"),
+    ],
+    ids=lambda place: place[1],
+)
+def test_an_interrupted_cycle_can_be_repeated(comm, place, call, monkeypatch):
+    """By the KSP, after a reset; nothing is left then."""
+    operator, ksp, (mat, p, b) = ready(comm)
+    ksp.solve(b, p)
+    expected, calls, plain = ksp.getIterationNumber(), [], getattr(*place)
+
+    def interrupted(*arguments):
+        calls.append(1)
+        if len(calls) == call:
+            raise KeyboardInterrupt
+        return plain(*arguments)
+
+    p.set(0)
+    with monkeypatch.context() as patch:
+        patch.setattr(*place, interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            ksp.solve(b, p)
+    ksp.reset()
+    ksp.setOperators(mat)
+    p.set(0)
+    ksp.solve(b, p)
+    assert ksp.getConvergedReason() > 0 and ksp.getIterationNumber() == expected
+    gone = weakref.ref(operator)
+    for part in (ksp, mat, p, b):
+        part.destroy()
+    del operator, ksp, mat, p, b
+    PETSc.garbage_cleanup()
+    assert gone() is None  # without Python's collector of cycles
