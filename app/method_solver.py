@@ -70,8 +70,9 @@ def choose(problem, method, options, prefix, listeners):
     for name in filter(_VIEW.fullmatch, chosen.texts):
         check_viewer(name, chosen.texts[name])
     _check_parts(chosen.texts)
-    for_petsc = {name: text for name, text in chosen.texts.items() if not name.startswith("lcp_")}
-    return chosen, SolverOptions(prefix, for_petsc, left_alone)
+    ours = {name: text for name, text in chosen.texts.items() if name.startswith("lcp_")}
+    for_petsc = {name: text for name, text in chosen.texts.items() if name not in ours}
+    return chosen, SolverOptions(prefix, for_petsc, left_alone, ours)
 
 
 def _check_parts(texts):

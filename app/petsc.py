@@ -1,10 +1,6 @@
 """What petsc4py 3.18 lacks, by PETSc's own C functions; each with the release that ends the need, if there is one.
 
-- Option databases of one's own that take the place of the global one for a while (none yet: petsc4py can make
-  them, but not push them).
-- The options that nobody has asked for (petsc4py 3.24 has ``Options.used``).
 - Counters of messages and reductions for -log_view (none yet).
-- PETSc's help as a text (none yet).
 
 And what newer releases do otherwise: `TAO_REASONS`, `restricts_by_transpose`, `as_raised`.
 """
@@ -19,7 +15,6 @@ import signal
 import sys
 import threading
 import traceback
-import weakref
 from contextlib import contextmanager, suppress
 from functools import cache, wraps
 
@@ -31,42 +26,30 @@ from app.memory import tell_malloc
 from app.mpi import MPI
 
 _M_MMAP_MAX = -4
-_INTERRUPTS = {signal.SIGINT, signal.SIGALRM}  # which Python turns into exceptions, between any two steps
-_Handle = ctypes.c_void_p
-_Text = ctypes.c_char_p
 TAO_REASONS = getattr(PETSc.TAO, "ConvergedReason", None) or PETSc.TAO.Reason
 
 
 @cache
 def _library():
-    library = ctypes.CDLL(PETSc.__file__)  # libpetsc's symbols resolve through it
-    integer = ctypes.c_int32 if np.dtype(PETSc.IntType).itemsize == 4 else ctypes.c_int64
-    texts = ctypes.POINTER(ctypes.POINTER(_Text))
-    lists = [_Handle, ctypes.POINTER(integer), texts, texts]
+    library, handle = ctypes.CDLL(PETSc.__file__), ctypes.c_void_p  # libpetsc's symbols resolve through it
     for name, arguments in {
-        "PetscOptionsCreate": [ctypes.POINTER(_Handle)],
-        "PetscOptionsDestroy": [ctypes.POINTER(_Handle)],
-        "PetscOptionsPush": [_Handle],
-        "PetscOptionsPop": [],
-        "PetscOptionsSetValue": [_Handle, _Text, _Text],
-        "PetscOptionsClearValue": [_Handle, _Text],
-        "PetscOptionsInsertStringYAML": [_Handle, _Text],
-        "PetscOptionsHelpPrintedCreate": [ctypes.POINTER(_Handle)],
-        "PetscOptionsHelpPrintedDestroy": [ctypes.POINTER(_Handle)],
-        "MatRestrict": [_Handle, _Handle, _Handle],
-        "MatSetOperation": [_Handle, ctypes.c_int, _Handle],
-        "PetscOptionsLeftGet": lists,
-        "PetscOptionsLeftRestore": lists,
+        "MatRestrict": [handle, handle, handle],
+        "MatSetOperation": [handle, ctypes.c_int, handle],
+        "PetscOptionsUsed": [handle, ctypes.c_char_p, ctypes.POINTER(ctypes.c_int)],
     }.items():
         function = getattr(library, name)  # library[name] is another one each time
         function.argtypes, function.restype = arguments, ctypes.c_int
-    library.integer = integer
     return library
 
 
-def _call(name, *arguments):
-    code = getattr(_library(), name)(*arguments)
-    if code:
+def call(name, *arguments):
+    """Call a function of PETSc's own library. Collective as that.
+
+    Raises
+    ------
+    PETSc.Error
+    """
+    if code := getattr(_library(), name)(*arguments):
         raise PETSc.Error(code)
 
 
@@ -141,107 +124,6 @@ def mpi_comm(comm):
     if not isinstance(comm, MPI.Intracomm):
         raise InputError(f"comm: is {type(comm).__name__}; needed: a communicator of mpi4py or petsc4py")
     return comm
-
-
-class OptionDatabase:
-    """Options of one solver, which PETSc and petsc4py read as long as they are `active`.
-
-    Not collective. The global database stays as it is.
-
-    Parameters
-    ----------
-    texts : mapping of str to str
-        Names without dash, and values; the empty text for an option without one.
-
-    Examples
-    --------
-    >>> options = OptionDatabase({"ksp_rtol": "0.1", "ksp_bogus": ""})
-    >>> with options.active():
-    ...     PETSc.Options().getReal("ksp_rtol")
-    0.1
-    >>> options.unused()
-    ['ksp_bogus']
-    >>> PETSc.Options().hasName("ksp_rtol")
-    False
-    """
-
-    def __init__(self, texts=()):
-        self._handle = _Handle()
-        _call("PetscOptionsCreate", ctypes.byref(self._handle))
-        weakref.finalize(self, _destroy_database, self._handle)  # at the end of the process, too
-        for name, text in dict(texts).items():
-            self.set(name, text)
-
-    def set(self, name, text=""):
-        """Set an option."""
-        _call("PetscOptionsSetValue", self._handle, f"-{name}".encode(), text.encode() if text else None)
-
-    def drop(self, name):
-        """Remove an option."""
-        _call("PetscOptionsClearValue", self._handle, f"-{name}".encode())
-
-    def insert(self, text):
-        """Let PETSc read options as they stand on a command line; ``-options_file F`` reads a file.
-
-        Raises
-        ------
-        PETSc.Error
-            If it cannot.
-        """
-        with self.active() as options:  # by petsc4py, which knows what PETSc complains of
-            options.insertString(text)
-
-    def insert_yaml(self, text):
-        """Let PETSc read options from a text in YAML; raises as `insert` does."""
-        _call("PetscOptionsInsertStringYAML", self._handle, text.encode())
-
-    @contextmanager
-    def active(self):
-        """Take the place of PETSc's default database inside the block, whenever Ctrl-C comes."""
-        allowed = signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPTS)
-        try:
-            _call("PetscOptionsPush", self._handle)
-            try:
-                signal.pthread_sigmask(signal.SIG_SETMASK, allowed)
-                with as_raised():
-                    yield PETSc.Options()
-            finally:
-                try:
-                    signal.pthread_sigmask(signal.SIG_BLOCK, _INTERRUPTS)
-                finally:
-                    _call("PetscOptionsPop")
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, allowed)
-
-    def texts(self):
-        """All options and their whole values, name -> text; counts as asking for none of them."""
-        unused = set(self.unused())
-        with self.active() as database:
-            # getAll cuts values at blanks, getString marks them as used.
-            found = {name: database.getString(name, "") for name in database.getAll()}
-        for name in unused & found.keys():
-            self.drop(name)
-            self.set(name, found[name])
-        return found
-
-    def unused(self):
-        """Names of the options that nobody has asked for so far."""
-        return list(self.unasked())
-
-    def unasked(self):
-        """Those options and their whole values, name -> text."""
-        count = _library().integer()
-        names, values = ctypes.POINTER(_Text)(), ctypes.POINTER(_Text)()
-        parts = self._handle, ctypes.byref(count), ctypes.byref(names), ctypes.byref(values)
-        _call("PetscOptionsLeftGet", *parts)
-        found = {names[i].decode(): (values[i] or b"").decode() for i in range(count.value)}
-        _call("PetscOptionsLeftRestore", *parts)
-        return found
-
-
-def _destroy_database(handle):
-    if PETSc.Sys.isInitialized() and not PETSc.Sys.isFinalized():
-        _call("PetscOptionsDestroy", ctypes.byref(handle))
 
 
 @cache
@@ -325,7 +207,7 @@ def restricts_by_transpose():
     mat = PETSc.Mat().createPython((1, 1), asked, comm=PETSc.COMM_SELF)
     mat.setUp()
     x, y = mat.createVecs()
-    _call("MatRestrict", mat.handle, x.handle, y.handle)
+    call("MatRestrict", mat.handle, x.handle, y.handle)
     for part in (x, y, mat):
         part.destroy()
     return asked.transposed
@@ -334,7 +216,7 @@ def restricts_by_transpose():
 _MATOP_GETINFO, _MAT_INFO_BYTES = 15, 10 * 8
 
 
-@ctypes.CFUNCTYPE(ctypes.c_int, _Handle, ctypes.c_int, _Handle)
+@ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p)
 def _no_entries(mat, kind, info):
     ctypes.memset(info, 0, _MAT_INFO_BYTES)
     return 0
@@ -345,7 +227,7 @@ def report_no_entries(mat):
 
     petsc4py passes the question on to no context (none yet).
     """
-    _call("MatSetOperation", mat.handle, _MATOP_GETINFO, ctypes.cast(_no_entries, _Handle))
+    call("MatSetOperation", mat.handle, _MATOP_GETINFO, ctypes.cast(_no_entries, ctypes.c_void_p))
 
 
 def check_cells(grid):

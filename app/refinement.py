@@ -16,6 +16,7 @@ from app.petsc import check_cells, mpi_comm
 from app.problems.problem import Problem
 from app.solution import Solution
 from app.solver import ContactSolver
+from app.solver_options import SolverOptions
 
 MOST_CELLS = 4096**2
 
@@ -28,6 +29,7 @@ class Refinement(NamedTuple):
     reached: bool  # whether all of them that are known are small enough
     stiffness: float  # dF/d(approach), exactly, if asked for [N/mm]; else NaN
     rows: list  # of dict, one for each grid: cells, numbers, errors
+    options: SolverOptions | None = None  # of the last solver
 
 
 def refine(
@@ -39,6 +41,7 @@ def refine(
     comm=None,
     listeners=(),
     stiffness=False,
+    prefix=None,
     **loading,
 ):
     """Solve a problem on finer and finer grids, each with twice the cells in both directions.
@@ -55,7 +58,7 @@ def refine(
         Relative error of load (or approach), maximum pressure and contact area that is small enough.
     most_cells : int
         Of the finest grid.
-    method, options, comm, listeners
+    method, options, comm, listeners, prefix
         As of `ContactSolver`; -lcp_rtol is that of the first grid.
     stiffness : bool
         Solve for the stiffness on the finest grid, too.
@@ -88,7 +91,7 @@ def refine(
     options = agree(comm, as_texts, options or {})
     while True:
         grid = problem.grid
-        with ContactSolver(problem, method, options, comm, listeners=listeners) as solver:
+        with ContactSolver(problem, method, options, comm, prefix, listeners) as solver:
             solution = solver.solve(**loading)
             loading.pop("start", None)  # it is of the first grid
             errors = GridErrors(*(getattr(solution, name) for name in GridErrors._fields))
@@ -108,7 +111,7 @@ def refine(
                 if stiffness:
                     solution = replace(solution, stiffness=solver.stiffness(solution))
                 exact = solution.stiffness if stiffness else float("nan")
-                return Refinement(solution, errors, reached, exact, rows)
+                return Refinement(solution, errors, reached, exact, rows, solver.options)
             options["lcp_rtol"] = solver.settings.rtol / 2
         problem = problem.on(grid.refine())
 

@@ -28,6 +28,7 @@ def main(given):
     from app.commands.summary import along, grids, summary
     from app.contact.history import Monitor
     from app.mpi import MPI
+    from app.options import as_line
     from app.refinement import refine
     from app.solver import ContactSolver
 
@@ -43,17 +44,19 @@ def main(given):
         )
     started = time.perf_counter()
     facts = {"command_line": shlex.join(sys.argv)}
-    with PETSc.Log.Stage("Setup"), suggesting(given.texts):
+    with PETSc.Log.Stage("Setup"), suggesting(given):
         request, solver = Request(given, MPI.COMM_WORLD), None
         listeners = [] if request.path else monitor.listeners()  # a path has a bar, or lines, of its own
         if not request.refine_until:
-            solver = ContactSolver(request.problem, request.method, request.options, listeners=listeners)
+            solver = ContactSolver(
+                request.problem, request.method, request.options, prefix="", listeners=listeners
+            )
             facts["setup_seconds"] = time.perf_counter() - started
     gc.freeze()  # all this stays: looking for garbage in it takes as long as a small solve
 
     def save(solution, file, steps=None):
         with PETSc.Log.Stage("Output"):
-            options = f"{request.options_text} {solution.options}"
+            options = f"{as_line(request.texts)} {solution.options}"
             more = {**facts, "options": options, "peak_memory": session.peak_memory()}
             solution.save(file, steps, **more)
 
@@ -63,7 +66,7 @@ def main(given):
         if request.refine_until:
             refined = refine(
                 request.problem, request.refine_until, request.refine_max, request.method, request.options,
-                listeners=listeners, stiffness=request.stiffness, **request.loading,
+                listeners=listeners, stiffness=request.stiffness, prefix="", **request.loading,
             )  # fmt: skip
             solution, notes, status = refined.solution, refined.solution.notes, 0 if refined.reached else 3
             facts |= refined.errors._asdict()
@@ -85,6 +88,7 @@ def main(given):
                 if request.stiffness:
                     solution = replace(solution, stiffness=solver.stiffness(solution))
             notes = solution.notes
+    (refined if request.refine_until else solver).options.leave(request.texts)
     with PETSc.Log.Stage("Output"):
         facts |= solution.count_patches()
     with done:

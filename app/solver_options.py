@@ -9,13 +9,12 @@ from __future__ import annotations
 import ctypes
 import re
 from contextlib import contextmanager, suppress
-from functools import cache
 
 from petsc4py import PETSc
 
 from app.errors import InputError
 from app.mpi import MPI
-from app.petsc import error_message, raise_original
+from app.petsc import call, error_message, raise_original
 
 # PETSc reads these while it solves, all others in set-up.
 _READ_LATE = re.compile(
@@ -34,8 +33,10 @@ class SolverOptions:
         Begins with a letter, or is empty.
     texts : mapping of str to str
         Names without dash and prefix, and values; the empty text for an option without one.
-    left_alone : container of str
+    left_alone : iterable of str
         Names that never count as unused.
+    ours : mapping of str to str, optional
+        Options that PETSc does not read.
 
     Attributes
     ----------
@@ -54,8 +55,8 @@ class SolverOptions:
 
     _made = 0  # prefixes
 
-    def __init__(self, prefix, texts, left_alone=()):
-        self.prefix, self.texts, self.used = prefix, dict(texts), set()
+    def __init__(self, prefix, texts, left_alone=(), ours=None):
+        self.prefix, self.texts, self.used, self._ours = prefix, dict(texts), set(), dict(ours or {})
         self._judged, self._inside = self.texts.keys() - set(left_alone), False
 
     @classmethod
@@ -90,12 +91,15 @@ class SolverOptions:
                 database.delValue(self.prefix + name)
             self._inside = False
 
-    def leave(self):
-        """Put the options into PETSc's database for good, for its views and logs."""
-        database = PETSc.Options()
-        for name in {self.prefix + name for name in self.texts} - names_given(database):
-            database.setValue(name, self.texts[name.removeprefix(self.prefix)] or None)
-        for name in self.used:
+    def leave(self, others=None):
+        """Put all options into PETSc's database for good, for its views and logs.
+
+        `others`: names and texts of more that count as used.
+        """
+        used = self._ours | (others or {})
+        for name, text in (self.texts | used).items():
+            PETSc.Options().setValue(self.prefix + name, text or None)
+        for name in self.used | used.keys():
             mark_used(self.prefix + name)
 
     def drop(self, name):
@@ -150,8 +154,10 @@ def options_set(prefix, defaults, forced):
             mark_used(name)
 
 
-def read_option_file(path):
+def read_option_file(path, flag="-options_file"):
     """Let PETSc read an option file that exists; return name -> text. Not collective.
+
+    `flag`: the option of PETSc that reads it.
 
     Raises
     ------
@@ -160,7 +166,7 @@ def read_option_file(path):
     """
     database, prefix, pushed = PETSc.Options(), "file_", 0
     try:
-        database.insertString(f'-prefix_push {prefix} -options_file "{path}"')
+        database.insertString(f'-prefix_push {prefix} {flag} "{path}"')
     except PETSc.Error as error:
         message = error_message(error)
         raise InputError(message if str(path) in message else f"option file {path}: {message}") from None
@@ -203,13 +209,5 @@ def mark_used(name):
 def is_used(name):
     """Whether an option of PETSc's database was looked up; petsc4py 3.24 has ``Options.used``. Not collective."""
     used = ctypes.c_int()
-    if code := _petsc_options_used()(None, name.encode(), ctypes.byref(used)):
-        raise PETSc.Error(code)
+    call("PetscOptionsUsed", None, name.encode(), ctypes.byref(used))
     return bool(used.value)
-
-
-@cache
-def _petsc_options_used():
-    function = ctypes.CDLL(PETSc.__file__).PetscOptionsUsed  # libpetsc's symbols resolve through it
-    function.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]
-    return function

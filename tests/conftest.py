@@ -39,6 +39,8 @@ def cli_here(capfd, monkeypatch):
 
     Not for parts of a user's own, -log_view and how a process ends.
     """
+    from petsc4py import PETSc
+
     import app
     from app import compiled
     from app.commands import session
@@ -49,7 +51,7 @@ def cli_here(capfd, monkeypatch):
     def run_solve(*arguments, methods=(), cwd=processes.TESTS.parent):
         line = [*processes.solve_arguments(*methods)[1:], *map(str, arguments)]
         capfd.readouterr()
-        handler = signal.getsignal(signal.SIGPIPE)
+        handler, before = signal.getsignal(signal.SIGPIPE), PETSc.Options().getAll()
         with monkeypatch.context() as patch, pytest.raises(SystemExit) as end:
             patch.chdir(cwd)
             patch.setattr(sys, "argv", line)
@@ -57,6 +59,8 @@ def cli_here(capfd, monkeypatch):
             patch.setattr(compiled, "tell", compiled.tell)
             session.run(main)
         signal.signal(signal.SIGPIPE, handler)
+        for name in PETSc.Options().getAll().keys() - before.keys():
+            PETSc.Options().delValue(name)
         gc.unfreeze()
         return subprocess.CompletedProcess(line, end.value.code, *capfd.readouterr())
 

@@ -1,45 +1,39 @@
 """Where options come from, in the order in which later ones override earlier ones.
 
-1. ``~/.petscrc``, ``.petscrc``, ``petscrc``, unless ``-skip_petscrc`` is on the command line,
-2. ``PETSC_OPTIONS``, then ``PETSC_OPTIONS_YAML``,
-3. the command line, with option files where they are named on it: what stands before a file gives way to it, as in
-   PETSc, and is told.
+1. ``~/.petscrc``, ``.petscrc``, ``petscrc``, unless ``-skip_petscrc`` is on the command line; ``PETSC_OPTIONS``. PETSc
+   reads them when it starts.
+2. The command line, with option files where they are named on it. What stands before a file is overridden by it, as in
+   PETSc, with a warning.
 
-Rank 0 alone reads all that, by PETSc's own reading, into private databases, and tells the others: files need to be on
-its host only, and what is wrong with them is one error for all ranks.
+Rank 0 alone reads files, by PETSc, and broadcasts the options. Files need to be on its host only.
 """
 
 from __future__ import annotations
 
 import os
 import re
-import shlex
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 
-from app.commands.option_text import OPTION_FILES, bare, is_option, look_into, look_over_yaml
-from app.errors import InputError, quoted
-from app.options import Option, OptionReader, check_place, check_viewer, flag, is_off, option_file
+from app.errors import InputError, quoted, yaml_fault
+from app.options import FILES, Option, OptionReader, check_place, check_viewer, flag, is_off, option_file
 
 COMMAND_LINE = "on the command line"
+STARTED_WITH = "in PETSC_OPTIONS or .petscrc"
 MOST_FILES = 100  # option files that are read, each as often as it is included
-
-# PETSc's options that are none of a solver's: most of them must be there when PETSc starts ...
-_OF_PETSC = re.compile(
-    r"help|version|skip_petscrc|petsc_(ci\w*|sleep)|log(_(all|exclude(_actions|_objects)?|summary|sync|threshold|trace|view(_gpu_time|_memory)?))?"
-    r"|options_(left|view|monitor|monitor_cancel|suppress_deprecated_warnings)|info(_exclude)?|memory_view"
-    r"|malloc(_(coalesce|debug|dump|hbw|info|requested_size|test|view|view_threshold))?|objects_dump|on_error_\w+"
-    r"|error_output_(none|stdout)|fp_trap|debug_terminal|debugger_(nodes|pause|ranks)|start_in_debugger"
-    r"|stop_for_debugger|check(_pointer_intensity|functionlist|stack)|get_total_flops|nox(_warning)?|display|x_virtual"
-    r"|citations|history|mpi_return_on_error|mpidump|use_gpu_aware_mpi|device_\w+|dll_\w+|saws_\w+",
-    re.IGNORECASE,
-)
-# ... and these may come later, from a file.
-_LATER = re.compile(
-    r"help|skip_petscrc|log|log_(all|view)|options_(left|view)|objects_dump|get_total_flops|citations"
-)
-_FILES = "citations", "history", "log_summary", "malloc_view"
-_YES_OR_NO = "options_view", "options_left", "get_total_flops", "mpidump"
+LARGEST_FILE = 1 << 24  # bytes of an option file
+_MOST_NODES = 10_000  # of YAML, each as often as aliases repeat it
+_OPTION_FILES = ("-options_file", "-options_file_yaml")
+# PETSc reads these when it ends; other options of its own it has read when it starts.
+_READ_AT_END = (
+    "help log_view options_left options_view memory_view objects_dump citations mpidump get_total_flops process_view "
+    "debugger_pause nox tmp shared_tmp"
+).split()
+_FILES = ("citations", "history", "log_summary", "malloc_view")
+_YES_OR_NO = ("options_view", "options_left", "get_total_flops", "mpidump")
+_IN_FILE = re.compile(r"^[ \t]*--?(\w+)(?:[ \t]+\"?([^\s\"]+))?", re.MULTILINE)
+_NO_TEXT = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
 
 
 @dataclass(frozen=True)
@@ -74,6 +68,8 @@ class Given:
         Option files that were read.
     of_petsc : dict of str to str
         Options of PETSc that belong to no solver, ``-log_view`` for one.
+    for_database : dict of str to str
+        What PETSc's database must have of these, and of the command line.
     warnings : list of str
     """
 
@@ -81,6 +77,7 @@ class Given:
     places: list = field(default_factory=list)
     files: list = field(default_factory=list)
     of_petsc: dict = field(default_factory=dict)
+    for_database: dict = field(default_factory=dict)
     warnings: list = field(default_factory=list)
 
     def last_of(self, alternatives, needed=""):
@@ -144,45 +141,43 @@ class Given:
         files : dict of str to dict
             Name of an option file -> what it says; in order.
         words : dict of str to str
-            What is said last elsewhere: on the command line or in the environment.
+            What the command line says last.
         """
         files, last = {}, {}
         for place in self.places:
             texts = {name: text for name, text in place.texts.items() if name in wanted & self.texts.keys()}
-            last |= dict.fromkeys(texts, place.file)
+            last |= dict.fromkeys(texts, place.description)
             if place.file and texts:
                 files[place.file] = files.pop(place.file, {}) | texts
-        return files, {
-            name: self.texts[name] for name in sorted(wanted & self.texts.keys()) if not last.get(name)
-        }
+        return files, {name: self.texts[name] for name in sorted(last) if last[name] == COMMAND_LINE}
+
+    def typed(self):
+        """Names set on the command line or in an option file; others may be of other programs."""
+        first = [place for place in self.places if place.description == STARTED_WITH]
+        later = [place.names for place in self.places if place not in first]
+        return self.texts.keys() - set().union(*(place.names for place in first)).difference(*later)
 
 
-def for_the_start(argv, environment):
-    """Words of the command line and PETSC_OPTIONS that PETSc must see when it starts; it has to skip all files.
-
-    Not collective; needs no PETSc.
+def words_for_petsc(argv):
+    """Words of the command line that PETSc starts with: all but option files and the help. Not collective.
 
     Raises
     ------
     InputError
         If a word is neither an option nor the value of one.
     """
-    chosen, pairs = [], _environment_pairs(environment) + _pairs(argv[1:])
-    for name, text in pairs:
-        if len(pairs) == 1 and bare(name) == "help":
-            continue  # our own is help enough; beside a problem PETSc tells the options of what it uses
-        if _OF_PETSC.fullmatch(bare(name)):
-            if bare(name) == "fp_trap" and not is_off(text or ""):
-                raise InputError(
-                    "-fp_trap: not available; holes of a body are NaN, with which numpy computes"
-                )
-            _check_end(bare(name), text)
-            chosen += [name] if text is None else [name, text]
-    # A debug build would tell of unused options in the end; those of the solvers are looked after by `app.solver`.
-    return [*argv[:1], "-options_left", "no", *chosen, "-skip_petscrc"]
+    chosen = []
+    for name, text in _pairs(argv[1:]):
+        if name in ("prefix_push", "prefix_pop"):
+            raise InputError(f"-{name}: only in option files; write whole names on the command line")
+        _check_traps({name: text or ""})
+        if f"-{name}" not in _OPTION_FILES and name != "help":
+            chosen += [f"-{name}"] if text is None else [f"-{name}", text]
+    # A debug build would list unused options in the end also if the command is refused.
+    return [*argv[:1], "-options_left", "no", *chosen]
 
 
-def read(argv, environment):
+def read(argv):
     """Read all places.
 
     Not collective; PETSc must have been started.
@@ -191,7 +186,6 @@ def read(argv, environment):
     ----------
     argv : list of str
         The program's name, then the command line.
-    environment : mapping of str to str
 
     Returns
     -------
@@ -202,171 +196,191 @@ def read(argv, environment):
     InputError
         If something cannot be read or is not understood; the message says where.
     """
-    line = _pairs(argv[1:])
+    from petsc4py import PETSc
+
+    from app.solver_options import global_options, is_used
+
+    pairs, database = _pairs(argv[1:]), global_options("")
+    words = {name for name, _ in pairs}
+    started_with = Place(STARTED_WITH, {name: text for name, text in database.items() if name not in words})
     reader = _Reader()
-    if not any(name.lower() == "-skip_petscrc" for name, _ in line):
-        for path in _start_files(environment):
-            reader.take([("-options_file", path)], "")
-    reader.take(_environment_pairs(environment), "in PETSC_OPTIONS")
-    if environment.get("PETSC_OPTIONS_YAML"):
-        reader.take([("-options_string_yaml", environment["PETSC_OPTIONS_YAML"])], "in PETSC_OPTIONS_YAML")
-    reader.take(line, COMMAND_LINE)
-    return reader.given()
+    reader.places.append(started_with)
+    for name, text in pairs:
+        reader.take(name, text)
+    texts = {name: text for place in reader.places for name, text in place.texts.items()}
+    of_petsc = {name: text for name, text in texts.items() if name in _READ_AT_END or is_used(name)}
+    _check_traps(texts)
+    try:
+        _check_end(of_petsc)
+    except InputError:
+        for name in of_petsc:  # or PETSc would complain, too, when it ends
+            PETSc.Options().delValue(name)
+        raise
+    return Given(
+        texts={name: text for name, text in texts.items() if name not in of_petsc},
+        places=reader.places,
+        files=reader.files,
+        of_petsc=of_petsc,
+        for_database={name: text for name, text in texts.items() if name in of_petsc or name in words},
+        warnings=list(_overridden(reader.places)),
+    )
 
 
 class _Reader:
-    """Reads place after place: each for itself to know what it sets, then all of them into one database."""
+    """Reads place after place."""
 
     def __init__(self):
-        self._places, self._files, self._steps, self._read = [], [], [], 0
+        self.places, self.files = [], []
 
-    def take(self, pairs, description):
-        """Take the option files and then the options of some words."""
-        own, whole = [], any(name.lower() == "-prefix_push" for name, _ in pairs)
-        for name, text in pairs:
-            if name.lower() in OPTION_FILES:
-                if text is None:
-                    raise InputError(f"{name}: a file name must follow")
-                text = option_file(text)
-                if not whole:
-                    self._words(own, description)
-                    own = []
-                self._file(name, text, ())
-            else:
-                if name.lower() == "-options_string_yaml":
-                    look_over_yaml(text or "", description)
-                own.append((name, text, description))
-            self._steps.append((name, text, description))
-        self._words(own, description)
+    def take(self, name, text):
+        """Take an option of the command line, or an option file named there."""
+        if f"-{name}" in _OPTION_FILES:
+            if text is None:
+                raise InputError(f"-{name}: a file name must follow")
+            return self._file(option_file(text), f"-{name}" == _OPTION_FILES[1], ())
+        if self.places[-1].description != COMMAND_LINE:
+            self.places.append(Place(COMMAND_LINE, {}))
+        self.places[-1].texts[name] = text or ""
 
-    def _words(self, own, description):
-        """Take words that stand together."""
-        if own:
-            self._places.append(Place(description, _read(own)))
-
-    def _file(self, flag, path, inside):
+    def _file(self, path, yaml, inside):
         """Take an option file, after those it includes."""
+        from app.solver_options import read_option_file
+
         path = os.path.expandvars(path)
-        looked = look_into(flag, path, inside)
-        self._read += 1
-        if self._read > MOST_FILES:
+        if len(self.files) >= MOST_FILES:
             raise InputError(
                 f"option file {path}: more than {MOST_FILES} files are included; allowed: {MOST_FILES}"
             )
-        before = len(self._places)
-        for inner_flag, inner in looked.nested:
-            self._file(inner_flag, inner, (*inside, looked.identity))
-        included = set().union(*(place.names for place in self._places[before:]))
-        texts = _read([(flag, path, "")])
-        own = {name: text for name, text in texts.items() if name not in included - looked.mentioned}
-        place = Place(f"in {path}", own, path)
-        _refuse_what_is_too_late(place)
-        self._places.append(place)
-        self._files.append(looked.identity)
-
-    def given(self):
-        """Return what was found."""
-        texts = _read(self._steps)
-        of_petsc = {name: text for name, text in texts.items() if _OF_PETSC.fullmatch(name)}
-        for name, text in of_petsc.items():
-            _check_end(name, text)
-        return Given(
-            texts={name: text for name, text in texts.items() if name not in of_petsc},
-            places=self._places,
-            files=self._files,
-            of_petsc=of_petsc,
-            warnings=list(self._overridden()),
+        content = _content(path, inside)
+        identity, before = str(Path(path.removesuffix(":yaml")).resolve()), len(self.places)
+        self.files.append(identity)
+        yaml = (
+            yaml
+            or path.endswith((":yaml", ".yaml", ".yml", ".json"))
+            or content.startswith(("---", "%YAML "))
         )
-
-    def _overridden(self):
-        """Complaints about what a file takes back that stands before it on the command line."""
-        for at, place in enumerate(self._places):
-            later = self._places[at + 1 :]
-            for name in sorted(place.names) if place.description == COMMAND_LINE else ():
-                last = next((other for other in reversed(later) if name in other.names), None)
-                if last and last.file and last.texts[name] != place.texts[name]:
-                    before, after = quoted(place.texts[name]), quoted(last.texts[name])
-                    yield f"-{name} {before}: {last.file} comes later and says {after}"
-
-
-def _read(steps):
-    """Let PETSc read options and option files, (name, text, where it stands); name -> text of what it has then."""
-    from petsc4py import PETSc
-
-    from app.petsc import OptionDatabase, error_message
-
-    database = OptionDatabase()
-    for name, text, where in steps:
-        try:
-            if name.lower() in OPTION_FILES:
-                database.insert(f'{name} "{text}"')
-            elif name.lower() == "-options_string_yaml":
-                database.insert_yaml(text or "")
-            elif name.lower() in ("-prefix_push", "-prefix_pop"):
-                database.insert(f"{name} {text or ''}")
-            else:
-                database.set(name.removeprefix("-"), text or "")
-        except PETSc.Error as error:
-            place = f"option file {text}" if name.lower() in OPTION_FILES else where
-            raise InputError(f"{place}: {error_message(error)}") from None
-    found = {name.lower(): text for name, text in database.unasked().items()}
-    with database.active() as options:
-        if options.hasName("help"):  # which PETSc counts as asked for at once
-            found["help"] = ""
-    return found
+        if yaml:
+            found, included = [], re.findall(r"!include\s+(\S+)", content)
+            _check_yaml(content, f"option file {path}")
+        else:
+            content = re.sub("#.*", "", content)
+            _check_quotes(content, f"option file {path}")
+            found = _IN_FILE.findall(content)
+            included = [text for name, text in found if f"-{name.lower()}" in _OPTION_FILES and text]
+        for inner in included:
+            self._file(inner, yaml, (*inside, identity))
+        of_included = set().union(*(place.names for place in self.places[before:]))
+        mentioned = {name.lower() for name, _ in found}
+        texts = read_option_file(path, _OPTION_FILES[yaml])
+        own = {name: text for name, text in texts.items() if yaml or name not in of_included - mentioned}
+        self.places.append(Place(f"in {path}", own, path))
 
 
-def _refuse_what_is_too_late(place):
-    for name in sorted(place.names):
-        if _OF_PETSC.fullmatch(name) and not _LATER.fullmatch(name):
-            raise InputError(
-                f"-{name} {place.description}: PETSc needs it when it starts, before files are read; "
-                "give it on the command line or in PETSC_OPTIONS"
-            )
-
-
-def _check_end(name, text):
-    """Refuse what PETSc looks at when all is done, only to fail then: places for what it writes, and yes or no."""
-    if name == "log_view":
-        for one in re.split(",(?=:)", text or ""):
-            check_viewer(name, one)
-    elif name in _FILES:
-        check_place(name, text, text or "")
-    elif name in _YES_OR_NO:
-        OptionReader([Option(name, flag, False, "")], {name: text})[name]
-
-
-def _start_files(environment):
-    """Paths of the option files that PETSc reads unasked."""
-    home = environment.get("HOME")
-    paths = [Path(home, ".petscrc")] if home else []
-    return [str(path) for path in (*paths, Path(".petscrc"), Path("petscrc")) if os.path.isfile(path)]  # noqa: PTH113
-
-
-def _environment_pairs(environment):
+def _content(path, inside):
+    """Text of an option file that the files `inside` include."""
+    by = f" (included by {inside[-1]})" if inside else ""
+    file = Path(path.removesuffix(":yaml"))
     try:
-        return _pairs(shlex.split(environment.get("PETSC_OPTIONS", "")))
-    except ValueError as error:
-        raise InputError(f"PETSC_OPTIONS: {error}") from None
+        if file.exists() and not (file.is_file() or file.is_dir()):
+            raise InputError(f"option file {path}{by}: is not a regular file")
+        if file.is_file() and file.stat().st_size > LARGEST_FILE:
+            raise InputError(f"option file {path}{by}: is larger than {LARGEST_FILE >> 20} MiB")
+        content = file.read_bytes().decode()
+        if str(file.resolve()) in inside:
+            raise InputError(f"option file {path}: includes itself{by}")
+    except (OSError, RuntimeError) as error:
+        own = (
+            sorted(path.stem for path in FILES.glob("*.opts")) if isinstance(error, FileNotFoundError) else ()
+        )
+        own = f"; the program's own: {', '.join(own)}" if own else ""
+        raise InputError(
+            f"option file {path}{by}: {getattr(error, 'strerror', None) or error}{own}"
+        ) from None
+    except UnicodeDecodeError:
+        raise InputError(f"option file {path}{by}: is not a text file") from None
+    if _NO_TEXT.search(content):
+        raise InputError(f"option file {path}{by}: is not a text file")
+    return content
+
+
+def _check_quotes(content, where):
+    """Refuse a quote that is not closed: PETSc would read on behind the line."""
+    for number, line in enumerate(content.split("\n"), 1):
+        if line.count('"') % 2:
+            raise InputError(f"{where}, line {number}: {quoted(line.strip())}: a quote is not closed")
+
+
+def _check_yaml(content, where):
+    """Refuse what is no YAML, and aliases that repeat each other without end, which PETSc would follow."""
+    import yaml
+
+    steps = count()
+
+    def look(node):
+        if next(steps) > _MOST_NODES:
+            raise RecursionError(f"stands for more than {_MOST_NODES} nodes")
+        if not isinstance(node, yaml.ScalarNode):
+            for part in node.value:
+                for inner in part if isinstance(part, tuple) else (part,):
+                    look(inner)
+
+    try:
+        for document in yaml.compose_all(content, getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
+            look(document)
+    except (yaml.YAMLError, RecursionError) as error:
+        raise InputError(f"{where}{yaml_fault(error, content)}") from None
+
+
+def _overridden(places):
+    """Complaints about files that override what stands before them on the command line."""
+    for at, place in enumerate(places):
+        later = places[at + 1 :]
+        for name in sorted(place.names) if place.description == COMMAND_LINE else ():
+            last = next((other for other in reversed(later) if name in other.names), None)
+            if last and last.file and last.texts[name] != place.texts[name]:
+                before, after = quoted(place.texts[name]), quoted(last.texts[name])
+                yield f"-{name} {before}: {last.file} comes later and says {after}"
+
+
+def _check_traps(texts):
+    """Refuse to trap floating point errors."""
+    if "fp_trap" in texts and not is_off(texts["fp_trap"]):
+        raise InputError("-fp_trap: not available; holes of a body are NaN, with which numpy computes")
+
+
+def _check_end(of_petsc):
+    """Refuse what PETSc would only fail at when all is done."""
+    for one in re.split(",(?=:)", of_petsc.get("log_view", "")):
+        check_viewer("log_view", one)
+    for name in of_petsc.keys() & set(_FILES):
+        check_place(name, of_petsc[name], of_petsc[name])
+    for name in of_petsc.keys() & set(_YES_OR_NO):
+        OptionReader([Option(name, flag, False, "")], of_petsc)[name]
 
 
 def _pairs(words):
-    """Options with their dash, and their texts or None."""
+    """Options of a command line without their dash, and their texts or None."""
     pairs, open_for_a_value = [], False
     for word in words:
         try:
             word.encode()
         except UnicodeEncodeError:
             raise InputError(f"{word!a}: is not UTF-8 text") from None
-        if re.match(r"-{0,2}[A-Za-z]\w*=", word) and (is_option(word) or not open_for_a_value):
+        if re.match(r"-{0,2}[A-Za-z]\w*=", word) and (_is_option(word) or not open_for_a_value):
             name, text = word.split("=", 1)
             raise InputError(f"{quoted(word)}: needed: -{name.lstrip('-')} {quoted(text)}")
-        if is_option(word):
-            pairs.append((word, None))
-            open_for_a_value = word.lower() != "-prefix_pop"
+        if _is_option(word):
+            pairs.append((word.removeprefix("-").lower(), None))
+            open_for_a_value = True
         elif open_for_a_value:
             pairs[-1] = (pairs[-1][0], word)
             open_for_a_value = False
         else:
             raise InputError(f"{quoted(word)}: neither an option nor the value of one")
     return pairs
+
+
+def _is_option(word):
+    """Whether PETSc takes a word for an option, not for a value: -inf is a number."""
+    number = re.match(r"-(inf(inity)?|nan)(?![a-z0-9_])", word, re.IGNORECASE)
+    return re.match("--?[A-Za-z]", word) is not None and not number

@@ -12,7 +12,6 @@ from app.method import DEFAULT, METHOD_OPTIONS, PART_OPTIONS, PERIODIC, read_met
 from app.options import (
     Option,
     OptionReader,
-    as_line,
     count,
     flag,
     named_files,
@@ -66,8 +65,8 @@ class Request:
         What option files say that is left for the solver, which knows which options there are.
     options : dict of str to str
         The same of the command line and the environment.
-    options_text : str
-        The other options, as they would be written on a command line.
+    texts : dict of str to str
+        The other options.
     output : str or None
 
     Raises
@@ -112,10 +111,10 @@ class Request:
         taken = {option.name for option in PROBLEM_OPTIONS} | own.asked
         self.method, self.options = given.files_and_words(given.texts.keys() - taken)
         _refuse_method(self.options)
-        known, unknown = _unknown(given.texts, own.names)
+        known, unknown = _unknown(given.typed(), own.names)
         if meant := [name for name in unknown if nearest(name, known)]:
             raise InputError(unknown_options(meant, known))
-        self.options_text = as_line({name: given.texts[name] for name in given.texts.keys() & taken})
+        self.texts = {name: given.texts[name] for name in given.texts.keys() & taken}
 
 
 def _refuse_method(texts):
@@ -128,7 +127,7 @@ def _refuse_method(texts):
 
 
 @contextmanager
-def suggesting(texts):
+def suggesting(given):
     """Whatever is refused meanwhile, name options that nobody knows but that are nearly called like others.
 
     Not collective. What they were meant to say is missing then, and would be complained of alone.
@@ -136,8 +135,8 @@ def suggesting(texts):
     try:
         yield
     except InputError as error:
-        known, unknown = _unknown(texts)
-        own = texts.get("problem") == "python"  # which may have any
+        known, unknown = _unknown(given.typed())
+        own = given.texts.get("problem") == "python"  # which may have any
         meant = [
             name for name in unknown if (nearest(name, known) or not own) and f"-{name}" not in str(error)
         ]
@@ -146,10 +145,10 @@ def suggesting(texts):
         raise InputError(f"{unknown_options(meant, known)}; {error}") from None
 
 
-def _unknown(texts, own=()):
+def _unknown(names, own=()):
     """Names of the options of the tables and a problem's `own`, and others that do not look like a solver's."""
     known = [*(option.name for option in (*PROBLEM_OPTIONS, *METHOD_OPTIONS)), *own]
-    others = texts.keys() - set(known)
+    others = names - set(known)
     return known, [name for name in others if name.startswith("lcp_") or not _OF_SOLVERS.search(name)]
 
 

@@ -25,7 +25,6 @@ from app import __version__
 from app.commands import streams
 from app.errors import FailedElsewhere, InputError, agree, described, one_line
 from app.memory import check_process, tell_malloc
-from app.mpi import changed_environment
 from app.packages import HOW_TO_GET, mismatch
 
 # mallopt's numbers, names in the environment and values: freed work arrays are made anew all the time, and their pages,
@@ -61,11 +60,11 @@ def start(argv):
     ending.meeting_place(comm)
     agree(comm, _refuse, folder_is_gone)
     _check_programs(comm)
-    words = agree(comm, places.for_the_start, argv, os.environ, only_root=True)
+    words = agree(comm, places.words_for_petsc, argv, only_root=True)
     import petsc4py
 
     handlers = {number: signal.getsignal(number) for number in (signal.SIGHUP, signal.SIGQUIT)}
-    with changed_environment({"PETSC_OPTIONS": None, "PETSC_OPTIONS_YAML": None}), _errors_of_petsc() as said:
+    with _errors_of_petsc() as said:
         try:
             petsc4py.init(words)
             from petsc4py import PETSc
@@ -75,15 +74,15 @@ def start(argv):
             place = petsc4py.__path__[0]
             raise InputError(f"{place} does not load: {one_line(error)}. {HOW_TO_GET['petsc4py']}") from None
         except Exception:
-            raise InputError(f"PETSc does not accept {' '.join(words[3:-1])}: {said()}") from None
+            raise InputError(f"PETSc does not start: {said()}") from None
     for number, handler in handlers.items():  # PETSc would abort, also where nohup ignores the signal
         signal.signal(number, handler)
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc would abort; see `streams.say`
     agree(comm, check_process)
-    given = agree(comm, places.read, argv, os.environ, only_root=True)
-    for name, text in given.of_petsc.items():
+    given = agree(comm, places.read, argv, only_root=True)
+    for name, text in given.for_database.items():
         PETSc.Options().setValue(name, text or None)
-    if any(name.startswith("log") for name in given.of_petsc) and not PETSc.Log.isActive():
+    if "log_view" in given.of_petsc and not PETSc.Log.isActive():
         PETSc.Log.begin()
     for line in given.warnings:
         warn(line)

@@ -46,7 +46,7 @@ class _ReferenceSolver:
         self.mat = self.operator.mat(self.comm)
         grid = self.operator.grid
         self.mat.setName(f"contact {grid.nx} x {grid.ny}")
-        self.mat.setOptionsPrefix(self.prefix)
+        self.mat.setOptionsPrefix(self.prefix or None)
         self._h = self.mat.createVecRight()
 
     def solve(self, state, history, start=None):
@@ -184,7 +184,7 @@ class Tao(_ReferenceSolver):
         self._interrupted = False
         self.tao = PETSc.TAO().create(self.comm)
         self.tao.setName(self.mat.getName())
-        self.tao.setOptionsPrefix(self.prefix)
+        self.tao.setOptionsPrefix(self.prefix or None)
         self.tao.setType(self.types[0])
         self.tao.setObjectiveGradient(self._objective, None)  # PETSc 3.18 never frees a vector given here
         self.tao.setHessian(lambda tao, x, hessian, pre: None, self.mat)
@@ -245,7 +245,7 @@ class SnesVI(_ReferenceSolver):
         super().__init__(hierarchy, stop)
         self.snes = PETSc.SNES().create(self.comm)
         self.snes.setName(self.mat.getName())
-        self.snes.setOptionsPrefix(self.prefix)
+        self.snes.setOptionsPrefix(self.prefix or None)
         self.snes.setType(self.types[0])
         self._template = self.mat.createVecRight()
         self.snes.setFunction(self._function, self._template)

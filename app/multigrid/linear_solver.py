@@ -52,7 +52,7 @@ class LinearSolver:
         grid, self._prefix = self.operator.grid, hierarchy.prefix
         self._name = f"contact {grid.nx} x {grid.ny}"
         self.mat.setName(self._name)
-        self.mat.setOptionsPrefix(self._prefix)
+        self.mat.setOptionsPrefix(self._prefix or None)
         # PETSc would view the solver of every grid after every solve; once, on the target grid, is enough.
         self._view = "-ksp_view" if self.level == len(hierarchy.levels) - 1 else ""
         self._hierarchy = hierarchy
@@ -65,7 +65,7 @@ class LinearSolver:
             raise ValueError(f"-pc_type {pc_type}: needs parts that options, or this matrix, cannot give")
         self.ksp = ksp = PETSc.KSP().create(self.operator.petsc_comm)
         ksp.setName(self._name)
-        ksp.setOptionsPrefix(self._prefix)
+        ksp.setOptionsPrefix(self._prefix or None)
         ksp.setOperators(self.mat)
         with options_set(self._prefix, {}, {"ksp_view": None} | (_MULTIGRID if pc_type == "mg" else {})):
             ksp.setFromOptions()

@@ -65,7 +65,7 @@ def main(given):
     of_problem = own.asked | {option.name for option in PROBLEM_OPTIONS}
     method = {name: text for name, text in given.texts.items() if name not in of_problem}
     recorder = Recorder()
-    with ContactSolver(problem, options=method, comm=comm, listeners=[recorder]) as solver:
+    with ContactSolver(problem, options=method, comm=comm, prefix="", listeners=[recorder]) as solver:
         if solver.ksp is not None:
             # PETSc's own history stays empty if the PC iterates, as PCMG does.
             solver.ksp.setMonitor(recorder.monitor)

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from app.commands.problem_options import PROBLEM_OPTIONS, make_problem
 from app.halfspace.grid import Grid
 from app.options import OptionReader
-from app.petsc import OptionDatabase
+from app.solver_options import read_option_file
 from benchmarks import periodic
 from benchmarks.bench import PROBLEMS, self_affine
 from benchmarks.measure import ROOT
@@ -22,13 +22,9 @@ from benchmarks.plain import PlainPeriodicProduct, PlainProduct, check, check_pe
 
 def described(words):
     """Problem and approach that a command line of app.solve describes."""
-    database = OptionDatabase()
+    texts = {}
     for name, text in zip(words[::2], words[1::2], strict=True):
-        if name == "-options_file":
-            database.insert(f'{name} "{ROOT / text}"')
-        else:
-            database.set(name.removeprefix("-"), text)
-    texts = database.texts()
+        texts |= read_option_file(ROOT / text) if name == "-options_file" else {name.removeprefix("-"): text}
     options = OptionReader(PROBLEM_OPTIONS, texts)
     problem, _ = make_problem(options, texts, MPI.COMM_SELF)
     return problem, options["approach"]

@@ -83,4 +83,7 @@ def test_commands_of_the_document(command, ranks, folder):
 def test_misspelt_option_of_an_own_part_is_told(folder):
     done = run(*COMMANDS[0], "-mg_levels_pc_sweeps_omgea", "1", cwd=folder)
     assert done.returncode == 2
-    assert done.stderr == "error: unknown or unused option: -mg_levels_pc_sweeps_omgea\n"
+    assert done.stderr == (
+        "error: unknown or unused option: -mg_levels_pc_sweeps_omgea "
+        "(did you mean -mg_levels_pc_sweeps_omega?)\n"
+    )

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.commands.places import for_the_start
+from app.commands.places import words_for_petsc
 from app.commands.problem_options import PROBLEM_OPTIONS
 from app.errors import InputError
 from app.method import METHOD_OPTIONS, method_file
@@ -90,8 +90,8 @@ LONG = "x" * 10**5
         lambda: OptionReader(TABLE, {"problem": LONG})["problem"],
         lambda: OptionReader(TABLE, {"grid": "8 " * 10**5})["grid"],
         lambda: as_texts([LONG], LONG),
-        lambda: for_the_start(["solve", LONG], {}),
-        lambda: for_the_start(["solve", f"-grid={LONG}"], {}),
+        lambda: words_for_petsc(["solve", LONG]),
+        lambda: words_for_petsc(["solve", f"-grid={LONG}"]),
         lambda: method_file(LONG),
         lambda: raise_(InputError(f"{LONG}: {LONG}")),
         lambda: raise_(InputError(" ".join(10**5 * ["unknown"]))),

@@ -1,0 +1,87 @@
+"""Options of the command, as PETSc's own views, logs and start files have them."""
+
+import re
+
+import pytest
+from processes import run, solve_arguments
+
+HERTZ = [*solve_arguments("hertz"), "-grid", 16]
+
+
+def table(text):
+    """Options of PETSc's table in an output: name with dash -> text."""
+    rows = re.search(r"#PETSc Option Table entries:\n(.*?)#End", text, re.DOTALL)[1].splitlines()
+    return {name: value for name, _, value in (row.partition(" ") for row in rows)}
+
+
+def test_a_run_can_be_repeated_from_the_options_that_petsc_shows(tmp_path):
+    """They are all there: those of the files, and of the default method, and none is unused."""
+    done = run(*HERTZ, "-load", 5000, "-options_view", "-options_left", "-log_view", ":log", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "There are no unused options." in done.stdout
+    shown = table(done.stdout)
+    assert shown["-problem"] == "hertz" and shown["-load"] == "5000" and "-approach" not in shown
+    assert shown["-ksp_python_type"] == "app.fast.tracking_cg.TrackingCG" and shown["-lcp_type"] == "fast"
+    assert {
+        name.strip() for name in re.findall(r"^-\w+", (tmp_path / "log").read_text(), re.MULTILINE)
+    } == shown.keys()
+    for name in ("-options_view", "-options_left", "-log_view"):
+        del shown[name]
+    words = [word for name, text in shown.items() for word in (name, text) if word]
+    again = run("-m", "app.solve", *words)
+    assert again.returncode == 0
+    load = re.compile("load .*? N")
+    assert load.search(again.stdout)[0] == load.search(done.stdout)[0]
+
+
+@pytest.mark.ranks(1, 2)
+def test_what_petsc_is_started_with_counts_least_and_may_be_for_other_programs(ranks, tmp_path):
+    (tmp_path / ".petscrc").write_text(
+        "-grid 8\n-load 5\n-lcp_max_it 7\n-my_option 3\n-ksp_gmres_restart 9\n"
+    )
+    how = {"cwd": tmp_path, "ranks": ranks, "env": {"PETSC_OPTIONS": "-load 6 -lcp_max_it 8"}}
+    (tmp_path / "a.opts").write_text("-grid 12\n-options_left\n")
+    words = [*solve_arguments("hertz")[2:], "-options_file", "a.opts", "-options_view"]
+    done = run("-m", "app.solve", *words, **how)
+    assert (done.returncode, "error" in done.stderr) == (0, False)
+    shown = table(done.stdout)
+    assert (shown["-grid"], shown["-approach"], shown["-lcp_max_it"]) == ("12", "0.1091", "8")
+    left = set(re.findall(r"Option left: name:-(\w+)", done.stdout))
+    assert left == {"load", "my_option", "ksp_gmres_restart"}  # hertz.opts has an approach
+    skipped = run("-m", "app.solve", *words, "-skip_petscrc", **how)
+    assert "-my_option" not in table(skipped.stdout)
+
+
+def test_a_log_may_be_asked_for_in_a_file(tmp_path):
+    (tmp_path / "a.opts").write_text("-log_view :log\n")
+    done = run(*HERTZ, "-options_file", "a.opts", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "InfluenceMult" in (tmp_path / "log").read_text()
+
+
+UNUSED = [
+    ("", "-ksp_rtoll 0.1", "-ksp_rtoll (did you mean -ksp_rtol?)"),
+    ("", "-pc_mg_cycle_type w", "-pc_mg_cycle_type"),
+    ("norm", "-ksp_rtoll 0.1", "-ksp_rtoll (did you mean -ksp_rtol?)"),
+    ("fmg_v11", "-foo_ksp_view", "-foo_ksp_view"),
+    ("mine", "", "-ksp_bogus"),
+]
+
+
+@pytest.mark.ranks(1, 2)
+@pytest.mark.parametrize(("method", "words", "message"), UNUSED)
+def test_unused_options_are_refused_in_one_line(method, words, message, ranks, tmp_path):
+    """On 16 x 16 cells the second rank has no part in some grids."""
+    (tmp_path / "mine.opts").write_text("-ksp_type cg\n-pc_type none\n-ksp_bogus 3\n")
+    file = ["-options_file", f"{method}.opts"] if method else []
+    done = run(*HERTZ, *file, *words.split(), "-output", "out.h5", cwd=tmp_path, ranks=ranks)
+    assert done.returncode == 2 and done.stdout == ""
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert errors == [f"error: unknown or unused option: {message}"]
+    assert not (tmp_path / "out.h5").exists()
+
+
+def test_options_that_petsc_reads_at_its_start_only_are_refused_in_files(tmp_path):
+    (tmp_path / "a.opts").write_text("-malloc_debug\n")
+    done = run(*HERTZ, "-options_file", "a.opts", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (2, "error: unknown or unused option: -malloc_debug\n")
