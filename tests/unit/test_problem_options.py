@@ -5,6 +5,7 @@ import pytest
 from mpi4py import MPI
 
 from app import memory
+from app.commands.places import Given
 from app.commands.problem_options import PROBLEM_OPTIONS, input_files, make_problem, suggesting
 from app.errors import InputError
 from app.options import OptionReader
@@ -30,7 +31,7 @@ def made(**texts):
     ],
 )  # fmt: skip
 def test_options_that_nobody_knows_are_named(texts, message):
-    with pytest.raises(InputError) as refusal, suggesting(texts):
+    with pytest.raises(InputError) as refusal, suggesting(Given(texts)):
         raise InputError("what is wrong")
     assert str(refusal.value) == message
 
