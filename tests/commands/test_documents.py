@@ -27,7 +27,9 @@ OTHERS = {
     "cone_slope",
     *REMOVED,
 }
-PETSCS = re.compile(r"((punch_)?ksp|pc|mg_levels|mg_coarse|snes|tao|log|malloc|objects)_\w*")
+PETSCS = re.compile(
+    r"((punch_|gear_)?ksp|pc|mg_levels|mg_coarse|snes|tao|log|malloc|objects|options|prefix|on_error)_\w*|info|citations"
+)
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 
 
