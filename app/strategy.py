@@ -160,10 +160,9 @@ class Strategy:
     def _started_from(self, start, loading):
         """State of the target grid as a solution left it, at the approach of the loading."""
         state = contact_state(self._hierarchy.target, self._distances[-1], u=start.displacement.copy())
-        holes = ~state.admissible & (start.pressure != 0)  # of a problem with others
-        with state.pressure as p:
-            p[...] = np.where(holes, 0.0, start.pressure).reshape(-1)
-        if state.sum([np.count_nonzero(holes)])[0]:
+        state.values[...] = start.pressure
+        state.project()  # that of a problem with other holes
+        if state.sum([np.count_nonzero(state.p != start.pressure)])[0]:
             state.u_is = Displacement.STALE
         state.contact[...] = start.contact & state.admissible
         loading.resume(state, start.load)

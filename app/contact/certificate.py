@@ -57,7 +57,6 @@ _TRIALS = 12
 _NEGLIGIBLE = 1e-5  # error bound that is not worth a product to make smaller, if no smaller one is asked for
 _ROUNDING = 4.0  # times what a product is expected to lose
 _TRANSFORM = 50.0  # times the precision of B: so much of the largest w.Bw there is may be missing
-_TENSION = 1e-14  # of the highest pressure: so negative may one be by rounding
 _LOAD = 1e-6  # of a prescribed load: so much may be missing
 
 
@@ -129,7 +128,7 @@ def _prove(state, enough, work):
     of_u, energy, defect, to_p, moved, of_p = sums
     if not np.isfinite(sums).all():  # who compares with NaN finds nothing wrong
         return Certificate(np.nan, np.inf, np.nan, np.nan, np.nan)
-    if tension > _TENSION * highest:  # both bounds are of a pressure that is allowed
+    if tension > state.bounds.rounding * highest:
         gap = np.inf
     elif state.grid.periodic:
         gap, energy = _closing(state, energy, enough, work)

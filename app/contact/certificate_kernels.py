@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from app.compiled import njit
+from app.contact.bounds_kernels import violation
 from app.contact.kernels import gap
 from app.halfspace.reductions import any_order, plus
 
@@ -86,7 +87,7 @@ def _survey_row(b, depth, u, p, admissible, smallest):
     energy, defect, to_p, moved, of_p = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(b.size):
         e = gap(u[i], b[i], depth) if admissible[i] else 0.0
-        tension = max(tension, -p[i] if admissible[i] else abs(p[i]))
+        tension = max(tension, violation(p[i], admissible[i]))
         product = max(product, abs(p[i] * e))
         highest = max(highest, p[i])
         energy += p[i] * u[i]

@@ -1,4 +1,4 @@
-"""The undeformed distance h of one grid, as the shape and the depth, and what is to be known of it."""
+"""The problem on one grid: the undeformed distance h, as shape and depth, and the bounds of the pressure."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from app.contact import kernels
+from app.contact.bounds import PressureBounds
 from app.halfspace.operator import vec_of
 from app.halfspace.reductions import sum_over, sums_and_minima
 from app.halfspace.window import box_here, box_of
@@ -55,9 +56,10 @@ class UndeformedDistance:
         Depth at which the first cells touch [mm]; None of a window: nobody knows.
     lowest : float
         The same, of a window that of the whole grid; before it no load is carried [mm].
-    least_mean_pressure : float
-        That full contact of a periodic patch needs [N/mm2]; -inf as long as nobody knows.
+    full_contact_pressures : (float, float)
+        Least and largest mean pressure of full contact of a periodic patch; infinite until known [N/mm2].
     admissible : ndarray of bool, shape (local rows, nx)
+    bounds : PressureBounds
     patch : Grid
         Whole grid, which the statistics are of.
     possible : Window or None
@@ -68,11 +70,11 @@ class UndeformedDistance:
 
     def __init__(self, operator, shape, reference=0.0, measured=True):
         b = np.negative(shape, order="C")
-        self.admissible = ~np.isnan(b)
-        np.copyto(b, 0.0, where=~self.admissible)
-        self._hold(b, operator)
+        admissible = ~np.isnan(b)
+        np.copyto(b, 0.0, where=~admissible)
+        self._hold(b, operator, PressureBounds(admissible))
         self.depth, self.reference = 0.0, reference
-        self.least_mean_pressure = -np.inf
+        self.full_contact_pressures = -np.inf, np.inf
         self._slabs, self.patch = operator.slabs, operator.grid
         if measured:
             _measure([self], operator.comm)
@@ -91,15 +93,15 @@ class UndeformedDistance:
     def part_of(cls, whole, operator, scatter):
         """Return the same h in a window of the grid, with the norm that it has on all of it. Collective."""
         part = cls.__new__(cls)
-        part.admissible, b = scatter.forward(whole.admissible), scatter.forward(whole.b)
-        part._hold(b, operator)
+        part._hold(scatter.forward(whole.b), operator, whole.bounds.part(scatter.forward))
         part.patch, part.statistics = whole.patch, whole.statistics
         part.touching, part.lowest = None, whole.lowest
         part.depth, part.reference = whole.depth, whole.reference
         return part
 
-    def _hold(self, b, operator):
+    def _hold(self, b, operator, bounds):
         """Keep b in memory that stays when the Vec is gone: solutions refer to it."""
+        self.bounds, self.admissible = bounds, bounds.admissible
         self.b = b.view()
         self.b.flags.writeable = False
         self.rhs = vec_of(b, operator)

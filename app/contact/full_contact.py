@@ -1,10 +1,10 @@
 """Full contact: where a periodic patch without holes is in contact everywhere, the answer costs two products.
 
 With all gaps closed u is the negative undeformed distance but for its mean, so ``p = mean pressure + B (-h)``, B the
-inverse of A on fields without mean. If p >= 0 that solves (2.8)-(2.10), and the approach is the mean undeformed
-distance. Means over cells are smoother than what is in them, and mostly ask for less pressure: where a coarser grid is
-far from full contact, it is not tried before anything else, but afterwards, if the iteration finds no cell free, or no
-answer.
+inverse of A on fields without mean. If the bounds allow this p it solves (2.8)-(2.10), and the approach is the mean
+undeformed distance. Means over cells are smoother than what is in them, and mostly ask for less pressure: where a
+coarser grid is far from full contact, it is not tried before anything else, but afterwards, if the iteration finds no
+cell free, or no answer.
 """
 
 from __future__ import annotations
@@ -63,19 +63,20 @@ class FullContact:
         wanted = loading.mean_pressure_on(grid)
         if not (state.highest < np.inf and loading.depth_on(distance) >= state.highest):
             return None
-        if wanted < distance.least_mean_pressure:
+        prescribed, (least, most) = wanted < np.inf, distance.full_contact_pressures
+        if prescribed and not least <= wanted <= most:
             return None
-        prescribed = wanted < np.inf
-        if prescribed and np.isinf(distance.least_mean_pressure) and not self.put_off:
+        if prescribed and np.isinf(least) and not self.put_off:
             self.put_off = self._far(wanted)
             if self.put_off:
                 return None
         p = state.values
-        least = self._find_needed(state.operator.exact_inverse, distance, p)
-        if wanted < least:
+        least, most = self._find_allowed(state.operator.exact_inverse, distance, p)
+        wanted = wanted if prescribed else max(least, 0.0)
+        if not least <= wanted <= most:
             return None
-        p += wanted if prescribed else max(least, 0.0)
-        np.maximum(p, 0.0, out=p)
+        p += wanted
+        state.project()
         history.start(state, self)
         state.contact[...] = True
         distance.move_to(distance.statistics.mean)
@@ -88,13 +89,14 @@ class FullContact:
         history.add(state, self, Update(grid.n, grid.n, 0, residual), 0)
         return Outcome(solved, FULL_CONTACT, 1, residual / distance.norm(), to_rounding=True)
 
-    def _find_needed(self, inverse, distance, p):
-        """Mean pressure that full contact needs on a grid, known then; p becomes B (-h). Collective over all ranks."""
+    def _find_allowed(self, inverse, distance, p):
+        """Find the mean pressures of full contact on a grid; p becomes B (-h). Collective over all ranks."""
         if inverse is not None:
             inverse.apply(distance.b, p)
-        lowest = minimum_over(self.hierarchy.comm, [p.min(initial=np.inf)])[0]
-        distance.least_mean_pressure = -float(lowest)
-        return distance.least_mean_pressure
+        least, most = distance.bounds.mean_pressures(p)
+        minus_least, most = minimum_over(self.hierarchy.comm, [-least, most]).tolist()
+        distance.full_contact_pressures = -minus_least, most
+        return distance.full_contact_pressures
 
     def _far(self, wanted):
         """Whether a coarser grid, if there is one, is far from full contact under a mean pressure. Collective."""
@@ -102,7 +104,7 @@ class FullContact:
             return False
         number = max(self.level - _PROBED, 0)
         operator, distance = self.hierarchy.levels[number], self._distances[number]
-        if np.isinf(distance.least_mean_pressure):
+        if np.isinf(distance.full_contact_pressures[0]):
             inverse = operator.inverse if operator.active else None
-            self._find_needed(inverse, distance, np.empty(operator.local_shape))
-        return wanted < _FAR * distance.least_mean_pressure
+            self._find_allowed(inverse, distance, np.empty(operator.local_shape))
+        return wanted < _FAR * distance.full_contact_pressures[0]

@@ -91,7 +91,7 @@ def copy_prolongation(transfer, coarse, state, beta):
     state.contact &= state.admissible
     p = state.values
     transfer.copy(coarse.p, p)
-    np.copyto(p, 0.0, where=~state.contact)
+    state.bounds.project(state.p, state.contact, p)
 
 
 def _solver_on(hierarchy, number, first):

@@ -48,7 +48,11 @@ def make_loading(grid, distance, **given):
             )
         if not value:  # the approach is not unique: where the bodies just touch
             return PrescribedApproach(distance.approach_at(distance.touching), distance.touching)
-        return PrescribedLoad(value if kind == "load" else value * grid.area)
+        to_load = 1.0 if kind == "load" else grid.area
+        if value * to_load > (largest := distance.bounds.largest_load):
+            allowed = f"allowed: at most {exactly(largest / to_load)} {LOADINGS[kind]}"
+            raise InputError(f"{kind} {exactly(value)}: the pressure has an upper bound; {allowed}")
+        return PrescribedLoad(value * to_load)
     # On a periodic patch displacements have no mean: mean(gap) = mean(undeformed distance) - approach.
     holes = grid.n - distance.statistics.cells
     mean, reference = distance.statistics.mean, distance.reference

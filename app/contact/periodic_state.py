@@ -49,7 +49,7 @@ class PeriodicState(ContactState):
         tends = self._p + self.distance.b / (self.operator.diagonal or 1.0)
         least = self.minimum([tends.min(initial=np.inf)])[0]
         np.greater(tends, least, out=self.contact)
-        self.values[~self.contact] = 0.0
+        self.bounds.project(self.p, self.contact, self.values)
         self.compute_displacement()
 
     def release_tensile(self, *args, **options):

@@ -68,11 +68,10 @@ class _ReferenceSolver:
         if start is None:
             state.start_from_interpenetration()
         else:
-            state.pressure.setArray(np.where(state.admissible, start.pressure, 0.0).reshape(-1))
+            state.values[...] = start.pressure
+            state.project()
         self._record = _Record(state, history, self)
-        lower, upper = state.pressure.duplicate(), state.pressure.duplicate()
-        lower.set(0)
-        upper.setArray(np.where(state.admissible, PETSc.INFINITY, 0.0).reshape(-1))
+        lower, upper = state.bounds.vecs(state.pressure)
         self._h.setArray(np.where(state.admissible, -(state.distance.b + state.depth), 0.0).reshape(-1))
         acceptable = self.stop.allowed(state)
         try:
@@ -103,13 +102,12 @@ class _ReferenceSolver:
 
         Collective. Sets contact and displacement.
         """
-        p = state.values
-        np.maximum(p, 0, out=p)
-        np.greater(p, 0, out=state.contact)
-        self.operator.exact_displacement(p, state.u)
+        state.project()
+        state.contact[...] = state.bounds.between(state.p)
+        self.operator.exact_displacement(state.p, state.u)
         state.u_is = Displacement.EXACT
         e = state.gap()
-        defect, overlap = e[state.contact], e[state.admissible & ~state.contact].clip(max=0)
+        defect, overlap = e[state.contact], state.bounds.overlap(e, state.contact)
         return np.sqrt(state.sum([defect @ defect, overlap @ overlap])).tolist()
 
     def destroy(self):
@@ -148,7 +146,7 @@ class _Record:
         if not iteration:
             return
         state, solver = self._state, self._solver
-        now, before = state.p > 0, state.contact
+        now, before = state.bounds.between(state.p), state.contact
         counts = [np.count_nonzero(cells) for cells in (now, now & ~before, before & ~now)]
         cells, added, dropped = (int(count) for count in state.sum(counts))
         before[...] = now

@@ -115,7 +115,7 @@ class ContactState:
 
     def __init__(self, operator, distance, u=None, u_is=Displacement.CARRIED):
         self.operator, self.grid, self.comm = operator, operator.grid, operator.comm
-        self.distance, self.admissible = distance, distance.admissible
+        self.distance, self.bounds, self.admissible = distance, distance.bounds, distance.admissible
         self._p = np.zeros(operator.local_shape)
         self.p = self._p.view()  # the local pressure to read; it stays when the Vec is gone
         self.p.flags.writeable = False
@@ -249,13 +249,22 @@ class ContactState:
         self.pressure.axpy(1.0, correction)
         self.u_is = Displacement.STALE
 
+    def project(self):
+        """Clip p to its bounds. Not collective."""
+        self.bounds.project(self.p, self.admissible, self.values)
+
+    def tension(self):
+        """Return the pressure outside its bounds on C, which step 4.a takes away, as a share of the sum. Collective."""
+        total, outside = self.sum(self.bounds.tension(self.p, self.contact))
+        return outside / total if total > 0 else float("inf") if outside else 0.0
+
     @PETSc.Log.EventDecorator("ContactUpdate")
     def release_tensile(self, some=None, change=_NO_FIELD):
         """(4.a): cells with p < 0 leave C, p = 0 there, for p >= 0 in (2.9). Return how many, or `some`.
 
         Collective, unless it is known whether there are some. `change`: a field to which is added what that does to p.
         """
-        cells = kernels.release(self.values, self.contact, self._released, change)
+        cells = self.bounds.release(self.values, self.contact, self._released, change)
         cells = int(self.sum([cells])[0]) if some is None else some
         if cells:
             self.u_is = Displacement.STALE
@@ -284,7 +293,7 @@ class ContactState:
         """
         fields = self.u, self.p, self.admissible, self.contact, self._released
         expected, room = _NO_FIELD if expected is None else expected, np.empty(self.u.shape[1], bool)
-        found = kernels.activate(self.distance.b, self.depth, *fields, expected, room)
+        found = self.bounds.activate(self.distance.b, self.depth, *fields, expected, room)
         cells, added, lost, squares, h, total = self.sum(found)
         load = self.grid.cell_area * float(total)
         return Update(int(cells), int(added), int(lost), sqrt(squares), sqrt(h), load)

@@ -114,7 +114,7 @@ class _ContactSets:
     def exchange(self, solved):
         """Step 4, in one of three ways."""
         state, solver, stop = self.state, self.solver, self.stop
-        tension = solver.tension(state) if solved.norm <= solved.allowed else None
+        tension = state.tension() if solved.norm <= solved.allowed else None
         # The system is solved, and on the target grid next to no pressure is negative: is it the last contact set?
         ready = tension is not None and (not stop.final or tension <= stop.rtol)
         too_loose = False

@@ -16,7 +16,6 @@ from __future__ import annotations
 from app.compiled import njit
 from app.contact.kernels import gap
 from app.fast.circulant import circulant_of
-from app.halfspace.reductions import any_order
 
 # Factor in the load; a grid so coarse that it is missed by more says nothing, and copying is safer.
 _TRUSTED = 20.0
@@ -38,7 +37,7 @@ def lift(transfer, coarse, state):
     transfer.interpolate(coarse.u, p)  # 1.
     _close_gaps(state.distance.b, state.depth, state.u, state.admissible, state.contact, p)  # 2.
     circulant_of(state.operator).apply(p, p)  # 3.
-    after = _drop_nonpositive(p, state.contact)
+    after = state.bounds.trim(p, state.contact)
     areas = coarse.operator.grid.cell_area, state.grid.cell_area
     before, after = state.sum([areas[0] * coarse.p.sum(), areas[1] * after])
     return bool(before < _TRUSTED * after < _TRUSTED**2 * before)
@@ -58,24 +57,3 @@ def _close_gaps(b, depth, u, admissible, contact, target):
     """Put cells with h + u <= 0 into C, and take h + u off `target` on C."""
     for j in range(b.shape[0]):
         _close_row(b[j], depth, u[j], admissible[j], contact[j], target[j])
-
-
-@any_order
-def _drop_row(p, contact):
-    total = 0.0
-    for i in range(p.size):
-        value = p[i]
-        inside = contact[i] & (value > 0)
-        value = value if inside else 0.0
-        contact[i], p[i] = inside, value
-        total += value
-    return total
-
-
-@njit()
-def _drop_nonpositive(p, contact):
-    """Take cells without p > 0 out of C, and let p be zero outside; return the sum of p."""
-    total = 0.0
-    for j in range(p.shape[0]):
-        total += _drop_row(p[j], contact[j])
-    return total

@@ -51,25 +51,21 @@ def projected_newton(state, solver, stop, history):
     Outcome
     """
     history.start(state, solver)
-    np.maximum(state.p, 0.0, out=state.values)
-    np.copyto(state.values, 0.0, where=~state.admissible)
+    state.project()
     state.u[...], gap = _displaced(state, state.p)
     residual, progress = state.on_contact().residual / state.distance.norm(), Halvings()
     for k in range(1, stop.max_it + 1):
-        before = state.contact.copy()
-        p, nearly = state.p, _nearly_none(state, gap)
-        np.logical_or(p > nearly, gap <= 0, out=state.contact)
-        state.contact &= state.admissible
-        closed = (p > 0) & ~state.contact  # leaves at once
+        before, p, bounds = state.contact.copy(), state.p, state.bounds
+        state.contact[...] = bounds.contact(p, gap, _nearly_none(state, gap))
         solver.set_contact()
         direction, its, failure = solver.solve(state.defect(), stop.allowed(state))
-        d = direction.getArray(readonly=True).reshape(gap.shape) - closed * p
+        d = direction.getArray(readonly=True).reshape(gap.shape) + bounds.to_bound(p, state.contact)
         descent, alpha = state.sum([np.vdot(gap, d)])[0], 1.0
         if not math.isfinite(descent):
             _contact_from(state, gap, before)
             return Outcome(False, what_is_wrong(failure, float("inf")), k, residual)
         for _ in range(_HALVINGS):
-            change = np.maximum(p + alpha * d, 0.0) - p
+            change = bounds.change(p, alpha * d)
             trial_u, trial_gap = _displaced(state, p + change)
             # f(p + change) - f(p), without the cancellation of two nearly equal numbers
             difference = 0.5 * state.sum([np.vdot(change, gap + trial_gap)])[0]
@@ -112,17 +108,14 @@ def _displaced(state, p):
 def _nearly_none(state, gap):
     """Pressure up to which a cell with a gap is left out of the system; none in the limit. Collective."""
     p = state.p
-    step = np.abs(
-        p - np.maximum(p - gap / state.operator.diagonal, 0.0), where=state.admissible, out=np.zeros_like(p)
-    )
+    step = np.abs(state.bounds.change(p, -gap / state.operator.diagonal))
     minus_highest, minus_largest = state.minimum([-p.max(initial=0.0), -step.max(initial=0.0)])
     return min(-_NEARLY_NONE * minus_highest, -minus_largest)
 
 
 def _contact_from(state, gap, before):
     """Let C be where there is pressure or overlap; return the Update since a set `before`. Collective."""
-    np.logical_or(state.p > 0, gap <= 0, out=state.contact)
-    state.contact &= state.admissible
+    state.contact[...] = state.bounds.contact(state.p, gap)
     counts = state.contact.sum(), (state.contact & ~before).sum(), (before & ~state.contact).sum()
     inside = gap[state.contact]
     cells, added, released, squares = state.sum([*counts, inside @ inside])

@@ -18,7 +18,7 @@ _event = PETSc.Log.Event("InfluenceByLevels")
 class TrackingSolver(LinearSolver):
     """A `LinearSolver` whose KSP is TrackingCG; see there for the parameters.
 
-    An iteration calls `improve`; then perhaps `tension`; then `release`, or `carry`, or it computes u anew. After a
+    An iteration calls `improve`; then `release`, or `carry`, or it computes u anew. After a
     `release` it may `predict`. Nobody else is told of C before the next set.
 
     Attributes
@@ -102,15 +102,10 @@ class TrackingSolver(LinearSolver):
         if self.by_levels:
             self.by_levels = state.on_contact().residual <= most
 
-    def tension(self, state):
-        """Return the negative part of the pressure, which step 4.a takes away, as a share of its sum. Collective."""
-        total, negative = state.sum(kernels.tension(state.p, state.contact))
-        return negative / total if total > 0 else float("inf") if negative else 0.0
-
     def release(self, state, tension=None, carry=True):
         """Step 4.a, and u along with it; return whether cells left C. Collective.
 
-        `tension`: what `tension` has returned, if it was asked for. `carry`: unless u is to be computed anew.
+        `tension`: that of the state, if it is known. `carry`: unless u is to be computed anew.
         """
         change = self._cg.change
         if not self._change_not_in_u:

@@ -16,7 +16,6 @@ from app.contact.iteration import CONVERGED, what_is_wrong
 from app.contact.state import Displacement
 from app.contact.stopping import ROUNDING, ROUNDING_LEAVES
 from app.fast.progress import Halvings, NeedsSafeguard
-from app.primal import kernels as loops
 
 _LOOSE = 0.005  # share of the cells that may still change on a coarse grid
 _SLIGHT = (
@@ -70,7 +69,7 @@ def primal_active_set(primal, solver, stop, history):
         p_is_trusted = not primal.lags or solver.doubt <= (0 if accuracy.doubted else _UNSURE * goal)
         # 4. p < 0 leaves C, e < 0 enters
         update = primal.exchange(
-            solver, -slight * solver.preconditioner.stiffness, -slight, _FAR * accuracy.aim, norm
+            solver, slight * solver.preconditioner.stiffness, -slight, _FAR * accuracy.aim, norm
         )
         with primal.shown(solver) if history.listeners else nullcontext():
             history.add(state, solver, update, its)
@@ -277,7 +276,7 @@ def verify(primal, found):
         If there is no pressure under a load, yet: what is left on the free cells is more.
     """
     state, loading = primal.state, primal.loading
-    total = float(state.sum([loops.positive(state.p, state.contact, found)])[0])
+    total = float(state.sum([state.bounds.project(state.p, state.contact, found)])[0])
     if not loading.scale_pressure(found, total, state.grid.cell_area):
         return None
     state.operator.exact_displacement(found, state.u)

@@ -4,44 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.compiled import njit
-from app.halfspace.reductions import any_order, plus
-
-
-@any_order
-def _exchange_row(p, w, change, b, admissible, contact, least_pressure, least_gap, compliance, far, captured):
-    cells, came, left, total, moves = 0, 0, 0, 0.0, 0.0
-    for i in range(p.size):
-        inside, here = contact[i], w[i] + change[i]
-        gap = here - b[i]
-        leaves = inside & (p[i] < least_pressure)
-        comes = (not inside) & admissible[i] & (gap < least_gap)
-        moved = p[i] * compliance if leaves else (gap if comes else 0.0)
-        captured[i] = comes
-        contact[i] = (inside & (not leaves)) | comes
-        came += comes
-        left += leaves
-        cells += contact[i]
-        total += here
-        moves += moved * moved if abs(moved) <= far else np.inf
-    return cells, came, left, total, moves
-
-
-@njit()
-def exchange(p, w, change, b, admissible, contact, least_pressure, least_gap, compliance, far, captured):
-    """Release cells of C with p < least_pressure, capture others with w + change - b < least_gap.
-
-    Return the cells in C then, how many were captured and released, the sum of w + change, and that of the squares by
-    which w will move there at least: of the gaps, and of p times a compliance; infinite if one is more than `far`.
-    """
-    sums = 0, 0, 0, 0.0, 0.0
-    for j in range(p.shape[0]):
-        row = _exchange_row(
-            p[j], w[j], change[j], b[j], admissible[j], contact[j], least_pressure, least_gap, compliance, far,
-            captured[j],
-        )  # fmt: skip
-        sums = plus(sums, row)
-    return sums
+from app.halfspace.reductions import any_order
 
 
 @any_order
@@ -103,22 +66,3 @@ def take(x, lowest, w, b, contact):
     """w += x; C = {x = lowest}, where w = b to the last digit."""
     for j in range(x.shape[0]):
         _take_row(x[j], lowest[j], w[j], b[j], contact[j])
-
-
-@any_order
-def _positive_row(p, contact, out):
-    total = 0.0
-    for i in range(p.size):
-        value = max(p[i], 0.0) if contact[i] else 0.0
-        out[i] = value
-        total += value
-    return total
-
-
-@any_order
-def positive(p, contact, out):
-    """out = max(p, 0) on C, 0 elsewhere; return its sum."""
-    total = 0.0
-    for j in range(p.shape[0]):
-        total += _positive_row(p[j], contact[j], out[j])
-    return total

@@ -193,8 +193,8 @@ class PrimalState:
         state.contact[...] = gap <= least
         self.w -= least  # a constant has no pressure
 
-    def exchange(self, solver, least_pressure, least_gap, far, residual):
-        """Cells with p < least_pressure are released, others with e < least_gap captured, as `solver` has p and w.
+    def exchange(self, solver, slack, least_gap, far, residual):
+        """Cells with p < -slack are released, others with e < least_gap captured, as `solver` has p and w.
 
         Collective. The system must have a solution: under a load something stays in contact, under an approach below
         that of full contact something stays open.
@@ -205,9 +205,9 @@ class PrimalState:
             With the `residual` given [mm]; `moves` is infinite if one of these cells moves by more than `far` [mm].
         """
         state = self.state
-        counts = loops.exchange(
+        counts = state.bounds.exchange(
             solver.carried, self.w, solver.change, state.distance.b, state.admissible, state.contact,
-            least_pressure, least_gap, solver.preconditioner.weights[0], far, self._captured,
+            slack, least_gap, solver.preconditioner.weights[0], far, self._captured,
         )  # fmt: skip
         *counts, total, squares = state.sum(counts)
         cells, captured, released = map(int, counts)

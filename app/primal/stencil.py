@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.compiled import njit
+from app.contact.bounds_kernels import displaced
 from app.halfspace.reductions import add_row, any_order, around, copy_at, copy_row, mix_rows, wrap
 
 # Weights are over that of the cell itself, of the neighbours in x, in y, and on the diagonals.
@@ -30,7 +31,7 @@ def _sweep_row(source, free, above, here, below, wx, wy, wd, share, out):
 def _projected_row(source, lowest, above, here, below, wx, wy, wd, out):
     for i in range(source.size):
         beside = around(above, here, below, i, wx, wy, wd)
-        out[i + 1] = max(source[i] - beside, lowest[i])
+        out[i + 1] = displaced(source[i] - beside, lowest[i])
 
 
 @any_order

@@ -21,14 +21,13 @@ from app.contact.periodic_state import contact_state
 from app.contact.state import Displacement, Gaps
 from app.errors import InputError
 from app.fast.lift import lift
-from app.fast.solver import TrackingSolver
 from app.fast.stopping import IN_CONTACT, ROUNDING, InexactStop
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material, dense_matrix
 from app.halfspace.operator import InfluenceOperator, vec_of
 from app.halfspace.product import DenseProduct
 from app.multigrid.hierarchy import Hierarchy
-from app.primal import kernels, stencil
+from app.primal import stencil
 from app.refinement import refine
 
 
@@ -220,23 +219,6 @@ def test_nothing_is_proved_of_a_pressure_that_is_no_number(periodic):
     found = certify(state)
     assert found.error_bound == np.inf
     assert np.isnan([found.duality_gap, found.largest_penetration, found.smallest_pressure]).all()
-
-
-def test_positive_pressure_is_that_on_the_contact_set():
-    p, out = np.array([[-0.5, 2.0, 3.0]]), np.empty((1, 3))
-    assert kernels.positive(p, np.array([[True, True, False]]), out) == 2.0
-    np.testing.assert_array_equal(out, [[0.0, 2.0, 0.0]])
-
-
-@pytest.mark.parametrize("unit", [1.0, 1e-9])
-def test_tension_is_a_share_of_the_pressure(unit):
-    def tension(*p):
-        state = SimpleNamespace(p=unit * np.array([p]), contact=np.ones((1, 2), bool), sum=lambda of: of)
-        return TrackingSolver.tension(None, state)
-
-    assert tension(-1.0, 5.0) == pytest.approx(0.25)
-    assert tension(-1.0, 0.0) == np.inf
-    assert tension(0.0, 0.0) == 0.0
 
 
 def test_a_vec_is_in_the_memory_of_its_field():

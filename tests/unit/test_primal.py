@@ -555,14 +555,6 @@ def test_under_a_load_something_stays_in_contact(steps):
     assert (primal.state.contact == before).all() and (primal.inverse.mask == ~before).all()
 
 
-def test_the_loops_of_the_state():
-    rng = np.random.default_rng(9)
-    p, contact = rng.normal(size=(6, 7)), rng.random((6, 7)) < 0.5
-    expected, out = np.where(contact, np.maximum(p, 0), 0), np.empty_like(p)
-    assert kernels.positive(p, contact, out) == pytest.approx(expected.sum(), rel=1e-13)
-    np.testing.assert_array_equal(out, expected)
-
-
 @pytest.mark.parametrize("cut", [0, 2, 5])
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_the_centre_of_b_is_added_as_it_is_defined(cut, dtype):

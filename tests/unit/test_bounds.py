@@ -1,0 +1,148 @@
+"""The bounds of the pressure: one object that projects, releases, captures and judges, and that everything asks."""
+
+import ast
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from petsc4py import PETSc
+
+from app import ContactProblem, ContactSolver, Grid, Material
+from app.contact.bounds import PressureBounds
+from app.contact.distance import UndeformedDistance
+from app.contact.periodic_state import contact_state
+from app.contact.state import ContactState
+from app.errors import InputError
+from app.halfspace.operator import InfluenceOperator
+
+SHAPE = (6, 7)
+APP = Path(__file__).resolve().parents[2] / "app"
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(7)
+
+
+@pytest.fixture
+def bounds(rng):
+    return PressureBounds(rng.random(SHAPE) < 0.9)
+
+
+def projected(bounds, p, cells):
+    out = np.full(SHAPE, np.nan)
+    return bounds.project(p, cells, out), out
+
+
+def test_a_projected_pressure_is_the_nearest_one_within_the_bounds(bounds, rng):
+    p, cells = rng.normal(size=SHAPE), rng.random(SHAPE) < 0.5
+    total, out = projected(bounds, p, cells)
+    np.testing.assert_array_equal(out, np.where(cells, np.clip(p, bounds.lower, bounds.upper), 0.0))
+    assert total == pytest.approx(out.sum(), rel=1e-13)
+    again = out.copy()
+    bounds.project(again, cells, again)
+    np.testing.assert_array_equal(again, out)
+
+
+def test_a_step_is_projected_and_leaves_cells_without_pressure_alone(bounds, rng):
+    _, p = projected(bounds, rng.normal(size=SHAPE), bounds.admissible)
+    step = rng.normal(size=SHAPE)
+    _, expected = projected(bounds, p + step, bounds.admissible)
+    np.testing.assert_allclose(p + bounds.change(p, step), expected, rtol=0, atol=1e-15)
+    contact = rng.random(SHAPE) < 0.5
+    there = p + bounds.to_bound(p, contact)
+    np.testing.assert_array_equal(there[contact], p[contact])
+    assert not bounds.between(there)[~contact].any()
+
+
+def test_contact_is_where_no_bound_holds_the_pressure(bounds, rng):
+    _, p = projected(bounds, rng.normal(size=SHAPE), bounds.admissible)
+    gap, admissible = rng.normal(size=SHAPE), bounds.admissible
+    np.testing.assert_array_equal(bounds.contact(p, gap), admissible & ((p > 0) | (gap <= 0)))
+    np.testing.assert_array_equal(bounds.contact(p, gap, 0.5), admissible & ((p > 0.5) | (gap <= 0)))
+    overlap = bounds.overlap(gap, bounds.between(p))
+    assert overlap.sum() == pytest.approx(gap[admissible & (p == 0) & (gap < 0)].sum(), rel=1e-13)
+
+
+def test_what_is_released_is_the_tension(bounds, rng):
+    p, contact = rng.normal(size=SHAPE), rng.random(SHAPE) < 0.7
+    p[~contact] = 0
+    before, released, change = p.copy(), np.zeros(SHAPE, bool), np.zeros(SHAPE)
+    total, tension = bounds.tension(p, contact)
+    assert total == pytest.approx(p.sum(), rel=1e-12)
+    assert bounds.release(p, contact, released, change) == (before < 0).sum()
+    np.testing.assert_array_equal(released, before < 0)
+    np.testing.assert_array_equal(before + change, p)
+    assert tension == pytest.approx(change.sum(), rel=1e-12)
+    assert bounds.tension(p, contact)[1] == 0
+    assert not contact[released].any()
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-9])
+def test_tension_is_a_share_of_the_pressure(unit):
+    def tension(*p):
+        cells = np.ones((1, 2), bool)
+        state = SimpleNamespace(
+            p=unit * np.array([p]), contact=cells, bounds=PressureBounds(cells), sum=lambda of: of
+        )
+        return ContactState.tension(state)
+
+    assert tension(-1.0, 5.0) == pytest.approx(0.25)
+    assert tension(-1.0, 0.0) == np.inf
+    assert tension(0.0, 0.0) == 0.0
+
+
+def test_a_trimmed_contact_set_has_pressure_everywhere(bounds, rng):
+    p, contact = rng.normal(size=SHAPE), rng.random(SHAPE) < 0.7
+    expected = np.where(contact & (p > 0), p, 0.0)
+    assert bounds.trim(p, contact) == pytest.approx(expected.sum(), rel=1e-13)
+    np.testing.assert_array_equal(p, expected)
+    np.testing.assert_array_equal(contact, expected > 0)
+
+
+def test_mean_pressures_of_full_contact_are_the_allowed_ones(rng):
+    bounds, waves = PressureBounds(np.ones(SHAPE, bool)), rng.normal(size=SHAPE)
+    least, most = bounds.mean_pressures(waves)
+    assert (waves + least).min() == 0
+    assert most == np.inf
+    assert bounds.mean_pressures(waves[:0])[0] == -np.inf  # a rank without rows
+
+
+def test_bounds_as_vecs_hold_cells_without_contact_at_zero():
+    operator = InfluenceOperator(Grid(4, 1, 1.0, 1.0), 1.0)
+    distance = UndeformedDistance(operator, np.array([[0.0, 1.0, 2.0, np.nan]]))
+    state = contact_state(operator, distance)
+    lower, upper = state.bounds.vecs(state.pressure)
+    assert not lower.array.any()
+    assert (upper.array == [PETSc.INFINITY] * 3 + [0.0]).all()
+    for part in (lower, upper, state, distance):
+        part.destroy()
+
+
+@pytest.mark.parametrize("kind, allowed", [("load", 12.0), ("mean_pressure", 12.0 / 4)])
+def test_a_load_above_the_largest_is_refused(kind, allowed, monkeypatch):
+    monkeypatch.setattr(PressureBounds, "largest_load", 12.0)
+    grid = Grid.from_domain(8, 8, (-1, 1, -1, 1))
+    with ContactSolver(ContactProblem(grid, Material.from_contact_modulus(1.0), np.zeros((8, 8)))) as solver:
+        solver.check(**{kind: allowed})
+        with pytest.raises(
+            InputError, match=f"^{kind} .*: the pressure has an upper bound; allowed: at most"
+        ) as error:
+            solver.check(**{kind: 1.01 * allowed})
+    assert "\n" not in str(error.value)
+
+
+def test_only_the_bounds_compare_and_clip_pressures():
+    """Nothing else in the solvers knows that a pressure is at least zero."""
+    spelt = re.compile(
+        r"\bp(\[\w+(, \w+)*\])? < 0|maximum\((\w+\.)?(p|pressure|values)\b|max\(p\[\w+\], 0|\.p > 0\b"
+    )
+    found = []
+    for folder in ("contact", "fast", "primal", "multigrid"):
+        for path in (APP / folder).glob("*.py"):
+            text = ast.unparse(ast.parse(path.read_text(encoding="utf-8")))  # without comments
+            code = re.sub(r'""".*?"""', "", text, flags=re.DOTALL)
+            found += [f"{folder}/{path.name}"] if spelt.search(code) else []
+    assert set(found) <= {"contact/bounds.py", "contact/bounds_kernels.py"}
