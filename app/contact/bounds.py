@@ -67,9 +67,9 @@ class PressureBounds:
         """Return the cells that belong to C: those `between`, and those which their gap takes off their bounds."""
         return self.between(p, margin) | (self.admissible & (gap <= 0))
 
-    def overlap(self, gap, contact):
-        """Return by how much the gaps outside C violate (2.10), at most 0, as a flat array [mm]."""
-        return gap[self.admissible & ~contact].clip(max=0)
+    def overlap(self, p, gap):
+        """Return the negative gaps of cells without pressure, which (2.10) forbids, or 0, as a flat array [mm]."""
+        return gap[self.admissible & ~self.between(p)].clip(max=0)
 
     def mean_pressures(self, waves):
         """Return the least and the largest mean pressure which makes p of `waves`, a field without mean, allowed.
@@ -81,6 +81,6 @@ class PressureBounds:
     def vecs(self, pressure):
         """Return the bounds as two Vecs like a pressure, for TAO and SNESVI. Collective."""
         lower, upper = pressure.duplicate(), pressure.duplicate()
-        for vec, bound in ((lower, self.lower), (upper, min(self.upper, PETSc.INFINITY))):
-            vec.setArray(np.where(self.admissible, bound, 0.0).reshape(-1))
+        for vec, bound in ((lower, self.lower), (upper, self.upper)):
+            vec.setArray(np.where(self.admissible, np.minimum(bound, PETSc.INFINITY), 0.0).reshape(-1))
         return lower, upper

@@ -107,7 +107,7 @@ class _ReferenceSolver:
         self.operator.exact_displacement(state.p, state.u)
         state.u_is = Displacement.EXACT
         e = state.gap()
-        defect, overlap = e[state.contact], state.bounds.overlap(e, state.contact)
+        defect, overlap = e[state.contact], state.bounds.overlap(state.p, e)
         return np.sqrt(state.sum([defect @ defect, overlap @ overlap])).tolist()
 
     def destroy(self):

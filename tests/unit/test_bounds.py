@@ -62,7 +62,7 @@ def test_contact_is_where_no_bound_holds_the_pressure(bounds, rng):
     gap, admissible = rng.normal(size=SHAPE), bounds.admissible
     np.testing.assert_array_equal(bounds.contact(p, gap), admissible & ((p > 0) | (gap <= 0)))
     np.testing.assert_array_equal(bounds.contact(p, gap, 0.5), admissible & ((p > 0.5) | (gap <= 0)))
-    overlap = bounds.overlap(gap, bounds.between(p))
+    overlap = bounds.overlap(p, gap)
     assert overlap.sum() == pytest.approx(gap[admissible & (p == 0) & (gap < 0)].sum(), rel=1e-13)
 
 
