@@ -27,7 +27,7 @@ from app.contact.certificate import certify
 from app.contact.distance import UndeformedDistance
 from app.contact.extent import measure_extent
 from app.contact.history import History, Monitor
-from app.contact.loading_input import as_number, make_loading
+from app.contact.loading_input import make_loading
 from app.errors import InputError, agree, check_alike, warn_caller
 from app.halfspace.communication import Communicator
 from app.halfspace.influence import influence_quadrant
@@ -291,7 +291,7 @@ class ContactSolver:
             state, outcome = self._strategy.run(loading, history, start)
             self._cut_short = False
             try:
-                return self._solution(given, state, loading, outcome, history, started, products, before)
+                return self._solution(state, loading, outcome, history, started, products, before)
             finally:
                 state.destroy()
 
@@ -381,14 +381,13 @@ class ContactSolver:
         self._strategy.check_loading(loading, self._largest)
         return loading
 
-    def _solution(self, given, state, loading, outcome, history, started, products, before):
+    def _solution(self, state, loading, outcome, history, started, products, before):
         proof = certify(state, self.settings.error_bound)  # which may take a product
         applied, seconds = self.hierarchy.operator_applications() - products, time.perf_counter() - started
         found = measures.measure_contact(state)
         proof = proof.under(loading.load, found.load)
         outcome = outcome.if_proved(proof.error_bound, self.settings.error_bound)
-        kind, value = next((kind, as_number(kind, it)) for kind, it in given.items() if it is not None)
-        found = found.under(kind, value, self.problem.grid.area)
+        found = loading.exactly(found)
         distance, depth, last = state.distance, state.depth, len(self.hierarchy.levels) - 1
         approach = loading.found_approach(state)
         # Rank 0 has a part in every grid and window.

@@ -56,6 +56,10 @@ class Loading:
         """Return the approach of a solution, exactly as prescribed [mm]."""
         return state.approach
 
+    def exactly(self, measures):
+        """Return ContactMeasures with the prescribed number as given, from which they differ by rounding."""
+        return measures
+
     def first_solve(self, state, solve):
         """Solve on the first grid by ``solve(loading)``; return the Outcome. Collective."""
         raise NotImplementedError
@@ -160,13 +164,19 @@ class PrescribedMeanGap(PrescribedApproach):
         On the target grid.
     depth : float
         There [mm].
+    mean_gap : float
+        As given [mm].
     """
 
     kind = "mean_gap"
 
-    def __init__(self, distance, depth):
+    def __init__(self, distance, depth, mean_gap):
         super().__init__(distance.approach_at(depth), depth)
-        self._mean = distance.statistics.mean
+        self._mean, self._mean_gap = distance.statistics.mean, max(mean_gap, 0.0)
+
+    def exactly(self, measures):
+        """See `Loading.exactly`."""
+        return measures._replace(mean_gap=self._mean_gap)
 
     def depth_on(self, distance):
         """See `Loading.depth_on`."""

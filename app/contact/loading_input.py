@@ -52,7 +52,7 @@ def make_loading(grid, distance, **given):
         if value * to_load > (largest := distance.bounds.largest_load):
             allowed = f"allowed: at most {exactly(largest / to_load)} {LOADINGS[kind]}"
             raise InputError(f"{kind} {exactly(value)}: the pressure has an upper bound; {allowed}")
-        return PrescribedLoad(value * to_load)
+        return PrescribedLoad(value * to_load, value / grid.area if kind == "load" else value)
     # On a periodic patch displacements have no mean: mean(gap) = mean(undeformed distance) - approach.
     holes = grid.n - distance.statistics.cells
     mean, reference = distance.statistics.mean, distance.reference
@@ -63,7 +63,7 @@ def make_loading(grid, distance, **given):
         # no digits are lost to the reference
         depth = (mean - max(value, 0.0)) + distance.statistics.mean_rest
         depth = _without_rounding(depth, mean, distance.touching, mean)
-        return PrescribedMeanGap(distance, depth)
+        return PrescribedMeanGap(distance, depth, value)
     if not grid.periodic:
         return PrescribedApproach(value)
     if value - full > little and not holes:

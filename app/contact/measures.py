@@ -20,7 +20,6 @@ from app.halfspace.reductions import any_order, plus, sum_over, sums_and_minima
 # Cells that a boundary crosses count as contact too often: by so much of a cell for each face on it, on average over
 # directions (Yastrebov, Anciaux, Molinari, Tribol. Int. 114 (2017) 161).
 PER_FACE = (np.pi - 1 + np.log(2)) / 24
-_LOAD_ROUNDING = 1e-12  # of the sum over all cells, relative, where a load has been met
 
 
 class ContactMeasures(NamedTuple):
@@ -36,25 +35,6 @@ class ContactMeasures(NamedTuple):
     perimeter: float  # length of the faces between contact and no contact [mm]
     contact_fraction: float  # of the admissible cells
     contact_fraction_corrected: float  # less `PER_FACE` of a cell for each of these faces
-
-    def under(self, kind, value, area):
-        """Replace the prescribed number by the given one, which differs by rounding. Not collective.
-
-        Parameters
-        ----------
-        kind : str
-            Of `LOADINGS`.
-        value : float
-        area : float
-            Of the patch [mm2].
-        """
-        if kind == "mean_gap":
-            return self._replace(mean_gap=max(value, 0.0))
-        load, mean = (value * area, value) if kind == "mean_pressure" else (value, value / area)
-        if kind == "approach" or not np.isclose(self.load, load, _LOAD_ROUNDING, 0):  # the load was missed
-            return self
-        in_contact = load / self.contact_area if self.contact_area else 0.0
-        return self._replace(load=load, mean_pressure=mean, mean_contact_pressure=in_contact)
 
 
 class ShapeRoughness(NamedTuple):

@@ -24,6 +24,7 @@ MAX_LEAST_STIFFNESS_RATIO = 3.0  # largest slope over the least stiffness there 
 MIN_MEAN_SLOPE_FRACTION = (
     0.9  # of the mean slope since first touch, which a secant has at least but for rounding
 )
+LOAD_ROUNDING = 1e-12  # of the sum of the pressure, relative, where the load has been met
 LOAD_RESIDUAL_FRACTION = 0.25  # of the rms residual: error of the approach that the residual explains
 _SECANTS = 2  # that usually meet a load; loading scipy.optimize, for the rest, takes as long as a small solve
 
@@ -39,12 +40,14 @@ class PrescribedLoad(Loading):
     ----------
     load : float
         F, positive [N].
+    mean_pressure : float
+        The same over the area of the patch, as results have it [N/mm2].
     """
 
     kind, approach_is_known, allows_no_contact = "load", False, False
 
-    def __init__(self, load):
-        self.load = float(load)
+    def __init__(self, load, mean_pressure=np.nan):
+        self.load, self._mean_pressure = float(load), mean_pressure
         self.slope = 0.0  # S [N/mm]
         self._before = None  # depth [mm] and load to be expected there [N], where the approach was moved last
         self._found = []  # depths of the grids solved so far [mm]
@@ -60,6 +63,15 @@ class PrescribedLoad(Loading):
     def least_displacement(self, operator):
         """See `Loading.least_displacement`."""
         return self.mean_pressure_on(operator.grid) * operator.diagonal
+
+    def exactly(self, measures):
+        """See `Loading.exactly`; not if the load was missed."""
+        if not np.isclose(measures.load, self.load, LOAD_ROUNDING, 0):
+            return measures
+        in_contact = self.load / measures.contact_area if measures.contact_area else 0.0
+        return measures._replace(
+            load=self.load, mean_pressure=self._mean_pressure, mean_contact_pressure=in_contact
+        )
 
     def first_solve(self, state, solve):
         """See `Loading.first_solve`: by root search."""
