@@ -31,7 +31,7 @@ class PressureBounds:
         That they allow on all of the grid [N].
     rounding : float
         Violation that may be rounding, as a share of the highest pressure. The certificate is of such pressures.
-    release, activate, exchange, trim, project, tension : callable
+    release, activate, exchange, project, tension : callable
         Compiled loops, see `app.contact.bounds_kernels`.
     """
 
@@ -40,7 +40,6 @@ class PressureBounds:
     release = staticmethod(loops.release)
     activate = staticmethod(loops.activate)
     exchange = staticmethod(loops.exchange)
-    trim = staticmethod(loops.trim)
     project = staticmethod(loops.project)
     tension = staticmethod(loops.tension)
 

@@ -140,27 +140,6 @@ def activate(b, depth, u, p, admissible, contact, released, expected, overlap):
 
 
 @any_order
-def _trim_row(p, contact):
-    total = 0.0
-    for i in range(p.size):
-        value = p[i]
-        inside = contact[i] & (value > 0)
-        value = value if inside else 0.0
-        contact[i], p[i] = inside, value
-        total += value
-    return total
-
-
-@njit()
-def trim(p, contact):
-    """Take cells without p > 0 out of C, set p = 0 outside; return the sum of p."""
-    total = 0.0
-    for j in range(p.shape[0]):
-        total += _trim_row(p[j], contact[j])
-    return total
-
-
-@any_order
 def _project_row(p, cells, out):
     total = 0.0
     for i in range(p.size):

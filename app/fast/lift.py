@@ -37,7 +37,8 @@ def lift(transfer, coarse, state):
     transfer.interpolate(coarse.u, p)  # 1.
     _close_gaps(state.distance.b, state.depth, state.u, state.admissible, state.contact, p)  # 2.
     circulant_of(state.operator).apply(p, p)  # 3.
-    after = state.bounds.trim(p, state.contact)
+    after = state.bounds.project(state.p, state.contact, p)
+    state.contact &= state.bounds.between(p)
     areas = coarse.operator.grid.cell_area, state.grid.cell_area
     before, after = state.sum([areas[0] * coarse.p.sum(), areas[1] * after])
     return bool(before < _TRUSTED * after < _TRUSTED**2 * before)

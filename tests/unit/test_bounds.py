@@ -94,14 +94,6 @@ def test_tension_is_a_share_of_the_pressure(unit):
     assert tension(0.0, 0.0) == 0.0
 
 
-def test_a_trimmed_contact_set_has_pressure_everywhere(bounds, rng):
-    p, contact = rng.normal(size=SHAPE), rng.random(SHAPE) < 0.7
-    expected = np.where(contact & (p > 0), p, 0.0)
-    assert bounds.trim(p, contact) == pytest.approx(expected.sum(), rel=1e-13)
-    np.testing.assert_array_equal(p, expected)
-    np.testing.assert_array_equal(contact, expected > 0)
-
-
 def test_mean_pressures_of_full_contact_are_the_allowed_ones(rng):
     bounds, waves = PressureBounds(np.ones(SHAPE, bool)), rng.normal(size=SHAPE)
     least, most = bounds.mean_pressures(waves)
