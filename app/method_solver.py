@@ -56,7 +56,8 @@ def choose(problem, method, options, prefix, listeners):
     check_kind("prefix", prefix, str, "a word")
     if not re.fullmatch(r"([A-Za-z]\w*)?", prefix):
         raise InputError(f"prefix {quoted(prefix)}: must begin with a letter and be a word")
-    grid, own, global_ones = problem.grid, as_texts(options or {}), global_options(prefix.lower())
+    prefix = prefix.lower()  # PETSc compares names without regard to case
+    grid, own, global_ones = problem.grid, as_texts(options or {}), global_options(prefix)
     if prefix:
         texts, left_alone = own | global_ones, ()
     else:  # the database may have options of other programs

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import ctypes
 import re
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
+from itertools import count
 
 from petsc4py import PETSc
 
@@ -20,6 +21,7 @@ from app.petsc import call, error_message, raise_original
 _READ_LATE = re.compile(
     r"(\w+_)?(ksp_converged_reason|mat_view|(snes|tao)_(converged_reason|\w*view\w*|test_\w+))"
 )
+_PROBE = "app_solver_options_probe"  # a name that no option has
 
 
 class SolverOptions:
@@ -164,23 +166,31 @@ def read_option_file(path, flag="-options_file"):
     InputError
         If PETSc does not accept it.
     """
-    database, prefix, pushed = PETSc.Options(), "file_", 0
+    database, prefix = PETSc.Options(), "file_"
     try:
         database.insertString(f'-prefix_push {prefix} {flag} "{path}"')
     except PETSc.Error as error:
         message = error_message(error)
         raise InputError(message if str(path) in message else f"option file {path}: {message}") from None
     finally:
-        with suppress(PETSc.Error):  # when none is left
-            while True:
-                database.insertString("-prefix_pop")
-                pushed += 1
+        pushed = _pop_prefixes(database)
         found = global_options(prefix)
         for name in found:
             database.delValue(prefix + name)
     if pushed != 1:
         raise InputError(f"option file {path}: -prefix_push and -prefix_pop do not match")
     return found
+
+
+def _pop_prefixes(database):
+    """Pop all prefixes that PETSc puts before new options; return how many there were."""
+    for pushed in count():
+        database.insertString(f"-{_PROBE}")
+        [probe] = (name for name in database.getAll() if name.endswith(_PROBE))
+        database.delValue(probe)
+        if probe == _PROBE:
+            return pushed
+        database.insertString("-prefix_pop")
 
 
 def global_options(prefix):

@@ -101,9 +101,11 @@ def test_a_prefix_must_be_a_word():
 
 def test_the_users_options_under_the_prefix_win_and_are_judged(database, capfd):
     database.setValue("mine_ksp_rtol", "0.25")
-    with ContactSolver(PROBLEM, "norm", {"ksp_rtol": 0.5}, prefix="mine_") as solver:
-        assert solver.ksp.getTolerances()[0] == 0.25
-        solver.solve(approach=0.1)
+    for prefix in ("mine_", "Mine_"):
+        with ContactSolver(PROBLEM, "norm", {"ksp_rtol": 0.5}, prefix=prefix) as solver:
+            assert solver.ksp.getTolerances()[0] == 0.25
+            solver.solve(approach=0.1)
+        assert database.getAll() == {"mine_ksp_rtol": "0.25"}
     database.setValue("mine_ksp_rtoll", "0.25")
     with pytest.raises(
         InputError, match=r"^unknown or unused option: -ksp_rtoll \(did you mean -ksp_rtol\?\)$"
