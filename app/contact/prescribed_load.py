@@ -10,7 +10,7 @@ does not converge, the root search over solved problems does on any grid, since 
 from __future__ import annotations
 
 from itertools import pairwise
-from math import sqrt
+from math import isclose, sqrt
 
 import numpy as np
 
@@ -66,7 +66,7 @@ class PrescribedLoad(Loading):
 
     def exactly(self, measures):
         """See `Loading.exactly`; not if the load was missed."""
-        if not np.isclose(measures.load, self.load, LOAD_ROUNDING, 0):
+        if not isclose(measures.load, self.load, rel_tol=LOAD_ROUNDING):
             return measures
         in_contact = self.load / measures.contact_area if measures.contact_area else 0.0
         return measures._replace(

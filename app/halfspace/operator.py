@@ -303,10 +303,7 @@ class InfluenceOperator(MatMethods):
     # -- what PETSc calls --------------------------------------------------------------------------------
 
     def mult(self, mat, x, y):
-        """Compute y = C A C x, the left side of (2.11); from it PCMG has the defect of Sec. 4.2, 2.
-
-        A Mat that was scaled or shifted is a C A C + s I.
-        """
+        """Compute y = (a C A C + s I) x, the left side of (2.11); from it PCMG has the defect of Sec. 4.2, 2."""
         self.products += 1
         a, s = factors_of(mat)
         with y as out:
