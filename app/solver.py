@@ -389,7 +389,8 @@ class ContactSolver:
         outcome = outcome.if_proved(proof.error_bound, self.settings.error_bound)
         found = loading.exactly(found)
         distance, depth, last = state.distance, state.depth, len(self.hierarchy.levels) - 1
-        approach = loading.found_approach(state)
+        approach, extent = loading.found_approach(state), measure_extent(state)
+        notes = notes_on(state, self.problem, found, self._roughness)
         # Rank 0 has a part in every grid and window.
         told = applied, history.entries, self.comm.traffic.since(before)
         applied, history.entries, traffic = self.comm.bcast(told)
@@ -411,7 +412,7 @@ class ContactSolver:
             **outcome.grid_errors.with_rim(found)._asdict(),
             fallbacks=outcome.fallbacks,
             **found._asdict(),
-            **measure_extent(state)._asdict(),
+            **extent._asdict(),
             rms_height=self._roughness.rms_height,
             rms_slope=self._roughness.rms_slope,
             rtol=self.settings.rtol,
@@ -421,7 +422,7 @@ class ContactSolver:
             | (analytic_values(self.problem, approach, loading.load) if found.load > 0 else {})
             | theories(self.problem, found.mean_pressure, self._roughness.rms_slope),
             options=as_line(self.settings.texts),
-            notes=(*self.settings.warnings, *notes_on(state, self.problem, found, self._roughness)),
+            notes=(*self.settings.warnings, *notes),
             solve_seconds=seconds,
             setup_seconds=self.setup_seconds,
             traffic=traffic,

@@ -161,7 +161,7 @@ class ContactState:
 
     def gap(self):
         """Return e = h + u on all cells, shape (local rows, nx) [mm]. Not collective."""
-        return self.u - (self.distance.b + self.depth)
+        return self.u - (self.distance.b + self.distance.depth)
 
     @property
     def values(self):
@@ -194,14 +194,14 @@ class ContactState:
 
     def on_contact(self, with_h=False):
         """Return the Gaps on C; `with_h`: and ||h|| there. Collective."""
-        b, depth, contact = self.distance.b, self.depth, self.contact
+        b, depth, contact = self.distance.b, self.distance.depth, self.contact
         of_h = kernels.sum_squares(b, -depth, contact) if with_h else np.nan
         squares, total, cells, h = self.sum([*kernels.gap_on(b, depth, self.u, contact, contact), of_h])
         return Gaps(int(cells), squares, total, h=sqrt(h))
 
     def on_contact_or_overlap(self):
         """Return the Gaps on C and where they are negative, and the load. Collective."""
-        sums = kernels.gap_on(self.distance.b, self.depth, self.u, self.contact, self.admissible)
+        sums = kernels.gap_on(self.distance.b, self.distance.depth, self.u, self.contact, self.admissible)
         squares, total, cells, pressure = self.sum([*sums, self._p.sum()])
         return Gaps(int(cells), squares, total, load=self.grid.cell_area * float(pressure))
 
@@ -241,7 +241,7 @@ class ContactState:
         """Sec. 4.1, step 2: (2.11) for the correction of p: the Vec ``right`` = -(h + u) on C. Not collective."""
         with self.right as values:
             out = values.reshape(self.u.shape)
-            kernels.defect(self.distance.b, self.depth, self.u, self.contact, 1.0, out)
+            kernels.defect(self.distance.b, self.distance.depth, self.u, self.contact, 1.0, out)
         return self.right
 
     def add(self, correction):
@@ -293,7 +293,7 @@ class ContactState:
         """
         fields = self.u, self.p, self.admissible, self.contact, self._released
         expected, room = _NO_FIELD if expected is None else expected, np.empty(self.u.shape[1], bool)
-        found = self.bounds.activate(self.distance.b, self.depth, *fields, expected, room)
+        found = self.bounds.activate(self.distance.b, self.distance.depth, *fields, expected, room)
         cells, added, lost, squares, h, total = self.sum(found)
         load = self.grid.cell_area * float(total)
         return Update(int(cells), int(added), int(lost), sqrt(squares), sqrt(h), load)
