@@ -62,7 +62,7 @@ def choose(problem, method, options, prefix, listeners):
         texts, left_alone = own | global_ones, ()
     else:  # the database may have options of other programs
         left_alone = {name for name in global_ones if _OF_SOLVERS.match(name)} - own.keys()
-        texts = {name: global_ones[name] for name in left_alone} | own
+        texts = {name: global_ones[name] for name in sorted(left_alone)} | own
     check_compiler()
     check_cells(grid)
     if dashed := [name for name in texts if name.startswith("-")]:

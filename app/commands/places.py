@@ -166,15 +166,14 @@ def words_for_petsc(argv):
     InputError
         If a word is neither an option nor the value of one.
     """
-    chosen = []
+    chosen = argv[:1]
     for name, text in _pairs(argv[1:]):
         if name in ("prefix_push", "prefix_pop"):
             raise InputError(f"-{name}: only in option files; write whole names on the command line")
         _check_traps({name: text or ""})
         if f"-{name}" not in _OPTION_FILES and name != "help":
             chosen += [f"-{name}"] if text is None else [f"-{name}", text]
-    # A debug build would list unused options in the end also if the command is refused.
-    return [*argv[:1], "-options_left", "no", *chosen]
+    return chosen
 
 
 def read(argv):

@@ -79,6 +79,8 @@ def start(argv):
         signal.signal(number, handler)
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc would abort; see `streams.say`
     agree(comm, check_process)
+    if not PETSc.Options().hasName("options_left"):  # a debug build would list those of a refused command
+        PETSc.Options().setValue("options_left", "no")
     given = agree(comm, places.read, argv, only_root=True)
     for name, text in given.for_database.items():
         PETSc.Options().setValue(name, text or None)

@@ -247,7 +247,7 @@ def test_result_holds_what_was_printed_and_asked_for(cli, tmp_path):
         "Output:",
     ):
         assert words in done.stdout
-    assert done.stdout.count("KSP Object: 2 MPI") == 1  # of the target grid, once
+    assert done.stdout.count("KSP Object: contact 20 x 12 ") == 1  # of the target grid, once
 
 
 def test_what_is_analytic_is_not_all_hertz_s_and_rounding_is_no_angle(cli_here):

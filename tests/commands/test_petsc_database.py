@@ -39,8 +39,8 @@ def test_what_petsc_is_started_with_counts_least_and_may_be_for_other_programs(r
     (tmp_path / ".petscrc").write_text(
         "-grid 8\n-load 5\n-lcp_max_it 7\n-my_option 3\n-ksp_gmres_restart 9\n"
     )
-    how = {"cwd": tmp_path, "ranks": ranks, "env": {"PETSC_OPTIONS": "-load 6 -lcp_max_it 8"}}
-    (tmp_path / "a.opts").write_text("-grid 12\n-options_left\n")
+    how = {"cwd": tmp_path, "ranks": ranks, "env": {"PETSC_OPTIONS": "-load 6 -lcp_max_it 8 -options_left"}}
+    (tmp_path / "a.opts").write_text("-grid 12\n")
     words = [*solve_arguments("hertz")[2:], "-options_file", "a.opts", "-options_view"]
     done = run("-m", "app.solve", *words, **how)
     assert (done.returncode, "error" in done.stderr) == (0, False)

@@ -101,7 +101,7 @@ def test_options_that_are_petscs_own_are_kept_apart(read, files):
     assert given.of_petsc == {"options_left": "", "log_view": ":log.txt", "help": ""}
     assert given.for_database == given.of_petsc
     words = places.words_for_petsc("solve.py -grid 8 -log_view -help -options_file a.opts".split())
-    assert words == ["solve.py", "-options_left", "no", "-grid", "8", "-log_view"]
+    assert words == ["solve.py", "-grid", "8", "-log_view"]
 
 
 @pytest.mark.parametrize("view", [":nowhere/log", "log.txt", ":.", ":a.txt,:nowhere/b:ascii_xml"])
