@@ -164,14 +164,13 @@ class ContactSolver:
         """Make all that solves."""
         with self.options.inserted():
             self._set_up()
-        self._drop(self.options.unused(self.comm))
+        if unused := self.options.unused(self.comm):
+            # Rank 0 has a part in every grid, and so knows most names.
+            words = self.settings, unused, self.options.used
+            self.settings = agree(self.comm, without_unused, *words, only_root=True)
+            for name in unused:
+                self.options.drop(name)
         self._measure_shapes()
-
-    def _drop(self, unused):
-        """Drop unused options, if there are reasons for them."""
-        self.settings = without_unused(self.settings, unused, self.options.used)
-        for name in unused:
-            self.options.drop(name)
 
     def _set_up(self):
         chosen, problem = self.settings, self.problem
@@ -273,9 +272,7 @@ class ContactSolver:
         unused = set(self.options.unused(self.comm, late=True)).difference(self.settings.replaced)
         if not unused:
             return solution
-        return replace(
-            solution, notes=(*solution.notes, unknown_options(unused, self.options.used, "unused"))
-        )
+        return replace(solution, notes=(*solution.notes, unknown_options(unused, (), "unused")))
 
     def _solve(self, given, start):
         started, before = time.perf_counter(), self.comm.traffic.copy()
