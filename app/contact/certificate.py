@@ -47,12 +47,14 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from petsc4py import PETSc
 
 from app.contact import certificate_kernels as loops
 from app.contact.state import Displacement
 from app.halfspace.influence import middle_displacement
 from app.halfspace.reductions import sums_and_minima
 
+_event = PETSc.Log.Event("ContactCertify")
 _TRIALS = 12
 _NEGLIGIBLE = 1e-5  # error bound that is not worth a product to make smaller, if no smaller one is asked for
 _ROUNDING = 4.0  # times what a product is expected to lose
@@ -112,7 +114,8 @@ def estimate(state, wanted=np.inf, work=None):
     """
     revision, certificate = _estimates.get(state, (None, None))
     if revision != state.revision:
-        certificate = _prove(state, min(wanted, _NEGLIGIBLE), work)
+        with _event:
+            certificate = _prove(state, min(wanted, _NEGLIGIBLE), work)
         _estimates[state] = state.revision, certificate
     return certificate
 

@@ -77,6 +77,18 @@ class Circulant:
     """
 
     operator = None
+    steps = blocks = 0
+
+    def setFromOptions(self, pc):
+        """Read the options."""
+        options = PETSc.Options(pc.getOptionsPrefix())
+        self.steps = options.getInt("pc_circulant_extend", self.steps)
+        self.blocks = options.getInt("pc_circulant_blocks", self.blocks)
+        self.reset(pc)
+
+    def reset(self, pc):
+        """Forget the operator; the next set-up takes that of the Mat."""
+        self.operator = None
 
     def setUp(self, pc):
         """Find the operator; what depends on the grid alone is made once, though PETSc calls for every contact set."""
@@ -84,12 +96,13 @@ class Circulant:
         if operator is self.operator:
             return
         self.operator = operator
-        options = PETSc.Options(pc.getOptionsPrefix())
-        steps, periodic = options.getInt("pc_circulant_extend", 0), bool(operator.grid.periodic)
+        blocks, periodic = self.blocks, bool(operator.grid.periodic)
         self.multiplier = circulant_of(operator, apart=True)
-        self.extension = RimExtension(operator.local_shape, operator.slabs, operator.comm, steps, periodic)
+        self.extension = RimExtension(
+            operator.local_shape, operator.slabs, operator.comm, self.steps, periodic
+        )
         stencil = self.multiplier.centre if periodic else centre(operator.grid)
-        self.between, blocks = None, options.getInt("pc_circulant_blocks", 0)
+        self.between = None
         if blocks < 0 or (blocks and periodic):
             raise ValueError(f"-pc_circulant_blocks {blocks}: allowed: from 0, and 0 on periodic patches")
         if blocks and min(operator.grid.shape) >= _FEWEST * blocks:

@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from app.halfspace import events
 from app.halfspace.chebyshev import coefficients, nodes, polynomials
 from app.halfspace.grid import Grid
 from app.halfspace.periodic import influence_symbol
@@ -70,7 +71,8 @@ def eigenvalues(grid, compliance, x, y):
         Infinite for a wave number 0 in both.
     """
     side = max(grid.dx, grid.dy)
-    return 2 * np.pi * compliance * side * _eigenvalues(_kind(grid), grid.dx / side, grid.dy / side, x, y)
+    with events.coeffs:
+        return 2 * np.pi * compliance * side * _eigenvalues(_kind(grid), grid.dx / side, grid.dy / side, x, y)
 
 
 def _kind(grid):
@@ -135,7 +137,8 @@ def stencils(grid, power=-1):
         For unit compliance and cells whose longer side is 1.
     """
     side = max(grid.dx, grid.dy)
-    return _stencils(_kind(grid), grid.dx / side, grid.dy / side, power)
+    with events.coeffs:
+        return _stencils(_kind(grid), grid.dx / side, grid.dy / side, power)
 
 
 @lru_cache(maxsize=32)

@@ -4,7 +4,7 @@ The first residual is -(h + u), and u is there: it costs no product. What the so
 who wants to know what it adds to u. And what stands for A may be nearly A only (`multiply`).
 Usable from options::
 
-    -ksp_type python -ksp_python_type app.fast.tracking_cg.TrackingCG -ksp_norm_type unpreconditioned
+    -ksp_type python -ksp_python_type app.fast.tracking_cg.TrackingCG
 """
 
 from __future__ import annotations
@@ -80,15 +80,19 @@ def _dots_row(d, q, r, contact):
 
 @any_order
 def _first_residual(b, shift, u, contact, spans, r):
-    """r = b + shift - u on C, 0 elsewhere, and each row's first column of C and one past the last; return r.r."""
-    squares = 0.0
+    """r = b + shift - u on C, 0 elsewhere, and each row's first column of C and one past the last.
+
+    Return r.r, and the number of cells between these columns.
+    """
+    squares, cells = 0.0, 0
     for j in range(r.shape[0]):
         first, last = span_of(contact[j])
         spans[j, 0], spans[j, 1] = first, last
         r[j] = 0
         span = slice(first, last)
         squares += _residual_row(b[j, span], shift, u[j, span], contact[j, span], r[j, span])
-    return squares
+        cells += last - first
+    return squares, cells
 
 
 @any_order
@@ -196,7 +200,7 @@ class TrackingCG(KspContext):
         precondition, wants_of, r, z = self._preconditioner(ksp.getPC())
         contact, spans, q, change = operator.mask, self._spans, self.product, self.change
         d = self._room_for_d(z)
-        norm = self._start(ksp, b, x, r)
+        norm, cells = self._start(ksp, b, x, r)
         d[...] = change[...] = 0  # outside the new spans too
         squares, digits = norm**2, _DIGITS[r.dtype]
         summed, reduced = squares, None
@@ -210,13 +214,14 @@ class TrackingCG(KspContext):
             operator.products += 1
             multiply(d, q)
             numbers, wanted = _dots(d, q, r, contact, spans), wants_of(q)
-            found = self._sum(np.append(numbers, wanted) if len(wanted) else numbers)
+            more = len(wanted)
+            found = self._sum(np.append(numbers, wanted) if more else numbers)
             (dq, rd, qr, qq), of_q = found[:4], found[4:]
             if not dq > 0:
                 reason = PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT
                 break
             alpha = rd / dq
-            reduced = (alpha, of_q) if len(wanted) else None
+            reduced = (alpha, of_q) if more else None
             here = _advance(change, r, d, q, contact, spans, alpha)
             squares += alpha * (alpha * qq - 2 * qr)  # exactly, but for cancellation
             if not squares > digits * summed:
@@ -227,6 +232,7 @@ class TrackingCG(KspContext):
             reason = self._report(ksp, iteration, norm)
         with x as solution:
             add(solution.reshape(r.shape), 1.0, change)
+        PETSc.Log.logFlops((5 + 18 * iteration) * cells)
         self.residual = norm
         ksp.setConvergedReason(reason or PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
 
@@ -259,7 +265,10 @@ class TrackingCG(KspContext):
         return apply, lambda _: (), self._r, self.work
 
     def _start(self, ksp, b, x, r):
-        """r = b + shift - u; return its norm. Without `displacement` u is A x for the initial guess, and not kept."""
+        """r = b + shift - u; return its norm, and how many cells are worked on.
+
+        Without `displacement` u is A x for the initial guess, and not kept.
+        """
         u, known, self.first_norm = self.displacement, self.first_norm, None
         if u is None:
             u = self.work
@@ -268,11 +277,11 @@ class TrackingCG(KspContext):
             else:
                 x.set(0)
                 u[...] = 0
-        squares = _first_residual(self._read(b), self.shift, u, self._operator.mask, self._spans, r)
-        return sqrt(self._sum([squares])[0]) if known is None else known
+        squares, cells = _first_residual(self._read(b), self.shift, u, self._operator.mask, self._spans, r)
+        return (sqrt(self._sum([squares])[0]) if known is None else known), cells
 
-    def destroy(self, ksp):
-        """Free the work vectors."""
+    def reset(self, ksp):
+        """Free the work vectors; the next set-up makes others."""
         self.rest()
         if self._z is not None:
             self._z.destroy()

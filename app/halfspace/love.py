@@ -9,6 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from app.compiled import njit
+from app.halfspace import events
 
 # The closed form subtracts numbers that are up to rho/cell times larger than their difference. From 8 cells on a
 # Taylor series about the centre of the cell cancels nothing; its terms beyond order 12 sum up to less than 4e-17.
@@ -117,7 +118,7 @@ def love_coefficients(cell, compliance, rows, columns):
     """
     quadrant = np.empty((len(rows), columns))
     sides, squares, series = _taylor_series(*cell)
-    _fill(
-        quadrant, rows, sides, squares, series, float(compliance * max(cell)), float(compliance * min(cell))
-    )
+    near, far = float(compliance * max(cell)), float(compliance * min(cell))
+    with events.coeffs:
+        _fill(quadrant, rows, sides, squares, series, near, far)
     return quadrant

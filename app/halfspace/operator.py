@@ -15,7 +15,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.errors import InputError
-from app.halfspace.fft import transpose
+from app.halfspace import events
 from app.halfspace.fft.lengths import transform_length
 from app.halfspace.fft.multiplier import EvenMultiplier, Layout
 from app.halfspace.grid import Slabs
@@ -33,7 +33,8 @@ _ZERO_GUESS = 16
 _PRODUCTS = "product", "exact_product", "inverse", "exact_inverse", "screened_product"
 _mult_event = PETSc.Log.Event("InfluenceMult")
 _sweep_event = PETSc.Log.Event("InfluenceSOR")
-transpose.exchange_event = PETSc.Log.Event("InfluenceAlltoall")
+for _name in ("Alltoall", "Coeffs", "Spectra"):
+    setattr(events, _name.lower(), PETSc.Log.Event(f"Influence{_name}"))
 
 
 class InfluenceOperator(MatMethods):
@@ -272,7 +273,7 @@ class InfluenceOperator(MatMethods):
         self._free(*_PRODUCTS, "relaxation")
 
     def _free(self, *made, multipliers=True):
-        """Free what has been made by some names; what it computed stays counted."""
+        """Free some attributes; what they computed stays counted."""
         before = self.equivalent_products
         for name in made:
             vars(self).pop(name, None)
@@ -324,14 +325,11 @@ class InfluenceOperator(MatMethods):
     def SOR(self, mat, b, omega, kind, shift, its, lits, x):
         """Sec. 4.2, 1: damped lexicographic Gauss-Seidel on C, the sequential sweep on any number of ranks.
 
-        PETSc's "local" sweeps (its default) would make the result depend on the number of ranks, and the
-        multigrid method diverge; here they are the global ones.
+        PETSc's "local" sweeps (its default) would make the multigrid method diverge; here they are the global ones.
         """
         a, s = factors_of(mat)
         if shift or s or kind & ~(_FORWARD | _BACKWARD | _ZERO_GUESS):
-            raise ValueError(
-                "Gauss-Seidel with a diagonal shift, or by parts of the matrix, is not available"
-            )
+            raise ValueError("Gauss-Seidel needs the whole matrix without a diagonal shift")
         if not self.active:
             x.stateIncrease()  # as on the others, which alone may not call what is collective
             return

@@ -19,6 +19,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import erfc
 
+from app.halfspace import events
 from app.halfspace.fft.multiplier import transform_even
 from app.halfspace.grid import runs
 
@@ -54,7 +55,8 @@ def influence_symbol(grid, compliance, columns, rows):
         Zero at frequency (0, 0).
     """
     of_kind = {"spectral": _spectral, "love": _love}[grid.periodic]
-    return 2 * np.pi * compliance * of_kind(grid, np.asarray(columns), np.asarray(rows))
+    with events.coeffs:
+        return 2 * np.pi * compliance * of_kind(grid, np.asarray(columns), np.asarray(rows))
 
 
 def _spectral(grid, columns, rows):

@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 
+from app.halfspace import events
 from app.halfspace.fft.lengths import lengths_with_margin, transform_length
 from app.halfspace.fft.multiplier import ALONE, EvenMultiplier
 from app.halfspace.images import Box, ImageCorrection
@@ -119,7 +120,8 @@ class PeriodicProduct(EvenMultiplier):
 
     def __init__(self, symbol, shape, layout=ALONE):
         super().__init__(shape, shape, layout)
-        self.set_spectrum(symbol)
+        with events.spectra:
+            self.set_spectrum(symbol)
 
     def inverse(self):
         """Return the inverse on fields without mean, zero on constants; it shares storage. Not collective."""
@@ -156,13 +158,8 @@ class DenseProduct:
     largest = 256
 
     def __init__(self, matrix, shape):
-        self.matrix, self.shape, self.dtype = matrix, shape, matrix.dtype
+        self.matrix, self.shape, self.dtype, self.flops = matrix, shape, matrix.dtype, 2 * matrix.size
         self.count = 0
-
-    @property
-    def flops(self):
-        """Floating point operations of a product."""
-        return 2 * self.matrix.size
 
     def apply(self, p, out, mask=None):
         """Compute out = A p, or out = C A C p; see `EvenMultiplier.apply`. Not collective."""

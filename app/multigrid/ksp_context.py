@@ -8,7 +8,27 @@ from app.halfspace.reductions import sum_over
 
 
 class KspContext:
-    """They tell PETSc of their iterations, and let it decide when it is enough."""
+    """A KSP that reports its iterations to PETSc, which decides when to stop.
+
+    Attributes
+    ----------
+    norm_type : PETSc.KSP.NormType
+        Norm that the method computes.
+    """
+
+    norm_type = PETSc.KSP.NormType.UNPRECONDITIONED
+
+    def setFromOptions(self, ksp):
+        """Choose the norm that the method computes, unless an option names one."""
+        if not PETSc.Options(ksp.getOptionsPrefix()).hasName("ksp_norm_type"):
+            ksp.setNormType(self.norm_type)
+
+    def reset(self, ksp):
+        """Free the work arrays; the next set-up makes others."""
+
+    def destroy(self, ksp):
+        """Free everything."""
+        self.reset(ksp)
 
     def _report(self, ksp, iteration, norm):
         """Tell PETSc of an iteration; return its reason to stop, or 0."""

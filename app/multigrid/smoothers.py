@@ -7,12 +7,14 @@ and all of them at once is a Jacobi step, which converges for no useful damping.
 
 from __future__ import annotations
 
+from app.multigrid.ksp_context import KspContext
 
-class NoSmoothing:
+
+class NoSmoothing(KspContext):
     """A KSP that leaves the solution as it is, without a product: one half of V(1,0) and V(0,1).
 
-    ``-mg_levels_ksp_type python -mg_levels_ksp_python_type app.multigrid.smoothers.NoSmoothing``,
-    ``-mg_levels_ksp_norm_type unpreconditioned -mg_levels_pc_type none``.
+    ``-mg_levels_pc_type none -mg_levels_ksp_type python``,
+    ``-mg_levels_ksp_python_type app.multigrid.smoothers.NoSmoothing``.
     """
 
     def solve(self, ksp, b, x):

@@ -98,6 +98,7 @@ class Transfer:
         mine = np.zeros(self._local)
         _add_children(self._with_children(fine), mine, self.fy, self.fx)
         mine *= 1.0 / (self.fy * self.fx)
+        PETSc.Log.logFlops(fine.size + mine.size)
         return self._to_owner(mine)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
@@ -152,6 +153,7 @@ class Transfer:
         """Sec. 4.2, 5, formula 3: v_H copied to the children, 0 in E_h; added to p_h. Collective."""
         mine, skipped = self._of_parents(coarse), self.fine.slabs.rows.start % self.fy
         _add_copies(mine, self.fine.mask, fine, skipped, self.fy, self.fx, np.empty(fine.shape[1]))
+        PETSc.Log.logFlops(fine.size)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def copy(self, coarse, fine):
@@ -174,6 +176,7 @@ class Transfer:
         of_rows = two_around(rows.start, rows.stop, grid.ny, self.fy, in_y, first)
         of_columns = two_around(0, nx, grid.nx, self.fx, in_x)
         bilinear(wide, fine, *of_rows, *of_columns, self._halved, np.empty(grid.nx))
+        PETSc.Log.logFlops(5 * fine.size)
 
     @PETSc.Log.EventDecorator("ContactTransfer")
     def interpolate_smoothly(self, coarse, fine):
@@ -185,6 +188,7 @@ class Transfer:
         of_rows = six_around(rows.start, rows.stop, in_y, rows.start // self.fy - BESIDE)
         of_columns = six_around(0, self.fine.grid.nx, in_x, -BESIDE)
         quintics(wide, fine, *of_rows, *of_columns, self._halved, np.empty(coarse.shape[1] + 2 * BESIDE))
+        PETSc.Log.logFlops(17 * fine.size)
 
     @property
     def _halved(self):

@@ -7,7 +7,7 @@ more than a part of the residual is to go, and who adds up the changes multiplie
 `app.fast`). The norm is that of the preconditioned residual, about the error of w; directions are those of flexible
 CG, the preconditioner need not be quite symmetric. By options of -lcp_type primal only::
 
-    -ksp_type python -ksp_python_type app.primal.cg.CarryingCG -ksp_norm_type preconditioned
+    -ksp_type python -ksp_python_type app.primal.cg.CarryingCG
 """
 
 from __future__ import annotations
@@ -130,6 +130,7 @@ class CarryingCG(KspContext):
         in the operator's precision.
     """
 
+    norm_type = PETSc.KSP.NormType.PRECONDITIONED
     pressure, carried, goes_on = None, None, False
     levels_leave = residual = doubt = 0.0
 
@@ -147,6 +148,10 @@ class CarryingCG(KspContext):
         self.direction = np.zeros(shape, dtype)
         [lent] = operator.scratch_beside_product(dtype)
         self.product = np.zeros(shape, dtype) if lent is None else lent
+
+    def reset(self, ksp):
+        """Free the work arrays; the next set-up makes others."""
+        self.scratch = self._z = self.change = self.direction = self.product = None
 
     def solve(self, ksp, b, x):
         """Find by how much w is to change."""
@@ -191,6 +196,7 @@ class CarryingCG(KspContext):
                 reason = PETSc.KSP.ConvergedReason.CONVERGED_RTOL
         if left is not self.carried:
             self.carried[...], self.change[...], self.doubt = left, 0, 0.0
+        PETSc.Log.logFlops(20 * iteration * d.size)
         self.residual = norm
         ksp.setConvergedReason(reason or PETSc.KSP.ConvergedReason.DIVERGED_MAX_IT)
 

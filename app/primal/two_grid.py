@@ -54,8 +54,20 @@ class TwoGrid:
     """
 
     operator = None
+    sweeps = 2
     constrained = False
     multiplier = 0.0
+
+    def setFromOptions(self, pc):
+        """Read the options."""
+        self.sweeps = PETSc.Options(pc.getOptionsPrefix()).getInt("pc_two_grid_sweeps", self.sweeps)
+        if not 1 <= self.sweeps <= 50:
+            raise ValueError(f"-pc_two_grid_sweeps {self.sweeps}: allowed: 1 to 50")
+        self.reset(pc)
+
+    def reset(self, pc):
+        """Forget the operator; the next set-up takes that of the Mat."""
+        self.operator = None
 
     def setUp(self, pc):
         """Make what depends on the grid alone, though PETSc calls for every contact set."""
@@ -63,9 +75,6 @@ class TwoGrid:
         if operator is self.operator:
             return
         self.operator = operator
-        self.sweeps = PETSc.Options(pc.getOptionsPrefix()).getInt("pc_two_grid_sweeps", 2)
-        if not 1 <= self.sweeps <= 50:
-            raise ValueError(f"-pc_two_grid_sweeps {self.sweeps}: allowed: 1 to 50")
         self.weights = _weights(operator.product.centre, operator.grid)
         self.stiffness = 1.0 / self.weights[0]
         (low, high), highest = _INTERVAL, _highest(*self.weights[1:])

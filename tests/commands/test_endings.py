@@ -261,7 +261,8 @@ def test_logging_may_be_asked_for_in_a_file(solve, tmp_path):
     (tmp_path / "log.opts").write_text("-log_view\n")
     done = solve(*HERTZ, "-options_file", "log.opts", ranks=2)
     assert done.returncode == 0
-    for words in ("InfluenceMult", "Setup:", "Solve:", "Output:"):
+    events = "InfluenceMult", "InfluenceCoeffs", "InfluenceSpectra", "ContactCertify"
+    for words in (*events, "Setup:", "Solve:", "Output:"):
         assert words in done.stdout
 
 

@@ -111,6 +111,7 @@ def test_means_over_blocks_follow_the_residual_of_cg(monkeypatch, dtype):
         ksp.getPC().setType(PETSc.PC.Type.PYTHON)
         ksp.getPC().setPythonContext(Circulant())
         ksp.setTolerances(rtol=1e-4)
+        ksp.setFromOptions()
         ksp.setUp()
     monkeypatch.setattr(Circulant, "precondition", compare)
     for _ in range(2):  # the second time from nothing that is left of the first
@@ -130,6 +131,25 @@ def test_what_blocks_cannot_be_is_refused(periodic, blocks):
     operator.mask[...] = True
     with pytest.raises(Exception, match=f"-pc_circulant_blocks {blocks}: allowed: from 0"):
         preconditioner(operator, pc_circulant_blocks=blocks)
+
+
+def test_options_are_read_when_petsc_asks_for_it_and_a_reset_forgets_the_operator():
+    operator = InfluenceOperator(Grid(16, 16, 1.0, 1.0), STEEL)
+    mat, pc = operator.mat(PETSc.COMM_SELF), PETSc.PC().create(PETSc.COMM_SELF)
+    pc.setOperators(mat)
+    pc.setType(PETSc.PC.Type.PYTHON)
+    pc.setPythonContext(circulant := Circulant())
+    with SolverOptions("", {"pc_circulant_extend": "3"}).inserted():
+        pc.setUp()
+        assert circulant.extension.steps == 0
+        pc.setFromOptions()
+    mat.stateIncrease()
+    pc.setUp()
+    assert circulant.extension.steps == 3 and circulant.operator is operator
+    pc.reset()
+    assert circulant.operator is None
+    for part in (pc, mat):
+        part.destroy()
 
 
 def test_it_is_near_the_inverse():

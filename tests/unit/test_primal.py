@@ -602,6 +602,15 @@ def test_a_start_from_a_pressure_knows_it_well_enough(steps, holes):
     assert np.linalg.norm(missing) < 0.3 * np.linalg.norm(moved)
 
 
+def test_flops_of_the_steps_of_cg_are_logged(steps):
+    primal, solver = guessed(steps, PrescribedLoad(1e2))
+    inverse = primal.inverse
+    products, before = inverse.product.count, PETSc.Log.getFlops()
+    iterations, *_ = solver.improve(primal, 0.0)
+    flops = PETSc.Log.getFlops() - before - (inverse.product.count - products) * inverse.product.flops
+    assert flops >= 10 * iterations * inverse.grid.n > 0
+
+
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_it_is_flexible_cg_step_for_step(steps, count):
     primal, solver = guessed(steps, PrescribedLoad(1e2))

@@ -8,6 +8,7 @@ from petsc4py import PETSc
 from app.fast.tracking_cg import TrackingCG
 from app.halfspace.grid import Grid
 from app.halfspace.operator import InfluenceOperator
+from app.solver_options import options_set
 
 GRID = Grid(30, 20, 0.3, 0.2)  # products by FFT
 
@@ -277,3 +278,31 @@ def test_the_norm_has_the_digits_of_the_residual(make):
     system.cg.first_norm = 0.7  # more than single precision has of it
     assert system.solve(rtol=0.06)[-1] <= 1e-7
     assert system.ksp.getIterationNumber() == 1
+
+
+def test_flops_of_its_own_sums_are_logged(make):
+    """Those of products are 2 n^2 each; a step of CG has at least ten on each cell of C besides."""
+    system = make(share=1.1)
+    before = PETSc.Log.getFlops()
+    steps = len(system.solve(rtol=1e-6)) - 1
+    flops = PETSc.Log.getFlops() - before - steps * system.operator.product.flops
+    assert 10 * steps * GRID.n <= flops <= 30 * steps * GRID.n
+
+
+@pytest.mark.parametrize("norm", [None, "preconditioned"])
+def test_it_chooses_the_norm_that_it_computes_unless_an_option_names_one(make, norm):
+    system, unpreconditioned = make(), PETSc.KSP.NormType.UNPRECONDITIONED
+    system.ksp.setNormType(PETSc.KSP.NormType.PRECONDITIONED)
+    with options_set("", {}, {"ksp_norm_type": norm}):
+        system.ksp.setFromOptions()
+    assert (system.ksp.getNormType() == unpreconditioned) == (norm is None)
+
+
+def test_after_a_reset_it_solves_again(make):
+    system = make()
+    norms = system.solve(rtol=1e-6)
+    system.ksp.reset()
+    assert system.cg.work is None
+    system.ksp.setOperators(system.mat)
+    system.x.set(0)
+    assert system.solve(rtol=1e-6) == pytest.approx(norms)

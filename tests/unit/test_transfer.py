@@ -64,6 +64,19 @@ def test_restriction_is_the_scaled_transpose_of_the_copy(shape, factors):
     assert np.vdot(restricted, coarse) == pytest.approx(np.vdot(fine, copied) / np.prod(factors), rel=1e-13)
 
 
+@pytest.mark.parametrize(
+    ("name", "arguments", "least"),
+    [("restrict_defect", 1, 1), ("add_copies", 2, 1), ("interpolate", 2, 3)],
+)
+def test_flops_of_transfers_are_logged(name, arguments, least):
+    """Some for each fine cell."""
+    transfer = make_transfer((8, 6), (2, 2))
+    fields = [field((8, 6))] if arguments == 1 else [field((4, 3)), field((8, 6))]
+    before = PETSc.Log.getFlops()
+    getattr(transfer, name)(*fields)
+    assert least * 48 <= PETSc.Log.getFlops() - before <= 10 * 48
+
+
 @each_case
 def test_coarse_cell_is_in_contact_if_a_child_is(shape, factors):
     transfer = make_transfer(shape, factors)

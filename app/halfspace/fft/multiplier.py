@@ -24,6 +24,7 @@ import numpy as np
 from mpi4py_fft import fftw
 from scipy.fft import dct, rfft
 
+from app.halfspace import events
 from app.halfspace.fft.fftw import FFTW
 from app.halfspace.fft.strips import (
     ROWS,
@@ -212,7 +213,8 @@ class EvenMultiplier:
         key = type(self), key, self.periods, self.dtype.name, tuple(self._edges)
         self._spectrum = None if spectra is None else spectra.known(key)
         if self._spectrum is None:
-            make()
+            with events.spectra:
+                make()
         if spectra is not None:
             spectra[key] = self._spectrum
 

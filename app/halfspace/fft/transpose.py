@@ -6,13 +6,12 @@ Ranks that share memory (`app.halfspace.storage`) send nothing: each works on it
 from __future__ import annotations
 
 import itertools
-from contextlib import nullcontext
 
 import numpy as np
 
+from app.halfspace import events
 from app.halfspace.fft.strips import STRIP
 
-exchange_event = nullcontext()  # who logs what takes time puts an event here (`app.halfspace.operator`)
 _GROUP_BYTES = 1 << 22  # what a rank sends at once, at most about
 
 
@@ -91,12 +90,12 @@ class ColumnGroup:
 
     def fetch(self, comm, part, received):
         """Receive what others have of the columns of this rank. Collective."""
-        with exchange_event:
+        with events.alltoall:
             comm.Alltoallv([part, self._by_column], [received, self._by_row])
 
     def give_back(self, comm, part, received):
         """Send back what `fetch` got. Collective."""
-        with exchange_event:
+        with events.alltoall:
             comm.Alltoallv([received, self._by_row], [part, self._by_column])
 
 
@@ -173,8 +172,8 @@ class SharedExchange(Exchange):
 
     def each(self):
         """See `Exchange.each`."""
-        with exchange_event:
+        with events.alltoall:
             self._comm.meet()
         yield from self._columns
-        with exchange_event:
+        with events.alltoall:
             self._comm.meet()
