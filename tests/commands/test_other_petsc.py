@@ -1,4 +1,4 @@
-"""Every method on Debian's other builds of PETSc: for debugging, where nothing may be left, and with long integers."""
+"""Methods and the multigrid PC on other builds of PETSc: for debugging, where nothing may be left, or long integers."""
 
 import os
 from pathlib import Path
@@ -27,7 +27,63 @@ for options in ({}, {"lcp_precision": "double", "lcp_cells_per_rank": 1}, {"lcp_
     for loading in ({"approach": 0.05}, {"load": 70000.0}, {"load": 1e9}):
         assert solve(images, method="primal", options=options, **loading).converged, options
 
+import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
+
+from app.halfspace.grid import Slabs
+from app.halfspace.operator import InfluenceOperator
+
+# The multigrid PC in a KSP of a user's own, for two contact sets, also after an interrupted cycle
+comm = MPI.COMM_WORLD
+slabs = Slabs(grid.ny, comm.size, comm.rank)
+operator = InfluenceOperator(grid, 1e-5, slabs, comm if comm.size > 1 else None)
+mat, plain, counts = operator.mat(), InfluenceOperator.SOR, []
+p, b = mat.createVecs()
+mine = {"pc_type": "python", "pc_python_type": "app.multigrid.ContactMG", "ksp_rtol": "1e-8"}
+for name, text in mine.items():
+    PETSc.Options("mine_").setValue(name, text)
+for kind, interrupted in (("gmres", 7), ("cg", 3), ("richardson", 0)):
+    ksp = PETSc.KSP().create(mat.comm)
+    ksp.setOptionsPrefix("mine_")
+    ksp.setOperators(mat)
+    ksp.setType(kind)
+    ksp.setFromOptions()
+    for radius in (8, 4):
+        inside = grid.x() ** 2 + grid.y(slabs.rows)[:, None] ** 2 < radius**2
+        operator.mask[...] = inside
+        mat.assemble()
+        b.setArray((inside * (2 + grid.x())).reshape(-1))
+        ksp.solve(b, p)
+        assert ksp.getConvergedReason() > 0, kind
+        counts.append(ksp.getIterationNumber())
+    sweeps = []
+
+    def stop(*arguments):
+        sweeps.append(1)
+        if len(sweeps) == interrupted:
+            raise KeyboardInterrupt
+        plain(*arguments)
+
+    InfluenceOperator.SOR = stop
+    try:
+        ksp.solve(b, p)
+        assert not interrupted
+    except KeyboardInterrupt:
+        ksp.reset()
+        ksp.setOperators(mat)
+        for vec in (p, b):
+            vec.destroy()
+        p, b = mat.createVecs()
+        b.setArray((inside * (2 + grid.x())).reshape(-1))
+    InfluenceOperator.SOR = plain
+    ksp.solve(b, p)
+    assert ksp.getIterationNumber() == counts[-1], kind
+    ksp.destroy()
+for part in (mat, p, b):
+    part.destroy()
+PETSc.garbage_cleanup()
+assert len(set(comm.allgather(tuple(counts)))) == 1 and max(counts) < 40, counts
 
 print("solved with integers of", 8 * PETSc.IntType().itemsize, "bits")
 """
@@ -43,7 +99,7 @@ def debug_library():
     return library if library.is_dir() else None
 
 
-@pytest.mark.ranks(None, 2)
+@pytest.mark.ranks(None, 2, 3)
 def test_nothing_is_left_and_nothing_locked_is_written(ranks, tmp_path):
     library = debug_library()
     if library is None:
