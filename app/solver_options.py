@@ -166,7 +166,7 @@ def read_option_file(path, flag="-options_file"):
     InputError
         If PETSc does not accept it.
     """
-    database, prefix = PETSc.Options(), "file_"
+    database, prefix = PETSc.Options(), "app_option_file_"  # with which no other option begins
     try:
         database.insertString(f'-prefix_push {prefix} {flag} "{path}"')
     except PETSc.Error as error:

@@ -236,12 +236,13 @@ class _Reader:
         if f"-{name}" in _OPTION_FILES:
             if text is None:
                 raise InputError(f"-{name}: a file name must follow")
-            return self._file(option_file(text), f"-{name}" == _OPTION_FILES[1], ())
+            self._file(f"-{name}", option_file(text), ())
+            return
         if self.places[-1].description != COMMAND_LINE:
             self.places.append(Place(COMMAND_LINE, {}))
         self.places[-1].texts[name] = text or ""
 
-    def _file(self, path, yaml, inside):
+    def _file(self, flag, path, inside):
         """Take an option file, after those it includes."""
         from app.solver_options import read_option_file
 
@@ -254,22 +255,25 @@ class _Reader:
         identity, before = str(Path(path.removesuffix(":yaml")).resolve()), len(self.places)
         self.files.append(identity)
         yaml = (
-            yaml
+            flag == _OPTION_FILES[1]
             or path.endswith((":yaml", ".yaml", ".yml", ".json"))
             or content.startswith(("---", "%YAML "))
         )
         if yaml:
-            found, included = [], re.findall(r"!include\s+(\S+)", content)
+            found, included = (
+                [],
+                [(_OPTION_FILES[1], file) for file in re.findall(r"!include\s+(\S+)", content)],
+            )
             _check_yaml(content, f"option file {path}")
         else:
             content = re.sub("#.*", "", content)
             _check_quotes(content, f"option file {path}")
-            found = _IN_FILE.findall(content)
-            included = [text for name, text in found if f"-{name.lower()}" in _OPTION_FILES and text]
-        for inner in included:
-            self._file(inner, yaml, (*inside, identity))
+            found = [(name.lower(), text) for name, text in _IN_FILE.findall(content)]
+            included = [(f"-{name}", file) for name, file in found if f"-{name}" in _OPTION_FILES and file]
+        for inner_flag, inner in included:
+            self._file(inner_flag, inner, (*inside, identity))
         of_included = set().union(*(place.names for place in self.places[before:]))
-        mentioned = {name.lower() for name, _ in found}
+        mentioned = {name for name, _ in found}
         texts = read_option_file(path, _OPTION_FILES[yaml])
         own = {name: text for name, text in texts.items() if yaml or name not in of_included - mentioned}
         self.places.append(Place(f"in {path}", own, path))

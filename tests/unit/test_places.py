@@ -70,6 +70,8 @@ def test_yaml(read, files):
     files(a__yml="grid: [8, 9]\nlcp:\n  rtol: 1e-3\n", b__txt="load: 5\n")
     assert read("-options_file a.yml").texts == {"grid": "8,9", "lcp_rtol": "1e-3"}
     assert read("-options_file_yaml b.txt").texts == {"load": "5"}
+    files(d__opts="-options_file_yaml b.txt\n-grid 8\n")
+    assert read("-options_file d.opts").texts == {"load": "5", "grid": "8"}
     files(
         c__yml="%YAML 1.1\n---\n$$b: !include b.txt\n$$set: &set {rtol: 1}\na: [1, {b: 2}]\n"
         "ksp: {<<: *set, type: cg}\nload: 7\n---\nlcp: {rtol: }\n"

@@ -9,7 +9,7 @@ from petsc4py import PETSc
 
 from app import ContactSolver
 from app.errors import InputError
-from app.solver_options import SolverOptions, options_set
+from app.solver_options import SolverOptions, options_set, read_option_file
 
 PROBLEM = hertz(16)
 
@@ -156,3 +156,21 @@ MISTAKES = [
 def test_an_unused_option_that_nothing_replaces_is_refused(method, options):
     with pytest.raises(InputError, match="^unknown or unused option: -ksp_bogus$"):
         ContactSolver(PROBLEM, method, options)
+
+
+def test_reading_an_option_file_leaves_the_database_as_it_was(database, tmp_path):
+    """Also if PETSc does not accept it; options of a program with any prefix stay."""
+    database.setValue("file_a", "1")
+    before = database.getAll()
+    for content, found in (
+        ("-A 2 # two\n-b\n", {"a": "2", "b": ""}),
+        ("-a 1 2\n", None),
+        ("-prefix_push x_\n-a\n", None),
+    ):
+        (tmp_path / "a.opts").write_text(content)
+        if found is None:
+            with pytest.raises(InputError, match="a.opts"):
+                read_option_file(tmp_path / "a.opts")
+        else:
+            assert read_option_file(tmp_path / "a.opts") == found
+        assert database.getAll() == before
