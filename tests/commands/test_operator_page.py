@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from documents import code_blocks, run_blocks
+from petsc4py import PETSc
 from processes import TESTS
 
 BLOCKS = code_blocks((TESTS.parent / "docs" / "operator.md").read_text(encoding="utf-8"))
@@ -17,13 +18,16 @@ def test_python_of_the_page(tmp_path, monkeypatch):
     *blocks, last = [block for block in BLOCKS if block not in WITH_SLEPC]
     names = run_blocks(blocks)
     assert names["ksp"].getConvergedReason() > 0
+    assert names["multigrid"].getConvergedReason() > 0
+    assert names["multigrid"].getIterationNumber() < 15
     assert names["again"].equal(names["pressure"])
     # A punch whose rim is made of cells is off by about a tenth of a cell of the radius.
     exact = 2 * names["steel"].contact_modulus * 2 * 0.01
     assert names["round_load"] == pytest.approx(exact, rel=0.1 * names["grid"].dx / 2 * 10)
     run_blocks([last], names)
-    for name in names["options"].getAll():
-        names["options"].delValue(name)
+    for options in (names["options"], PETSc.Options("mg_")):
+        for name in options.getAll():
+            options.delValue(name)
 
 
 def test_slepc_of_the_page():
