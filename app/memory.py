@@ -90,10 +90,11 @@ def check_hosts(comm, grid, doubles):
 
 def check_process():
     """Refuse to start in a process that may not load what a solve needs. Not collective."""
-    if _address_space() < LOADING:
+    free = _address_space()
+    if free < LOADING:
         raise InputError(
-            f"a process may take {_size(_address_space())} more of address space (ulimit -v); "
-            f"needed: {_size(LOADING)} and what the grid takes"
+            f"a process may take {_size(free, LOADING)} more of address space (ulimit -v); "
+            f"needed: {_size(LOADING, free)} and what the grid takes"
         )
 
 
