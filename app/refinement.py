@@ -29,7 +29,7 @@ class Refinement(NamedTuple):
     reached: bool  # whether all of them that are known are small enough
     stiffness: float  # dF/d(approach), exactly, if asked for [N/mm]; else NaN
     rows: list  # of dict, one for each grid: cells, numbers, errors
-    options: SolverOptions | None = None  # of the last solver
+    options: SolverOptions | None = None  # of the first gridr
 
 
 def refine(
@@ -87,12 +87,12 @@ def refine(
     comm = ending.share(mpi_comm(comm))
     agree(comm, check, problem, until, most_cells)
     check_alike(comm, (until, most_cells, stiffness), "refine")
-    rows, numbers = [], []
+    rows, numbers, asked = [], [], None
     options = agree(comm, as_texts, options or {})
     while True:
         grid = problem.grid
         with ContactSolver(problem, method, options, comm, prefix, listeners) as solver:
-            solution = solver.solve(**loading)
+            solution, asked = solver.solve(**loading), asked or solver.options
             loading.pop("start", None)  # it is of the first grid
             errors = GridErrors(*(getattr(solution, name) for name in GridErrors._fields))
             found = solution.load, solution.approach, solution.max_pressure, solution.contact_area
@@ -111,7 +111,7 @@ def refine(
                 if stiffness:
                     solution = replace(solution, stiffness=solver.stiffness(solution))
                 exact = solution.stiffness if stiffness else float("nan")
-                return Refinement(solution, errors, reached, exact, rows, solver.options)
+                return Refinement(solution, errors, reached, exact, rows, asked)
             options["lcp_rtol"] = solver.settings.rtol / 2
         problem = problem.on(grid.refine())
 

@@ -34,6 +34,13 @@ def test_a_run_can_be_repeated_from_the_options_that_petsc_shows(tmp_path):
     assert load.search(again.stdout)[0] == load.search(done.stdout)[0]
 
 
+def test_options_of_a_refined_run_are_those_of_its_first_grid(tmp_path):
+    (tmp_path / "a.opts").write_text("-lcp_rtol 1e-5\n")
+    words = ("-options_file", "a.opts", "-load", 5000, "-refine_until", 0.05, "-options_view")
+    shown = table(run(*HERTZ, *words, cwd=tmp_path).stdout)
+    assert shown["-lcp_rtol"] == "1e-5" and shown["-refine_until"] == "0.05" and shown["-lcp_type"] == "fast"
+
+
 @pytest.mark.ranks(1, 2)
 def test_what_petsc_is_started_with_counts_least_and_may_be_for_other_programs(ranks, tmp_path):
     (tmp_path / ".petscrc").write_text(
