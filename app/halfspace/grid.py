@@ -177,7 +177,7 @@ class Grid:
 
 
 def plan(grid, coarsest=4, target_only=False):
-    """Grids of a hierarchy; nothing is allocated. Not collective.
+    """Plan the grids of a hierarchy, the target first; nothing is allocated. Not collective.
 
     Parameters
     ----------
@@ -187,24 +187,16 @@ def plan(grid, coarsest=4, target_only=False):
         Directions of at most this many cells are not halved.
     target_only : bool
         Only the target grid is needed.
-
-    Returns
-    -------
-    grids : list of Grid
-        The target first.
-    factors : list of (int, int)
-        From each to the next.
     """
-    grids, factors = [grid], []
+    grids = [grid]
     most = 1 if target_only else grid.n  # grids; more there cannot be
     if not target_only and grid.coarsen(coarsest) is None:
         coarsest, most = 1, 2  # a multigrid method needs two grids
     while len(grids) < most and (coarser := grids[-1].coarsen(coarsest)) is not None:
         if coarser.periodic and coarser.n == 1:
             break  # its A is zero
-        factors.append(grids[-1].coarsening(coarsest))
         grids.append(coarser)
-    return grids, factors
+    return grids
 
 
 def _cells(nx, ny):

@@ -7,7 +7,7 @@ fewer ranks (`app.halfspace.ranks.Ranks`), and one that can be solved directly i
 from __future__ import annotations
 
 from functools import cached_property
-from itertools import pairwise, repeat
+from itertools import pairwise
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -41,7 +41,7 @@ def check_room(comm, grid, settings):
     InputError
     """
     ranks = Ranks(comm, settings.cells_per_rank)
-    grids, _ = plan(grid, settings.coarsest)
+    grids = plan(grid, settings.coarsest)
     # What grids that all ranks share take is counted with the target's cells.
     few = [ranks.slabs(g).local * g.nx for g in grids[1:] if ranks.number(g) < comm.size]
     cells = ranks.slabs(grid, comm.size).local * grid.nx + sum(few)
@@ -94,7 +94,7 @@ def coarser_levels(operator):
     An operator that belongs to no hierarchy keeps those that are made here, on all of its ranks, or on one if small.
     """
     if operator.coarser_levels is None:
-        grids, size = plan(operator.grid)[0][1:], operator.slabs.size
+        grids, size = plan(operator.grid)[1:], operator.slabs.size
         ranks = Ranks(MPI.COMM_SELF if operator.comm is None else operator.comm, 1)
         _make_coarser(operator, grids, [1 if grid.n <= LARGEST_DIRECT else size for grid in grids], ranks)
     return operator.coarser_levels
@@ -110,11 +110,11 @@ def transfers_between(operators, comm):
     comm : mpi4py communicator or None
         Of all ranks that have rows of the finest grid; None: one rank has all.
     """
-    factors = (
-        tuple(1 + (n > m) for n, m in zip(fine.grid.shape, coarse.grid.shape, strict=True))
-        for coarse, fine in pairwise(operators)
-    )
-    return [None, *map(Transfer, operators[1:], operators, factors, repeat(comm))]
+    transfers = [None]
+    for coarse, fine in pairwise(operators):
+        factors = tuple(1 + (n > m) for n, m in zip(fine.grid.shape, coarse.grid.shape, strict=True))
+        transfers.append(Transfer(fine, coarse, factors, comm))
+    return transfers
 
 
 class Hierarchy:
@@ -157,7 +157,7 @@ class Hierarchy:
         self.ranks, self.prefix = Ranks(comm, cells_per_rank), prefix
         self.comm, self.compliance, self.dtype, self.margin = self.ranks.comm, compliance, dtype, margin
         self._in_windows, self._counted = 0.0, WeakKeyDictionary()  # products; those of each operator so far
-        [_, *grids], _ = plan(grid, coarsest, target_only)
+        _, *grids = plan(grid, coarsest, target_only)
         sizes = [*map(self.ranks.number, grids)]
         if grids and grids[-1].n <= LARGEST_DIRECT:
             sizes[-1] = 1

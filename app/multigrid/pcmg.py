@@ -209,9 +209,8 @@ class ContactMG:
             cycle.setMGRestriction(level, mats[0])
             cycle.setMGInterpolation(level, mats[1])
             mat = self._mat if level == finest else self.operators[level].mat(comm)
-            cycle.getMGSmoother(level).setOperators(
-                mat
-            )  # getMGSmootherDown would make the up smoother another one
+            # getMGSmootherDown would silently make the up smoother another one.
+            cycle.getMGSmoother(level).setOperators(mat)
             self._mats += mats if level == finest else (*mats, mat)
         coarsest = cycle.getMGCoarseSolve()
         if finest:
@@ -239,7 +238,7 @@ class ContactMG:
 def _levels_wanted(operator, options):
     """Number of levels of a cycle, by ``-pc_mg_levels`` or all; a grid of a nested iteration may have fewer."""
     levels = 1 + len(operator.coarser_levels)
-    most = max(levels, 1 + len((operator.target or operator).coarser_levels))
+    most = max(levels, 1 + len((operator.target or operator).coarser_levels or ()))
     wanted = options.getInt("pc_mg_levels", levels)
     if not 1 <= wanted <= most:
         raise InputError(f"-pc_mg_levels {wanted}: this grid allows 1 to {most}")
@@ -247,7 +246,7 @@ def _levels_wanted(operator, options):
         grid = operator.grid
         least = "3 cells in a direction of a period" if grid.periodic else "2 cells"
         raise InputError(
-            f"-pc_type mg: the grid {grid.nx},{grid.ny} cannot be halved; allowed: at least {least}"
+            f"multigrid: the grid {grid.nx},{grid.ny} cannot be halved; allowed: at least {least}"
         )
     return min(wanted, levels)
 

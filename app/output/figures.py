@@ -287,6 +287,6 @@ def _mark_grids(axes, result, label=False):
 def _grid_name(result, coarsenings):
     """Cells of the grid so many levels below the target grid."""
     said = re.findall(r"-lcp_coarsest (\d+)", result.attributes["options"])
-    grids, _ = plan(result.grid, *map(int, said))
+    grids = plan(result.grid, *map(int, said))
     grid = grids[min(coarsenings, len(grids) - 1)]
     return f"{grid.nx} × {grid.ny}"
