@@ -60,6 +60,15 @@ def return_large_arrays():
         tell_malloc(_M_MMAP_MAX, int(os.environ.get("MALLOC_MMAP_MAX_", 65536)))
 
 
+def _ignore_closed_pipes():
+    """Restore Python's treatment of SIGPIPE, on which PETSc aborts; its end restores the system's, which kills."""
+    with suppress(ValueError):  # not the main thread
+        signal.signal(signal.SIGPIPE, signal.getsignal(signal.SIGPIPE))
+
+
+_ignore_closed_pipes()
+
+
 @atexit.register
 def _finalize():
     """End PETSc while Python still runs: objects that programs keep at module level call their contexts."""
@@ -67,6 +76,7 @@ def _finalize():
         with suppress(AttributeError, OSError, ValueError):  # closed, or its reader is gone
             stream.flush()
     PETSc._finalize()  # does nothing if it has ended
+    _ignore_closed_pipes()  # Python writes once more
 
 
 @atexit.register  # functions run in reverse order: before `_finalize`
@@ -88,10 +98,6 @@ def free_forgotten(comm=PETSc.COMM_SELF):
     with suppress(AttributeError):  # a petsc4py that frees at once
         PETSc.garbage_cleanup(comm)
 
-
-# PETSc aborts on the signal of a pipe that nobody reads any more. Python's own treatment comes back here.
-with suppress(ValueError):  # not the main thread
-    signal.signal(signal.SIGPIPE, signal.getsignal(signal.SIGPIPE))
 
 _ONE_AT_A_TIME = threading.RLock()
 
