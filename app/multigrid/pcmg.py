@@ -223,7 +223,7 @@ class ContactMG:
         """Sec. 4.2, 3: restrict the contact set of the finest grid to all others."""
         fine = self.operators[-1]
         if fine.contact_number == self._contact:
-            fine.mask_changed()  # PETSc alone was told
+            fine.mask_changed()  # only the state of the Mat was raised
         self._contact = fine.contact_number
         for transfer in self._transfers[:0:-1]:
             transfer.restrict_contact()

@@ -77,7 +77,7 @@ def of_the_loop(grid, kind):
 @pytest.mark.parametrize("kind", ["gmres", "cg", "richardson"])
 @pytest.mark.parametrize("grid", [FREE, PERIODIC], ids=["free", "periodic"])
 def test_a_users_ksp_needs_as_many_iterations_as_the_loop(comm, kind, grid):
-    """For one contact set and then another, whichever way PETSc is told of that."""
+    """For one contact set and then another, however PETSc is notified."""
     operator, mat = bare(comm, grid)
     counts, (p, b) = [], mat.createVecs()
     with options_set("", {}, with_prefix("user_", MULTIGRID)):
@@ -161,9 +161,6 @@ def test_options_are_read_under_the_prefix_of_the_pc(comm):
             other = user_ksp(mat, "gmres", prefix)
             other.solve(b, p)
             counts.append(other.getIterationNumber())
-            viewer = PETSc.Viewer().createASCII("/dev/null", comm=mat.comm)
-            other.view(viewer)
-            viewer.destroy()
             context = other.getPC().getPythonContext()
             assert len(context.operators) == (3 if prefix == "user_" else 5)
             other.destroy()
@@ -190,6 +187,24 @@ def test_what_the_grid_does_not_allow_is_refused(comm, grid, levels, message):
         ksp.setUp()
     for part in (ksp, *parts):
         part.destroy()
+
+
+@pytest.mark.mpi(1)
+def test_a_view_of_the_ksp_shows_the_levels(comm, tmp_path):
+    _, ksp, parts = ready(comm)
+    ksp.setUp()
+    viewer = PETSc.Viewer().createASCII(str(tmp_path / "view.txt"), comm=PETSc.COMM_SELF)
+    ksp.view(viewer)
+    for part in (viewer, ksp, *parts):
+        part.destroy()
+    text = (tmp_path / "view.txt").read_text()
+    for words in (
+        "Python: app.multigrid.pcmg.ContactMG",
+        "MULTIPLICATIVE, levels=5",
+        "mg_levels_4_",
+        "type: sor",
+    ):
+        assert words in text
 
 
 @pytest.mark.mpi(1, 2)
