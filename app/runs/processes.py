@@ -18,9 +18,9 @@ _OPEN_MPI = {
     "OMPI_MCA_hwloc_base_binding_policy": "none",
     "PRTE_MCA_hwloc_default_binding_policy": "none",  # Open MPI 5
 }
-# A run without mpiexec needs no daemon of its own; without that, all would have one folder, which one removes while
-# another makes it.
 _GLANCE = 0.5  # s between looks at the event that stops a process
+# A run without mpiexec needs no daemon of Open MPI. At the end of each run, version 4 would then remove a folder that
+# all runs share; version 5 removes each run's own only.
 _ALONE = {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_orte_create_session_dirs": "0"}
 
 

@@ -493,8 +493,12 @@ def test_journal_survives_a_line_that_was_cut_off(tmp_path):
 
 def test_serial_runs_at_a_time_share_no_folder_that_one_of_them_removes(tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
-    code = f"import os; from mpi4py import MPI; assert MPI.COMM_WORLD.size == 1 and not os.listdir({str(tmp_path)!r})"
-    assert call([sys.executable, "-c", code]) == (0, "")
+    code = (
+        "import os, sys; from mpi4py import MPI; assert MPI.COMM_WORLD.size == 1; "
+        f"print(*os.listdir({str(tmp_path)!r}), file=sys.stderr)"
+    )
+    status, seen = call([sys.executable, "-c", code])
+    assert status == 0 and set(seen.split()) <= {path.name for path in tmp_path.iterdir()}
 
 
 def test_a_run_that_hangs_or_crashes_is_a_row(tmp_path):
