@@ -2,12 +2,14 @@
 
 import ast
 import re
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from petsc4py import PETSc
+from running import assert_proved_equal
 
 from app import ContactProblem, ContactSolver, Grid, Material
 from app.contact.bounds import PressureBounds
@@ -124,6 +126,22 @@ def test_a_load_above_the_largest_is_refused(kind, allowed, monkeypatch):
         ) as error:
             solver.check(**{kind: 1.01 * allowed})
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("method", ["fast", "mg_v11", "norm"])
+def test_a_start_is_projected(method):
+    """It may be of a problem with other holes, or have pressures that are not allowed."""
+    grid = Grid.from_domain(16, 16, (-1, 1, -1, 1))
+    x, y = np.meshgrid(grid.x(), grid.y())
+    gap = (x**2 + y**2) / 20
+    holed = np.where(np.hypot(x, y) < 0.2, np.nan, gap)
+    with ContactSolver(ContactProblem(grid, Material.from_contact_modulus(1e3), gap), method) as solver:
+        start = solver.solve(approach=0.02)
+        pressure = np.where(x > 0.3, -start.pressure, start.pressure)
+        solver.update(ContactProblem(grid, solver.problem.material, holed))
+        cold = solver.solve(approach=0.02)
+        for other in (start, replace(start, pressure=pressure)):
+            assert_proved_equal(solver.solve(approach=0.02, start=other), cold)
 
 
 def test_only_the_bounds_compare_and_clip_pressures():
