@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from app import ContactProblem, ContactSolver, Grid, Material
+from app import ContactProblem, ContactSolver, Grid, Material, compiled
 from app.memory import doubles_per_cell, tell_malloc
 from app.multigrid import kept
 
@@ -56,6 +56,7 @@ def status(name):
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
+    compiled.tell = lambda: print("compiling", file=sys.stderr)
     for option in (-1, -2, -3):  # M_TRIM_THRESHOLD, M_TOP_PAD, M_MMAP_THRESHOLD
         tell_malloc(option, 65536)
     n, word, *more = int(sys.argv[1]), *sys.argv[2:]

@@ -23,9 +23,10 @@ LONG = """
 import resource, sys
 import numpy as np
 from mpi4py import MPI
-from app import ContactProblem, ContactSolver, Grid, Material
+from app import ContactProblem, ContactSolver, Grid, Material, compiled
 from app.memory import doubles_per_cell, doubles_in_strips
 from app.method import settings
+compiled.tell = lambda: print("compiling", file=sys.stderr)
 peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 def solve(nx, ny):
     grid = Grid.from_domain(nx, ny, (0, 1, 0, 1))
@@ -40,11 +41,19 @@ print(peak() - before, estimated)
 """
 
 
+def output(*command, **how):
+    """Output of a command that measures memory; of its second run if the first one had to compile loops."""
+    for _ in range(2):
+        done = run(*command, timeout=300, **how)
+        assert done.returncode == 0, done.stderr
+        if "compiling" not in done.stderr:
+            break
+    return done.stdout
+
+
 def peak(*words, **how):
     """Doubles per cell, as measured and as estimated."""
-    done = run(TESTS / "peak.py", *words, timeout=300, **how)
-    assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
+    told = json.loads(output(TESTS / "peak.py", *words, **how))
     return told["measured"], told["estimated"]
 
 
@@ -97,9 +106,7 @@ def test_limit_of_the_process_counts(monkeypatch):
 @pytest.mark.parametrize("shape", [(1, 100000), (20000, 20)])
 def test_long_patches_take_what_is_estimated(shape):
     """Transforms work on strips as long as the patch, which are all of its memory where it is narrow."""
-    done = run("-c", LONG, *map(str, shape), timeout=100)
-    assert done.returncode == 0, done.stderr
-    measured, estimated = map(float, done.stdout.split())
+    measured, estimated = map(float, output("-c", LONG, *map(str, shape)).split())
     assert 0.3 * estimated < measured <= 1.1 * estimated + 24e6  # what is loaded late, and what malloc keeps
 
 
