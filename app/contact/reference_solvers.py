@@ -44,8 +44,6 @@ class _ReferenceSolver:
         self.level = len(hierarchy.levels) - 1
         self.comm = hierarchy.petsc_comm
         self.mat = self.operator.mat(self.comm)
-        grid = self.operator.grid
-        self.mat.setName(f"contact {grid.nx} x {grid.ny}")
         self.mat.setOptionsPrefix(self.prefix or None)
         self._h = self.mat.createVecRight()
 

@@ -440,6 +440,7 @@ def symmetric_mat(context, comm):
     """Make a Mat of an operator with a `local_shape`, symmetric positive definite. Collective over `comm`."""
     size = context.local_shape[0] * context.local_shape[1], context.grid.n
     mat = PETSc.Mat().createPython((size, size), context, comm=comm)
+    mat.setName(f"contact {context.grid.nx} x {context.grid.ny}")
     for option in ("HERMITIAN", "SYMMETRY_ETERNAL", "SPD"):
         mat.setOption(getattr(PETSc.Mat.Option, option), True)
     mat.setUp()

@@ -49,9 +49,7 @@ class LinearSolver:
         self.operator = operator or hierarchy.levels[self.level]
         self._work, self._interrupted = None, False
         self.mat = self.operator.mat(self.operator.petsc_comm)
-        grid, self._prefix = self.operator.grid, hierarchy.prefix
-        self._name = f"contact {grid.nx} x {grid.ny}"
-        self.mat.setName(self._name)
+        self._prefix = hierarchy.prefix
         self.mat.setOptionsPrefix(self._prefix or None)
         # PETSc would view the solver of every grid after every solve; once, on the target grid, is enough.
         self._view = "-ksp_view" if self.level == len(hierarchy.levels) - 1 else ""
@@ -64,7 +62,7 @@ class LinearSolver:
         if pc_type in _NEED_PARTS:
             raise ValueError(f"-pc_type {pc_type}: needs parts that options, or this matrix, cannot give")
         self.ksp = ksp = PETSc.KSP().create(self.operator.petsc_comm)
-        ksp.setName(self._name)
+        ksp.setName(self.mat.getName())
         ksp.setOptionsPrefix(self._prefix or None)
         ksp.setOperators(self.mat)
         with options_set(self._prefix, {}, {"ksp_view": None} | (_MULTIGRID if pc_type == "mg" else {})):

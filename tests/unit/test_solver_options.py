@@ -89,6 +89,7 @@ def test_views_and_monitors_of_two_solvers_can_be_told_apart(capfd):
         assert f"Mat Object: contact {n} x {n} ({prefix}) 1 MPI" in text
         assert f"Residual norms for {prefix} solve." in text
         assert f"Linear {prefix} solve converged" in text
+    assert "Mat Object: contact 12 x 12 " in text  # of a coarser level
     with ContactSolver(PROBLEM, "norm") as alone:
         assert alone.solve(approach=0.1).load == found[0].load == found[2].load
 
