@@ -329,7 +329,7 @@ class InfluenceOperator(MatMethods):
         """
         a, s = factors_of(mat)
         if shift or s or kind & ~(_FORWARD | _BACKWARD | _ZERO_GUESS):
-            raise ValueError("Gauss-Seidel needs the whole matrix without a diagonal shift")
+            raise ValueError("no Gauss-Seidel by parts of the matrix, or with a diagonal shift")
         if not self.active:
             x.stateIncrease()  # as on the others, which alone may not call what is collective
             return
