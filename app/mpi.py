@@ -1,6 +1,6 @@
 """MPI, without a search for networks where all ranks are on one host. Importable without mpi4py.
 
-``from app.mpi import MPI`` starts MPI if nothing has started it before.
+``from app.mpi import MPI`` starts MPI if nothing has started it before. Other packages may: see `app.packages`.
 """
 
 from __future__ import annotations

@@ -1,16 +1,19 @@
-"""Errors of one line for packages that are missing, or compiled for another numpy. No part of app/ is needed.
+"""Errors of one line for packages that are missing, or compiled for another numpy.
 
 A package compiled for numpy 1 does not load with numpy 2, as pip may install beside Debian's packages. numpy then
 prints a long notice and a traceback for each of its modules.
 """
 
 import io
+import os
 import sys
 from contextlib import redirect_stderr, suppress
 from functools import partial
 from importlib import import_module
 from importlib.machinery import PathFinder
 from pathlib import Path
+
+from app.mpi import changed_environment, for_mpi
 
 HOW_TO_GET = {
     "petsc4py": "Debian: apt-get install python3-petsc4py-real, for Debian's own python3 or a venv of it with "
@@ -53,7 +56,8 @@ class Compiled:
     def _load(cls, name, exec_module, module):
         cls._loading, printed, error = True, io.StringIO(), None
         try:
-            with redirect_stderr(printed):
+            # h5py, mpi4py_fft and petsc4py start MPI.
+            with redirect_stderr(printed), changed_environment(for_mpi(os.environ)):
                 exec_module(module)
                 if name == "scipy" and "numpy" in printed.getvalue().lower():
                     import_module("scipy.linalg")  # scipy itself only warns, its compiled parts fail

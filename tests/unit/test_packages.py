@@ -100,3 +100,11 @@ def test_only_tests_and_examples_of_the_program_are_collected(pytestconfig):
         assert ignored(collection_path=path, config=pytestconfig), path
     for path in (TESTS / "unit" / "test_packages.py", root / "app" / "solver.py"):
         assert not ignored(collection_path=path, config=pytestconfig), path
+
+
+@pytest.mark.parametrize("name", ["h5py", "mpi4py_fft", "petsc4py"])
+def test_packages_that_start_mpi_do_so_without_a_search_for_networks(name, tmp_path):
+    (tmp_path / f"{name}.py").write_text("import os; print(os.environ.get('OMPI_MCA_pml'))")
+    program = f"import os, app, {name}; print(os.environ.get('OMPI_MCA_pml'))"
+    done = run("-c", program, env={"PYTHONPATH": f"{tmp_path}:{TESTS.parent}"})
+    assert (done.stdout.split(), done.stderr) == (["ob1", "None"], "")
