@@ -17,9 +17,11 @@ from fractions import Fraction
 from math import ulp
 
 import numpy as np
+from scipy.fft import irfft2
 from scipy.linalg import lu_factor, lu_solve
 
 from app.halfspace.influence import dense_matrix
+from app.halfspace.periodic import folded, influence_symbol
 
 _PATIENCE = 3
 
@@ -76,6 +78,21 @@ def by_lemke(matrix, h):
     return p
 
 
+def long_matrix(grid, compliance):
+    """Return the influence matrix in extended precision, shape (n, n).
+
+    Coefficients of a periodic patch are not rounded to doubles: those of long cells are much larger than the smallest
+    eigenvalues, which would lose digits.
+    """
+    if not grid.periodic:
+        return dense_matrix(grid, compliance).astype(np.longdouble)
+    j, i = np.arange(grid.ny), np.arange(grid.nx)
+    symbol = influence_symbol(grid, compliance, i[: grid.nx // 2 + 1], j[: grid.ny // 2 + 1]).T
+    first = irfft2(symbol[folded(j, grid.ny)].astype(np.clongdouble), s=grid.shape)  # row of the matrix
+    dj, di = (j[:, None] - j) % grid.ny, (i[:, None] - i) % grid.nx
+    return first[dj[:, None, :, None], di[None, :, None, :]].reshape(grid.n, grid.n)
+
+
 class DenseProblem:
     """A problem whose gap is an array, with its matrix.
 
@@ -93,13 +110,14 @@ class DenseProblem:
 
     def __init__(self, problem):
         self.grid = problem.grid
-        self.matrix = dense_matrix(self.grid, problem.material.compliance)
+        self._matrix = long_matrix(self.grid, problem.material.compliance)
+        self.matrix = self._matrix.astype(float)
         gap = np.asarray(problem.gap, float).ravel()
         self.inside = ~np.isnan(gap)
         self._least = np.longdouble(gap[self.inside].min())
         self._gap = gap[self.inside].astype(np.longdouble) - self._least  # counted from first touch
         self._a = self.matrix[np.ix_(self.inside, self.inside)]
-        self._long = self._a.astype(np.longdouble)
+        self._long = self._matrix[np.ix_(self.inside, self.inside)]
         # On all cells of a periodic patch A is singular.
         self._singular = bool(self.grid.periodic) and self.inside.all()
         self._contact = None  # the last set, a good guess of the next
@@ -139,7 +157,7 @@ class DenseProblem:
     def energy(self, pressure):
         """||p||_A, a seminorm on periodic patches. The pressure may be given in extended precision."""
         p = np.asarray(pressure, np.longdouble).ravel()
-        return float(np.sqrt(max(p @ (self.matrix @ p.astype(float)), 0.0)))
+        return float(np.sqrt(max(p @ (self._matrix @ p), 0.0)))
 
     def _field(self, p):
         whole = np.zeros(self.grid.n, np.longdouble)

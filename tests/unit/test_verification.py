@@ -66,6 +66,15 @@ def test_pivoting_ends_at_the_edge_of_full_contact():
             np.testing.assert_allclose(p, full, rtol=0, atol=1e-11 * full.max())
 
 
+def test_pivoting_loses_no_digits_on_long_cells():
+    """Coefficients are much larger than the eigenvalue of a wave across the cells."""
+    wave = np.tile([1.0, 0.0, -1.0, 0.0], (16, 1))
+    grid, material = Grid(4, 16, 1.0, 1e3), Material.from_contact_modulus(1.0)
+    full = DenseProblem(ContactProblem(grid, material, wave, periodic="spectral")).at(2.0)
+    # E* |q| / 2 times the displacement, and a constant
+    np.testing.assert_allclose(full.astype(float), np.pi / 4 * (1 - wave), rtol=0, atol=1e-15)
+
+
 @pytest.mark.parametrize(("factor", "passes"), [(1.0, True), (0.01, False), (100.0, False), (np.inf, False)])
 @pytest.mark.parametrize("measure", [certificates.of_anything, certificates.of_answers])
 def test_a_certificate_has_to_be_right_and_to_say_something(monkeypatch, measure, factor, passes):
