@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import atexit
 import ctypes
+import gc
 import os
 import re
 import signal
 import sys
 import threading
 import traceback
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from functools import cache, wraps
 
 import numpy as np
@@ -180,6 +181,24 @@ def as_raised():
         yield
     except PETSc.Error as error:
         raise_original(error)
+
+
+@contextmanager
+def _without_collection():
+    """Collect no garbage inside the block. Not collective."""
+    collects = gc.isenabled()
+    try:
+        gc.disable()
+        yield
+    finally:
+        if collects:
+            gc.enable()
+
+
+# A context in which PETSc may call Python. petsc4py formats texts while an exception of Python is set. Since Python 3.12
+# garbage may be collected then. A callback of a weak reference fails because of the exception, which is lost, and
+# petsc4py crashes.
+calling_back = _without_collection if sys.version_info >= (3, 12) else nullcontext
 
 
 def raise_original(error):

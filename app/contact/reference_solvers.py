@@ -14,7 +14,7 @@ from petsc4py import PETSc
 from app.contact.history import Outcome, entry
 from app.contact.state import Displacement, Update
 from app.multigrid.linear_solver import reason_names
-from app.petsc import TAO_REASONS, error_message
+from app.petsc import TAO_REASONS, calling_back, error_message
 from app.solver_options import options_set
 
 # Codes of PETSc errors: argument out of range and inconsistent data (line searches), floating point, no convergence
@@ -219,7 +219,8 @@ class Tao(_ReferenceSolver):
         self.tao.setVariableBounds((lower, upper))
         self.tao.setTolerances(**self._unless_given(gatol=allowed, grtol=0, gttol=0))
         try:
-            self.tao.solve(p)
+            with calling_back():
+                self.tao.solve(p)
         except BaseException:
             self._interrupted = True  # vectors stay locked: another Tao is made
             raise
@@ -274,7 +275,8 @@ class SnesVI(_ReferenceSolver):
         self.snes.setVariableBounds(lower, upper)
         self.snes.setTolerances(**self._unless_given(rtol=0, atol=allowed, stol=0))
         try:
-            self.snes.solve(None, p)
+            with calling_back():
+                self.snes.solve(None, p)
         except BaseException:
             self.snes.getKSP().reset()  # it would keep the number of unknowns it has been left with
             raise

@@ -11,6 +11,7 @@ import math
 from petsc4py import PETSc
 
 from app.errors import exactly
+from app.petsc import calling_back
 from app.solver_options import options_set
 
 
@@ -65,7 +66,8 @@ class LinearSolver:
         ksp.setName(self.mat.getName())
         ksp.setOptionsPrefix(self._prefix or None)
         ksp.setOperators(self.mat)
-        with options_set(self._prefix, {}, {"ksp_view": None} | (_MULTIGRID if pc_type == "mg" else {})):
+        forced = {"ksp_view": None} | (_MULTIGRID if pc_type == "mg" else {})
+        with options_set(self._prefix, {}, forced), calling_back():
             ksp.setFromOptions()
             if ksp.getNormType() == PETSc.KSP.NormType.NONE:
                 ksp.setTolerances(rtol=0, atol=0)  # otherwise PETSc spends a product on a norm nobody reads
@@ -142,7 +144,8 @@ class LinearSolver:
         if (enough := self._enough(allowed)) is not None:
             self.ksp.setTolerances(atol=enough)
         try:
-            self.ksp.solve(b, x)
+            with calling_back():
+                self.ksp.solve(b, x)
         except BaseException:
             self._interrupted = True  # vectors stay locked: another KSP is made
             raise

@@ -5,6 +5,7 @@ import gc
 import pickle
 import tracemalloc
 import warnings
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -91,6 +92,32 @@ def test_a_solver_goes_on_after_an_interrupt(method, number, products_left):
             solver.solve(approach=0.1)
         found = solver.solve(approach=0.1).pressure
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * expected.max())
+
+
+@each_method
+def test_an_interrupt_is_not_lost_if_garbage_is_due(method, monkeypatch):
+    """Python 3.12 may collect it while the exception is on its way through PETSc."""
+
+    class Node:
+        pass
+
+    thresholds, kept = gc.get_threshold(), []
+
+    def interrupted(*_, **__):
+        node = Node()
+        node.itself = node
+        kept.append(weakref.ref(node, kept.remove))
+        del node
+        gc.set_threshold(1)  # the exception is one object too many
+        raise KeyboardInterrupt
+
+    with solver_of(method) as solver:
+        monkeypatch.setattr(EvenMultiplier, "apply", interrupted)
+        try:
+            with pytest.raises(KeyboardInterrupt):
+                solver.solve(approach=0.1)
+        finally:
+            gc.set_threshold(*thresholds)
 
 
 @pytest.mark.parametrize("method", ["fast", "primal", "fmg"])
