@@ -195,8 +195,8 @@ def _without_collection():
             gc.enable()
 
 
-# A context in which PETSc may call Python. petsc4py formats texts while an exception of Python is set. Since Python 3.12
-# garbage may be collected then. A callback of a weak reference fails because of the exception, which is lost, and
+# A context in which PETSc may call Python. petsc4py formats texts while an exception of Python is set. Since Python
+# 3.12 garbage may be collected then. A callback of a weak reference fails because of the exception, which is lost, and
 # petsc4py crashes.
 calling_back = _without_collection if sys.version_info >= (3, 12) else nullcontext
 

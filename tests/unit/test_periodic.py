@@ -20,7 +20,7 @@ from app.errors import InputError
 from app.halfspace import influence
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Grid
-from app.halfspace.influence import influence_quadrant
+from app.halfspace.influence import dense_matrix, influence_quadrant
 from app.halfspace.operator import InfluenceOperator
 from app.halfspace.periodic import influence_symbol
 from app.multigrid.hierarchy import Hierarchy
@@ -312,6 +312,26 @@ def test_the_certificate_is_as_sharp_at_first_touch_as_elsewhere(depth, share):
     exact = dense.at(depth).astype(float)
     bound = certified(problem, depth, share * exact).error_bound
     assert 0.5 * bound < abs(share - 1) / share <= bound
+
+
+@pytest.mark.parametrize(
+    ("shape", "symbol", "share"),
+    [((3, 5), "spectral", 0.1), ((3, 6), "love", 0.5), ((4, 4), "spectral", 0.1)],
+)
+def test_the_certificate_counts_the_rounding_of_a_stored_matrix(shape, symbol, share):
+    """Coefficients of long cells are much larger than the eigenvalues of the waves across them."""
+    ny, nx = shape
+    gap = np.tile(np.cos(2 * np.pi * np.arange(nx) / nx + 1), (ny, 1))
+    problem = ContactProblem(Grid(nx, ny, 1.0, 1e4), periodic.MATERIAL, gap, periodic=symbol)
+    dense, approach = DenseProblem(problem), (1 - share) * gap.min() + share * gap.mean()
+    exact = dense.at(approach)
+    p, contact = np.zeros(problem.grid.n), (exact > 0).ravel()
+    rounded = dense_matrix(problem.grid, problem.material.compliance)[np.ix_(contact, contact)]
+    p[contact] = np.linalg.solve(rounded, approach - gap.ravel()[contact])
+    p = p.reshape(shape)
+    bound = certified(problem, approach, p).error_bound
+    assert dense.energy(exact - p) <= bound * dense.energy(p)
+    assert bound < 1e-10
 
 
 def test_certificate_with_nothing_but_holes_and_contact():
