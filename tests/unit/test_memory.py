@@ -103,6 +103,12 @@ def test_limit_of_the_process_counts(monkeypatch):
         memory.check_hosts(Communicator(MPI.COMM_SELF), GRID, 16000)
 
 
+def test_a_process_short_of_address_space_is_refused(monkeypatch):
+    monkeypatch.setattr(memory, "_address_space", lambda: 383 << 20)
+    with pytest.raises(InputError, match="may take 383 MiB more of address space .*; needed: 384 MiB"):
+        memory.check_process()
+
+
 @pytest.mark.parametrize("shape", [(1, 100000), (20000, 20)])
 def test_long_patches_take_what_is_estimated(shape):
     """Transforms work on strips as long as the patch, which are all of its memory where it is narrow."""
