@@ -389,8 +389,8 @@ class ContactSolver:
         approach, extent = loading.found_approach(state), measure_extent(state)
         notes = notes_on(state, self.problem, found, self._roughness)
         # Rank 0 has a part in every grid and window.
-        told = applied, history.entries, self.comm.traffic.since(before)
-        applied, history.entries, traffic = self.comm.bcast(told)
+        counted = applied, history.entries, self.comm.traffic.since(before)
+        applied, history.entries, traffic = self.comm.bcast(counted)
         return Solution(
             pressure=state.p,
             displacement=state.u,

@@ -21,9 +21,7 @@ from app.contact.stopping import ROUNDING_LEAVES
 MIN_SECANT_STEP = 3.0  # rms residuals by which the approach must have moved for a secant to count
 MAX_SLOPE_RATIO = 3.0  # factor by which the slope may change in one step
 MAX_LEAST_STIFFNESS_RATIO = 3.0  # largest slope over the least stiffness there can be
-MIN_MEAN_SLOPE_FRACTION = (
-    0.9  # of the mean slope since first touch, which a secant has at least but for rounding
-)
+MIN_MEAN_SLOPE_FRACTION = 0.9  # of the mean slope since first touch: least slope of a secant that counts
 LOAD_ROUNDING = 1e-12  # of the sum of the pressure, relative, where the load has been met
 LOAD_RESIDUAL_FRACTION = 0.25  # of the rms residual: error of the approach that the residual explains
 _SECANTS = 2  # that usually meet a load; loading scipy.optimize, for the rest, takes as long as a small solve
