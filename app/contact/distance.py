@@ -52,6 +52,8 @@ class UndeformedDistance:
         The same.
     depth : float
         The approach beyond the reference [mm].
+    neglected_gap : float
+        Mean gap that is taken as zero, because it differs from full contact by rounding only [mm].
     touching : float or None
         Depth at which the first cells touch [mm]; None of a window: nobody knows.
     lowest : float
@@ -66,6 +68,7 @@ class UndeformedDistance:
         Around all admissible cells.
     """
 
+    neglected_gap = 0.0
     _norm = None  # at this depth, when somebody has asked
 
     def __init__(self, operator, shape, reference=0.0, measured=True):
@@ -130,9 +133,9 @@ class UndeformedDistance:
         """Whether it varies by no more than numbers of the size of the reference are rounded by. Not collective."""
         return self.deviation <= _FEW * ulp(self.reference)
 
-    def move_to(self, depth):
+    def move_to(self, depth, neglected_gap=0.0):
         """Change the depth. Not collective."""
-        self.depth, self._norm = float(depth), None
+        self.depth, self.neglected_gap, self._norm = float(depth), neglected_gap, None
 
     def norm(self):
         """||h||_2 over the admissible cells [mm], (5.1); 1 where it is zero, to be divided by. Not collective."""

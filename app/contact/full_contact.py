@@ -79,7 +79,8 @@ class FullContact:
         state.project()
         history.start(state, self)
         state.contact[...] = True
-        distance.move_to(distance.statistics.mean)
+        mean = distance.statistics.mean
+        distance.move_to(mean, neglected_gap=max(mean - loading.depth_on(distance), 0.0))
         state.compute_displacement(exact=True)
         rms = state.on_contact_or_overlap().rms
         residual = np.sqrt(grid.n) * rms

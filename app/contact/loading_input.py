@@ -62,7 +62,7 @@ def make_loading(grid, distance, **given):
         _check_mean_gap(value, grid, holes, little)
         # no digits are lost to the reference
         depth = (mean - max(value, 0.0)) + distance.statistics.mean_rest
-        depth = _without_rounding(depth, mean, distance.touching, mean)
+        depth = _without_rounding(depth, mean, distance.touching, np.inf)
         return PrescribedMeanGap(distance, depth, value)
     if not grid.periodic:
         return PrescribedApproach(value)

@@ -131,6 +131,10 @@ class DenseProblem:
             return self._field(self._full())
         return self._field(self._pivot(depth))
 
+    def with_mean_gap(self, mean_gap):
+        """Pressure with a mean gap of a periodic patch without holes, shape (ny, nx) [N/mm2]."""
+        return self._field(self._pivot(self._gap.mean() - mean_gap) if mean_gap > 0 else self._full())
+
     def under(self, load, approach):
         """Pressure under a load [N], shape (ny, nx) [N/mm2], and its approach [mm]; given one to begin with."""
         sum_p, full = np.longdouble(load) / self.grid.cell_area, self._full() if self._singular else None

@@ -207,9 +207,24 @@ def test_a_mean_gap_is_kept_however_little_it_is(symbol, method):
             assert found.converged and not found.contact.all()
             assert found.mean_gap == pytest.approx(share * (gap.mean() - gap.min()), rel=1e-2)
             assert found.indentation + gap.min() == pytest.approx(found.approach, rel=1e-15)
-            error = dense.energy(dense.at(found.approach) - found.pressure)
-            rounding = 1e-11  # of the approach
-            assert error <= (found.error_bound + rounding) * dense.energy(found.pressure)
+            exact = dense.with_mean_gap(share * (gap.mean() - gap.min()))
+            assert dense.energy(exact - found.pressure) <= found.error_bound * dense.energy(found.pressure)
+
+
+@pytest.mark.parametrize("loading", ["approach", "mean_gap"])
+@pytest.mark.parametrize("method", [None, "fmg_v11"])
+def test_the_error_bound_counts_a_gap_that_full_contact_neglects(method, loading):
+    """A gap of a few units in the last place of the mean distance."""
+    gap = np.random.default_rng(5).random((12, 16))
+    gap -= gap.min()
+    problem = ContactProblem(Grid(16, 12, 1.0, 1.0), MATERIAL, gap, periodic="spectral")
+    dense = DenseProblem(problem)
+    for units in (5, 6, 8, 10):
+        mean_gap = units * np.spacing(gap.mean())
+        given = mean_gap if loading == "mean_gap" else gap.mean() - mean_gap
+        found = solved(problem, method, options={"lcp_rtol": 1e-14}, **{loading: given})
+        exact = dense.at(given) if loading == "approach" else dense.with_mean_gap(given)
+        assert dense.energy(exact - found.pressure) <= found.error_bound * dense.energy(found.pressure)
 
 
 def test_a_grid_without_any_possible_contact_is_left_out():
