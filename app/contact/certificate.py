@@ -38,8 +38,9 @@ about ``eps (sqrt(A_II) ||p|| + ||u|| / sqrt(smallest))`` in that norm, from the
 0.26 to 0.72 times it); `_ROUNDING` times it is added to the bound. The stored matrix of a small periodic patch has
 rounded coefficients, which cancel where waves are short: there it is ``||row of A|| / sqrt(smallest)`` in place of
 sqrt(A_II), and ``||row of A||^2 <= A_II largest eigenvalue``. Undeformed distances are taken as they are held. In
-contact they are no larger than u, and so is their rounding. Where full contact neglects a mean gap m, the pressure is
-off by at most ``n m sqrt(B_II)``: all of the gap may be in a cell without pressure.
+contact they are no larger than u, and so is their rounding. The approach is rounded, too, by an m of a unit in the last
+place, and full contact neglects a mean gap m. On a periodic patch both change the pressure by about
+``n m sqrt(B_II / k)``, spread over the k cells without pressure.
 """
 
 from __future__ import annotations
@@ -135,10 +136,11 @@ def _prove(state, enough, work):
     of_u, energy, defect, to_p, moved, of_p = sums
     if not np.isfinite(sums).all():  # who compares with NaN finds nothing wrong
         return Certificate(np.nan, np.inf, np.nan, np.nan, np.nan)
+    shifted = 0.0
     if tension > state.bounds.rounding * highest:
         gap = np.inf
     elif state.grid.periodic:
-        gap, energy = _closing(state, energy, enough, work)
+        gap, energy, shifted = _closing(state, energy, enough, work)
     else:
         lifted = defect + _lifting(state, lift, energy, penetrates)
         gap = float(min(lifted, to_p + moved / (2 * smallest)))  # either bound holds
@@ -148,9 +150,7 @@ def _prove(state, enough, work):
         longest = state.operator.compliance * max(grid.nx * grid.dx, grid.ny * grid.dy)  # eigenvalue
         diagonal *= max(longest / smallest, 1.0)
     lost = np.sqrt(diagonal * of_p) + np.sqrt(of_u / smallest)
-    error = np.sqrt(2 * gap) + _ROUNDING * np.finfo(float).eps * lost
-    if neglected := state.distance.neglected_gap:
-        error += state.grid.n * neglected * np.sqrt(state.operator.inverse.centre[1, 1])
+    error = np.sqrt(2 * gap) + _ROUNDING * np.finfo(float).eps * lost + shifted
     return Certificate(
         duality_gap=gap * state.grid.cell_area,
         error_bound=float(error / np.sqrt(energy)) if energy > 0 else np.inf if gap > 0 else 0.0,
@@ -175,15 +175,15 @@ def _lifting(state, most, energy, penetrates):
 
 
 def _closing(state, energy, enough, work):
-    """Duality gap on a periodic patch, and p.Ap, of a flat one at least what rounding leaves of it. Collective.
+    """Duality gap on a periodic patch, p.Ap, and the error by a rounded approach. Collective.
 
-    ``p.g + w.Bw / 2``, ``w = g - e``, by a product with B; or without, where ``w.Bw <= ||B|| w.w`` bounds the error by
-    `enough`.
+    The gap is ``p.g + w.Bw / 2``, ``w = g - e``, by a product with B; or without, where ``w.Bw <= ||B|| w.w`` bounds
+    the error by `enough`. A flat patch has at least the p.Ap that rounding leaves.
     """
     inverse, n = state.operator.inverse, state.grid.n
     diagonal = float(inverse.centre[1, 1]) or 1.0
     fields = state.distance.b, state.depth, state.u, state.p, state.admissible
-    gaps, excess, to_p, pressures, squares, of_u = state.sum(loops.gaps(*fields, diagonal))
+    gaps, excess, to_p, pressures, squares, of_u, free = state.sum(loops.gaps(*fields, diagonal))
     inside, mean, *_ = state.distance.statistics
     excess += of_u  # zero but for rounding, which near full contact is all that the few gaps have to take up
     if inside == n and not gaps:  # full contact: the mean of e is known without rounding
@@ -203,7 +203,8 @@ def _closing(state, energy, enough, work):
         inverse.apply(field, field)  # B w
         curved = state.sum([loops.move(*moved, 1.0, field)[1]])[0] / (2 * scale)  # w.Bw / 2
         curved += _TRANSFORM * np.finfo(inverse.dtype).eps * most
-    return float(to_gap + curved), float(energy)
+    rounded = state.distance.neglected_gap + math.ulp(state.depth)
+    return float(to_gap + curved), float(energy), n * rounded * math.sqrt(diagonal / max(free, 1.0))
 
 
 class _Gap(NamedTuple):

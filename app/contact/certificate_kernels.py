@@ -18,7 +18,7 @@ from app.halfspace.reductions import any_order, plus
 
 @any_order
 def _gaps_row(b, depth, u, p, admissible, diagonal):
-    gaps, excess, to_p, pressures, squares, of_u = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    gaps, excess, to_p, pressures, squares, of_u, free = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(b.size):
         e = gap(u[i], b[i], depth) if admissible[i] else 0.0
         near = p[i] / diagonal
@@ -29,13 +29,14 @@ def _gaps_row(b, depth, u, p, admissible, diagonal):
         pressures += p[i]
         squares += p[i] * p[i]
         of_u += u[i]
-    return gaps, excess, to_p, pressures, squares, of_u
+        free += 0.0 if p[i] > 0 else 1.0
+    return gaps, excess, to_p, pressures, squares, of_u, free
 
 
 @njit()
 def gaps(b, depth, u, p, admissible, diagonal):
-    """Sums of the gap g that is to be reached, of g - e, of p g, p, p p and u."""
-    sums = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    """Sums of the gap g that is to be reached, of g - e, of p g, p, p p and u; and cells without pressure."""
+    sums = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(b.shape[0]):
         sums = plus(sums, _gaps_row(b[j], depth, u[j], p[j], admissible[j], diagonal))
     return sums

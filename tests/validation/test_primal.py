@@ -227,6 +227,23 @@ def test_the_error_bound_counts_a_gap_that_full_contact_neglects(method, loading
         assert dense.energy(exact - found.pressure) <= found.error_bound * dense.energy(found.pressure)
 
 
+def test_the_error_bound_counts_the_rounding_of_the_approach_near_full_contact():
+    """A mean gap of less than that is all in the cell with the least pressure."""
+    n, q = 64, 2 * np.pi * np.fft.fftfreq(64)
+    x = 2 * np.pi * np.arange(n) / n
+    gap = 2 + np.cos(x + 1) + 0.3 * np.cos(2 * x[:, None] + x + 2)
+    problem = ContactProblem(
+        Grid(n, n, 1.0, 1.0), Material.from_contact_modulus(2.0), gap, periodic="spectral"
+    )
+    inverse = np.hypot(q, q[:, None])
+    mean_gap = 0.4 * np.spacing(gap.mean() - gap.min())
+    found = solved(problem, mean_gap=mean_gap)
+    waves = abs(np.fft.fft2(found.pressure)) / n
+    size = np.sqrt(np.sum(np.divide(waves**2, inverse, out=np.zeros_like(waves), where=inverse > 0)))
+    error = n**2 * mean_gap * np.sqrt(inverse.mean())
+    assert found.contact.all() and error <= found.error_bound * size
+
+
 def test_a_grid_without_any_possible_contact_is_left_out():
     """A punch that lies between the cell centres of all coarse grids."""
 
