@@ -114,8 +114,9 @@ class DenseProblem:
         self.matrix = self._matrix.astype(float)
         gap = np.asarray(problem.gap, float).ravel()
         self.inside = ~np.isnan(gap)
-        self._least = np.longdouble(gap[self.inside].min())
-        self._gap = gap[self.inside].astype(np.longdouble) - self._least  # counted from first touch
+        self._heights = gap[self.inside]
+        self._least = np.longdouble(self._heights.min())
+        self._gap = self._heights.astype(np.longdouble) - self._least  # counted from first touch
         self._a = self.matrix[np.ix_(self.inside, self.inside)]
         self._long = self._matrix[np.ix_(self.inside, self.inside)]
         # On all cells of a periodic patch A is singular.
@@ -133,7 +134,12 @@ class DenseProblem:
 
     def with_mean_gap(self, mean_gap):
         """Pressure with a mean gap of a periodic patch without holes, shape (ny, nx) [N/mm2]."""
-        return self._field(self._pivot(self._gap.mean() - mean_gap) if mean_gap > 0 else self._full())
+        # Near first touch extended precision has too few digits of the mean.
+        mean = sum(Fraction(float(h)) for h in self._heights) / self._heights.size
+        depth = mean - Fraction(float(self._least)) - Fraction(float(mean_gap))
+        rest = depth - Fraction(float(depth))
+        depth = np.longdouble(float(depth)) + float(rest)
+        return self._field(self._pivot(depth) if mean_gap > 0 else self._full())
 
     def under(self, load, approach):
         """Pressure under a load [N], shape (ny, nx) [N/mm2], and its approach [mm]; given one to begin with."""

@@ -1,6 +1,7 @@
 """Verification: figures and their limits, exact solutions of small problems, the document and the command."""
 
 from dataclasses import replace
+from fractions import Fraction
 from types import SimpleNamespace
 
 import numpy as np
@@ -73,6 +74,19 @@ def test_pivoting_loses_no_digits_on_long_cells():
     full = DenseProblem(ContactProblem(grid, material, wave, periodic="spectral")).at(2.0)
     # E* |q| / 2 times the displacement, and a constant
     np.testing.assert_allclose(full.astype(float), np.pi / 4 * (1 - wave), rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("depth", [1e-13, 1e-17])
+def test_mean_gaps_lose_no_digits_near_first_touch(depth):
+    gap = np.array([[0.0, 1.0, 3.0, 1.0, 3.0, 1.0, 2.0]])  # with a mean of 11/7
+    mean_gap = 11 / 7 - depth
+    exact = float(Fraction(11, 7) - Fraction(mean_gap))
+    problem = ContactProblem(
+        Grid(7, 1, 1.0, 1.0), Material.from_contact_modulus(1.0), gap, periodic="spectral"
+    )
+    dense = DenseProblem(problem)
+    by_approach, found = dense.at(exact), dense.with_mean_gap(mean_gap)
+    np.testing.assert_allclose(found.astype(float), by_approach.astype(float), rtol=1e-14, atol=0)
 
 
 @pytest.mark.parametrize(("factor", "passes"), [(1.0, True), (0.01, False), (100.0, False), (np.inf, False)])
