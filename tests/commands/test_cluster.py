@@ -78,7 +78,9 @@ def test_answer_is_that_of_one_host(solve, tmp_path, cells):
         tmp_path / "two.h5",
         env={"PETSC_OPTIONS": "-lcp_rtol 1e-7"},
     )
-    assert (done.returncode, done.stderr) == (0, "")
+    # Open MPI warns if the program that it starts on a host is faster than its own call of setpgid.
+    said = [line for line in done.stderr.splitlines() if "plm:rsh: Warning: setpgid" not in line]
+    assert (done.returncode, said) == (0, [])
     more = ["-options_file", tmp_path / "more.opts", "-lcp_rtol", 1e-7, "-output", tmp_path / "one.h5"]
     assert run(*HERTZ[1:], *more, ranks=2).returncode == 0
     one, two = (read_result(tmp_path / f"{name}.h5") for name in ("one", "two"))
