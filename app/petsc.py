@@ -202,11 +202,14 @@ calling_back = _without_collection if sys.version_info >= (3, 12) else nullconte
 
 
 def raise_original(error):
-    """Raise what a Python callback has raised in place of an error of PETSc's, if there is such. Not collective."""
+    """Raise what a Python callback has raised in place of an error of PETSc's, if there is such. Not collective.
+
+    Of several errors of PETSc's, where Python has called PETSc again, the innermost one.
+    """
     original = error
-    while isinstance(original, PETSc.Error):
+    while isinstance(original, PETSc.Error) and original.__cause__ is not None:
         original = original.__cause__
-    if original is None:
+    if original is error:
         raise error
     raise original from None
 

@@ -15,6 +15,7 @@ from app.multigrid import ContactMG
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.multigrid.transfer import Transfer
+from app.petsc import as_raised
 from app.solver_options import options_set
 
 MULTIGRID = {"pc_type": "python", "pc_python_type": "app.multigrid.ContactMG"}
@@ -183,7 +184,7 @@ def test_options_are_read_under_the_prefix_of_the_pc(comm):
 )
 def test_what_the_grid_does_not_allow_is_refused(comm, grid, levels, message):
     _, ksp, parts = ready(comm, grid)
-    with options_set("", {}, {"pc_mg_levels": levels}), pytest.raises(InputError, match=message):
+    with options_set("", {}, {"pc_mg_levels": levels}), pytest.raises(InputError, match=message), as_raised():
         ksp.setUp()
     for part in (ksp, *parts):
         part.destroy()
@@ -211,7 +212,8 @@ def test_a_view_of_the_ksp_shows_the_levels(comm, tmp_path):
 def test_a_scaled_mat_is_refused(comm):
     _, ksp, parts = ready(comm)
     parts[0].scale(2.0)
-    with pytest.raises(InputError, match="ContactMG: needs a Mat that is neither scaled nor shifted"):
+    message = "ContactMG: needs a Mat that is neither scaled nor shifted"
+    with pytest.raises(InputError, match=message), as_raised():
         ksp.setUp()
     for part in (ksp, *parts):
         part.destroy()
@@ -244,7 +246,7 @@ def test_an_interrupted_cycle_can_be_repeated(comm, place, call, monkeypatch):
     p.set(0)
     with monkeypatch.context() as patch:
         patch.setattr(*place, interrupted)
-        with pytest.raises(KeyboardInterrupt):
+        with pytest.raises(KeyboardInterrupt), as_raised():
             ksp.solve(b, p)
     ksp.reset()
     ksp.setOperators(mat)
