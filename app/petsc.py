@@ -169,8 +169,13 @@ def error_message(error):
 
 def refusal(error):
     """InputError in place of an error of PETSc's that says that solvers do not go together. Not collective."""
-    if isinstance(error, PETSc.Error) and error.ierr in _WRONG_CHOICES:
-        return InputError(f"solver options: {error_message(error)}")
+    inner = error
+    while isinstance(
+        inner.__cause__, PETSc.Error
+    ):  # newer petsc4py wraps what Python's own calls of PETSc raise
+        inner = inner.__cause__
+    if isinstance(inner, PETSc.Error) and inner.ierr in _WRONG_CHOICES:
+        return InputError(f"solver options: {error_message(inner)}")
     return error
 
 
