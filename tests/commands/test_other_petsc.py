@@ -27,6 +27,8 @@ for options in ({}, {"lcp_precision": "double", "lcp_cells_per_rank": 1}, {"lcp_
     for loading in ({"approach": 0.05}, {"load": 70000.0}, {"load": 1e9}):
         assert solve(images, method="primal", options=options, **loading).converged, options
 
+import gc
+
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -74,6 +76,7 @@ for kind, interrupted in (("gmres", 7), ("cg", 3), ("richardson", 0)):
     except KeyboardInterrupt:
         ksp.reset()
         ksp.setOperators(mat)
+        gc.collect()  # frames of an exception that newer petsc4py wraps
         for vec in (p, b):
             vec.destroy()
         p, b = mat.createVecs()
