@@ -76,7 +76,6 @@ for kind, interrupted in (("gmres", 7), ("cg", 3), ("richardson", 0)):
     except KeyboardInterrupt:
         ksp.reset()
         ksp.setOperators(mat)
-        gc.collect()  # frames of an exception that newer petsc4py wraps
         for vec in (p, b):
             vec.destroy()
         p, b = mat.createVecs()
@@ -87,6 +86,8 @@ for kind, interrupted in (("gmres", 7), ("cg", 3), ("richardson", 0)):
     ksp.destroy()
 for part in (mat, p, b):
     part.destroy()
+del ksp, mat, p, b, part, vec, operator
+gc.collect()  # frames of an exception that newer petsc4py wraps
 PETSc.garbage_cleanup()
 assert len(set(comm.allgather(tuple(counts)))) == 1 and max(counts) < 40, counts
 
