@@ -167,13 +167,16 @@ def error_message(error):
     return f"what is written in Python has no {said}" if re.fullmatch(r"method \w+\(\)", said) else said
 
 
+def _original(error):
+    """Return what an error of PETSc's was caused by: newer petsc4py wraps what callbacks raise, also PETSc's errors."""
+    while isinstance(error, PETSc.Error) and error.__cause__ is not None:
+        error = error.__cause__
+    return error
+
+
 def refusal(error):
     """InputError in place of an error of PETSc's that says that solvers do not go together. Not collective."""
-    inner = error
-    while isinstance(
-        inner.__cause__, PETSc.Error
-    ):  # newer petsc4py wraps what Python's own calls of PETSc raise
-        inner = inner.__cause__
+    inner = _original(error)
     if isinstance(inner, PETSc.Error) and inner.ierr in _WRONG_CHOICES:
         return InputError(f"solver options: {error_message(inner)}")
     return error
@@ -207,13 +210,8 @@ calling_back = _without_collection if sys.version_info >= (3, 12) else nullconte
 
 
 def raise_original(error):
-    """Raise what a Python callback has raised in place of an error of PETSc's, if there is such. Not collective.
-
-    Of several errors of PETSc's, where Python has called PETSc again, the innermost one.
-    """
-    original = error
-    while isinstance(original, PETSc.Error) and original.__cause__ is not None:
-        original = original.__cause__
+    """Raise what a Python callback has raised in place of an error of PETSc's, if there is such. Not collective."""
+    original = _original(error)
     if original is error:
         raise error
     raise original from None
