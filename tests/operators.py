@@ -79,3 +79,17 @@ def mat_times(mat, values):
     x.destroy()
     y.destroy()
     return found
+
+
+def asymmetry(pc, operator, mat):
+    """|u.Mv - v.Mu| / |u| |Mv| of a preconditioner M for two random vectors on the contact set."""
+    u, v, mu, mv = vectors = [mat.createVecRight() for _ in range(4)]
+    rng = np.random.default_rng(operator.slabs.rows.start)
+    for vector in (u, v):
+        vector.setArray((rng.normal(size=operator.local_shape) * operator.mask).reshape(-1))
+    pc.apply(u, mu)
+    pc.apply(v, mv)
+    found = abs(u.dot(mv) - v.dot(mu)) / (u.norm() * mv.norm())
+    for vector in vectors:
+        vector.destroy()
+    return found

@@ -6,7 +6,7 @@ import weakref
 import numpy as np
 import pytest
 from mpi4py import MPI
-from operators import STEEL, slabs_of
+from operators import STEEL, asymmetry, slabs_of
 from petsc4py import PETSc
 
 from app.errors import InputError
@@ -99,20 +99,6 @@ def test_a_users_ksp_needs_as_many_iterations_as_the_loop(comm, kind, grid):
     assert counts == of_the_loop(grid, kind)
     for part in (ksp, p, b, mat):
         part.destroy()
-
-
-def asymmetry(pc, operator, mat):
-    """|u.Mv - v.Mu| / |u| |Mv| of a preconditioner M for two random vectors on the contact set."""
-    u, v, mu, mv = vectors = [mat.createVecRight() for _ in range(4)]
-    rng = np.random.default_rng(operator.slabs.rows.start)
-    for vector in (u, v):
-        vector.setArray((rng.normal(size=operator.local_shape) * operator.mask).reshape(-1))
-    pc.apply(u, mu)
-    pc.apply(v, mv)
-    found = abs(u.dot(mv) - v.dot(mu)) / (u.norm() * mv.norm())
-    for vector in vectors:
-        vector.destroy()
-    return found
 
 
 def ready(comm, grid=FREE):
