@@ -6,7 +6,7 @@ PETSc with its own options before.
 
 from importlib import import_module
 
-from app import packages, petsc_path  # noqa: F401  petsc4py can be imported from here on
+from app.base import packages, petsc_path  # noqa: F401  petsc4py can be imported from here on
 
 packages.install()
 
@@ -14,8 +14,8 @@ __version__ = "0.3.0"
 
 _PLACES = {
     "Cone": "app.problems.shapes",
-    "ContactProblem": "app.problems.given",
-    "ContactSolver": "app.solver",
+    "ContactProblem": "app.problems.contact_problem",
+    "ContactSolver": "app.api.solver",
     "Cylinder": "app.problems.shapes",
     "FlatPunch": "app.problems.shapes",
     "Grid": "app.halfspace.grid",
@@ -23,13 +23,13 @@ _PLACES = {
     "Material": "app.halfspace.influence",
     "Paraboloid": "app.problems.shapes",
     "Plane": "app.problems.shapes",
-    "SelfAffineSurface": "app.problems.surfaces",
-    "Solution": "app.solution",
+    "SelfAffineSurface": "app.problems.random_surfaces",
+    "Solution": "app.api.solution",
     "Sphere": "app.problems.shapes",
-    "read_result": "app.output.result",
-    "read_surface": "app.problems.measured",
-    "refine": "app.refinement",
-    "solve": "app.solver",
+    "read_result": "app.io.result",
+    "read_surface": "app.problems.surfaces.reading",
+    "refine": "app.api.refinement",
+    "solve": "app.api.solver",
 }
 __all__ = [*_PLACES, "__version__"]
 

@@ -1,32 +1,8 @@
-"""Write an XDMF file for ParaView beside result files: ``python -m app.xdmf RESULT.h5 [MORE.h5 ...] [-o SERIES.xdmf]``.
-
-Without -o the first one's name with ``.xdmf``. Several results of one folder, such as the steps of a load path, become
-a series; its times are the loads if they rise, else 0, 1, 2. Exit status 0, or 2 with one line on standard error. Runs
-on one rank.
-"""
-
-from __future__ import annotations
+"""Describe results for ParaView: ``python -m app.xdmf``, see `app.cli.xdmf`."""
 
 import sys
-from pathlib import Path
 
-from app.commands import streams
-from app.commands.arguments import Parser, command
-from app.output.xdmf import write_xdmf
-
-
-@command
-def main(argv):
-    """Run the command and return its exit status."""
-    parser = Parser(prog="python -m app.xdmf", description="Tell ParaView what is in result files.")
-    parser.add_argument("results", type=Path, nargs="+", metavar="RESULT.h5", help="in the order of time")
-    parser.add_argument(
-        "-o", "--output", type=Path, metavar="F.xdmf", help="default: beside the first result"
-    )
-    arguments = parser.parse_args(argv)
-    streams.say(str(write_xdmf(arguments.results, arguments.output)))
-    return 0
-
+from app.cli.xdmf import main
 
 if __name__ == "__main__":
     sys.exit(main())

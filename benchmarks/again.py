@@ -5,7 +5,7 @@ Started by `benchmarks.measure` as ``mpiexec -n P python -m benchmarks.again`` w
 
 from __future__ import annotations
 
-from app.commands import session
+from app.cli import session
 
 _FEWEST = 8
 _SECONDS = 1.0  # solved for at least as long: small problems more often
@@ -17,8 +17,8 @@ def main(given):
 
     from mpi4py import MPI
 
-    from app.commands.problem_options import Request
-    from app.solver import ContactSolver
+    from app.api.solver import ContactSolver
+    from app.cli.problem_options import Request
 
     comm, times = MPI.COMM_WORLD, []
     request = Request(given, comm)

@@ -19,8 +19,8 @@ import numpy as np
 from tqdm import tqdm
 
 from app.halfspace.grid import Grid
-from app.output.table import markdown, write_table
-from app.problems.surfaces import SelfAffineSurface
+from app.io.table import markdown, write_table
+from app.problems.random_surfaces import SelfAffineSurface
 from benchmarks import loads, periodic, replay
 from benchmarks.measure import ROOT, Memory, head, insist, note_on, publish, quickest, solve_command
 from benchmarks.plain import PlainProduct, check, seconds

@@ -16,9 +16,9 @@ import numpy as np
 from tqdm import tqdm
 
 from app import ContactProblem, ContactSolver, FlatPunch, Grid, Material, Paraboloid
-from app.method import read_method_file
-from app.output.table import markdown
-from app.problems.surfaces import WavySurface
+from app.io.table import markdown
+from app.options.method import read_method_file
+from app.problems.random_surfaces import WavySurface
 from benchmarks.loads import MATERIAL, SIDE, SLOPE, Spectrum
 
 FORCE = MATERIAL.contact_modulus * SLOPE * SIDE**2
@@ -79,38 +79,45 @@ FREE = (
     Constant("lcp_predictor", "share of the expected change of u that is believed"),
     Constant("pc_circulant_extend", "cells by which the residual is continued over the rim"),
     Constant("pc_circulant_blocks", "cells of the blocks whose means it begins with"),
-    Constant("_LEAST", "share of contact around a cell, beside which less counts little", "app.fast.between"),
-    Constant("_SCATTERED", "of the blocks in contact in part: from there on it begins with means", "app.fast.between"),
+    Constant("_LEAST", "share of contact around a cell, beside which less counts little",
+        "app.methods.free.block_average"),
+    Constant("_SCATTERED", "of the blocks in contact in part: from there on it begins with means",
+        "app.methods.free.block_average"),
     Constant("lcp_defect_correction", "share of a residual that is left to the next product"),
-    Constant("IN_CONTACT", "(5.1) with h on C alone and so many times rtol", "app.fast.stopping"),
-    Constant("RELEASED", "share of the load released on a coarse grid without a product", "app.fast.iteration"),
-    Constant("NEAR", "tolerances by which the approach to a load may be off on a coarse grid", "app.fast.iteration"),
-    Constant("SINGLE", "residual over h on C that is too small for single precision", "app.fast.iteration"),
-    Constant("FALLEN", "of the largest load since u was computed: below, it is anew", "app.fast.iteration"),
-    Constant("PATIENCE", "iterations without halving the residual, then the safeguard", "app.fast.progress"),
+    Constant("IN_CONTACT", "(5.1) with h on C alone and so many times rtol", "app.methods.free.stopping"),
+    Constant("RELEASED", "share of the load released on a coarse grid without a product", "app.methods.free.iteration"),
+    Constant("NEAR", "tolerances by which the approach to a load may be off on a coarse grid",
+        "app.methods.free.iteration"),
+    Constant("SINGLE", "residual over h on C that is too small for single precision", "app.methods.free.iteration"),
+    Constant("FALLEN", "of the largest load since u was computed: below, it is anew", "app.methods.free.iteration"),
+    Constant("PATIENCE", "iterations without halving the residual, then the safeguard", "app.methods.progress"),
     Constant("MIN_SECANT_STEP", "rms residuals that the approach has to move by for a secant to count", _LOAD),
     Constant("MAX_SLOPE_RATIO", "factor by which the slope may change at once", _LOAD),
     Constant("MIN_MEAN_SLOPE_FRACTION", "of the mean slope since first touch: a secant counts from there on", _LOAD),
     Constant("LOAD_RESIDUAL_FRACTION", "of the rms residual: the approach may be off by it, unmoved", _LOAD),
-    Constant("_TRUSTED", "factor in the load beyond which p is copied, not lifted", "app.fast.lift"),
-    Constant("_LEAST", "cells around contact in a window, at least", "app.fast.windows"),
-    Constant("_MOST", "share of the cells; a larger window is none", "app.fast.windows"),
-    Constant("_NEARLY_NONE", "least pressure of cells with a gap, share of the highest", "app.fast.safeguard"),
+    Constant("_TRUSTED", "factor in the load beyond which p is copied, not lifted", "app.methods.free.lift"),
+    Constant("_LEAST", "cells around contact in a window, at least", "app.methods.free.windows"),
+    Constant("_MOST", "share of the cells; a larger window is none", "app.methods.free.windows"),
+    Constant("_NEARLY_NONE", "least pressure of cells with a gap, share of the highest", "app.methods.safeguard"),
 )  # fmt: skip
 PERIODIC = (
-    Constant("_LOOSE", "share of the cells that may still change on a coarse grid", "app.primal.iteration"),
-    Constant("_SLIGHT", "overlap that is left alone, of the error aimed at", "app.primal.iteration"),
-    Constant("_FAR", "overlap that asks for no other contact set, of the error aimed at", "app.primal.iteration"),
-    Constant("_SURE", "of the residual allowed is asked of the preconditioned one", "app.primal.iteration"),
-    Constant("_DOUBT", "of what a failed verification asks for is aimed at after it", "app.primal.iteration"),
-    Constant("_UNSURE", "of the error aimed at levels may miss where p is verified", "app.primal.iteration"),
-    Constant("_OFF", "times the error of the residual: from there on p is taken to be off", "app.primal.iteration"),
-    Constant("_LOWER", "the same where the load is less than what was left", "app.primal.iteration"),
-    Constant("_GUESSES", "projected sweeps that guess the contact set", "app.primal.solver"),
-    Constant("_SHARE", "of the residual taken along when captured cells are closed", "app.primal.state"),
-    Constant("_CONSTANT", "compliance of a constant, times E*, over the spacing of contact", "app.primal.two_grid"),
-    Constant("_BESIDE", "times the contact around: how much less long waves move there", "app.primal.two_grid"),
-    Constant("_LONG_WAVES", "grids between one and that of the long waves", "app.primal.solver"),
+    Constant("_LOOSE", "share of the cells that may still change on a coarse grid", "app.methods.periodic.iteration"),
+    Constant("_SLIGHT", "overlap that is left alone, of the error aimed at", "app.methods.periodic.iteration"),
+    Constant("_FAR", "overlap that asks for no other contact set, of the error aimed at",
+        "app.methods.periodic.iteration"),
+    Constant("_SURE", "of the residual allowed is asked of the preconditioned one", "app.methods.periodic.iteration"),
+    Constant("_DOUBT", "of what a failed verification asks for is aimed at after it", "app.methods.periodic.iteration"),
+    Constant("_UNSURE", "of the error aimed at levels may miss where p is verified", "app.methods.periodic.iteration"),
+    Constant("_OFF", "times the error of the residual: from there on p is taken to be off",
+        "app.methods.periodic.iteration"),
+    Constant("_LOWER", "the same where the load is less than what was left", "app.methods.periodic.iteration"),
+    Constant("_GUESSES", "projected sweeps that guess the contact set", "app.methods.periodic.solver"),
+    Constant("_SHARE", "of the residual taken along when captured cells are closed", "app.methods.periodic.state"),
+    Constant("_CONSTANT", "compliance of a constant, times E*, over the spacing of contact",
+        "app.methods.periodic.two_grid"),
+    Constant("_BESIDE", "times the contact around: how much less long waves move there",
+        "app.methods.periodic.two_grid"),
+    Constant("_LONG_WAVES", "grids between one and that of the long waves", "app.methods.periodic.solver"),
     Constant("ksp_rtol", "a contact set is solved until its residual is smaller by this"),
     Constant("lcp_coarse_rtol", "residual that is enough on coarse grids"),
     Constant("lcp_defect_correction", "share of a residual that is left to the next product"),

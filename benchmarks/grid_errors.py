@@ -20,8 +20,8 @@ from app import (
     SelfAffineSurface,
     Sphere,
 )
-from app.errors import InputError
-from app.output.table import markdown
+from app.base.errors import InputError
+from app.io.table import markdown
 
 STEEL = Material.combined(80000.0, 0.3)
 SIZES, FINEST = (32, 64, 128, 256, 512), 1024

@@ -11,13 +11,14 @@ from functools import partial
 import numpy as np
 from mpi4py import MPI
 
-from app.fast.levels import circulant_inverse, influence_by_levels
 from app.halfspace.fft.multiplier import Layout
-from app.halfspace.grid import Grid, Slabs
+from app.halfspace.gauss_seidel.sweep import GaussSeidel
+from app.halfspace.grid import Grid
 from app.halfspace.influence import Material, influence_quadrant
 from app.halfspace.operator import InfluenceOperator
-from app.halfspace.sweeps.gauss_seidel import GaussSeidel
-from app.problems.surfaces import WavySurface
+from app.methods.multilevel_operators import circulant_inverse, influence_by_levels
+from app.parallel.slabs import Slabs
+from app.problems.random_surfaces import WavySurface
 from benchmarks.plain import seconds
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from mpi4py import MPI
 
 from app import ContactProblem, ContactSolver, Grid, Material
-from app.problems.surfaces import SelfAffineSurface
+from app.problems.random_surfaces import SelfAffineSurface
 
 SIDE, SLOPE = 1.0, 0.1  # of the patch [mm], rms
 MATERIAL = Material.combined(80000.0, 0.3)

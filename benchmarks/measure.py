@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from app.output.result import read_result
+from app.io.result import read_result
 from benchmarks.plain import seconds
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -64,7 +64,7 @@ def head(options, title="Benchmark"):
     versions = f"version {__version__} ({_commit()}), {versions}"
     threads = f"OMP_NUM_THREADS={os.environ.get('OMP_NUM_THREADS')}"
     command = shlex.join(["run/bench", *sys.argv[1:]])
-    from app.method import DEFAULT, PERIODIC
+    from app.options.method import DEFAULT, PERIODIC
 
     default = PERIODIC if getattr(options, "periodic", False) else DEFAULT
     method = ", ".join(options.method) or f"the default ({default}.opts)"

@@ -11,8 +11,8 @@ from tqdm import tqdm
 
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
-from app.output.table import markdown
-from app.problems.surfaces import SelfAffineSurface
+from app.io.table import markdown
+from app.problems.random_surfaces import SelfAffineSurface
 from benchmarks.measure import Memory, head, insist, note_on, publish, quickest, solve_command
 from benchmarks.plain import PlainPeriodicProduct, check_periodic
 

@@ -29,21 +29,21 @@ import numpy as np
 from mpi4py import MPI
 
 from app import ContactProblem, ContactSolver, Grid
+from app.base.petsc import _counter
 from app.contact.full_multigrid import Visits
-from app.fast.multilevel import MultilevelOperator
-from app.fast.verification_product import VerificationProduct
-from app.halfspace.communication import Communicator, Traffic
-from app.halfspace.fetch import Fetch
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.fft.transpose import ColumnGroup, deal_columns
-from app.halfspace.grid import Slabs
-from app.halfspace.halo import Halo, Parents
 from app.halfspace.influence import Material
-from app.halfspace.ranks import Ranks
 from app.halfspace.window import Scatter
+from app.io.table import markdown
+from app.methods.free.verification_product import VerificationProduct
+from app.methods.multilevel_product import MultilevelOperator
 from app.multigrid.transfer import Transfer
-from app.output.table import markdown
-from app.petsc import _counter
+from app.parallel.communicator import Communicator, Traffic
+from app.parallel.fetch import Fetch
+from app.parallel.halo import Halo, Parents
+from app.parallel.rank_groups import Ranks
+from app.parallel.slabs import Slabs
 from app.problems.shapes import Paraboloid
 from benchmarks.measure import ROOT, publish
 

@@ -5,8 +5,8 @@ import pytest
 from app import ContactProblem
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
+from app.problems.random_surfaces import SelfAffineSurface, WavySurface
 from app.problems.shapes import FlatPunch, Paraboloid
-from app.problems.surfaces import SelfAffineSurface, WavySurface
 
 APPROACH = 0.1091  # of Hertz's problem
 COUNTS = {32: (5, 73), 64: (7, 122), 128: (8, 176), 256: (9, 250)}  # NORM: active set and CG iterations

@@ -42,9 +42,9 @@ def cli_here(capfd, monkeypatch):
     from petsc4py import PETSc
 
     import app
-    from app import compiled
-    from app.commands import session
-    from app.solve import main
+    from app.base import numba_cache
+    from app.cli import session
+    from app.cli.solve import main
 
     vars(app).pop("solve", None)  # which the module has hidden
 
@@ -56,7 +56,7 @@ def cli_here(capfd, monkeypatch):
             patch.chdir(cwd)
             patch.setattr(sys, "argv", line)
             patch.setattr(sys, "path", [*sys.path])
-            patch.setattr(compiled, "tell", compiled.tell)
+            patch.setattr(numba_cache, "tell", numba_cache.tell)
             session.run(main)
         signal.signal(signal.SIGPIPE, handler)
         for name in PETSc.Options().getAll().keys() - before.keys():

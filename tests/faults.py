@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from app.errors import InputError
+from app.base.errors import InputError
 
 
 class RaisesOnLastRank:

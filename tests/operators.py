@@ -5,12 +5,13 @@ from functools import cache, partial
 import numpy as np
 from petsc4py import PETSc
 
+from app.base.petsc import restricts_by_transpose
 from app.halfspace.fft.multiplier import Layout
-from app.halfspace.grid import Grid, Slabs
+from app.halfspace.grid import Grid
 from app.halfspace.influence import Material, dense_matrix, influence_quadrant
-from app.halfspace.periodic import influence_symbol
+from app.halfspace.periodic_symbol import influence_symbol
 from app.halfspace.product import BoxProduct, Convolution, PeriodicProduct
-from app.petsc import restricts_by_transpose
+from app.parallel.slabs import Slabs
 
 STEEL = Material.combined(82000.0, 0.28).compliance
 GRIDS = {

@@ -8,11 +8,11 @@ The page is written by
 import importlib
 from pathlib import Path
 
-from app.commands import arguments, load_path
-from app.commands.geometry import GEOMETRY_OPTIONS, MATERIAL_OPTIONS
-from app.commands.problem_options import LOADING, PROBLEM_OPTIONS
-from app.method import METHOD_OPTIONS, PART_OPTIONS, read_method_file
-from app.options import written
+from app.cli import arguments, load_path
+from app.cli.geometry import GEOMETRY_OPTIONS, MATERIAL_OPTIONS
+from app.cli.problem_options import LOADING, PROBLEM_OPTIONS
+from app.options.method import METHOD_OPTIONS, PART_OPTIONS, read_method_file
+from app.options.option_table import written
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "options.md"
@@ -50,8 +50,8 @@ _METHOD = """The default of the option, and what the default methods set: `fast.
 periodic ones. What they do: [methods](methods.md). With `primal`, `-lcp_coarse_rtol` is of the gap, over the
 deviation of h from its mean or the approach beyond first touch, whichever is less.
 """
-_PARTS = """Read by preconditioners that a method file names by `-pc_python_type`: `app.fast.circulant.Circulant` and
-`app.primal.two_grid.TwoGrid`.
+_PARTS = """Read by preconditioners that a method file names by `-pc_python_type`:
+`app.methods.free.circulant.Circulant` and `app.methods.periodic.two_grid.TwoGrid`.
 """
 _LINEAR = """
 ## Linear solvers

@@ -15,9 +15,10 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from app import ContactProblem, ContactSolver, Grid, Material, compiled
-from app.memory import doubles_per_cell, tell_malloc
-from app.multigrid import kept
+from app import ContactProblem, ContactSolver, Grid, Material
+from app.base import numba_cache
+from app.base.memory import doubles_per_cell, tell_malloc
+from app.multigrid import solver_cache
 
 
 def problem(n, periodic, ball=False):
@@ -56,11 +57,11 @@ def status(name):
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore")
-    compiled.tell = lambda: print("compiling", file=sys.stderr)
+    numba_cache.tell = lambda: print("compiling", file=sys.stderr)
     for option in (-1, -2, -3):  # M_TRIM_THRESHOLD, M_TOP_PAD, M_MMAP_THRESHOLD
         tell_malloc(option, 65536)
     n, word, *more = int(sys.argv[1]), *sys.argv[2:]
-    pressure, kept.LARGEST_KEPT = more[0] if more else "50", 0
+    pressure, solver_cache.LARGEST_KEPT = more[0] if more else "50", 0
     periodic, method = word.startswith("periodic:"), word.removeprefix("periodic:")
     for small in (32, 352):  # loads all there is to be loaded
         solve(small, method, periodic, pressure)

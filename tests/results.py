@@ -8,8 +8,8 @@ import numpy as np
 from scipy.signal import fftconvolve
 
 from app.halfspace.grid import Grid
-from app.output.result import ATTRIBUTES, FIELDS, Result
-from app.output.write import write_result
+from app.io.result import ATTRIBUTES, FIELDS, Result
+from app.io.write import write_result
 
 SEMI_AXES = 6.0019966, 3.9992013  # mm, of the ellipse of the paper's Hertz contact (Sec. 5.1)
 MAX_PRESSURE = 1631.1995  # N/mm2

@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 
-from app.solver import ContactSolver
+from app.api.solver import ContactSolver
 
 
 def solve(problem, approach, method="norm", load=None, comm=None, start=None, **options):

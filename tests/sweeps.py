@@ -5,10 +5,10 @@ from unittest import mock
 
 import numpy as np
 
+from app.halfspace.gauss_seidel import tables
+from app.halfspace.gauss_seidel.sweep import GaussSeidel
 from app.halfspace.grid import Grid
 from app.halfspace.influence import quadrant_rows
-from app.halfspace.sweeps import tables
-from app.halfspace.sweeps.gauss_seidel import GaussSeidel
 
 GRIDS = {
     "prime": Grid(61, 97, 0.3, 0.2),

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.compiled import njit
+from app.base.numba_cache import njit
 from app.contact.kernels import gap
-from app.halfspace.reductions import any_order, plus
+from app.parallel.reductions import any_order, plus
 
 
 @any_order

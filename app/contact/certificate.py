@@ -57,7 +57,7 @@ from app.contact import certificate_kernels as loops
 from app.contact.state import Displacement
 from app.halfspace.influence import middle_displacement
 from app.halfspace.product import DenseProduct
-from app.halfspace.reductions import sums_and_minima
+from app.parallel.reductions import sums_and_minima
 
 _event = PETSc.Log.Event("ContactCertify")
 _TRIALS = 12

@@ -10,10 +10,10 @@ import math
 
 import numpy as np
 
-from app.compiled import njit
+from app.base.numba_cache import njit
 from app.contact.bounds_kernels import violation
 from app.contact.kernels import gap
-from app.halfspace.reductions import any_order, plus
+from app.parallel.reductions import any_order, plus
 
 
 @any_order

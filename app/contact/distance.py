@@ -11,8 +11,8 @@ import numpy as np
 from app.contact import kernels
 from app.contact.bounds import PressureBounds
 from app.halfspace.operator import vec_of
-from app.halfspace.reductions import sum_over, sums_and_minima
 from app.halfspace.window import box_here, box_of
+from app.parallel.reductions import sum_over, sums_and_minima
 
 _FEW = 4  # units in the last place
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from app.contact.history import Outcome
 from app.contact.state import Update
-from app.halfspace.reductions import minimum_over
+from app.parallel.reductions import minimum_over
 
 FULL_CONTACT = "contact everywhere"
 _ROUNDING = 1e-12  # of what the highest pressure displaces a cell by

@@ -9,13 +9,13 @@ from functools import partial
 
 import numpy as np
 
-from app.contact.iteration import active_set_or_search
+from app.contact.active_set import active_set_or_search
+from app.contact.grid_sequence import Visits
 from app.contact.periodic_state import contact_state
 from app.contact.state import Displacement
-from app.contact.visits import Visits
-from app.halfspace.communication import FailuresTold
 from app.multigrid.direct import DirectSolver, begins_directly
 from app.multigrid.linear_solver import LinearSolver
+from app.parallel.communicator import FailuresTold
 
 
 def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, prolong, target_solver):

@@ -26,7 +26,7 @@ import numpy as np
 
 from app.contact import kernels
 from app.contact.measures import PER_FACE
-from app.halfspace.reductions import sum_over, sums_and_minima
+from app.parallel.reductions import sum_over, sums_and_minima
 
 
 class GridNumbers(NamedTuple):

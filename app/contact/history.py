@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import NamedTuple
 
+from app.base.errors import apart, exactly
 from app.contact.grid_errors import UNKNOWN, GridErrors
-from app.errors import apart, exactly
 
 
 class Listener:

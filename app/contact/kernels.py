@@ -6,8 +6,8 @@ first, so that they lose nothing on large grids.
 
 from __future__ import annotations
 
-from app.compiled import njit
-from app.halfspace.reductions import any_order, plus
+from app.base.numba_cache import njit
+from app.parallel.reductions import any_order, plus
 
 
 @njit()

@@ -7,10 +7,10 @@ from numbers import Real
 
 import numpy as np
 
+from app.base.errors import InputError, exactly
 from app.contact.loading import PrescribedApproach, PrescribedMeanGap
 from app.contact.prescribed_load import PrescribedLoad
-from app.errors import InputError, exactly
-from app.options import LARGEST
+from app.options.option_table import LARGEST
 
 LOADINGS = {"approach": "mm", "load": "N", "mean_pressure": "N/mm2", "mean_gap": "mm"}
 _FULL_CONTACT_ROUNDING = 1e-12  # of its approach

@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.compiled import njit
+from app.base.numba_cache import njit
 from app.contact import kernels
-from app.halfspace.halo import row_before
-from app.halfspace.periodic import frequencies
+from app.halfspace.periodic_symbol import frequencies
 from app.halfspace.product import PeriodicProduct
-from app.halfspace.reductions import any_order, plus, sum_over, sums_and_minima
+from app.parallel.halo import row_before
+from app.parallel.reductions import any_order, plus, sum_over, sums_and_minima
 
 # Cells that a boundary crosses count as contact too often: by so much of a cell for each face on it, on average over
 # directions (Yastrebov, Anciaux, Molinari, Tribol. Int. 114 (2017) 161).

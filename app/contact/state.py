@@ -26,7 +26,7 @@ from petsc4py import PETSc
 
 from app.contact import kernels
 from app.halfspace.operator import vec_of
-from app.halfspace.reductions import minimum_over, sum_over
+from app.parallel.reductions import minimum_over, sum_over
 
 
 class Update(NamedTuple):

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from app.halfspace.grid import runs
-from app.halfspace.halo import row_before
+from app.parallel.halo import row_before
 
 _CELLS_AT_ONCE = 1 << 22  # counted together; each time there is a count for each set
 

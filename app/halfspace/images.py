@@ -20,10 +20,10 @@ import scipy.fft
 from numpy.polynomial import legendre
 from scipy.special import erf, erfc
 
-from app.compiled import FIELD, FIXED, MASK, njit
+from app.base.mpi import MPI
+from app.base.numba_cache import FIELD, FIXED, MASK, njit
 from app.halfspace.chebyshev import coefficients, lagrange_weights, nodes, polynomials
-from app.halfspace.reductions import add_inside, add_row, any_order
-from app.mpi import MPI
+from app.parallel.reductions import add_inside, add_row, any_order
 
 _RANGE = 6.2  # erfc(6.2) is nothing
 _TERMS = 16  # even Chebyshev polynomials for a square

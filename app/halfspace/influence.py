@@ -21,9 +21,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from app.errors import InputError, exactly
+from app.base.errors import InputError, exactly
 from app.halfspace.love import love_coefficients
-from app.halfspace.periodic import folded, periodic_quadrant
+from app.halfspace.periodic_symbol import folded, periodic_quadrant
 
 
 def _real(what, value):

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from app.compiled import njit
+from app.base.numba_cache import njit
 from app.halfspace import events
 
 # The closed form subtracts numbers that are up to rho/cell times larger than their difference. From 8 cells on a

@@ -8,11 +8,11 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
-from app.errors import InputError
+from app.base.errors import InputError
 from app.halfspace.fft.multiplier import Layout
 from app.halfspace.influence import quadrant_rows
 from app.halfspace.product import Convolution
-from app.halfspace.reductions import minimum_over, sum_over
+from app.parallel.reductions import minimum_over, sum_over
 
 _FACTORS = "factors"  # attribute of a Mat
 

@@ -14,18 +14,18 @@ from functools import cached_property, partial
 import numpy as np
 from petsc4py import PETSc
 
-from app.errors import InputError
+from app.base.errors import InputError
+from app.base.mpi import MPI
+from app.base.petsc import report_no_entries
 from app.halfspace import events
 from app.halfspace.fft.lengths import transform_length
 from app.halfspace.fft.multiplier import EvenMultiplier, Layout
-from app.halfspace.grid import Slabs
 from app.halfspace.influence import dense_matrix, influence_quadrant, quadrant_rows
 from app.halfspace.mat_methods import MatMethods, factors_of
-from app.halfspace.periodic import influence_symbol
+from app.halfspace.periodic_symbol import influence_symbol
 from app.halfspace.product import BoxProduct, Convolution, DenseProduct, NoRows, PeriodicProduct
-from app.halfspace.reductions import sum_over
-from app.mpi import MPI
-from app.petsc import report_no_entries
+from app.parallel.reductions import sum_over
+from app.parallel.slabs import Slabs
 
 _FORWARD, _BACKWARD = 1 | 4, 2 | 8  # MatSORType: the "local" kinds mean the same here, see `SOR`
 _ZERO_GUESS = 16
@@ -358,7 +358,7 @@ class InfluenceOperator(MatMethods):
     @cached_property
     def relaxation(self):
         """The sweeps on this grid, on a rank that has rows of it. Collective when first asked for."""
-        from app.halfspace.sweeps.gauss_seidel import GaussSeidel
+        from app.halfspace.gauss_seidel.sweep import GaussSeidel
 
         rows, period = quadrant_rows(self.grid, self.compliance), bool(self.grid.periodic)
         return GaussSeidel(rows, self.grid.shape, self.slabs, self.comm, periodic=period)

@@ -12,12 +12,12 @@ from functools import partial
 
 import numpy as np
 
+from app.base.mpi import MPI
 from app.halfspace import events
 from app.halfspace.fft.lengths import lengths_with_margin, transform_length
 from app.halfspace.fft.multiplier import ALONE, EvenMultiplier
 from app.halfspace.images import Box, ImageCorrection
 from app.halfspace.influence import influence_at
-from app.mpi import MPI
 
 _SINGLE, _DOUBLE = np.dtype(np.float32), np.dtype(np.float64)
 # Of boxes:

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.compiled import njit
-from app.halfspace.fetch import Fetch
+from app.base.numba_cache import njit
 from app.halfspace.grid import Grid
-from app.halfspace.reductions import minimum_over, span_of
+from app.parallel.fetch import Fetch
+from app.parallel.reductions import minimum_over, span_of
 
 
 @dataclass(frozen=True)

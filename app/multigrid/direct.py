@@ -6,8 +6,8 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.linalg.lapack import dpotrf, dpotrs
 
-from app.compiled import njit
-from app.errors import InputError
+from app.base.errors import InputError
+from app.base.numba_cache import njit
 from app.halfspace.influence import dense_matrix
 from app.multigrid.hierarchy import LARGEST_DIRECT
 

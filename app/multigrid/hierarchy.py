@@ -1,7 +1,7 @@
 """The grids of one problem, from the coarsest to the target, with their operators and transfers.
 
 Operators are rediscretised on every grid (no Galerkin products). All ranks share the target grid. Small grids are on
-fewer ranks (`app.halfspace.ranks.Ranks`), and one that can be solved directly is on one.
+fewer ranks (`app.parallel.rank_groups.Ranks`), and one that can be solved directly is on one.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from app.errors import InputError, agree
+from app.base.errors import InputError, agree
+from app.base.memory import check_hosts, doubles_in_strips, doubles_per_cell
+from app.base.mpi import MPI
+from app.base.petsc import free_forgotten
 from app.halfspace.grid import plan
 from app.halfspace.operator import InfluenceOperator, petsc_comm
-from app.halfspace.ranks import Ranks
-from app.memory import check_hosts, doubles_in_strips, doubles_per_cell
-from app.mpi import MPI
 from app.multigrid.transfer import Transfer
-from app.petsc import free_forgotten
+from app.parallel.rank_groups import Ranks
 from app.problems.problem import checked_shape
 
 _TELLING = 0.08, 0.37, 0.79  # of the rows: those by which ranks compare their problems
@@ -34,7 +34,7 @@ def check_room(comm, grid, settings):
     ----------
     comm : mpi4py communicator
     grid : Grid
-    settings : app.method.Settings
+    settings : app.options.method.Settings
 
     Raises
     ------

@@ -10,9 +10,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from app.compiled import njit
+from app.base.numba_cache import njit
 from app.halfspace.chebyshev import lagrange_weights
-from app.halfspace.reductions import any_order, mix_rows, wrap
+from app.parallel.reductions import any_order, mix_rows, wrap
 
 _POINTS = 6  # cells that a quintic goes through: loops are written out for them
 BESIDE = _POINTS // 2  # coarse cells on either side of a fine one, for which there must be room

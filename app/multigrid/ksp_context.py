@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from petsc4py import PETSc
 
-from app.halfspace.reductions import sum_over
+from app.parallel.reductions import sum_over
 
 
 class KspContext:

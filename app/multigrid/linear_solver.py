@@ -10,9 +10,9 @@ import math
 
 from petsc4py import PETSc
 
-from app.errors import exactly
-from app.petsc import calling_back
-from app.solver_options import options_set
+from app.base.errors import exactly
+from app.base.petsc import calling_back
+from app.options.solver_options import options_set
 
 
 def reason_names(reasons):

@@ -29,12 +29,12 @@ import re
 import numpy as np
 from petsc4py import PETSc
 
-from app.errors import InputError
+from app.base.errors import InputError
 from app.halfspace.mat_methods import check_plain
 from app.halfspace.operator import InfluenceOperator, context_of
 from app.multigrid.direct import stored_matrix
 from app.multigrid.hierarchy import coarser_levels, transfers_between
-from app.solver_options import options_set
+from app.options.solver_options import options_set
 
 _SMOOTHER = {
     "mg_levels_ksp_type": "richardson",

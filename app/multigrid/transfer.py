@@ -12,11 +12,11 @@ from functools import cached_property
 import numpy as np
 from petsc4py import PETSc
 
-from app.compiled import njit
-from app.halfspace.fetch import Fetch
-from app.halfspace.reductions import add_inside, add_row, copy_row
+from app.base.numba_cache import njit
+from app.base.petsc import restricts_by_transpose
 from app.multigrid.interpolation import BESIDE, bilinear, quintics, six_around, two_around
-from app.petsc import restricts_by_transpose
+from app.parallel.fetch import Fetch
+from app.parallel.reductions import add_inside, add_row, copy_row
 
 _NOTHING = 1e-9  # of a cell: rounding of an overlap
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.errors import InputError, exactly
-from app.options import LARGEST
+from app.base.errors import InputError, exactly
+from app.options.option_table import LARGEST
 
 
 def real_numbers(what, values, needed="an array of real numbers, or a function of x and y"):

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from app.errors import InputError
-from app.problems.array_file import ArrayFile
-from app.problems.points import listed, looks_like_points
-from app.problems.text_heads import gwyddion_head
+from app.base.errors import InputError
+from app.problems.surfaces.array_file import ArrayFile
+from app.problems.surfaces.points import listed, looks_like_points
+from app.problems.surfaces.text_heads import gwyddion_head
 
 
 class GapFile(ArrayFile):

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.errors import InputError
+from app.base.errors import InputError
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
 from app.problems.arrays import real_numbers, refuse_large

@@ -25,7 +25,7 @@ from numbers import Real
 import numpy as np
 
 from app import reference
-from app.errors import InputError, apart, exactly
+from app.base.errors import InputError, apart, exactly
 from app.reference.base import require_positive
 
 

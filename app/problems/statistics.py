@@ -14,7 +14,7 @@ import numpy as np
 import scipy.fft
 from scipy.special import ndtri
 
-from app.errors import InputError
+from app.base.errors import InputError
 from app.problems.arrays import real_numbers
 from app.reference.base import require_positive
 

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from app.errors import InputError, exactly
+from app.base.errors import InputError, exactly
 
 
 def require_numbers(**values):

@@ -22,7 +22,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from scipy.special import elliprd, elliprf
 
-from app.errors import InputError, exactly
+from app.base.errors import InputError, exactly
 from app.reference.base import NormalContact
 
 _MOST = 300.0  # logarithm of rx / ry, whose square is a number

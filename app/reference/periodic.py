@@ -20,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from app.errors import InputError, exactly
+from app.base.errors import InputError, exactly
 from app.reference.base import require_positive
 from app.reference.hertz import EllipticHertz
 

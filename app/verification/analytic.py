@@ -7,9 +7,9 @@ from scipy.special import gammaln
 
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
-from app.problems.given import ContactProblem
+from app.problems.contact_problem import ContactProblem
+from app.problems.random_surfaces import SelfAffineSurface
 from app.problems.shapes import Cylinder
-from app.problems.surfaces import SelfAffineSurface
 from app.reference import Bisinusoidal, Cone, EllipticHertz, FlatCircularPunch, Sphere, Westergaard
 from app.reference import full_contact_pressure as flattening
 from app.verification.check import Check, Figure, order_figure

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from app.errors import apart
+from app.base.errors import apart
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from scipy.fft import irfft2
 from scipy.linalg import lu_factor, lu_solve
 
 from app.halfspace.influence import dense_matrix
-from app.halfspace.periodic import folded, influence_symbol
+from app.halfspace.periodic_symbol import folded, influence_symbol
 
 _PATIENCE = 3
 

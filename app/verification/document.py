@@ -15,9 +15,9 @@ from matplotlib.ticker import NullLocator
 from petsc4py import PETSc
 
 from app import __version__
-from app.mpi import MPI
-from app.output.style import GREY, SERIES, log_axes, new_figure, styled
-from app.output.table import markdown
+from app.base.mpi import MPI
+from app.io.table import markdown
+from app.plots.style import GREY, SERIES, log_axes, new_figure, styled
 from app.verification import analytic, certificates, invariances, oracles, ranks
 from app.verification.check import Check, Figure
 

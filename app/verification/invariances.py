@@ -8,7 +8,7 @@ import numpy as np
 
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
-from app.problems.given import ContactProblem
+from app.problems.contact_problem import ContactProblem
 from app.verification.check import Check, Figure
 from app.verification.solving import PATCHES, UNIT, difference, solved
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from app.base.mpi import MPI
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
-from app.mpi import MPI
-from app.problems.given import ContactProblem
+from app.parameter_study.processes import call
+from app.problems.contact_problem import ContactProblem
+from app.problems.random_surfaces import SelfAffineSurface
 from app.problems.shapes import Paraboloid
-from app.problems.surfaces import SelfAffineSurface
-from app.runs.processes import call
 from app.verification.check import Check, Figure
 from app.verification.solving import difference, solved
 

@@ -6,11 +6,11 @@ import warnings
 
 import numpy as np
 
+from app.api.solver import ContactSolver
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
-from app.method import method_names
-from app.problems.given import ContactProblem
-from app.solver import ContactSolver
+from app.options.method import method_names
+from app.problems.contact_problem import ContactProblem
 
 UNIT = Material.combined(1 / np.pi, 0.0)  # compliance 1
 PATCHES = "", "spectral", "love"  # free, and periodic with either symbol

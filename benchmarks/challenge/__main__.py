@@ -9,7 +9,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from app import ContactProblem, ContactSolver, Grid, Material
-from app.output.table import write_table
+from app.io.table import write_table
 from benchmarks import challenge
 from benchmarks.challenge import measures
 from benchmarks.challenge.page import SHOWN, write_page

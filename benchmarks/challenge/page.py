@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from app.output.style import BLUE, GREY, ORANGE, STYLE, save_figure
-from app.output.table import markdown
+from app.io.table import markdown
+from app.plots.style import BLUE, GREY, ORANGE, STYLE, save_figure
 from app.reference.rough import persson_fraction
 from benchmarks.challenge.measures import persson_pressures, stiffness
 from benchmarks.challenge.surface import CUTOFF, SIDE

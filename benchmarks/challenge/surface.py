@@ -9,7 +9,7 @@ import numpy as np
 import scipy.fft
 
 from app.halfspace.grid import Grid
-from app.problems.surfaces import SelfAffineSurface
+from app.problems.random_surfaces import SelfAffineSurface
 
 SIDE = 0.1  # of the patch, also the unit of the Challenge's file [mm]
 HURST, ROLLOFF, CUTOFF, SLOPE = 0.8, 0.02, 0.0001, 1.0

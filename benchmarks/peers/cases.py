@@ -9,10 +9,10 @@ from functools import cached_property, partial
 import numpy as np
 from mpi4py import MPI
 
-from app.commands.problem_options import PROBLEM_OPTIONS, make_problem
+from app.cli.problem_options import PROBLEM_OPTIONS, make_problem
 from app.halfspace.grid import Grid
-from app.options import OptionReader
-from app.solver_options import read_option_file
+from app.options.option_table import OptionReader
+from app.options.solver_options import read_option_file
 from benchmarks import periodic
 from benchmarks.bench import PROBLEMS, self_affine
 from benchmarks.measure import ROOT

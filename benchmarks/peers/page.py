@@ -11,7 +11,7 @@ import sys
 
 import numpy as np
 
-from app.output.table import markdown
+from app.io.table import markdown
 from benchmarks.measure import processor
 from benchmarks.peers.packages import PEERS
 from benchmarks.peers.runs import TARGET, Run

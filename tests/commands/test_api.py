@@ -6,7 +6,7 @@ import sys
 import pytest
 from processes import TESTS, run
 
-from app import ending
+from app.parallel import mpi_abort
 
 PROBLEM = """
 import numpy as np
@@ -61,7 +61,7 @@ def test_an_exception_that_nobody_catches(ranks, tmp_path):
     program.write_text(PROBLEM + "solver = ContactSolver(problem)\nsolver.solve(approach=0.1, load=1.0)\n")
     done = run(program, ranks=ranks)
     assert done.returncode == 1
-    assert "app.errors.InputError: exactly one of approach [mm], load [N], mean_pressure" in done.stderr
+    assert "app.base.errors.InputError: exactly one of approach [mm], load [N], mean_pressure" in done.stderr
     assert "Segmentation" not in done.stderr
 
 
@@ -70,8 +70,9 @@ FAILING = (
     + """
 import time
 from mpi4py import MPI
-from app import Listener, ending
-from app.fast.circulant import Circulant
+from app import Listener
+from app.parallel import mpi_abort
+from app.methods.free.circulant import Circulant
 rank, shared, sound = MPI.COMM_WORLD.rank, {"lcp_cells_per_rank": 64}, Circulant.precondition
 def fails(self, *arguments):
     raise MemoryError("only here")
@@ -111,7 +112,7 @@ def test_an_exception_that_is_caught_or_concerns_no_other_rank_ends_nobody(ranks
     program.write_text(
         FAILING
         + """
-ending.PATIENCE = 0.1
+mpi_abort.PATIENCE = 0.1
 Circulant.precondition = fails
 with ContactSolver(problem, options=shared) as solver:
     try:
@@ -143,12 +144,12 @@ def test_an_exception_at_a_prompt_ends_nobody(monkeypatch, capsys):
         size = 2
 
     monkeypatch.setattr(sys, "excepthook", sys.excepthook)
-    monkeypatch.setattr(ending, "_shared", ending._shared)
-    monkeypatch.setattr(ending, "meeting_place", lambda comm: comm)
-    monkeypatch.setattr(ending, "all_come", lambda comm: comm.size < 2)
-    monkeypatch.setattr(ending, "abort", lambda status: print("aborted", status))
-    ending.share(Two())
-    ending.share(Two())
+    monkeypatch.setattr(mpi_abort, "_shared", mpi_abort._shared)
+    monkeypatch.setattr(mpi_abort, "meeting_place", lambda comm: comm)
+    monkeypatch.setattr(mpi_abort, "all_come", lambda comm: comm.size < 2)
+    monkeypatch.setattr(mpi_abort, "abort", lambda status: print("aborted", status))
+    mpi_abort.share(Two())
+    mpi_abort.share(Two())
     error = ValueError("two\nlines")
     sys.excepthook(ValueError, error, None)
     told = capsys.readouterr()
@@ -165,7 +166,7 @@ def test_an_interrupt_inside_petsc(tmp_path):
     program.write_text(
         PROBLEM
         + """
-from app.fast.circulant import Circulant
+from app.methods.free.circulant import Circulant
 def precondition(self, r, z, reduced):
     raise KeyboardInterrupt
 Circulant.precondition = precondition

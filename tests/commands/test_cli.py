@@ -6,10 +6,10 @@ from cases import APPROACH, hertz
 from processes import TESTS, run, solve_arguments
 from running import solve
 
-from app.commands.problem_options import PROBLEM_OPTIONS
-from app.method import METHOD_OPTIONS, PART_OPTIONS, read_method_file
-from app.options import written
-from app.output.result import read_result
+from app.cli.problem_options import PROBLEM_OPTIONS
+from app.io.result import read_result
+from app.options.method import METHOD_OPTIONS, PART_OPTIONS, read_method_file
+from app.options.option_table import written
 
 RESULT = "result.h5"
 
@@ -91,7 +91,8 @@ CASES = {
         [*DEFAULT, "-lcp_type", "snesvi", "-pc_type", "mg"], "-pc_type mg: works with active_set, fast and primal only"
     ),
     "preconditioner of another solver": (
-        [*DEFAULT, "-lcp_type", "snesvi", "-pc_type", "python", "-pc_python_type", "app.fast.circulant.Circulant"],
+        [*DEFAULT, "-lcp_type", "snesvi", "-pc_type", "python",
+         "-pc_python_type", "app.methods.free.circulant.Circulant"],
         "works with active_set, fast and primal only",
     ),
     "solver without bounds": (

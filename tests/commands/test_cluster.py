@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from processes import TESTS, run, solve_arguments
 
-from app.output.result import read_result
+from app.io.result import read_result
 
 pytestmark = pytest.mark.skipif(bool(hosts.missing()), reason=f"no hosts can be made here: {hosts.missing()}")
 LIMIT = 60  # s

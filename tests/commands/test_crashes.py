@@ -10,7 +10,7 @@ import time
 import pytest
 from processes import TESTS, solve_arguments
 
-from app.output.result import read_result
+from app.io.result import read_result
 
 RESULT = "result.h5"
 COMMAND = [*solve_arguments("hertz", "norm"), "-grid", "8"]

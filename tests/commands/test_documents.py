@@ -7,8 +7,8 @@ import options_page
 import pytest
 from documents import PAGES, ROOT, anchors, files_named, links, options_named
 
-from app.commands.problem_options import PROBLEM_OPTIONS
-from app.method import METHOD_OPTIONS, PART_OPTIONS, method_file
+from app.cli.problem_options import PROBLEM_OPTIONS
+from app.options.method import METHOD_OPTIONS, PART_OPTIONS, method_file
 
 DOCS = ROOT / "docs"
 TEXT = {page: page.read_text(encoding="utf-8") for page in PAGES}

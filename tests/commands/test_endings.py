@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from processes import TESTS, on_two_hosts, run, solve_arguments
 
-from app.output.result import read_result
+from app.io.result import read_result
 
 LIMIT = 60  # seconds; a few are enough on an idle machine
 HERTZ = [*solve_arguments("hertz", "norm")[2:], "-grid", "8"]
@@ -148,7 +148,7 @@ def test_measurement_is_not_overwritten(solve, tmp_path, ranks):
 def test_what_a_problem_of_the_users_reads_is_not_overwritten(solve, tmp_path):
     (tmp_path / "own.py").write_text(
         "import numpy as np\n"
-        "from app.options import Option, word\n"
+        "from app.options.option_table import Option, word\n"
         "from app.problems.problem import Problem\n"
         "class Own(Problem):\n"
         "    OPTIONS = (Option('my_file', word, None, 'slope'),)\n"

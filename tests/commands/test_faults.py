@@ -16,10 +16,11 @@ from cases import hertz
 from processes import TESTS, on_two_hosts, run, solve_arguments
 from results import full_disk
 
-from app import ContactSolver, convert, plot, report, subsurface, xdmf
-from app.output.files import fingerprint
-from app.output.result import read_result
-from app.runs.journal import Journal
+from app import ContactSolver
+from app.cli import convert, plot, report, subsurface, xdmf
+from app.io.files import fingerprint
+from app.io.result import read_result
+from app.parameter_study.journal import Journal
 
 LIMIT = 60  # s
 HERTZ = [*solve_arguments("hertz", "norm")[2:], "-grid", "8"]

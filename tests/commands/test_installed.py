@@ -10,7 +10,7 @@ import pytest
 from processes import TESTS, run
 
 import app
-from app.output.result import read_result
+from app.io.result import read_result
 
 SOURCE = TESTS.parent
 pytest.importorskip("setuptools", reason="no setuptools to build a wheel with")
@@ -20,7 +20,7 @@ PIP = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
 SOLVE = """
 from pathlib import Path
 import app
-from app.output.result import read_result
+from app.io.result import read_result
 from app import ContactProblem, Grid, Material, Paraboloid, solve
 steel = Material.combined(82000, 0.28)
 problem = ContactProblem(Grid.from_domain(32, 32, (-10, 10, -6, 6)), steel, Paraboloid(300, 163))
@@ -29,10 +29,10 @@ print(Path(app.__file__).parent, app.__version__, solution.converged, solution.l
 """
 WITHOUT_PETSC = """
 import sys
-from app import petsc_path
+from app.base import petsc_path
 sys.path = [folder for folder in sys.path if "petsc" not in folder]  # where Debian has it
 sys.argv = ["contact-solve", "-problem", "hertz"]
-from app.scripts import main
+from app.cli.scripts import main
 main()
 """
 
@@ -91,9 +91,7 @@ def test_wheel_has_every_file_of_the_package(installed):
 
 def test_every_command_is_on_path(installed):
     scripts, _ = installed
-    commands = {path.stem for path in (SOURCE / "app").glob("*.py") if "def main(" in path.read_text()} - {
-        "scripts"
-    }
+    commands = {path.stem for path in (SOURCE / "app").glob("*.py") if "import main" in path.read_text()}
     assert {path.name for path in scripts.glob("contact-*")} == {f"contact-{name}" for name in commands}
 
 

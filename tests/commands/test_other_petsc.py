@@ -33,9 +33,9 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from app.halfspace.grid import Slabs
+from app.parallel.slabs import Slabs
 from app.halfspace.operator import InfluenceOperator
-from app.petsc import as_raised
+from app.base.petsc import as_raised
 
 # The multigrid PC in a KSP of a user's own, for two contact sets, also after an interrupted cycle
 comm = MPI.COMM_WORLD

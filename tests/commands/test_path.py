@@ -12,10 +12,10 @@ import pytest
 from mpi4py import MPI
 from processes import OPTIONS
 
-from app.commands import places
-from app.commands.problem_options import Request
-from app.errors import InputError
-from app.output.result import read_result
+from app.base.errors import InputError
+from app.cli import option_sources
+from app.cli.problem_options import Request
+from app.io.result import read_result
 
 HERTZ = ("-options_file", OPTIONS / "hertz.opts", "-grid", 32)
 PATH = (*HERTZ, "-load_path", "1000:80000:4:log")
@@ -200,7 +200,7 @@ def test_files_of_a_path_do_not_take_the_place_of_what_it_reads(tmp_path, monkey
         with h5py.File(file, "w") as h5:
             h5["gap"] = np.ones((4, 4))
     words = f"-problem file -gap_file {gap} -domain 0,1,0,1 -contact_modulus 1 -load_path 1:3:3 -output a.h5"
-    given = places.read(["app.solve", *words.split(), *options])
+    given = option_sources.read(["app.solve", *words.split(), *options])
     with pytest.raises(InputError, match=f"{file.name}: is the input .*; choose another name"):
         Request(given, MPI.COMM_SELF)
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from app import plot
-from app.output.result import read_result
+from app.cli import plot
+from app.io.result import read_result
 
 STEEL = ("-contact_modulus", "1e5")
 BOWL = """

@@ -22,7 +22,10 @@ def test_a_run_can_be_repeated_from_the_options_that_petsc_shows(tmp_path):
     assert "There are no unused options." in done.stdout
     shown = table(done.stdout)
     assert shown["-problem"] == "hertz" and shown["-load"] == "5000" and "-approach" not in shown
-    assert shown["-ksp_python_type"] == "app.fast.tracking_cg.TrackingCG" and shown["-lcp_type"] == "fast"
+    assert (
+        shown["-ksp_python_type"] == "app.methods.free.tracking_cg.TrackingCG"
+        and shown["-lcp_type"] == "fast"
+    )
     assert {
         name.strip() for name in re.findall(r"^-\w+", (tmp_path / "log").read_text(), re.MULTILINE)
     } == shown.keys()

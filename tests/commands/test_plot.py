@@ -9,11 +9,11 @@ import pytest
 from mpi4py import MPI
 from results import MAX_PRESSURE, SEMI_AXES, made_up_result, with_attributes, write
 
-from app import convert, report, subsurface, xdmf
-from app.halfspace.grid import Slabs
-from app.output.result import HISTORY
-from app.plot import PICTURES, analytic_reference, main, pictures_of, save
-from app.subsurface import stress, survey
+from app.cli import convert, report, subsurface, xdmf
+from app.cli.plot import PICTURES, analytic_reference, main, pictures_of, save
+from app.cli.subsurface import stress, survey
+from app.io.result import HISTORY
+from app.parallel.slabs import Slabs
 
 NAMES = ["contact", "pressure", "deformation", "sections", "distributions", "history", "summary"]
 START = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
@@ -163,7 +163,7 @@ def test_files_of_one_name_have_folders_that_tell_them_apart(path, tmp_path, cap
 
 
 def test_a_mistake_of_the_program_is_not_told_as_bad_input(path, tmp_path, monkeypatch):
-    monkeypatch.setattr("app.plot._draw_all", lambda arguments: float("of ours"))
+    monkeypatch.setattr("app.cli.plot._draw_all", lambda arguments: float("of ours"))
     with pytest.raises(ValueError, match="of ours"):
         main([str(path), "-o", str(tmp_path / "out")])
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from documents import ROOT, code_blocks, commands, run_blocks
 
-from app import __version__, subsurface
+from app import __version__
+from app.cli import subsurface
 from app.reference import EllipticHertz, Sphere
 
 

@@ -12,10 +12,11 @@ import pytest
 from mpi4py import MPI
 from results import MAX_PRESSURE, made_up_result, with_attributes, write
 
-from app import ContactProblem, Grid, Material, Paraboloid, read_result, report, solve, subsurface, xdmf
-from app.errors import InputError
-from app.halfspace.grid import Slabs
-from app.halfspace.stress import von_mises
+from app import ContactProblem, Grid, Material, Paraboloid, read_result, solve
+from app.base.errors import InputError
+from app.cli import report, subsurface, xdmf
+from app.halfspace.stress.subsurface import von_mises
+from app.parallel.slabs import Slabs
 
 
 @pytest.fixture(scope="module")

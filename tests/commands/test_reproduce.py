@@ -6,10 +6,9 @@ import re
 import numpy as np
 import pytest
 
-from app import reproduce
-from app.reproduction import tables
-from app.reproduction.item import FULL, QUICK
-from app.runs import batch
+from app.paper import reproduce, tables
+from app.paper.item import FULL, QUICK
+from app.parameter_study import batch
 
 CYCLES = {"V11", "V10", "V01"}
 

@@ -12,10 +12,10 @@ from mpi4py import MPI
 from processes import TESTS, run
 from results import assert_same, full_disk, made_up_result, write
 
-from app.errors import InputError
-from app.halfspace.grid import Slabs
-from app.output.files import check_output_path, whole_file
-from app.output.result import FIELDS, read_result
+from app.base.errors import InputError
+from app.io.files import check_output_path, whole_file
+from app.io.result import FIELDS, read_result
+from app.parallel.slabs import Slabs
 
 SELF = MPI.COMM_SELF
 DATASETS = ["pressure", "gap", "displacement", "undeformed_distance", "contact", "x", "y"]
@@ -184,7 +184,7 @@ def test_killed_run_leaves_the_previous_result(path):
     """The process dies when all is written and only the renaming is left."""
     before = path.read_bytes()
     program = (
-        "import os, signal, sys; from mpi4py import MPI; from app.halfspace.grid import Slabs\n"
+        "import os, signal, sys; from mpi4py import MPI; from app.parallel.slabs import Slabs\n"
         "import results as m\n"
         "os.fsync = lambda handle: os.kill(os.getpid(), signal.SIGKILL)\n"
         "m.write(sys.argv[1], MPI.COMM_SELF, Slabs(96), m.made_up_result())\n"

@@ -15,10 +15,10 @@ from mpi4py import MPI
 from processes import run
 
 from app import ContactProblem, Material, Sphere, read_surface, solve
-from app.commands import instruments
-from app.convert import instruments_python, main
-from app.output.result import read_result
-from app.problems.moments import Moments
+from app.cli import instruments
+from app.cli.convert import instruments_python, main
+from app.io.result import read_result
+from app.problems.surfaces.moments import Moments
 
 HEIGHTS = np.random.default_rng(4).normal(size=(20, 16)).round(3)
 SDF = """aISO-1.0
@@ -107,7 +107,7 @@ def test_what_is_said_is_what_a_solve_will_read_and_is_computed_once(convert, tm
     heights[3, 4] = np.nan
     np.save(tmp_path / "s.npy", heights)
     options = ("--unit", "nm", "--spacing", "0.002,0.003", "--orient", "transpose,flip_x")
-    with mock.patch("app.problems.measured.Moments", wraps=Moments) as moments:
+    with mock.patch("app.problems.surfaces.reading.Moments", wraps=Moments) as moments:
         done = convert(tmp_path / "s.npy", "-o", tmp_path / "s.h5", *options)
     assert moments.call_count == 1
     surface = read_surface(tmp_path / "s.h5")
@@ -305,7 +305,7 @@ def test_which_channels_have_heights(unit, name):
 )  # fmt: skip
 def test_what_an_instrument_says_is_believed(convert, tmp_path, monkeypatch, said, given, message):
     facts = {**said, "format": "sdf", "channel": "Z"}
-    monkeypatch.setattr("app.convert._read_instruments", lambda *_: (HEIGHTS.copy(), facts))
+    monkeypatch.setattr("app.cli.convert._read_instruments", lambda *_: (HEIGHTS.copy(), facts))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "s.sdf").write_bytes(b"\x00\xff")
     done = convert("s.sdf", "-o", "s.h5", "--orient", "transpose", *given)
@@ -325,8 +325,8 @@ def test_words_are_read_over_only_where_the_format_is_known(
 ):
     """A reader that picks numbers out of any text takes a NODATA_value for a height, and two maps for one."""
     facts = {"unit": unit, "spacing": spacing, "format": "asc", "channel": "Default"}
-    monkeypatch.setattr("app.convert._read_instruments", lambda *_: (HEIGHTS.copy(), facts))
-    monkeypatch.setattr("app.convert.instruments_python", lambda: True)
+    monkeypatch.setattr("app.cli.convert._read_instruments", lambda *_: (HEIGHTS.copy(), facts))
+    monkeypatch.setattr("app.cli.convert.instruments_python", lambda: True)
     lines = "\n".join(" ".join(map(str, row)) for row in HEIGHTS)
     (tmp_path / "s.txt").write_text(f"NODATA_value -9999\n{lines}\n")
     options = () if read else ("--unit", "um", "--spacing", "1,1")

@@ -17,17 +17,17 @@ import pytest
 from processes import TESTS
 from results import full_disk
 
+from app.base.errors import InputError
+from app.cli.sweep import SUFFIXES, main
 from app.contact.grid_errors import GridErrors
-from app.errors import InputError
-from app.output.result import read_result
-from app.output.sweeps import sweep_figure
-from app.runs import batch, processes
-from app.runs.batch import rows_of, run_all
-from app.runs.journal import Journal
-from app.runs.processes import call, perform
-from app.runs.run import CHECKS, Run
-from app.runs.sweep_file import read_sweep
-from app.sweep import SUFFIXES, main
+from app.io.result import read_result
+from app.parameter_study import batch, processes
+from app.parameter_study.batch import rows_of, run_all
+from app.parameter_study.journal import Journal
+from app.parameter_study.processes import call, perform
+from app.parameter_study.run import CHECKS, Run
+from app.parameter_study.sweep_file import read_sweep
+from app.plots.sweeps import sweep_figure
 
 ROOT = TESTS.parent
 HERTZ = ROOT / "petsc_options/hertz.opts"
@@ -446,7 +446,7 @@ def test_option_files_of_one_name_are_told_apart(tmp_path):
 
 
 def test_interrupted_before_the_first_run_leaves_an_earlier_table(tmp_path, monkeypatch):
-    monkeypatch.setattr("app.sweep.run_all", lambda *how, **more: ([None], True))
+    monkeypatch.setattr("app.cli.sweep.run_all", lambda *how, **more: ([None], True))
     output = tmp_path / "out.csv"
     output.write_text("an earlier one")
     assert main([str(write(tmp_path, "options: {grid: 8}")), "-o", str(output)]) == 130

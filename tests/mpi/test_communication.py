@@ -7,17 +7,18 @@ from mpi4py import MPI
 from running import assert_proved_equal, solve
 
 from app import ContactSolver
-from app.fast.levels import influence_of
-from app.halfspace.communication import Communicator
-from app.halfspace.fetch import Fetch
+from app.base.petsc import _counter
 from app.halfspace.fft.multiplier import EvenMultiplier
-from app.halfspace.grid import Grid, Slabs
-from app.halfspace.ranks import Ranks
-from app.halfspace.reductions import minimum_over, sums_and_minima
+from app.halfspace.grid import Grid
+from app.methods.multilevel_operators import influence_of
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
-from app.petsc import _counter
-from app.solver_options import options_set
+from app.options.solver_options import options_set
+from app.parallel.communicator import Communicator
+from app.parallel.fetch import Fetch
+from app.parallel.rank_groups import Ranks
+from app.parallel.reductions import minimum_over, sums_and_minima
+from app.parallel.slabs import Slabs
 from benchmarks.replay import Replay, record
 from benchmarks.replay import hertz as recorded_problem
 
@@ -73,11 +74,11 @@ def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(
     counts = {}
     options = {
         "ksp_type": "python",
-        "ksp_python_type": "app.fast.tracking_cg.TrackingCG",
+        "ksp_python_type": "app.methods.free.tracking_cg.TrackingCG",
         "ksp_norm_type": "unpreconditioned",
         "ksp_rtol": "1e-14",
         "pc_type": "python",
-        "pc_python_type": "app.fast.circulant.Circulant",
+        "pc_python_type": "app.methods.free.circulant.Circulant",
         "pc_circulant_extend": "3",
         "pc_circulant_blocks": "16" if scattered else "0",
     }

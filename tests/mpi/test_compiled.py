@@ -5,7 +5,7 @@ from importlib import import_module
 import pytest
 
 LOOP = """
-from app.compiled import njit
+from app.base.numba_cache import njit
 
 @njit()
 def twice(x):

@@ -9,15 +9,15 @@ from mpi4py import MPI
 from operators import STEEL, asymmetry, slabs_of
 from petsc4py import PETSc
 
-from app.errors import InputError
+from app.base.errors import InputError
+from app.base.petsc import as_raised
 from app.halfspace.grid import Grid
 from app.halfspace.operator import InfluenceOperator
 from app.multigrid import ContactMG
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
 from app.multigrid.transfer import Transfer
-from app.petsc import as_raised
-from app.solver_options import options_set
+from app.options.solver_options import options_set
 
 MULTIGRID = {"pc_type": "python", "pc_python_type": "app.multigrid.ContactMG"}
 RTOL = 1e-8

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from operators import STENCIL
 
-from app.fast.between import Between
-from app.fast.rim import RimExtension
-from app.halfspace.grid import Slabs
+from app.methods.free.block_average import Between
+from app.methods.free.contact_edge import RimExtension
+from app.parallel.slabs import Slabs
 
 SHAPES = [
     (32, 20),

@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from app import ContactSolver
 from app.halfspace.connected import connected_sets
-from app.halfspace.grid import Slabs
+from app.parallel.slabs import Slabs
 
 
 @pytest.mark.mpi(2, 3)

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from sweeps import GRIDS, block_sizes, empty_in_the_middle, make, random_problem, sweep
 
-from app.halfspace.communication import Communicator
-from app.halfspace.grid import Grid, Slabs
+from app.halfspace.grid import Grid
+from app.parallel.communicator import Communicator
+from app.parallel.slabs import Slabs
 
 each_grid = pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
 

@@ -8,7 +8,7 @@ from mpi4py import MPI
 from running import solve
 
 from app import ContactProblem, Grid, Material, read_surface
-from app.problems.surfaces import SelfAffineSurface
+from app.problems.random_surfaces import SelfAffineSurface
 
 STEEL = Material.from_contact_modulus(1e5)
 MEASURES = (

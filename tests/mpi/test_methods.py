@@ -6,7 +6,7 @@ from cases import APPROACH, hertz, punch
 from mpi4py import MPI
 from running import solve
 
-from app.errors import InputError
+from app.base.errors import InputError
 
 # Few cells on a rank, so that several levels are distributed; double precision to compare digits.
 SHARED = {"lcp_cells_per_rank": 32, "lcp_precision": "double"}
@@ -65,20 +65,26 @@ def test_multigrid_with_one_level_is_its_smoother(comm, method):
     [
         (
             "Circulant",
-            {"mg_coarse_pc_type": "python", "mg_coarse_pc_python_type": "app.fast.circulant.Circulant"},
+            {
+                "mg_coarse_pc_type": "python",
+                "mg_coarse_pc_python_type": "app.methods.free.circulant.Circulant",
+            },
         ),
         (
             "Circulant",
             {
                 "mg_coarse_sub_pc_type": "python",
-                "mg_coarse_sub_pc_python_type": "app.fast.circulant.Circulant",
+                "mg_coarse_sub_pc_python_type": "app.methods.free.circulant.Circulant",
             },
         ),
         (
             "TrackingCG",
-            {"mg_coarse_ksp_type": "python", "mg_coarse_ksp_python_type": "app.fast.tracking_cg.TrackingCG"},
+            {
+                "mg_coarse_ksp_type": "python",
+                "mg_coarse_ksp_python_type": "app.methods.free.tracking_cg.TrackingCG",
+            },
         ),
-        ("TwoGrid", {"pc_type": "python", "pc_python_type": "app.primal.two_grid.TwoGrid"}),
+        ("TwoGrid", {"pc_type": "python", "pc_python_type": "app.methods.periodic.two_grid.TwoGrid"}),
     ],
 )
 def test_our_solvers_refuse_systems_that_are_not_theirs(comm, who, options):

@@ -6,9 +6,14 @@ from itertools import product
 import numpy as np
 import pytest
 
-from app.fast.levels import circulant_inverse, influence_by_levels, periodic_inverse_by_levels
 from app.halfspace.fft.multiplier import Layout
-from app.halfspace.grid import Grid, Slabs
+from app.halfspace.grid import Grid
+from app.methods.multilevel_operators import (
+    circulant_inverse,
+    influence_by_levels,
+    periodic_inverse_by_levels,
+)
+from app.parallel.slabs import Slabs
 
 SHAPES = [(128, 140, 0.12), (257, 150, 0.12), (150, 129, 0.12), (257, 140, 0.04), (130, 260, 0.5)]
 

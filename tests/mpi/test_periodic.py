@@ -10,7 +10,11 @@ from running import solve
 
 from app import ContactProblem, ContactSolver, Grid, Material
 
-CIRCULANT = {"pc_type": "python", "pc_python_type": "app.fast.circulant.Circulant", "pc_circulant_extend": 3}
+CIRCULANT = {
+    "pc_type": "python",
+    "pc_python_type": "app.methods.free.circulant.Circulant",
+    "pc_circulant_extend": 3,
+}
 
 
 @pytest.mark.mpi(2, 3)

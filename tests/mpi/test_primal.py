@@ -8,13 +8,14 @@ from operators import STEEL, random_field
 from running import solve
 
 from app import ContactSolver
-from app.fast import progress
-from app.halfspace.grid import Grid, Slabs
-from app.halfspace.halo import Halo
-from app.method import read_method_file
+from app.halfspace.grid import Grid
+from app.methods import progress
+from app.methods.periodic.solver import PrimalSolver
 from app.multigrid.hierarchy import Hierarchy
-from app.primal.solver import PrimalSolver
-from app.solver_options import SolverOptions
+from app.options.method import read_method_file
+from app.options.solver_options import SolverOptions
+from app.parallel.halo import Halo
+from app.parallel.slabs import Slabs
 
 
 @pytest.mark.mpi(2, 3, 5)

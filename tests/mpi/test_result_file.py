@@ -10,8 +10,8 @@ import pytest
 from mpi4py import MPI
 from results import FIELDS, assert_same, full_disk, made_up_result, write
 
-from app.halfspace.grid import Slabs
-from app.output.result import read_result
+from app.io.result import read_result
+from app.parallel.slabs import Slabs
 
 
 @pytest.fixture(scope="module")

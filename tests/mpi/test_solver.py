@@ -11,7 +11,7 @@ from mpi4py import MPI
 from running import solve
 
 from app import ContactProblem, ContactSolver, Grid, Listener, Material, Sphere, read_result, refine
-from app.errors import FailedElsewhere, InputError
+from app.base.errors import FailedElsewhere, InputError
 
 TIGHT = {"lcp_rtol": 1e-9, "lcp_cells_per_rank": 32}
 

@@ -9,10 +9,10 @@ from operators import BOXED, GRIDS, PERIODIC, make_convolution, random_field
 from running import solve
 
 from app import ContactSolver
-from app.halfspace import storage
-from app.halfspace.communication import Communicator
 from app.halfspace.fft.multiplier import EvenMultiplier, Layout
-from app.halfspace.storage import Storage
+from app.parallel import shared_memory
+from app.parallel.communicator import Communicator
+from app.parallel.shared_memory import Storage
 
 SHAPES = {"one row": GRIDS["one row"], "odd": GRIDS["odd"], "many groups": GRIDS["many groups"], "box": BOXED}
 
@@ -78,7 +78,7 @@ def test_ranks_that_may_not_share_send(comm, what, monkeypatch):
         raise PermissionError(what)
 
     if comm.rank == (0 if what == "memfd_create" else comm.size - 1):
-        owner = {"mmap": storage.mmap, "readlink": storage.Path}.get(what, os)
+        owner = {"mmap": shared_memory.mmap, "readlink": shared_memory.Path}.get(what, os)
         monkeypatch.setattr(owner, what, forbidden)
     found = Storage([100] * comm.size, comm.rank, counting(comm))
     assert found.all is None

@@ -10,11 +10,12 @@ from mpi4py import MPI
 from running import assert_solves_lcp, solve
 
 from app import ContactProblem
-from app.halfspace.grid import Grid, Slabs
+from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
 from app.halfspace.window import Scatter, Window, bounding_boxes
-from app.multigrid import kept
+from app.multigrid import solver_cache
 from app.multigrid.hierarchy import Hierarchy
+from app.parallel.slabs import Slabs
 
 each_number_of_ranks = pytest.mark.mpi(1, 2, 3, 5)
 WINDOWS = [(0, 20, 0, 9), (3, 4, 2, 3), (0, 1, 0, 9), (15, 20, 1, 8), (2, 19, 4, 5)]
@@ -65,8 +66,8 @@ def test_memory_that_is_let_go_changes_nothing(comm, load):
         Material.combined(80000.0, 0.3),
         lambda x, y: (x**2 + y**2) / 2 + 1e-3 * np.cos(40 * x) * np.cos(31 * y),
     )
-    for largest in (kept.LARGEST_KEPT, 0):
-        with mock.patch.object(kept, "LARGEST_KEPT", largest):
+    for largest in (solver_cache.LARGEST_KEPT, 0):
+        with mock.patch.object(solver_cache, "LARGEST_KEPT", largest):
             solutions.append(solve(wavy, None, "fast", load, comm))
     for field in ("pressure", "displacement", "contact"):
         one, other = (getattr(solution, field) for solution in solutions)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from app.contact.active_set import active_set
 from app.contact.distance import UndeformedDistance
 from app.contact.history import History
-from app.contact.iteration import active_set
 from app.contact.loading import PrescribedApproach
 from app.contact.state import ContactState
 from app.contact.stopping import StoppingTest

@@ -1,4 +1,4 @@
-"""docs/architecture.md: every module of app/ is on a floor, and knows only what lies below."""
+"""docs/architecture.md: every package of app/ has a layer, and imports only from layers below."""
 
 import ast
 import re
@@ -9,24 +9,24 @@ from processes import TESTS
 
 ROOT = TESTS.parent
 TABLE = re.findall(
-    r"^\| (\d) \| (`.*?`) \|", (ROOT / "docs/architecture.md").read_text(encoding="utf-8"), re.MULTILINE
+    r"^\| (\d+) \| (`.*?`) \|", (ROOT / "docs/architecture.md").read_text(encoding="utf-8"), re.MULTILINE
 )
-FLOOR = {room: int(floor) for floor, rooms in TABLE for room in re.findall(r"`(\w+)`", rooms)}
+LAYER = {package: int(layer) for layer, packages in TABLE for package in re.findall(r"`(\w+)`", packages)}
 MODULES = sorted(path.relative_to(ROOT / "app").as_posix() for path in (ROOT / "app").rglob("*.py"))
 
 
-def room_of(module):
+def package_of(module):
     return module.split("/")[0].removesuffix(".py")
 
 
-def known_to(module):
-    """Rooms that a module imports from; names of the API by their places."""
+def imported_by(module):
+    """Packages that a module imports from; a name of `app` counts as its package."""
     tree = ast.parse((ROOT / "app" / module).read_text(encoding="utf-8"))
     found = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.module == "app":
             names = {alias.name for alias in node.names} - {"__version__"}
-            found |= {name if name in FLOOR else "solver" for name in names}
+            found |= {name if name in LAYER else "api" for name in names}
         elif isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("app."):
             found.add(node.module.split(".")[1])
         elif isinstance(node, ast.Import):
@@ -36,26 +36,26 @@ def known_to(module):
     return found
 
 
-def test_every_room_is_in_the_table():
-    assert {room_of(module) for module in MODULES} - {"__init__"} == FLOOR.keys()
+def test_every_package_is_in_the_table():
+    assert {package_of(module) for module in MODULES} - {"__init__"} == LAYER.keys()
 
 
 @pytest.mark.parametrize("module", [m for m in MODULES if m != "__init__.py"])
-def test_module_knows_only_what_lies_below(module):
-    here = FLOOR[room_of(module)]
-    above = {room for room in known_to(module) if FLOOR[room] > here}
+def test_module_imports_only_from_layers_below(module):
+    here = LAYER[package_of(module)]
+    above = {package for package in imported_by(module) if LAYER[package] > here}
     assert not above
 
 
-def test_rooms_of_a_floor_make_no_circle():
-    graph = {room: set() for room in FLOOR}
+def test_packages_of_a_layer_make_no_circle():
+    graph = {package: set() for package in LAYER}
     for module in set(MODULES) - {"__init__.py"}:
-        graph[room_of(module)] |= known_to(module) - {room_of(module)}
+        graph[package_of(module)] |= imported_by(module) - {package_of(module)}
     TopologicalSorter(graph).prepare()  # raises CycleError
 
 
 def test_modules_make_no_circle():
-    """Neither do imports inside of functions: who needs them is not built on what it is needed by."""
+    """Imports inside functions count, too."""
     graph = {}
     for module in set(MODULES) - {"__init__.py"}:
         tree = ast.parse((ROOT / "app" / module).read_text(encoding="utf-8"))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from operators import STENCIL
 
-from app.fast.between import _LEAST, _SMOOTHED, Between
-from app.fast.rim import RimExtension
+from app.methods.free.block_average import _LEAST, _SMOOTHED, Between
+from app.methods.free.contact_edge import RimExtension
 
 SHAPES = [(1, 1), (1, 11), (7, 3), (12, 12), (17, 26)]
 each_shape = pytest.mark.parametrize("shape", SHAPES)

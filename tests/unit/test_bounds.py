@@ -12,11 +12,11 @@ from petsc4py import PETSc
 from running import assert_proved_equal
 
 from app import ContactProblem, ContactSolver, Grid, Material
+from app.base.errors import InputError
 from app.contact.bounds import PressureBounds
 from app.contact.distance import UndeformedDistance
 from app.contact.periodic_state import contact_state
 from app.contact.state import ContactState
-from app.errors import InputError
 from app.halfspace.operator import InfluenceOperator
 
 SHAPE = (6, 7)

@@ -6,12 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from operators import STEEL
 
-from app.halfspace.grid import Grid, Slabs
+from app.halfspace.grid import Grid
 from app.halfspace.images import Box, ImageCorrection
 from app.halfspace.influence import influence_at, influence_quadrant
 from app.halfspace.operator import InfluenceOperator
-from app.halfspace.periodic import periodic_quadrant
+from app.halfspace.periodic_symbol import periodic_quadrant
 from app.halfspace.product import BoxProduct, Convolution
+from app.parallel.slabs import Slabs
 
 ROUNDING = {np.float64: 2e-14, np.float32: 2e-6}  # measured: 5e-15 and 5e-7 of the largest displacement
 NO_MASK = np.zeros((0, 0), bool)

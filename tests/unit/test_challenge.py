@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from app.output import style
+from app.plots import style
 from app.reference import Westergaard
 from app.reference.rough import persson_fraction
 from benchmarks.challenge import __main__ as challenge

@@ -6,18 +6,19 @@ from mpi4py import MPI
 from operators import GRIDS, PERIODIC, STEEL
 from petsc4py import PETSc
 
-from app.fast.circulant import Circulant, circulant_of
-from app.fast.levels import circulant_inverse
-from app.fast.multilevel import MultilevelOperator
-from app.fast.symbol import eigenvalues
-from app.fast.tracking_cg import TrackingCG
-from app.halfspace.communication import Communicator
 from app.halfspace.fft.multiplier import EvenMultiplier, Layout
-from app.halfspace.grid import Grid, Slabs
+from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix, influence_quadrant, middle_displacement
 from app.halfspace.operator import InfluenceOperator
-from app.halfspace.periodic import influence_symbol
-from app.solver_options import SolverOptions
+from app.halfspace.periodic_symbol import influence_symbol
+from app.methods.free.circulant import Circulant, circulant_of
+from app.methods.free.tracking_cg import TrackingCG
+from app.methods.multilevel_operators import circulant_inverse
+from app.methods.multilevel_product import MultilevelOperator
+from app.methods.symbol import eigenvalues
+from app.options.solver_options import SolverOptions
+from app.parallel.communicator import Communicator
+from app.parallel.slabs import Slabs
 
 SMALL = {name: grid for name, grid in (GRIDS | PERIODIC).items() if grid.n <= 500}
 

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from app.halfspace.grid import Grid, Slabs
-from app.halfspace.ranks import aligned, sharing
+from app.halfspace.grid import Grid
+from app.parallel.rank_groups import aligned, sharing
+from app.parallel.slabs import Slabs
 
 
 def balance(slabs):

@@ -11,12 +11,12 @@ import numba
 import numpy as np
 import pytest
 
-from app import compiled
+from app.base import numba_cache
 
 ROOT = Path(__file__).resolve().parents[2]
 
 LOOPS = """
-from app.compiled import njit
+from app.base.numba_cache import njit
 
 @njit()
 def twice(x):
@@ -28,7 +28,7 @@ def four_times(x):
 """
 
 ROWS = """
-from app.compiled import njit
+from app.base.numba_cache import njit
 
 @njit({})
 def total(a, b):
@@ -43,7 +43,7 @@ def total(a, b):
 ARRAYS = """
 import numpy as np
 
-from app.compiled import njit
+from app.base.numba_cache import njit
 
 
 @njit(makes_arrays=True)
@@ -102,12 +102,12 @@ def test_compiling_is_told_once_and_a_loop_that_cannot_be_kept_works(tmp_path, m
     monkeypatch.syspath_prepend(tmp_path)
     sys.modules.pop("loops_of_a_test", None)
     loops, told = importlib.import_module("loops_of_a_test"), []
-    monkeypatch.setattr(compiled, "tell", lambda: told.append(1))
+    monkeypatch.setattr(numba_cache, "tell", lambda: told.append(1))
 
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(compiled.FunctionCache, "save_overload", full)
+    monkeypatch.setattr(numba_cache.FunctionCache, "save_overload", full)
     assert loops.four_times(1.5) == 6
     assert told == [1]
 

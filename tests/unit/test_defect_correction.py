@@ -5,13 +5,13 @@ import pytest
 from cases import APPROACH, hertz, punch
 
 from app import ContactProblem, ContactSolver, Grid, Material, solve
-from app.fast import levels
-from app.fast.levels import influence_by_levels
-from app.fast.multilevel import MultilevelOperator
-from app.fast.solver import TrackingSolver
 from app.halfspace.influence import influence_quadrant
 from app.halfspace.product import Convolution
-from app.problems.surfaces import SelfAffineSurface
+from app.methods import multilevel_operators
+from app.methods.free.solver import TrackingSolver
+from app.methods.multilevel_operators import influence_by_levels
+from app.methods.multilevel_product import MultilevelOperator
+from app.problems.random_surfaces import SelfAffineSurface
 
 GRIDS = {
     "square": (Grid(128, 128, 1.0, 1.0), 0.01),
@@ -113,7 +113,7 @@ def test_where_levels_do_not_help_products_take_over(monkeypatch, wrong):
         return improve(self, *arguments)
 
     monkeypatch.setattr(TrackingSolver, "improve", improve_and_tell)
-    monkeypatch.setattr(levels.MultilevelOperator, "apply", wrongly)
+    monkeypatch.setattr(multilevel_operators.MultilevelOperator, "apply", wrongly)
     with ContactSolver(rough(), options={"lcp_rtol": 1e-7}) as solver:
         found = solver.solve(approach=0.015)
     assert found.converged

@@ -11,24 +11,26 @@ from cases import APPROACH, hertz, periodic_rough
 from mpi4py import MPI
 from running import solve
 
-from app import ContactProblem, ContactSolver, petsc, strategy
-from app.commands.monitor import Progress
+from app import ContactProblem, ContactSolver
+from app.api import strategy
+from app.api.refinement import refine
+from app.base import petsc
+from app.base.errors import InputError
+from app.cli.monitor import Progress
 from app.contact.certificate import certify
 from app.contact.distance import UndeformedDistance
 from app.contact.grid_errors import GridNumbers, errors_from
 from app.contact.history import Listener
 from app.contact.periodic_state import contact_state
 from app.contact.state import Displacement, Gaps
-from app.errors import InputError
-from app.fast.lift import lift
-from app.fast.stopping import IN_CONTACT, ROUNDING, InexactStop
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material, dense_matrix
 from app.halfspace.operator import InfluenceOperator, vec_of
 from app.halfspace.product import DenseProduct
+from app.methods.free.lift import lift
+from app.methods.free.stopping import IN_CONTACT, ROUNDING, InexactStop
+from app.methods.periodic import stencil
 from app.multigrid.hierarchy import Hierarchy
-from app.primal import stencil
-from app.refinement import refine
 
 
 def test_grids_worked_on_in_windows_get_no_product_before_somebody_asks():
@@ -127,7 +129,7 @@ def test_listeners_hear_of_every_iteration():
 @pytest.mark.parametrize("listeners", [[print], [Hears], [None], Hears(), 3])
 def test_what_is_no_listener_is_refused_before_any_work(listeners):
     with (
-        mock.patch("app.solver.make_hierarchy", side_effect=AssertionError),
+        mock.patch("app.api.solver.make_hierarchy", side_effect=AssertionError),
         pytest.raises(InputError, match="^listeners: is .*; needed: .*app.Listener$"),
     ):
         ContactSolver(hertz(12), listeners=listeners)

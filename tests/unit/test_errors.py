@@ -9,10 +9,10 @@ import pytest
 from processes import TESTS
 
 from app import ContactProblem, Grid, Material, SelfAffineSurface, Sphere, read_surface, solve
+from app.base.errors import InputError, apart, exactly
+from app.base.memory import check_fits
 from app.contact.history import Outcome
-from app.errors import InputError, apart, exactly
-from app.memory import check_fits
-from app.problems.surfaces import WavySurface
+from app.problems.random_surfaces import WavySurface
 from app.verification.check import Figure
 
 STEEL = Material.from_contact_modulus(1e3)
@@ -81,7 +81,7 @@ def test_a_limit_can_be_taken_as_it_is_written():
 
 
 def test_memory_that_lacks_little_is_told_from_what_there_is(monkeypatch):
-    monkeypatch.setattr("app.memory.available", lambda: 3.0001 * 2**30)
+    monkeypatch.setattr("app.base.memory.available", lambda: 3.0001 * 2**30)
     with pytest.raises(InputError, match="needs 3.0002 GiB of memory; 3.0001 GiB are free"):
         check_fits(3.0002 * 2**30, "this")
 
@@ -115,4 +115,4 @@ def test_no_error_rounds_a_number_to_six_digits(path):
         for line, form in _formats(ast.parse(path.read_text("utf-8")))
         if form in ("f'g'", "f'.3g'", "f'.4g'")
     ]
-    assert not found, f"{path.name}, lines {found}: app.errors.exactly or apart"
+    assert not found, f"{path.name}, lines {found}: app.base.errors.exactly or apart"

@@ -5,13 +5,13 @@ import pytest
 from operators import STENCIL
 from scipy.ndimage import binary_dilation, convolve
 
-from app.fast import rim
-from app.fast.circulant import circulant_of
-from app.fast.rim import RimExtension
 from app.halfspace.chebyshev import chebyshev_steps
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix
 from app.halfspace.operator import InfluenceOperator
+from app.methods.free import contact_edge
+from app.methods.free.circulant import circulant_of
+from app.methods.free.contact_edge import RimExtension
 
 SHAPES = [(1, 1), (1, 11), (11, 1), (2, 3), (3, 2), (8, 8), (17, 26)]
 STEPS = [0, 1, 2, 3]
@@ -100,7 +100,7 @@ def test_both_operators_are_those_of_the_definition(shape, steps, dtype, atol, r
 
 def test_without_rows_no_memory_is_read(monkeypatch):
     """A rank beyond those of a level of PCMG; Python looks whether there is a last row."""
-    monkeypatch.setattr(rim, "_all_steps", rim._all_steps.py_func)
+    monkeypatch.setattr(contact_edge, "_all_steps", contact_edge._all_steps.py_func)
     extension = make(np.zeros((0, 5), bool), 3, periodic=True)
     extension.extend(np.zeros((0, 5)))
     extension.restrict(np.zeros((0, 5)))

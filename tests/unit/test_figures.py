@@ -9,16 +9,16 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Rectangle
 from results import made_up_result, with_attributes
 
-from app.commands.problem_options import PROBLEM_OPTIONS
-from app.errors import InputError
+from app.base.errors import InputError
+from app.base.units import length_unit
+from app.cli.plot import analytic_reference
+from app.cli.problem_options import PROBLEM_OPTIONS
 from app.halfspace.connected import connected_sets
 from app.halfspace.grid import Grid
-from app.halfspace.stress import Hottest
-from app.output import curves, figures, heights, maps, paths, style, sweeps
-from app.plot import analytic_reference
-from app.problems.measured import read_surface
+from app.halfspace.stress.subsurface import Hottest
+from app.plots import curves, figures, heights, load_curves, maps, style, sweeps
+from app.problems.surfaces.reading import read_surface
 from app.reference.rough import persson_fraction
-from app.units import length_unit
 
 
 @pytest.fixture(scope="module")
@@ -236,7 +236,7 @@ def test_distribution_of_values_that_differ_little_fills_its_panel(result):
 
 def test_numbers_below_the_load_of_a_path_do_not_touch():
     columns = {"load": np.zeros(3), "approach": np.array([-0.1, -0.2, -0.3])}
-    figure = paths.path_figure([paths.Path(columns | {"indentation": columns["approach"]})])
+    figure = load_curves.path_figure([load_curves.Path(columns | {"indentation": columns["approach"]})])
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     assert not overlaps(figure.axes[0].get_xticklabels(), canvas.get_renderer())
@@ -271,9 +271,9 @@ def test_theories_stand_beside_the_path_of_a_file_as_beside_its_table(result):
     for flat in (True, False):
         found = columns | persson if flat else columns
         table = {name: list(map(repr, map(float, column))) for name, column in found.items()}
-        for path in (paths.path_of(replace(known, path=found)), paths.path_of_csv(table)):
+        for path in (load_curves.path_of(replace(known, path=found)), load_curves.path_of_csv(table)):
             assert path.scale == pytest.approx(5000 if flat else np.nan, rel=1e-12, nan_ok=True)
-            assert ("κ" in paths.path_figure([path]).axes[1].get_ylabel()) == flat
+            assert ("κ" in load_curves.path_figure([path]).axes[1].get_ylabel()) == flat
 
 
 def test_patches_are_told_apart_across_the_sides_of_a_periodic_patch():
@@ -445,7 +445,7 @@ def test_a_smooth_body_has_no_spectrum_but_a_surface_on_it_has(result, problem):
 def test_path_of_a_rough_surface_stands_beside_the_theories():
     p = np.geomspace(10, 1e4, 7)
     columns = {"load": p, "mean_pressure": p, "contact_fraction": np.minimum(2.2e-4 * p, 0.99)}
-    figure = paths.path_figure([paths.Path(columns, "", scale=1e4)])
+    figure = load_curves.path_figure([load_curves.Path(columns, "", scale=1e4)])
     fraction, kappa, *others = figure.axes
     computed, persson, bgt = fraction.lines[:3]
     assert computed.get_xdata() == pytest.approx(p / 1e4)
@@ -458,25 +458,25 @@ def test_path_of_a_rough_surface_stands_beside_the_theories():
 def test_each_path_shows_its_exact_stiffness_whatever_the_others_know():
     p = np.geomspace(1, 100, 5)
     known = {"load": p, "approach": p, "mean_pressure": p, "contact_fraction": 1e-3 * p}
-    exact = paths.Path(known | {"stiffness": 2 * p, "stiffness_by_differences": p}, "exact")
-    other = paths.Path(known | {"stiffness_by_differences": 3 * p}, "other")
+    exact = load_curves.Path(known | {"stiffness": 2 * p, "stiffness_by_differences": p}, "exact")
+    other = load_curves.Path(known | {"stiffness_by_differences": 3 * p}, "other")
     for scale in (1e4, np.nan):
-        drawn = paths.path_figure([one._replace(scale=scale) for one in (exact, other)]).axes[3]
+        drawn = load_curves.path_figure([one._replace(scale=scale) for one in (exact, other)]).axes[3]
         assert drawn.lines[0].get_ydata() == pytest.approx(2 * p)
         assert drawn.lines[1].get_ydata() == pytest.approx(3 * p)
         assert drawn.get_ylabel().endswith("by differences: other")
-    alone = paths.path_figure([other]).axes[3]
+    alone = load_curves.path_figure([other]).axes[3]
     assert alone.get_ylabel().endswith("\nby differences") and alone.lines[0].get_ydata() == pytest.approx(
         3 * p
     )
-    assert "differences" not in paths.path_figure([exact]).axes[3].get_ylabel()
+    assert "differences" not in load_curves.path_figure([exact]).axes[3].get_ylabel()
 
 
 def test_corrected_fractions_are_within_the_picture():
     p = np.geomspace(1, 100, 5)
     columns = {"load": p, "mean_pressure": p, "contact_fraction": 1e-4 * p}
     columns["contact_fraction_corrected"] = columns["contact_fraction"] / 5
-    fraction = paths.path_figure([paths.Path(columns, "", scale=1e4)]).axes[0]
+    fraction = load_curves.path_figure([load_curves.Path(columns, "", scale=1e4)]).axes[0]
     assert fraction.get_ylim()[0] < columns["contact_fraction_corrected"].min()
 
 
@@ -514,7 +514,7 @@ def _rough_path(**shares):
     """Path of eight mean pressures, in contact on 2.2e-4 of them; `shares`: other columns in proportion."""
     p = np.geomspace(1, 3000, 8)
     shares = {"load": 1, "mean_pressure": 1, "contact_fraction": 2.2e-4} | shares
-    return paths.Path({name: share * p for name, share in shares.items()}, "", scale=1e4)
+    return load_curves.Path({name: share * p for name, share in shares.items()}, "", scale=1e4)
 
 
 @pytest.mark.parametrize("patches", [2, 3, 4, 7, 60])
@@ -548,7 +548,7 @@ def test_legend_of_rough_paths_touches_no_curve(fall, times):
     path = _rough_path(contact_fraction_corrected=2e-4)
     path = path._replace(scale=path.scale / times)  # so that a theory ends before the path does
     share = np.minimum(times * path.columns["contact_fraction"] * (path.columns["load"] / 3000) ** -fall, 1)
-    figure = paths.path_figure([path._replace(columns=path.columns | {"contact_fraction": share})])
+    figure = load_curves.path_figure([path._replace(columns=path.columns | {"contact_fraction": share})])
     assert [axes.get_legend() is not None for axes in figure.axes] == [False, True, False, False]
     figure.canvas.draw()
     axes = figure.axes[1]
@@ -618,8 +618,8 @@ def test_levels_beyond_the_coarsest_grid_are_named_like_it():
 
 def test_path_without_roughness_is_drawn_by_load_and_approach():
     d = np.geomspace(1e-3, 0.1, 5)
-    path = paths.Path({"load": 1e5 * d**1.5, "approach": d})
-    first = paths.path_figure([path, path._replace(name="other")]).axes[0]
+    path = load_curves.Path({"load": 1e5 * d**1.5, "approach": d})
+    first = load_curves.path_figure([path, path._replace(name="other")]).axes[0]
     assert first.get_xlabel() == "approach δ  [µm]" and first.lines[0].get_xdata() == pytest.approx(1e3 * d)
     assert len(first.lines) == 2
 
@@ -637,8 +637,8 @@ def test_estimated_errors_are_bands_around_the_curves_of_a_path():
         "max_pressure_error": np.array([1, 0.5, 0.1, 0.1, 0.1, np.nan]), "contact_area_error": np.full(6, 1.0),
     }  # fmt: skip
     plain = {name: column for name, column in columns.items() if not name.endswith("_error")}
-    assert not any(axes.collections for axes in paths.path_figure([paths.Path(plain)]).axes)
-    approach, high, wide, _ = paths.path_figure([paths.Path(columns)]).axes
+    assert not any(axes.collections for axes in load_curves.path_figure([load_curves.Path(plain)]).axes)
+    approach, high, wide, _ = load_curves.path_figure([load_curves.Path(columns)]).axes
     (band,) = _outlines(approach)
     assert band[:, 0].min() == pytest.approx(1 - 0.1) and band[:, 0].max() == pytest.approx(32 + 3.2)  # um
     (band,) = _outlines(high)
@@ -656,7 +656,7 @@ def test_estimated_errors_are_bands_around_the_curves_of_a_path():
 def test_the_estimated_error_of_the_area_is_a_band_of_contact_fractions():
     path = _rough_path()
     path.columns["contact_area_error"] = np.full(8, 0.1)
-    fraction, kappa, *_ = paths.path_figure([path]).axes
+    fraction, kappa, *_ = load_curves.path_figure([path]).axes
     for axes, first in (fraction, 2.2e-4), (kappa, 2.2):
         (band,) = _outlines(axes)
         at_first = band[np.isclose(band[:, 0], 1e-4), 1]
@@ -669,8 +669,8 @@ def test_the_analytic_solution_stands_beside_the_path_of_a_smooth_body():
     exact = {"load": 1e5 * d**1.5, "approach": d, "max_pressure": 1e4 * d**0.5, "contact_area": 3 * d}
     exact["stiffness"] = 1.5e5 * d**0.5
     computed = {name: 1.3 * values for name, values in exact.items()}
-    known = paths.Path(computed | {f"analytic_{name}": values for name, values in exact.items()})
-    figure = paths.path_figure([known, paths.Path(computed, "other"), known])
+    known = load_curves.Path(computed | {f"analytic_{name}": values for name, values in exact.items()})
+    figure = load_curves.path_figure([known, load_curves.Path(computed, "other"), known])
     for axes in figure.axes:
         own, _, _, analytic, again = axes.lines
         assert analytic.get_label() == "analytic" and again.get_label() != "analytic"
@@ -683,12 +683,12 @@ def test_the_analytic_solution_stands_beside_the_path_of_a_smooth_body():
             axes.get_ylim()[0] < analytic.get_ydata().min()
             and analytic.get_ydata().max() < axes.get_ylim()[1]
         )
-    assert len(paths.path_figure([paths.Path(computed)]).axes[0].lines) == 1
+    assert len(load_curves.path_figure([load_curves.Path(computed)]).axes[0].lines) == 1
 
 
 def test_path_by_an_approach_counted_from_within_the_roughness_keeps_its_first_steps():
     d = np.linspace(-1e-3, 3e-3, 5)
-    axes = paths.path_figure([paths.Path({"load": (d + 2e-3) ** 1.5, "approach": d})]).axes[0]
+    axes = load_curves.path_figure([load_curves.Path({"load": (d + 2e-3) ** 1.5, "approach": d})]).axes[0]
     assert axes.lines[0].get_xdata() == pytest.approx(1e3 * d)
     assert (axes.get_xscale(), axes.get_yscale()) == ("linear", "linear")
 
@@ -699,7 +699,7 @@ def test_a_path_of_negative_approaches_is_drawn_beyond_first_touch():
         "indentation": np.array([0.01, 0.11]),
         "load": np.array([1.0, 9.0]),
     }
-    axes = paths.path_figure([paths.Path(columns)]).axes[0]
+    axes = load_curves.path_figure([load_curves.Path(columns)]).axes[0]
     assert "beyond first touch" in axes.get_xlabel() and axes.get_xscale() == "log"
     np.testing.assert_allclose(axes.lines[0].get_xdata(), 1e3 * columns["indentation"], rtol=1e-12)
 

@@ -12,12 +12,12 @@ from mpi4py import MPI
 from results import made_up_result
 from results import write as write_made_up
 
-from app.commands.load_path import _identity
-from app.errors import InputError
-from app.halfspace.grid import Slabs
-from app.output.files import check_output_path, temporary_name, whole_file
-from app.output.result import read_result
-from app.runs.run import Run
+from app.base.errors import InputError
+from app.cli.load_path import _identity
+from app.io.files import check_output_path, temporary_name, whole_file
+from app.io.result import read_result
+from app.parallel.slabs import Slabs
+from app.parameter_study.run import Run
 
 
 def write(path, text):
@@ -90,7 +90,7 @@ def test_what_killed_runs_leave_is_cleared_by_the_next(tmp_path):
     """Whatever they wrote, when it is a day old: nothing of runs that live, or of somebody else."""
     path = tmp_path / "result.h5"
     killed = (
-        "import os, signal, sys; from pathlib import Path; from app.output.files import whole_file\n"
+        "import os, signal, sys; from pathlib import Path; from app.io.files import whole_file\n"
         "with whole_file(Path(sys.argv[1], 'result.h5')) as one, whole_file(Path(sys.argv[1], 'b.csv')) as two:\n"
         "    one.write_text('half'); two.write_text('half'); os.kill(os.getpid(), signal.SIGKILL)\n"
     )
@@ -128,7 +128,7 @@ def test_no_input_is_held_in_memory_to_be_told_from_another(tmp_path, of):
 
 
 def test_ctrl_c_while_a_result_is_written_leaves_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr("app.output.write.publish", lambda *paths: (_ for _ in ()).throw(KeyboardInterrupt))
+    monkeypatch.setattr("app.io.write.publish", lambda *paths: (_ for _ in ()).throw(KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
         write_made_up(tmp_path / "result.h5", MPI.COMM_SELF, Slabs(12), made_up_result(16, 12))
     assert not list(tmp_path.iterdir())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app import ContactProblem, Grid, Material, read_surface, solve
-from app.problems.moments import LEVELS
+from app.problems.surfaces.moments import LEVELS
 
 NY, NX = 12, 15
 X, Y = np.arange(NX), np.arange(NY)[:, None]

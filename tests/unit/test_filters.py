@@ -6,10 +6,10 @@ import pytest
 from mpi4py import MPI
 
 from app import ContactProblem, Material, read_surface
-from app.commands.problem_options import PROBLEM_OPTIONS, make_problem
-from app.errors import InputError
-from app.options import OptionReader
-from app.problems.filters import band_pass
+from app.base.errors import InputError
+from app.cli.problem_options import PROBLEM_OPTIONS, make_problem
+from app.options.option_table import OptionReader
+from app.problems.surfaces.filters import band_pass
 
 NX, NY = 120, 72
 CELL = 0.5, 1.25  # sides of 60 and 90

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from app import read_surface
-from app.convert import main as convert
-from app.errors import InputError
-from app.problems.formats import FORMATS, format_of
+from app.base.errors import InputError
+from app.cli.convert import main as convert
 from app.problems.gap_file import GapFile
+from app.problems.surfaces.formats import FORMATS, format_of
 
 ROWS = "0.5 1.5 2\n3 4 5.25\n"
 WYKO = "Wyko ASCII Data File Format\t0\t1\t1\nX Size\t2\nRAW_DATA\t3\t280\n"
@@ -64,7 +64,7 @@ def test_a_compressed_text_is_no_larger_than_the_memory(tmp_path, monkeypatch):
         if size > 10**7:
             raise MemoryError(f"{what} needs too much")
 
-    monkeypatch.setattr("app.problems.array_file.check_fits", check_fits)
+    monkeypatch.setattr("app.problems.surfaces.array_file.check_fits", check_fits)
     with pytest.raises(InputError, match="text, where .npy or .h5 take little needs too much"):
         read_surface(tmp_path / "s.txt.gz", "mm")
 

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sweeps import GRIDS, block_sizes, empty_in_the_middle, make, random_problem, sweep
 
+from app.halfspace.gauss_seidel.kernel_in_x import KernelInX
+from app.halfspace.gauss_seidel.sweep import GaussSeidel
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix, influence_quadrant, quadrant_rows
-from app.halfspace.sweeps.gauss_seidel import GaussSeidel
-from app.halfspace.sweeps.kernel_in_x import KernelInX
 
 each_grid = pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
 MEASURED = 1e-13  # relative, against the scalar loop: 1e-14 at most is seen

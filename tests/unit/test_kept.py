@@ -13,13 +13,13 @@ from running import assert_proved_equal
 
 from app import ContactProblem, ContactSolver, Grid, Listener, Material, SelfAffineSurface
 from app.contact.distance import UndeformedDistance
-from app.fast.circulant import circulant_of
-from app.fast.levels import influence_of
-from app.fast.solver import TrackingSolver
-from app.fast.verification_product import VerificationProduct
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.operator import InfluenceOperator
-from app.multigrid import kept
+from app.methods.free.circulant import circulant_of
+from app.methods.free.solver import TrackingSolver
+from app.methods.free.verification_product import VerificationProduct
+from app.methods.multilevel_operators import influence_of
+from app.multigrid import solver_cache
 from app.multigrid.linear_solver import LinearSolver
 
 MAKES = re.compile(r"^(Vec|Mat|KSP|PC|IS)\.(create|duplicate|setFromOptions)|\.set_kernel$|\.set_spectrum$")
@@ -68,7 +68,7 @@ def test_windows_elsewhere_and_of_other_sizes(made):
 
 
 def test_of_large_windows_spectra_are_kept_and_nothing_else(made, monkeypatch):
-    monkeypatch.setattr(kept, "LARGEST_KEPT", 0)
+    monkeypatch.setattr(solver_cache, "LARGEST_KEPT", 0)
     with ContactSolver(bowl(160)) as solver:
         solver.solve(approach=0.3)
         made.clear()
@@ -188,7 +188,7 @@ def test_nobody_works_in_what_is_lent():
 
 @pytest.mark.parametrize("more", [-1, 0, 1])
 def test_only_a_large_target_gives_back_what_it_does_not_need(more):
-    assert kept.is_large(SimpleNamespace(n=kept.LARGEST_KEPT + more)) == (more > 0)
+    assert solver_cache.is_large(SimpleNamespace(n=solver_cache.LARGEST_KEPT + more)) == (more > 0)
 
 
 @pytest.mark.parametrize("holes_first", [False, True])

@@ -10,9 +10,9 @@ from processes import run
 from running import assert_solves_lcp, solve
 
 from app import ContactProblem, ContactSolver, Grid, Material
+from app.contact.active_set import active_set
 from app.contact.distance import UndeformedDistance
 from app.contact.history import History, Outcome
-from app.contact.iteration import active_set
 from app.contact.loading import PrescribedApproach
 from app.contact.periodic_state import contact_state
 from app.contact.prescribed_load import PrescribedLoad, stiffness_of_patch

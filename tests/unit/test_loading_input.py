@@ -5,8 +5,8 @@ import pytest
 from running import assert_proved_equal
 
 from app import ContactProblem, ContactSolver, Grid, Material, solve
+from app.base.errors import InputError
 from app.contact.loading_input import LOADINGS
-from app.errors import InputError
 
 GRID = Grid.from_domain(16, 12, (0.0, 4.0, 0.0, 3.0))
 STEEL = Material.from_contact_modulus(1000.0)

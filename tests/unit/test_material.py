@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app.commands.places import Given, Place
-from app.commands.problem_options import PROBLEM_OPTIONS, make_problem, settle
-from app.errors import InputError
+from app.base.errors import InputError
+from app.cli.option_sources import Given, Place
+from app.cli.problem_options import PROBLEM_OPTIONS, make_problem, settle
 from app.halfspace.influence import Material
-from app.options import OptionReader
+from app.options.option_table import OptionReader
 
 
 def made(**texts):

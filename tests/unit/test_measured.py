@@ -8,14 +8,14 @@ import pytest
 from mpi4py import MPI
 
 from app import ContactProblem, Material, Sphere, read_surface, solve
-from app.commands.problem_options import PROBLEM_OPTIONS, make_problem
-from app.convert import main as convert
-from app.errors import InputError
-from app.notes import doubt, spiked
-from app.options import OptionReader
-from app.problems import moments
-from app.problems.points import gridded
-from app.units import in_words
+from app.api.notes import doubt, spiked
+from app.base.errors import InputError
+from app.base.units import in_words
+from app.cli.convert import main as convert
+from app.cli.problem_options import PROBLEM_OPTIONS, make_problem
+from app.options.option_table import OptionReader
+from app.problems.surfaces import moments
+from app.problems.surfaces.points import gridded
 
 NY, NX = 12, 15
 DX, DY = 0.4, 0.5  # um

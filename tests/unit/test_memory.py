@@ -11,11 +11,12 @@ from cases import hertz
 from mpi4py import MPI
 from processes import TESTS, run
 
-from app import ContactSolver, memory, read_surface
-from app.errors import InputError
-from app.halfspace.communication import Communicator
+from app import ContactSolver, read_surface
+from app.base import memory
+from app.base.errors import InputError
 from app.halfspace.grid import Grid
-from app.problems.array_file import ArrayFile
+from app.parallel.communicator import Communicator
+from app.problems.surfaces.array_file import ArrayFile
 
 GRID = Grid(4000, 3000, 1.0, 1.0)
 
@@ -24,10 +25,11 @@ import sys
 from pathlib import Path
 import numpy as np
 from mpi4py import MPI
-from app import ContactProblem, ContactSolver, Grid, Material, compiled
-from app.memory import doubles_per_cell, doubles_in_strips
-from app.method import settings
-compiled.tell = lambda: print("compiling", file=sys.stderr)
+from app import ContactProblem, ContactSolver, Grid, Material
+from app.base import numba_cache
+from app.base.memory import doubles_per_cell, doubles_in_strips
+from app.options.method import settings
+numba_cache.tell = lambda: print("compiling", file=sys.stderr)
 def peak():  # getrusage tells that of the process that started this one, if it was larger
     lines = Path("/proc/self/status").read_text().splitlines()
     return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) * 1024

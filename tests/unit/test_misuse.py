@@ -27,15 +27,15 @@ from app import (
     refine,
     solve,
 )
-from app.errors import InputError
-from app.halfspace.stress import SubsurfaceStress
-from app.options import Option, OptionReader, domain, series
+from app.base.errors import InputError
+from app.cli.subsurface import stress
+from app.halfspace.stress.subsurface import SubsurfaceStress
+from app.options.option_table import Option, OptionReader, domain, series
 from app.problems.gap_file import GapFile
 from app.problems.problem import Problem
+from app.problems.random_surfaces import WavySurface
 from app.problems.statistics import normal_plot, radial_spectrum, roughness
-from app.problems.surfaces import WavySurface
 from app.reference import EllipticHertz
-from app.subsurface import stress
 
 STEEL = Material.from_contact_modulus(1e5)
 GRID = Grid.from_domain(8, 6, (-1, 1, -1, 1))

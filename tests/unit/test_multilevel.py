@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from app.fast.multilevel import MultilevelOperator
-from app.fast.symbol import Near
 from app.halfspace.fft.multiplier import Layout
+from app.methods.multilevel_product import MultilevelOperator
+from app.methods.symbol import Near
 
 
 class Same:

@@ -8,8 +8,8 @@ from cases import APPROACH, hertz
 from running import solve
 
 from app import ContactProblem, ContactSolver, Grid, Material, read_result
-from app.commands.summary import summary
-from app.errors import InputError
+from app.base.errors import InputError
+from app.cli.summary import summary
 from app.halfspace.connected import connected_sets
 
 

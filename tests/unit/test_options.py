@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from app.commands.places import words_for_petsc
-from app.commands.problem_options import PROBLEM_OPTIONS
-from app.errors import InputError
-from app.method import METHOD_OPTIONS, method_file
-from app.options import REQUIRED, Option, OptionReader, as_texts, real
+from app.base.errors import InputError
+from app.cli.option_sources import words_for_petsc
+from app.cli.problem_options import PROBLEM_OPTIONS
+from app.options.method import METHOD_OPTIONS, method_file
+from app.options.option_table import REQUIRED, Option, OptionReader, as_texts, real
 
 TABLE = [*PROBLEM_OPTIONS, *METHOD_OPTIONS]
 

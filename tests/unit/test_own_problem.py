@@ -5,15 +5,15 @@ import pytest
 from mpi4py import MPI
 
 from app import ContactProblem, Grid, Material, Sphere, solve
-from app.commands.places import Given
-from app.commands.problem_options import PROBLEM_OPTIONS, Request, make_problem
-from app.errors import InputError
-from app.options import OptionReader
+from app.base.errors import InputError
+from app.cli.option_sources import Given
+from app.cli.problem_options import PROBLEM_OPTIONS, Request, make_problem
+from app.options.option_table import OptionReader
 from app.problems.problem import checked_shape
 
 MODULE = """
 import numpy as np
-from app.options import Option, REQUIRED, positive
+from app.options.option_table import Option, REQUIRED, positive
 from app.problems.problem import Problem
 
 def bowl(x, y):

@@ -9,9 +9,9 @@ from cases import APPROACH, hertz, periodic_rough, punch, self_affine
 from running import assert_proved_equal
 
 from app import ContactSolver, Listener
-from app.commands.load_path import _of_all_steps
-from app.errors import InputError
-from app.path import _slope
+from app.api.load_path import _slope
+from app.base.errors import InputError
+from app.cli.load_path import _of_all_steps
 
 
 def same(one, other):

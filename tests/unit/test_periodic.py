@@ -13,16 +13,16 @@ from mpi4py import MPI
 from operators import DOUBLE, PERIODIC, STEEL, matrix_of, random_field
 
 from app import ContactProblem, ContactSolver, Material
+from app.base.errors import InputError
 from app.contact.certificate import certify, estimate
 from app.contact.distance import UndeformedDistance
 from app.contact.periodic_state import contact_state
-from app.errors import InputError
 from app.halfspace import influence
 from app.halfspace.fft.multiplier import EvenMultiplier
 from app.halfspace.grid import Grid
 from app.halfspace.influence import dense_matrix, influence_quadrant
 from app.halfspace.operator import InfluenceOperator
-from app.halfspace.periodic import influence_symbol
+from app.halfspace.periodic_symbol import influence_symbol
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.transfer import Transfer
 from app.verification.dense import DenseProblem

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from petsc4py import PETSc
 
-from app import ContactProblem, ContactSolver, Grid, Material, petsc_path, solve
+from app import ContactProblem, ContactSolver, Grid, Material, solve
+from app.base import petsc_path
+from app.base.errors import InputError
+from app.base.petsc import _forget_last_exception, as_raised
 from app.contact.history import Listener
-from app.errors import InputError
-from app.petsc import _forget_last_exception, as_raised
 
 
 @pytest.mark.parametrize("inside", ["lib", "lib/python3/dist-packages", "arch/lib"])

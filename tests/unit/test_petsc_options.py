@@ -8,7 +8,7 @@ from cases import hertz, periodic_rough
 from operators import asymmetry
 
 from app import ContactProblem, ContactSolver, Grid, solve
-from app.errors import InputError
+from app.base.errors import InputError
 
 PROBLEM = hertz(16)
 SNESVI, TAO = {"snesvi": {"lcp_type": "snesvi"}}, {"tao": {"lcp_type": "tao"}}

@@ -7,9 +7,9 @@ import pytest
 from petsc4py import PETSc
 from processes import OPTIONS
 
-from app.commands import places
-from app.commands.problem_options import loading, settle
-from app.errors import InputError
+from app.base.errors import InputError
+from app.cli import option_sources
+from app.cli.problem_options import loading, settle
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def read(tmp_path, monkeypatch):
         for name, text in started_with.items():
             database.setValue(name, text)
         try:
-            return places.read(["solve.py", *line.split()])
+            return option_sources.read(["solve.py", *line.split()])
         finally:
             for name in started_with:
                 database.delValue(name)
@@ -103,7 +103,7 @@ def test_options_that_are_petscs_own_are_kept_apart(read, files):
     assert given.texts == {"grid": "8"}
     assert given.of_petsc == {"options_left": "", "log_view": ":log.txt", "help": ""}
     assert given.for_database == given.of_petsc
-    words = places.words_for_petsc("solve.py -grid 8 -log_view -help -options_file a.opts".split())
+    words = option_sources.words_for_petsc("solve.py -grid 8 -log_view -help -options_file a.opts".split())
     assert words == ["solve.py", "-grid", "8", "-log_view"]
 
 
@@ -119,10 +119,10 @@ def test_place_for_the_log_that_there_is_not(view, read):
 @pytest.mark.parametrize("line", ["-fp_trap", "-FP_TRAP true"])
 def test_trapping_floating_point_operations_is_refused(line, read):
     with pytest.raises(InputError, match="^-fp_trap: not available; "):
-        places.words_for_petsc(["solve.py", *line.split()])
+        option_sources.words_for_petsc(["solve.py", *line.split()])
     with pytest.raises(InputError, match="^-fp_trap: not available; "):
         read(fp_trap="")
-    assert "-fp_trap" in places.words_for_petsc(["solve.py", "-fp_trap", "no"])
+    assert "-fp_trap" in option_sources.words_for_petsc(["solve.py", "-fp_trap", "no"])
 
 
 def test_citations_have_a_folder(read):
@@ -180,7 +180,7 @@ def test_what_petsc_reads_as_yes_or_no_in_the_end_is_that(read, files, name):
         ("-options_file nowhere.opts\n", "option file nowhere.opts (included by"),
         ("-OPTIONS_FILE 'no.opts'\n", "No such file or directory"),
         ("-log_view :nowhere/log\n", "-log_view :nowhere/log: there is no folder nowhere"),
-        ("x" * (places.LARGEST_FILE + 1), "option file a.opts: is larger than 16 MiB"),
+        ("x" * (option_sources.LARGEST_FILE + 1), "option file a.opts: is larger than 16 MiB"),
         (3 * "-options_file c0.opts\n", ".opts: more than 100 files are included; allowed: 100"),
         (10**5 * "x" + "\n", f"line 1: {42 * 'x'}...{15 * 'x'}"),
     ],
@@ -246,7 +246,7 @@ def test_file_that_is_no_yaml(name, content, message, read, tmp_path):
 )
 def test_words_that_are_no_options(line, message, read):
     with pytest.raises(InputError, match=re.escape(message)):
-        places.words_for_petsc(["solve.py", *line.split()])
+        option_sources.words_for_petsc(["solve.py", *line.split()])
         read(line)
 
 

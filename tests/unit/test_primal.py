@@ -12,24 +12,25 @@ from operators import PERIODIC, STEEL, mat_times, random_field
 from petsc4py import PETSc
 
 from app import ContactProblem, ContactSolver, SelfAffineSurface, solve
+from app.base.errors import InputError
+from app.contact.active_set import CONVERGED
 from app.contact.distance import UndeformedDistance
-from app.contact.iteration import CONVERGED
 from app.contact.loading import PrescribedApproach
 from app.contact.periodic_state import contact_state
 from app.contact.prescribed_load import PrescribedLoad
-from app.errors import InputError
-from app.fast.stopping import InexactStop
-from app.halfspace.grid import Grid, Slabs
-from app.halfspace.halo import Halo
+from app.halfspace.grid import Grid
 from app.halfspace.influence import Material
 from app.halfspace.operator import InfluenceOperator
-from app.method import read_method_file
+from app.methods.free.stopping import InexactStop
+from app.methods.periodic import iteration, kernels, stencil
+from app.methods.periodic.operator import InverseOperator
+from app.methods.periodic.solver import PrimalSolver
+from app.methods.periodic.state import PrimalState
 from app.multigrid.hierarchy import Hierarchy
-from app.primal import iteration, kernels, stencil
-from app.primal.operator import InverseOperator
-from app.primal.solver import PrimalSolver
-from app.primal.state import PrimalState
-from app.solver_options import SolverOptions
+from app.options.method import read_method_file
+from app.options.solver_options import SolverOptions
+from app.parallel.halo import Halo
+from app.parallel.slabs import Slabs
 
 WEIGHTS = 0.7, *(np.float32(w) for w in (-0.19, -0.16, -0.04))
 SHAPES = (8, 12), (4, 64), (1, 8), (8, 1), (2, 4), (12, 2), (5, 7), (3, 33)
@@ -363,7 +364,7 @@ def test_it_does_not_know_where_the_patch_begins(make):
     [
         ({"ksp_type": "cg"}, "-ksp_type: .*CarryingCG"),
         ({"pc_type": "none"}, "-pc_type: .*TwoGrid"),
-        ({"pc_python_type": "app.fast.circulant.Circulant"}, "TwoGrid"),
+        ({"pc_python_type": "app.methods.free.circulant.Circulant"}, "TwoGrid"),
         ({"ksp_norm_type": "unpreconditioned"}, "-ksp_norm_type: .*preconditioned"),
         ({"pc_two_grid_sweeps": 0}, "-pc_two_grid_sweeps 0: allowed: 1 to 50"),
         ({"pc_two_grid_sweeps": 51}, "-pc_two_grid_sweeps 51: allowed: 1 to 50"),

@@ -7,10 +7,10 @@ import periodic
 import pytest
 
 from app import ContactProblem, ContactSolver, Grid
-from app.fast.levels import periodic_inverse_by_levels
-from app.fast.multilevel import MultilevelOperator
-from app.halfspace.periodic import influence_symbol
+from app.halfspace.periodic_symbol import influence_symbol
 from app.halfspace.product import PeriodicProduct
+from app.methods.multilevel_operators import periodic_inverse_by_levels
+from app.methods.multilevel_product import MultilevelOperator
 
 
 def levels_of(solver):

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from app import memory
-from app.commands.places import Given
-from app.commands.problem_options import PROBLEM_OPTIONS, input_files, make_problem, suggesting
-from app.errors import InputError
-from app.options import OptionReader
+from app.base import memory
+from app.base.errors import InputError
+from app.cli.option_sources import Given
+from app.cli.problem_options import PROBLEM_OPTIONS, input_files, make_problem, suggesting
+from app.options.option_table import OptionReader
 from app.problems.gap_file import GapFile
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app import read_surface
-from app.errors import InputError
+from app.base.errors import InputError
 from app.problems.gap_file import GapFile
 
 LABELS = [("Channel", "Width", "Height", "Value units"), ("Kanal", "Breite", "Höhe", "Einheiten")]

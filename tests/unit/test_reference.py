@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.errors import InputError
+from app.base.errors import InputError
 from app.reference import Cone, EllipticHertz, FlatCircularPunch, Sphere
 
 E_STAR = 82000 / 0.72  # the paper's steel: G / (1 - nu)

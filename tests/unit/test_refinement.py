@@ -16,10 +16,10 @@ from app import (
     SelfAffineSurface,
     Sphere,
     refine,
-    refinement,
 )
+from app.api import refinement
+from app.base.errors import InputError
 from app.contact.grid_errors import GridNumbers, errors_from
-from app.errors import InputError
 
 PAIRS = {"load": "load_error", "max_pressure": "max_pressure_error", "contact_area": "contact_area_error"}
 

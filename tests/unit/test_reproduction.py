@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from app import reproduce
 from app.halfspace.influence import Material, influence_quadrant
-from app.reproduction import pictures, report, studies, tables
-from app.reproduction.report import Entry
+from app.paper import pictures, report, reproduce, studies, tables
+from app.paper.report import Entry
 
 
 def test_counts_of_the_paper():

@@ -7,9 +7,9 @@ from mpi4py import MPI
 from running import assert_proved_equal
 
 from app import ContactProblem, Grid, Material, Sphere, read_surface, refine, solve
-from app.commands.problem_options import PROBLEM_OPTIONS, make_problem
-from app.errors import InputError
-from app.options import OptionReader
+from app.base.errors import InputError
+from app.cli.problem_options import PROBLEM_OPTIONS, make_problem
+from app.options.option_table import OptionReader
 
 STEEL = Material.from_contact_modulus(115e3)
 ROUGH = np.random.default_rng(3).normal(size=(12, 18))

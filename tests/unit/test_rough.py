@@ -6,10 +6,10 @@ from mpi4py import MPI
 from scipy.special import erf
 
 from app import ContactProblem, ContactSolver, Sphere, solve
-from app.commands.problem_options import PROBLEM_OPTIONS, make_problem
-from app.errors import InputError
-from app.halfspace.periodic import frequencies
-from app.options import OptionReader
+from app.base.errors import InputError
+from app.cli.problem_options import PROBLEM_OPTIONS, make_problem
+from app.halfspace.periodic_symbol import frequencies
+from app.options.option_table import OptionReader
 
 OPTIONS = {
     "problem": "rough", "domain": "-1,2,0,2", "contact_modulus": "100", "surface_cutoff": "0.25",

@@ -11,17 +11,18 @@ from scipy.optimize import nnls
 from app.contact.distance import UndeformedDistance
 from app.contact.history import History, Listener
 from app.contact.periodic_state import contact_state
-from app.fast import nested, progress
-from app.fast.safeguard import projected_newton
-from app.fast.solver import TrackingSolver
-from app.fast.stopping import InexactStop
 from app.halfspace.grid import Grid
 from app.halfspace.operator import InfluenceOperator
 from app.halfspace.product import DenseProduct
+from app.methods import progress
+from app.methods.free import nested
+from app.methods.free.solver import TrackingSolver
+from app.methods.free.stopping import InexactStop
+from app.methods.periodic import nested as primal_nested
+from app.methods.safeguard import projected_newton
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
-from app.primal import nested as primal_nested
-from app.solver_options import SolverOptions
+from app.options.solver_options import SolverOptions
 
 
 def positive_definite(n, rng, condition):

@@ -11,9 +11,10 @@ from unittest import mock
 import pytest
 from processes import TESTS
 
-from app import __version__, mpi
-from app.commands import session, streams
-from app.errors import InputError
+from app import __version__
+from app.base import mpi
+from app.base.errors import InputError
+from app.cli import session, streams
 
 ONE_HOST = {"OMPI_COMM_WORLD_SIZE": "4", "OMPI_COMM_WORLD_LOCAL_SIZE": "4"}
 
@@ -45,7 +46,7 @@ def test_networks_are_looked_for_unless_all_ranks_are_on_this_host(environment, 
 
 FAULTS = """
 import os, resource, sys
-from app.commands.session import _keep_pages
+from app.cli.session import _keep_pages
 _keep_pages(os.environ)
 text = sys.argv[1] * 20_000_000
 del text
@@ -67,7 +68,7 @@ def test_what_is_freed_keeps_its_pages_unless_the_environment_says_otherwise(ask
 
 STATE = """
 import os, re, signal, sys
-from app import memory
+from app.base import memory
 calls, chosen = [], []
 
 class Finder:
@@ -85,7 +86,7 @@ def state():
 
 signal.signal(signal.SIGPIPE, getattr(signal, sys.argv[1]))
 before = state()
-import app.analytic, app.path, app.refinement, app.solver, app.subsurface
+import app.api.analytic_values, app.api.load_path, app.api.refinement, app.api.solver, app.cli.subsurface
 from app import *
 assert state() == before, (before, state())
 print(*chosen)
@@ -134,9 +135,10 @@ def test_the_environment_comes_back(monkeypatch):
     ],
 )
 def test_commands_of_the_shell_end_alike(name, error, status, line, monkeypatch, capsys):
-    command, before = import_module(f"app.{name}"), signal.getsignal(signal.SIGTERM)
+    main, before = import_module(f"app.{name}").main, signal.getsignal(signal.SIGTERM)
+    command = import_module(main.__module__)
     monkeypatch.setattr(command, "Parser", mock.Mock(side_effect=error))
-    assert command.main([]) == status
+    assert main([]) == status
     assert capsys.readouterr().err == line
     assert signal.getsignal(signal.SIGTERM) == before
 

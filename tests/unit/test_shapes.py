@@ -10,10 +10,10 @@ import pytest
 from mpi4py import MPI
 
 from app import Cone, ContactProblem, Cylinder, FlatPunch, Grid, Material, Paraboloid, Plane, Sphere
-from app.commands.problem_options import PROBLEM_OPTIONS, make_problem
-from app.errors import InputError
-from app.options import OptionReader
-from app.problems.surfaces import SelfAffineSurface, WavySurface
+from app.base.errors import InputError
+from app.cli.problem_options import PROBLEM_OPTIONS, make_problem
+from app.options.option_table import OptionReader
+from app.problems.random_surfaces import SelfAffineSurface, WavySurface
 
 GRID = Grid.from_domain(12, 8, (-3.0, 3.0, -2.0, 2.0))
 STEEL = Material.from_contact_modulus(1e5)

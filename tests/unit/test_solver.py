@@ -17,12 +17,12 @@ from petsc4py import PETSc
 from running import assert_proved_equal, assert_solves_lcp
 
 from app import ContactProblem, ContactSolver, Grid, Listener, Material, Solution, Sphere, read_result, solve
+from app.api.solution import OF_RUN
+from app.base.errors import InputError
 from app.contact import measures
 from app.contact.distance import UndeformedDistance
-from app.errors import InputError
 from app.halfspace.fft.multiplier import EvenMultiplier
-from app.method import METHOD_OPTIONS, read_method_file
-from app.solution import OF_RUN
+from app.options.method import METHOD_OPTIONS, read_method_file
 
 METHODS = {
     "fast": (None, {}),

@@ -8,8 +8,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from app import ContactSolver
-from app.errors import InputError
-from app.solver_options import SolverOptions, options_set, read_option_file
+from app.base.errors import InputError
+from app.options.solver_options import SolverOptions, options_set, read_option_file
 
 PROBLEM = hertz(16)
 

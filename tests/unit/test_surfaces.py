@@ -6,8 +6,8 @@ import scipy.fft
 from scipy.special import ndtri
 
 from app.halfspace.grid import Grid
+from app.problems.random_surfaces import SelfAffineSurface, WavySurface
 from app.problems.statistics import normal_plot, radial_spectrum, roughness
-from app.problems.surfaces import SelfAffineSurface, WavySurface
 
 DOMAIN = (-6.0, 6.0, -5.0, 5.0)
 

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from app.output.table import comma_separated, markdown, text, write_table
+from app.io.table import comma_separated, markdown, text, write_table
 
 ROWS = [
     {"grid": "32|32", "its": 6, "residual": 1.25e-7},

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from app import read_surface
-from app.convert import main as convert
-from app.errors import InputError
+from app.base.errors import InputError
+from app.cli.convert import main as convert
 from app.problems.gap_file import GapFile
 
 HEIGHTS = np.random.default_rng(8).normal(size=(2, 6, 9)).round(6)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from app import read_surface
-from app.errors import InputError
+from app.base.errors import InputError
 from app.problems.gap_file import GapFile
-from app.problems.text_table import read_table
+from app.problems.surfaces.text_table import read_table
 
 VALUES = np.array([[0.12, -3.5, 4.0, 1e-3], [2.25, 0.5, -0.75, 10.0], [7.0, 1.5, 0.25, 8.0]])
 LINES = [["0.12", "-3.5", "4", "1e-3"], ["2.25", "0.5", "-0.75", "10"], ["7", "1.5", "+0.25", "8"]]

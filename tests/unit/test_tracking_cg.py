@@ -5,10 +5,10 @@ import pytest
 from operators import STEEL
 from petsc4py import PETSc
 
-from app.fast.tracking_cg import TrackingCG
 from app.halfspace.grid import Grid
 from app.halfspace.operator import InfluenceOperator
-from app.solver_options import options_set
+from app.methods.free.tracking_cg import TrackingCG
+from app.options.solver_options import options_set
 
 GRID = Grid(30, 20, 0.3, 0.2)  # products by FFT
 

@@ -8,10 +8,11 @@ from mpi4py import MPI
 from operators import mat_times, restriction_mat
 from petsc4py import PETSc
 
-from app.halfspace.grid import Grid, Slabs
+from app.halfspace.grid import Grid
 from app.halfspace.operator import InfluenceOperator
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.transfer import Transfer
+from app.parallel.slabs import Slabs
 
 # shape (ny, nx) and factors (fy, fx)
 CASES = [

@@ -7,9 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app import ContactProblem, Grid, Material, solver, verify
+from app import ContactProblem, Grid, Material
+from app.api import solver
 from app.contact.certificate import certify
-from app.verification import certificates, document, oracles
+from app.verification import certificates, document, oracles, verify
 from app.verification.check import Check, Figure, order
 from app.verification.dense import DenseProblem, by_lemke
 

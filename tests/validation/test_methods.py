@@ -11,7 +11,7 @@ from running import assert_solves_lcp, solve
 from app import ContactProblem
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material, dense_matrix
-from app.problems.surfaces import SelfAffineSurface
+from app.problems.random_surfaces import SelfAffineSurface
 
 SIZES = (32, 64, 128, 256)
 # Active set iterations on the target grid; the paper's Tables 2 and 3 differ by at most 2 everywhere.

@@ -8,12 +8,16 @@ import pytest
 from running import assert_solves_lcp, solve
 
 from app import ContactProblem, ContactSolver, Grid, Material
+from app.base.errors import InputError
 from app.contact import full_contact
-from app.errors import InputError
 from app.problems.shapes import Sphere
 
 TIGHT = {"lcp_rtol": 1e-9}
-CIRCULANT = {"pc_type": "python", "pc_python_type": "app.fast.circulant.Circulant", "pc_circulant_extend": 3}
+CIRCULANT = {
+    "pc_type": "python",
+    "pc_python_type": "app.methods.free.circulant.Circulant",
+    "pc_circulant_extend": 3,
+}
 METHODS = {
     "default": (None, {}),
     "default, double precision": (None, {"lcp_precision": "double"}),

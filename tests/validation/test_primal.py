@@ -10,9 +10,9 @@ import pytest
 from running import assert_proved_equal, assert_solves_lcp, solve
 
 from app import ContactProblem, ContactSolver, Grid, Material
-from app.fast import progress
-from app.primal.operator import InverseOperator
-from app.problems.surfaces import SelfAffineSurface
+from app.methods import progress
+from app.methods.periodic.operator import InverseOperator
+from app.problems.random_surfaces import SelfAffineSurface
 from app.verification.dense import DenseProblem
 from app.verification.solving import solved
 

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis.extra.numpy import arrays
 
 from app import ContactProblem, Grid, Material
-from app.errors import InputError
+from app.base.errors import InputError
 from app.verification.dense import DenseProblem
 from app.verification.solving import solved
 

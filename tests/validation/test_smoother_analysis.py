@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.analysis.smoothers import (
+from app.paper.smoother_analysis import (
     PAPER_MODES,
     SMOOTH_MODES,
     LineContact,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.halfspace.grid import Grid
-from app.halfspace.stress import SubsurfaceStress, max_shear, von_mises
+from app.halfspace.stress.subsurface import SubsurfaceStress, max_shear, von_mises
 
 DEPTHS = np.array([0.05, 0.3, 1.0, 2.5])
 

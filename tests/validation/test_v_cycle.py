@@ -6,10 +6,10 @@ from documents import ROOT, code_blocks, run_blocks
 from mpi4py import MPI
 
 from app import Grid
-from app.method import settings
 from app.multigrid.hierarchy import Hierarchy
 from app.multigrid.linear_solver import LinearSolver
-from app.solver_options import SolverOptions
+from app.options.method import settings
+from app.options.solver_options import SolverOptions
 
 
 @pytest.mark.parametrize("share", [0.02, 0.4, 1.0])

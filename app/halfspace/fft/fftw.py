@@ -20,8 +20,8 @@ from mpi4py_fft import fftw
 from numba import types
 from numba.extending import intrinsic
 
-from app.compiled import folder_of
-from app.mpi import MPI
+from app.base.mpi import MPI
+from app.base.numba_cache import folder_of
 
 _WISDOM_ONLY = 1 << 21  # FFTW_WISDOM_ONLY
 _LARGEST = 250_000  # bytes of wisdom that are worth reading: 600 plans, in 5 ms

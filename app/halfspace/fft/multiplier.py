@@ -36,9 +36,9 @@ from app.halfspace.fft.strips import (
     strips_to_rows,
 )
 from app.halfspace.fft.transpose import ColumnGroup, Exchange, SentExchange, SharedExchange, deal_columns
-from app.halfspace.grid import Slabs, unless_alone
-from app.halfspace.reductions import sum_over
-from app.halfspace.storage import Storage
+from app.parallel.reductions import sum_over
+from app.parallel.shared_memory import Storage
+from app.parallel.slabs import Slabs, unless_alone
 
 _COLUMNS = 128  # of a spectrum that are computed together: what they share is computed anew for the next ones
 _LINE = 64  # bytes of the cache

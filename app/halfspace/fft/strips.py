@@ -18,9 +18,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.compiled import njit
+from app.base.numba_cache import njit
 from app.halfspace.fft.fftw import execute
-from app.halfspace.reductions import any_nonzero
+from app.parallel.reductions import any_nonzero
 
 STRIP = 16  # columns
 ROWS = 2 * STRIP  # at once: two real rows are a sequence

@@ -1,6 +1,7 @@
 """The all-to-all between slabs of rows and columns dealt to the ranks, a group of columns at a time.
 
-Ranks that share memory (`app.halfspace.storage`) send nothing: each works on its columns where the others keep them.
+Ranks that share memory (`app.parallel.shared_memory`) send nothing: each works on its columns where the others
+keep them.
 """
 
 from __future__ import annotations

@@ -1,1 +1,0 @@
-"""Studies of the method on small dense matrices (Sec. 4.4 of the paper)."""

@@ -1,0 +1,1 @@
+"""The Python interface: solver, solution, load paths, refinement."""

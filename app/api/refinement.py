@@ -1,0 +1,155 @@
+"""Finer and finer grids, until the error that the size of the cells makes is small enough."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from numbers import Real
+from typing import NamedTuple
+
+from app.api.method_solver import check_kind
+from app.api.solution import Solution
+from app.api.solver import ContactSolver
+from app.base.errors import InputError, agree, check_alike, exactly
+from app.base.petsc import check_cells, mpi_comm
+from app.contact.grid_errors import GridErrors, GridNumbers, errors_from
+from app.multigrid.hierarchy import check_room
+from app.options.option_table import as_texts
+from app.options.solver_options import SolverOptions
+from app.parallel import mpi_abort
+from app.problems.problem import Problem
+
+MOST_CELLS = 4096**2
+
+
+class Refinement(NamedTuple):
+    """What `refine` returns."""
+
+    solution: Solution  # on the finest grid
+    errors: GridErrors  # of it
+    reached: bool  # whether all of them that are known are small enough
+    stiffness: float  # dF/d(approach), exactly, if asked for [N/mm]; else NaN
+    rows: list  # of dict, one for each grid: cells, numbers, errors
+    options: SolverOptions | None = None  # of the first gridr
+
+
+def refine(
+    problem,
+    until,
+    most_cells=MOST_CELLS,
+    method=None,
+    options=None,
+    comm=None,
+    listeners=(),
+    stiffness=False,
+    prefix=None,
+    **loading,
+):
+    """Solve a problem on finer and finer grids, each with twice the cells in both directions.
+
+    Collective over `comm`. The errors of a grid are the changes of the numbers since the grid before
+    (`app.contact.grid_errors`); of the first grid they are those that its nested iteration tells. What (5.1) leaves of
+    the shortest waves is worth the more pressure the shorter they are, in proportion: so it is tightened by as much.
+
+    Parameters
+    ----------
+    problem : Problem
+        On the coarsest grid; its undeformed distance a function, not known on that grid only.
+    until : float
+        Relative error of load (or approach), maximum pressure and contact area that is small enough.
+    most_cells : int
+        Of the finest grid.
+    method, options, comm, listeners, prefix
+        As of `ContactSolver`; -lcp_rtol is that of the first grid.
+    stiffness : bool
+        Solve for the stiffness on the finest grid, too.
+    **loading : float
+        As of `ContactSolver.solve`.
+
+    Returns
+    -------
+    Refinement
+        Stops at the first grid that is fine enough, or not solved, or the last one allowed or that memory has room for.
+
+    Raises
+    ------
+    InputError
+        If the problem cannot be put on another grid, or a number is not allowed.
+
+    Examples
+    --------
+    >>> from app import ContactProblem, Grid, Material, refine
+    >>> grid = Grid.from_domain(16, 16, (-1, 1, -1, 1))
+    >>> sphere = ContactProblem(grid, Material.combined(80000, 0.3), lambda x, y: (x**2 + y**2) / (2 * 20))
+    >>> refined = refine(sphere, until=0.03, load=700)
+    >>> refined.reached, refined.errors.largest < 0.03
+    (True, True)
+    """
+    comm = mpi_abort.share(mpi_comm(comm))
+    agree(comm, check, problem, until, most_cells)
+    check_alike(comm, (until, most_cells, stiffness), "refine")
+    rows, numbers, asked = [], [], None
+    options = agree(comm, as_texts, options or {})
+    while True:
+        grid = problem.grid
+        with ContactSolver(problem, method, options, comm, prefix, listeners) as solver:
+            solution, asked = solver.solve(**loading), asked or solver.options
+            loading.pop("start", None)  # it is of the first grid
+            errors = GridErrors(*(getattr(solution, name) for name in GridErrors._fields))
+            found = solution.load, solution.approach, solution.max_pressure, solution.contact_area
+            numbers.append(GridNumbers(*found, grid.cell_area))
+            if len(numbers) > 1:
+                [prescribed] = (kind for kind, number in loading.items() if number is not None)
+                errors = errors_from(numbers, solver.touching, prescribed).with_rim(solution)
+            rows.append(_row(solution, errors))
+            # Without a pressure there is nothing to refine.
+            reached = solution.converged and (errors.largest <= until or not solution.load)
+            last = 4 * grid.n > most_cells or not _has_room(solver, grid.refine())
+            if reached or not solution.converged or last:
+                if solution.converged and not reached:
+                    short = f"refined to {grid.nx} x {grid.ny} cells, not to errors below {exactly(until)}"
+                    solution = replace(solution, notes=(*solution.notes, short))
+                if stiffness:
+                    solution = replace(solution, stiffness=solver.stiffness(solution))
+                exact = solution.stiffness if stiffness else float("nan")
+                return Refinement(solution, errors, reached, exact, rows, asked)
+            options["lcp_rtol"] = solver.settings.rtol / 2
+        problem = problem.on(grid.refine())
+
+
+def _has_room(solver, grid):
+    """Whether there are numbers and memory for a grid beside that of a solver; if not, what was found is not lost.
+
+    Collective.
+    """
+    try:
+        check_cells(grid)
+        check_room(solver.comm, grid, solver.settings)
+    except InputError:
+        return False
+    return True
+
+
+def check(problem, until, most_cells):
+    """Refuse what cannot be refined. Not collective."""
+    check_kind("problem", problem, Problem, "a ContactProblem")
+    if not (isinstance(until, Real) and 0 < until < 1):
+        raise InputError(f"refine until {until}: allowed: a relative error above 0 and below 1")
+    if not (isinstance(most_cells, Real) and most_cells > 0):
+        raise InputError(f"refine most_cells {most_cells!r}: allowed: a positive number")
+    if not problem.refinable:
+        raise InputError(
+            f"problem {problem.name}: its undeformed distance is known on its own grid only, there is no finer one; "
+            "refining needs a function, a generated surface or a measured one that is resampled() (-surface_resample)"
+        )
+
+
+def _row(solution, errors):
+    grid = solution.grid
+    return {
+        "nx": grid.nx,
+        "ny": grid.ny,
+        **{name: getattr(solution, name) for name in ("load", "approach", "max_pressure", "contact_area")},
+        **errors._asdict(),
+        "solve_seconds": solution.solve_seconds,
+        "converged": solution.converged,
+    }

@@ -1,0 +1,305 @@
+"""What -lcp_type names: chooses and runs the iteration of a method, from scratch or from a given solution."""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+
+from app.api.solution import Solution
+from app.base.errors import InputError
+from app.base.mpi import MPI
+from app.base.petsc import refusal
+from app.contact.active_set import active_set_or_search
+from app.contact.full_contact import FullContact
+from app.contact.full_multigrid import full_multigrid
+from app.contact.periodic_state import contact_state
+from app.contact.state import Displacement
+from app.contact.stopping import StoppingTest
+from app.methods.free import circulant, lift
+from app.methods.free.nested import nested_iteration, solve_on
+from app.methods.free.solver import TrackingSolver
+from app.methods.free.stopping import InexactStop
+from app.methods.free.window_cache import Kept
+from app.methods.periodic import solver as primal_solver
+from app.methods.periodic.nested import primal_iteration
+from app.methods.periodic.solver import PrimalSolver
+from app.methods.reference_solvers import REFERENCE_SOLVERS
+from app.multigrid import direct
+from app.multigrid.hierarchy import Hierarchy
+from app.multigrid.linear_solver import LinearSolver
+from app.multigrid.solver_cache import KeptSolvers
+
+
+class Strategy:
+    """Solves on the grids of a hierarchy by one of the strategies.
+
+    Collective.
+
+    Parameters
+    ----------
+    settings : app.options.method.Settings
+    hierarchy : Hierarchy
+
+    Attributes
+    ----------
+    solver : LinearSolver, a reference solver, or None
+        Of the target grid; None where that is worked on in a window, whose solver is made when it is known.
+    """
+
+    target_only = False  # needs no coarser grid
+    finds_approach = True  # as under a load
+
+    def __init__(self, settings, hierarchy: Hierarchy):
+        self._settings, self._hierarchy, self._distances = settings, hierarchy, None
+        self.solver = self._make_solver()
+
+    def _make_solver(self):
+        return LinearSolver(self._hierarchy)
+
+    def prepare(self):
+        """Make what depends on the grids alone. Collective."""
+        if self._settings.lifted:
+            for operator in self._hierarchy.levels:
+                if not self._hierarchy.may_be_windowed(operator):
+                    circulant.circulant_of(operator)
+
+    def use_distances(self, distances, coarse_minimum):
+        """Solve for these undeformed distances from now on. Not collective.
+
+        Parameters
+        ----------
+        distances : list of UndeformedDistance
+            On every level.
+        coarse_minimum : ndarray or None
+            See `Hierarchy.coarse_minimum`.
+        """
+        self._distances, self._coarse_minimum = distances, coarse_minimum
+
+    def run(self, loading, history, start=None):
+        """Solve for a loading, from a Solution if one is given, which `check` has let pass.
+
+        Returns
+        -------
+        ContactState, Outcome
+            On the target grid.
+
+        Raises
+        ------
+        InputError
+            If PETSc finds that the chosen solvers do not go together.
+        """
+        try:
+            return self._run(loading, history, start)
+        except PETSc.Error as error:
+            if (refused := refusal(error)) is error:
+                raise
+            raise refused from None
+
+    def _run(self, loading, history, start):
+        hierarchy, full = self._hierarchy, None
+        for level in hierarchy.levels:
+            level.begin()
+        if hierarchy.target.grid.periodic:
+            full = FullContact(hierarchy, self._distances)
+            state = self._new_state()
+            if outcome := full.solve(state, loading, self._stop(), history):
+                return state, outcome
+            state.destroy()
+            del state
+        state, outcome = self._solve(loading, history, start)
+        if full and full.put_off and not (outcome.converged and state.cells_in_contact() < state.grid.n):
+            return self._in_full_contact(full, loading, history, state, outcome)
+        return state, outcome
+
+    def _in_full_contact(self, full, loading, history, state, outcome):
+        """The answer with all cells in contact, if that is one, in place of what was found. Collective."""
+        contact, other = state.contact.copy(), self._new_state()
+        if better := full.solve(other, loading, self._stop(), history):
+            state.destroy()
+            return other, better.after(outcome)
+        other.destroy()
+        state.contact[...] = contact
+        return state, outcome
+
+    def _solve(self, loading, history, start):
+        raise NotImplementedError
+
+    def _stop(self):
+        return StoppingTest(self._settings.rtol, self._settings.max_it)
+
+    def _new_state(self):
+        return contact_state(self._hierarchy.target, self._distances[-1])
+
+    def destroy(self):
+        """Free the solver, and what is kept between solves. Collective."""
+        if self.solver is not None:
+            self.solver.destroy()
+
+    def check(self, start, name="start"):
+        """Refuse what is no Solution on the same grid and ranks. Collective."""
+        slabs = self._hierarchy.slabs
+        alike = (
+            isinstance(start, Solution)
+            and start.grid == self._hierarchy.target.grid
+            and start.slabs.rows == slabs.rows
+        )
+        if not self._hierarchy.comm.allreduce(alike, MPI.LAND):
+            raise InputError(f"{name}: needed: a Solution on the same grid and as many ranks")
+
+    def check_loading(self, loading, largest):
+        """Refuse a loading that the method or its precision cannot do. Not collective.
+
+        `largest`: influence coefficient [mm3/N]; only single precision asks for it.
+        """
+        if not (loading.approach_is_known or self.finds_approach):
+            raise InputError(f"-lcp_type {self._settings.strategy}: works by approach only, not by load")
+        if self._settings.single:
+            pressure = loading.largest_pressure(self._distances[-1], self._hierarchy.target.grid, largest)
+            check_single("pressures", pressure, "N/mm2")
+
+    def _started_from(self, start, loading):
+        """State of the target grid as a solution left it, at the approach of the loading."""
+        state = contact_state(self._hierarchy.target, self._distances[-1], u=start.displacement.copy())
+        state.values[...] = start.pressure
+        state.project()  # that of a problem with other holes
+        if state.sum([np.count_nonzero(state.p != start.pressure)])[0]:
+            state.u_is = Displacement.STALE
+        state.contact[...] = start.contact & state.admissible
+        loading.resume(state, start.load)
+        return state
+
+
+class ActiveSet(Strategy):
+    """``active_set``, the paper's: around any KSP, in the nested iteration (FMG) or alone."""
+
+    def _solve(self, loading, history, start):
+        if start is not None:
+            state = self._started_from(start, loading)
+            return state, active_set_or_search(state, self.solver, loading, self._stop(), history)
+        chosen = self._settings
+        prolong = lift.lift if chosen.lifted else None
+        return full_multigrid(
+            self._hierarchy, self._distances, loading, self._stop(), history, chosen.nested, chosen.beta, prolong,
+            self.solver,
+        )  # fmt: skip
+
+
+class Inexact(Strategy):
+    """The default methods: they ask for more by themselves as long as that helps the certificate."""
+
+    def _inexact_stop(self):
+        chosen = self._settings
+        return InexactStop(
+            chosen.rtol,
+            chosen.max_it,
+            coarse_rtol=chosen.coarse_rtol,
+            predictor=chosen.predictor,
+            error_bound=chosen.error_bound,
+            defect_correction=chosen.defect_correction,
+        )
+
+    def _run(self, loading, history, start):
+        state, outcome = super()._run(loading, history, start)
+        return state, outcome._replace(to_rounding=True)
+
+    def prepare(self):
+        """See `Strategy.prepare`."""
+        super().prepare()
+        if self._settings.nested:
+            self._kept.prepare(self._first())
+
+    def _first(self):
+        """The level from which on linear solvers are needed."""
+        return 0
+
+    def destroy(self):
+        """See `Strategy.destroy`."""
+        self._kept.destroy()
+        super().destroy()
+
+
+class Fast(Inexact):
+    """``fast``, the default on free patches: around TrackingCG, in windows."""
+
+    def __init__(self, settings, hierarchy):
+        super().__init__(settings, hierarchy)
+        self._kept = Kept(hierarchy, self.solver)
+        tried = hierarchy.levels[hierarchy.finest_whole]
+        if tried.active:
+            self._kept.solver(hierarchy.finest_whole, tried)  # refuses what cannot be had
+
+    def _make_solver(self):
+        hierarchy = self._hierarchy
+        return None if hierarchy.may_be_windowed(hierarchy.target) else TrackingSolver(hierarchy)
+
+    def _first(self):
+        return int(direct.begins_directly(self._hierarchy, 0))
+
+    def prepare(self):
+        """See `Strategy.prepare`."""
+        super().prepare()
+        circulant.prepare(self._hierarchy.target.grid)
+
+    def _solve(self, loading, history, start):
+        chosen, hierarchy, kept, stop = self._settings, self._hierarchy, self._kept, self._inexact_stop()
+        if start is not None:
+            state, last = self._started_from(start, loading), len(hierarchy.levels) - 1
+            return state, solve_on(hierarchy, last, state, loading, stop, history, first=False, kept=kept)
+        try:
+            return nested_iteration(
+                hierarchy, self._distances, loading, stop, history, chosen.nested, chosen.beta, chosen.lifted,
+                self._coarse_minimum, kept,
+            )  # fmt: skip
+        except BaseException:
+            kept.abandon()
+            raise
+
+
+class Primal(Inexact):
+    """``primal``, the default on periodic patches: around CarryingCG."""
+
+    def __init__(self, settings, hierarchy):
+        super().__init__(settings, hierarchy)
+        self._kept = KeptSolvers(PrimalSolver, hierarchy, self.solver)
+
+    def _make_solver(self):
+        primal_solver.prepare(self._hierarchy, self._settings.defect_correction > 0)
+        return PrimalSolver(self._hierarchy)
+
+    def _solve(self, loading, history, start):
+        nested, stop = self._settings.nested, self._inexact_stop()
+        return primal_iteration(
+            self._hierarchy, self._distances, loading, stop, history, nested, self._kept, start=start
+        )
+
+
+class Reference(Strategy):
+    """``tao`` and ``snesvi``: PETSc's solvers of problems with bounds, on the target grid."""
+
+    target_only, finds_approach = True, False
+
+    def _make_solver(self):
+        return REFERENCE_SOLVERS[self._settings.strategy](self._hierarchy, self._stop())
+
+    def _solve(self, loading, history, start):
+        state = self._new_state()
+        state.depth = loading.depth_on(state.distance)
+        try:
+            return state, self.solver.solve(state, history, start)
+        except PETSc.Error:
+            state.destroy()
+            raise
+
+
+STRATEGIES = {"active_set": ActiveSet, "fast": Fast, "primal": Primal} | dict.fromkeys(
+    REFERENCE_SOLVERS, Reference
+)
+
+
+def check_single(what, value, unit):
+    """Refuse what single precision has no numbers for. Not collective."""
+    if value and not 1e-25 < value < 1e25:
+        raise InputError(
+            f"-lcp_precision single: {what} of {value:.0e} {unit} are beyond it; choose -lcp_precision double, "
+            "or units nearer to the bodies'"
+        )

@@ -1,0 +1,1 @@
+"""What everything rests on: errors, MPI, PETSc, numba, memory, units. Knows nothing of contact."""

@@ -1,0 +1,92 @@
+"""Command lines in the style of the shell (``--jobs 2``), and how these commands end. Not collective."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import signal
+from contextlib import contextmanager
+from functools import wraps
+
+from app import __version__
+from app.base.errors import InputError, one_line, quoted
+from app.cli import streams
+from app.options import option_table
+
+
+class Parser(argparse.ArgumentParser):
+    """Complains like everything else; takes -1,2 for a value."""
+
+    def __init__(self, *arguments, **named):
+        super().__init__(*arguments, **named)
+        self.add_argument("--version", action="version", version=__version__)
+        self._negative_number_matcher = re.compile(r"-\.?\d")
+
+    def error(self, message):
+        """Raise InputError; what `argument` says reads as of an option: ``--jobs 0: not allowed; allowed: ...``."""
+        raise InputError(re.sub("^argument (-[^:]*): (?=.*: not allowed; )", r"\1 ", message))
+
+
+def argument(kind):
+    """Kind of a command line argument by that of an option, as of `app.options.option_table`."""
+
+    def parse(text):
+        try:
+            return kind(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(f"{quoted(text)}: not allowed; allowed: {error}") from None
+
+    return parse
+
+
+count, positive = argument(option_table.count), argument(option_table.positive)
+
+
+def check_ranks(ranks):
+    """Refuse several ranks where there is no mpiexec."""
+    if ranks > 1 and not shutil.which("mpiexec"):
+        raise InputError(f"--ranks {ranks}: there is no mpiexec on PATH")
+
+
+def check_folder(folder):
+    """Refuse a folder (-o) that cannot be written to; it may not exist yet."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"-o {folder}: exists and is not a folder")
+    if not folder.parent.is_dir():
+        raise InputError(f"-o {folder}: folder {folder.parent} does not exist")
+    if not os.access(folder if folder.exists() else folder.parent, os.W_OK):
+        raise InputError(f"-o {folder}: cannot be written to")
+
+
+@contextmanager
+def writing(output):
+    """Tell of what is given by -o that it cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"-o {output}: cannot be written: {error.strerror or one_line(error)}") from None
+
+
+def command(main):
+    """Let a command's ``main(argv)`` return its exit status, whatever happens; SIGTERM ends it like Ctrl-C.
+
+    InputError, OSError and MemoryError are the user's to hear of; anything else is a mistake of the program.
+    """
+
+    @wraps(main)
+    def called(argv=None):
+        streams.repair()
+        previous = signal.signal(signal.SIGTERM, signal.default_int_handler)
+        try:
+            return main(argv)
+        except (InputError, OSError, MemoryError) as error:
+            streams.complain(f"error: {one_line(error)}")
+            return 2
+        except KeyboardInterrupt:
+            return 130
+        finally:
+            signal.signal(signal.SIGTERM, previous)
+
+    return called

@@ -1,0 +1,219 @@
+"""Turn a measured surface into HDF5 that knows its units:  python -m app.convert FILE -o surface.h5.
+
+=================  ==========================================================================
+dataset            meaning
+=================  ==========================================================================
+``heights``        (ny, nx) float64, NaN: missing; first row at the smallest y; attributes
+                   ``unit``, ``spacing`` (dx, dy), ``spacing_unit``
+``mask``           (ny, nx) uint8, 1 where a point is missing
+=================  ==========================================================================
+
+Root attributes: ``source`` (file name), ``sha256`` (of it), ``format``, ``channel``, ``version``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+
+from app.base import units
+from app.base.errors import InputError
+from app.cli import streams
+from app.cli.arguments import Parser, argument, command, writing
+from app.options.option_table import cells, integer, pair_of_reals, some_of
+from app.problems.surfaces.array_file import UnknownFormat
+from app.problems.surfaces.formats import ARRAYS, TEXTS, format_of, suffix_of
+from app.problems.surfaces.height_file import (
+    TURNS,
+    HeightArray,
+    agreed_units,
+    checked_crop,
+    open_heights,
+    replace_stated,
+    turned_spacing,
+)
+
+ENVIRONMENT = "ELASTIC_CONTACT_SURFACES"  # path of a Python that has SurfaceTopography, if not the one below
+_spacing = pair_of_reals("DX,DY, two positive numbers [mm]", above=0)
+_line_count = integer(0, "a whole number from 0")
+_NAMES = "--unit", "--height-unit", "--override"  # of options, for messages
+
+
+def instruments_python():
+    """Python of the environment that ``run/setup --surfaces`` makes, or None. Not collective."""
+    named = os.environ.get(ENVIRONMENT)
+    path = Path(named) if named else Path(__file__).resolve().parents[2] / ".venv-surfaces/bin/python"
+    return path if path.is_file() else None
+
+
+@command
+def main(argv):
+    """Run the command and return its exit status."""
+    parser = Parser(prog="python -m app.convert", description="Turn a measured surface into HDF5.")
+    add, a_unit, elsewhere = parser.add_argument, argument(units.unit), "where the file does not say"
+    add("file", type=Path, metavar="FILE", help="what an instrument wrote, .npy, .npz, .h5 or text")
+    add("-o", "--output", type=Path, required=True, metavar="SURFACE.h5", help="file to write")
+    add("--channel", default="", help="name or number, from 0, of a channel, where there are several")
+    add("--unit", type=a_unit, help=f"{units.ALLOWED}: {elsewhere}")
+    add("--height-unit", type=a_unit, help="of the heights alone, where points x, y have another one")
+    how = "how rows and columns are turned: transpose, flip_x, flip_y, or some of them with commas between"
+    lines = "lines at the head of a text to leave out"
+    part = "columns I0 to I1 - 1, rows J0 to J1 - 1 only"
+    add("--skip", type=argument(_line_count), default=0, metavar="N", help=lines)
+    add("--orient", type=argument(some_of(*TURNS)), default=(), metavar="HOW", help=how)
+    add("--crop", type=argument(cells), metavar="I0,I1,J0,J1", help=part)
+    add("--spacing", type=argument(_spacing), metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
+    replaced = "what --unit, --height-unit and --spacing say replaces what the file says"
+    add("--override", action="store_true", help=replaced)
+    arguments = parser.parse_args(argv)
+    from app.io.files import check_output_path, digest
+
+    path, file = arguments.file, _without_dataset(arguments.file)
+    if not file.is_file():
+        raise InputError(f"surface file {path}: {'not a file' if path.exists() else 'no such file'}")
+    check_output_path(arguments.output, [path, file], "-o")
+    source, origin = _read(path, arguments)
+    if arguments.crop:
+        source = HeightArray.of(source, checked_crop(source, arguments.crop))
+    wanted = arguments.unit, arguments.height_unit, arguments.spacing
+    if arguments.override:
+        replace_stated(source, *wanted, "--override")
+    settle(source, *wanted)
+    summary, doubts = _summary(source)  # refuses what no solve would read
+    with writing(arguments.output):
+        _write(arguments.output, source, {**origin, "source": file.name, "sha256": digest(file)})
+    streams.say(f"{arguments.output}: {summary}")
+    for note in doubts:
+        streams.complain(f"warning: {note}")
+    return 0
+
+
+def _without_dataset(path):
+    return Path(str(path).partition(":/")[0])
+
+
+def _read(path, arguments):
+    """Return turned heights and their origin: format and channel."""
+    channel, skip = arguments.channel, arguments.skip
+    known = format_of(_without_dataset(path), skip)
+    if channel and known.kind in ("npy", "npz"):
+        raise InputError(
+            f"--channel {channel}: an array of a .npz is named as {path}:/{channel}, a .npy has one only"
+        )
+    if skip and known.kind == "instrument":
+        raise InputError(f"--skip {skip}: allowed of {', '.join(TEXTS)}")
+    if known.kind == "instrument" or (channel and known.kind == "hdf5"):
+        return _of_instruments(path, *_read_instruments(path, channel), arguments)
+    try:
+        source = open_heights(path, skip, arguments.orient, channel, coordinates=bool(arguments.crop))
+    except UnknownFormat as error:
+        if skip or (error.is_text and not instruments_python()):
+            raise
+        if not error.is_text:
+            return _of_instruments(path, *_read_instruments(path, channel), arguments)
+        facts = {}
+        with suppress(InputError):
+            heights, facts = _read_instruments(path, channel)
+        # Of a text whose format is not known the numbers are picked out of its words.
+        if not (facts.get("unit") and facts.get("spacing")):
+            raise  # what is wrong with it as text says more
+        return _of_instruments(path, heights, facts, arguments)
+    return source, {"format": suffix_of(_without_dataset(path))[0][1:], "channel": channel}
+
+
+def _read_instruments(path, channel):
+    python = instruments_python()
+    if python is None:
+        raise InputError(
+            f"surface file {path}: formats of instruments need SurfaceTopography: run/setup --surfaces installs it in "
+            f"an environment of its own; read without: {', '.join((*ARRAYS, *TEXTS))}"
+        )
+    import numpy as np
+
+    worker = Path(__file__).with_name("instruments.py")
+    hidden = {"PYTHONPATH", "PYTHONHOME"}
+    with tempfile.TemporaryDirectory() as folder:
+        made = Path(folder, "heights.npz")
+        done = subprocess.run(
+            [python, "-P", worker, path, made, channel],
+            env={name: text for name, text in os.environ.items() if name not in hidden},
+            stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        if done.returncode or not made.exists():
+            complaint = done.stderr.strip().splitlines() or ["its reader died"]
+            raise InputError(f"surface file {path}: cannot be read: {complaint[-1]}")
+        with np.load(made) as arrays:
+            heights, facts = arrays["heights"], json.loads(str(arrays["facts"]))
+    if not heights.size:
+        raise InputError(f"surface file {path}: cannot be read: it is empty")
+    return heights, facts
+
+
+def _of_instruments(path, heights, facts, arguments):
+    """Return turned heights and their origin, as `_read` does."""
+    source = HeightArray(heights, arguments.orient, units.unit_named(facts["unit"]), facts["spacing"])
+    source.other_unit = None if source.unit else facts["unit"]
+    source.file = str(path)
+    return source, {name: facts[name] for name in ("format", "channel")}
+
+
+def settle(source, unit, height_unit, spacing):
+    """Give heights their unit and spacing, each from the file or from the command line, not from both.
+
+    Not collective.
+
+    Parameters
+    ----------
+    source : app.problems.surfaces.height_file.HeightFile or HeightArray
+    unit, height_unit : str or None
+        As of the command.
+    spacing : pair of float or None
+        dx, dy before the turns [mm].
+
+    Raises
+    ------
+    InputError
+        If neither says it, or both do.
+    """
+    source.unit, source.lateral = agreed_units(source, unit, height_unit, _NAMES)
+    if source.spacing is None and spacing is None:
+        raise InputError(
+            f"--spacing is missing: surface file {source.file} does not say the size DX,DY of its cells [mm]"
+        )
+    if source.spacing and spacing:
+        told = " x ".join(f"{side:.7g}" for side in turned_spacing(source.spacing, source.orient))
+        raise InputError(
+            f"--spacing: surface file {source.file} says {told} {source.lateral} itself; if that is wrong, "
+            "add --override"
+        )
+    if spacing:
+        source.spacing, source.lateral = turned_spacing(spacing, source.orient), "mm"
+
+
+def _write(output, source, origin):
+    import numpy as np
+
+    from app import __version__
+    from app.io.files import whole_hdf5
+
+    heights = source.rows()
+    with whole_hdf5(output) as file:
+        dataset = file.create_dataset("heights", data=heights)
+        spacing = np.asarray(source.spacing, float)
+        dataset.attrs.update(unit=source.unit, spacing=spacing, spacing_unit=source.lateral)
+        file["mask"] = np.isnan(heights).astype(np.uint8)
+        file.attrs.update(origin, version=__version__)
+
+
+def _summary(source):
+    """What a solve will read, and what is doubtful in it."""
+    from app.api.notes import doubt, spiked
+    from app.problems.surfaces.reading import surface_of
+
+    source.orient = ()  # it is turned in the file
+    surface = surface_of(source)
+    return surface.understood(), list(filter(None, (doubt(surface, surface.grid()), spiked(surface))))

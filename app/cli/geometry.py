@@ -1,0 +1,314 @@
+"""What is pressed together, from options: material, base shape, rough surfaces, patch and grid."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.base.errors import InputError, exactly
+from app.base.units import unit
+from app.halfspace.grid import SYMBOLS
+from app.options.option_table import (
+    REQUIRED,
+    Option,
+    OptionReader,
+    cells,
+    choice,
+    domain,
+    flag,
+    from_zero,
+    half,
+    integer,
+    pair,
+    pair_of_reals,
+    positive,
+    real,
+    some_of,
+    word,
+)
+from app.problems.surfaces.height_file import TURNS
+from app.problems.surfaces.reading import LEVELS, MISSING
+
+DEFAULT_CELLS = 256  # per side, of the default grid
+DEFAULT_PATCH = 1.5  # half sides of the default patch in semi-axes of Hertz's contact
+
+
+grid_size = pair("nx,ny or n, whole numbers of at least 1")
+frequencies = pair("M,N or M, whole numbers from 1 to 10000", highest=10000)
+moduli = pair_of_reals("E1,E2, positive numbers; inf: a rigid body", above=0, highest=np.inf)
+ratios = pair_of_reals("nu1,nu2, numbers from 0 to 0.5", lowest=0, highest=0.5)
+radii = pair_of_reals("two numbers, not 0; inf: straight; negative: concave", nonzero=True, highest=np.inf)
+slant = real("above 0, at most 89.9", above=0, highest=89.9)
+share = real("above 0, at most 1", above=0, highest=1)
+
+MATERIAL_OPTIONS = [
+    Option("contact_modulus", positive, REQUIRED, "E* of the pair [N/mm2]; or else the next two, or the two after"),
+    Option("young", moduli, REQUIRED, "E1,E2: Young's moduli of the two bodies [N/mm2]; inf: rigid"),
+    Option("poisson", ratios, REQUIRED, "nu1,nu2: their Poisson's ratios"),
+    Option("shear_modulus", positive, REQUIRED, "combined G of the pair, 2/G = 1/G1 + 1/G2 [N/mm2]"),
+    Option("poisson_ratio", half, REQUIRED, "combined nu, 2 nu/G = nu1/G1 + nu2/G2"),
+]  # fmt: skip
+SHAPES = ("hertz", "punch", "file", "python", "rough", "sphere", "cylinder", "cone")
+GEOMETRY_OPTIONS = [
+    Option("problem", choice(*SHAPES), REQUIRED, "what is pressed together"),
+    Option("grid", grid_size, REQUIRED, "nx,ny or n: cells (default: a file's; hertz, sphere without -domain: 256)"),
+    Option("domain", domain, REQUIRED, "x0,x1,y0,y1: potential contact area [mm] (default: a file's, or Hertz's)"),
+    Option("periodic", flag, False, "the patch repeats for ever in x and y"),
+    Option("periodic_symbol", choice(*SYMBOLS), SYMBOLS[0], "its numbers are values of waves, or constant on cells"),
+    Option("hertz_rx", positive, REQUIRED, "relative radius of curvature in x [mm]"),
+    Option("hertz_ry", positive, REQUIRED, "relative radius of curvature in y [mm]"),
+    Option("body1_radii", radii, REQUIRED, "hertz: principal radii of body 1 [mm], inf: straight, negative: concave"),
+    Option("body2_radii", radii, REQUIRED, "hertz: principal radii of body 2 [mm]"),
+    Option("body_angle", real(), 0.0, "hertz: from body 1's first axis to body 2's [degrees]"),
+    Option("sphere_radius", positive, REQUIRED, "radius, of two spheres the relative one, 1/R = 1/R1 + 1/R2 [mm]"),
+    Option("cylinder_radius", positive, REQUIRED, "radius of a cylinder lying along y [mm]"),
+    Option("cylinder_length", positive, None, "its length [mm] (default: beyond the patch)"),
+    Option("cone_angle", slant, REQUIRED, "angle between its flank and the flat body [degrees]"),
+    Option("punch_diameter", positive, REQUIRED, "diameter of a flat punch at the origin [mm]"),
+    Option("surface_seed", integer(0, "a whole number from 0"), 7, "seed of the random surface"),
+    Option("surface_sigma", from_zero, 0.1, "the paper's surface: standard deviation of its heights [mm]"),
+    Option("surface_decay", share, 0.8, "gamma: fall of its amplitudes"),
+    Option("surface_modes", frequencies, (12, 10), "M,N: frequencies in x and y"),
+    Option("surface_hurst", share, 0.8, "self-affine surface: Hurst exponent"),
+    Option("surface_rolloff", positive, None, "its roll-off wavelength [mm] (default: longest side of the patch)"),
+    Option("surface_cutoff", positive, REQUIRED, "its shortest wavelength [mm]"),
+    Option("surface_rms_slope", from_zero, None, "rms slope of its spectrum (either this or the next)"),
+    Option("surface_rms_height", from_zero, None, "its rms height [mm]"),
+    Option("surface_file", word, None, "measured heights, peaks positive: .npy, .npz, .h5[:/dataset], text or points"),
+    Option("surface_file2", word, None, "those of the other body, in the same x and y"),
+    Option("surface_unit", unit, None, "of measured heights and points, where the file does not say"),
+    Option("surface_height_unit", unit, None, "of the heights alone, where points x, y have another one"),
+    Option("surface_skip", integer(0, "a whole number from 0"), 0, "lines at the head of a text to leave out"),
+    Option("surface_orient", some_of(*TURNS), None, "how rows and columns are turned, before all else, in this order"),
+    Option("surface_level", choice(*LEVELS), "none", "what is taken off measured heights"),
+    Option("surface_crop", cells, None, "i0,i1,j0,j1: columns i0 to i1 - 1 and rows j0 to j1 - 1 of them only"),
+    Option("surface_resample", flag, False, "they are put on the cells of -grid and -domain, whatever these are"),
+    Option("surface_missing", choice(*MISSING), "hole", "missing points (NaN): no contact there, or filled"),
+    Option("surface_s_filter", positive, None, "measured waves shorter than this, as of noise, are taken off [mm]"),
+    Option("surface_l_filter", positive, None, "measured waves longer than this, as of waviness, are taken off [mm]"),
+    Option("gap_file", word, REQUIRED, "distance (ny, nx): .npy, .npz, .h5[:/dataset] or text; NaN: no contact"),
+    Option("problem_type", word, REQUIRED, "python: module.Name or file.py:Name, a Problem or a function of x and y"),
+]  # fmt: skip
+MATERIAL = ("contact_modulus", ("young", "poisson"), ("shear_modulus", "poisson_ratio"))
+ROUGHNESS = ("surface_rms_slope", "surface_rms_height")
+RADII = (("hertz_rx", "hertz_ry"), ("body1_radii", "body2_radii", "body_angle"))
+ALTERNATIVES = (MATERIAL, ROUGHNESS, RADII)  # exactly, or at most, one of each
+SURFACE_FILES = ("surface_file", "surface_file2")
+FILES = ("gap_file", "problem_type", *SURFACE_FILES)
+_PAPERS = ("surface_sigma", "surface_decay", "surface_modes")
+_SELF_AFFINE = ("surface_hurst", "surface_rolloff", "surface_cutoff", *ROUGHNESS)
+
+
+def make_problem(options, texts, comm):
+    """Build the problem that the options describe.
+
+    Not collective.
+
+    Parameters
+    ----------
+    options : OptionReader
+        Of `MATERIAL_OPTIONS`, `GEOMETRY_OPTIONS` and the loading, which the default patch follows.
+    texts : mapping of str to str
+        All options, for a problem of the user's that has some of its own.
+    comm : mpi4py.MPI.Comm
+        Ranks that share the grid; this one looks at its rows only.
+
+    Returns
+    -------
+    problem : app.problems.problem.Problem
+    own : OptionReader
+        Of the options that the problem has of its own; empty but for ``-problem python``.
+
+    Raises
+    ------
+    InputError, ValueError, OSError
+        If something is missing or of no use.
+    """
+    from app.base.memory import check_share
+    from app.base.petsc import check_cells
+    from app.parallel.slabs import Slabs
+    from app.problems.contact_problem import ContactProblem
+
+    name, material, periodic = options["problem"], _material(options), _periodic(options)
+    shape = None if name == "python" else _shape(name, options)
+    measured = _measured(options)
+    grid = _grid(options, name, shape, measured, material, periodic)
+    check_cells(grid)
+    if measured:
+        measured = [surface.filtered(grid, *_filters(options)) for surface in measured]
+    slabs, own = Slabs.over(comm, grid.ny), OptionReader((), {})
+    check_share(grid, slabs.local * grid.nx)
+    rows = slabs.rows
+    if name == "python":
+        from app.problems import user_problem as own_problems
+
+        shape, own = own_problems.make(options["problem_type"], grid, material, texts)
+        own_problems.check(shape, options["problem_type"], rows)
+    elif name != "file":
+        from app.problems.shapes import check_strip
+
+        check_strip(grid)
+    surfaces = (*measured, *_generated(options, name, grid, bool(measured)))
+    if name == "python" and not surfaces:
+        return shape, own
+    problem = ContactProblem(grid, material, shape, surfaces=surfaces)
+    if name == "file":
+        shape.check(rows)
+    return problem, own
+
+
+def _material(options):
+    from app.halfspace.influence import Material
+
+    if options.given("contact_modulus"):
+        return Material.from_contact_modulus(options["contact_modulus"])
+    if options.given("young", "poisson"):
+        return Material.pair(options["young"], options["poisson"])
+    if not options.given("shear_modulus", "poisson_ratio"):
+        raise InputError(
+            "neither -contact_modulus [N/mm2], nor -young E1,E2 [N/mm2] with -poisson nu1,nu2, nor "
+            "-shear_modulus [N/mm2] with -poisson_ratio is given: exactly one of these ways is needed"
+        )
+    return Material.combined(options["shear_modulus"], options["poisson_ratio"])
+
+
+def _periodic(options):
+    """Name of the periodic symbol, empty for a free patch."""
+    if options["periodic"]:
+        return options["periodic_symbol"]
+    if options.given("periodic_symbol"):
+        raise InputError("-periodic_symbol: has no effect here; allowed with -periodic")
+    return ""
+
+
+def _shape(name, options):
+    """Make the base shape of a name; `python` is the user's own."""
+    from app.problems import shapes
+    from app.problems.gap_file import GapFile
+
+    if name == "file":
+        if options.given("surface_unit") and not any(options[file] for file in SURFACE_FILES):
+            raise InputError(
+                f"-surface_unit {options['surface_unit']}: has no effect here; gap files are in mm, "
+                "heights of -surface_file have units"
+            )
+        return GapFile(options["gap_file"])
+    if name == "rough":
+        return shapes.Plane()
+    if name == "sphere":
+        return shapes.Sphere(options["sphere_radius"])
+    if name == "cylinder":
+        return shapes.Cylinder(options["cylinder_radius"], options["cylinder_length"] or np.inf)
+    if name == "cone":
+        return shapes.Cone(options["cone_angle"])
+    if name == "punch":
+        return shapes.FlatPunch(options["punch_diameter"])
+    if options.given(*RADII[1]):
+        return shapes.Paraboloid.between(
+            options["body1_radii"], options["body2_radii"], options["body_angle"]
+        )
+    if not options.given(*RADII[0]):
+        raise InputError(
+            "neither -hertz_rx and -hertz_ry [mm] nor -body1_radii and -body2_radii [mm] is given: exactly one of "
+            "the two ways is needed"
+        )
+    return shapes.Paraboloid(options["hertz_rx"], options["hertz_ry"])
+
+
+def _measured(options):
+    """Measured surfaces, each on the cells that -grid asks for."""
+    from app.problems.surfaces.filters import check_order
+    from app.problems.surfaces.reading import read_surface
+
+    found = []
+    for name in SURFACE_FILES:
+        if options[name]:
+            check_order(*_filters(options))
+            surface = read_surface(
+                options[name], options["surface_unit"], options["surface_level"], options["surface_crop"],
+                options["surface_missing"], options["surface_height_unit"], options["surface_orient"] or (),
+                options["surface_skip"],
+            )  # fmt: skip
+            if options["surface_resample"]:
+                surface = surface.resampled()
+            elif options.given("grid"):
+                surface = surface.averaged(options["grid"][::-1])
+            found.append(surface)
+    return found
+
+
+def _filters(options):
+    """Nesting indices of S-filter and L-filter, or None."""
+    return options["surface_s_filter"], options["surface_l_filter"]
+
+
+def _grid(options, name, shape, measured, material, periodic):
+    """Cells and patch: given, or a file's, or by default Hertz's."""
+    from app.halfspace.grid import Grid
+    from app.problems.surfaces.resampling import common_grid
+
+    where = options["domain"] if options.given("domain") else None
+    if measured:
+        known = [surface for surface in measured if surface.spacing] or measured
+        if options["surface_resample"]:
+            cells = options["grid"] if options.given("grid") else None
+            return common_grid(known, cells, where, periodic)
+        return known[0].grid(where, periodic)
+    if name == "file":
+        ny, nx = shape.shape
+        if options.given("grid"):
+            nx, ny = options["grid"]
+        return Grid.from_domain(nx, ny, options["domain"], periodic)
+    if where is None and name in ("hertz", "sphere"):
+        n = options["grid"] if options.given("grid") else (DEFAULT_CELLS,) * 2
+        return Grid.from_domain(*n, _default_patch(options, shape, material, periodic))
+    return Grid.from_domain(*options["grid"], options["domain"], periodic)
+
+
+def _default_patch(options, shape, material, periodic):
+    """Patch about the contact area that Hertz's theory gives for smooth bodies."""
+    given = (f"{name}{path}" for path in ("", "_path") for name in ("approach", "load"))
+    loading = next(filter(options.given, given), None)
+    rough = options.given(*_PAPERS, *_SELF_AFFINE)
+    if periodic or rough or loading is None:
+        raise InputError(
+            "-domain is missing: x0,x1,y0,y1 [mm]; it follows from Hertz's theory only for smooth bodies on a free "
+            "patch, by -approach or -load, or the largest of a path"
+        )
+    largest = float(np.max(options[loading]))
+    contact = shape.analytic(material.contact_modulus, **{loading.removesuffix("_path"): largest})
+    if not contact.a:
+        raise InputError(
+            f"-domain is missing: without contact (-{loading} {exactly(largest)}) Hertz gives no patch"
+        )
+    a, b = DEFAULT_PATCH * contact.a, DEFAULT_PATCH * contact.b
+    return -a, a, -b, b
+
+
+def _generated(options, name, grid, measured):
+    """Random surfaces on a patch; if nothing else is rough, a punch has the paper's, and `rough` a self-affine one."""
+    from app.problems.random_surfaces import SelfAffineSurface, WavySurface, check_cut_off
+
+    papers, self_affine = options.given(*_PAPERS), options.given(*_SELF_AFFINE)
+    if not (measured or papers or self_affine):
+        papers, self_affine = name == "punch", name == "rough"
+    x0, y0 = grid.x0, grid.y0
+    extent = options["domain"] if options.given("domain") else None
+    extent = (extent[1] - x0, extent[3] - y0) if extent else (grid.nx * grid.dx, grid.ny * grid.dy)
+    found = []
+    if papers:
+        parameters = [options[f"surface_{name}"] for name in ("modes", "decay", "sigma", "seed")]
+        if options["surface_sigma"] > 0:  # else it is smooth
+            found.append(WavySurface(*parameters, extent, (x0, y0)))
+    if self_affine:
+        if not options.given(*ROUGHNESS):
+            raise InputError(
+                "neither -surface_rms_slope nor -surface_rms_height [mm] is given: exactly one is needed"
+            )
+        check_cut_off(grid, options["surface_cutoff"])  # before as many waves are made
+        surface = SelfAffineSurface(
+            options["surface_hurst"], options["surface_rolloff"] or max(extent), options["surface_cutoff"], extent,
+            options["surface_seed"], rms_slope=options["surface_rms_slope"], rms_height=options["surface_rms_height"],
+            origin=(x0, y0),
+        )  # fmt: skip
+        found.append(surface)
+    return found

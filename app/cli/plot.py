@@ -1,0 +1,222 @@
+"""Draw pictures of results, tables, surfaces: ``python -m app.plot RESULT.h5 [SWEEP.csv ...] [-o DIR] [--only NAME]``.
+
+Of a result: contact (patches told apart), pressure, deformation, sections through the maximum, distributions, spectrum
+(of rough surfaces), path (if there is one), history and summary; of the table of a sweep or of a load path (.csv) one
+picture, of what --x and --y name; of a measured surface (.h5 of app.convert, .npy, text), levelled by its best plane,
+one of its heights. Of several files each has a folder DIR/NAME of its own, and their paths are
+drawn together in DIR/paths. Without -o the folder of a file is beside it and has its name, without suffix. Prints the
+names of the pictures. Exit status 0, or 2 with one line on standard error if there is something wrong with the input.
+Runs on one rank.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from app.base import units
+from app.base.errors import InputError
+from app.cli import streams
+from app.cli.arguments import Parser, argument, check_folder, command, writing
+from app.io.result import holds_heights, read_result
+from app.options.option_table import integer, pair_of_reals
+from app.plots import curves, figures, heights, load_curves, style, sweeps
+from app.reference.hertz import EllipticHertz
+
+_dots = integer(20, "a whole number from 20 to 1200", 1200)
+_spacing = pair_of_reals("DX,DY, two positive numbers [mm]", above=0)
+_MAPS = ".npy", ".npz", ".txt", ".dat", ".xyz", ".asc"  # of heights; .csv are tables, unless --unit is given
+
+
+def analytic_reference(result):
+    """Hertz's contact that the result is of, or None if it is of another.
+
+    Raises
+    ------
+    InputError
+        If the result says it is Hertz's contact, or a sphere, but lacks one of its numbers.
+    """
+    values = result.attributes
+    if (
+        values.get("problem") not in ("hertz", "sphere")
+        or not (values["load"] > 0 and 0 < values["approach"] < math.inf)
+        or result.grid.periodic
+        or values.get("surfaces")
+    ):
+        return None
+    if "contact_modulus" not in values and {"shear_modulus", "poisson_ratio"} <= values.keys():  # before 0.3
+        values = values | {"contact_modulus": values["shear_modulus"] / (1 - values["poisson_ratio"])}
+    needed = ("hertz_rx", "hertz_ry", "contact_modulus")
+    missing = [name for name in needed if name not in values]
+    if missing:
+        raise InputError(f"problem is {values['problem']}, but attribute {', '.join(missing)} is missing")
+    return EllipticHertz.from_approach(*(values[name] for name in needed), values["approach"])
+
+
+def _path_figure(result, _):
+    path = load_curves.path_of(result)
+    return path and load_curves.path_figure([path], figures.title(result, path=True))
+
+
+# Name -> figure of a result and its `analytic_reference`; None if there is nothing to draw.
+PICTURES = {
+    "contact": lambda result, _: figures.contact_figure(result),
+    "pressure": lambda result, _: figures.pressure_figure(result),
+    "deformation": lambda result, _: figures.deformation_figure(result),
+    "sections": figures.section_figure,
+    "distributions": lambda result, _: curves.distribution_figure(result),
+    "spectrum": lambda result, _: curves.spectrum_figure(result),
+    "path": _path_figure,
+    "history": lambda result, _: figures.history_figure(result),
+    "summary": figures.summary_figure,
+}
+
+
+def pictures_of(result, names):
+    """Pictures of a result, those that there are of these names: name -> figure, made when asked for."""
+    reference = analytic_reference(result)
+    for name in names:
+        if figure := PICTURES[name](result, reference):
+            yield name, figure
+
+
+def save(pictures, folder, kind="png", dpi=200):
+    """Write pictures, pairs of name and figure, to a folder, and return their paths."""
+    return [_save(figure, folder / f"{name}.{kind}", dpi) for name, figure in pictures]
+
+
+def _save(figure, path, dpi):
+    path.parent.mkdir(parents=True, exist_ok=True)  # not before there is a picture
+    style.save_figure(figure, path, dpi)
+    return path
+
+
+def _surface(file, arguments):
+    from app.cli.convert import settle  # these load numba, which results do without
+    from app.problems.surfaces.height_file import open_heights
+    from app.problems.surfaces.reading import surface_of
+
+    source = open_heights(file)
+    settle(source, arguments.unit, None, arguments.spacing)
+    return surface_of(source, level="plane")
+
+
+def _is_surface(data):
+    return getattr(data, "measured", False)
+
+
+def _read(file, arguments):
+    """Result, columns of a table, or surface levelled by its best plane."""
+    suffix = file.suffix.lower()
+    if arguments.unit or suffix in _MAPS or (suffix != ".csv" and holds_heights(file)):
+        return _surface(file, arguments)
+    if arguments.spacing:
+        raise InputError(f"--spacing: of measured surfaces; {file} is none, or its --unit is missing")
+    return load_curves.read_csv(file) if suffix == ".csv" else read_result(file)
+
+
+def _pictures(file, data, arguments):
+    """Pictures of a file that was read: name, figure, made when asked for; InputError if there are none."""
+    only, sweep = arguments.only, isinstance(data, dict) and "exit_status" in data
+    chosen = arguments.x or arguments.y
+    if chosen and not isinstance(data, dict):
+        raise InputError(f"--x and --y choose columns of tables (.csv); {file} is none")
+    if _is_surface(data):
+        yield "surface", heights.surface_figure(data)
+    elif not isinstance(data, dict):
+        figure = None
+        for name, figure in pictures_of(data, only or PICTURES):
+            yield name, figure
+        if figure is None:
+            raise InputError(f"--only {', '.join(only)}: result file {file} has nothing of it to draw")
+    elif sweep or chosen:
+        figure = sweeps.sweep_figure(data, file.stem, arguments.x, arguments.y)
+        if figure is None:
+            raise InputError(f"table {file}: nothing to draw: no option varies, or nothing measured does")
+        yield "sweep" if sweep else "path", figure
+    else:
+        yield "path", load_curves.path_figure([load_curves.path_of_csv(data)], file.stem)
+
+
+def _path(data, name):
+    """Path of what was read, None if it has none."""
+    if isinstance(data, dict):
+        return None if "exit_status" in data else load_curves.path_of_csv(data, name)
+    return None if _is_surface(data) else load_curves.path_of(data, name)
+
+
+def _arguments(argv):
+    parser = Parser(prog="python -m app.plot", description="Draw pictures of result files, tables, surfaces.")
+    add, a_unit, elsewhere = parser.add_argument, argument(units.unit), "of a surface whose file does not say"
+    files = "results (.h5), tables (.csv), measured surfaces (.h5 of app.convert, .npy, text)"
+    against = (
+        "column of a table to draw against; default: the option with the most values, of a path the load"
+    )
+    column = (
+        "column of a table to draw; may be repeated; default: those of physics, and work where solvers vary"
+    )
+    folder = "folder to write to; default: beside the file, of its name"
+    only = "this picture of results; may be repeated"
+    dots = "pixels per inch, 20 to 1200; default: 200"
+    add("files", type=Path, nargs="+", metavar="FILE", help=files)
+    add("-o", "--output", type=Path, metavar="DIR", help=folder)
+    add("--only", action="append", choices=PICTURES, metavar="NAME", help=only)
+    add("--x", metavar="NAME", help=against)
+    add("--y", action="append", default=[], metavar="NAME", help=column)
+    add("--unit", type=a_unit, help=f"{units.ALLOWED}: of the heights, {elsewhere}")
+    add("--spacing", type=argument(_spacing), metavar="DX,DY", help=f"size of a cell [mm], {elsewhere}")
+    add("--format", choices=("png", "pdf", "svg"), default="png", help="default: png")
+    add("--dpi", type=argument(_dots), default=200, help=dots)
+    arguments = parser.parse_args(argv)
+    first = arguments.files[0]
+    arguments.output = arguments.output or (
+        first.parent if arguments.files[1:] else first.parent / first.stem
+    )
+    check_folder(arguments.output)
+    arguments.names = _names(arguments.files)
+    return arguments
+
+
+def _names(files):
+    """Names of folders for files: theirs, where several have the same one with suffix, or folder and suffix."""
+    ways = (
+        lambda file: file.stem,
+        lambda file: f"{file.stem}_{file.suffix[1:]}",
+        lambda file: f"{file.absolute().parent.name}_{file.stem}_{file.suffix[1:]}",
+    )
+    names = [[way(file) for way in ways] for file in files]
+    chosen = []
+    for mine in names:
+        fit = [name for way, name in enumerate(mine) if sum(name == other[way] for other in names) == 1]
+        if not fit:
+            raise InputError(f"files: two are named {mine[0]}; each needs a folder of its own name")
+        chosen.append(fit[0])
+    return chosen
+
+
+def _draw_all(arguments):
+    """Draw all files; return the names of the pictures."""
+    kind, dpi, several = arguments.format, arguments.dpi, len(arguments.files) > 1
+    for file in arguments.files[1:]:
+        # What is wrong is told before anything is written.
+        next(_pictures(file, _read(file, arguments), arguments))
+    along, drawn = [], []
+    for file, name in zip(arguments.files, arguments.names, strict=True):
+        data = _read(file, arguments)
+        folder = arguments.output / name if several else arguments.output
+        drawn += save(_pictures(file, data, arguments), folder, kind, dpi)
+        path = _path(data, name)
+        along += [path] if path else []
+    if len(along) > 1:
+        drawn.append(_save(load_curves.path_figure(along), arguments.output / f"paths.{kind}", dpi))
+    return drawn
+
+
+@command
+def main(argv):
+    """Run the command and return its exit status."""
+    arguments = _arguments(argv)
+    with writing(arguments.output):
+        drawn = _draw_all(arguments)
+    streams.say("\n".join(map(str, drawn)))
+    return 0

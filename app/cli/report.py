@@ -1,0 +1,312 @@
+"""Tell all about a result in one web page to send to a colleague: ``python -m app.report RESULT.h5 [-o report.html]``.
+
+Numbers with units and meanings, how good they are proved to be, what was asked, notes, pictures, the table of a load
+path, and the largest stress below the surface where Poisson's ratio is known (or given by ``--poisson``). The page
+needs no other file and no network. Without -o it is RESULT.html beside the result. Exit status 0, or 2 with one line on
+standard error. Runs on one rank.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+from dataclasses import dataclass, field
+from numbers import Real
+from pathlib import Path
+
+import jinja2
+import numpy as np
+
+from app.base.errors import InputError
+from app.base.quantities import QUANTITIES, label_of, unit_of
+from app.base.units import length_unit, resolved
+from app.cli import streams, subsurface
+from app.cli.arguments import Parser, command, writing
+from app.cli.plot import PICTURES, pictures_of
+from app.io.files import check_output_path, write_text
+from app.io.result import read_result
+from app.plots import figures, style, sweeps
+
+_QUANTITIES = (
+    "load", "approach", "mean_pressure", "max_pressure", "contact_area", "mean_contact_pressure", "contact_fraction",
+    "contact_fraction_corrected", "persson_fraction", "bush_gibson_thomas_fraction", "contact_cells", "contact_patches",
+    "largest_patch", "perimeter", "semi_axis_major", "semi_axis_minor", "pressure_centre_x", "pressure_centre_y",
+    "mean_gap", "stiffness", "contact_modulus", "rms_height", "rms_slope",
+)  # fmt: skip
+_ORIGIN = {
+    "version": "version",
+    "ranks": "MPI ranks",
+    "setup_seconds": "set-up [s]",
+    "solve_seconds": "solve [s]",
+    "active_set_iterations": "active set iterations",
+    "inner_iterations": "inner iterations",
+    "operator_applications": "operator applications",
+    "residual": "residual, (5.1)",
+}
+_ASKED = (
+    "hertz_", "sphere_", "cylinder_", "cone_", "punch_", "surface_", "body", "young", "poisson", "shear_", "gap_",
+)  # fmt: skip
+_IN_SUMMARY = ("contact", "pressure", "history")  # pictures
+_MOST_ROWS = 200
+
+
+@dataclass
+class Section:
+    """A part of the page: sentences, quantities, facts, a table, pictures."""
+
+    name: str
+    heading: str
+    texts: list = field(default_factory=list)
+    quantities: list = field(default_factory=list)
+    facts: dict = field(default_factory=dict)
+    rows: list = field(default_factory=list)
+    pictures: dict = field(default_factory=dict)
+
+
+def quantity(value, unit, digits=6):
+    """A number with its unit, in one that suits it."""
+    if unit in ("mm", "mm2"):
+        power = 2 if unit == "mm2" else 1
+        suits = length_unit(abs(value) ** (1 / power))
+        value, unit = value * suits.per_mm**power, suits.name + "2" * (power == 2)
+    return f"{value:z.{digits}g} {'' if unit == '1' else unit}".strip()
+
+
+def typeset(text):
+    """Text with the minus signs and squares of print, as pictures have them."""
+    text = re.sub(r"((?:^|\s|\[|N/)[nµm]?m)2\b", r"\1²", text)
+    return re.sub(r"(?<![^\s(])-(?=\d)|(?<=\de)-(?=\d)", "−", text)
+
+
+def plain(value):
+    """Text of an attribute: numbers with as many digits as are read."""
+    if isinstance(value, str):
+        return value
+    return ", ".join(f"{part:.6g}" if isinstance(part, Real) else str(part) for part in np.ravel(value))
+
+
+def _is_number(value):
+    return isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
+
+
+def numbers_section(result):
+    """What came out."""
+    grid = result.grid
+    values = result.attributes | result.count_patches()
+    for name, cell in (("pressure_centre_x", grid.dx), ("pressure_centre_y", grid.dy)):
+        if name in values:
+            values[name] = resolved(values[name], cell)
+    found = []
+    for name in _QUANTITIES:
+        unit, _, meaning, _ = QUANTITIES[name]
+        value, known = values.get(name), values.get(f"analytic_{name}")
+        if _is_number(value):
+            # It is not what was prescribed.
+            differs = _is_number(known) and known and abs(value / known - 1) > 1e-12
+            exact = f"{quantity(known, unit)} ({value / known - 1:+.1e})" if differs else ""
+            label, told = label_of(name), quantity(value, unit)
+            found.append({"label": label, "value": told, "analytic": exact, "meaning": meaning})
+    modulus, slope = (values.get(name, np.nan) for name in ("contact_modulus", "rms_slope"))
+    for name, scale, label, meaning in (
+        ("max_pressure", modulus, "maximum pressure over E*",
+         "far below 1 where bodies stay elastic and slopes small"),
+        ("mean_pressure", modulus * slope if "persson_fraction" in values else 0.0,
+         "mean pressure over E* times rms slope", "what the contact fraction follows"),
+    ):  # fmt: skip
+        if _is_number(values.get(name)) and scale > 0:
+            value = f"{values[name] / scale:.3g}"
+            found.append({"label": label, "value": value, "analytic": "", "meaning": meaning})
+    return Section("result", "Result", quantities=found)
+
+
+def proof_section(values):
+    """The certificate in words."""
+    bound, texts = values.get("error_bound", np.nan), []
+    if np.isfinite(bound):
+        texts.append(
+            f"Proved: the pressure lies within {bound:.2g} of the exact solution on this grid, relative and in the "
+            "energy norm. The proof is the duality gap of the pressure, from one product in double precision; it "
+            "does not depend on the method that found the pressure."
+        )
+        texts.append(
+            f"Bodies penetrate by {quantity(values.get('largest_penetration', 0.0), 'mm', 2)} at most, and no "
+            f"pressure is below {quantity(min(values.get('smallest_pressure', 0.0), 0.0), 'N/mm2', 2)}."
+        )
+    else:
+        texts.append(
+            "Nothing is proved about the pressure: there is no certificate, or it does not bound the error."
+        )
+    error = values.get("discretisation_error", np.nan)
+    errors = {
+        name: values.get(f"{name}_error", np.nan)
+        for name in ("load", "approach", "max_pressure", "contact_area")
+    }
+    known = [
+        f"{label_of(name)} {f'{e:.2g}' if e < 1 else '(does not converge)'}"
+        for name, e in errors.items()
+        if e > 0
+    ]
+    if _is_number(error) and error > 0:
+        texts.append(
+            f"All this is about the problem on this grid. What the grid itself costs: about {error:.2g} of the "
+            "pressure (root mean square, from the last two grids)."
+        )
+    elif not known:
+        texts.append(
+            "All this is about the problem on this grid. What the grid itself costs is not known from this run: solve "
+            "on one twice as fine and compare."
+        )
+    if known:
+        texts.append(
+            f"Relative errors that the size of the cells makes, estimated from the last grids: {', '.join(known)}."
+        )
+    return Section("accuracy", "How good it is", texts)
+
+
+def request_section(result):
+    """What was asked."""
+    values = result.attributes
+    ny, nx = result.pressure.shape
+    grid = result.grid
+    unit = length_unit(max(nx * grid.dx, ny * grid.dy))
+    size = " × ".join(f"{n * d * unit.per_mm:.6g}" for n, d in ((nx, grid.dx), (ny, grid.dy)))
+    cell = length_unit(max(grid.dx, grid.dy))
+    facts = {
+        "problem": figures.PROBLEMS.get(values.get("problem"), values.get("problem", "")),
+        "patch": f"{size} {unit.name}, {'repeated for ever in x and y' if grid.periodic else 'alone'}",
+        "cells": f"{nx} × {ny}, each {grid.dx * cell.per_mm:.4g} × {grid.dy * cell.per_mm:.4g} {cell.name}",
+    }
+    facts |= {
+        name: plain(value)
+        if isinstance(value, str)
+        else f"{plain(value)} {sweeps.unit_of(name) or ''}".rstrip()
+        for name, value in values.items()
+        if name.startswith(_ASKED) and not (isinstance(value, str) and not value)
+    }
+    for name in ("options", "command_line"):
+        if values.get(name):
+            facts[name.replace("_", " ")] = values[name]
+    return Section("asked", "What was asked", facts=facts)
+
+
+def _is_known(column):
+    """Whether a column has numbers: on a periodic patch that of a centre of pressure has none."""
+    column = np.asarray(column)
+    return column.dtype.kind in "biuf" and not np.isnan(column).all()
+
+
+def _cell(value):
+    return "" if np.isnan(value) else f"{value:z.6g}"
+
+
+def path_section(result, pictures):
+    """Table and picture of the load path."""
+    columns = {name: column for name, column in result.path.items() if _is_known(column)}
+    steps = len(next(iter(result.path.values())))
+
+    def heading(name):
+        unit = unit_of(name)
+        return label_of(name) if unit == "1" else f"{label_of(name)} [{unit}]"
+
+    rows = [
+        {heading(name): _cell(column[k]) for name, column in columns.items()}
+        for k in range(min(steps, _MOST_ROWS))
+    ]
+    told = f"The first {_MOST_ROWS} of {steps} steps." if steps > _MOST_ROWS else f"{steps} steps."
+    texts = ["1 step." if steps == 1 else told]
+    return Section("path", "Load path", texts, rows=rows, pictures=pictures)
+
+
+def stress_section(result, poisson_ratio=None, body=None):
+    """Largest stresses below the surface, or why they are not known; other arguments as of `app.subsurface.stress`."""
+    if poisson_ratio is None and subsurface.known_poisson_ratio(result.attributes, body) is None:
+        text = "Poisson's ratio is not known, so the stresses are not (--poisson gives it)."
+        return Section("stress", "Below the surface", [text])
+    if not np.isfinite(result.pressure).all():
+        text = "Pressures of this run are not finite, so there are no stresses."
+        return Section("stress", "Below the surface", [text])
+    below = subsurface.stress(result, poisson_ratio, body)
+    found = subsurface.survey(below, along="x")
+    texts = subsurface.summary(found.hottest, found.sheared, result, below.nu)
+    texts = [text[0].upper() + " ".join(text[1:].split()) + "." for text in texts]
+    picture = _png(subsurface.picture(result, found))
+    return Section("stress", "Below the surface", texts, pictures={"stress": picture})
+
+
+def _png(figure):
+    """Bytes of a figure as a picture in a page."""
+    target = io.BytesIO()
+    style.write_figure(figure, target, "png", 100)
+    return target.getvalue()
+
+
+def web_page(result, poisson_ratio=None, body=None, with_stress=True):
+    """All about a result in HTML.
+
+    Not collective.
+
+    Parameters
+    ----------
+    result : Result
+    poisson_ratio, body
+        As of `app.subsurface.stress`.
+    with_stress : bool
+        Whether to look for the largest stress below the surface: that takes longest.
+
+    Returns
+    -------
+    str
+    """
+    values = result.attributes
+    stresses = [stress_section(result, poisson_ratio, body)] if with_stress else []  # refuses bodies
+    pictures = {
+        name: _png(figure)
+        for name, figure in pictures_of(result, [name for name in PICTURES if name not in _IN_SUMMARY])
+    }
+    of_path = {name: pictures.pop(name) for name in ("path",) if name in pictures}
+    first = {"summary": pictures.pop("summary")}
+    sections = [numbers_section(result), proof_section(values)]
+    sections[0].pictures = first
+    if values.get("notes"):
+        sections.insert(1, Section("notes", "To look at twice", values["notes"].splitlines()))
+    if result.path:
+        sections.append(path_section(result, of_path))
+    sections += stresses
+    sections.append(Section("pictures", "Pictures", pictures=pictures))
+    sections.append(request_section(result))
+    made = {label: plain(values[name]) for name, label in _ORIGIN.items() if name in values}
+    sections.append(Section("made", "How it was made", facts=made))
+    state = f"{'Solved' if values['converged'] else 'NOT SOLVED'}: {values['reason']}."
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("app.cli"), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
+    environment.filters |= {"base64": lambda data: base64.b64encode(data).decode(), "typeset": typeset}
+    return environment.get_template("result.html").render(
+        title=figures.title(result, path=bool(result.path)),
+        converged=values["converged"],
+        state=state,
+        sections=sections,
+    )
+
+
+@command
+def main(argv):
+    """Run the command and return its exit status."""
+    parser = Parser(prog="python -m app.report", description="Tell all about a result in one web page.")
+    parser.add_argument("result", type=Path, metavar="RESULT.h5", help="result file of app.solve")
+    parser.add_argument("-o", "--output", type=Path, metavar="F.html", help="default: RESULT.html")
+    subsurface.add_body(parser.add_argument)
+    parser.add_argument("--no-stress", action="store_true", help="do not look below the surface; saves time")
+    arguments = parser.parse_args(argv)
+    if arguments.no_stress and (arguments.poisson is not None or arguments.body):
+        raise InputError("--poisson, --body: have no effect with --no-stress")
+    output = arguments.output or arguments.result.parent / f"{arguments.result.stem}.html"
+    check_output_path(output, [arguments.result], "-o", (".html", ".htm"))
+    result = read_result(arguments.result)
+    text = web_page(result, arguments.poisson, arguments.body, not arguments.no_stress)
+    with writing(output):
+        write_text(output, text)
+    streams.say(str(output))
+    return 0

@@ -1,0 +1,86 @@
+"""Where the load and the contact are: centre of pressure, moments, ellipse of the contact.
+
+On a periodic patch there is no origin to count from: these numbers are NaN there.
+"""
+
+from __future__ import annotations
+
+from math import atan2, degrees, hypot, nan, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from app.base.numba_cache import njit
+from app.parallel.reductions import any_order
+
+
+class ContactExtent(NamedTuple):
+    """Of a solution on a free patch, NaN on a periodic one; the same on all ranks."""
+
+    pressure_centre_x: float  # sum(p x) / sum(p) [mm]
+    pressure_centre_y: float
+    moment_x: float  # of the pressure about the axes through the origin: integral of p y [N mm]
+    moment_y: float  # integral of -p x
+    semi_axis_major: float  # of the ellipse with the second moments of the contact set [mm]
+    semi_axis_minor: float
+    major_axis_angle: float  # from the x axis, above -90 to 90 [degree]
+
+
+_NOWHERE = ContactExtent(*[float("nan")] * 7)
+
+
+def measure_extent(state):
+    """Measure a `ContactState` of all cells of a grid. Collective; one pass over pressure and contact set.
+
+    The semi-axes of an ellipse are twice the roots of its principal second moments over its area; those of the cells
+    count in.
+
+    Returns
+    -------
+    ContactExtent
+    """
+    grid, rows = state.grid, state.operator.slabs.rows
+    if grid.periodic:
+        return _NOWHERE
+    # About the middle of the patch, which may be far from the origin.
+    x, y = grid.x0 + grid.nx * grid.dx / 2, grid.y0 + grid.ny * grid.dy / 2
+    sums = np.zeros(9)
+    _moments(state.p, state.contact, grid.x() - x, grid.y(rows) - y, sums)
+    sums = state.sum(sums).tolist()
+    load, at_x, at_y, cells, sx, sy, sxx, syy, sxy = sums
+    centre = (x + at_x / load, y + at_y / load) if load > 0 else (nan, nan)
+    moments = grid.cell_area * (at_y + load * y), -grid.cell_area * (at_x + load * x)
+    if not cells:
+        return _NOWHERE._replace(moment_x=moments[0], moment_y=moments[1])
+    mx, my = sx / cells, sy / cells
+    xx, yy = sxx / cells - mx * mx + grid.dx**2 / 12, syy / cells - my * my + grid.dy**2 / 12
+    xy = sxy / cells - mx * my
+    # The principal moments: mean and half of the difference of both, by Mohr's circle.
+    mean, half = (xx + yy) / 2, hypot((xx - yy) / 2, xy)
+    low, high = max(mean - half, 0.0), mean + half
+    angle = degrees(atan2(2 * xy, xx - yy) / 2) if 2 * half > 1e-9 * high else 0.0
+    angle = 90.0 if angle == -90 else angle
+    return ContactExtent(*centre, *moments, 2 * sqrt(high), 2 * sqrt(low), angle)
+
+
+@any_order
+def _moments_row(p, contact, x):
+    load, at_x, cells, sx, sxx = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(x.size):
+        load += p[i]
+        at_x += p[i] * x[i]
+        inside = x[i] if contact[i] else 0.0
+        cells += 1.0 if contact[i] else 0.0
+        sx += inside
+        sxx += inside * inside
+    return load, at_x, cells, sx, sxx
+
+
+@njit()
+def _moments(p, contact, x, y, sums):
+    """Sums of p, p x, p y, and over C of 1, x, y, x x, y y, x y."""
+    for j in range(y.size):
+        load, at_x, cells, sx, sxx = _moments_row(p[j], contact[j], x)
+        row = load, at_x, load * y[j], cells, sx, cells * y[j], sxx, cells * y[j] ** 2, sx * y[j]
+        for k in range(9):
+            sums[k] += row[k]

@@ -1,0 +1,13 @@
+"""Deprecated: import paths of 0.3.0, for option files that name them. Use `app.methods.free`."""
+
+import sys
+import warnings
+from importlib import import_module
+
+warnings.warn(
+    "app.fast is deprecated: use app.methods.free (app.methods.free.tracking_cg.TrackingCG)",
+    DeprecationWarning,
+    stacklevel=2,
+)
+for _name in ("tracking_cg", "circulant"):
+    sys.modules[f"{__name__}.{_name}"] = import_module(f"app.methods.free.{_name}")

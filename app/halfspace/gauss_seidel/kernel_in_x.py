@@ -1,0 +1,104 @@
+"""The kernel of a sweep in x-Fourier space, and how far each frequency reaches in y."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from scipy.fft import dct
+
+from app.base.mpi import MPI
+from app.halfspace.fft.lengths import quick_length, transform_length
+
+_SMALL = 128  # columns up to which a longer period gains nothing
+_MARGIN = 0.1  # of the columns, added to the least period: the blend needs room
+_ROWS_AT_ONCE = 32
+
+
+class KernelInX:
+    """Transforms in x of the rows of a kernel K, which is even: ``-K^ / Nx``, real.
+
+    Offsets from nx to Nx - nx do not occur. There K is blended into its mirror image, K(Nx - x), by the integral of a
+    Kaiser window: so it is smooth over the period, and what is short in x is nothing some way off in y.
+
+    Collective.
+
+    Parameters
+    ----------
+    quadrant_rows : callable
+        ``quadrant_rows(slice, columns) -> ndarray (rows, columns)``: K[|dy|, |dx|] at the first offsets in x.
+    shape : (int, int)
+        ``(ny, nx)`` of the grid.
+    comm : mpi4py communicator or None
+        Ranks that share the work; None: this one alone.
+    periodic : bool
+        K has the period nx: then that is Nx, if it is even.
+
+    Attributes
+    ----------
+    length, frequencies : int
+        Nx and F = Nx/2 + 1.
+    reach : ndarray of int, shape (F,)
+        Last lag at which any frequency from this one on is more than the rounding of the largest.
+    """
+
+    def __init__(self, quadrant_rows, shape, comm=None, periodic=False):
+        self._quadrant_rows, self._comm = quadrant_rows, comm
+        self._ny, self._nx = ny, nx = shape
+        self._exact = periodic and nx % 2 == 0
+        room = quick_length(2 * nx - 1 + int(_MARGIN * nx), even=True)
+        self.length = nx if self._exact else transform_length(nx) if nx <= _SMALL else room
+        self.frequencies = self.length // 2 + 1
+        rounding = np.finfo(float).eps / 2
+        steps = np.cumsum(np.kaiser(max(self.length - 2 * nx + 2, 1), -np.log(rounding)))
+        self._share = 1 - steps[: max(self.frequencies - nx, 0)] / steps[-1]  # of K itself, from offset nx on
+
+        size, rank = (1, 0) if comm is None else (comm.size, comm.rank)
+        self._lags = [ny * q // size for q in range(size + 1)]
+        first, last = self._lags[rank], self._lags[rank + 1]
+        least = rounding * np.abs(self.rows(0, 1)).max()
+        self._here, reach = np.empty((last - first, self.frequencies)), np.zeros(self.frequencies, np.int64)
+        for start in range(first, last, _ROWS_AT_ONCE):
+            stop = min(start + _ROWS_AT_ONCE, last)
+            block = self._here[start - first : stop - first]
+            block[...] = self.rows(start, stop)
+            np.maximum(reach, ((np.abs(block) > least).T * np.arange(start, stop)).max(axis=1), out=reach)
+        if comm is not None:
+            reach, local = np.empty_like(reach), reach
+            comm.Allreduce(local, reach, MPI.MAX)
+        self.reach = np.maximum.accumulate(reach[::-1])[::-1]
+
+    def rows(self, first, last):
+        """Transforms of rows first <= j < last, shape (last - first, F); zero beyond the grid. Not collective."""
+        nx, half = self._nx, self.frequencies - 1
+        transformed = np.zeros((last - first, half + 1))
+        for start in range(first, min(last, self._ny), _ROWS_AT_ONCE):
+            stop = min(start + _ROWS_AT_ONCE, last, self._ny)
+            block = self._quadrant_rows(slice(start, stop), max(self.length - nx, half) + 1)
+            even = block[:, : half + 1].copy()
+            if not self._exact:
+                even[:, nx:] *= self._share
+                even[:, nx:] += (1 - self._share) * block[:, half:][:, ::-1]
+            transformed[start - first : stop - first] = dct(even, type=1, axis=1, overwrite_x=True)
+        return transformed / -self.length
+
+    def columns(self, edges):
+        """Take all rows at the frequencies ``edges[rank]``, (first, last) of each rank. Collective, once.
+
+        Returns
+        -------
+        ndarray, shape (last - first, ny)
+        """
+        here = self._here[:, : edges[-1][1]].T.copy()  # the last rank's are the last
+        del self._here
+        first, last = edges[0 if self._comm is None else self._comm.rank]
+        if self._comm is None:
+            return here[first:last]
+        counts = np.diff(self._lags)
+        sent = [(b - a) * here.shape[1] for a, b in edges], [a * here.shape[1] for a, _ in edges]
+        received = np.empty((last - first) * self._ny)
+        self._comm.Alltoallv([here, sent], [received, list((last - first) * counts)])
+        kernel = np.empty((last - first, self._ny))
+        for a, b in itertools.pairwise(self._lags):
+            kernel[:, a:b] = received[(last - first) * a : (last - first) * b].reshape(last - first, b - a)
+        return kernel

@@ -1,0 +1,358 @@
+"""Compiled loops of a Gauss-Seidel sweep: single rows, the rows of a leaf, transfers between leaves.
+
+What leaves and transfers are is said in `app.halfspace.gauss_seidel.sweep`. Frequencies are stored in chunks of
+`LANES`, so that a loop over the lanes of a chunk becomes vector instructions.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import uintp
+
+from app.base.numba_cache import njit
+from app.halfspace.fft.fftw import execute
+from app.parallel.reductions import any_order, span_of
+
+LANES = 32  # frequencies in a chunk
+TILE = 4  # rows that act on as many others at once
+SHORTEST_RUN = 160  # cells of a row from which on transforms are quicker than scalar products
+_WIDTH = 2 * LANES  # of a chunk, as reals
+_1, _2, _3, _4, _5, _6 = (np.uintp(i * _WIDTH) for i in range(1, 7))  # offsets of the rows of a tile
+
+
+class Rows(NamedTuple):
+    """What the solution of single rows needs, for compiled code."""
+
+    execute: int  # address of FFTW's execute
+    plans: np.ndarray  # (TILE, 2), solved -> row of tile, row of tile -> cells
+    cells: np.ndarray  # (Nx,), right-hand side of a row
+    solved: np.ndarray  # (Nx,), d of the row: zero outside C
+    tile: np.ndarray  # (TILE, chunks * 2 LANES), transforms of either, as reals
+    close: np.ndarray  # (TILE, chunks * 2 LANES), kernel at the smallest lags
+    contact: np.ndarray  # (nx,), columns of the contact cells of a row
+    kernel: np.ndarray  # (nx,), coupling within a row
+    reverse: np.ndarray  # (nx,), the same backwards
+    segment: int  # columns of a segment
+    levels: int  # of transfers between segments
+    lengths: (
+        np.ndarray
+    )  # of transforms of parts of a row: those of the levels, then those for whole runs, growing
+    starts: np.ndarray  # where their spectra start
+    spectra: np.ndarray  # of the kernel, then of the inverse of the triangle
+    part_plans: np.ndarray  # (lengths, 2), forward and backward, both on `work`
+    work: np.ndarray  # (longest + 2,)
+    work_spectrum: np.ndarray  # (longest / 2 + 1,), the same memory
+    added: np.ndarray  # (TILE * 2 LANES,), what is added to a tile in a chunk
+
+
+@njit(fastmath={"contract", "reassoc", "nsz"})
+def _four_dots(d, start, stop, kernel, k0, k1, k2, k3):
+    """Sums over start <= i < stop of d[i] kernel[k + i], for four offsets k."""
+    s0 = s1 = s2 = s3 = 0 * d[0]
+    for index in range(start, stop):
+        i = uintp(index)
+        x = d[i]
+        s0 += x * kernel[k0 + i]
+        s1 += x * kernel[k1 + i]
+        s2 += x * kernel[k2 + i]
+        s3 += x * kernel[k3 + i]
+    return s0, s1, s2, s3
+
+
+@njit()
+def _put(target, source):
+    for k in range(len(target)):
+        target[k] = source[k]
+
+
+@njit(fastmath={"contract"})
+def _convolve(rows, number):
+    """Replace `work` by its convolution with what has the spectrum of this number."""
+    start = uintp(rows.starts[number])
+    execute(rows.execute, rows.part_plans[number, 0])
+    for k in range(uintp(rows.lengths[number] // 2 + 1)):
+        rows.work_spectrum[k] *= rows.spectra[start + k]
+    execute(rows.execute, rows.part_plans[number, 1])
+
+
+@njit()
+def _solve_run(rows, first, count):
+    """Solve a row whose contact cells are these; return whether it was tried."""
+    number = rows.levels
+    while number < len(rows.lengths) and rows.lengths[number] < 2 * count:
+        number += 1
+    if count < SHORTEST_RUN or number == len(rows.lengths):
+        return False
+    _put(rows.work[:count], rows.cells[first : first + count])
+    rows.work[count : rows.lengths[number]] = 0
+    _convolve(rows, number)
+    _put(rows.solved[first : first + count], rows.work[:count])
+    return True
+
+
+@njit()
+def solve_row(rows, count, weight):
+    """Solve d + weight L_C d = weight x on the `count` contact cells of a row."""
+    x, d, contact, kernel, reverse = rows.cells, rows.solved, rows.contact, rows.kernel, rows.reverse
+    last = len(kernel) - 1
+    first, end = contact[0], contact[count - 1] + 1
+    d[:] = 0
+    if end - first == count and _solve_run(rows, first, count):
+        return
+    done = 0
+    m = 0
+    while True:
+        start = first + m * rows.segment
+        stop = min(start + rows.segment, end)
+        m += 1
+        while done < count and contact[done] < stop:
+            more = 1
+            while more < 4 and done + more < count and contact[done + more] < stop:
+                more += 1
+            # Of fewer than four cells the last stands in for the missing ones, to no effect.
+            t0, t1 = contact[done], contact[done + min(1, more - 1)]
+            t2, t3 = contact[done + min(2, more - 1)], contact[done + more - 1]
+            s0, s1, s2, s3 = _four_dots(
+                d, start, t0, reverse, uintp(last - t0), uintp(last - t1), uintp(last - t2), uintp(last - t3)
+            )
+            d[t0] = d0 = weight * (x[t0] - s0)
+            if more > 1:
+                d[t1] = d1 = weight * (x[t1] - s1 - kernel[t1 - t0] * d0)
+            if more > 2:
+                d[t2] = d2 = weight * (x[t2] - s2 - kernel[t2 - t0] * d0 - kernel[t2 - t1] * d1)
+            if more > 3:
+                s3 += kernel[t3 - t0] * d0 + kernel[t3 - t1] * d1 + kernel[t3 - t2] * d2
+                d[t3] = weight * (x[t3] - s3)
+            done += more
+        if done == count:
+            return
+        level = 0
+        while not (m >> level) & 1:
+            level += 1
+        size = rows.segment << level
+        if contact[done] >= stop + size:
+            continue
+        _put(rows.work[:size], d[stop - size : stop])
+        rows.work[size : rows.lengths[level]] = 0
+        _convolve(rows, level)
+        for i in range(stop, min(stop + size, end)):
+            x[i] -= rows.work[size + i - stop]
+
+
+@njit(fastmath={"contract"})
+def _tile(y, w, b, kernel, k, width):
+    """Effect of four rows on four others: y[t] += sum_s kernel[k + t - s + 3] w[b + s]."""
+    for index in range(width):
+        f = uintp(index)
+        k0 = kernel[k + f]
+        k1 = kernel[k + _1 + f]
+        k2 = kernel[k + _2 + f]
+        k3 = kernel[k + _3 + f]
+        k4 = kernel[k + _4 + f]
+        k5 = kernel[k + _5 + f]
+        k6 = kernel[k + _6 + f]
+        w0 = w[b + f]
+        w1 = w[b + _1 + f]
+        w2 = w[b + _2 + f]
+        w3 = w[b + _3 + f]
+        y[f] += k3 * w0 + k2 * w1 + k1 * w2 + k0 * w3
+        y[_1 + f] += k4 * w0 + k3 * w1 + k2 * w2 + k1 * w3
+        y[_2 + f] += k5 * w0 + k4 * w1 + k3 * w2 + k2 * w3
+        y[_3 + f] += k6 * w0 + k5 * w1 + k4 * w2 + k3 * w3
+
+
+@njit(fastmath={"contract"})
+def _multiply_add(y, kernel, x):
+    for f in range(len(y)):
+        y[f] += kernel[f] * x[f]
+
+
+@njit()
+def _add_tiles(y, flat, source, near, start, reach, filled, place, least, most):
+    """Add what rows do to a tile y, by lags from `least` to `most`.
+
+    `source` and `start` are the offsets of lag 0 in `flat` and in the kernel, `place` the number of y in `filled`.
+    """
+    for lag in range(least, most + 1, TILE):
+        if lag - TILE >= reach:
+            return
+        if filled[place - lag // TILE]:
+            _tile(y, flat, uintp(source - lag * _WIDTH), near, uintp(start + (lag - 3) * _WIDTH), _WIDTH)
+
+
+@njit()
+def _add_to(target, source):
+    for k in range(len(source)):
+        target[k] += source[k]
+
+
+@any_order
+def _count(row):
+    cells = 0
+    for i in range(row.size):
+        cells += row[i]
+    return cells
+
+
+@njit()
+def survey(mask, occupied):
+    """First column with contact and one past the last, number of contact cells; `occupied` is told rows with some."""
+    start, stop, cells = mask.shape[1], 0, 0
+    for j in range(mask.shape[0]):
+        first, last = span_of(mask[j])
+        occupied[j] = last > 0
+        if last > 0:
+            start, stop = min(start, first), max(stop, last)
+            cells += _count(mask[j, first:last])
+    return start, stop, cells
+
+
+@njit()
+def _list_contact(contact, mask):
+    count = 0
+    for k in range(uintp(len(mask))):
+        contact[count] = k
+        count += mask[k]
+    return count
+
+
+@njit()
+def solve_leaf(w, now, given, near, reach, filled, rows, r, mask, d, column, weight):
+    """Solve the rows of leaf m: w[now] holds what the leaves up to m - 2 add to these rows, and these rows in the end.
+
+    Parameters
+    ----------
+    w : ndarray, shape (2, chunks, rows, 2 LANES)
+        This leaf and the one before.
+    now : int
+        Which of them is this leaf.
+    given : int
+        Chunks that something is added to; for others it is nothing, whatever `w` says.
+    near : ndarray, shape (chunks * 2 rows * 2 LANES,)
+        Kernel at all lags that occur between the two.
+    reach : ndarray, shape (chunks,)
+        Lag beyond which the kernel is nothing.
+    filled : ndarray of bool, shape (2 rows / TILE,)
+        Tiles of the leaf before, and of this one, that have contact.
+    r, mask, d : ndarray, shape (<= rows, >= column + nx)
+        Rows of the fields, in the order of the sweep; d has zeros in rows without contact.
+    column : int
+        Where the columns begin that are swept over.
+    """
+    _, chunks, size, width = w.shape
+    flat, tiles, y = w.reshape(-1), size // TILE, rows.added
+    for c in range(chunks):  # what the leaf before adds to all rows
+        ours, theirs, lags = (
+            (now * chunks + c) * size,
+            ((1 - now) * chunks + c + 1) * size,
+            2 * c * size * width,
+        )
+        for t in range(0, size, TILE):
+            if filled[tiles + t // TILE]:
+                target = flat[(ours + t) * width : (ours + t + TILE) * width]
+                if c < given:
+                    _put(y, target)
+                else:
+                    y[:] = 0
+                source = (theirs + t) * width
+                _add_tiles(
+                    y, flat, source, near, lags, reach[c], filled, tiles + t // TILE, t + TILE, t + size
+                )
+                _put(target, y)
+    for t in range(0, size, TILE):
+        if not filled[tiles + t // TILE]:
+            w[now, :, t : t + TILE] = 0
+            continue
+        for c in range(chunks):
+            source = ((now * chunks + c) * size + t) * width
+            _put(y, flat[source : source + TILE * width])
+            lags = 2 * c * size * width
+            _add_tiles(y, flat, source, near, lags, reach[c], filled, tiles + t // TILE, TILE, t)
+            for q in range(TILE):
+                _put(rows.tile[q, c * width : (c + 1) * width], y[q * width : (q + 1) * width])
+        part = slice(t, t + TILE), slice(column, column + len(rows.kernel))
+        _solve_tile(rows, r[part], mask[part], d[part], weight)
+        for c in range(chunks):
+            for q in range(TILE):
+                start = ((now * chunks + c) * size + t + q) * width
+                _put(flat[start : start + width], rows.tile[q, c * width : (c + 1) * width])
+
+
+@njit()
+def _solve_tile(rows, r, mask, d, weight):
+    """Solve up to four rows."""
+    solved = 0  # bits
+    for q in range(TILE):
+        count = _list_contact(rows.contact, mask[q]) if q < len(r) else 0
+        if not count:
+            rows.tile[q] = 0
+            continue
+        for p in range(q):
+            if (solved >> p) & 1:
+                _multiply_add(rows.tile[q], rows.close[q - p], rows.tile[p])
+        execute(rows.execute, rows.plans[q, 1])
+        _add_to(rows.cells, r[q])
+        solve_row(rows, count, weight)
+        _put(d[q], rows.solved)
+        execute(rows.execute, rows.plans[q, 0])
+        solved |= 1 << q
+
+
+@njit()
+def _fill(cells, start, rows):
+    """cells[f, start + s] = rows[s, f], four rows at a time."""
+    n, lanes = rows.shape
+    for s in range(0, n, TILE):
+        for f in range(lanes):
+            cells[f, start + s] = rows[s, f]
+            cells[f, start + s + 1] = rows[s + 1, f]
+            cells[f, start + s + 2] = rows[s + 2, f]
+            cells[f, start + s + 3] = rows[s + 3, f]
+
+
+@njit()
+def _add(rows, cells, start):
+    """rows[t, f] += cells[f, start + t], four rows at a time."""
+    n, lanes = rows.shape
+    for t in range(0, n, TILE):
+        for f in range(lanes):
+            rows[t, f] += cells[f, start + t]
+            rows[t + 1, f] += cells[f, start + t + 1]
+            rows[t + 2, f] += cells[f, start + t + 2]
+            rows[t + 3, f] += cells[f, start + t + 3]
+
+
+@njit()
+def transfer(w, first, last, end, sources, targets, far, fftw, forward, backward, cells, spectrum):
+    """Add the effect of the last `sources` leaves before `end` on `targets` leaves, from the next but one on.
+
+    Parameters
+    ----------
+    w : ndarray, shape (leaves, chunks, rows, LANES)
+    first, last : int
+        Chunks to do.
+    end : int
+        The leaf that is left out.
+    far : ndarray, shape (>= last, LANES, length / 2 + 1)
+        Transforms of the kernel at lags from one leaf on.
+    """
+    rows, lanes = w.shape[2:]
+    batch, length = cells.shape
+    half = far.shape[2]
+    for c in range(first, last):
+        for lane in range(0, lanes, batch):
+            for leaf in range(sources):
+                _fill(cells, leaf * rows, w[end - sources + leaf, c, :, lane : lane + batch])
+            cells[:, sources * rows :] = 0
+            execute(fftw, forward)
+            for f in range(batch):
+                z, kernel = spectrum[f], far[c, lane + f]
+                for k in range(half):
+                    z[k] *= kernel[k]
+                for k in range(half, length):
+                    z[k] *= kernel[length - k].conjugate()
+            execute(fftw, backward)
+            for leaf in range(targets):
+                _add(w[end + 1 + leaf, c, :, lane : lane + batch], cells, (sources + leaf) * rows)

@@ -1,0 +1,279 @@
+"""Exact lexicographic Gauss-Seidel sweeps for C A C p = b, at the cost of a product with A or two.
+
+A damped sweep solves ``(D / omega + L_C) d = r`` on the contact set C: D the diagonal of A, L_C the strictly
+lower part of C A C in row-major order, r the masked defect; then ``p += d``. Cell after cell this is O(n^2)
+work. But L is Toeplitz: forward substitution is a convolution in which cell after cell becomes known
+(a *causal* or on-line convolution), and it can be blocked:
+
+- *Rows in x-Fourier space.* A solved row is transformed in x, padded to ``Nx >= 2 nx - 1``. Its effect on the
+  rows after it is then, for each of the ``F = Nx/2 + 1`` frequencies, a convolution in y with a real number
+  per lag. The transform back gives the right-hand side of the next row.
+- *Leaves* are blocks of 64 rows, 32 on several ranks. Rows act directly on those of their own leaf and of the next.
+- *Transfers.* When m leaves are done, let 2^k be the largest power of two that divides m: the last 2^k leaves act,
+  but for the next leaf, on the 2^k leaves after that by an FFT in y. Every pair of leaves is served exactly once,
+  and a leaf earlier than needed: transfers can run while the next leaf is solved.
+- *Reach.* A wave of length l in x is felt as ``exp(-2 pi |y| / l)``: most frequencies matter to the next few
+  rows only. That is so if the kernel is smooth over its period: beyond the lags that occur, nx - 1, it is
+  free, and blended into its mirror image. Frequencies, in chunks, take part in transfers as large as they reach.
+- *In a row* the coupling is a Toeplitz triangle with holes: four contact cells at a time take the scalar
+  products with what is solved already; long rows are cut into segments with transfers as above. A row in
+  contact without holes is multiplied by the inverse of the triangle, a convolution, too.
+- *Columns* without contact, left and right of it, are left out.
+
+The result is that of the scalar double loop up to round-off, for any mask. Work is O(n log^2 n); empty rows
+and leaves cost nothing. A backward sweep is a forward sweep on arrays flipped in both directions, because
+the kernel is even.
+
+Several ranks: see `app.halfspace.gauss_seidel.pipeline`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.halfspace.fft.lengths import transform_length
+from app.halfspace.gauss_seidel.kernels import LANES, TILE, solve_leaf, survey, transfer
+from app.halfspace.gauss_seidel.pipeline import Flow
+from app.halfspace.gauss_seidel.tables import SEGMENT_COLUMNS, Tables
+from app.parallel.slabs import Slabs, unless_alone
+
+_MARGIN = 0.1  # of the columns in contact, added to them: contact may grow
+_MOST = 0.85  # share of the columns; if there were more all are swept over
+
+
+class GaussSeidel:
+    """Exact lexicographic Gauss-Seidel sweeps for the influence matrix of a grid.
+
+    What they need is prepared in the first sweep, and again when contact has become wider.
+
+    Parameters
+    ----------
+    quadrant_rows : callable
+        ``quadrant_rows(slice, columns) -> ndarray (rows, columns)``: rows of the kernel ``K[|dy|, |dx|]``, asked for
+        a few at a time, at offsets up to 1.5 nx or so.
+    grid_shape : (int, int)
+        ``(ny, nx)``.
+    slabs : Slabs, optional
+        Distribution of the rows; default: all here.
+    comm : mpi4py communicator, optional
+        Ranks that share the grid; default: this one alone.
+    periodic : bool
+        The kernel has the periods nx and ny.
+
+    Attributes
+    ----------
+    defect, correction : ndarray, shape (local rows, nx)
+        For whoever sweeps to work in.
+    """
+
+    def __init__(self, quadrant_rows, grid_shape, slabs=None, comm=None, periodic=False):
+        self.shape = ny, nx = grid_shape
+        self.slabs = slabs or Slabs(ny)
+        self.comm = unless_alone(comm)
+        self._quadrant_rows, self._periodic, self._tables = quadrant_rows, periodic, None
+        self._diagonal = float(quadrant_rows(slice(0, 1), 1)[0, 0])
+        self._solves = self.comm is None or comm.rank == 0
+        self._width = 0  # columns to sweep over
+        self._flops = self._sweeps = 0
+        self.defect, self.correction = (np.zeros((self.slabs.local, nx)) for _ in range(2))
+
+    def begin(self):
+        """Forget how wide contact has been: it rounds differently. Not collective."""
+        self._width = 0
+
+    @property
+    def products_per_sweep(self):
+        """Operations of the sweeps so far, on average, divided by those of a full product with A.
+
+        Not collective. Counted by a model that depends on the contact sets only: 2.5 N log2 N for a real
+        transform, twice that for a complex one, 2 for a multiplication and an addition. In a row a contact
+        cell is charged half a segment.
+        """
+        ny, nx = self.shape
+        in_x, in_y = transform_length(nx), transform_length(ny)
+        product = 2 * ny * _flops(in_x) + (in_x // 2 + 1) * (4 * _flops(in_y) + 2 * in_y)
+        return self._flops / max(1, self._sweeps) / product
+
+    def sweep(self, r, mask, omega, d, backward=False):
+        """Solve ``(D / omega + L_C) d = r`` on C; ``L_C^T`` instead of L_C for a backward sweep.
+
+        Collective.
+
+        Parameters
+        ----------
+        r : ndarray, shape (local rows, nx)
+            Defect; not used outside C.
+        mask : ndarray of bool, shape (local rows, nx)
+            The contact set C.
+        omega : float
+            Damping; 1 is Gauss-Seidel itself.
+        d : ndarray, shape (local rows, nx)
+            The correction, to be added to the solution; zero outside C.
+        backward : bool
+            Last cell first.
+
+        Raises
+        ------
+        ValueError
+            If a field has another shape.
+        """
+        shape = self.slabs.local, self.shape[1]
+        if not r.shape == mask.shape == d.shape == shape:
+            raise ValueError(f"fields of shapes {r.shape}, {mask.shape}, {d.shape}: all must be {shape}")
+        self._sweeps += 1
+        mask = mask.astype(bool, copy=False)
+        occupied, cells, columns = self._survey(mask)
+        d[:, : columns.start] = d[:, columns.stop :] = 0
+        if not cells:
+            return
+        tables, tiles = self._tables, self._tables.leaf_rows // TILE
+        correction, column = d, columns.start
+        if backward or self.comm is not None:
+            r, mask, correction, column = r[:, columns], mask[:, columns], d[:, columns], 0
+        if self.comm is not None:
+            r, correction = np.ascontiguousarray(r, float), np.zeros(r.shape)
+            mask = self._gather(mask)
+        leaves, filled = self._cut(occupied, cells, backward)
+        correction[~occupied[self.slabs.rows]] = 0
+        flow = self.comm and Flow(self.comm, self.slabs, tables.edges, leaves, r, correction)
+        added = np.zeros(tables.leaves + 1, bool)  # whether others have added something to a leaf
+        for m, leaf in enumerate(leaves):
+            if not leaf:
+                tables.stored[m] = 0
+            elif self._solves:
+                defect, found = flow.fields(m) if flow else (r[leaf], correction[leaf])
+                if added[m]:
+                    self._collect(m, flow)
+                of_both = filled[m * tiles : (m + 2) * tiles]  # of the leaf before, too
+                self._solve(m, added[m], of_both, defect, mask[leaf], found, column, omega, backward)
+                self._deal(m, found, flow)
+            if not self._solves and tables.stored.size:
+                if added[m + 1] and leaves[m + 1]:
+                    flow.add(m + 1, tables.stored[m + 1])
+                if leaf:
+                    flow.take(m, tables.stored[m])
+            self._add_far(m + 1, leaves, added)
+        if flow:
+            flow.finish()
+            d[:, columns] = correction
+
+    def _survey(self, mask):
+        """Rows with contact, number of contact cells, columns to sweep over, for which all is prepared. Collective."""
+        ny, nx = self.shape
+        here = np.empty(len(mask) + 3, np.int64)  # rows with contact, columns, cells
+        here[-3:] = survey(mask, here[:-3])
+        if self.comm is None:
+            parts = [here]
+        else:
+            sizes = [count + 3 for count in self.slabs.counts]
+            everywhere = np.empty(sum(sizes), np.int64)
+            self.comm.Allgatherv(here, [everywhere, sizes])
+            parts = np.split(everywhere, np.cumsum(sizes)[:-1])
+        first, last, cells = (f(part[k] for part in parts) for f, k in ((min, -3), (max, -2), (sum, -1)))
+        width = int(last - first)
+        if width > self._width:
+            self._width = width + int(_MARGIN * width) + 1
+            self._width = nx if self._width > _MOST * nx else self._width
+        if width > 0 and (self._tables is None or self._width != self._tables.shape[1]):
+            period = self._periodic and self._width == nx
+            self._tables = None
+            self._tables = Tables(self._quadrant_rows, (ny, self._width), self.comm, period)
+        prepared = self._tables.shape[1] if cells else 0
+        start = int(np.clip(first - (prepared - width) // 2, 0, nx - prepared))
+        occupied = np.concatenate([part[:-3] for part in parts]).astype(bool)
+        return occupied, int(cells), slice(start, start + prepared)
+
+    def _gather(self, mask):
+        """Bring the contact set to the rank that solves. Collective."""
+        whole = np.empty((self.shape[0], mask.shape[1]) if self._solves else 0, bool)
+        sizes = [count * mask.shape[1] for count in self.slabs.counts]
+        self.comm.Gatherv(np.ascontiguousarray(mask), [whole, sizes] if self._solves else None)
+        return whole
+
+    def _cut(self, occupied, cells, backward):
+        """Cut the grid into leaves, in the order of a sweep.
+
+        Returns
+        -------
+        list of slice
+            Rows of the grid; None for leaves without contact.
+        ndarray of bool
+            Tiles that have contact, after those of a leaf that is none.
+        """
+        ny, rows, number = self.shape[0], self._tables.leaf_rows, self._tables.leaves
+        ordered = np.zeros((number + 1) * rows, bool)
+        ordered[rows : rows + ny] = occupied[::-1] if backward else occupied
+        self._flops += self._rows_flops(cells, ordered)
+        leaves, some = [], ordered.reshape(-1, rows).any(axis=1)[1:]
+        for m in range(number):
+            first, last = m * rows, min((m + 1) * rows, ny)
+            leaf = slice(ny - last, ny - first) if backward else slice(first, last)
+            leaves.append(leaf if some[m] else None)
+        return leaves, ordered.reshape(-1, TILE).any(axis=1)
+
+    def _collect(self, m, flow):
+        """Put together what is added to leaf m, where it is solved."""
+        tables = self._tables
+        block = tables.ring[m % 2]
+        block[slice(*tables.edges[0])] = tables.stored[m]
+        if flow:
+            flow.collect(block)
+
+    def _solve(self, m, added, filled, r, mask, d, column, omega, backward):
+        """Solve leaf m."""
+        tables, step = self._tables, -1 if backward else 1
+        fields = [np.ascontiguousarray(field[::step, ::step]) for field in (r, mask, d)]
+        weight = omega / self._diagonal
+        tables.invert_triangle(weight)
+        ring = tables.ring.view(float)
+        given = tables.chunks[0] if added else 0
+        solve_leaf(
+            ring, m % 2, given, tables.near, tables.reach, filled, tables.rows, *fields, column, weight
+        )
+        if not np.may_share_memory(d, fields[2]):
+            d[...] = fields[2][::step, ::step]
+
+    def _deal(self, m, d, flow):
+        """Give leaf m, solved, to those who need it."""
+        tables = self._tables
+        block = tables.ring[m % 2]
+        tables.stored[m] = block[slice(*tables.edges[0])]
+        if flow:
+            flow.deal(block)
+            flow.send_back(m, d)
+
+    def _add_far(self, m, leaves, added):
+        """Add what is due of the leaves before m to those after it."""
+        tables = self._tables
+        if not tables.chunks[0]:
+            return
+        largest = min((m & -m).bit_length(), len(tables.transfers)) - 1
+        for level in range(largest, -1, -1):
+            sources, targets = 1 << level, min(1 << level, tables.leaves - m - 1)
+            if not (any(leaves[m - sources : m]) and any(leaves[m + 1 : m + 1 + targets])):
+                return
+            if level == largest:
+                for leaf in range(m + 1, m + 1 + targets):
+                    if not added[leaf]:
+                        tables.stored[leaf] = 0
+                added[m + 1 : m + 1 + targets] = True
+            chunks = (tables.chunks[level + 1] if level < largest else 0), tables.chunks[level]
+            length = tables.transfers[level][-1].shape[1]
+            self._flops += (chunks[1] - chunks[0]) * LANES * (4 * _flops(length) + 6 * length)
+            first, last = (min(max(c - tables.first, 0), tables.stored.shape[1]) for c in chunks)
+            if first < last:
+                transfer(tables.stored, first, last, m, sources, targets, *tables.transfers[level])
+
+    def _rows_flops(self, cells, occupied):
+        """Operations for single rows and between rows close to each other."""
+        tables, rows = self._tables, self._tables.leaf_rows
+        filled = occupied.reshape(-1, rows).sum(axis=1)
+        pairs = np.sum(filled[1:] * (filled[1:] - 1) / 2) + np.sum(filled[1:] * filled[:-1])
+        lanes = 2 * LANES * np.minimum(tables.reach / (1.5 * rows), 1).sum()
+        within = cells * min(SEGMENT_COLUMNS, tables.shape[1])
+        return filled.sum() * 2 * _flops(tables.length) + 2 * pairs * lanes + within
+
+
+def _flops(length):
+    """Operations of a real transform."""
+    return 2.5 * length * np.log2(length)

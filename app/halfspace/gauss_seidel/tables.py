@@ -1,0 +1,171 @@
+"""What sweeps over so many columns need, once for all: kernels, plans, storage."""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py_fft import fftw
+from scipy.fft import rfft
+
+from app.halfspace.fft.fftw import FFTW
+from app.halfspace.fft.lengths import transform_length
+from app.halfspace.gauss_seidel.kernel_in_x import KernelInX
+from app.halfspace.gauss_seidel.kernels import LANES, SHORTEST_RUN, TILE, Rows
+from app.halfspace.gauss_seidel.pipeline import deal_chunks
+
+LEAF_ROWS = 64, 32  # on one rank, on several: more make more work that is sequential, fewer more messages
+SEGMENT_COLUMNS = 512  # at most
+_BATCH = 1 << 12  # complex numbers per batch of transforms in y: stay in the cache
+
+
+class Tables:
+    """Kernels, plans and storage; on rank 0 what single rows and leaves need, on those that share transfers theirs.
+
+    Collective over `comm`.
+
+    Parameters
+    ----------
+    quadrant_rows, comm
+        See `app.halfspace.gauss_seidel.sweep.GaussSeidel`.
+    shape : (int, int)
+        ``(ny, nx)``: all rows of the grid, but only as many columns as are swept over.
+    periodic : bool
+        These columns are a period.
+
+    Attributes
+    ----------
+    leaf_rows, leaves : int
+    length, frequencies : int
+        Nx and F.
+    reach : ndarray, shape (chunks,)
+        Lag beyond which the kernel is nothing.
+    chunks : list of int
+        How many, from the first on, take part in transfers of up to 2^k leaves.
+    edges : list of (int, int)
+        Which of these each rank has; this one from `first` on.
+    rows : Rows
+        For single rows.
+    near : ndarray
+        Kernel between the rows of a leaf and of the one before.
+    ring : ndarray, shape (2, chunks, leaf rows, LANES)
+        The last two leaves.
+    stored : ndarray, shape (leaves, own chunks, leaf rows, LANES)
+        Solved leaves, and what they add to later ones.
+    transfers : list of tuple
+        For each level spectra of the kernel, plans, and work space.
+    """
+
+    def __init__(self, quadrant_rows, shape, comm, periodic):
+        self.shape = ny, nx = shape
+        self._fftw = FFTW(np.dtype(float))
+        size, rank = (1, 0) if comm is None else (comm.size, comm.rank)
+        rows = self.leaf_rows = -(-min(ny, LEAF_ROWS[size > 1]) // TILE) * TILE
+        self.leaves = -(-ny // rows)
+        kernel = KernelInX(quadrant_rows, shape, comm, periodic)
+        self.length, self.frequencies = kernel.length, kernel.frequencies
+        chunks = -(-self.frequencies // LANES)
+        self.reach = kernel.reach[::LANES].copy()
+
+        # Transfers of 2^k leaves serve lags up to rows (2^k + 1), none at all up to rows.
+        levels = range(max(self.leaves - 2, 0).bit_length())
+        served = [rows] + [rows * ((1 << k) + 1) for k in levels]
+        self.chunks = [int(np.count_nonzero(self.reach > lag)) for lag in served[: len(levels)]] + [0]
+        weights = sum((np.arange(self.chunks[0]) < n for n in self.chunks), np.ones(self.chunks[0]))
+        self.edges = deal_chunks(weights, size)
+        self.first, last = self.edges[rank]
+
+        self.near = self.ring = self.rows = None
+        if rank == 0:
+            near = np.zeros((2 * rows, chunks * LANES))
+            near[:, : self.frequencies] = kernel.rows(0, 2 * rows)
+            self.rows = self._prepare_rows(quadrant_rows(slice(0, 1), nx)[0], near[:TILE])
+            near = near.reshape(-1, chunks, LANES).transpose(1, 0, 2)
+            self.near = np.repeat(near, 2, axis=2).reshape(-1)  # for Re and Im
+            self.ring = np.zeros((2, chunks, rows, LANES), complex)
+        self.stored = np.zeros((self.leaves, last - self.first, rows, LANES), complex)
+        self.transfers = self._prepare_transfers(kernel)
+        self._weight = None
+
+    def _with_spectrum(self, length):
+        """Real array of this length and, in the same memory, its spectrum."""
+        spectrum = fftw.aligned(length // 2 + 1, dtype=complex)
+        spectrum[...] = 0
+        return spectrum.view(float), spectrum
+
+    def _prepare_rows(self, first_row, close):
+        """Plans, kernel and work space for single rows."""
+        nx, length = self.shape[1], self.length
+        cells, _ = self._with_spectrum(length)
+        solved, _ = self._with_spectrum(length)
+        tile = fftw.aligned((TILE, close.shape[1]), dtype=complex)
+        tile[...] = 0
+        plans = [
+            (self._fftw.plans(solved[None], row, length)[0], self._fftw.plans(cells[None], row, length)[1])
+            for row in tile[:, None, : self.frequencies]
+        ]
+
+        levels = 0
+        while nx > SEGMENT_COLUMNS << levels:
+            levels += 1
+        segment = -(-nx // (1 << levels))
+        lengths = [transform_length(segment << level) for level in range(levels)]
+        spectra = [rfft(first_row[:n], n) / n for n in lengths]
+        if nx >= SHORTEST_RUN:  # of whole runs
+            runs = [n << k for k in range(nx.bit_length()) for n in (256, 384) if n << k >= 2 * SHORTEST_RUN]
+            lengths += runs[: np.searchsorted(runs, 2 * nx) + 1]
+        starts = np.cumsum([0] + [n // 2 + 1 for n in lengths])
+        spectra = np.concatenate([*spectra, np.zeros(starts[-1] - starts[levels], complex)])
+        work, work_spectrum = self._with_spectrum(max(lengths, default=2))
+        part_plans = [self._fftw.plans(work[None], work_spectrum[None], n) for n in lengths]
+        return Rows(
+            execute=self._fftw.execute,
+            plans=np.array(plans, np.int64),
+            cells=cells,
+            solved=solved,
+            tile=tile.view(float),
+            close=np.repeat(close, 2, axis=1),
+            contact=np.zeros(nx, np.int64),
+            kernel=first_row,
+            reverse=first_row[::-1].copy(),
+            segment=segment,
+            levels=levels,
+            lengths=np.array(lengths, np.int64),
+            starts=starts,
+            spectra=spectra,
+            part_plans=np.array(part_plans, np.int64).reshape(-1, 2),
+            work=work,
+            work_spectrum=work_spectrum,
+            added=np.empty(TILE * 2 * LANES),
+        )
+
+    def invert_triangle(self, weight):
+        """Prepare the solution of whole runs: for the inverse of a triangle one column tells all, a power series."""
+        rows, nx = self.rows, self.shape[1]
+        if weight == self._weight or len(rows.lengths) == rows.levels:
+            return
+        self._weight = weight
+        column = np.zeros(nx)
+        for t in range(nx):
+            column[t] = weight * ((t == 0) - np.dot(rows.reverse[nx - 1 - t : nx - 1], column[:t]))
+        for number in range(rows.levels, len(rows.lengths)):
+            start, n = rows.starts[number], rows.lengths[number]
+            rows.spectra[start : start + n // 2 + 1] = rfft(column[: n // 2], n) / n
+
+    def _prepare_transfers(self, kernel):
+        """Spectra of the kernel on this rank's frequencies and plans, for transfers of 1, 2, 4 .. leaves."""
+        edges = [tuple(min(c * LANES, self.frequencies) for c in edge) for edge in self.edges]
+        columns, rows = kernel.columns(edges), self.leaf_rows
+        transfers = []
+        for level, chunks in enumerate(self.chunks[:-1]):
+            length = rows << level + 1
+            own = min(max(chunks - self.first, 0), self.stored.shape[1])
+            far = np.zeros((own, LANES, length // 2 + 1), complex)
+            part = columns[: own * LANES, rows : rows + length]
+            far.reshape(-1, far.shape[2])[: len(part)] = rfft(part, length) / length
+            batch = LANES
+            while batch > 1 and batch * length > _BATCH:
+                batch //= 2
+            cells, spectrum = (fftw.aligned((batch, length), dtype=complex) for _ in range(2))
+            cells[...] = spectrum[...] = 0
+            plans = self._fftw.plans(cells, spectrum, length)
+            transfers.append((far, self._fftw.execute, *plans, cells, spectrum))
+        return transfers

@@ -1,0 +1,1 @@
+"""Stress below a pressure on the half-space."""

@@ -1,0 +1,249 @@
+"""Sums of stresses: below a periodic patch wave by wave, below a free one cell by cell.
+
+- On a periodic patch, wave by wave: with q = (qx, qy), n = q / |q| and s = |q| z, p_q exp(i q x) makes
+
+      xx  -p (nx^2 (1 - s) + 2 nu ny^2) e^-s      xy  -p nx ny (1 - s - 2 nu) e^-s
+      yy  -p (ny^2 (1 - s) + 2 nu nx^2) e^-s      xz  i p nx s e^-s
+      zz  -p (1 + s) e^-s                         yz  i p ny s e^-s
+
+  The mean pressure squeezes a body that cannot expand sideways: xx = yy = -nu / (1 - nu) p. With the symbol ``love``
+  the same waves are meant: deeper than a cell the two do not differ.
+- On a free patch, cell by cell: the stress below a uniformly loaded rectangle in closed form (Love 1929), summed up by
+  FFTs long enough that nothing comes around. So there are no images at any distance, and the answer is exact for a
+  pressure that is constant on cells.
+
+References
+----------
+A. E. H. Love, Phil. Trans. R. Soc. A 228 (1929) 377. K. L. Johnson, Contact Mechanics, 1985, Sec. 3.2 and 13.2.
+"""
+
+from __future__ import annotations
+
+from math import atan2, log, pi, sqrt
+
+import numpy as np
+import scipy.fft
+
+from app.base.numba_cache import njit
+from app.halfspace.periodic_symbol import frequencies
+
+_ODD_X, _ODD_Y = (3, 4), (3, 5)  # components that change sign with x, with y
+_ROWS = 64  # of a kernel at a time
+_ON_EDGE = 1e-9  # of a cell: a point so near is on the edge
+
+
+class Waves:
+    """Below a periodic patch; stresses in [N/mm2], lengths in mm."""
+
+    def __init__(self, pressure, grid, nu):
+        self.grid, self.nu, self.pressure = grid, nu, pressure
+        self.extent = grid.nx * grid.dx, grid.ny * grid.dy
+        self._transform = scipy.fft.rfft2(pressure, norm="forward")
+        qx, qy = frequencies(grid, np.arange(grid.nx // 2 + 1), scipy.fft.fftfreq(grid.ny, 1 / grid.ny))
+        self._q = np.hypot(qx, qy[:, None])
+        nowhere = np.zeros_like(self._q)
+        self._direction = [
+            np.divide(np.broadcast_to(k, self._q.shape), self._q, out=nowhere.copy(), where=self._q > 0)
+            for k in (qx, qy[:, None])
+        ]
+        # A sawtooth has no slope in the cell centres, and no direction in y.
+        self._odd = [np.where(2 * np.arange(grid.nx // 2 + 1) == grid.nx, 0.0, 1.0),
+                     np.where(2 * np.arange(grid.ny) == grid.ny, 0.0, 1.0)[:, None]]  # fmt: skip
+
+    def _waves(self, depth):
+        """Transforms of the components, one after the other."""
+        s, (nx, ny), (odd_x, odd_y) = self._q * depth, self._direction, self._odd
+        p = self._transform * np.exp(-s)
+        sideways = 2 * self.nu
+        mean = -self.nu / (1 - self.nu) * self._transform[0, 0]
+        for along, across in ((nx, ny), (ny, nx)):
+            field = -p * (along**2 * (1 - s) + sideways * across**2)
+            field[0, 0] = mean
+            yield field
+        yield -p * (1 + s)
+        yield -p * nx * ny * (1 - s - sideways) * odd_x * odd_y
+        yield 1j * p * nx * s * odd_x
+        yield 1j * p * ny * s * odd_y
+
+    def plane(self, depth):
+        """Components on a horizontal plane, shape (6, ny, nx). Not collective."""
+        return np.stack([scipy.fft.irfft2(w, self.grid.shape, norm="forward") for w in self._waves(depth)])
+
+    def _phase_y(self, y):
+        rows = scipy.fft.fftfreq(self.grid.ny, 1 / self.grid.ny)
+        phase = np.exp(2j * np.pi * rows * (y - self.grid.y()[0]) / self.extent[1])
+        return np.where(2 * rows == -self.grid.ny, phase.real, phase)  # a sawtooth goes neither way
+
+    def row(self, depth, x, y):
+        """Components on a row along x at `y`, or along y at `x`, shape (6, nx or ny). Not collective."""
+        grid = self.grid
+        if y is not None:
+            phase = self._phase_y(y)
+            return np.stack([scipy.fft.irfft(phase @ w, grid.nx, norm="forward") for w in self._waves(depth)])
+        phase = self._phase_x(x)
+        return np.stack([scipy.fft.ifft(w @ phase, norm="forward").real for w in self._waves(depth)])
+
+    def _phase_x(self, x):
+        """Of waves of which a real field keeps half."""
+        columns = np.arange(self.grid.nx // 2 + 1)
+        twice = np.where((columns == 0) | (2 * columns == self.grid.nx), 1.0, 2.0)
+        return twice * np.exp(2j * np.pi * columns * (x - self.grid.x()[0]) / self.extent[0])
+
+    def point(self, depth, x, y):
+        """Components in a point, shape (6,). Not collective."""
+        in_x, in_y = self._phase_x(x), self._phase_y(y)
+        return np.array([(in_y @ w @ in_x).real for w in self._waves(depth)])
+
+
+class Cells:
+    """Below a patch that is alone on its half-space; units as of `Waves`."""
+
+    def __init__(self, pressure, grid, nu):
+        self.grid, self.nu, self.pressure = grid, nu, pressure
+        loaded = [np.flatnonzero(pressure.any(axis=axis)) for axis in (1, 0)]
+        rows, columns = (slice(k[0], k[-1] + 1) if k.size else slice(0, 1) for k in loaded)
+        self._loaded = np.ascontiguousarray(pressure[rows, columns])
+        self._x, self._y = grid.x()[columns], grid.y()[rows]
+        self._first = rows.start, columns.start
+        ny, nx = self._loaded.shape
+        self.extent = nx * grid.dx, ny * grid.dy
+
+    def plane(self, depth):
+        """Components on a horizontal plane, shape (6, ny, nx). Not collective."""
+        grid, (rows, columns) = self.grid, self._loaded.shape
+        # Offsets from the last loaded cell to the first of the patch, up to those from the first to the last.
+        lengths = grid.ny + rows - 1, grid.nx + columns - 1
+        padded = [scipy.fft.next_fast_len(n, real=True) for n in lengths]
+        mirror_y, mirror_x = (
+            _Mirror(1 - first - loaded, length)
+            for first, loaded, length in zip(self._first, (rows, columns), lengths, strict=True)
+        )
+        corners = np.empty((6, mirror_y.edges, mirror_x.edges))
+        _corners(mirror_x.edge(grid.dx), mirror_y.edge(grid.dy), depth, self.nu, corners)
+        transform = scipy.fft.rfft2(self._loaded, padded)
+        out = np.empty((6, *grid.shape))
+        for k, field in enumerate(out):
+            kernel = mirror_y.difference(mirror_x.difference(corners[k], 1, k in _ODD_X), 0, k in _ODD_Y)
+            whole = scipy.fft.irfft2(scipy.fft.rfft2(kernel, padded) * transform, padded)
+            field[...] = whole[rows - 1 : rows - 1 + grid.ny, columns - 1 : columns - 1 + grid.nx]
+        return out
+
+    def row(self, depth, x, y):
+        """Components on a row along x at `y`, or along y at `x`, shape (6, nx or ny). Not collective."""
+        if y is not None:
+            return self._along(depth, self._loaded, y - self._y, 1)
+        return self._along(depth, self._loaded.T, x - self._x, 0)
+
+    def _along(self, depth, pressure, across, axis):
+        """Stress on a row of points along an axis of fields: sum over loaded rows of one-dimensional convolutions."""
+        grid, loaded = self.grid, pressure.shape[1]
+        steps, count = (grid.dy, grid.dx), grid.shape[axis] + loaded - 1
+        padded = scipy.fft.next_fast_len(count, real=True)
+        mirror = _Mirror(1 - self._first[axis] - loaded, count)
+        edges = _edges(across, steps[1 - axis])
+        transform = scipy.fft.rfft(pressure, padded)
+        sums = np.zeros((6, padded // 2 + 1), complex)
+        for first in range(0, len(across), _ROWS):
+            sides = edges[first : first + _ROWS + 1]
+            if axis:
+                corners = np.empty((6, len(sides), mirror.edges))
+                _corners(mirror.edge(steps[1]), sides, depth, self.nu, corners)
+            else:
+                corners = np.empty((6, mirror.edges, len(sides)))
+                _corners(sides, mirror.edge(steps[0]), depth, self.nu, corners)
+                corners = corners.transpose(0, 2, 1)
+            for k, part in enumerate(corners):
+                kernel = mirror.difference(-np.diff(part, axis=0), 1, k in (_ODD_X if axis else _ODD_Y))
+                sums[k] += np.einsum(
+                    "jk,jk->k", scipy.fft.rfft(kernel, padded), transform[first : first + _ROWS]
+                )
+        return scipy.fft.irfft(sums, padded)[:, loaded - 1 : count]
+
+    def point(self, depth, x, y):
+        """Components in a point, shape (6,). Not collective."""
+        edges = _edges(x - self._x, self.grid.dx), _edges(y - self._y, self.grid.dy)
+        return _at_point(self._loaded, *edges, depth, self.nu)
+
+
+def _edges(offsets, step):
+    """Offsets of a point from the edges of cells, from those to their centres; neighbours share one [mm].
+
+    At the surface stresses jump from cell to cell: a point on an edge, but for rounding, gets the mean.
+    """
+    edges = np.append(offsets + step / 2, offsets[-1] - step / 2)
+    edges[np.abs(edges) < _ON_EDGE * step] = 0.0
+    return edges
+
+
+class _Mirror:
+    """Offsets `first`, `first` + 1, ... of cells in a direction: positive edges tell of all."""
+
+    def __init__(self, first, count):
+        edge = np.arange(first - 1, first + count)  # number m is at (m + 1/2) cells
+        self._index, self._negative = np.where(edge < 0, -edge - 1, edge), edge < 0
+        self.edges = int(self._index.max()) + 1
+
+    def edge(self, step):
+        """Positive edges [mm]."""
+        return (np.arange(self.edges) + 0.5) * step
+
+    def difference(self, corners, axis, odd):
+        """Differences between the edges of each cell; `odd`: the kernel changes sign, so its integral does not."""
+        whole = corners.take(self._index, axis)
+        if not odd:
+            sign = np.where(self._negative, -1.0, 1.0)
+            whole *= sign if axis else sign[:, None]
+        return np.diff(whole, axis=axis)
+
+
+@njit()
+def _corner(x, y, z, nu):
+    """Integral over a quarter plane: of 2 pi times the stress that a unit force makes at an offset."""
+    xx, yy, zz = x * x, y * y, z * z
+    r = sqrt(xx + yy + zz)
+    if r == 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    # V: potential of a uniform layer, 1/r; chi: that of log(z + r), Love's names. Derivatives of both, integrated.
+    v_z = -atan2(x * y, z * r)
+    in_x, in_y = xx + zz, yy + zz
+    v_xx = -x * y / (in_x * r) if in_x > 0.0 else 0.0
+    v_yy = -x * y / (in_y * r) if in_y > 0.0 else 0.0
+    v_xz = -z * y / (in_x * r) if in_x > 0.0 else 0.0
+    v_yz = -z * x / (in_y * r) if in_y > 0.0 else 0.0
+    bulge = x * y * (xx + yy) / (r + z)  # x y (r - z), without cancellation
+    chi_xx, chi_yy = atan2(bulge, xx * r + z * yy), atan2(bulge, yy * r + z * xx)
+    rest = 1.0 - 2.0 * nu
+    return (
+        2.0 * nu * v_z - rest * chi_xx - z * v_xx,
+        2.0 * nu * v_z - rest * chi_yy - z * v_yy,
+        v_z + z * (v_xx + v_yy),
+        -rest * log(z + r) - z / r,
+        -z * v_xz,
+        -z * v_yz,
+    )
+
+
+@njit()
+def _corners(x, y, z, nu, out):
+    for j in range(y.size):
+        for i in range(x.size):
+            parts = _corner(x[i], y[j], z, nu)
+            for k in range(6):
+                out[k, j, i] = parts[k] / (2.0 * pi)
+
+
+@njit(makes_arrays=True)
+def _at_point(pressure, x, y, z, nu):
+    """Sum over the loaded cells, at offsets x, y from their edges."""
+    total = np.zeros(6)
+    for j in range(pressure.shape[0]):
+        for i in range(pressure.shape[1]):
+            if pressure[j, i] == 0.0:
+                continue
+            a = _corner(x[i], y[j], z, nu)
+            b = _corner(x[i + 1], y[j + 1], z, nu)
+            c = _corner(x[i], y[j + 1], z, nu)
+            d = _corner(x[i + 1], y[j], z, nu)
+            for k in range(6):
+                total[k] += pressure[j, i] / (2.0 * pi) * (a[k] + b[k] - c[k] - d[k])
+    return total

@@ -1,0 +1,309 @@
+"""Result file (HDF5): the solution, the history of the iteration and how the run was made.
+
+=========================  ==========  =======  =====  ==========================================
+dataset                    shape       type     unit   meaning (symbol of the paper)
+=========================  ==========  =======  =====  ==========================================
+``pressure``               (ny, nx)    float64  N/mm2  p
+``gap``                    (ny, nx)    float64  mm     deformed distance e = h + u, (2.3)
+``displacement``           (ny, nx)    float64  mm     u = A p, (2.7)
+``undeformed_distance``    (ny, nx)    float64  mm     h
+``contact``                (ny, nx)    uint8    1      1 on the contact set C, else 0
+``x``, ``y``               (nx), (ny)  float64  mm     cell centres
+``history/<column>``       (k)                  yes    one entry per active set iteration
+``path/<column>``          (steps)              yes    of a load path: one entry per step, the fields are the last's
+=========================  ==========  =======  =====  ==========================================
+
+`x` and `y` are the dimension scales of the fields, as in NetCDF: xarray finds the coordinates.
+
+`gap` and `undeformed_distance` are NaN in inadmissible cells (contact impossible). The last entry of
+``history/level`` belongs to the target grid; numbers that differ by one are neighbouring grids.
+
+Root attributes are Python numbers, strings or small numeric arrays: lengths and `approach` in mm,
+`load` in N, pressures and moduli in N/mm2, times in s; `residual` is (5.1), without unit. Of the others
+docs/results.md says what they mean.
+Datasets and attributes beyond the required ones are kept.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from app.base.errors import InputError, one_line
+from app.base.memory import check_fits
+from app.base.quantities import QUANTITIES
+from app.io.contact_fields import ContactFields
+
+FIELDS = {
+    "pressure": np.float64,
+    "gap": np.float64,
+    "displacement": np.float64,
+    "undeformed_distance": np.float64,
+    "contact": np.uint8,
+}
+AXES = {"x": np.float64, "y": np.float64}
+UNITS = dict.fromkeys((*FIELDS, *AXES), "mm") | {"pressure": "N/mm2", "contact": "1"}
+HISTORY = {
+    "level": np.int64,
+    "contact_cells": np.int64,
+    "changed_cells": np.int64,
+    "residual": np.float64,
+    "inner_iterations": np.int64,
+    "work_units": np.float64,
+}
+ATTRIBUTES = (
+    "converged", "reason", "active_set_iterations", "work_units", "operator_applications", "inner_iterations",
+    "residual", "load", "approach", "max_pressure", "contact_cells", "contact_fraction", "solve_seconds",
+    "setup_seconds", "ranks", "options", "command_line", "version",
+)  # fmt: skip
+TEXTS = ("reason", "options", "command_line", "version", "notes", "problem", "periodic_symbol")
+NUMBERS = (  # beside `ATTRIBUTES` and the table of quantities, where there are any
+    "error_bound", "discretisation_error", "poisson_ratio", "periodic", "largest_penetration", "smallest_pressure",
+    "lcp_rtol", "shear_modulus", "hertz_rx", "hertz_ry", "surface_hurst", "surface_rolloff", "surface_cutoff",
+    "load_error", "approach_error", "max_pressure_error", "contact_area_error",
+)  # fmt: skip
+PAIRS = ("young", "poisson", "cell_size")
+_LEAST = 1e-60  # mm, size of a cell, and 1 / mm: its powers are numbers
+_UNEVEN = 0.1  # of a cell: rounding of what lies far from zero
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Result(ContactFields):
+    """A result file in memory; names, shapes and units as in the module's table.
+
+    An attribute of the file is one of the object, too: ``result.load`` is ``result.attributes["load"]``; so are the
+    other names that a `Solution` has for them (``message``, ``iterations``, ``rtol``).
+
+    Attributes
+    ----------
+    pressure, gap, displacement, undeformed_distance : ndarray of float64, shape (ny, nx)
+    contact : ndarray of uint8, shape (ny, nx)
+    x, y : ndarray of float64, shapes (nx,) and (ny,)
+    attributes : dict
+        Root attributes as Python bool, int, float, str or ndarray.
+    history : dict of str to ndarray, shape (k,)
+    extra : dict of str to ndarray
+        Datasets of the file's root that are not in the table.
+    units : dict of str to str
+        Unit of every dataset that states one.
+    path : dict of str to ndarray, shape (steps,)
+        Table of a load path; empty if the result is of one loading.
+    """
+
+    pressure: np.ndarray
+    gap: np.ndarray
+    displacement: np.ndarray
+    undeformed_distance: np.ndarray
+    contact: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    attributes: dict
+    history: dict
+    extra: dict = field(default_factory=dict)
+    units: dict = field(default_factory=dict)
+    path: dict = field(default_factory=dict)
+
+    slabs = comm = None  # all rows are here
+
+    @property
+    def error_bound(self):
+        """Proved bound of the relative error of the pressure in the energy norm; NaN if the file has none."""
+        return self.attributes.get("error_bound", np.nan)
+
+    @property
+    def notes(self):
+        """What a user should look at twice, a text each."""
+        return tuple(self.attributes.get("notes", "").splitlines())
+
+    @property
+    def grid(self):
+        """Its `Grid`, see `grid_of`."""
+        return grid_of(self.x, self.y, self.attributes)
+
+
+def grid_of(x, y, attributes):
+    """`Grid` of cell centres [mm], where a single one does not tell the size of its cell, and attributes of a result.
+
+    Not collective.
+    """
+    from app.halfspace.grid import Grid
+
+    domain = []
+    for centres, size in zip((x, y), attributes.get("cell_size", (1.0, 1.0)), strict=True):
+        half = (np.ptp(centres) / (centres.size - 1) if centres.size > 1 else size) / 2
+        domain += [centres[0] - half, centres[-1] + half]
+    return Grid.from_domain(x.size, y.size, domain, attributes.get("periodic_symbol", ""))
+
+
+def read_result(path):
+    """Read a result file.
+
+    Not collective: the calling rank reads the whole grid.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it is not a result file (the message names what is missing).
+    """
+    with opened(path) as file:
+        return _read_hdf5(file)
+
+
+@contextmanager
+def opened(path):
+    """A result file to be read inside the block; whatever goes wrong is an InputError that names it. Not collective."""
+    try:
+        path = Path(path)
+    except TypeError:
+        raise InputError(f"result file {path!r}: needed: a path") from None
+    if not path.is_file():
+        raise InputError(f"result file {path}: {'not a file' if path.exists() else 'no such file'}")
+    try:
+        with h5py.File(path, "r") as file:
+            yield file
+    except ValueError as error:
+        raise InputError(f"result file {path}: {one_line(error)}") from error
+    except TypeError as error:
+        if "No NumPy equivalent" not in str(error):  # of the type of something in the file
+            raise
+        raise InputError(f"result file {path}: {one_line(error)}") from error
+    except (OSError, RuntimeError, KeyError) as error:  # the last two: links that lead nowhere or in a circle
+        raise InputError(f"result file {path}: not a readable HDF5 file ({one_line(error)})") from error
+
+
+def holds_heights(path):
+    """Whether a file is a map of heights, as app.convert writes it, and no result.
+
+    Not collective.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    with opened(path) as file:
+        return "heights" in file and not _holds_a_result(file)
+
+
+def _holds_a_result(file):
+    return any(name in file for name in FIELDS)
+
+
+def refuse_others(file):
+    """Refuse an open file without any field of a result, by its name if another command wrote it: InputError.
+
+    Not collective.
+    """
+    if _holds_a_result(file):
+        return
+    if "depth" in file and "line/von_mises" in file:
+        raise InputError(
+            "stresses that app.subsurface wrote, no result; python -m app.subsurface RESULT.h5 -o DIR draws them, "
+            "DIR/subsurface.png, with --section y along y"
+        )
+    if "heights" in file:
+        raise InputError("heights of a surface, no result; python -m app.plot draws them")
+    raise InputError("no result of app.solve: it has none of the datasets " + ", ".join(FIELDS))
+
+
+def _read_hdf5(file):
+    refuse_others(file)
+    if missing := [name for name in ATTRIBUTES if name not in file.attrs]:
+        raise InputError(f"attribute {', '.join(missing)} is missing")
+    sizes = []
+    file.visititems(lambda name, item: sizes.append(float(getattr(item, "nbytes", None) or 0)))
+    check_fits(sum(sizes), "what it holds")  # a few bytes can stand for many
+    data = {name: read_dataset(file, name, dtype) for name, dtype in (FIELDS | AXES).items()}
+    shape = data["y"].size, data["x"].size
+    for name in FIELDS:
+        if data[name].shape != shape:
+            raise InputError(f"dataset {name}: shape {data[name].shape}, but y and x say {shape}")
+    if data["contact"].max() > 1:
+        raise InputError("dataset contact: has other values than 0 and 1")
+    history = {name: read_dataset(file, f"history/{name}", dtype) for name, dtype in HISTORY.items()}
+    history |= _columns(file, "history", history)
+    extra = {
+        name: item[()] for name, item in file.items() if name not in data and isinstance(item, h5py.Dataset)
+    }
+    units = {
+        name: str(file[name].attrs.get("unit", "1")) for name in (*data, *extra) if "unit" in file[name].attrs
+    }
+    attributes = read_attributes(file)
+    steps = _columns(file, "path")
+    if steps and not np.size(steps.get("load", ())):
+        raise InputError("path: has no loads")
+    return Result(**data, attributes=attributes, history=history, extra=extra, units=units, path=steps)
+
+
+def _columns(file, group, known=()):
+    """Columns of a group that are not known yet; all of the group are numbers, and equally many."""
+    if group not in file:
+        return {}
+    names = list(file[group]) if isinstance(file[group], h5py.Group) else [""]
+    columns = {name: read_dataset(file, f"{group}/{name}") for name in names if name not in known}
+    lengths = {column.shape for column in (*columns.values(), *dict(known).values())}
+    if len(lengths) > 1 or any(len(shape) != 1 for shape in lengths):
+        raise InputError(f"{group}: columns of shapes {sorted(lengths)}")
+    return columns
+
+
+def read_dataset(file, name, dtype=None):
+    """A dataset of numbers from an open file, of its own type if no other is given; InputError if it is none.
+
+    Not collective.
+    """
+    item = file.get(name)
+    if not isinstance(item, h5py.Dataset):
+        raise InputError(f"dataset {name} is missing")
+    if item.shape is None or item.dtype.kind not in "biuf":
+        raise InputError(f"dataset {name}: type {item.dtype}, shape {item.shape} where numbers are needed")
+    if name in AXES and (item.ndim != 1 or not item.size):
+        raise InputError(f"dataset {name}: shape {item.shape} where one of cell centres is needed")
+    check_fits(float(item.nbytes), f"dataset {name}")
+    dtype = np.dtype(dtype or item.dtype)
+    if not np.can_cast(item.dtype, dtype, "same_kind"):  # holds all values but for rounding
+        raise InputError(f"dataset {name}: type {item.dtype} where {dtype} is needed")
+    values = item[()].astype(dtype, copy=False)
+    if name in AXES and not _are_centres(values):
+        raise InputError(f"dataset {name}: needed: finite cell centres [mm] that rise in equal steps")
+    return values
+
+
+def _are_centres(values):
+    if values.size == 1:
+        return np.isfinite(values[0])
+    with np.errstate(invalid="ignore", over="ignore"):
+        step = (values[-1] - values[0]) / (values.size - 1)
+        return _LEAST < step < 1 / _LEAST and np.abs(np.diff(values) - step).max() < _UNEVEN * step
+
+
+def read_attributes(file):
+    """Attributes of an open file as Python has them; InputError if one is not of its kind. Not collective."""
+    return {name: _attribute(name, value) for name, value in file.attrs.items()}
+
+
+def _attribute(name, value):
+    """An attribute as Python has it."""
+    text, number = name in TEXTS, name in (*NUMBERS, *ATTRIBUTES, *QUANTITIES)
+    plain = value.item() if isinstance(value, np.generic) else value
+    if name in PAIRS and not (
+        isinstance(plain, np.ndarray) and plain.shape == (2,) and plain.dtype.kind in "iuf"
+    ):
+        raise InputError(f"attribute {name}: {plain!r} where two numbers are needed")
+    if (text and not isinstance(plain, str)) or (
+        number and not text and not isinstance(plain, bool | int | float)
+    ):
+        raise InputError(f"attribute {name}: {plain!r} where a {'text' if text else 'number'} is needed")
+    return plain

@@ -1,0 +1,199 @@
+"""Writing of a result file: planned by rank 0, laid out whole, filled by the ranks, and only then given its name."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import h5py
+import numpy as np
+
+from app.base.errors import InputError, agree, one_line
+from app.base.quantities import unit_of
+from app.halfspace.grid import runs
+from app.io.files import check_output_path, publish, remove, temporary_name
+from app.io.result import AXES, FIELDS, HISTORY, UNITS
+
+_CELLS_AT_ONCE = 1 << 20  # written together
+_METADATA_BYTES = 1 << 16  # more than HDF5 needs for the names and layout of a few dozen datasets
+
+
+@dataclass(frozen=True)
+class ByRows:
+    """A field that is made some rows at a time, when they are written: ``values(slice) -> ndarray``."""
+
+    shape: tuple
+    dtype: np.dtype
+    values: Callable
+
+    def __getitem__(self, rows):
+        return self.values(rows)
+
+
+def write_result(path, comm, slabs, fields, x, y, attributes, history, steps=None):
+    """Write a result file; it appears whole or not at all.
+
+    Collective. `path`, `x`, `y`, `attributes`, `history` and `steps` are those of rank 0 (a measured
+    time need not be the same everywhere). An error on any rank is raised on all of them.
+
+    Parameters
+    ----------
+    path : str or Path
+        Ends in ``.h5`` or ``.hdf5``; an existing file is replaced at the very end.
+    comm : mpi4py.MPI.Comm
+        More than one rank write by the MPI-IO driver, or in turn if h5py is built without it.
+    slabs : app.parallel.slabs.Slabs
+        Distribution of the rows; ranks may own none.
+    fields : mapping of str to array_like or ByRows, shape (slabs.local, nx)
+        This rank's rows of all of `FIELDS`, and of any others to be stored.
+    x, y : array_like, shapes (nx,) and (ny,), [mm]
+        Cell centres of the whole grid.
+    attributes : mapping
+        All of `app.io.result.ATTRIBUTES` and any others: bool, int, float, str or numeric arrays.
+    history : mapping of str to array_like, shape (k,)
+        All of `HISTORY` and any other numeric columns; empty if there was no iteration.
+    steps : mapping of str to array_like, shape (steps,), optional
+        Numeric columns of a load path.
+
+    Raises
+    ------
+    InputError
+        If an attribute, a step or a field is of no type for a file, or `path` is of no use.
+    OSError
+        If writing fails.
+    """
+    path = agree(comm, check_output_path, path, only_root=True)
+    plan = agree(comm, _plan, fields, x, y, attributes, history, steps, only_root=True)
+    rows = {name: _rows_of(fields[name]) for name in plan["types"]}
+    temporary = comm.bcast(temporary_name(path) if comm.rank == 0 else None)
+    try:
+        # With HDF5 on MPI-IO the ranks share the writing of metadata, and an error in it, or in opening
+        # the file, on one rank leaves the others waiting for ever. So rank 0 alone writes all metadata,
+        # every rank tries to open the file (folder not shared, too many open files), and only rows of
+        # data go through MPI-IO.
+        _together(comm, lambda: _lay_out(temporary, plan), only_root=True)
+        _together(comm, lambda: temporary.open("r+b").close())
+        _write_rows(temporary, comm, slabs, rows)
+        _together(comm, lambda: publish(temporary, path), only_root=True)
+    except BaseException as error:  # Ctrl-C, too
+        if comm.rank == 0:
+            remove(temporary)
+        if isinstance(error, OSError):
+            comm.Barrier()  # the file is gone when the error appears, on every rank
+        raise
+
+
+def _plan(fields, x, y, attributes, history, steps):
+    """Check what a user may have given and return all that rank 0 writes as dict."""
+    for name, value in attributes.items():
+        value = np.asarray(value)
+        if value.dtype.kind not in ("biufU" if value.ndim == 0 else "biuf"):
+            raise InputError(f"attribute {name}: {value.dtype} is not a number, string or numeric array")
+    if steps is not None and not isinstance(steps, Mapping):
+        raise InputError(f"steps: {type(steps).__name__}; needed: columns by name, the table of a load path")
+    steps = {name: np.asarray(values) for name, values in (steps or {}).items()}
+    for name, column in steps.items():
+        if (
+            column.ndim != 1
+            or len({len(column), *map(np.size, steps.values())}) > 1
+            or column.dtype.kind not in "biuf"
+        ):
+            raise InputError(
+                f"steps: column {name}: shape {column.shape}, type {column.dtype}; needed: a number for each step"
+            )
+    types = {name: np.dtype(FIELDS.get(name) or _rows_of(values).dtype) for name, values in fields.items()}
+    for name, dtype in types.items():
+        if dtype.kind not in "biuf":
+            raise InputError(f"field {name}: {dtype} is not numeric")
+    history = history or dict.fromkeys(HISTORY, ())
+    return {
+        "types": types,
+        "axes": {name: np.asarray(values, AXES[name]) for name, values in (("x", x), ("y", y))},
+        "attributes": dict(attributes),
+        "history": {name: np.asarray(values, HISTORY.get(name)) for name, values in history.items()},
+        "path": steps,
+    }
+
+
+def _rows_of(field):
+    return field if isinstance(field, ByRows) else np.asarray(field)
+
+
+def _lay_out(path, plan):
+    """Write everything except the rows of the fields, for which space is kept. Rank 0 only."""
+    early = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    early.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+    shape = plan["axes"]["y"].size, plan["axes"]["x"].size
+    # A full disk must show up here, in plain system calls: HDF5 cannot even close a file that it failed
+    # to write. The space is taken twice because HDF5 starts from an empty file.
+    columns = (*plan["axes"].values(), *plan["history"].values(), *plan["path"].values())
+    size = sum(column.nbytes for column in columns)
+    size += sum(len(str(value).encode(errors="replace")) for value in plan["attributes"].values())
+    size += shape[0] * shape[1] * sum(dtype.itemsize for dtype in plan["types"].values()) + _METADATA_BYTES
+    _reserve(path, size, "xb")
+    with h5py.File(path, "w") as file:
+        in_order = h5py.h5p.create(h5py.h5p.GROUP_CREATE)
+        in_order.set_link_creation_order(h5py.h5p.CRT_ORDER_TRACKED | h5py.h5p.CRT_ORDER_INDEXED)
+        in_order.set_obj_track_times(False)  # the same result is the same file
+        for name in ("history", *(["path"] if plan["path"] else [])):
+            h5py.h5g.create(file.id, name.encode(), gcpl=in_order)
+        for name, value in plan["attributes"].items():
+            file.attrs[name] = value
+        for name, column in plan["history"].items():
+            file[f"history/{name}"] = column
+            file[f"history/{name}"].attrs["unit"] = unit_of(name)
+        for name, column in plan["path"].items():
+            file[f"path/{name}"] = column.astype(np.uint8) if column.dtype == bool else column
+            file[f"path/{name}"].attrs["unit"] = unit_of(name)
+        for name, axis in plan["axes"].items():
+            file[name] = axis
+            file[name].make_scale(name)
+        for name, dtype in plan["types"].items():
+            file.create_dataset(name, shape, dtype, dcpl=early)
+            for dimension, axis in zip(file[name].dims, ("y", "x"), strict=True):
+                dimension.attach_scale(file[axis])
+        for name in (*plan["axes"], *plan["types"]):
+            file[name].attrs["unit"] = UNITS.get(name, "1")
+    _reserve(path, path.stat().st_size, "r+b")
+
+
+def _reserve(path, size, mode):
+    with path.open(mode) as file:
+        os.posix_fallocate(file.fileno(), 0, size)
+
+
+def _write_rows(path, comm, slabs, rows):
+    """Write the rows of the fields, all ranks at once by MPI-IO, or rank after rank if h5py cannot. Collective."""
+
+    def write(**driver):
+        with h5py.File(path, "r+", **driver) as file:
+            for name, values in rows.items():
+                for part in runs(*values.shape, _CELLS_AT_ONCE):
+                    start = slabs.rows.start
+                    file[name][start + part.start : start + part.stop] = values[part]
+
+    if np.count_nonzero(slabs.counts) == 1:
+        _together(comm, lambda: write() if slabs.local else None)
+    elif h5py.get_config().mpi:
+        _together(comm, lambda: write(driver="mpio", comm=comm))
+    else:
+        for turn in range(comm.size):
+            _together(comm, lambda: write() if turn == comm.rank else None)  # noqa: B023
+
+
+def _together(comm, step, only_root=False):
+    """Run what writes on all ranks (or rank 0); if it fails on any, raise OSError on all. Collective.
+
+    Other than `app.base.errors.agree` it says which rank, and whatever HDF5 raises counts.
+    """
+    complaint = None
+    try:
+        if comm.rank == 0 or not only_root:
+            step()
+    except Exception as error:
+        # Its text only: an exception in a variable would keep alive all objects of this rank, but not of the others.
+        complaint = one_line(error)
+    for rank, message in enumerate(comm.allgather(complaint)):
+        if message is not None:
+            raise OSError(message if comm.size == 1 else f"rank {rank}: {message}")

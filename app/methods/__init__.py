@@ -1,0 +1,1 @@
+"""The default methods, what they share, and PETSc's own solvers."""

@@ -1,0 +1,60 @@
+"""Lift: the pressure of the next finer grid from the displacement, by the FFT preconditioner (in place of copying p).
+
+B is the inverse of the circulant matrix: p = B T for the displacement T that p causes if it is continued periodically.
+With p_H and u_H of the coarse grid, T_H = B_H^-1 p_H and interpolation I:
+
+1. T = I T_H, on all cells of the fine grid.
+2. C is that of the coarse grid and the cells with h + I u_H <= 0. There u shall be -h, the gap closed; and with the
+   difference of periodic and true displacement that the coarse grid has, T = -h + I (T_H - u_H).
+3. p = B T; cells without p > 0 leave C.
+
+Switch: ``-lcp_prolongation lift|copy``. Gain: see `app.methods.free`.
+"""
+
+from __future__ import annotations
+
+from app.base.numba_cache import njit
+from app.contact.kernels import gap
+from app.methods.free.circulant import circulant_of
+
+# Factor in the load; a grid so coarse that it is missed by more says nothing, and copying is safer.
+_TRUSTED = 20.0
+
+
+def lift(transfer, coarse, state):
+    """Set C and p of `state`, whose u is I u_H already; that of the coarser grid is written over.
+
+    Collective.
+
+    Returns
+    -------
+    bool
+        False if the load came out so different that the coarse grid cannot be trusted; u is as it was.
+    """
+    circulant_of(coarse.operator).apply_inverse(coarse.p, coarse.u)  # T_H
+    transfer.copy(coarse.contact, state.contact)
+    p = state.values  # T until it is B T
+    transfer.interpolate(coarse.u, p)  # 1.
+    _close_gaps(state.distance.b, state.depth, state.u, state.admissible, state.contact, p)  # 2.
+    circulant_of(state.operator).apply(p, p)  # 3.
+    after = state.bounds.project(state.p, state.contact, p)
+    state.contact &= state.bounds.between(p)
+    areas = coarse.operator.grid.cell_area, state.grid.cell_area
+    before, after = state.sum([areas[0] * coarse.p.sum(), areas[1] * after])
+    return bool(before < _TRUSTED * after < _TRUSTED**2 * before)
+
+
+@njit()
+def _close_row(b, depth, u, admissible, contact, target):
+    for i in range(b.size):
+        e = gap(u[i], b[i], depth)
+        inside = admissible[i] & (contact[i] | (e <= 0))
+        contact[i] = inside
+        target[i] -= e if inside else 0.0
+
+
+@njit()
+def _close_gaps(b, depth, u, admissible, contact, target):
+    """Put cells with h + u <= 0 into C, and take h + u off `target` on C."""
+    for j in range(b.shape[0]):
+        _close_row(b[j], depth, u[j], admissible[j], contact[j], target[j])

@@ -1,0 +1,260 @@
+"""Windows: a grid is worked on in a rectangle around the contact area of the coarser grid.
+
+Pressure vanishes outside, so nothing is neglected there but the question whether the bodies penetrate, and that is
+asked in the end, of the verification product on all cells of the target grid. If they do, the iteration goes on there.
+That is dear, so where asperities of the target grid stand out of the cells of the finest grid that is always worked on
+as a whole (`Hierarchy.coarse_minimum`), a box around the contact they may make is in every window.
+
+Switch: ``-lcp_window`` (share of the extent of contact that is added on every side, 0: none). Gain: see
+`app.methods.free`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from petsc4py import PETSc
+from scipy.fft import next_fast_len
+
+from app.contact.distance import UndeformedDistance
+from app.contact.state import ContactState, Displacement
+from app.halfspace.operator import InfluenceOperator
+from app.halfspace.window import Scatter, Window, bounding_boxes, whole
+from app.methods.free.verification_product import VerificationProduct
+from app.multigrid.transfer import Transfer
+
+_LEAST = 4  # cells of the coarser grid around contact
+_STEP = 16  # small windows have multiples of so many of them, and twice as many at least: they are kept
+_MOST = 0.85  # of the cells; a larger window is not worth its own spectra
+
+
+@dataclass
+class CoarseSolution:
+    """What the coarser grid found, cut to the window of the finer one."""
+
+    operator: InfluenceOperator
+    u: np.ndarray
+    p: np.ndarray
+    contact: np.ndarray
+    depth: float
+
+
+class WindowState(ContactState):
+    """State of a window, which owns its undeformed distance.
+
+    Attributes
+    ----------
+    scaled : float
+        Factor by which p and u have been multiplied since the last product in double precision.
+    """
+
+    scaled = 1.0
+
+    def compute_displacement(self, exact=False):
+        """See `ContactState.compute_displacement`."""
+        super().compute_displacement(exact)
+        self.scaled = 1.0 if self.u_is is Displacement.EXACT else self.scaled
+
+    def scale(self, factor):
+        """See `ContactState.scale`."""
+        super().scale(factor)
+        self.scaled *= factor
+
+    def destroy(self):
+        """See `ContactState.destroy`."""
+        super().destroy()
+        if self.distance is not None:
+            self.distance.destroy()
+
+
+class Boxes(NamedTuple):
+    """What the window of the next finer grid is chosen by, in cells of the coarser grid."""
+
+    worked_on: Window  # the coarser grid's own window
+    contact: Window | None
+    predicted: Window | None  # where the target grid may have contact that this one cannot see
+
+
+class Stage:
+    """A grid of a nested iteration, or a window of it, ready to start from what the coarser one found.
+
+    Collective.
+
+    Parameters
+    ----------
+    hierarchy : Hierarchy
+        Says which levels may have a window, and how large it is.
+    kept : Kept
+        Where operators of windows come from.
+    number : int
+        Level.
+    distance : UndeformedDistance
+        On all of the level.
+    coarse : ContactState or None
+        State of the coarser grid.
+    boxes : Boxes, optional
+        What was found on it.
+
+    Attributes
+    ----------
+    state : ContactState
+    coarse : ContactState or CoarseSolution
+        As far as it is below `state`. To be set to None when its arrays may go.
+    transfer : Transfer
+        Between these.
+    windowed : bool
+        Whether `state` is that of a window.
+    """
+
+    def __init__(self, hierarchy, kept, number, distance, coarse, boxes=None):
+        self._hierarchy, self._kept, self._number, self._distance = hierarchy, kept, number, distance
+        self._predicted = boxes and boxes.predicted
+        self.coarse, self.transfer = coarse, hierarchy.transfers[number]
+        self._level = level = hierarchy.levels[number]
+        self._verification, self._window, coarse_window = None, whole(level.grid), None
+        if coarse is not None:
+            distance.move_to(coarse.depth)
+            if hierarchy.may_be_windowed(level):
+                coarse_window = _choose(
+                    boxes, coarse.distance.patch, hierarchy.margin, distance.possible, self.transfer
+                )
+        self.windowed = coarse_window is not None
+        if self.windowed:
+            self._make_window(coarse_window, boxes.worked_on)
+        else:
+            self.state = ContactState(level, distance)
+
+    @PETSc.Log.EventDecorator("ContactWindow")
+    def _make_window(self, coarse_window, worked_on):
+        """Make operators, transfer and state of a window, given as cells of the coarser grid, like what it lies in."""
+        hierarchy, level = self._hierarchy, self._level
+        coarse, factors, comm = self.coarse, self.transfer.factors, hierarchy.comm
+        self._window = window = coarse_window.refine(factors, level.grid)
+        grid, below_grid = window.grid(level.grid), coarse_window.grid(coarse.distance.patch)
+        slabs, few = hierarchy.ranks.deal(grid)
+        self._scatter = Scatter(window, level.slabs, slabs, comm)
+        if level is hierarchy.target:
+            self._verification = VerificationProduct(level, self._scatter, slabs, hierarchy.ranks)
+        fine = self._kept.window((self._number, "fine"), grid, slabs, few, self._verification)
+        below = self._kept.window((self._number, "below"), below_grid, slabs.coarsen(factors[0]), few)
+        self._operators = fine, below
+        cut = Scatter(coarse_window.within(worked_on), coarse.operator.slabs, below.slabs, comm).forward
+        self.coarse = CoarseSolution(below, cut(coarse.u), cut(coarse.p), cut(coarse.contact), coarse.depth)
+        self.transfer = Transfer(fine, below, factors, comm)
+        part = UndeformedDistance.part_of(self._distance, fine, self._scatter)
+        self.state = WindowState(fine, part)
+
+    def boxes_for_next(self, coarse_minimum, depth):
+        """Boxes that the window of the next finer grid should hold.
+
+        Collective over the ranks of the state. Asperities smaller than the cells of this grid are told of by the
+        finest whole one, when it is solved, and known on the finer levels.
+
+        Parameters
+        ----------
+        coarse_minimum : ndarray or None
+            See `Hierarchy.coarse_minimum`.
+        depth : float
+            That is to be expected on the next finer grid [mm].
+
+        Returns
+        -------
+        Boxes or None
+            None if the next grid has no window.
+        """
+        state, finest_whole = self.state, self._hierarchy.finest_whole
+        if self._number < finest_whole:
+            return None
+        masks, predicted = [state.contact], None
+        if self._predicted:
+            predicted = self._predicted.refine(self.transfer.factors, self._level.grid)
+        elif coarse_minimum is not None and self._number == finest_whole:
+            with np.errstate(invalid="ignore"):
+                masks.append(coarse_minimum - depth + state.u <= 0)
+        contact, *others = bounding_boxes(masks, state.operator.slabs, state.comm)
+        return Boxes(self._window, contact, others[0] if others else predicted)
+
+    def end_verification(self):
+        """End the iteration in a window, on ranks outside of it, too. Collective."""
+        if self._verification:
+            self._verification.end(self.state)
+
+    def close(self):
+        """Free what is of no use to a finer grid. Collective over the ranks of the state."""
+        if self.windowed:
+            for operator in self._operators:
+                self._kept.close(operator)
+
+    def on_all_cells(self, converged):
+        """Return the state on all cells of the target grid, that in the window being final. Collective.
+
+        Parameters
+        ----------
+        converged : bool
+            In the window.
+
+        Returns
+        -------
+        state : ContactState
+        complete : bool
+            It is true for all cells: the bodies penetrate nowhere outside. Not asked if it is not converged.
+        """
+        inside, scatter = self.state, self._scatter
+        u = self._verification.displacement(inside, converged)
+        self._distance.move_to(inside.depth)
+        inside.distance.destroy()
+        inside.distance = inside.u = None  # room for the state of all cells
+        self.state = state = ContactState(self._level, self._distance, u=u, u_is=Displacement.EXACT)
+        scatter.reverse(inside.p, state.values)
+        scatter.reverse(inside.contact, state.contact)
+        inside.destroy()
+        return state, not converged or not state.activate_penetrating().added
+
+
+def _choose(boxes, patch, margin, possible, transfer):
+    """Window of the coarser grid around its contact, in the one that was worked on.
+
+    Not collective. If a smaller one does not pay: that one, or None if all of the coarser grid was worked on.
+
+    Parameters
+    ----------
+    boxes : Boxes
+    patch : Grid
+        The coarser grid.
+    margin : float
+    possible : Window
+        Of the finer grid, around all cells where contact is possible.
+    transfer : Transfer
+    """
+    outer, contact = boxes.worked_on, boxes.contact
+    otherwise, most = (None, _MOST) if outer == whole(patch) else (outer, 1.0)
+    if contact is None:
+        return otherwise
+    possible = possible.coarsen(transfer.factors)
+    rows = _widen(contact.y0 + outer.y0, contact.y1 + outer.y0, margin, possible.y0, possible.y1)
+    columns = _widen(contact.x0 + outer.x0, contact.x1 + outer.x0, margin, possible.x0, possible.x1)
+    box = Window(*rows, *columns)
+    box = box.join(boxes.predicted) if boxes.predicted else box
+    window = Window(*_fill(box.y0, box.y1, outer.y0, outer.y1), *_fill(box.x0, box.x1, outer.x0, outer.x1))
+    return window if 0 < window.n <= most * outer.n else otherwise
+
+
+def _widen(first, last, margin, lowest, highest):
+    """Add the margin on both sides, as far as contact is possible there."""
+    by = max(_LEAST, int(np.ceil(margin * (last - first))))
+    return max(first - by, lowest), min(last + by, highest)
+
+
+def _fill(first, last, lowest, highest):
+    """Grow to a length that many windows have, between `lowest` and `highest`; nothing stays nothing."""
+    first, last = max(first, lowest), min(last, highest)
+    if first >= last:
+        return lowest, lowest
+    length = max(-(-(last - first) // _STEP), 2) * _STEP
+    if length > 4 * _STEP:
+        length = next_fast_len(last - first, real=True)
+    length = min(length, highest - lowest)
+    first = max(lowest, min(first - (length - (last - first)) // 2, highest - length))
+    return first, first + length

@@ -1,0 +1,294 @@
+"""Additive multilevel operators: convolutions in a third to a quarter of the time of transforms.
+
+    M = N + P M_H P^T
+
+`N` is a stencil of 5 x 5 cells, `P` linear interpolation between cell centres, `M_H` the same again on cells twice as
+large, and on the coarsest of these grids a product by FFT: multilevel multi-summation [1]_ of the lowest order. Of long
+cells only the shorter sides are joined, until they are nearly square. `app.methods.multilevel_operators` has
+what is multiplied so.
+
+On several ranks a coarse row is where the first of its two fine ones is. Two rows beside a slab are exchanged, and a
+coarse one.
+
+References
+----------
+.. [1] A. Brandt, A.A. Lubrecht, Multilevel matrix multiplication and fast solution of integral equations, J. Comput.
+   Phys. 90 (1990) 348-370.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.base.numba_cache import njit
+from app.halfspace.fft.multiplier import ALONE
+from app.methods.symbol import REACH
+from app.parallel.halo import Halo, Parents
+from app.parallel.reductions import any_order, copy_row, scale_row, wrap
+from app.parallel.slabs import Slabs, unless_alone
+
+_SHARE = 0.6  # operations of stencil and interpolation on a cell, in those of a transform and back
+
+
+def coarse_shape(shape, factors, periodic=False):
+    """Of two cells each, with one before the first, and one behind the last or about it; or as many.
+
+    Not collective. Over a period: of two cells each, of which there is an even number.
+    """
+    more = 0 if periodic else 2
+    return tuple(n // 2 + more if factor == 2 else n for n, factor in zip(shape, factors, strict=True))
+
+
+class MultilevelOperator:
+    """M on the rows of a rank.
+
+    Collective over the ranks of the layout.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the fields.
+    near : sequence of Near
+        This level and those below, for these cells.
+    coarsest : callable
+        ``coarsest(shape, layout)`` makes the product on the coarsest grid.
+    layout : Layout
+    other : MultilevelOperator, optional
+        One on the same grid, at rest whenever this works: its coarse fields are used.
+    periodic : bool
+        Over a period of so many rows and columns.
+
+    Attributes
+    ----------
+    count : int
+        Products computed so far.
+    periods : (int, int)
+        In y and x, in cells.
+    """
+
+    def __init__(self, shape, near, coarsest, layout=ALONE, other=None, periodic=False):
+        self.count, self.shape, self.dtype = 0, shape, np.dtype(layout.dtype)
+        self.slabs = slabs = layout.slabs or Slabs(shape[0])
+        self.comm, dtype = unless_alone(layout.comm), self.dtype
+        twice = np.where(np.arange(REACH + 1) > 0, 2.0, 1.0)
+        self._stencil = np.ascontiguousarray((near[0].stencil / np.outer(twice, twice)).T, dtype)  # [y, x]
+        self._factors = fy, _ = near[0].factors
+        self._periodic, below = periodic, coarse_shape(shape, self._factors, periodic)
+        coarse = slabs if fy == 1 else slabs.coarsen(2) if periodic else slabs.surround()
+        of_coarse = layout._replace(slabs=coarse)
+        if len(near) > 1:
+            others = other._next if other and isinstance(other._next, MultilevelOperator) else None
+            self._next = MultilevelOperator(below, near[1:], coarsest, of_coarse, others, periodic)
+        else:
+            self._next = coarsest(below, of_coarse)
+        self.periods = tuple(f * period for f, period in zip(self._factors, self._next.periods, strict=True))
+        self._first, self._first_coarse = slabs.rows.start, coarse.rows.start
+        self._coarse = np.zeros((coarse.local, below[1]), dtype) if other is None else other._coarse
+        self._halo = Halo(slabs, self.comm, REACH, periodic) if periodic or self.comm is not None else None
+        self._parents = Parents(slabs, self.comm, periodic) if fy == 2 else None
+        self._none = np.zeros((0, shape[1]), dtype)
+        self._all = np.ones(slabs.local, bool)
+        padded, half = shape[1] + 2 * REACH, shape[1] // 2 + 3
+        self._five = (
+            np.zeros((5, padded), dtype),
+            np.empty((3, padded), dtype),
+            np.empty((2, shape[1]), dtype),
+        )
+        self._four = np.zeros((5, 2 * half), dtype), np.empty((2, half), dtype)
+        self._wide = np.zeros(below[1] + 2, dtype)
+        self.flops = 62 * slabs.local * shape[1] + self._next.flops
+
+    @property
+    def points(self):
+        """Points transformed so far, there and back, or what takes as many operations."""
+        return self.count * _SHARE * self.shape[0] * self.shape[1] + self._next.points
+
+    def apply(self, p, out, rows=None):
+        """Compute out = M p.
+
+        Collective.
+
+        Parameters
+        ----------
+        p, out : ndarray of float64 or of `dtype`, shape (local rows, nx)
+            May be one.
+        rows : ndarray of bool, shape (local rows,), optional
+            The rows that are not zero in p and wanted in `out`; the others may hold anything afterwards.
+        """
+        self.count += 1
+        rows = self._all if rows is None else rows
+        before, after = self._none, self._none
+        if self._halo is not None:
+            before, after = (beside.astype(self.dtype, copy=False) for beside in self._halo(p))
+        coarse = self._coarse
+        starts = self._first, self._first_coarse
+        _restrict(p, rows, before, after, *starts, coarse, self._factors, self._periodic, *self._four)
+        self._next.apply(coarse, coarse)
+        above, below, first_coarse = coarse[:0], coarse[:0], self._first
+        if self._parents:
+            (above, below), first_coarse = self._parents(coarse), self._parents.first
+        parents, starts = (above, coarse, below), (self._first, first_coarse)
+        _add_near(
+            p, rows, before, after, self._stencil, parents, *starts, self._factors, self._periodic, out,
+            *self._five, self._wide,
+        )  # fmt: skip
+
+
+# Padded rows have REACH zeros at either end, so that nothing must be asked at the sides of the patch, or what comes
+# there over a period. A factor 3 is of the type of the rows: by Python's, single precision is multiplied in double.
+
+
+@any_order
+def _add_rows(a, b, c, d, three, out):
+    """1, 3, 3, 1 of them."""
+    for i in range(out.size):
+        out[i] = a[i] + d[i] + three * (b[i] + c[i])
+
+
+@any_order
+def _split(row, even, odd):
+    for i in range(even.size):
+        even[i] = row[2 * i]
+        odd[i] = row[2 * i + 1]
+
+
+@any_order
+def _halve(even, odd, sixteenth, three, out):
+    """1, 3, 3, 1 of four cells each of a row that is padded by 3 before, or over a period by 1."""
+    for i in range(out.size):
+        out[i] = sixteenth * (even[i] + odd[i + 1] + three * (odd[i] + even[i + 1]))
+
+
+@any_order
+def _double(row, sixteenth, three, out):
+    """A quarter of the linear interpolation between centres of coarse cells, of which the first is before the patch."""
+    for i in range(row.size - 2):
+        most = three * row[i + 1]
+        out[2 * i] = sixteenth * (most + row[i])
+        out[2 * i + 1] = sixteenth * (most + row[i + 2])
+    if out.size % 2:
+        out[-1] = sixteenth * (three * row[-1] + row[-2])
+
+
+@any_order
+def _in_y(rows, stencil, middle, once, twice):
+    """The columns of the stencil: the middle one, and those once and twice removed."""
+    a, b, c, d, e = rows
+    here, here1, here2 = stencil[0, 0], stencil[0, 1], stencil[0, 2]
+    next0, next1, next2 = stencil[1, 0], stencil[1, 1], stencil[1, 2]
+    last0, last1, last2 = stencil[2, 0], stencil[2, 1], stencil[2, 2]
+    for i in range(c.size):
+        beside, beyond = b[i] + d[i], a[i] + e[i]
+        middle[i] = here * c[i] + next0 * beside + last0 * beyond
+        once[i] = here1 * c[i] + next1 * beside + last1 * beyond
+        twice[i] = here2 * c[i] + next2 * beside + last2 * beyond
+
+
+@any_order
+def _in_x(middle, once, twice, near, far, three, out):
+    """Their sum, of padded rows, with what comes from the two coarse rows about this one."""
+    for i in range(out.size):
+        beside, beyond = once[i + 1] + once[i + 3], twice[i] + twice[i + 4]
+        out[i] = three * near[i] + far[i] + middle[i + 2] + beside + beyond
+
+
+@njit()
+def _take_row(j, p, rows, before, after, out):
+    """Row j, counted from the first here, into the middle of `out`; whether there is one."""
+    if 0 <= j < len(p):
+        if rows[j]:
+            copy_row(p[j], out)
+            return True
+    elif -len(before) <= j < 0:
+        copy_row(before[len(before) + j], out)
+        return True
+    elif 0 <= j - len(p) < len(after):
+        copy_row(after[j - len(p)], out)
+        return True
+    out[:] = 0
+    return False
+
+
+@njit()
+def _restrict(p, rows, before, after, first, first_coarse, coarse, factors, periodic, four, halves):
+    """coarse = P^T p; `first`: number of the first row here; `four`, `halves`: room for rows."""
+    kind, nx, (fy, fx) = coarse.dtype.type, p.shape[1], factors
+    pad = 1 if periodic else 3
+    share, three = kind(1 / (fy * fx) ** 2), kind(3)
+    row, even, odd = four[4], halves[0], halves[1]
+    some = 0  # bits: which of the four rows are not zero
+    for j in range(len(coarse)):
+        if fy == 2:
+            low = 2 * (first_coarse + j) - pad - first
+            for k in range(low + 2 if j else low, low + 4):
+                found = _take_row(k, p, rows, before, after, four[k % 4, pad : pad + nx])
+                if periodic:
+                    wrap(four[k % 4], nx, pad)
+                some = (2 * some + found) & 15
+            if some:
+                a, b, c, d = four[low % 4], four[(low + 1) % 4], four[(low + 2) % 4], four[(low + 3) % 4]
+                _add_rows(a, b, c, d, three, row)
+        else:
+            some = int(_take_row(j, p, rows, before, after, row[pad : pad + nx]))
+            if periodic:
+                wrap(row, nx, pad)
+        if not some:
+            coarse[j] = 0
+        elif fx == 2:
+            _split(row, even, odd)
+            _halve(even, odd, share, three, coarse[j])
+        else:
+            scale_row(row[pad : pad + nx], share, coarse[j])
+
+
+@njit()
+def _widen(row, fx, three, periodic, wide, out):
+    """A quarter of what a coarse row is interpolated to in x; `wide`: room for a padded one."""
+    if fx == 1:
+        scale_row(row, row.dtype.type(1 / 4), out)
+    elif periodic:
+        copy_row(row, wide[1:-1])
+        wrap(wide, row.size, 1)
+        _double(wide, row.dtype.type(1 / 16), three, out)
+    else:
+        _double(row, row.dtype.type(1 / 16), three, out)
+
+
+@njit()
+def _widen_parent(k, above, coarse, below, fx, three, periodic, wide, out):
+    """Row k, counted from the first of those above."""
+    here = k - len(above)
+    if here < 0:
+        _widen(above[k], fx, three, periodic, wide, out)
+    elif here < len(coarse):
+        _widen(coarse[here], fx, three, periodic, wide, out)
+    else:
+        _widen(below[here - len(coarse)], fx, three, periodic, wide, out)
+
+
+@njit()
+def _add_near(
+    p, rows, before, after, stencil, parents, first, first_coarse, factors, periodic, out, five, columns, doubled,
+    wide,
+):  # fmt: skip
+    """out = N p + P coarse, where rows are wanted; `parents`: the rows of coarse above, here and below.
+
+    `five`, `columns`, `doubled`, `wide`: room for rows, the first of zeros at the ends.
+    """
+    (fy, fx), nx, three, done = factors, p.shape[1], stencil.dtype.type(3), -1
+    for j in range(-4, len(p)):
+        _take_row(j + 2, p, rows, before, after, five[(j + 2) % 5, 2 : 2 + nx])
+        if periodic:
+            wrap(five[(j + 2) % 5], nx, 2)
+        if j < 0 or not rows[j]:
+            continue
+        parent = far = first + j - first_coarse
+        if fy == 2:
+            parent = (first + j) // 2 + 1 - first_coarse
+            far = parent + 1 if (first + j) % 2 else parent - 1
+        for k in range(max(done + 1, min(parent, far)), max(parent, far) + 1):
+            _widen_parent(k, *parents, fx, three, periodic, wide, doubled[k % 2])
+            done = k
+        around = five[(j - 2) % 5], five[(j - 1) % 5], five[j % 5], five[(j + 1) % 5], five[(j + 2) % 5]
+        _in_y(around, stencil, columns[0], columns[1], columns[2])
+        _in_x(columns[0], columns[1], columns[2], doubled[parent % 2], doubled[far % 2], three, out[j])

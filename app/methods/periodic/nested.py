@@ -1,0 +1,109 @@
+"""The nested iteration of the primal form (Sec. 4.3 with w in place of p and u)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.contact.active_set import NO_CONTACT
+from app.contact.grid_errors import pressure_difference
+from app.contact.grid_sequence import Visits
+from app.contact.history import Outcome
+from app.contact.periodic_state import PeriodicState
+from app.contact.state import Displacement
+from app.methods.free.nested import safeguarded
+from app.methods.periodic.iteration import accept, primal_active_set, verify
+from app.methods.periodic.operator import InverseOperator
+from app.methods.periodic.state import PrimalState
+from app.methods.progress import NeedsSafeguard
+from app.options.solver_options import options_set
+from app.parallel.communicator import FailuresTold
+
+# CG for pressures, with A's own inverse as preconditioner
+_SAFEGUARD = {
+    "ksp_type": "cg",
+    "ksp_norm_type": "unpreconditioned",
+    "pc_type": "python",
+    "pc_python_type": "app.methods.free.circulant.Circulant",
+}
+
+
+def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept, start=None):
+    """Solve on the target grid of a periodic hierarchy, from the coarsest grid on.
+
+    Collective. A grid is solved by the ranks that share it, and they tell those that join on the next.
+
+    Parameters
+    ----------
+    hierarchy, distances, loading, stop, history, nested
+        See `app.methods.free.nested.nested_iteration`.
+    kept : KeptSolvers
+        Whose solvers are a `PrimalSolver`.
+    start : Solution, optional
+        On the target grid, to start from there: coarser grids are left out.
+
+    Returns
+    -------
+    ContactState, Outcome
+        On the target grid.
+    """
+    last, comm = len(hierarchy.levels) - 1, hierarchy.comm
+    if loading.approach_is_known:
+        state = PeriodicState(hierarchy.target, distances[last])
+        loading.set_depth(state)  # rounds h as the last step will, so that a second solve equals the first
+        if loading.misses_contact(state.distance):  # rounding would find a pressure in cells that just touch
+            history.start(state, kept.solver(last, hierarchy.target))
+            state.start_from_interpenetration()
+            return state, Outcome(True, NO_CONTACT)
+        state.destroy()
+    visits = Visits(hierarchy, distances, loading, nested, only_target=not nested or start is not None)
+    coarse, coarse_pressure, difference = None, None, float("nan")
+    for number in visits:
+        level, coarser = hierarchy.levels[number], visits.grid_numbers
+        no_u = np.empty(level.local_shape)  # before `verify`
+        state = PeriodicState(level, distances[number], u=no_u, u_is=Displacement.STALE)
+        if level.active:
+            solver = kept.solver(number, level)
+            primal = PrimalState(state, solver.inverse, loading)
+        else:
+            primal = PrimalState(state, InverseOperator(level), loading)
+        if start is not None:
+            primal.continue_from(start)
+        elif coarse is None:
+            primal.w[...] = state.distance.b  # full contact
+        else:
+            primal.come_from(coarse, hierarchy.transfers[number])
+            if coarser:  # else there are no rows here yet
+                primal.shift_to_depth(coarser[-1].depth, loading.predict(coarser[-1].depth))
+            coarse_pressure = coarse.state.p
+            coarse.state.destroy()
+            coarse = None
+        if level.active:
+            with FailuresTold(visits.waiting(state)):
+                outcome = _solve_on(hierarchy, number, primal, solver, visits.test(stop), history)
+            kept.release_solver(level)
+            depth = state.depth
+            if not visits.at_target:
+                coarser.append(primal.numbers())
+                depth = coarser[-1].depth
+            visits.solved(outcome, depth)
+        primal.mean_pressure = visits.leave(state, primal.mean_pressure)
+        if visits.at_target and coarse_pressure is not None:
+            difference = pressure_difference(comm, hierarchy.transfers[number], coarse_pressure, state)
+        coarse = primal
+    return state, visits.result(state, difference)
+
+
+def _solve_on(hierarchy, number, primal, solver, stop, history):
+    try:
+        return primal_active_set(primal, solver, stop, history)
+    except NeedsSafeguard as stagnation:
+        primal.reset_for_safeguard()
+        verify(primal, solver.scratch)
+        accept(primal, solver.scratch)
+        with options_set(hierarchy.prefix, {}, _SAFEGUARD):
+            rest = safeguarded(hierarchy, number, primal.state, primal.loading, stop, history)
+        np.subtract(primal.state.u, primal.state.depth, out=primal.w)
+        primal.mean_pressure = primal.mean(primal.state.p)
+        return rest.after(stagnation.outcome)
+    finally:
+        solver.end()

@@ -1,0 +1,91 @@
+"""The inverse influence matrix on one grid as PETSc sees it: context of a Mat of type python, O B O on free cells O."""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+
+from app.halfspace.operator import logged, symmetric_mat
+from app.methods.multilevel_operators import inverse_of
+
+_mult_event = PETSc.Log.Event("InverseMult")
+_levels_event = PETSc.Log.Event("InverseByLevels")
+
+
+class InverseOperator:
+    """B = A^-1 on displacements without mean, of a periodic grid; constants give no pressure.
+
+    Collective. What `CarryingCG` and `LinearSolver` want of an operator, it has.
+
+    Parameters
+    ----------
+    influence : InfluenceOperator
+        A, whose grid, ranks and precision it has, and which counts its products.
+    coarser : InfluenceOperator or None
+        A on a coarser grid, for the long waves of a preconditioner.
+
+    Attributes
+    ----------
+    mask : ndarray of bool, shape (local rows, nx)
+        The free cells, where w is unknown: all but the contact set. Change it in place and call `mask_changed`.
+    products : int
+    """
+
+    def __init__(self, influence, coarser=None):
+        self.influence, self.coarser = influence, coarser
+        self.grid, self.slabs, self.comm = influence.grid, influence.slabs, influence.comm
+        self.dtype, self.local_shape = influence.dtype, influence.local_shape
+        self.petsc_comm, self.active = influence.petsc_comm, influence.active
+        self.mask = np.zeros(self.local_shape, bool)
+        self.products = self.contact_number = 0
+
+    sweeps, coarser_levels = 0, ()  # that work units count
+
+    @property
+    def product(self):
+        """B in the precision of the iteration; made when first asked for. Collective then."""
+        return self.influence.inverse
+
+    def scratch_beside_product(self, *types):
+        """See `InfluenceOperator.scratch_beside_product`. Collective when first asked for."""
+        coarser = self.coarser
+        others = [coarser.screened_product] if coarser is not None and coarser.active else []
+        return self.influence.scratch_beside_product(*types, others=others)
+
+    @property
+    def nearly(self):
+        """B nearly, for corrections, or None; made when first asked for. Collective then."""
+        return inverse_of(self.influence)
+
+    def mat(self, comm):
+        """Make a Mat with this context, the caller's to destroy. Collective over the PETSc communicator `comm`."""
+        return symmetric_mat(self, comm)
+
+    def mask_changed(self):
+        """Take notice of other free cells. Not collective."""
+        self.contact_number += 1
+
+    def pressure(self, d, q):
+        """Compute q = B d on all cells. Collective; arrays of shape `local_shape`."""
+        logged(_mult_event, self.product, d, q)
+
+    def pressure_by_levels(self, d, q):
+        """Compute q = B d nearly, if there is such a B, `nearly`. Collective; arrays of shape `local_shape`."""
+        logged(_levels_event, self.nearly, d, q)
+
+    def exact_pressure(self, w, p):
+        """Compute p = B w in double precision. Collective."""
+        logged(_mult_event, self.influence.exact_inverse, w, p)
+
+    def mult(self, mat, x, y):
+        """Compute y = O B O x."""
+        self.products += 1
+        with y as out:
+            d = x.getArray(readonly=True).reshape(self.local_shape)
+            logged(_mult_event, self.product, d, out.reshape(self.local_shape), self.mask)
+
+    def view(self, mat, viewer):
+        """Describe the operator for -ksp_view."""
+        if viewer.getType() == PETSc.Viewer.Type.ASCII:
+            grid = self.grid
+            viewer.printfASCII(f"  inverse influence matrix of {grid.nx} x {grid.ny} cells, periodic\n")

@@ -1,0 +1,339 @@
+"""Sweeps with the 3 x 3 centre of B, the inverse of A, on the free cells; compiled.
+
+B decays like 1 / r^3, so that its centre already does what short waves need. All sweeps of a call go through the rows
+together: when row j has had its first sweep, row j - 1 gets its second, and so on, and what they need stays in the
+cache. So in turn t row j = t - m + 1 gets its sweep m: ``swept[m]`` has the last three rows after it, ``sources`` what
+a row needs until its last sweep. Rows beside the slab (`app.parallel.halo`) are swept along, one less with every
+sweep; columns wrap around. Arrays hold rows of a rank, buffers one cell more on either side; all in single precision,
+as is good enough for a preconditioner and a guess.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.base.numba_cache import njit
+from app.contact.bounds_kernels import displaced
+from app.parallel.reductions import add_row, any_order, around, copy_at, copy_row, mix_rows, wrap
+
+# Weights are over that of the cell itself, of the neighbours in x, in y, and on the diagonals.
+
+
+@any_order
+def _sweep_row(source, free, above, here, below, wx, wy, wd, share, out):
+    for i in range(source.size):
+        beside = around(above, here, below, i, wx, wy, wd)
+        swept = here[i + 1] + share * (source[i] - beside - here[i + 1])
+        out[i + 1] = swept if free[i] else np.float32(0)
+
+
+@any_order
+def _projected_row(source, lowest, above, here, below, wx, wy, wd, out):
+    for i in range(source.size):
+        beside = around(above, here, below, i, wx, wy, wd)
+        out[i + 1] = displaced(source[i] - beside, lowest[i])
+
+
+@any_order
+def _first_row(s, free, scale, share, more, source, inside, out):
+    nothing = np.float32(0)
+    for i in range(s.size):
+        here = np.float32(s[i] * scale) if free[i] else nothing
+        source[i] = here
+        out[i] = share * here + (more[i] if free[i] else nothing)
+    copy_row(free, inside)
+
+
+# Row t as of `copy_at`: the types may differ.
+
+
+@njit()
+def _first_at(t, s, s_before, s_after, free, f_before, f_after, scale, share, more, source, inside, out):
+    j = t - len(s_before)
+    if j < 0:
+        _first_row(s_before[t], f_before[t], scale, share, more, source, inside, out)
+    elif j < len(s):
+        _first_row(s[j], free[j], scale, share, more, source, inside, out)
+    else:
+        k = j - len(s)
+        _first_row(s_after[k], f_after[k], scale, share, more, source, inside, out)
+
+
+# Factors are 1, 2 or 4; written out, these loops become vector instructions.
+
+
+@any_order
+def _add_fours(row, scale, out):
+    for i in range(np.uint64(out.size)):
+        k = np.uint64(4) * i
+        out[i] += scale * ((row[k] + row[k + np.uint64(1)]) + (row[k + np.uint64(2)] + row[k + np.uint64(3)]))
+
+
+@any_order
+def _add_twos(row, scale, out):
+    for i in range(np.uint64(out.size)):
+        k = np.uint64(2) * i
+        out[i] += scale * (row[k] + row[k + np.uint64(1)])
+
+
+@any_order
+def _add_ones(row, scale, out):
+    for i in range(out.size):
+        out[i] += scale * row[i]
+
+
+@njit()
+def _add_means(row, factor, scale, out):
+    full = row.size // factor
+    if factor == 4:
+        _add_fours(row, scale, out[:full])
+    elif factor == 2:
+        _add_twos(row, scale, out[:full])
+    else:
+        _add_ones(row, scale, out[:full])
+    for i in range(factor * full, row.size):  # the last cell may have fewer
+        out[full] += scale * row[i]
+
+
+@any_order
+def _fours(wide, row):
+    near, far = np.float32(0.875), np.float32(0.625)
+    rest, more = np.float32(0.125), np.float32(0.375)
+    one, two = np.uint64(1), np.uint64(2)
+    for i in range(np.uint64(wide.size - 2)):
+        a, b, c, k = wide[i], wide[i + one], wide[i + two], np.uint64(4) * i
+        row[k] = far * b + more * a
+        row[k + one] = near * b + rest * a
+        row[k + two] = near * b + rest * c
+        row[k + two + one] = far * b + more * c
+
+
+@any_order
+def _twos(wide, row):
+    near, rest, one, two = np.float32(0.75), np.float32(0.25), np.uint64(1), np.uint64(2)
+    for i in range(np.uint64(wide.size - 2)):
+        a, b, c, k = wide[i], wide[i + one], wide[i + two], np.uint64(2) * i
+        row[k] = near * b + rest * a
+        row[k + one] = near * b + rest * c
+
+
+@any_order
+def _free_row(s, free, scale, out):
+    for i in range(s.size):
+        out[i] = np.float32(s[i] * scale) if free[i] else np.float32(0)
+
+
+@any_order
+def _contact_row(free, out):
+    for i in range(free.size):
+        out[i] = np.float32(0) if free[i] else np.float32(1)
+
+
+@njit()
+def free_in_cells(s, free, scale, coarse, skipped, factors, row):
+    """coarse = sum of a scale times s on the free cells in each coarse cell, over ``fy fx``.
+
+    Parameters
+    ----------
+    s : ndarray of float64 or float32, shape (rows, nx)
+    free : ndarray of bool, shape (rows, nx)
+    coarse : ndarray of float64, shape (coarse rows, nx / fx)
+        Of its first and last row what is here.
+    skipped : int
+        How many rows of its first row lie before these.
+    factors : (int, int)
+        ``(fy, fx)``: rows and columns of a coarse cell.
+    row : ndarray of float32, shape (nx,)
+        Room for one.
+    """
+    fy, fx = factors
+    coarse[...] = 0
+    for j in range(s.shape[0]):
+        _free_row(s[j], free[j], scale, row)
+        _add_means(row, fx, 1.0 / (fx * fy), coarse[(skipped + j) // fy])
+
+
+@njit()
+def contact_in_cells(free, coarse, skipped, factors, row):
+    """coarse = share of each coarse cell that is not free; see `free_in_cells`."""
+    fy, fx = factors
+    coarse[...] = 0
+    for j in range(free.shape[0]):
+        _contact_row(free[j], row)
+        _add_means(row, fx, 1.0 / (fx * fy), coarse[(skipped + j) // fy])
+
+
+@any_order
+def _left_row(s, free, scale, above, here, below, wx, wy, wd, out):
+    for i in range(s.size):
+        left = np.float32(s[i] * scale) - here[i + 1] - around(above, here, below, i, wx, wy, wd)
+        out[i] = left if free[i] else np.float32(0)
+
+
+@njit()
+def left_in_cells(s, free, weights, x, x_before, x_after, coarse, skipped, factors, room, row):
+    """As `free_in_cells`, of what sweeps have left: (s - B3 x) / B3_00. `room`: float32, for three rows, wrapped."""
+    (scale, wx, wy, wd), (fy, fx) = weights, factors
+    coarse[...] = 0
+    if not len(x):
+        return
+    for j in range(-1, len(x) + 1):
+        copy_at(len(x_before) + j, x, x_before, x_after, room[j % 3, 1:-1])
+        wrap(room[j % 3], row.size, 1)
+        if j > 0:
+            _left_row(
+                s[j - 1], free[j - 1], scale, room[(j - 2) % 3], room[(j - 1) % 3], room[j % 3], wx, wy, wd, row
+            )  # fmt: skip
+            _add_means(row, fx, 1.0 / (fx * fy), coarse[(skipped + j - 1) // fy])
+
+
+@njit()
+def _between(wide, place, row):
+    for i in range(row.size):
+        centre = place[0] * i + place[1]
+        before = int(np.floor(centre))
+        share = np.float32(centre - before)
+        row[i] = (np.float32(1) - share) * wide[before + 1] + share * wide[before + 2]
+
+
+@njit()
+def _interpolate_at(t, coarse, places, wide, row):
+    """A row of the bilinear interpolation of coarse rows."""
+    in_y, in_x = places
+    centre = in_y[0] * t + in_y[1]
+    before = int(np.floor(centre))
+    mix_rows(coarse[before], 1 - (centre - before), coarse[before + 1], wide[1:-1])
+    wrap(wide, wide.size - 2, 1)
+    if in_x[0] == 0.25:
+        _fours(wide, row)
+    elif in_x[0] == 0.5:
+        _twos(wide, row)
+    else:
+        _between(wide, in_x, row)
+
+
+@njit()
+def sweep(
+    s, s_before, s_after, free, f_before, f_after, weights, shares, x, x_before, x_after, waves, places, wave_rows, z,
+    room,
+):  # fmt: skip
+    """Sweeps ``x += share (s - B3 x) / B3_00`` on the free cells; the first one as from zero, with long waves added.
+
+    Parameters
+    ----------
+    s : ndarray of float64 or float32, shape (rows, nx)
+    free : ndarray of bool, shape (rows, nx)
+    s_before, s_after, f_before, f_after
+        Rows beside them, one less than there are sweeps, or more.
+    weights : tuple of a float64 and three float32
+        1 / B3_00, whose unit single precision may not hold; over B3_00 the neighbours in x, in y, on the diagonals.
+    shares : ndarray of float32
+        Of the sweeps.
+    x : ndarray of float32, shape (rows, nx)
+        To be added to the first, too; with as many rows beside. May be z. Empty: nothing.
+    waves : ndarray of float64, shape (coarse rows, coarse columns)
+        To be interpolated bilinearly: those between which these rows and those beside lie. Empty: none.
+    places : (float, float), (float, float)
+        As of `Grid.places_in`, rows counted from the first beside, and from the first coarse one here.
+    wave_rows : (ndarray, ndarray) of float32, shapes (coarse columns + 2,), (nx,)
+        Room for them.
+    z : ndarray of float64 or float32, shape (rows, nx)
+        Becomes x.
+    room : tuple
+        Of `make_room`.
+    """
+    rows, nx = s.shape
+    if not rows:
+        return
+    steps, (scale, wx, wy, wd) = len(shares), weights
+    halo, (sources, inside, swept), (wide, more) = len(s_before), room, wave_rows
+    high = rows + 2 * halo
+    for t in range(high + steps):
+        if t < high:
+            k, first = t % (steps + 1), swept[1, t % 3]
+            if waves.size:
+                _interpolate_at(t, waves, places, wide, more)
+            else:
+                more[:] = 0
+            if x.size:
+                copy_at(t, x, x_before, x_after, first[1:-1])
+                add_row(more, np.float32(1), first[1:-1])
+            _first_at(
+                t, s, s_before, s_after, free, f_before, f_after, scale, shares[0], more, sources[k], inside[k],
+                first[1:-1],
+            )  # fmt: skip
+            wrap(first, first.size - 2, 1)
+        for m in range(2, steps + 1):
+            j = t - m + 1
+            if m - 1 <= j < high - m + 1:
+                row = swept[m, j % 3]
+                _sweep_row(
+                    sources[j % (steps + 1)], inside[j % (steps + 1)],
+                    swept[m - 1, (j - 1) % 3], swept[m - 1, j % 3], swept[m - 1, (j + 1) % 3],
+                    wx, wy, wd, shares[m - 1], row,
+                )  # fmt: skip
+                wrap(row, row.size - 2, 1)
+        j = t - steps + 1
+        if halo <= j < halo + rows:
+            copy_row(swept[steps, j % 3][1:-1], z[j - halo])
+
+
+@njit()
+def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, steps, x, room):
+    """Projected Jacobi sweeps ``x = max(f - N x, low)`` on all cells, from x = max(f, low); all of float32.
+
+    f is the right-hand side over B3_00; there must be ``steps - 1`` rows beside the slab, or more.
+    """
+    rows, nx = f.shape
+    if not rows:
+        return
+    halo, (_, wx, wy, wd), (sources, lowest, swept) = len(f_before), weights, room
+    high = rows + 2 * halo
+    for t in range(high + steps):
+        if t < high:
+            source, bound, first = sources[t % (steps + 1)], lowest[t % (steps + 1)], swept[1, t % 3]
+            copy_at(t, f, f_before, f_after, source)
+            copy_at(t, low, low_before, low_after, bound)
+            for i in range(nx):
+                first[i + 1] = max(source[i], bound[i])
+            wrap(first, first.size - 2, 1)
+        for m in range(2, steps + 1):
+            j = t - m + 1
+            if m - 1 <= j < high - m + 1:
+                row = swept[m, j % 3]
+                _projected_row(
+                    sources[j % (steps + 1)], lowest[j % (steps + 1)],
+                    swept[m - 1, (j - 1) % 3], swept[m - 1, j % 3], swept[m - 1, (j + 1) % 3],
+                    wx, wy, wd, row,
+                )  # fmt: skip
+                wrap(row, row.size - 2, 1)
+        j = t - steps + 1
+        if halo <= j < halo + rows:
+            copy_row(swept[steps, j % 3][1:-1], x[j - halo])
+
+
+@any_order
+def _add_row(above, here, below, scale, wx, wy, wd, out):
+    for i in range(out.size):
+        beside = around(above, here, below, i, wx, wy, wd)
+        out[i] += scale * (here[i + 1] + beside)
+
+
+@njit()
+def add_centre(d, before, after, weights, room, out):
+    """out += the centre of B times d; there must be a row beside the slab, or more. `room`: for three rows."""
+    scale, wx, wy, wd = 1.0 / weights[0], weights[1], weights[2], weights[3]
+    if not len(d):
+        return
+    for j in range(-1, len(d) + 1):
+        row = room[j % 3]
+        copy_at(len(before) + j, d, before, after, row[1:-1])
+        wrap(row, row.size - 2, 1)
+        if j > 0:
+            _add_row(room[(j - 2) % 3], room[(j - 1) % 3], row, scale, wx, wy, wd, out[j - 1])
+
+
+def make_room(steps, nx, kind=bool):
+    """What so many sweeps of rows of nx cells work in; `kind`: of what is beside the sources. Not collective."""
+    sources, swept = np.empty((steps + 1, nx), np.float32), np.zeros((steps + 1, 3, nx + 2), np.float32)
+    return sources, np.empty((steps + 1, nx), kind), swept

@@ -1,0 +1,1 @@
+"""Tables of options, and the options of one solver in PETSc's database."""

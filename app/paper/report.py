@@ -1,0 +1,236 @@
+"""Side by side: the paper's numbers and ours, for the terminal and as a page in Markdown."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from app.io.table import markdown, text
+from app.paper.tables import HEADINGS, PAPER
+
+# What counts as a noticeable difference: iterations or cycles, share of the work or error, convergence factor.
+ITERATIONS, SHARE, FACTOR = 2, 0.1, 0.03
+_NAMED = 5  # differences that are named one by one
+_STUDY_HEADINGS = {"cg_iterations": "CG iterations", "contact": "contact share"}  # of the others: their names
+_TRIPLES = "Triples are minimum · median · maximum over the surfaces."
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One number of a table, or pair of numbers, by the paper and by us; None: diverged."""
+
+    row: str
+    column: str
+    paper: object
+    ours: object
+
+    @property
+    def noticeable(self):
+        """Whether the two differ by more than the last digit or the last iteration."""
+        if self.paper is None or self.ours is None:
+            return (self.paper is None) != (self.ours is None)
+        if not isinstance(self.paper, list):
+            return abs(self.ours / self.paper - 1) > SHARE
+        (p, q), (r, s) = self.paper, self.ours
+        return abs(p - r) >= ITERATIONS or (abs(q - s) > FACTOR if q < 1 else abs(s / q - 1) > SHARE)
+
+    def difference(self):
+        """Ours minus the paper's in words of a table cell."""
+        if self.paper is None or self.ours is None:
+            return "" if self.paper is self.ours else "one diverged"
+        if not isinstance(self.paper, list):
+            return f"{self.ours / self.paper - 1:+.0%}"
+        (p, q), (r, s) = self.paper, self.ours
+        return f"{r - p:+d} ({s - q:+.2f})" if q < 1 else f"{r - p:+d} ({s / q - 1:+.0%})"
+
+
+def show(value):
+    """Write an entry as the paper does."""
+    if value is None:
+        return "diverged"
+    if not isinstance(value, list):
+        return f"{value:.2f}"
+    first, second = value
+    return f"{first} ({second:.2f})" if 0 < second < 1 else f"{first} ({second:.0f})"
+
+
+def entries(name, ours):
+    """Pair the paper's table with ours, on the sizes that we have: list of Entry."""
+    paired = []
+    for size, row in ours.items():
+        grid = f"{size} × {size}"
+        for column, value in row.items():
+            theirs = PAPER[name][size][column]
+            if column == "errors":
+                # Iterations beyond the paper's last change nothing in the digits shown.
+                for i, (p, q) in enumerate(zip(theirs, value or [None] * len(theirs), strict=False)):
+                    paired.append(Entry(grid, f"before iteration {i + 1}", p, q))
+            else:
+                paired.append(Entry(grid, _column(name, column), theirs, value))
+    return paired
+
+
+def _column(name, column):
+    if name == "table1":
+        return f"ω = {column}"
+    if name == "table8":
+        return f"{column} iterations"
+    return {**HEADINGS, "discrete": "discretisation"}[column]
+
+
+def verdict(found):
+    """One sentence on how far the two are apart."""
+    noticeable = [entry for entry in found if entry.noticeable]
+    same = sum(show(entry.paper) == show(entry.ours) for entry in found)
+    told = f"{len(found)} entries, {same} of them equal in all digits printed"
+    if not noticeable:
+        return f"{told}; no noticeable difference."
+    if len(noticeable) > _NAMED:
+        return f"{told}; {len(noticeable)} noticeably different."
+    names = ", ".join(f"{entry.row} {entry.column}" for entry in noticeable)
+    return f"{told}; noticeably different: {names}."
+
+
+def _long_rows(found):
+    return [
+        {
+            "grid": entry.row,
+            "": entry.column,
+            "paper": show(entry.paper),
+            "ours": show(entry.ours),
+            "difference": entry.difference(),
+        }
+        for entry in found
+    ]
+
+
+def _study_rows(data):
+    return [
+        {
+            _STUDY_HEADINGS.get(name, name.replace("_", " ")): _study_cell(name, value)
+            for name, value in row.items()
+        }
+        for row in data["rows"]
+    ]
+
+
+def _study_cell(name, value):
+    if name == "method":
+        return HEADINGS[value]
+    if isinstance(value, list):
+        spec = ".2%" if name == "contact" else ".3g"
+        return " · ".join(format(number, spec) for number in value)
+    return "not solved" if value is None else str(value)
+
+
+def _check_rows(checks):
+    return [
+        {
+            "item": name,
+            "runs": row["runs"],
+            "not converged": row["not_converged"],
+            "largest penetration": f"{row['largest_penetration']:.1e}",
+            "smallest pressure": f"{row['smallest_pressure']:.1e}",
+            "complementarity": f"{row['complementarity']:.1e}",
+        }
+        for name, row in checks.items()
+    ]
+
+
+# -- sections ----------------------------------------------------------------------------------------------
+
+_HEAD = f"""# A full multigrid method for elastic contact: tables and figures from real runs
+
+The numbers of {PAPER["source"]} beside those of this program, each from a run of its own. In brackets: work units.
+A difference is called noticeable from {ITERATIONS} iterations, or {SHARE:.0%}, on.
+"""
+_CHECKS_NOTE = (
+    "Worst values over all converged runs of an item: gap e < 0 [mm], pressure p < 0 [N/mm²], and "
+    "max |p e| / (max p max |h|). Residuals of 1e-6 of the size of h are what (5.1) asks for."
+)
+
+
+@dataclass(frozen=True)
+class Section:
+    """What the report has to say about an item.
+
+    Parameters
+    ----------
+    name, title : str
+        Of the item.
+    rows : sequence of mapping
+        Table, heading -> text.
+    picture : str
+        Name of its file.
+    note : str
+    """
+
+    name: str
+    title: str
+    rows: Sequence = ()
+    picture: str = ""
+    note: str = ""
+
+    def text(self):
+        """Table for the terminal."""
+        return f"{self.name}  {self.title}\n{text(self.rows)}"
+
+    def markdown(self):
+        """Heading, picture or table, and note in Markdown."""
+        kind, number = re.fullmatch(r"(table|fig|)(.*)", self.name).groups()
+        label = {"table": f"Table {number}: ", "fig": f"Figure {number}: "}.get(kind, "")
+        content = f"![{self.title}]({self.picture})\n" if self.picture else markdown(self.rows)
+        return "\n".join([f"## {label}{self.title}\n", content, *([f"{self.note}\n"] if self.note else [])])
+
+
+def table_section(item, ours):
+    """Section of a table: `ours` as in ``tables.json``."""
+    found = entries(item.name, ours)
+    why = item.why if any(entry.noticeable for entry in found) else ""
+    return Section(item.name, item.title, _long_rows(found), note=_joined(item.note, verdict(found), why))
+
+
+def study_section(item, data):
+    """Section of a study: `data` as in ``report.json``."""
+    triples = any(isinstance(value, list) for row in data["rows"] for value in row.values())
+    note = _joined(item.note, _TRIPLES if triples else "")
+    return Section(item.name, item.title, _study_rows(data), note=note)
+
+
+def page(items, tables, studies, pictures, checks, facts):
+    """Write all that has a result as one page in Markdown.
+
+    Parameters
+    ----------
+    items : sequence of Item
+        In the order of the report.
+    tables, studies : mapping
+        Item name -> data.
+    pictures : mapping
+        Item name -> name of the picture's file.
+    checks : mapping
+        Item name -> worst values of the complementarity conditions.
+    facts : sequence of str
+        How the page was made.
+
+    Returns
+    -------
+    str
+    """
+    sections = []
+    for item in items:
+        if item.name in tables:
+            sections.append(table_section(item, tables[item.name]))
+        elif item.name in studies:
+            sections.append(study_section(item, studies[item.name]))
+        elif item.name in pictures:
+            sections.append(Section(item.name, item.title, picture=pictures[item.name], note=item.note))
+    if checks:
+        title = "Complementarity conditions"
+        sections.append(Section("checks", title, _check_rows(checks), note=_CHECKS_NOTE))
+    return "\n".join([_HEAD, f"{' · '.join(facts)}\n", *(section.markdown() for section in sections)])
+
+
+def _joined(*sentences):
+    return " ".join(filter(None, sentences))

@@ -1,0 +1,125 @@
+"""app.solve that writes down every active set iteration on the target grid, for Tables 1 and 4 and Figures 8 and 11.
+
+``python -m app.paper.trace [options of app.solve] -output TRACE.h5``, on one rank. The file:
+
+======================  ================  =====  ==================================================================
+dataset                 shape             unit   meaning
+======================  ================  =====  ==================================================================
+``pressure``            (k + 1, ny, nx)   N/mm2  p before iteration 1, and after each of the k iterations
+``contact``             (k + 1, ny, nx)   1      C likewise, uint8
+``linear_residuals``    (m + 1)           mm     norms of the defect in the KSP of the last system
+``exact_pressure``      (ny, nx)          N/mm2  analytic solution at the cell centres, if there is one
+``admissible``          (ny, nx)          1      where contact is possible, uint8
+``x``, ``y``            (nx), (ny)        mm     cell centres
+======================  ================  =====  ==================================================================
+"""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+
+from app.cli import session
+from app.contact.history import Listener
+
+
+class Recorder(Listener):
+    """Keeps pressure and contact set of the last grid before and after every iteration, and the last linear solve."""
+
+    def __init__(self):
+        self.pressure, self.contact, self.linear_residuals = [], [], []
+
+    def start(self, state, level):
+        """Forget coarser grids; keep the first contact set."""
+        self.pressure, self.contact = [], []
+        self._keep(state)
+
+    def iteration(self, entry, state):
+        """Keep the state after an iteration."""
+        self._keep(state)
+
+    def monitor(self, ksp, iteration, norm):
+        """Keep the norm of a defect; a monitor of the KSP."""
+        if iteration == 0:
+            self.linear_residuals = []
+        self.linear_residuals.append(norm)
+
+    def _keep(self, state):
+        self.pressure.append(state.p.copy())
+        self.contact.append(state.contact.astype(np.uint8))
+
+
+def main(given):
+    """Solve and write; return the exit status."""
+    # Not before the session has started: PETSc starts when it is imported.
+    from app.api.solver import ContactSolver
+    from app.base.errors import InputError, agree
+    from app.base.mpi import MPI
+    from app.cli.problem_options import PROBLEM_OPTIONS, loading, make_problem, settle
+
+    comm, options = MPI.COMM_WORLD, settle(given)
+    if comm.size > 1 or not options["output"]:
+        raise InputError("a trace needs one rank and -output")
+    kind, value = loading(given, options)
+    problem, own = agree(comm, make_problem, options, given.texts, comm)
+    of_problem = own.asked | {option.name for option in PROBLEM_OPTIONS}
+    method = {name: text for name, text in given.texts.items() if name not in of_problem}
+    recorder = Recorder()
+    with ContactSolver(problem, options=method, comm=comm, prefix="", listeners=[recorder]) as solver:
+        if solver.ksp is not None:
+            # PETSc's own history stays empty if the PC iterates, as PCMG does.
+            solver.ksp.setMonitor(recorder.monitor)
+        solution = solver.solve(**{kind: value})
+    write(options["output"], recorder, solution, problem.reference(solution.approach))
+    return 0 if solution.converged else 3
+
+
+def write(path, recorder, solution, exact):
+    """Write the file; `exact`: analytic solution, or None. Not collective."""
+    from app.io.files import whole_hdf5
+
+    with whole_hdf5(path) as file:
+        file["pressure"] = np.stack(recorder.pressure)
+        file["contact"] = np.stack(recorder.contact)
+        file["linear_residuals"] = np.array(recorder.linear_residuals)
+        file["admissible"] = (~np.isnan(solution.undeformed_distance)).astype(np.uint8)
+        file["x"], file["y"] = solution.x, solution.y
+        if exact is not None:
+            file["exact_pressure"] = exact.pressure(solution.x, solution.y[:, None])
+
+
+def collect_cycles(path):
+    """Norms of the defect in the last linear system [mm]: ``{"linear_residuals": [...]}``."""
+    with h5py.File(path) as file:
+        return {"linear_residuals": file["linear_residuals"][()].tolist()}
+
+
+def collect_errors(path):
+    """Root mean square of p minus the analytic pressure over the cells of the last contact set, Table 4.
+
+    Returns
+    -------
+    dict
+        `errors` before iteration 1 and after each [N/mm2].
+    """
+    with h5py.File(path) as file:
+        p, contact, exact = (file[name][()] for name in ("pressure", "contact", "exact_pressure"))
+    inside = contact[-1] == 1
+    errors = np.sqrt(np.mean((p - exact)[:, inside] ** 2, axis=1))
+    return {"errors": errors.tolist()}
+
+
+def collect_contact(path):
+    """First and last contact set, and where contact is possible, as rows of 0 and 1; cell centres."""
+    with h5py.File(path) as file:
+        fields = {
+            "first": file["contact"][0],
+            "last": file["contact"][-1],
+            "admissible": file["admissible"][()],
+        }
+        axes = {"x": file["x"][()], "y": file["y"][()]}
+    return {name: values.tolist() for name, values in (fields | axes).items()}
+
+
+if __name__ == "__main__":
+    session.run(main)

@@ -1,0 +1,1 @@
+"""How ranks share rows of a grid and talk to each other."""

@@ -1,0 +1,232 @@
+"""A contact problem: a base shape, and rough surfaces on it, each as a shape, an array or a function."""
+
+from __future__ import annotations
+
+from dataclasses import InitVar, dataclass, replace
+from itertools import chain, count
+
+import numpy as np
+
+from app.base.errors import InputError
+from app.base.units import in_words
+from app.halfspace.grid import Grid
+from app.halfspace.influence import Material
+from app.problems.arrays import real_numbers, refuse_large
+from app.problems.problem import Problem
+from app.problems.shapes import Plane
+
+
+def is_measured(surface):
+    """Return whether a surface was measured, and so has its own cells and units. Not collective."""
+    return getattr(surface, "measured", False)
+
+
+class _Values:
+    """An array of all cells, or a function of x and y, as a shape or a surface.
+
+    Parameters
+    ----------
+    what : str
+        "gap" or "surface", for messages.
+    given : array_like or callable
+    """
+
+    name = "given"
+
+    def __init__(self, what, given):
+        self._what, self.sampled = what, not callable(given)
+        if self.sampled:
+            given = real_numbers(what, given)
+        self.given = given
+
+    def check_grid(self, grid):
+        """Refuse an array of another shape, or one of no use."""
+        if not self.sampled:
+            return
+        if self.given.shape != grid.shape:
+            raise InputError(
+                f"{self._what}: has shape {self.given.shape}; the grid needs (ny, nx) = {grid.shape}"
+            )
+        refuse_large(self._what, self.given)
+
+    def shape_on(self, grid, rows=slice(None)):
+        """See `Problem.shape_on`."""
+        if self.sampled:
+            return np.array(self.given[rows], order="C")
+        x, y = grid.x()[None, :], grid.y(rows)[:, None]
+        shape, values = (y.shape[0], grid.nx), real_numbers(self._what, self._called(x, y))
+        try:
+            values = np.array(np.broadcast_to(values, shape), order="C")
+        except ValueError:
+            raise InputError(
+                f"{self._what}: a function that gives an array of shape {values.shape}; needed: {shape} here"
+            ) from None
+        refuse_large(self._what, values, rows.start or 0)
+        return values
+
+    heights_on = shape_on
+
+    def _called(self, x, y):
+        try:
+            return self.given(x, y)
+        except (TypeError, ValueError) as error:
+            if type(error) not in (TypeError, ValueError) or "array" not in str(error):
+                raise
+            advice = f"a {self._what} is asked with arrays x, y; np.vectorize(f) makes one of a function f of numbers"
+            raise type(error)(f"{error}; {advice}").with_traceback(error.__traceback__) from None
+
+    def describe(self):
+        """See `Problem.describe`."""
+        return {}
+
+
+@dataclass(frozen=True, eq=False)
+class ContactProblem(Problem):
+    """Two bodies on a patch of cells: grid, material, undeformed distance.
+
+    Parameters
+    ----------
+    grid : Grid
+    material : Material
+    gap : array_like, shape (ny, nx), or callable, or shape, [mm]
+        Undeformed distance at zero approach in the cell centres; NaN, or masked, where contact is impossible. An
+        array is all of it on every rank, first row at the smallest y. A function ``gap(x, y)`` is called with arrays
+        that broadcast to the cells wanted; it is asked again on every coarser grid, where an array is averaged, and
+        whose last cells may lie beyond the patch. A shape is one of `app.problems.shapes`, or another problem. None: a
+        plane.
+    periodic : bool or str, optional
+        Whether the patch repeats for ever in x and y; True is "spectral", see `app.halfspace.periodic_symbol`.
+        Default: as the grid says. The attribute is the symbol of the grid, empty on a free patch.
+    surfaces : sequence of array_like, callable or surface
+        Heights of the bodies' roughness, of either of them, peaks towards the other body [mm]: arrays and functions as
+        for `gap`, surfaces of `app.problems.random_surfaces`, or measured ones (`app.read_surface`). They
+        reduce the gap.
+
+    Raises
+    ------
+    InputError
+        If an array has another shape or is not made of real numbers, or grid or material are something else.
+
+    Examples
+    --------
+    >>> from app import ContactProblem, Grid, Material, Sphere
+    >>> grid = Grid.from_domain(64, 64, (-1, 1, -1, 1))
+    >>> sphere = ContactProblem(grid, Material.combined(80000, 0.3), lambda x, y: (x**2 + y**2) / (2 * 20))
+    >>> sphere.shape_on(grid).shape
+    (64, 64)
+    >>> wavy = ContactProblem(grid, sphere.material, Sphere(20), surfaces=[lambda x, y: 1e-3 * np.cos(30 * x)])
+    >>> float(np.abs(sphere.shape_on(grid) - wavy.shape_on(grid)).max()) < 1e-3
+    True
+    """
+
+    gap: object = None
+    periodic: InitVar[bool | str | None] = None
+    surfaces: tuple = ()
+
+    name = "given"
+
+    def __post_init__(self, periodic):
+        for part, kind in (("grid", Grid), ("material", Material)):
+            if not isinstance(getattr(self, part), kind):
+                raise InputError(f"{part}: {getattr(self, part)!r}; needed: a {kind.__name__}")
+        if np.ndim(periodic):
+            raise InputError(
+                f"periodic: is {type(periodic).__name__}; allowed: True, False, 'spectral', 'love'; "
+                "surfaces are given by name, surfaces=[...]"
+            )
+        if periodic is not None and not (periodic is True and self.grid.periodic):
+            object.__setattr__(self, "grid", replace(self.grid, periodic=periodic))
+        if isinstance(self.surfaces, np.ndarray) and self.surfaces.ndim == 2:
+            raise InputError(
+                f"surfaces: is an array of shape {self.surfaces.shape}; needed: a sequence, [array]"
+            )
+        try:
+            object.__setattr__(self, "surfaces", () if self.surfaces is None else tuple(self.surfaces))
+        except TypeError:
+            kind = type(self.surfaces).__name__
+            raise InputError(f"surfaces: is {kind}; needed: a sequence of surfaces, [...]") from None
+        for what, part in (("gap", self.gap), *(("surface", part) for part in self.surfaces)):
+            if isinstance(part, type):
+                raise InputError(
+                    f"{what}: is the class {part.__name__}; needed: one of it, {part.__name__}(...)"
+                )
+        if self.gap is None and not len(self.surfaces):
+            raise InputError("gap: needed: an array of numbers, a function of x and y, or a shape")
+        gap = Plane() if self.gap is None else self.gap
+        if hasattr(gap, "heights_on") and not hasattr(gap, "shape_on"):
+            raise InputError(f"gap: is a surface, {type(gap).__name__}; put it in surfaces=[...]")
+        shape = gap if hasattr(gap, "shape_on") else _Values("gap", gap)
+        surfaces = tuple(s if hasattr(s, "heights_on") else _Values("surface", s) for s in self.surfaces)
+        for part in (shape, *surfaces):
+            if hasattr(part, "check_grid"):
+                part.check_grid(self.grid)
+        object.__setattr__(self, "shape", shape)
+        object.__setattr__(self, "surfaces", surfaces)
+        object.__setattr__(self, "name", shape.name)
+
+    def __repr__(self):
+        grid, n = self.grid, len(self.surfaces)
+        periodic = ", periodic" if grid.periodic else ""
+        return (
+            f"<ContactProblem: {self.name}, {grid.nx} x {grid.ny} cells of {in_words(grid.dx, grid.dy)}{periodic}, "
+            f"E* {self.material.contact_modulus:g} N/mm2, {n} surface{'s'[: n != 1]}>"
+        )
+
+    @property
+    def sampled(self):
+        """Whether coarse grids are to average the gap, as where it is known in the cells of the grid only."""
+        return any(part.sampled for part in (self.shape, *self.surfaces))
+
+    @property
+    def refinable(self):
+        """See `Problem.refinable`."""
+        return all(getattr(part, "refinable", not part.sampled) for part in (self.shape, *self.surfaces))
+
+    @property
+    def notes(self):
+        """See `Problem.notes`."""
+        return tuple(note for part in (self.shape, *self.surfaces) for note in getattr(part, "notes", ()))
+
+    def shape_on(self, grid, rows=slice(None)):
+        """See `Problem.shape_on`."""
+        distance = self.shape.shape_on(grid, rows)
+        if self.surfaces:
+            distance = np.array(distance, dtype=float)  # of its own
+            for surface in self.surfaces:
+                distance -= surface.heights_on(grid, rows)
+        return distance
+
+    def analytic(self, **loading):
+        """Analytic solution of a smooth problem on a free patch, ``approach=`` [mm] or ``load=`` [N]; None: none.
+
+        Not collective.
+        """
+        known = hasattr(self.shape, "analytic") and not isinstance(self.shape, Problem)
+        if self.grid.periodic or self.surfaces or not known:
+            return None
+        return self.shape.analytic(self.material.contact_modulus, **loading)
+
+    def reference(self, approach):
+        """See `Problem.reference`."""
+        return self.analytic(approach=approach)
+
+    def describe(self):
+        """See `Problem.describe`."""
+        own = self.shape.describe()
+        if isinstance(self.shape, Problem):  # whose material and patch are not these
+            own = {name: value for name, value in own.items() if name not in Problem.describe(self.shape)}
+        facts = {**super().describe(), **own}
+        for surface in self.surfaces:
+            said = {"surface_read": surface.understood(self.grid)} if is_measured(surface) else {}
+            for name, value in {**surface.describe(), **said}.items():
+                # Further surfaces of a kind have names of their own.
+                names = chain([name], (f"{name}{k}" for k in count(2)))
+                facts[next(free for free in names if free not in facts)] = value
+        if self.surfaces:
+            inner = facts.get("surfaces", 0) if isinstance(self.shape, ContactProblem) else 0
+            facts["surfaces"] = inner + len(self.surfaces)
+        facts["problem"] = self.name
+        return facts
+
+
+del ContactProblem.periodic  # the default of the argument, which would hide the property

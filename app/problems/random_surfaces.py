@@ -1,0 +1,449 @@
+"""Rough surfaces as functions of position: a sum of waves fixed by a seed, evaluated on any grid.
+
+Every slab of rows samples the same function, so that the number of ranks does not matter. Of `WavySurface` every grid
+does, too: a coarse one sees the true height in its cell centres (Sec. 5.2). Of `SelfAffineSurface` it sees means.
+
+=====================  ================================  ====  ==============
+paper                  here                              unit  where
+=====================  ================================  ====  ==============
+z(x, y)                ``height(x, y)``                  mm    (6.1)
+M, N                   ``modes``                         1     (6.1)
+a_mn, phi_mn, th_mn    ``WavySurface.coefficients``      mm    (6.1)
+gamma                  ``decay``                         1     appendix
+sigma                  ``sigma``                         mm    (6.2)
+l_x, l_y               ``extent``                        mm    (6.1)
+=====================  ================================  ====  ==============
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from numbers import Integral
+
+import numpy as np
+import scipy.fft
+
+from app.base.errors import InputError, exactly
+from app.base.memory import check_fits
+from app.problems.arrays import lattice
+from app.reference.base import require_numbers
+
+_BLOCK = 32768  # values that stay in cache while the terms of a sum are added
+_STRIP = 64  # columns or rows of a Fourier sum at a time
+_BYTES_PER_MODE = 88.0  # of what `WavySurface.height` takes beside the heights
+
+
+def _check_seed(seed):
+    if not (isinstance(seed, Integral) and seed >= 0):
+        raise InputError(f"surface seed {seed!r}: must be an integer, 0 or more")
+
+
+def _check_pair(name, pair, needed, above=-np.inf):
+    if not (np.shape(pair) == (2,) and np.isfinite(pair).all() and min(pair) > above):
+        raise InputError(f"surface {name} {pair}: need two {needed}")
+
+
+def _product(left, right):
+    """Matrix product of which every element has the same bits whatever rows and columns come with it.
+
+    BLAS promises no such thing: its rounding depends on the shape. Here each term is one rounded product, and
+    the terms are added in order.
+    """
+    product = np.zeros((left.shape[0], right.shape[1]))
+    step = max(1, _BLOCK // max(1, right.shape[1]))
+    for start in range(0, len(product), step):
+        block = product[start : start + step]
+        for column, row in zip(left[start : start + step].T, right, strict=True):
+            block += column[:, None] * row
+    return product
+
+
+class _Function:
+    """A surface as a function of position: what `app.problems.contact_problem.ContactProblem` asks of it."""
+
+    sampled = False
+
+    def heights_on(self, grid, rows=slice(None)):
+        """Heights in the cell centres of some rows of a grid, (rows, nx) [mm]. Not collective."""
+        return self.height(grid.x(), grid.y(rows))
+
+
+@dataclass(frozen=True)
+class WavySurface(_Function):
+    """Sum of M x N products of cosines with random amplitudes and phases, (6.1), (6.2); see References.
+
+    The random numbers come from ``numpy.random.default_rng(seed)`` in the order a, phi, theta, each (M, N).
+
+    Parameters
+    ----------
+    modes : tuple of int
+        M, N: number of waves in x and y, 1 or more.
+    decay : float
+        gamma, 0 < gamma <= 1: amplitudes are uniform on [0, gamma^(m+n-2)) before scaling.
+    sigma : float
+        Standard deviation of the height over the patch [mm]. Exact: the amplitudes are scaled to it.
+    seed : int
+    extent : tuple of float
+        l_x, l_y: sides of the patch [mm].
+    origin : tuple of float
+        Lower left corner of the patch [mm]; x and y of (6.1) start there.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is outside its range, or there is too little memory for so many waves.
+
+    References
+    ----------
+    J. Zhao, E.A.H. Vollebregt, C.W. Oosterlee, Math. Model. Anal. 19 (2014), appendix; after
+    J.J. Kalker, F.M. Dekking, E.A.H. Vollebregt, J. Appl. Mech. 64 (1997).
+
+    Examples
+    --------
+    >>> surface = WavySurface((12, 10), decay=0.8, sigma=0.1, seed=7, extent=(12.0, 10.0))
+    >>> x = (np.arange(64) + 0.5) * 12 / 64
+    >>> y = (np.arange(64) + 0.5) * 10 / 64
+    >>> round(float(surface.height(x, y).std()), 12)
+    0.1
+    """
+
+    modes: tuple[int, int]
+    decay: float
+    sigma: float
+    seed: int
+    extent: tuple[float, float]
+    origin: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self):
+        if not (len(self.modes) == 2 and all(isinstance(k, Integral) and k >= 1 for k in self.modes)):
+            raise InputError(f"surface modes {tuple(self.modes)}: need two integers M, N, each 1 or more")
+        if not 0 < self.decay <= 1:
+            raise InputError(f"surface decay {exactly(self.decay)}: must be above 0 and at most 1")
+        if not (np.isfinite(self.sigma) and self.sigma >= 0):
+            raise InputError(f"surface sigma {exactly(self.sigma)}: must be 0 or more, and finite")
+        _check_seed(self.seed)
+        _check_pair("extent", self.extent, "positive, finite lengths", above=0)
+        _check_pair("origin", self.origin, "finite coordinates")
+        m, n = self.modes
+        check_fits(_BYTES_PER_MODE * m * n, f"a surface of {m} x {n} modes")
+
+    @cached_property
+    def coefficients(self):
+        """Amplitudes a [mm], scaled to sigma by (6.2), and phases phi, theta, each of shape (M, N)."""
+        rng = np.random.default_rng(self.seed)
+        m, n = (np.arange(k) for k in self.modes)  # exponents m - 1 and n - 1 of the paper
+        a = rng.random(self.modes) * self.decay ** (m[:, None] + n)
+        phi = 2 * np.pi * rng.random(self.modes)
+        theta = 2 * np.pi * rng.random(self.modes)
+        return a * (self.sigma / np.sqrt(np.sum(a**2) / 4)), phi, theta
+
+    @cached_property
+    def _wave_numbers(self):
+        """2 pi m / l_x, shape (M,), and 2 pi n / l_y, shape (N,) [1/mm]."""
+        return tuple(
+            2 * np.pi * np.arange(1, k + 1) / l for k, l in zip(self.modes, self.extent, strict=True)
+        )
+
+    def describe(self):
+        """Numbers for the result file, by the names of the options. Not collective."""
+        facts = {name: getattr(self, name) for name in ("seed", "sigma", "decay")}
+        return {f"surface_{name}": value for name, value in {**facts, "modes": list(self.modes)}.items()}
+
+    @property
+    def rms_height(self):
+        """Standard deviation of the height over the patch [mm], (6.2)."""
+        return float(np.sqrt(np.sum(self.coefficients[0] ** 2) / 4))
+
+    @property
+    def rms_slope(self):
+        """Root mean square of the gradient's length over the patch."""
+        qx, qy = self._wave_numbers
+        a = self.coefficients[0]
+        return float(np.sqrt(np.sum(a**2 * (qx[:, None] ** 2 + qy**2)) / 4))
+
+    def height(self, x, y):
+        """Height in the points of a rectangular lattice, (6.1).
+
+        Not collective. A value depends on its own x and y only, to the bit. Costs O(M + N) per point: with
+        cos(a + b) = cos a cos b - sin a sin b the double sum over the modes becomes two matrix products.
+
+        Parameters
+        ----------
+        x, y : ndarray, shapes (nx,) and (ny,), [mm]
+
+        Returns
+        -------
+        ndarray, shape (ny, nx), [mm]
+        """
+        a, phi, theta = self.coefficients
+        qx, qy = self._wave_numbers
+        x, y = lattice(x, y, self.origin)
+        along_x, along_y = np.outer(qx, x), np.outer(y, qy)
+        mixing = np.block(
+            [
+                [a * np.cos(phi) * np.cos(theta), -a * np.cos(phi) * np.sin(theta)],
+                [-a * np.sin(phi) * np.cos(theta), a * np.sin(phi) * np.sin(theta)],
+            ]
+        ).T
+        waves_x = np.vstack([np.cos(along_x), np.sin(along_x)])
+        waves_y = np.hstack([np.cos(along_y), np.sin(along_y)])
+        return _product(waves_y, _product(mixing, waves_x))
+
+
+def _samples_per_period(coordinates, period):
+    """Number of samples in a period if the coordinates are that equally spaced, else None.
+
+    The tolerance is the round-off of the coordinates themselves: no wave can tell the difference.
+    """
+    if len(coordinates) < 2 or coordinates[-1] <= coordinates[0]:
+        return None
+    n = round(period * (len(coordinates) - 1) / (coordinates[-1] - coordinates[0]))
+    if n < len(coordinates):
+        return None
+    lattice = coordinates[0] + np.arange(len(coordinates)) * (period / n)
+    tolerance = 8 * np.finfo(float).eps * max(period, np.abs(coordinates).max())
+    return n if np.abs(coordinates - lattice).max() <= tolerance else None
+
+
+def _synthesise(coefficients, first, coordinates, period):
+    """``sum_k c[k] exp(2 pi i (first + k) x / period)`` along axis 0, in every x of `coordinates`.
+
+    By FFT where the coordinates divide the period into equal parts, by a matrix product otherwise.
+    """
+    k = first + np.arange(len(coefficients))
+    n = _samples_per_period(coordinates, period)
+    if n is None:
+        return np.exp(2j * np.pi / period * np.outer(coordinates, k)) @ coefficients
+    shifted = coefficients * np.exp(2j * np.pi / period * coordinates[0] * k)[:, None]
+    folded = np.zeros((n, shifted.shape[1]), complex)
+    for start in range(0, len(k), n):  # waves that differ by n look the same in n points: aliasing
+        alias = shifted[start : start + n]
+        folded[: len(alias)] += alias
+    folded = np.roll(folded, first, axis=0)
+    return scipy.fft.ifft(folded, axis=0, norm="forward", overwrite_x=True)[: len(coordinates)]
+
+
+class SelfAffineSurface(_Function):
+    """Isotropic self-affine surface: a finite Fourier sum with random phases.
+
+    ``z = sum_k a_k cos(q_k . (x, y) + phi_k)``, q_k = 2 pi (k_x / l_x, k_y / l_y), one wave of each pair
+    +-q_k, phases uniform on [0, 2 pi), amplitudes a_k^2 proportional to the power spectrum (see References)
+
+    - q^(-2-2H) from the roll-off wavelength to the shortest one,
+    - constant from the longest wavelength to the roll-off wavelength, and zero elsewhere.
+
+    As a sum of many independent waves the height is Gaussian. The sum is periodic; use it on a patch
+    inside one period, on which nothing repeats. Phases are drawn from small to large wave numbers: a shorter
+    `shortest_wavelength` adds waves and leaves the others as they are, up to the common factor that meets the
+    rms value.
+
+    Parameters
+    ----------
+    hurst : float
+        Hurst exponent H, 0 < H <= 1.
+    rolloff_wavelength, shortest_wavelength : float
+        [mm]
+    period : tuple of float
+        l_x, l_y [mm].
+    seed : int
+        0 or more.
+    rms_height : float, optional
+        Root mean square of the height over the period [mm]; exactly one of this and the next.
+    rms_slope : float, optional
+        Root mean square of the gradient's length over the period.
+    longest_wavelength : float, optional
+        [mm]; default: whatever fits the period.
+    origin : tuple of float
+        Lower left corner of the patch [mm].
+
+    Raises
+    ------
+    ValueError
+        If a parameter is outside its range, no wave of the period lies between the wavelengths, or too many do.
+
+    Attributes
+    ----------
+    rms_height, rms_slope : float
+        Of this surface over the period, whichever was given [mm], [1].
+    wave_numbers : tuple of ndarray
+        k_x, shape (K_x + 1,), and k_y, shape (2 K_y + 1,).
+    amplitudes : ndarray, shape (2 K_y + 1, K_x + 1), [mm]
+
+    References
+    ----------
+    T.D.B. Jacobs, T. Junge, L. Pastewka, Quantitative characterization of surface topography using
+    spectral analysis, Surf. Topogr.: Metrol. Prop. 5 (2017) 013001.
+    """
+
+    sampled = True  # what a coarse grid cannot carry is averaged, not seen as some other wave
+    refinable = True
+
+    def __init__(
+        self,
+        hurst,
+        rolloff_wavelength,
+        shortest_wavelength,
+        period,
+        seed,
+        *,
+        rms_height=None,
+        rms_slope=None,
+        longest_wavelength=None,
+        origin=(0.0, 0.0),
+    ):
+        lengths = {"rolloff_wavelength": rolloff_wavelength, "shortest_wavelength": shortest_wavelength}
+        require_numbers(**{"Hurst exponent": hurst}, **lengths)
+        if not 0 < hurst <= 1:
+            raise InputError(f"Hurst exponent {exactly(hurst)}: must be above 0 and at most 1")
+        longest = np.inf if longest_wavelength is None else longest_wavelength
+        if not (0 < shortest_wavelength <= rolloff_wavelength <= longest and np.isfinite(rolloff_wavelength)):
+            raise InputError(
+                f"surface wavelengths: shortest {exactly(shortest_wavelength)}, roll-off {exactly(rolloff_wavelength)},"
+                f" longest {exactly(longest)}: must be positive and in this order"
+            )
+        _check_pair("period", period, "positive, finite lengths", above=0)
+        _check_pair("origin", origin, "finite coordinates")
+        _check_seed(seed)
+        if (rms_height is None) == (rms_slope is None):
+            raise InputError("self-affine surface: give either its rms height or its rms slope")
+        target = rms_slope if rms_height is None else rms_height
+        require_numbers(**{"surface rms value": target})
+        if not (np.isfinite(target) and target >= 0):
+            raise InputError(f"surface rms value {exactly(target)}: must be 0 or more, and finite")
+        self.period, self.origin, self.seed = tuple(period), tuple(origin), seed
+
+        # A half-plane of integer wave vectors: k_x = 0 .. K_x and k_y = -K_y .. K_y.
+        largest_x, largest_y = (int(l / shortest_wavelength * (1 + 1e-12)) for l in period)
+        waves = f"surface wavelengths: {' x '.join(map(exactly, period))} mm down to {exactly(shortest_wavelength)} mm"
+        check_fits(16.0 * (largest_x + 1) * (largest_y + 1), waves)
+        self.wave_numbers = np.arange(largest_x + 1), np.arange(-largest_y, largest_y + 1)
+        self.hurst, self.rolloff_wavelength = hurst, rolloff_wavelength
+        self.shortest_wavelength, self.longest_wavelength = shortest_wavelength, longest_wavelength
+        sums = sum(np.array([power.sum(), np.sum(power * q**2)]) for _, power, q in self._strips())
+        if not sums[0]:
+            raise InputError(f"{waves}, at most {exactly(longest)} mm long: no wave has this period")
+        # Parseval's theorem: a cosine has mean square 1/2.
+        height, slope = np.sqrt(sums / 2)
+        self._factor = factor = target / (slope if rms_height is None else height)
+        self.rms_height, self.rms_slope = float(factor * height), float(factor * slope)
+
+    def __repr__(self):
+        return f"<SelfAffineSurface: Hurst exponent {self.hurst:g}, rms slope {self.rms_slope:.4g}, seed {self.seed}>"
+
+    def check_grid(self, grid):
+        """Refuse a grid that cannot carry the shortest wave, see `check_cut_off`, or is longer than the period."""
+        check_cut_off(grid, self.shortest_wavelength)
+        self._check_span(grid.x(), grid.y())
+
+    def describe(self):
+        """Numbers for the result file, by the names of the options. Not collective."""
+        return {
+            "surface_hurst": self.hurst,
+            "surface_rolloff": self.rolloff_wavelength,
+            "surface_cutoff": self.shortest_wavelength,
+            "surface_rms_slope": self.rms_slope,
+            "surface_rms_height": self.rms_height,
+            "surface_seed": self.seed,
+        }
+
+    def _check_span(self, *points):
+        for name, at, period in zip("xy", points, self.period, strict=True):
+            if len(at) and np.ptp(at) >= period * (1 - 1e-12):
+                span, most = exactly(np.ptp(at)), exactly(period)
+                raise InputError(f"surface: points span {span} in {name}, not less than its period {most}")
+
+    def _strips(self):
+        """Columns k_x, their power spectrum but for a factor, and q [1/mm], both of shape (2 K_y + 1, columns)."""
+        kx, ky = self.wave_numbers
+        for start in range(0, len(kx), _STRIP):
+            columns = slice(start, start + _STRIP)
+            q = 2 * np.pi * np.hypot(kx[columns] / self.period[0], ky[:, None] / self.period[1])
+            power = np.maximum(q * self.rolloff_wavelength / (2 * np.pi), 1) ** (-2 - 2 * self.hurst)
+            power[q * self.shortest_wavelength > 2 * np.pi * (1 + 1e-12)] = 0
+            if self.longest_wavelength is not None:
+                power[q * self.longest_wavelength < 2 * np.pi * (1 - 1e-12)] = 0
+            if not start:
+                power[: ky[-1] + 1, 0] = 0  # q = 0, and -q of the waves kept on the line k_x = 0
+            yield columns, power, q
+
+    @property
+    def amplitudes(self):
+        """a_k [mm], shape (2 K_y + 1, K_x + 1); made when asked for."""
+        return self._factor * np.sqrt(np.hstack([power for _, power, _ in self._strips()]))
+
+    @property
+    def coefficients(self):
+        """``a_k exp(i phi_k)`` [mm], shape (2 K_y + 1, K_x + 1); rows k_y, columns k_x; made when asked for."""
+        return self.amplitudes * np.exp(2j * np.pi * self._draws())
+
+    def _draws(self):
+        """Phases over 2 pi, shape (2 K_y + 1, K_x + 1)."""
+        rng = np.random.default_rng(self.seed)
+        largest_x, largest_y = (k[-1] for k in self.wave_numbers)
+        # Square rings max(|k_x|, |k_y|) = s of 4 s vectors, each drawn in full: a wave gets the same phase
+        # whatever the cut-off.
+        draws = np.zeros((2 * largest_y + 1, largest_x + 1))
+        for s in range(1, max(largest_x, largest_y) + 1):
+            right, top, bottom = np.split(rng.random(4 * s), [2 * s + 1, 3 * s + 1])
+            if s <= largest_x:
+                rows = min(s, largest_y)
+                draws[largest_y - rows : largest_y + rows + 1, s] = right[s - rows : s + rows + 1]
+            if s <= largest_y:
+                columns = min(s, largest_x + 1)
+                draws[largest_y + s, :columns] = top[:columns]
+                draws[largest_y - s, 1:columns] = bottom[: columns - 1]
+        return draws
+
+    def height(self, x, y):
+        """Height in the points of a rectangular lattice.
+
+        Not collective. Coordinates that divide the period into equal parts (cell centres of grids with whole
+        cells per period) cost an FFT, others a matrix product; the values agree to round-off.
+        Waves too short for the lattice are sampled as they are, not left out. Beside the heights it takes 16 bytes for
+        each row and k_x, and 8 for each wave.
+
+        Parameters
+        ----------
+        x, y : ndarray, shapes (nx,) and (ny,), [mm]
+            Within less than a period.
+
+        Returns
+        -------
+        ndarray, shape (ny, nx), [mm]
+
+        Raises
+        ------
+        InputError
+            If they are none of a lattice, or span a period or more: the surface would repeat itself.
+        """
+        x, y = lattice(x, y, self.origin)
+        self._check_span(x, y)
+        kx, ky = self.wave_numbers
+        along_y, draws = np.empty((len(y), len(kx)), complex), self._draws()
+        for columns, power, _ in self._strips():
+            waves = self._factor * np.sqrt(power) * np.exp(2j * np.pi * draws[:, columns])
+            along_y[:, columns] = _synthesise(waves, ky[0], y, self.period[1])
+        del draws
+        height = np.empty((len(y), len(x)))
+        for start in range(0, len(y), _STRIP):
+            rows = slice(start, start + _STRIP)
+            height[rows] = _synthesise(along_y[rows].T, kx[0], x, self.period[0]).T.real
+        return height
+
+
+def check_cut_off(grid, shortest):
+    """Refuse waves [mm] shorter than two cells of a grid. Not collective.
+
+    Raises
+    ------
+    InputError
+        Names the grid that carries them.
+    """
+    if shortest < 2 * max(grid.dx, grid.dy) * (1 - 1e-12):
+        sides = (grid.nx * grid.dx, grid.ny * grid.dy)
+        nx, ny = (int(np.ceil(2 * side / shortest * (1 - 1e-12))) for side in sides)
+        raise InputError(
+            f"surface cut-off {exactly(shortest)}: cells of {exactly(grid.dx)} x {exactly(grid.dy)} mm cannot carry "
+            f"waves that short; needed: at least {nx},{ny} cells (-grid), two to a wave"
+        )

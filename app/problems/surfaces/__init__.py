@@ -1,0 +1,1 @@
+"""Measured surfaces: reading, levelling, filling, filters."""

@@ -1,0 +1,190 @@
+"""Areal Gaussian filters of measured heights, ISO 16610-61, as the S-filter and the L-filter of ISO 25178.
+
+The weights of a nesting index (cut-off wavelength) c are exp(-pi (r/(alpha c))^2), alpha = sqrt(ln 2/pi): of a wave of
+length c half passes, of one of length l the share 2^-(c/l)^2. On a free patch they weigh the points of a least squares
+plane around each point, Gaussian regression of order one (as in ISO 16610-31 and -71): far from the rim and from
+missing points it goes through the weighted mean; near them planes are kept, as by the retained moments of ISO 16610-28.
+On a periodic patch, which has no rim, the mean of the points that are there is taken (order zero).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.base.errors import InputError, exactly
+from app.base.memory import check_fits
+from app.base.units import in_words
+
+_REACH = 1.25  # nesting indices, beyond which weights are below 3e-10 of the largest
+_RUN = 1 << 18  # numbers that are transformed together
+_ON_A_LINE = 1e-10  # spread of weighted points across a line, in squared widths, that is round-off
+
+
+def check_order(s_filter, l_filter):
+    """Refuse nesting indices that are no lengths, or leave nothing between them. Not collective."""
+    for name, index in (("s", s_filter), ("l", l_filter)):
+        if index is not None and not (np.isscalar(index) and np.isreal(index) and 0 < index < np.inf):
+            raise InputError(
+                f"surface {name}_filter {index!r}: needed: a positive number, its wavelength [mm]"
+            )
+    if s_filter and l_filter and s_filter >= l_filter:
+        raise InputError(
+            f"surface s_filter {exactly(s_filter)} and l_filter {exactly(l_filter)}: leave no waves between them; "
+            "needed: the S-filter's wavelength, that of noise, below the L-filter's, that of waviness [mm]"
+        )
+
+
+def check_cells(file, s_filter, l_filter, shape, cell):
+    """Refuse nesting indices that cells do not resolve, or that are longer than the patch.
+
+    Not collective. Of a side that is one cell wide nothing is asked: nothing is filtered across it.
+
+    Parameters
+    ----------
+    file : str
+        For the message.
+    s_filter, l_filter : float or None
+        [mm].
+    shape : tuple of int
+        ny, nx.
+    cell : tuple of float or None
+        dx, dy [mm]; None: nobody has said.
+
+    Raises
+    ------
+    InputError
+    """
+    if s_filter is l_filter is None:
+        return
+    if cell is None:
+        raise InputError(
+            f"spacing= of read_surface is missing: surface file {file} does not say its spacing, which filters need; "
+            "or filter by Surface.filtered, on a grid"
+        )
+    sides = [(n, width) for n, width in zip(shape[::-1], cell, strict=True) if n > 1]
+    if not sides:
+        raise InputError(f"surface file {file}: is one cell: nothing to filter")
+    least, most = 2 * max(width for _, width in sides), min(n * width for n, width in sides)
+    for name, index in (("s", s_filter), ("l", l_filter)):
+        if index is not None and not least * (1 - 1e-9) <= index <= most * (1 + 1e-9):
+            raise InputError(
+                f"surface {name}_filter {exactly(index)} mm: not allowed for surface file {file}; allowed: "
+                f"{exactly(least)} to {exactly(most)} mm, from two of its cells ({in_words(*cell)}) to its shorter side"
+            )
+
+
+def band_pass(heights, s_filter, l_filter, cell, periodic=False):
+    """Heights without waves shorter than the S-filter's and longer than the L-filter's, half of which remain.
+
+    Not collective.
+
+    Parameters
+    ----------
+    heights : ndarray, shape (ny, nx)
+        Overwritten; NaN: missing, which counts for nothing and stays.
+    s_filter, l_filter : float or None
+        Nesting indices, in the unit of `cell`; None: not filtered.
+    cell : tuple of float
+        dx, dy.
+    periodic : bool
+        Whether the heights go on beyond each side at the other one.
+
+    Returns
+    -------
+    ndarray, shape (ny, nx)
+
+    Raises
+    ------
+    ValueError
+        If there is too little memory.
+
+    Examples
+    --------
+    >>> wave = np.cos(2 * np.pi * np.arange(40) / 20)[None, :]
+    >>> rest = band_pass(wave.copy(), None, 20.0, (1.0, 1.0), periodic=True)
+    >>> bool(np.allclose(rest, wave / 2))
+    True
+    """
+    check_fits(80.0 * heights.size, f"a filter of {heights.shape[1]} x {heights.shape[0]} heights")
+    if s_filter:
+        heights = _low_pass(heights, s_filter, cell, periodic)
+    if l_filter:
+        heights -= _low_pass(heights.copy(), l_filter, cell, periodic)
+    return heights
+
+
+def _low_pass(heights, index, cell, periodic):
+    """Smooth the heights in place: sums over rows first, then over some columns at a time."""
+    missing = np.isnan(heights)
+    middle = np.mean(heights, where=~missing)  # so that large offsets cost no digits
+    heights -= middle
+    heights[missing] = 0.0
+    ny, nx = heights.shape
+
+    def smoothed(values, axis, power):
+        values = values.copy()
+        if heights.shape[axis] > 1:
+            _smooth(values, axis, index / cell[1 - axis], periodic, power)
+        elif power:
+            values[...] = 0.0
+        return values
+
+    powers = range(1 if periodic else 3)
+    # Where no point is missing a row stands for all: sums of weights are products.
+    known = 1.0 - missing if missing.any() else np.ones((1, nx))
+    weights, sums = [smoothed(known, 1, i) for i in powers], [smoothed(heights, 1, i) for i in powers[:2]]
+    column = [smoothed(np.ones((ny, 1)), 0, j) for j in powers]
+    width = max(1, _RUN // ny)
+    for start in range(0, nx, width):
+
+        def moment(rows, i, j, here=slice(start, start + width)):
+            """Sums over columns of what was summed over rows, with powers i and j of the distances in x and y."""
+            values = rows[i][:, here]
+            return column[j] * values if len(values) == 1 else smoothed(values, 0, j)
+
+        heights[:, start : start + width] = _fitted(moment, weights, sums, periodic)
+    heights[missing] = np.nan
+    heights += middle
+    return heights
+
+
+def _fitted(moment, weights, sums, periodic):
+    """Weighted means, or values at the points themselves of the planes that fit best, from moments."""
+    weight = moment(weights, 0, 0)
+    with np.errstate(all="ignore"):  # far from all points
+        mean = moment(sums, 0, 0) / weight
+        if periodic:
+            return mean
+        dx, dy = moment(weights, 1, 0) / weight, moment(weights, 0, 1) / weight
+        centres = dx * dx, dx * dy, dy * dy
+        xx, xy, yy = (moment(weights, 2 - j, j) / weight - centres[j] for j in range(3))
+        x, y = moment(sums, 1, 0) / weight - dx * mean, moment(sums, 0, 1) / weight - dy * mean
+
+        def slope(product, square):
+            return np.divide(product, square, out=np.zeros_like(weight), where=square * weight > _ON_A_LINE)
+
+        turn = slope(xy, xx)  # what is left in y beside x
+        return mean - dx * slope(x, xx) - (dy - turn * dx) * slope(y - turn * x, yy - turn * xy)
+
+
+def _smooth(values, axis, cells, periodic, power=0):
+    """Convolve with the weights of an index, in cells, in place; on a free patch nothing lies beyond the sides.
+
+    The weights are multiplied by a power of the distance, in widths; which way it counts does not matter.
+    """
+    from scipy.fft import irfft, next_fast_len, rfft  # takes a while to load
+
+    n, width = values.shape[axis], cells * np.sqrt(np.log(2) / np.pi)
+    reach = int(np.ceil(_REACH * cells))
+    if not periodic:
+        reach = min(reach, n - 1)
+    size = n if periodic else next_fast_len(n + reach, real=True)
+    places = np.arange(-reach, reach + 1)
+    weights = np.exp(-np.pi * (places / width) ** 2)
+    weights *= (places / width) ** power / weights.sum()
+    passed = rfft(np.bincount(places % size, weights, minlength=size))  # periodic: images add up
+    run = max(1, _RUN // size)
+    lines = np.moveaxis(values, axis, 1)
+    for start in range(0, len(lines), run):
+        part = lines[start : start + run]
+        part[...] = irfft(rfft(part, size) * passed, size)[:, :n]

@@ -1,0 +1,326 @@
+"""A measured surface: heights in mm, levelled, with missing points, averaged, filtered.
+
+Each rank keeps its own rows only; filled points every rank finds for itself, so that they are the same on any number.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from app.base.errors import InputError
+from app.base.units import UNITS, in_words
+from app.halfspace.grid import Grid
+from app.problems.surfaces.filters import band_pass, check_cells, check_order
+from app.problems.surfaces.height_file import cropped
+from app.problems.surfaces.moments import Moments, take_off
+from app.problems.surfaces.resampling import ResampledSurface
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A measured surface, made by `read_surface`; give it to `ContactProblem` among its ``surfaces``.
+
+    Attributes
+    ----------
+    file : str
+        ``(array)`` if it is none.
+    unit : str
+        Of the file's heights.
+    shape : tuple of int
+        ny, nx: cells, after cropping and averaging.
+    spacing : tuple of float or None
+        Size dx, dy of a cell [mm]; None: nobody has said.
+    level, missing : str
+        How it was levelled, what became of missing points.
+    crop : tuple of int
+        Columns i0 to i1 - 1 and rows j0 to j1 - 1 of the file.
+    orient : tuple of str
+        How rows and columns of the file were turned, before all else.
+    rms_height : float
+        Standard deviation of the heights in the file that are not missing, after levelling and filters [mm].
+    rms_level, skewness, kurtosis : float
+        The same about their best plane, or about level "quadratic" [mm], and the third and fourth standardised moments.
+    steps : tuple of float
+        Root mean square of the steps from cell to cell of the file in x and in y, about the same, after filters [mm].
+    spike : tuple
+        Height above the highest of its four neighbours of the point that stands out most [mm], the same in rms steps,
+        its row and column; about the same, before filters, which only smear it.
+    rounding : float
+        Height in the file below which differences may be rounding only [mm].
+    missing_points : int
+        Of the file, within the crop.
+    notes : tuple of str
+        What a user should look at twice.
+    s_filter, l_filter : float or None
+        Nesting indices of what was filtered, see `filtered` [mm].
+    periodic : bool
+        Whether it was read, or filtered, for a periodic patch.
+    """
+
+    file: str
+    unit: str
+    shape: tuple
+    spacing: tuple | None
+    level: str
+    missing: str
+    crop: tuple
+    orient: tuple
+    rms_height: float
+    rms_level: float
+    skewness: float
+    kurtosis: float
+    steps: tuple
+    spike: tuple
+    rounding: float
+    missing_points: int
+    notes: tuple
+    _source: object
+    _coefficients: dict  # powers of x, y, from -1 to 1 over the crop -> [mm]
+    _tilt: dict  # the same of the best plane that is left, without a constant
+    _filled: tuple  # rows and columns of the crop
+    _fillings: dict = field(default_factory=dict)  # whether x and y go around -> heights of these points [mm]
+    _averaged: tuple = (1, 1)
+    s_filter: float | None = None
+    l_filter: float | None = None
+    periodic: bool = False
+    _rest: np.ndarray | None = None  # what filters left of the crop [mm]
+
+    sampled = measured = True
+
+    def grid(self, domain=None, periodic=None):
+        """Grid of its cells; its patch lies about the origin, or where `domain` says [mm].
+
+        Not collective. It repeats for ever where `periodic` says so, by default as the surface was read.
+
+        Raises
+        ------
+        InputError
+            If the patch has no size, or another one than the file says.
+        """
+        ny, nx = self.shape
+        if domain is None:
+            if self.spacing is None:
+                raise InputError(
+                    f"domain= (-domain) is missing: surface file {self.file} does not say its spacing, nor did "
+                    "spacing= of read_surface; needed: x0,x1,y0,y1 [mm]"
+                )
+            lx, ly = nx * self.spacing[0], ny * self.spacing[1]
+            domain = -lx / 2, lx / 2, -ly / 2, ly / 2
+        grid = Grid.from_domain(nx, ny, domain, self.periodic if periodic is None else periodic)
+        self.check_grid(grid)
+        return grid
+
+    def averaged(self, shape):
+        """The same on fewer cells, the mean of whole blocks of cells each.
+
+        Not collective.
+
+        Raises
+        ------
+        InputError
+            If the blocks are not whole.
+        """
+        if shape == self.shape:
+            return self
+        ny, nx = self.shape
+        if min(shape) < 1 or ny % shape[0] or nx % shape[1]:
+            raise InputError(
+                f"grid {shape[1]},{shape[0]}: surface file {self.file} has {nx} x {ny} cells; allowed: -grid {nx},{ny} "
+                "and whole fractions of both numbers, whose cells are averaged, or any by resampled() "
+                "(-surface_resample)"
+            )
+        fy, fx = ny // shape[0], nx // shape[1]
+        spacing = self.spacing and (fx * self.spacing[0], fy * self.spacing[1])
+        before = self._averaged
+        note = f"surface file {self.file}: {fx} x {fy} cells averaged to one: slopes and peaks are lower"
+        return replace(
+            self,
+            shape=tuple(shape),
+            spacing=spacing,
+            notes=(*self.notes, note),
+            _averaged=(before[0] * fy, before[1] * fx),
+        )
+
+    def resampled(self):
+        """The same on whatever cells it is asked for: a surface of a problem on any grid, see `ResampledSurface`.
+
+        Not collective.
+        """
+        return ResampledSurface(self)
+
+    def filtered(self, grid, s_filter=None, l_filter=None):
+        """The same without waves shorter than one length and longer than another, see `app.problems.surfaces.filters`.
+
+        Not collective: every rank filters all of it, and keeps it.
+
+        Parameters
+        ----------
+        grid : Grid
+            That of this surface; whether it is periodic counts.
+        s_filter, l_filter : float, optional
+            Nesting indices of S-filter and L-filter, of which half passes [mm].
+
+        Returns
+        -------
+        Surface
+
+        Raises
+        ------
+        InputError
+            If the cells do not resolve them, the patch is shorter, nothing is left between them, or it is filtered.
+        """
+        if s_filter is None and l_filter is None:
+            return self
+        if self._rest is not None:
+            raise InputError(f"surface file {self.file}: is filtered already")
+        check_order(s_filter, l_filter)
+        self.check_grid(grid)
+        ny, nx, cell = self.crop[3] - self.crop[2], self.crop[1] - self.crop[0], self.cell(grid)
+        check_cells(self.file, s_filter, l_filter, (ny, nx), cell)
+        periodic = bool(grid.periodic)
+        rest = band_pass(self._levelled(0, ny, (periodic,) * 2), s_filter, l_filter, cell, periodic)
+        moments = Moments(self.file, lambda *rows: rest[slice(*rows)].copy(), (ny, nx))
+        found = moments.roughness("none") | {"s_filter": s_filter, "l_filter": l_filter, "spike": self.spike}
+        return replace(
+            self, **found, periodic=periodic, _tilt=moments.slopes(), _rest=rest, _source=None, _fillings={}
+        )
+
+    def cell(self, grid=None):
+        """Size dx, dy of a cell of the file, where `grid` is that of this surface [mm]. Not collective."""
+        grid = grid or self.grid()
+        return grid.dx / self._averaged[1], grid.dy / self._averaged[0]
+
+    def rms_slope(self, grid=None):
+        """Root mean square of the gradient in the file, about the best plane. Not collective."""
+        return float(np.sqrt(np.nansum(np.square(self.steps) / np.square(self.cell(grid)))))
+
+    def understood(self, grid=None):
+        """What was read, in a line for people to compare with what they know. Not collective."""
+        grid = grid or self.grid()
+        nx, ny = self.crop[1] - self.crop[0], self.crop[3] - self.crop[2]
+        turned = f" after {','.join(self.orient)}" if self.orient else ""
+        what = "filled" if self.missing == "fill" else "missing"
+        holes = f", {self.missing_points} of {nx * ny} points {what}" if self.missing_points else ""
+        shape = f", skewness {self.skewness:.2g}, kurtosis {self.kurtosis:.2g}" if self.rms_level > 0 else ""
+        filters = (("S", self.s_filter), ("L", self.l_filter))
+        filtered = "".join(f", {name}-filtered at {in_words(index)}" for name, index in filters if index)
+        return (
+            f"{nx} x {ny} heights in {self.unit}, cells of {in_words(*self.cell(grid))}, patch of "
+            f"{in_words(grid.nx * grid.dx, grid.ny * grid.dy)}{holes}{filtered}; {self._about}: rms height "
+            f"{in_words(self.rms_level)}, rms slope {self.rms_slope(grid):.2g}{shape}; rows along x, the first "
+            f"at the smallest y{turned}"
+        )
+
+    @property
+    def _about(self):
+        """What rms height and the like are about."""
+        return "after quadratic level" if self.level == "quadratic" else "about the best plane"
+
+    def check_grid(self, grid):
+        """Refuse a grid whose cells are not the surface's, or that filters were not made for. Not collective."""
+        if grid.shape != self.shape:
+            raise InputError(
+                f"surface file {self.file}: has {self.shape[1]} x {self.shape[0]} cells, the grid {grid.nx} x "
+                f"{grid.ny}; needed: the same cells, of two files, too, or resampled() (-surface_resample)"
+            )
+        if self.spacing and not np.allclose((grid.dx, grid.dy), self.spacing, rtol=1e-6, atol=0):
+            raise InputError(
+                f"surface file {self.file}: says that its patch is {grid.nx * self.spacing[0]:.7g} x "
+                f"{grid.ny * self.spacing[1]:.7g} mm; "
+                f"the domain is {grid.nx * grid.dx:.7g} x {grid.ny * grid.dy:.7g} mm"
+            )
+        if bool(grid.periodic) != self.periodic and (self.periodic or self._rest is not None):
+            kinds = "free", "periodic"
+            raise InputError(
+                f"surface file {self.file}: was read for a {kinds[self.periodic]} patch, this one is "
+                f"{kinds[not self.periodic]}; needed: the same periodic= of read_surface and of the problem"
+            )
+
+    def __str__(self):
+        if self.spacing:
+            return f"surface file {self.file}: {self.understood()}"
+        return (
+            f"surface file {self.file}: {self.shape[1]} x {self.shape[0]} heights in {self.unit}, rms height "
+            f"{self._about} {in_words(self.rms_level)}, in cells of a size it does not say"
+        )
+
+    def __repr__(self):
+        return f"<Surface{str(self).removeprefix('surface file')}>"
+
+    def heights(self, rows=slice(None), around=None):
+        """Heights of some rows, peaks positive [mm]; NaN: missing.
+
+        Not collective.
+
+        Parameters
+        ----------
+        rows : slice
+        around : pair of bool, optional
+            Whether missing points are filled from the other side, in x and in y; by default as the surface was read.
+
+        Returns
+        -------
+        ndarray, shape (rows, nx)
+        """
+        start, stop, _ = rows.indices(self.shape[0])
+        stop, (fy, fx) = max(start, stop), self._averaged
+        fine = self._levelled(fy * start, fy * stop, around or (self.periodic,) * 2)
+        if fy == fx == 1:
+            return fine
+        # Means of the points that are there, about the best plane, which they need not lie about evenly.
+        tilt = self._tilt if self.missing_points else {}
+        fine = take_off(tilt, fine, fy * start, fy * self.shape[0])
+        blocks = fine.reshape(stop - start, fy, self.shape[1], fx)
+        known = ~np.isnan(blocks)
+        with np.errstate(invalid="ignore"):
+            means = np.where(known, blocks, 0.0).sum(axis=(1, 3)) / known.sum(axis=(1, 3))
+        return take_off({term: -slope for term, slope in tilt.items()}, means, start, self.shape[0])
+
+    def heights_on(self, grid, rows=slice(None)):
+        """See `heights`; only on the surface's own cells, around a period as the grid goes."""
+        if grid.shape != self.shape:
+            raise ValueError("a measured surface is known on its own grid only")
+        return self.heights(rows, (bool(grid.periodic),) * 2)
+
+    def filled_on(self, grid, rows=slice(None)):
+        """Share of filled points in the cells of some rows, shape (rows, nx); None: no point is filled.
+
+        Not collective.
+        """
+        if not len(self._filled[0]):
+            return None
+        start, stop, _ = rows.indices(self.shape[0])
+        (fy, fx), (j, i), shape = self._averaged, self._filled, (max(stop - start, 0), self.shape[1])
+        here = slice(*np.searchsorted(j, (fy * start, fy * (start + shape[0]))))
+        cells = np.ravel_multi_index((j[here] // fy - start, i[here] // fx), shape)
+        return np.bincount(cells, minlength=shape[0] * shape[1]).reshape(shape) / (fy * fx)
+
+    def describe(self):
+        """Data for the result file, by the names of the options. Not collective."""
+        names = "file", "unit", "level", "missing", "missing_points", "s_filter", "l_filter"
+        facts = {f"surface_{name}": getattr(self, name) for name in names}
+        facts |= {"surface_crop": list(self.crop), "surface_orient": ",".join(self.orient)}
+        return {name: value for name, value in facts.items() if value is not None}
+
+    def _levelled(self, start, stop, around):
+        """Rows of the crop, before averaging [mm]."""
+        if self._rest is not None:
+            return self._rest[start:stop].copy()
+        values = self._in_file(start, stop)
+        (j, i), ny = self._filled, self.crop[3] - self.crop[2]
+        if len(j):
+            if around not in self._fillings:
+                from app.problems.surfaces.fill import fill_missing  # sparse solvers take a while to load
+
+                self._fillings[around] = fill_missing(self._in_file(0, ny), around)
+            here = slice(*np.searchsorted(j, (start, stop)))
+            values[j[here] - start, i[here]] = self._fillings[around][here]
+        return values
+
+    def _in_file(self, start, stop):
+        """Rows of the crop that the file has, less the level [mm]."""
+        values = cropped(self._source, self.crop, start, stop)
+        values *= UNITS[self.unit]
+        return take_off(self._coefficients, values, start, self.crop[3] - self.crop[2])

@@ -1,0 +1,187 @@
+"""Measured surfaces on any cells: of a smooth surface, in which each of the file's cells has its height as the mean.
+
+Volumes up to the edges of the file's cells are joined by cubic splines, first along rows, then along columns; what they
+grow by over a cell of the grid is its mean height (*histosplines*, parabolas between the edges). So volumes are kept,
+whole blocks of cells get their mean, and quadratic surfaces are met exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from operator import attrgetter
+
+import numpy as np
+
+from app.base.errors import InputError
+from app.base.memory import check_fits
+from app.base.units import in_words
+from app.halfspace.grid import Grid
+
+_RUN = 1 << 18  # numbers that are joined together
+_ROUNDING = 1e-9  # of sides, or shares of a cell
+
+
+@dataclass(frozen=True, eq=False)
+class ResampledSurface:
+    """A measured surface on the cells of whatever grid it is asked for, made by `Surface.resampled`.
+
+    The middle of the surface lies in the middle of the grid's patch, which may be smaller; if the file does not say its
+    spacing, they are the same. A cell of the grid is missing where none of the file's cells that it overlaps is known.
+
+    Attributes
+    ----------
+    surface : Surface
+        On its own cells.
+    file, spacing, spike, rounding, rms_level, notes
+        Of that.
+
+    Examples
+    --------
+    >>> from app import Grid, read_surface
+    >>> bowl = read_surface(np.square(np.arange(10.0)) + np.zeros((4, 1)), "um", spacing=(0.1, 0.1))
+    >>> fine = Grid.from_domain(40, 8, (0, 1, 0, 0.4))
+    >>> heights = bowl.resampled().heights_on(fine)
+    >>> np.allclose(heights[0].reshape(10, 4).mean(axis=1), bowl.heights()[0])
+    True
+    """
+
+    surface: object
+
+    sampled = measured = refinable = True
+
+    file, spacing, spike, rounding, rms_level, notes = (
+        property(attrgetter(f"surface.{name}"))
+        for name in ("file", "spacing", "spike", "rounding", "rms_level", "notes")
+    )
+
+    def own_grid(self, grid):
+        """Grid of the surface's own cells, for a grid that it is asked for. Not collective."""
+        extent = grid.x0, grid.x0 + grid.nx * grid.dx, grid.y0, grid.y0 + grid.ny * grid.dy
+        return self.surface.grid(None if self.spacing else extent, grid.periodic)
+
+    def check_grid(self, grid):
+        """Refuse a patch that is larger than the surface. Not collective."""
+        own = self.own_grid(grid)
+        sides, there = (np.array([g.nx * g.dx, g.ny * g.dy]) for g in (grid, own))
+        if np.any(sides > there * (1 + _ROUNDING)):
+            raise InputError(
+                f"surface file {self.file}: is {there[0]:.10g} x {there[1]:.10g} mm, the domain {sides[0]:.10g} x "
+                f"{sides[1]:.10g} mm; needed: a domain that is no larger"
+            )
+
+    def filtered(self, grid, s_filter=None, l_filter=None):
+        """See `Surface.filtered`: on the file's cells, for a grid that it will be asked for."""
+        return ResampledSurface(self.surface.filtered(self.own_grid(grid), s_filter, l_filter))
+
+    def cell(self, grid):
+        """See `Surface.cell`: that of the file."""
+        return self.surface.cell(self.own_grid(grid))
+
+    def rms_slope(self, grid):
+        """See `Surface.rms_slope`: that of the file."""
+        return self.surface.rms_slope(self.own_grid(grid))
+
+    def understood(self, grid):
+        """See `Surface.understood`."""
+        said = self.surface.understood(self.own_grid(grid))
+        return f"{said}; resampled to cells of {in_words(grid.dx, grid.dy)}"
+
+    def heights_on(self, grid, rows=slice(None)):
+        """Mean heights in the cells of some rows of a grid, shape (rows, nx) [mm]; NaN: missing. Not collective."""
+        own = self.own_grid(grid)
+        ny, nx = own.shape
+        check_fits(40.0 * own.n + 16.0 * ny * grid.nx, f"resampling {nx} x {ny} heights")
+        x, y, around = _edges(own, grid, rows)
+        heights, share = self.surface.heights(around=around), 1.0
+        missing = np.isnan(heights)
+        if missing.any():
+            from app.problems.surfaces.fill import fill_missing  # sparse solvers take a while to load
+
+            heights[missing] = fill_missing(heights, around)
+            share = _means(_means(1.0 - missing, x, 1).T, y, 1).T
+        means = _means(_means(heights, x, 3, around[0]).T, y, 3, around[1]).T
+        return np.where(share > _ROUNDING, means, np.nan)
+
+    def filled_on(self, grid, rows=slice(None)):
+        """See `Surface.filled_on`: the share of the area."""
+        own = self.own_grid(grid)
+        share, (x, y, _) = self.surface.filled_on(own), _edges(own, grid, rows)
+        return None if share is None else _means(_means(share, x, 1).T, y, 1).T
+
+    def describe(self):
+        """See `Surface.describe`."""
+        return {**self.surface.describe(), "surface_resample": 1}
+
+    def __repr__(self):
+        return f"<Resampled{repr(self.surface).removeprefix('<')}"
+
+
+def common_grid(surfaces, cells=None, domain=None, periodic=False):
+    """Grid for resampled surfaces: on the patch that all have, with about the cells of the first.
+
+    Not collective.
+
+    Parameters
+    ----------
+    surfaces : sequence of ResampledSurface
+    cells : (int, int), optional
+        nx, ny.
+    domain : sequence of float, optional
+        x0, x1, y0, y1 [mm]; needed if no file says its spacing.
+    periodic : bool or str
+        See `symbol_name`.
+    """
+    own = [surface.surface.grid(None if surface.spacing else domain, periodic) for surface in surfaces]
+    if domain is None:
+        lx, ly = min(grid.nx * grid.dx for grid in own), min(grid.ny * grid.dy for grid in own)
+        domain = -lx / 2, lx / 2, -ly / 2, ly / 2
+    x0, x1, y0, y1 = domain
+    if cells is None:
+        cells = max(round((x1 - x0) / own[0].dx), 1), max(round((y1 - y0) / own[0].dy), 1)
+    return Grid.from_domain(*cells, domain, periodic)
+
+
+def _edges(own, grid, rows):
+    """Edges in x, and in y of some rows, of the cells of a grid, counted in the file's; whether x and y go around."""
+    found, around = [], []
+    for n, width, cells, cell in (own.nx, own.dx, grid.nx, grid.dx), (own.ny, own.dy, grid.ny, grid.dy):
+        edges = (np.arange(cells + 1) - cells / 2) * (cell / width) + n / 2  # both have the same middle
+        if abs(edges[0]) <= _ROUNDING * n:
+            edges[[0, -1]] = 0, n
+        found.append(edges)
+        around.append(bool(grid.periodic and edges[0] == 0))
+    start, stop, _ = rows.indices(grid.ny)
+    return found[0], found[1][start : max(start, stop) + 1], tuple(around)
+
+
+def _means(values, edges, degree, around=False):
+    """Means over cells of a spline with the means `values`, along rows: one degree less than that of their sums.
+
+    Parameters
+    ----------
+    values : ndarray, shape (rows, n)
+    edges : ndarray, shape (cells + 1,)
+        Of the cells, counted in those of `values`, from 0 to n.
+    degree : int
+        Of what joins the sums up to the edges of `values`.
+    around : bool
+        Whether the values go on beyond each end at the other one.
+
+    Returns
+    -------
+    ndarray, shape (rows, cells)
+    """
+    from scipy.interpolate import make_interp_spline
+
+    n, means = values.shape[1], np.empty((len(values), len(edges) - 1))
+    degree, ends = min(degree, n), "periodic" if around and n > degree > 1 else None
+    step = max(1, _RUN // n)
+    for first in range(0, len(values), step):
+        run = values[first : first + step]
+        middle = run.mean(axis=1, keepdims=True)
+        sums = np.zeros((len(run), n + 1))
+        np.cumsum(run - middle, axis=1, out=sums[:, 1:])
+        sums[:, -1] = 0.0
+        spline = make_interp_spline(np.arange(n + 1.0), sums, k=degree, axis=1, bc_type=ends)
+        means[first : first + step] = np.diff(spline(edges), axis=1) / np.diff(edges) + middle
+    return means
