@@ -60,7 +60,7 @@ def main():
         "-o",
         "--output",
         type=Path,
-        help="default: docs/benchmark.md, benchmark-loads.md, benchmark-periodic.md",
+        help="default: benchmark.md, benchmark-loads.md, benchmark-periodic.md in docs/notebook/",
     )
     options = parser.parse_args()
     usual = "4096" if options.replay else "512,1024,2048" if options.periodic else "256,512,1024,2048"
@@ -76,18 +76,18 @@ def main():
         parser.error("--loads takes one --method")
     if options.loads and options.periodic:
         parser.error("--loads and --periodic: choose one")
-    docs = ROOT / "docs"
+    notebook = ROOT / "docs/notebook"
     if options.replay:
         replay.write_page(sizes, ranks, options.output)
         return
     if options.periodic:
-        periodic.write_page(sizes, ranks, options, options.output or docs / "benchmark-periodic.md")
+        periodic.write_page(sizes, ranks, options, options.output or notebook / "benchmark-periodic.md")
         return
     if options.loads:
-        load_sweep(sizes, ranks, options, options.output or docs / "benchmark-loads.md")
+        load_sweep(sizes, ranks, options, options.output or notebook / "benchmark-loads.md")
         return
 
-    output = options.output or docs / "benchmark.md"
+    output = options.output or notebook / "benchmark.md"
     page = [head(options), UNIT]
     if not options.no_kernels:
         page += ["## Kernels\n", KERNELS, markdown(kernels(sizes, ranks)), ""]

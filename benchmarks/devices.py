@@ -1,4 +1,4 @@
-"""The tables of docs/performance.md: the default method without a device, with a constant halved and doubled.
+"""The tables of docs/notebook/performance.md: the default method without a device, with a constant halved and doubled.
 
     python -m benchmarks.devices              # free patches, 512 x 512 (three minutes)
     python -m benchmarks.devices --periodic   # periodic ones, 512 x 512 (a minute)

@@ -29,28 +29,16 @@ NAV = {  # heading -> page -> its name there; None: that of the page
     },
     "Reference": {"options": None, "api": "Python"},
     "Theory": {"theory": "The problem", "equations": None},
-    "Trust": {
+    "Verification and speed": {
         "verification": None,
-        "faults": "Faults",
         "contact-mechanics-challenge": "Contact Mechanics Challenge",
+        "speed": None,
         "comparison": None,
-    },
-    "Speed": {
-        "speed": "In brief",
-        "benchmark": "Free patches",
-        "benchmark-loads": "Free patches, by load",
-        "benchmark-periodic": "Periodic patches",
-        "benchmark-peers": "Other packages, 512²",
-        "benchmark-peers-1024": "Other packages, 1024²",
-        "benchmark-peers-periodic": "Other packages, periodic, 512²",
-        "benchmark-peers-periodic-1024": "Other packages, periodic, 1024²",
-        "scaling": "Many ranks",
     },
     "Develop": {
         "extending": None,
         "../CONTRIBUTING": None,
         "architecture": None,
-        "performance": "Performance notebook",
         "../CHANGELOG": None,
     },
 }
@@ -58,7 +46,8 @@ NAV = {  # heading -> page -> its name there; None: that of the page
 project = "Elastic contact by full multigrid"
 author = "The elastic-contact-fmg developers"
 root_doc = "docs/index"
-include_patterns = ["docs/*.md", "CONTRIBUTING.md", "CHANGELOG.md"]
+NOTEBOOK = "docs/notebook/"  # pages that are linked to, but are neither in the menu nor searched
+include_patterns = ["docs/*.md", f"{NOTEBOOK}*.md", "CONTRIBUTING.md", "CHANGELOG.md"]
 exclude_patterns = [".*"]
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 html_theme = "furo"
@@ -100,6 +89,8 @@ class Sources:
             return f'<a href="{name}.html{line}">{text.replace("`", "")}</a>'
 
         source[0] = _LINK.sub(changed, source[0])
+        if docname.startswith(NOTEBOOK):
+            source[0] = f"---\norphan: true\nnosearch: true\n---\n{source[0]}"
         if docname == root_doc:
             source[0] += "".join(self.tree(heading, pages) for heading, pages in NAV.items())
 

@@ -1,7 +1,7 @@
 """How much memory a host has to give, and whether something fits, before anything is allocated.
 
 What a solve takes was measured: peak resident memory of set-up and solve in doubles per cell of the target grid,
-coarser grids and the solution included, see docs/scaling.md. Ranks of one host share its memory.
+coarser grids and the solution included, see docs/notebook/scaling.md. Ranks of one host share its memory.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ def main():
         "--environments", default=str(ROOT / ".venv-peers"), help="where the packages are installed"
     )
     parser.add_argument(
-        "-o", "--output", help="default: docs/benchmark-peers.md, benchmark-peers-periodic.md"
+        "-o", "--output", help="default: benchmark-peers.md, benchmark-peers-periodic.md in docs/notebook/"
     )
     options = parser.parse_args()
     periodic = options.periodic
@@ -39,7 +39,7 @@ def main():
     problems = options.problems.split(",") if options.problems else problems_here
     output = Path(
         options.output
-        or ROOT / "docs" / ("benchmark-peers-periodic.md" if periodic else "benchmark-peers.md")
+        or ROOT / "docs/notebook" / ("benchmark-peers-periodic.md" if periodic else "benchmark-peers.md")
     )
     for given, allowed in ((names, peers_here), (problems, problems_here)):
         if set(given) - set(allowed):

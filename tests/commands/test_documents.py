@@ -11,14 +11,16 @@ from app.cli.problem_options import PROBLEM_OPTIONS
 from app.options.method import METHOD_OPTIONS, PART_OPTIONS, method_file
 
 DOCS = ROOT / "docs"
-TEXT = {page: page.read_text(encoding="utf-8") for page in PAGES}
+NOTEBOOK = set(DOCS.glob("notebook/*.md"))
+CHANGES = ROOT / "CHANGELOG.md"
+TEXT = {page: page.read_text(encoding="utf-8") for page in (*PAGES, CHANGES)}
 NAV = next(
     ast.literal_eval(node.value)
     for node in ast.parse((DOCS / "conf.py").read_text(encoding="utf-8")).body
     if isinstance(node, ast.Assign) and node.targets[0].id == "NAV"
 )
 KNOWN = {option.name for option in (*METHOD_OPTIONS, *PART_OPTIONS, *PROBLEM_OPTIONS)}
-REMOVED = ("lcp_merge", "lcp_cheap")  # docs/performance.md says why
+REMOVED = ("lcp_merge", "lcp_cheap")  # docs/notebook/performance.md says why
 OTHERS = {
     "options_file",
     "skip_petscrc",
@@ -33,7 +35,7 @@ PETSCS = re.compile(
 each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 
 
-@each_page
+@pytest.mark.parametrize("page", TEXT, ids=lambda page: page.name)
 def test_links_lead_somewhere(page):
     for name, anchor in links(TEXT[page]):
         target = (page.parent / name).resolve() if name else page
@@ -61,14 +63,18 @@ def linked(page):
     return {(page.parent / name).resolve() for name, _ in links(TEXT[page])}
 
 
-def test_every_page_is_on_the_site_and_two_clicks_from_the_readme():
-    on_site = {(DOCS / f"{page}.md").resolve() for pages in NAV.values() for page in pages}
-    assert on_site == {*DOCS.glob("*.md"), ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"} - {
-        DOCS / "index.md"
-    }
+def test_every_page_is_in_the_menu_and_two_clicks_from_the_readme():
+    in_menu = {(DOCS / f"{page}.md").resolve() for pages in NAV.values() for page in pages}
+    assert in_menu == {*DOCS.glob("*.md"), ROOT / "CONTRIBUTING.md", CHANGES} - {DOCS / "index.md"}
     first = (ROOT / "README.md", DOCS / "index.md", DOCS / "speed.md")
     assert set(first[1:]) <= linked(first[0])
-    assert on_site <= {page for place in first for page in linked(place)}
+    assert in_menu <= {page for place in first for page in linked(place)}
+
+
+def test_the_first_page_of_the_notebook_leads_to_the_others():
+    index = DOCS / "notebook/index.md"
+    assert index in linked(DOCS / "index.md")
+    assert NOTEBOOK - {index} == {page for page in linked(index) if page.parent == index.parent}
 
 
 def test_parameters_that_share_a_description_share_a_unit():

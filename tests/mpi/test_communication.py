@@ -115,7 +115,7 @@ def test_a_step_of_conjugate_gradients_costs_two_reductions_and_four_exchanges(
 @pytest.mark.mpi(2, 3)
 @pytest.mark.parametrize("problem", [hertz(160), punch(160)], ids=["hertz", "punch"])
 def test_a_solve_talks_as_often_as_the_model_says(comm, problem, monkeypatch):
-    """The model of docs/scaling.md; a second solve makes no spectra, a third does the same."""
+    """The model of docs/notebook/scaling.md; a second solve makes no spectra, a third does the same."""
     products, spectra = [], []
     apply, set_kernel = EvenMultiplier.apply, EvenMultiplier.set_kernel
     monkeypatch.setattr(

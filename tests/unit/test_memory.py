@@ -83,7 +83,7 @@ def test_ranks_share_the_memory():
 
 
 def test_the_estimate_is_the_measured_peak():
-    """docs/scaling.md promises a factor: at most a tenth more than estimated, and half of it at least."""
+    """docs/notebook/scaling.md promises a factor: at most a tenth more than estimated, and half of it at least."""
     measured, estimated = peak(256, "fmg_v11")
     assert 0.5 * estimated < measured < 1.1 * estimated
 

@@ -34,7 +34,7 @@ Words of this room, and what the field calls it:
 
 What each device gains, switched off by the option named: geometric means over 17 solves at 512 x 512 (Hertz, rough
 punches, self-affine surfaces from 1% to 99% contact), operator applications by approach, and what it is good for
-beyond counts. docs/performance.md has them by load, too, and what happens if a constant is halved or doubled.
+beyond counts. docs/notebook/performance.md has them by load, too, and what happens if a constant is halved or doubled.
 
 ===================  =========================  ===============================================================
 device               off by                     applications without it, of 8.4 with all
