@@ -1,8 +1,8 @@
-"""The constants that `python -m benchmarks.devices` varies are there."""
+"""The constants that `python -m benchmarks.techniques` varies exist."""
 
 import pytest
 
-from benchmarks.devices import FREE, PERIODIC
+from benchmarks.techniques import FREE, PERIODIC
 
 
 @pytest.mark.parametrize(
@@ -10,7 +10,7 @@ from benchmarks.devices import FREE, PERIODIC
     [*((constant, "fast") for constant in FREE), *((constant, "primal") for constant in PERIODIC)],
     ids=str,
 )
-def test_each_constant_has_a_number_and_keeps_it(constant, method):
+def test_constant_is_restored_after_a_count(constant, method):
     value, seen = constant.value(method), []
     row = constant.count(lambda options: seen.append(options or constant.value(method)), 2 * value)
     assert row is None and value > 0

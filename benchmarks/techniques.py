@@ -1,9 +1,10 @@
-"""The tables of docs/notebook/performance.md: the default method without a device, with a constant halved and doubled.
+"""Count work without each technique, and with each constant halved and doubled.
 
-    python -m benchmarks.devices              # free patches, 512 x 512 (three minutes)
-    python -m benchmarks.devices --periodic   # periodic ones, 512 x 512 (a minute)
+    python -m benchmarks.techniques              # free patches, 512 x 512 (three minutes)
+    python -m benchmarks.techniques --periodic   # periodic ones, 512 x 512 (a minute)
 
-Geometric means of operator applications. Counts do not vary, so others may use the machine meanwhile.
+Prints the tables of docs/notebook/performance.md: geometric means of operator applications.
+Counts do not depend on the load of the machine.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ FORCE = MATERIAL.contact_modulus * SLOPE * SIDE**2
 APPROACHES = (0.00187, 0.0113, 0.0202, 0.037, 0.0899, 0.1768)
 LOADS = (0.0005, 0.02, 0.2, 1.0)
 
-DEVICES = {
+TECHNIQUES = {
     "defect correction": {"lcp_defect_correction": 0},
     "lift": {"lcp_prolongation": "copy"},
     "predictor": {"lcp_predictor": 0},
@@ -51,13 +52,13 @@ class Constant:
     module: str = ""
 
     def value(self, method):
-        """What it is."""
+        """Return the current value."""
         if self.module:
             return getattr(import_module(self.module), self.name)
         return float(read_method_file(method)[self.name])
 
     def count(self, count, value):
-        """``count()``, a row of it, with another value."""
+        """Return the result of ``count(options)`` with another value."""
         if not self.module:
             return count({self.name: value})
         module, before = import_module(self.module), self.value(None)
@@ -72,61 +73,56 @@ class Constant:
 
 
 _LOAD = "app.contact.prescribed_load"
+_FAST = "app.methods.free.iteration"
+_PRIMAL = "app.methods.periodic.iteration"
 FREE = (
-    Constant("ksp_rtol", "a contact set is solved until its residual is smaller by this"),
-    Constant("lcp_coarse_rtol", "residual over h on C that is enough on coarse grids"),
-    Constant("lcp_window", "margin of windows, share of the extent of contact"),
-    Constant("lcp_predictor", "share of the expected change of u that is believed"),
-    Constant("pc_circulant_extend", "cells by which the residual is continued over the rim"),
-    Constant("pc_circulant_blocks", "cells of the blocks whose means it begins with"),
-    Constant("_LEAST", "share of contact around a cell, beside which less counts little",
-        "app.methods.free.block_average"),
-    Constant("_SCATTERED", "of the blocks in contact in part: from there on it begins with means",
-        "app.methods.free.block_average"),
-    Constant("lcp_defect_correction", "share of a residual that is left to the next product"),
-    Constant("IN_CONTACT", "(5.1) with h on C alone and so many times rtol", "app.methods.free.stopping"),
-    Constant("RELEASED", "share of the load released on a coarse grid without a product", "app.methods.free.iteration"),
-    Constant("NEAR", "tolerances by which the approach to a load may be off on a coarse grid",
-        "app.methods.free.iteration"),
-    Constant("SINGLE", "residual over h on C that is too small for single precision", "app.methods.free.iteration"),
-    Constant("FALLEN", "of the largest load since u was computed: below, it is anew", "app.methods.free.iteration"),
-    Constant("PATIENCE", "iterations without halving the residual, then the safeguard", "app.methods.progress"),
-    Constant("MIN_SECANT_STEP", "rms residuals that the approach has to move by for a secant to count", _LOAD),
-    Constant("MAX_SLOPE_RATIO", "factor by which the slope may change at once", _LOAD),
-    Constant("MIN_MEAN_SLOPE_FRACTION", "of the mean slope since first touch: a secant counts from there on", _LOAD),
-    Constant("LOAD_RESIDUAL_FRACTION", "of the rms residual: the approach may be off by it, unmoved", _LOAD),
-    Constant("_TRUSTED", "factor in the load beyond which p is copied, not lifted", "app.methods.free.lift"),
-    Constant("_LEAST", "cells around contact in a window, at least", "app.methods.free.windows"),
-    Constant("_MOST", "share of the cells; a larger window is none", "app.methods.free.windows"),
-    Constant("_NEARLY_NONE", "least pressure of cells with a gap, share of the highest", "app.methods.safeguard"),
+    Constant("ksp_rtol", "relative residual to which each contact set is solved"),
+    Constant("lcp_coarse_rtol", "residual over h on C at which a coarse grid is left"),
+    Constant("lcp_window", "margin of a window, as a share of the extent of contact"),
+    Constant("lcp_predictor", "share of the predicted change of u that is used"),
+    Constant("pc_circulant_extend", "steps of the extension past the contact edge, one cell each"),
+    Constant("pc_circulant_blocks", "cells along a side of a block, whose mean residual starts the extension"),
+    Constant("_LEAST", "share of contact around a cell below which the cell counts less", "app.methods.free.block_average"),
+    Constant("_SCATTERED", "share of blocks in partial contact from which on block means are used", "app.methods.free.block_average"),
+    Constant("lcp_defect_correction", "share of a residual that is left to the next exact product"),
+    Constant("IN_CONTACT", "factor on the tolerance of (5.1) with h on C only", "app.methods.free.stopping"),
+    Constant("RELEASED", "share of the load that a coarse grid releases without a product", _FAST),
+    Constant("NEAR", "largest error of the approach on a coarse grid, in tolerances", _FAST),
+    Constant("SINGLE", "residual over h on C below which single precision is noise", _FAST),
+    Constant("FALLEN", "share of the largest load since u was computed; u is recomputed below it", _FAST),
+    Constant("PATIENCE", "iterations without halving the residual before the safeguard starts", "app.methods.progress"),
+    Constant("MIN_SECANT_STEP", "smallest move of the approach for a secant, in rms residuals", _LOAD),
+    Constant("MAX_SLOPE_RATIO", "largest factor by which the slope may change in one step", _LOAD),
+    Constant("MIN_MEAN_SLOPE_FRACTION", "smallest slope of a secant, over the mean slope since first touch", _LOAD),
+    Constant("LOAD_RESIDUAL_FRACTION", "error of the approach that is tolerated, over the rms residual", _LOAD),
+    Constant("_TRUSTED", "ratio of the loads above which p is copied instead of lifted", "app.methods.free.lift"),
+    Constant("_LEAST", "smallest margin of a window, in cells", "app.methods.free.windows"),
+    Constant("_MOST", "largest window, as a share of the cells", "app.methods.free.windows"),
+    Constant("_NEARLY_NONE", "smallest pressure of a cell with a gap, over the largest", "app.methods.safeguard"),
 )  # fmt: skip
 PERIODIC = (
-    Constant("_LOOSE", "share of the cells that may still change on a coarse grid", "app.methods.periodic.iteration"),
-    Constant("_SLIGHT", "overlap that is left alone, of the error aimed at", "app.methods.periodic.iteration"),
-    Constant("_FAR", "overlap that asks for no other contact set, of the error aimed at",
-        "app.methods.periodic.iteration"),
-    Constant("_SURE", "of the residual allowed is asked of the preconditioned one", "app.methods.periodic.iteration"),
-    Constant("_DOUBT", "of what a failed verification asks for is aimed at after it", "app.methods.periodic.iteration"),
-    Constant("_UNSURE", "of the error aimed at levels may miss where p is verified", "app.methods.periodic.iteration"),
-    Constant("_OFF", "times the error of the residual: from there on p is taken to be off",
-        "app.methods.periodic.iteration"),
-    Constant("_LOWER", "the same where the load is less than what was left", "app.methods.periodic.iteration"),
-    Constant("_GUESSES", "projected sweeps that guess the contact set", "app.methods.periodic.solver"),
-    Constant("_SHARE", "of the residual taken along when captured cells are closed", "app.methods.periodic.state"),
-    Constant("_CONSTANT", "compliance of a constant, times E*, over the spacing of contact",
-        "app.methods.periodic.two_grid"),
-    Constant("_BESIDE", "times the contact around: how much less long waves move there",
-        "app.methods.periodic.two_grid"),
-    Constant("_LONG_WAVES", "grids between one and that of the long waves", "app.methods.periodic.solver"),
-    Constant("ksp_rtol", "a contact set is solved until its residual is smaller by this"),
-    Constant("lcp_coarse_rtol", "residual that is enough on coarse grids"),
-    Constant("lcp_defect_correction", "share of a residual that is left to the next product"),
-    Constant("pc_two_grid_sweeps", "sweeps after the coarser grid"),
+    Constant("_LOOSE", "share of the cells that may still change on a coarse grid", _PRIMAL),
+    Constant("_SLIGHT", "largest overlap that is ignored, over the error aimed at", _PRIMAL),
+    Constant("_FAR", "largest change of a gap that needs no other contact set, over the error aimed at", _PRIMAL),
+    Constant("_SURE", "preconditioned residual aimed at, over the allowed residual", _PRIMAL),
+    Constant("_DOUBT", "residual aimed at after a failed verification, over what it asks for", _PRIMAL),
+    Constant("_UNSURE", "error of the multilevel product at a verification, over the error aimed at", _PRIMAL),
+    Constant("_OFF", "error over residual above which p is recomputed", _PRIMAL),
+    Constant("_LOWER", "reduction of the residual if the load is less than the pressure left on free cells", _PRIMAL),
+    Constant("_GUESSES", "projected sweeps that guess the first contact set of a grid", "app.methods.periodic.solver"),
+    Constant("_SHARE", "damping of the residual that is added when captured gaps are closed", "app.methods.periodic.state"),
+    Constant("_CONSTANT", "compliance of a constant times E*, over the spacing of contact", "app.methods.periodic.two_grid"),
+    Constant("_BESIDE", "reduction of long waves near contact, over the share of contact there", "app.methods.periodic.two_grid"),
+    Constant("_LONG_WAVES", "grids between a grid and the grid of its long waves", "app.methods.periodic.solver"),
+    Constant("ksp_rtol", "relative residual to which each contact set is solved"),
+    Constant("lcp_coarse_rtol", "residual at which a coarse grid is left"),
+    Constant("lcp_defect_correction", "share of a residual that is left to the next exact product"),
+    Constant("pc_two_grid_sweeps", "sweeps after the coarse-grid correction"),
 )  # fmt: skip
 
 
 def free_problems(n):
-    """Problems with the keywords of `ContactSolver.solve`, by approach and by load."""
+    """Return problems with their loadings, by approach and by load."""
 
     def rectangle(a, b):
         return Grid.from_domain(n, n, (-a, a, -b, b))
@@ -156,7 +152,7 @@ def _self_affine(n, spectrum):
 
 
 def periodic_problems(n):
-    """As `free_problems`; by load."""
+    """Return periodic problems with their loadings, by load."""
     grid = _unit(n)
     x, y = np.meshgrid(grid.x() - SIDE / 2, grid.y() - SIDE / 2)
     sphere = (x**2 + y**2) * SLOPE / np.sqrt(4 * np.mean(x**2 + y**2))
@@ -168,25 +164,25 @@ def periodic_problems(n):
 
 
 def counted(problems, options, progress):
-    """Geometric means of the applications, as text: by approach, by load; and what went wrong, if something did."""
+    """Return mean applications as text, with the number of failures if there are any."""
     means, unsolved, fallbacks = [], 0, 0
     for kind, pairs in problems.items():
-        found = []
+        applications = []
         for problem, values in pairs:
             with ContactSolver(problem, options=options) as solver:
                 for value in values:
                     solution = solver.solve(**{kind: value})
-                    found.append(solution.operator_applications)
+                    applications.append(solution.operator_applications)
                     unsolved += not solution.converged
                     fallbacks += solution.fallbacks
                     progress.update()
-        means.append(f"{np.exp(np.mean(np.log(found))):.1f}")
+        means.append(f"{np.exp(np.mean(np.log(applications))):.1f}")
     trouble = [f"{fallbacks} safeguarded"] * bool(fallbacks) + [f"{unsolved} unsolved"] * bool(unsolved)
     return ", ".join(means) + (f" ({', '.join(trouble)})" if trouble else "")
 
 
 def main():
-    """Count and print."""
+    """Count applications and print the tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -195,18 +191,20 @@ def main():
     words = parser.parse_args()
     if words.periodic:
         problems, method = periodic_problems(words.size or 512), "primal"
-        constants, devices = PERIODIC, {}
+        constants, techniques = PERIODIC, {}
     else:
         problems, method = free_problems(words.size or 512), "fast"
-        constants, devices = FREE, DEVICES
+        constants, techniques = FREE, TECHNIQUES
     each = sum(len(values) for pairs in problems.values() for _, values in pairs)
-    with tqdm(total=each * (1 + len(devices) + 2 * len(constants)), unit=" solves", disable=None) as progress:
+    with tqdm(
+        total=each * (1 + len(techniques) + 2 * len(constants)), unit=" solves", disable=None
+    ) as progress:
 
         def count(options):
             return counted(problems, options, progress)
 
         rows = [{"switched off": "nothing", "applications": (usual := count({}))}]
-        for name, options in devices.items():
+        for name, options in techniques.items():
             how = " ".join(f"-{option} {value}" for option, value in options.items())
             rows.append({"switched off": f"{name}: `{how}`", "applications": count(options)})
             progress.write(str(rows[-1]))
@@ -226,7 +224,7 @@ def main():
             )
             progress.write(str(changed[-1]))
     print(f"Applications {', '.join(f'by {kind}' for kind in problems)}; as it is: {usual}\n")
-    print(markdown(rows) if devices else "", markdown(changed), sep="\n")
+    print(markdown(rows) if techniques else "", markdown(changed), sep="\n")
 
 
 if __name__ == "__main__":
