@@ -28,7 +28,7 @@ NAV = {  # heading -> page -> its name there; None: that of the page
         "results": None,
     },
     "Reference": {"options": None, "api": "Python"},
-    "Theory": {"theory": "The problem", "equations": None},
+    "Theory": {"theory": "The problem", "glossary": None, "equations": None},
     "Verification and speed": {
         "verification": None,
         "contact-mechanics-challenge": "Contact Mechanics Challenge",

@@ -77,6 +77,14 @@ def test_the_first_page_of_the_notebook_leads_to_the_others():
     assert NOTEBOOK - {index} == {page for page in linked(index) if page.parent == index.parent}
 
 
+def test_names_in_the_glossary_are_in_the_code():
+    program = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "app").rglob("*.py"))
+    rows = [line.split("|") for line in TEXT[DOCS / "glossary.md"].splitlines() if "`" in line]
+    names = {name for row in rows for name in re.findall(r"`([a-zA-Z_]+)`", row[-2])}
+    assert {name for name in names if not re.search(rf"\b{name}\b", program)} == set()
+    assert all(row[-3].strip().endswith(".") for row in rows)
+
+
 def test_parameters_that_share_a_description_share_a_unit():
     """The reference prints the description under each of their names."""
     several = re.compile(r"^( *)\w+(?:, \w+)+ : .*\n((?:\1 +.*\n)+)", re.MULTILINE)
