@@ -31,8 +31,8 @@ TECHNIQUES = {
     "defect correction": {"lcp_defect_correction": 0},
     "lift": {"lcp_prolongation": "copy"},
     "predictor": {"lcp_predictor": 0},
-    "means between contacts": {"pc_circulant_blocks": 0},
-    "rim extension, and with it these and the predictor": {
+    "block means": {"pc_circulant_blocks": 0},
+    "edge extension, block means and predictor": {
         "pc_circulant_extend": 0,
         "pc_circulant_blocks": 0,
         "lcp_predictor": 0,
