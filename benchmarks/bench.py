@@ -88,7 +88,7 @@ def main():
         return
 
     output = options.output or notebook / "benchmark.md"
-    page = [head(options), UNIT]
+    page = [head(options, "Benchmark on free patches"), UNIT]
     if not options.no_kernels:
         page += ["## Kernels\n", KERNELS, markdown(kernels(sizes, ranks)), ""]
     rows, memory = [], Memory()
@@ -105,28 +105,37 @@ def main():
 
 
 UNIT = """\
-The unit is one *plain product*: zero-padded `scipy.fft.rfft2`, multiply, `irfft2` on the same grid, one thread,
-measured in the same run (shortest of several). Times are ratios; seconds are for orientation only.
+Times are ratios to one *plain product*: zero-padded `scipy.fft.rfft2`, multiplication, `irfft2` on the same grid, one
+thread, measured in the same run (shortest of several). Seconds are for orientation only.
 """
 KERNELS = """\
-`product`: our own, in plain products, and what stands for it in corrections, `by levels`, in single precision; on P
-ranks, of the same plain product on one. `memory`: everything a product needs beyond its vectors, in doubles per cell.
-`circulant`: one preconditioner application, `sweep`: one exact Gauss-Seidel sweep on the Hertz and a rough contact set,
-both in units of our own product on one rank.
+- `product`, `single precision`, `multilevel`: the program's product, the same in single precision, and the approximate
+  product for corrections, in plain products.
+- `product, 2 ranks`: the product on two ranks, over the plain product on one rank.
+- `memory`: all that a product needs besides its vectors, in doubles per cell.
+- `circulant`: one application of the preconditioner, over `product`.
+- `sweep, Hertz`, `sweep, rough`: one exact Gauss-Seidel sweep on these contact sets, over `product`.
 """
 SOLVES = """\
-Approach prescribed, to ||r|| / ||h|| = 1e-6. `plain`: solve time in plain products, set-up apart, of the first
-solve of a process, shortest of several; `again`: that of a second solve on the same solver. `applications`: everything
-computed, in products on the target grid. `memory`: peak resident size above that of the smallest grid, per cell, in
-doubles. `residual`, `penetration` (over the largest |h|): checked from the result file by a plain product.
+The approach is prescribed; solves end at ||r|| / ||h|| = 1e-6.
+
+- `plain`: time of the first solve of a process without set-up, in plain products, shortest of several.
+- `again`: time of a second solve on the same solver, in plain products.
+- `applications`: all work, in products on the target grid.
+- `memory`: peak resident memory above that of the smallest grid, in doubles per cell.
+- `residual`, `penetration`: checked from the result file by a plain product; the penetration is over the largest |h|.
 """
 LOADS = """\
-Self-affine surfaces on a patch of 1 mm, three spectra with three seeds each, pressed on by given loads, and solved
-again by the approaches that this finds. `load`: mean pressure over E* times the rms slope. `contact`: share of the
-cells, smallest and largest of the nine surfaces. `by approach`, `by load`: operator applications, and `ratio` of the
-two, median · largest. `fallbacks`: solves in which the safeguard took over, by approach · by load. `error bound`: the
-largest of the certificates. `seconds`: of all surfaces, by approach · by load. Every problem is a row of the CSV file
-beside this page.
+Self-affine surfaces on a patch of 1 mm (three spectra, three seeds each) are solved by load, and again by the approach
+that belongs to this load. Each solve is a row of the CSV file of the same name.
+
+- `load`: mean pressure over E* times the rms slope.
+- `contact`: share of the cells in contact, smallest and largest of the nine surfaces.
+- `by approach`, `by load`: operator applications, median and largest.
+- `ratio`: applications by load over those by approach, median and largest.
+- `fallbacks`: number of solves that needed the safeguard, by approach and by load.
+- `error bound`: the largest one.
+- `seconds`: sum over the surfaces, by approach and by load.
 """
 CONTROLS = "approach", "load"
 
@@ -153,7 +162,7 @@ def run_kernels(size, count, plain):
     row = {
         "product": f"{times['product'] / plain:.2f}",
         "single precision": f"{times['product32'] / plain:.2f}",
-        "by levels": f"{times['levels32'] / plain:.3f}",
+        "multilevel": f"{times['levels32'] / plain:.3f}",
         "memory": f"{times['memory']:.2f}",
     }
     for name in ("circulant", "sweep, Hertz", "sweep, rough"):
@@ -227,7 +236,13 @@ def load_sweep(sizes, ranks, options, output):
     for row in rows:
         row["ratio"] = row["by_load_applications"] / row["by_approach_applications"]
     write_table(output.with_suffix(".csv"), rows)
-    page = [head(options), "## Loads\n", LOADS, markdown(loads_summary(rows)), "", *failures]
+    page = [
+        head(options, "Benchmark of prescribed loads"),
+        LOADS,
+        markdown(loads_summary(rows)),
+        "",
+        *failures,
+    ]
     worst = sorted(rows, key=lambda row: row["ratio"], reverse=True)[:10]
     page += ["Largest ratios:\n", markdown([worst_row(row) for row in worst]), ""]
     publish(output, page)

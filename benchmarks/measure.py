@@ -53,8 +53,8 @@ def _commit():
     return said.stdout.strip() or "of unknown state"
 
 
-def head(options, title="Benchmark"):
-    """Date, machine, versions."""
+def head(options, title):
+    """Return the title and how the page was made: command, date, machine, versions."""
     from petsc4py import PETSc
 
     from app import __version__

@@ -22,16 +22,20 @@ MATERIAL = Material.combined(80000.0, 0.3)
 LOADS = (0.01, 0.05, 0.3, 1.0, 3.0)
 
 PAGE = """\
-Self-affine surface on a periodic patch of 1 mm: Hurst exponent 0.8, roll-off 1/8, cut-off 8 cells, rms slope 0.1,
-pressed on by given mean pressures. `load`: mean pressure over E* times the rms slope.
+The self-affine surface has a period of 1 mm, Hurst exponent 0.8, roll-off 1/8, a cut-off of 8 cells and rms slope 0.1.
+The mean pressure is prescribed. Times are ratios to one *plain product*: `scipy.fft.rfft2`, multiplication by the
+symbol, `irfft2`, without padding, one thread, measured in the same run (shortest of several).
 
-The unit is one *plain product*: `scipy.fft.rfft2`, times the symbol, `irfft2`, nothing padded, one thread, measured in
-the same run (shortest of several). `plain`: solve time in plain products, set-up apart, of the first solve of a
-process; `again`: that of a second solve on the same solver; `over first`: `plain` over that on the first number of
-ranks. `applications`: everything computed, in products on the target grid. `memory`: peak resident size above that of
-the smallest grid, per cell, in doubles. `contact`: share of the cells. `residual` (rms gap of the cells under pressure
-about its mean), `penetration` (the largest), both over the rms of the undeformed distance about its mean, and the error
-of the mean pressure are checked from the result file by a plain product; enough are 1e-6, 1e-5 and 1e-6.
+- `load`: mean pressure over E* times the rms slope.
+- `plain`: time of the first solve of a process without set-up, in plain products.
+- `again`: time of a second solve on the same solver, in plain products.
+- `over first`: `plain` over that on the first number of ranks.
+- `applications`: all work, in products on the target grid.
+- `memory`: peak resident memory above that of the smallest grid, in doubles per cell.
+- `contact`: share of the cells in contact.
+- `residual`, `penetration`: rms gap in contact about its mean, and largest penetration, both over the rms of the
+  undeformed distance about its mean. They and the error of the mean pressure are checked from the result file by a
+  plain product; the limits are 1e-6, 1e-5 and 1e-6.
 """
 
 

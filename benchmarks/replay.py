@@ -275,7 +275,7 @@ class Replay:
         Of rank 0.
     petsc : int
         Reductions of PETSc's own, which traffic does not count.
-    computing, talking : float
+    computing, communicating : float
         Seconds, of all in turn.
     """
 
@@ -283,7 +283,7 @@ class Replay:
         self._network, self.sharing = network, ranks
         self._ranks = Ranks.__new__(Ranks)
         vars(self._ranks).update(comm=Counting(ranks), size=ranks, rank=0, cells=cells, _made={})
-        self.traffic, self.petsc, self.computing, self.talking = Traffic(), 0, 0.0, 0.0
+        self.traffic, self.petsc, self.computing, self.communicating = Traffic(), 0, 0.0, 0.0
         self._rows = cache(self._rows)
         self._exchange = cache(self._exchange)
         self._slabs = cache(self._slabs)
@@ -299,8 +299,8 @@ class Replay:
 
     @property
     def seconds(self):
-        """Computing and talking."""
-        return self.computing + self.talking
+        """Return the time of computing and communicating."""
+        return self.computing + self.communicating
 
     def size(self, key):
         """How many ranks share a grid."""
@@ -317,13 +317,13 @@ class Replay:
         size = self.size(key)
         if size > 1:
             self.traffic.small_collectives += 1
-            self.talking += self._tree(size, nbytes)
+            self.communicating += self._tree(size, nbytes)
 
     def _petsc(self, key, number):
         """Reductions by which PETSc makes vectors and matrices."""
         if self.size(key) > 1:
             self.petsc += number
-            self.talking += number * self._tree(self.size(key))
+            self.communicating += number * self._tree(self.size(key))
 
     def _told(self, key, wide):
         """Those that have no part in a grid, but in a wider one, are told something."""
@@ -356,7 +356,7 @@ class Replay:
         gaps = traffic.messages * (outside * network.gap + (1 - outside) * INSIDE.gap)
         size = traffic.message_bytes * here
         rates = outside * size / network.rate + (1 - outside) * size / INSIDE.rate
-        self.talking += traffic.all_to_alls * latency + gaps + rates
+        self.communicating += traffic.all_to_alls * latency + gaps + rates
 
     def _exchange(self, key, periods, itemsize, kernel_rows):
         """All-to-alls one way, of rank 0; None if there is nobody else."""
@@ -377,14 +377,14 @@ class Replay:
         messages, size, seconds = self._rows(recipe, name, width)
         self.traffic.messages += messages
         self.traffic.message_bytes += size
-        self.talking += seconds
+        self.communicating += seconds
 
     def _row(self, width):
         """A row to the next rank of the target grid."""
         if self.sharing > 1:
             self.traffic.messages += 1
             self.traffic.message_bytes += width
-            self.talking += (self._network if self.sharing > self._network.ranks else INSIDE).latency
+            self.communicating += (self._network if self.sharing > self._network.ranks else INSIDE).latency
 
     def _rows(self, recipe, name, width):
         """Messages and bytes of rank 0, seconds of the slowest of a sample."""
@@ -463,7 +463,7 @@ def table(recorded, counts):
                 "all-to-alls": found.traffic.all_to_alls,
                 "small collectives": f"{found.traffic.small_collectives} + {found.petsc}",
                 "computing": f"{1e3 * found.computing:.0f} ms",
-                "talking": f"{1e3 * found.talking:.0f} ms",
+                "communicating": f"{1e3 * found.communicating:.0f} ms",
                 "speed-up": f"{alone / found.seconds:.3g}",
             }
 

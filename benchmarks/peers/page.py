@@ -53,58 +53,71 @@ def row(contest, run):
 
 
 TEXT = """\
-The unit is one *plain product*: zero-padded `scipy.fft.rfft2`, multiply, `irfft2` on the same grid, one thread,
-measured in the same run (`plain` is a time in this unit). One thread each; all are called from Python, in a process of
-their own in which a small problem is solved before anything is measured; `plain` and `seconds` are the solve alone,
-`set-up` (kernels and their transforms) apart, the shortest of up to three that follow one another; `first` is the
-first of them. `over ours` is the time over that of our default method on one rank, with the same thing given: approach
-or load. `MiB` is the peak resident size of the whole process.
+How it is measured: times are ratios to one *plain product*: zero-padded `scipy.fft.rfft2`, multiplication, `irfft2` on
+the same grid, one thread, measured in the same run. All solvers are called from Python with one thread, each in a
+process of its own, after a small problem that is not measured.
 
-Everybody gets the same array of distances; where a package knows no cells in which contact is impossible, these get a
-distance at which they stay open. A package's own tolerance is loosened or tightened by factors of sqrt(10) until its
-answer just reaches `residual` <= 1e-6, and its fastest setting and variant is reported. (Variants that need twice the
-time of another one on a grid are not tried on finer ones; after a solve of more than 20 s no looser tolerance is.)
-`residual` is computed here, by a plain product in double precision: ||r|| / ||h||, where r is the gap in the cells
-under pressure and the penetration elsewhere; `penetration` is the largest one over the largest |h|. Negative pressures
-and an error in the load must be below 1e-6 of the largest pressure and of the load. By load, the load is that of our
-answer by approach.
+- `given`: the prescribed quantity. A load is that of our answer by approach.
+- `plain`, `seconds`: time of the solve without set-up, the shortest of up to three solves.
+- `first`: time of the first of them, in plain products.
+- `over ours`: time over that of our default method on one rank for the same prescribed quantity.
+- `set-up`: time to compute kernels and their transforms.
+- `MiB`: peak resident memory of the process.
+- `iterations`, `products`: on the finest grid, if the package reports them. Ours are active set iterations, and all
+  products on all grids, counted in products on the finest grid.
+- `residual`: ||r|| / ||h||, computed by a plain product in double precision; r is the gap under pressure and the
+  penetration elsewhere.
+- `penetration`: the largest one, over the largest |h|.
 
-Packages for square cells get the same bodies on the smallest square patch around the usual one (`square patch`), and
-so do we in these rows. `iterations` and `products` are those on the finest grid where a package tells them; ours are
-active set iterations, and all products on all grids in products on the finest.
+All packages get the same undeformed distances. Cells where contact is impossible get a distance at which they stay open
+if a package does not know such cells. Packages that need square cells get the same bodies on the smallest square patch
+around the usual one, and so does this project in these rows (`square patch`).
+
+The tolerance of a package is changed by factors of sqrt(10) until its answer just reaches a residual of 1e-6; its
+fastest setting and variant is reported. Negative pressures must be below 1e-6 of the largest pressure, and the error of
+the load below 1e-6. A variant that needs twice the time of another one is not tried on finer grids. After a solve of
+more than 20 s no looser tolerance is tried.
 """
 
 PERIODIC_TEXT = """\
-The surfaces and loads of `run/bench --periodic`: self-affine, on a periodic patch of 1 mm, Hurst exponent 0.8, roll-off
-1/8, cut-off 8 cells, rms slope 0.1; `load`: mean pressure over E* times the rms slope.
+The surfaces and loads are those of `run/bench --periodic`: self-affine on a period of 1 mm, Hurst exponent 0.8,
+roll-off 1/8, cut-off 8 cells, rms slope 0.1.
 
-The unit is one *plain product*: `scipy.fft.rfft2`, times the symbol, `irfft2`, nothing padded, one thread, measured in
-the same run (`plain` is a time in this unit). One thread each; all are called from Python, in a process of their own in
-which a small problem is solved before anything is measured; `plain` and `seconds` are the solve alone, `set-up` apart,
-the shortest of up to three that follow one another; `first` is the first of them. `over ours` is the time over that of
-our default method on one rank, with the same thing given. `MiB` is the peak resident size of the whole process.
+How it is measured: times are ratios to one *plain product*: `scipy.fft.rfft2`, multiplication by the symbol, `irfft2`,
+without padding, one thread, measured in the same run. All solvers are called from Python with one thread, each in a
+process of its own, after a small problem that is not measured.
 
-Everybody gets the same array of distances and the same mean pressure (`load`); some of ContactMechanics' solvers take
-an approach only: they get the one of our answer, which nobody knows before (`approach`; in full contact it leaves the
-mean pressure open). A package's own tolerance is loosened or tightened by factors of sqrt(10) until its answer just
-reaches the accuracy asked for, and its fastest setting and variant is reported. (Variants that need twice the time of
-another one on a grid are not tried on finer ones; after a solve of more than 20 s no looser tolerance is.)
+- `load`: mean pressure over E* times the rms slope.
+- `given`: the prescribed quantity. Some solvers of ContactMechanics take an approach only; they get the approach of our
+  answer. In full contact it does not determine the mean pressure.
+- `plain`, `seconds`: time of the solve without set-up, the shortest of up to three solves.
+- `first`: time of the first of them, in plain products.
+- `over ours`: time over that of our default method on one rank for the same prescribed quantity.
+- `set-up`: time to prepare the first solve.
+- `MiB`: peak resident memory of the process.
+- `iterations`, `products`: on the finest grid, if the package reports them. Our products are those on all grids,
+  counted in products on the finest grid.
+- `residual`: rms gap under pressure about its mean, over the rms of the undeformed distance about its mean; at most
+  1e-6.
+- `penetration`: the largest one, over the same; at most 1e-5.
 
-Accuracy is computed here, by a plain product in double precision: `residual`, the rms gap in the cells under pressure
-about its mean, over the rms of the undeformed distance about its mean, at most 1e-6; `penetration`, the largest over
-the same, at most 1e-5; negative pressures at most 1e-6 of the largest, the error of a given mean pressure at most 1e-6.
-`iterations` and `products` are those on the finest grid where a package tells them; ours are all products on all grids,
-in products on the finest. All use the same symbol, 2 / (E* |q|), and displacements of mean 0.
+Accuracy is computed by a plain product in double precision. Negative pressures must be below 1e-6 of the largest
+pressure, and the error of a given mean pressure below 1e-6. All packages get the same undeformed distances and use the
+same symbol, 2 / (E* |q|), and displacements of mean 0.
+
+The tolerance of a package is changed by factors of sqrt(10) until its answer just reaches this accuracy; its fastest
+setting and variant is reported. A variant that needs twice the time of another one is not tried on finer grids. After a
+solve of more than 20 s no looser tolerance is tried.
 """
 
 WINS = """\
-Rows of the table above in which a package reaches the accuracy and beats us. Our memory includes PETSc, MPI and HDF5,
-theirs Python and what they import. What they have and we have not is in the first table: friction, adhesion,
+The table counts rows above in which a package reaches the accuracy and is better than this project. Our memory includes
+PETSc, MPI and HDF5, theirs Python and its imports. What they can do besides is in the first table: friction, adhesion,
 plasticity, lubrication, GPUs.
 """
 PERIODIC_WINS = """\
-Rows of the table above in which a package reaches the accuracy and beats us. Our memory includes PETSc, MPI and HDF5,
-theirs Python and what they import.
+The table counts rows above in which a package reaches the accuracy and is better than this project. Our memory includes
+PETSc, MPI and HDF5, theirs Python and its imports.
 """
 
 
@@ -131,7 +144,7 @@ def page(packages, contests, periodic=False):
             "package": name,
             "versions": ", ".join(f"{key} {value}" for key, value in package.get("versions", {}).items())
             or f"not installed: {package['failure']}",
-            "what it can do here, and what else": PEERS[name].about,
+            "abilities here, and others": PEERS[name].about,
         }
         for name, package in packages.items()
     ]
@@ -151,7 +164,7 @@ def page(packages, contests, periodic=False):
     ]
     return "\n".join(
         [
-            f"# Benchmark against the packages of PyPI{', periodic patches' if periodic else ''}\n",
+            f"# Benchmark against other packages{', periodic patches' if periodic else ''}\n",
             f"Made by `{command}` on {datetime.date.today()}: {processor()}, {os.cpu_count()} cores; ours with "
             f"{versions}.\n",
             PERIODIC_TEXT if periodic else TEXT,
@@ -161,13 +174,13 @@ def page(packages, contests, periodic=False):
             "## Times\n",
             markdown(rows),
             "",
-            "## Where they win\n",
+            "## Where other packages are better\n",
             PERIODIC_WINS if periodic else WINS,
             markdown([wins(name, contests) for name in packages]),
-            "Faster than we are:\n",
+            "Faster than this project:\n",
             "\n".join(faster) or "- in none of the rows above",
             "",
-            "## What failed\n",
+            "## Failures\n",
             "\n".join(failures) or "- nothing",
             "",
         ]
