@@ -112,7 +112,7 @@ KERNELS = """\
 - `product`, `single precision`, `multilevel`: the program's product, the same in single precision, and the approximate
   product for corrections, in plain products.
 - `product, 2 ranks`: the product on two ranks, over the plain product on one rank.
-- `memory`: all that a product needs besides its vectors, in doubles per cell.
+- `memory`: storage of a product without its vectors, in doubles per cell.
 - `circulant`: one application of the preconditioner, over `product`.
 - `sweep, Hertz`, `sweep, rough`: one exact Gauss-Seidel sweep on these contact sets, over `product`.
 """

@@ -112,7 +112,7 @@ solve of more than 20 s no looser tolerance is tried.
 
 WINS = """\
 The table counts rows above in which a package reaches the accuracy and is better than this project. Our memory includes
-PETSc, MPI and HDF5, theirs Python and its imports. What they can do besides is in the first table: friction, adhesion,
+PETSc, MPI and HDF5, theirs Python and its imports. The first table lists what else they can do: friction, adhesion,
 plasticity, lubrication, GPUs.
 """
 PERIODIC_WINS = """\
