@@ -10,10 +10,10 @@ from benchmarks import peers
 from benchmarks.bench import PROBLEMS
 from benchmarks.measure import ROOT
 from benchmarks.peers.cases import PERIODIC_PROBLEMS, Case, PeriodicCase, warm_up, warm_up_periodic
-from benchmarks.peers.contest import compare
+from benchmarks.peers.comparison import compare
 from benchmarks.peers.packages import PEERS, set_up
 from benchmarks.peers.page import page
-from benchmarks.peers.runs import Entrant, Search
+from benchmarks.peers.runs import Search, Solver
 
 
 def main():
@@ -50,7 +50,7 @@ def main():
     sizes = sorted(int(size) for size in (options.sizes or usual).split(","))
 
     packages = {name: set_up(name, Path(options.environments)) for name in names}
-    contests = []
+    comparisons = []
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         warmup = (warm_up_periodic if periodic else warm_up)(folder)
@@ -63,17 +63,17 @@ def main():
             for name, package in packages.items()
             if "python" in package
         }
-        ours = {control: Entrant.ours(control, periodic, warmup, options) for control in ("approach", "load")}
+        ours = {control: Solver.ours(control, periodic, warmup, options) for control in ("approach", "load")}
         for problem in problems:
             starts = {search: search.start for group in searches.values() for search in group}
             field = {name: list(group) for name, group in searches.items()}
             for size in sizes:
-                for case, entrants in cases(problem, size, folder, field, packages, periodic):
-                    contests += compare(case, ours, entrants, field, folder)
-                    output.write_text(page(packages, contests, periodic))
+                for case, solvers in cases(problem, size, folder, field, packages, periodic):
+                    comparisons += compare(case, ours, solvers, field, folder)
+                    output.write_text(page(packages, comparisons, periodic))
             for search, start in starts.items():
                 search.start = start
-    print(page(packages, contests, periodic))
+    print(page(packages, comparisons, periodic))
 
 
 def cases(problem, size, folder, field, packages, periodic):
@@ -86,9 +86,9 @@ def cases(problem, size, folder, field, packages, periodic):
         yield usual, dict(field)
         return
     for square in (False, True):
-        entrants = {name: field[name] for name in field if packages[name]["square"] == square}
-        if entrants:
-            yield Case(problem, size, folder, True) if square else usual, entrants
+        solvers = {name: field[name] for name in field if packages[name]["square"] == square}
+        if solvers:
+            yield Case(problem, size, folder, True) if square else usual, solvers
 
 
 if __name__ == "__main__":

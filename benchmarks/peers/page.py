@@ -1,4 +1,4 @@
-"""The page in Markdown."""
+"""Write the page in Markdown."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from benchmarks.peers.packages import PEERS
 from benchmarks.peers.runs import TARGET, Run
 
 
-def row(contest, run):
-    """A line of the table."""
+def row(comparison, run):
+    """Return a row of the table."""
     measured = run.seconds < math.inf
     note = run.failure
     if measured and not run.accepted:
@@ -33,13 +33,13 @@ def row(contest, run):
         return format(value, form) if measured and value >= 0 else ""
 
     return {
-        "problem": contest.problem,
-        "grid": f"{contest.size}^2",
+        "problem": comparison.problem,
+        "grid": f"{comparison.size}^2",
         "given": run.control,
         "solver": run.solver,
-        "plain": number(run.seconds / contest.unit, ".1f"),
-        "first": number(run.first_seconds / contest.unit, ".1f"),
-        "over ours": number(run.seconds / contest.ours.seconds, ".2f") if contest.ours.accepted else "",
+        "plain": number(run.seconds / comparison.unit, ".1f"),
+        "first": number(run.first_seconds / comparison.unit, ".1f"),
+        "over ours": number(run.seconds / comparison.ours.seconds, ".2f") if comparison.ours.accepted else "",
         "iterations": number(run.iterations, "d"),
         "products": number(run.products, ".4g"),
         "seconds": number(run.seconds, ".3g"),
@@ -121,9 +121,9 @@ PETSc, MPI and HDF5, theirs Python and its imports.
 """
 
 
-def wins(name, contests):
-    """A line of the summary: in how many rows a package beats us, and in what."""
-    pairs = [(run, c.ours) for c in contests for run in c.others if run.solver.startswith(f"{name}:")]
+def wins(name, comparisons):
+    """Return a row of the summary: how often a package is better, and in what."""
+    pairs = [(run, c.ours) for c in comparisons for run in c.others if run.solver.startswith(f"{name}:")]
     good = [(run, ours) for run, ours in pairs if run.accepted]
     return {
         "package": name,
@@ -135,8 +135,8 @@ def wins(name, contests):
     }
 
 
-def page(packages, contests, periodic=False):
-    """The whole page as Markdown."""
+def page(packages, comparisons, periodic=False):
+    """Return the page."""
     versions = f"numpy {np.__version__}, Python {platform.python_version()}"
     command = shlex.join(["run/bench-peers", *sys.argv[1:]])
     table = [
@@ -148,17 +148,17 @@ def page(packages, contests, periodic=False):
         }
         for name, package in packages.items()
     ]
-    rows = [row(c, run) for c in contests for run in sorted([c.ours, *c.others], key=Run.rank)]
+    rows = [row(c, run) for c in comparisons for run in sorted([c.ours, *c.others], key=Run.rank)]
     faster = [
         f"- {run.solver}, {c.problem} {c.size}^2 by {c.control}: "
         + (f"{run.seconds / c.ours.seconds:.2f} of our time" if c.ours.accepted else "we fail")
-        for c in contests
+        for c in comparisons
         for run in c.others
         if run.accepted and (run.seconds < c.ours.seconds or not c.ours.accepted)
     ]
     failures = [
         f"- {run.solver}, {c.problem} {c.size}^2 by {run.control}: {row(c, run)['note']}"
-        for c in contests
+        for c in comparisons
         for run in (c.ours, *c.others)
         if not run.accepted
     ]
@@ -176,7 +176,7 @@ def page(packages, contests, periodic=False):
             "",
             "## Where other packages are better\n",
             PERIODIC_WINS if periodic else WINS,
-            markdown([wins(name, contests) for name in packages]),
+            markdown([wins(name, comparisons) for name in packages]),
             "Faster than this project:\n",
             "\n".join(faster) or "- in none of the rows above",
             "",

@@ -1,4 +1,4 @@
-"""Measured solves: ours, and those of a package with the loosest tolerance that is accurate enough."""
+"""Measure solves: ours, and those of packages with the loosest tolerance that is accurate enough."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TIGHTEST = 26  # tolerances are 10^(-k/2), k up to this
 
 @dataclass(frozen=True)
 class Run:
-    """One measured solve. `miss`: the largest of what was found over what is allowed, see the case's `judge`."""
+    """One measured solve; `miss`: largest error over its limit, see `judge` of the case."""
 
     solver: str
     control: str
@@ -39,28 +39,28 @@ class Run:
 
     @property
     def accepted(self):
-        """Whether the accuracy that all are held to is reached."""
+        """True if the required accuracy is reached."""
         return self.miss <= 1
 
     def rank(self):
-        """Sorting key: what reaches the accuracy by time, then the rest by what it reached."""
+        """Return a sorting key: accurate runs by time, then the others by error."""
         return (0, self.seconds) if self.accepted else (1, self.miss)
 
 
-class Entrant:
-    """One variant of a package, or of ours, on one kind of patches.
+class Solver:
+    """One variant of a package, or of this project, on free or periodic patches.
 
     Parameters
     ----------
     python : str
         Interpreter of its environment.
     name : str
-        Of its adapter.
+        Name of its adapter.
     label : str
-        What it is called on the page.
+        Name on the page.
     variant, control : str
     warmup : Path
-        A small problem, to be solved before anything is measured.
+        File of a small problem that is solved before anything is measured.
     options : argparse.Namespace
         With ``budget`` and ``limit``, see `benchmarks.peers.__main__`.
     """
@@ -71,7 +71,7 @@ class Entrant:
 
     @classmethod
     def ours(cls, control, periodic, warmup, options):
-        """Our default method."""
+        """Return our default method."""
         variant = f"{'periodic, ' * periodic}by {control}"
         return cls(sys.executable, "ours", OURS, variant, control, warmup, options)
 
@@ -113,7 +113,7 @@ class Entrant:
         return run, pressure
 
 
-class Search(Entrant):
+class Search(Solver):
     """The loosest tolerance that reaches the accuracy, and its fastest run; parameters as `description` says."""
 
     def __init__(self, python, name, variant, description, warmup, options):

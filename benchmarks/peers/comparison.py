@@ -1,4 +1,4 @@
-"""One problem on one grid, solved by everything that can."""
+"""Solve one problem on one grid with every package that can."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from benchmarks.peers.runs import Run
 
 
 @dataclass(frozen=True)
-class Contest:
-    """What solved one problem on one grid with one thing given; `unit`: seconds of a plain product."""
+class Comparison:
+    """Runs of one problem on one grid by one loading; `unit`: seconds of a plain product."""
 
     problem: str
     size: int
@@ -21,10 +21,12 @@ class Contest:
     others: list[Run]
 
 
-def compare(case, ours, entrants, field, folder):
-    """Run one problem on one grid with everything that can; what is not known of the case follows from our answer.
+def compare(case, ours, solvers, field, folder):
+    """Solve one case with all solvers; return a `Comparison` for each loading.
 
-    Variants that need more than twice the time of the best one of their package are taken out of `field`.
+    The loading that the case does not state follows from our answer.
+
+    Remove variants from `field` that need more than twice the time of the best one of their package.
     """
     say(f"{case.name} {case.size}^2")
     unit = case.unit()
@@ -37,9 +39,9 @@ def compare(case, ours, entrants, field, folder):
         case.write()
         our_runs[second], _ = ours[second].run(case, folder)
     elif not case.known("load"):
-        return [Contest(case.name, case.size, first, unit, our_runs[first], [])]
+        return [Comparison(case.name, case.size, first, unit, our_runs[first], [])]
     others = defaultdict(list)
-    for name, searches in entrants.items():
+    for name, searches in solvers.items():
         groups = defaultdict(list)
         for search in filter(lambda search: case.known(search.control), searches):
             groups[search.control].append((search, search(case, folder)))
@@ -51,6 +53,6 @@ def compare(case, ours, entrants, field, folder):
                     field[name].remove(search)
         unit = min(unit, case.unit())
     return [
-        Contest(case.name, case.size, control, unit, our_runs[control], found)
+        Comparison(case.name, case.size, control, unit, our_runs[control], found)
         for control, found in others.items()
     ]
