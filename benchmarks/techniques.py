@@ -75,6 +75,9 @@ class Constant:
 _LOAD = "app.contact.prescribed_load"
 _FAST = "app.methods.free.iteration"
 _PRIMAL = "app.methods.periodic.iteration"
+_BLOCKS = "app.methods.free.block_average"
+_TWO_GRID = "app.methods.periodic.two_grid"
+_STATE = "app.methods.periodic.state"
 FREE = (
     Constant("ksp_rtol", "relative residual to which each contact set is solved"),
     Constant("lcp_coarse_rtol", "residual over h on C at which a coarse grid is left"),
@@ -82,8 +85,8 @@ FREE = (
     Constant("lcp_predictor", "share of the predicted change of u that is used"),
     Constant("pc_circulant_extend", "steps of the extension past the contact edge, one cell each"),
     Constant("pc_circulant_blocks", "cells along a side of a block, whose mean residual starts the extension"),
-    Constant("_LEAST", "share of contact around a cell below which the cell counts less", "app.methods.free.block_average"),
-    Constant("_SCATTERED", "share of blocks in partial contact from which on block means are used", "app.methods.free.block_average"),
+    Constant("_LEAST", "share of contact around a cell below which the cell counts less", _BLOCKS),
+    Constant("_SCATTERED", "share of blocks in partial contact from which on block means are used", _BLOCKS),
     Constant("lcp_defect_correction", "share of a residual that is left to the next exact product"),
     Constant("IN_CONTACT", "factor on the tolerance of (5.1) with h on C only", "app.methods.free.stopping"),
     Constant("RELEASED", "share of the load that a coarse grid releases without a product", _FAST),
@@ -110,9 +113,9 @@ PERIODIC = (
     Constant("_OFF", "error over residual above which p is recomputed", _PRIMAL),
     Constant("_LOWER", "reduction of the residual if the load is less than the pressure left on free cells", _PRIMAL),
     Constant("_GUESSES", "projected sweeps that guess the first contact set of a grid", "app.methods.periodic.solver"),
-    Constant("_SHARE", "damping of the residual that is added when captured gaps are closed", "app.methods.periodic.state"),
-    Constant("_CONSTANT", "compliance of a constant times E*, over the spacing of contact", "app.methods.periodic.two_grid"),
-    Constant("_BESIDE", "reduction of long waves near contact, over the share of contact there", "app.methods.periodic.two_grid"),
+    Constant("_SHARE", "damping of the residual that is added when captured gaps are closed", _STATE),
+    Constant("_CONSTANT", "compliance of a constant times E*, over the spacing of contact", _TWO_GRID),
+    Constant("_BESIDE", "reduction of long waves near contact, over the share of contact there", _TWO_GRID),
     Constant("_LONG_WAVES", "grids between a grid and the grid of its long waves", "app.methods.periodic.solver"),
     Constant("ksp_rtol", "relative residual to which each contact set is solved"),
     Constant("lcp_coarse_rtol", "residual at which a coarse grid is left"),
