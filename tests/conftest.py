@@ -1,6 +1,6 @@
 """Fixtures of all tests.
 
-Folders: unit (pieces), validation (against the paper, analytic solutions, oracles, invariances), commands (what
+Folders: unit (pieces), validation (against the paper, analytic solutions, oracles, invariances), cli (what
 users type), mpi (what several ranks do). Two kinds of tests use several ranks:
 
 - ``@pytest.mark.mpi(2, 3)`` with an argument `comm`: the *test* runs on every rank (see `on_ranks`).

@@ -111,7 +111,7 @@ def _running(result):
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_run_killed_at_a_hundred_moments(tmp_path):
-    """By ``run/test --slow tests/commands/test_faults.py -k hundred``: over an existing result, on one rank and two."""
+    """By ``run/test --slow tests/cli/test_faults.py -k hundred``: over an existing result, on one rank and two."""
     result, dice = tmp_path / "result.h5", random.Random(2)
     command = [sys.executable, *solve_arguments("hertz"), "-grid", "64", "-output", str(result)]
     started = time.monotonic()
