@@ -1,7 +1,7 @@
 """What a solve sends on many ranks: recorded on two, laid out for any number, costed for some networks.
 
 Two ranks that share every grid and window write down what they say to each other, in order: on which grid, what for.
-For P ranks the program's own code lays out the same grids (`Ranks`, `Slabs`, `Halo`, `Transfer`, `Scatter`, columns
+For P ranks the program lays out the same grids itself (`RankGroups`, `Slabs`, `Halo`, `Transfer`, `Scatter`, columns
 dealt to ranks), with a communicator that only counts. No job of P ranks is needed, and nothing is computed.
 
 Time is a model. Collectives go along a tree, inside of machines first; a rank sends one message after the other; ranks
@@ -41,8 +41,8 @@ from app.methods.multilevel_product import MultilevelOperator
 from app.multigrid.transfer import Transfer
 from app.parallel.communicator import Communicator, Traffic
 from app.parallel.fetch import Fetch
-from app.parallel.halo import Halo, Parents
-from app.parallel.rank_groups import Ranks
+from app.parallel.halo import CoarseHalo, Halo
+from app.parallel.rank_groups import RankGroups
 from app.parallel.slabs import Slabs
 from app.problems.shapes import Paraboloid
 from benchmarks.measure import ROOT, publish
@@ -163,10 +163,10 @@ def recording():
             events.append(("kernel", *kind, rows))
 
     with ExitStack() as stack:
-        wrap(Ranks, "deal", after=dealt)
+        wrap(RankGroups, "distribute", after=dealt)
         wrap(Slabs, "coarsen", after=coarsened)
         wrap(Slabs, "surround", after=coarsened)
-        for kind in (Halo, Parents, Transfer, Scatter):
+        for kind in (Halo, CoarseHalo, Transfer, Scatter):
             wrap(
                 kind,
                 "__init__",
@@ -281,7 +281,7 @@ class Replay:
 
     def __init__(self, recorded, ranks, network=INSIDE, cells=8192):
         self._network, self.sharing = network, ranks
-        self._ranks = Ranks.__new__(Ranks)
+        self._ranks = RankGroups.__new__(RankGroups)
         vars(self._ranks).update(comm=Counting(ranks), size=ranks, rank=0, cells=cells, _made={})
         self.traffic, self.petsc, self.computing, self.communicating = Traffic(), 0, 0.0, 0.0
         self._rows = cache(self._rows)
@@ -390,7 +390,7 @@ class Replay:
         """Messages and bytes of rank 0, seconds of the slowest of a sample."""
         kind, arguments, _ = recipe
         size = (
-            self.size(arguments[0][1]) if kind in (Halo, Parents) else self.sharing
+            self.size(arguments[0][1]) if kind in (Halo, CoarseHalo) else self.sharing
         )  # those between the ranks of a grid alone
         found, machine = [], self._network.ranks
         for rank in {*np.linspace(0, size - 1, SAMPLE, dtype=int).tolist()}:

@@ -84,7 +84,7 @@ def refine(
     >>> refined.reached, refined.errors.largest < 0.03
     (True, True)
     """
-    comm = mpi_abort.share(mpi_comm(comm))
+    comm = mpi_abort.abort_on_exception(mpi_comm(comm))
     agree(comm, check, problem, until, most_cells)
     check_alike(comm, (until, most_cells, stiffness), "refine")
     rows, numbers, asked = [], [], None

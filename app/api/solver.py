@@ -131,8 +131,8 @@ class ContactSolver:
         started, comm = time.perf_counter(), mpi_comm(comm)
         self._resources, self._distances = Resources(), []
         self._finalizer = weakref.finalize(self, one_at_a_time(self._resources.free))
-        self.problem, self._outer_comm = problem, mpi_abort.share(comm)
-        self._resources.add(mpi_abort.Waits(comm))
+        self.problem, self._outer_comm = problem, mpi_abort.abort_on_exception(comm)
+        self._resources.add(mpi_abort.AbortGroup(comm))
         self.comm = self._resources.comm = Communicator(self._outer_comm.Dup())
         self.hierarchy, self._strategy, self._cut_short = None, None, False  # was the last call?
         self._judged = False  # the options that PETSc reads while it solves
@@ -252,7 +252,7 @@ class ContactSolver:
         """
         self._refuse_if_closed()
         given = {"approach": approach, "load": load, "mean_pressure": mean_pressure, "mean_gap": mean_gap}
-        mpi_abort.share(self._outer_comm)
+        mpi_abort.abort_on_exception(self._outer_comm)
         check_alike(self.comm, (given, identity(start)), "loading or start")
         with ExitStack() as to_end:
             for listener in self.listeners:

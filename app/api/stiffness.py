@@ -56,7 +56,7 @@ def contact_stiffness(hierarchy, distance, contact):
             return np.inf if cells else 0.0
         ones = state.right
         ones.setArray(contact.reshape(-1).astype(float))
-        to_end.enter_context(operator.in_double())
+        to_end.enter_context(operator.double_precision())
         to_end.enter_context(options_set(hierarchy.prefix, {}, _OPTIONS))
         solver = LinearSolver(hierarchy, operator=operator)
         to_end.callback(solver.destroy)

@@ -77,7 +77,7 @@ def check_hosts(comm, grid, doubles):
     from app.base.mpi import MPI
 
     needed = 8.0 * doubles * (1 + EXCHANGE * (comm.size > 1))
-    host = comm.machine
+    host = comm.node
     together, ranks = host.allreduce(needed), host.size
     there = host.allreduce(available(), MPI.MIN)
 

@@ -57,7 +57,7 @@ def start(argv):
     from app.parallel import mpi_abort
 
     comm = MPI.COMM_WORLD
-    mpi_abort.meeting_place(comm)
+    mpi_abort.shutdown_comm(comm)
     agree(comm, _refuse, folder_is_gone)
     _check_programs(comm)
     words = agree(comm, option_sources.words_for_petsc, argv, only_root=True)
@@ -212,7 +212,7 @@ def run(main, argv=None):
         from app.parallel import mpi_abort
 
         streams.complain("interrupted")
-        mpi_abort.abort(status := 130)
+        mpi_abort.abort_all(status := 130)
     except BaseException as error:
         status, complaint, trace = 1, described(error), traceback.format_exc().rstrip()
         if isinstance(error, FailedElsewhere):
@@ -287,7 +287,7 @@ def _end(status, complaint, trace):
     from app.parallel import mpi_abort
 
     comm = MPI.COMM_WORLD
-    together = mpi_abort.all_come(mpi_abort.meeting_place(comm))
+    together = mpi_abort.barrier_with_timeout(mpi_abort.shutdown_comm(comm))
     # Of several complaints that with a place in the program is told.
     told = comm.allgather((not trace, complaint)) if together else [(not trace, complaint)]
     if not together or told.index(min(told)) == comm.rank:
@@ -298,10 +298,10 @@ def _end(status, complaint, trace):
     if comm.size == 1:
         return
     if not together:
-        mpi_abort.abort(status)
+        mpi_abort.abort_all(status)
     mpi_abort.flush()
     # The last resort, if MPI does not end either.
-    last = threading.Timer(mpi_abort.PATIENCE, os._exit, (status,))
+    last = threading.Timer(mpi_abort.TIMEOUT, os._exit, (status,))
     last.daemon = True
     last.start()
     _finalize()

@@ -18,7 +18,7 @@ from app.base.errors import InputError
 from app.base.units import length_unit
 from app.cli import streams
 from app.cli.arguments import Parser, argument, check_folder, command, count, writing
-from app.halfspace.stress.subsurface import COMPONENTS, Hottest, SubsurfaceStress, max_shear, von_mises
+from app.halfspace.stress.subsurface import COMPONENTS, StressMaximum, SubsurfaceStress, max_shear, von_mises
 from app.io.files import check_output_path, whole_hdf5
 from app.io.result import read_result
 from app.options.option_table import half, integer, pair_of_reals, real
@@ -133,7 +133,7 @@ def survey(below, depths=64, at=None, deepest=None, along="xy"):
     here = hottest
     if at is not None:
         k = int(np.argmax(von_mises(line)))
-        here = Hottest(float(von_mises(line)[k]), x, y, float(depths[k]), line[:, k])
+        here = StressMaximum(float(von_mises(line)[k]), x, y, float(depths[k]), line[:, k])
     along_x = below.section(depths, y=y) if "x" in along else None
     along_y = below.section(depths, x=x) if "y" in along else None
     return SimpleNamespace(

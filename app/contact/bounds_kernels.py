@@ -10,28 +10,28 @@ import numpy as np
 
 from app.base.numba_cache import njit
 from app.contact.kernels import gap
-from app.parallel.reductions import any_order, plus
+from app.parallel.reductions import add_tuples, njit_reassoc
 
 
-@any_order
+@njit_reassoc
 def violation(p, admissible):
     """By how much the pressure of a cell is outside its bounds; negative inside."""
     return -p if admissible else abs(p)
 
 
-@any_order
+@njit_reassoc
 def displaced(without, closed):
     """Displacement of a cell: `closed` if that takes a pressure within its bounds, else as `without` pressure."""
     return max(without, closed)
 
 
-@any_order
+@njit_reassoc
 def _change_by_release_row(p, contact, change):
     for i in range(p.size):
         change[i] -= p[i] if contact[i] & (p[i] < 0) else 0.0
 
 
-@any_order
+@njit_reassoc
 def _release_row(p, contact, released):
     count = 0
     for i in range(p.size):
@@ -57,7 +57,7 @@ def release(p, contact, released, change):
     return count
 
 
-@any_order
+@njit_reassoc
 def _tension_row(p, contact):
     total, negative = 0.0, 0.0
     for i in range(p.size):
@@ -71,7 +71,7 @@ def tension(p, contact):
     """Sum of p, and of -p where p < 0 on C."""
     sums = 0.0, 0.0
     for j in range(p.shape[0]):
-        sums = plus(sums, _tension_row(p[j], contact[j]))
+        sums = add_tuples(sums, _tension_row(p[j], contact[j]))
     return sums
 
 
@@ -87,7 +87,7 @@ def _predicted_overlap_row(b, depth, u, expected, overlap):
         overlap[i] = gap(u[i] + expected[i], b[i], depth) <= 0
 
 
-@any_order
+@njit_reassoc
 def _activate_row(overlap, admissible, contact, released):
     cells, added, lost = 0, 0, 0
     for i in range(contact.size):
@@ -99,7 +99,7 @@ def _activate_row(overlap, admissible, contact, released):
     return cells, added, lost
 
 
-@any_order
+@njit_reassoc
 def _squares_row(b, depth, u, contact):
     gaps, distances = 0.0, 0.0
     for i in range(b.size):
@@ -109,7 +109,7 @@ def _squares_row(b, depth, u, contact):
     return gaps, distances
 
 
-@any_order
+@njit_reassoc
 def _sum_row(x):
     total = 0.0
     for i in range(x.size):
@@ -131,15 +131,15 @@ def activate(b, depth, u, p, admissible, contact, released, expected, overlap):
         else:
             _predicted_overlap_row(b[j], depth, u[j], expected[j], overlap)
         here = _activate_row(overlap, admissible[j], contact[j], released[j])
-        cells = plus(cells, here)
+        cells = add_tuples(cells, here)
         if here[0]:
-            squares = plus(squares, _squares_row(b[j], depth, u[j], contact[j]))
+            squares = add_tuples(squares, _squares_row(b[j], depth, u[j], contact[j]))
         total += _sum_row(p[j])
         released[j] = False
     return cells + squares + (total,)
 
 
-@any_order
+@njit_reassoc
 def _project_row(p, cells, out):
     total = 0.0
     for i in range(p.size):
@@ -149,7 +149,7 @@ def _project_row(p, cells, out):
     return total
 
 
-@any_order
+@njit_reassoc
 def project(p, cells, out):
     """out = max(p, 0) in some cells, 0 elsewhere; return its sum. In place if they are one."""
     total = 0.0
@@ -158,7 +158,7 @@ def project(p, cells, out):
     return total
 
 
-@any_order
+@njit_reassoc
 def _exchange_row(p, w, change, b, admissible, contact, slack, least_gap, compliance, far, captured):
     cells, came, left, total, moves = 0, 0, 0, 0.0, 0.0
     for i in range(p.size):
@@ -190,5 +190,5 @@ def exchange(p, w, change, b, admissible, contact, slack, least_gap, compliance,
             p[j], w[j], change[j], b[j], admissible[j], contact[j], slack, least_gap, compliance, far,
             captured[j],
         )  # fmt: skip
-        sums = plus(sums, row)
+        sums = add_tuples(sums, row)
     return sums

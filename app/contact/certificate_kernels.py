@@ -13,10 +13,10 @@ import numpy as np
 from app.base.numba_cache import njit
 from app.contact.bounds_kernels import violation
 from app.contact.kernels import gap
-from app.parallel.reductions import any_order, plus
+from app.parallel.reductions import add_tuples, njit_reassoc
 
 
-@any_order
+@njit_reassoc
 def _gaps_row(b, depth, u, p, admissible, diagonal):
     gaps, excess, to_p, pressures, squares, of_u, free = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(b.size):
@@ -38,11 +38,11 @@ def gaps(b, depth, u, p, admissible, diagonal):
     """Sums of the gap g that is to be reached, of g - e, of p g, p, p p and u; and cells without pressure."""
     sums = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(b.shape[0]):
-        sums = plus(sums, _gaps_row(b[j], depth, u[j], p[j], admissible[j], diagonal))
+        sums = add_tuples(sums, _gaps_row(b[j], depth, u[j], p[j], admissible[j], diagonal))
     return sums
 
 
-@any_order
+@njit_reassoc
 def _move_row(b, depth, u, p, admissible, diagonal, stretch, constant, elsewhere, scale, field):
     squares, product = 0.0, 0.0
     for i in range(b.size):
@@ -65,11 +65,11 @@ def move(b, depth, u, p, admissible, diagonal, stretch, constant, elsewhere, sca
     sums = 0.0, 0.0
     for j in range(b.shape[0]):
         row = b[j], depth, u[j], p[j], admissible[j]
-        sums = plus(sums, _move_row(*row, diagonal, stretch, constant, elsewhere, scale, field[j]))
+        sums = add_tuples(sums, _move_row(*row, diagonal, stretch, constant, elsewhere, scale, field[j]))
     return sums
 
 
-@any_order
+@njit_reassoc
 def _glance_row(b, depth, u, p, admissible):
     penetration, deepest, highest, of_u = 0.0, 0.0, 0.0, 0.0
     for i in range(b.size):
@@ -82,7 +82,7 @@ def _glance_row(b, depth, u, p, admissible):
     return penetration, deepest, highest, of_u
 
 
-@any_order
+@njit_reassoc
 def _survey_row(b, depth, u, p, admissible, smallest):
     tension, product, highest = -np.inf, 0.0, -np.inf
     energy, defect, to_p, moved, of_p = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -101,7 +101,7 @@ def _survey_row(b, depth, u, p, admissible, smallest):
     return tension, product, highest, energy, defect, to_p, moved, of_p
 
 
-@any_order
+@njit_reassoc
 def _lift_row(b, depth, u, admissible):
     lift = 0.0
     for i in range(b.size):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from app.base.numba_cache import njit
-from app.parallel.reductions import any_order
+from app.parallel.reductions import njit_reassoc
 
 
 class ContactExtent(NamedTuple):
@@ -63,7 +63,7 @@ def measure_extent(state):
     return ContactExtent(*centre, *moments, 2 * sqrt(high), 2 * sqrt(low), angle)
 
 
-@any_order
+@njit_reassoc
 def _moments_row(p, contact, x):
     load, at_x, cells, sx, sxx = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(x.size):

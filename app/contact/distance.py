@@ -10,8 +10,8 @@ import numpy as np
 
 from app.contact import kernels
 from app.contact.bounds import PressureBounds
-from app.halfspace.operator import vec_of
-from app.halfspace.window import box_here, box_of
+from app.halfspace.operator import wrap_vec
+from app.halfspace.window import local_bounds, window_from_bounds
 from app.parallel.reductions import sum_over, sums_and_minima
 
 _FEW = 4  # units in the last place
@@ -107,7 +107,7 @@ class UndeformedDistance:
         self.bounds, self.admissible = bounds, bounds.admissible
         self.b = b.view()
         self.b.flags.writeable = False
-        self.rhs = vec_of(b, operator)
+        self.rhs = wrap_vec(b, operator)
 
     def h_at(self, depth):
         """Return h at a depth, shape (rows, nx) [mm]; NaN in inadmissible cells. Not collective."""
@@ -156,7 +156,7 @@ def _measure(levels, comm):
     # Each rank adds zeros to the others' sums, so that none is rounded.
     parts[rank] = np.ravel([kernels.compensated_sum(d.b, d.admissible) for d in levels])
     lowest = [
-        [*box_here(d.admissible, d._slabs), -d.b.max(initial=-np.inf, where=d.admissible)] for d in levels
+        [*local_bounds(d.admissible, d._slabs), -d.b.max(initial=-np.inf, where=d.admissible)] for d in levels
     ]
     sums, lowest = sums_and_minima(comm, [*counts, *parts.ravel()], np.ravel(lowest))
     counts, parts = sums[: len(levels)], sums[len(levels) :].reshape(size, len(levels), 2)
@@ -167,7 +167,7 @@ def _measure(levels, comm):
     found = zip(levels, counts, means, sum_over(comm, squares), lowest.reshape(-1, 5), strict=True)
     for distance, cells, (mean, rest), about_mean, (*box, touching) in found:
         distance.statistics = Statistics(int(cells), mean, float(about_mean), rest)
-        distance.possible, distance.touching = box_of(box), float(touching)
+        distance.possible, distance.touching = window_from_bounds(box), float(touching)
         distance.lowest = distance.touching if np.isfinite(touching) else -np.inf
 
 

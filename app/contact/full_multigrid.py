@@ -15,7 +15,7 @@ from app.contact.periodic_state import contact_state
 from app.contact.state import Displacement
 from app.multigrid.direct import DirectSolver, begins_directly
 from app.multigrid.linear_solver import LinearSolver
-from app.parallel.communicator import FailuresTold
+from app.parallel.communicator import propagate_errors
 
 
 def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, prolong, target_solver):
@@ -63,7 +63,7 @@ def full_multigrid(hierarchy, distances, loading, stop, history, nested, beta, p
             # Sec. 4.3, 3, (3.b): until the contact area is unchanged, and on the target grid (5.1)
             solve = partial(active_set_or_search, state, solver, stop=visits.test(stop), history=history)
             # Sec. 4.3, 1: the coarsest grid, directly if it is small
-            with FailuresTold(visits.waiting(state)):
+            with propagate_errors(visits.waiting(state)):
                 found = loading.first_solve(state, solve) if coarse is None else solve(loading)
             visits.solved(found, state.depth)
             if solver is not target_solver:

@@ -55,7 +55,7 @@ class Visits:
 
     def waiting(self, state):
         """Communicator of rank 0 and those that wait while a grid is solved, or None. Collective over these."""
-        return self.hierarchy.ranks.beyond(state.operator.slabs.size)
+        return self.hierarchy.ranks.idle_comm(state.operator.slabs.size)
 
     def leave(self, state, found=None):
         """Go on to the next grid.
@@ -75,7 +75,9 @@ class Visits:
             That, on all ranks of the next grid.
         """
         if self.hierarchy.joined(state.operator, self.following) and (comm := self.waiting(state)):
-            known = comm.tell((state.depth, self._loading.shared, self.outcome, self.grid_numbers, found))
+            known = comm.bcast_or_raise(
+                (state.depth, self._loading.shared, self.outcome, self.grid_numbers, found)
+            )
             state.depth, self._loading.shared, self.outcome, self.grid_numbers, found = known
         return found
 

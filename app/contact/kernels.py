@@ -7,7 +7,7 @@ first, so that they lose nothing on large grids.
 from __future__ import annotations
 
 from app.base.numba_cache import njit
-from app.parallel.reductions import any_order, plus
+from app.parallel.reductions import add_tuples, njit_reassoc
 
 
 @njit()
@@ -16,21 +16,21 @@ def gap(u, b, depth):
     return u - (b + depth)
 
 
-@any_order
+@njit_reassoc
 def _defect_row(b, depth, u, contact, factor, out):
     for i in range(b.size):
         r = -factor * gap(u[i], b[i], depth)
         out[i] = r if contact[i] else 0.0
 
 
-@any_order
+@njit_reassoc
 def defect(b, depth, u, contact, factor, out):
     """out = -(h + u) on C, times a factor, 0 elsewhere."""
     for j in range(b.shape[0]):
         _defect_row(b[j], depth, u[j], contact[j], factor, out[j])
 
 
-@any_order
+@njit_reassoc
 def _numbers_row(p, contact):
     total, highest, cells = 0.0, 0.0, 0
     for i in range(p.size):
@@ -65,7 +65,7 @@ def compensated_sum(x, mask):
     return total, lost
 
 
-@any_order
+@njit_reassoc
 def _sum_squares_row(x, shift, mask):
     total = 0.0
     for i in range(x.size):
@@ -74,7 +74,7 @@ def _sum_squares_row(x, shift, mask):
     return total
 
 
-@any_order
+@njit_reassoc
 def sum_squares(x, shift, mask):
     """Sum of squares of x - shift over a mask."""
     total = 0.0
@@ -83,7 +83,7 @@ def sum_squares(x, shift, mask):
     return total
 
 
-@any_order
+@njit_reassoc
 def _gap_row(b, depth, u, mask, overlapping):
     squares, total, cells = 0.0, 0.0, 0
     for i in range(b.size):
@@ -96,7 +96,7 @@ def _gap_row(b, depth, u, mask, overlapping):
     return squares, total, cells
 
 
-@any_order
+@njit_reassoc
 def gap_on(b, depth, u, mask, overlapping):
     """Sum of squares and sum of h + u over a mask, and where it is not positive over another; number of these cells.
 
@@ -104,11 +104,11 @@ def gap_on(b, depth, u, mask, overlapping):
     """
     sums = 0.0, 0.0, 0
     for j in range(b.shape[0]):
-        sums = plus(sums, _gap_row(b[j], depth, u[j], mask[j], overlapping[j]))
+        sums = add_tuples(sums, _gap_row(b[j], depth, u[j], mask[j], overlapping[j]))
     return sums
 
 
-@any_order
+@njit_reassoc
 def _unlike(row, other):
     count = 0
     for i in range(row.size):

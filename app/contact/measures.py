@@ -12,10 +12,10 @@ import numpy as np
 
 from app.base.numba_cache import njit
 from app.contact import kernels
-from app.halfspace.periodic_symbol import frequencies
+from app.halfspace.periodic_symbol import wave_numbers
 from app.halfspace.product import PeriodicProduct
-from app.parallel.halo import row_before
-from app.parallel.reductions import any_order, plus, sum_over, sums_and_minima
+from app.parallel.halo import fetch_row_before
+from app.parallel.reductions import add_tuples, njit_reassoc, sum_over, sums_and_minima
 
 # Cells that a boundary crosses count as contact too often: by so much of a cell for each face on it, on average over
 # directions (Yastrebov, Anciaux, Molinari, Tribol. Int. 114 (2017) 161).
@@ -62,7 +62,7 @@ def measure_contact(state):
     cells = np.count_nonzero(state.contact)
     in_x, in_y = kernels.faces(
         state.contact,
-        row_before(state.contact, bool(grid.periodic), slabs, state.comm, False),
+        fetch_row_before(state.contact, bool(grid.periodic), slabs, state.comm, False),
         bool(grid.periodic),
     )
     if slabs.local and slabs.rows.stop == grid.ny and not grid.periodic:
@@ -121,7 +121,7 @@ def contact_width(state, contact, enough):
         return other
 
     def below(run):
-        return np.concatenate([row_before(run, periodic, slabs, state.comm, False)[None], run])[:-1]
+        return np.concatenate([fetch_row_before(run, periodic, slabs, state.comm, False)[None], run])[:-1]
 
     return min(longest(left), grid.nx), min(longest(below), grid.ny)
 
@@ -155,7 +155,7 @@ def measure_roughness(operator, distance, shape):
 def _steps_at_sides(operator, shape):
     """See `ShapeRoughness`. Collective."""
     slabs, (ny, nx) = operator.slabs, operator.grid.shape
-    below = row_before(shape, True, slabs, operator.comm, np.nan)
+    below = fetch_row_before(shape, True, slabs, operator.comm, np.nan)
 
     def steps(columns, faces):
         here = [j - slabs.rows.start for j in faces if j in range(ny)[slabs.rows]]
@@ -174,7 +174,7 @@ def _of_waves(operator, shape):
     grid = operator.grid
 
     def square(columns, rows):
-        qx, qy = frequencies(grid, columns, rows)
+        qx, qy = wave_numbers(grid, columns, rows)
         return qx[:, None] ** 2 + qy**2
 
     laplacian = PeriodicProduct(square, grid.shape, operator.layout(float))
@@ -187,7 +187,7 @@ def _of_waves(operator, shape):
 def _of_differences(operator, shape):
     """Mean squares of the differences across faces in x and in y, over the squares of the widths."""
     grid = operator.grid
-    before = row_before(shape, bool(grid.periodic), operator.slabs, operator.comm, np.nan)
+    before = fetch_row_before(shape, bool(grid.periodic), operator.slabs, operator.comm, np.nan)
     in_x, faces_x, in_y, faces_y = sum_over(
         operator.comm, _squared_differences(shape, before, bool(grid.periodic))
     )
@@ -196,7 +196,7 @@ def _of_differences(operator, shape):
     return in_x / max(faces_x, 1) / grid.dx**2 + in_y / max(faces_y, 1) / grid.dy**2
 
 
-@any_order
+@njit_reassoc
 def _squares_row(row, other):
     total, count = 0.0, 0
     for i in range(row.size):
@@ -213,8 +213,8 @@ def _squared_differences(shape, before, periodic):
     in_x, in_y = (0.0, 0), (0.0, 0)
     for j in range(shape.shape[0]):
         row = shape[j]
-        in_x = plus(in_x, _squares_row(row[1:], row[:-1]))
+        in_x = add_tuples(in_x, _squares_row(row[1:], row[:-1]))
         if periodic:
-            in_x = plus(in_x, _squares_row(row[:1], row[-1:]))
-        in_y = plus(in_y, _squares_row(row, shape[j - 1] if j else before))
+            in_x = add_tuples(in_x, _squares_row(row[:1], row[-1:]))
+        in_y = add_tuples(in_y, _squares_row(row, shape[j - 1] if j else before))
     return in_x + in_y

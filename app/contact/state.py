@@ -25,7 +25,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.contact import kernels
-from app.halfspace.operator import vec_of
+from app.halfspace.operator import wrap_vec
 from app.parallel.reductions import minimum_over, sum_over
 
 
@@ -119,7 +119,7 @@ class ContactState:
         self._p = np.zeros(operator.local_shape)
         self.p = self._p.view()  # the local pressure to read; it stays when the Vec is gone
         self.p.flags.writeable = False
-        self.pressure = vec_of(self._p, operator)
+        self.pressure = wrap_vec(self._p, operator)
         self.pressure.setName("pressure")  # in PETSc's views and files
         self.u = np.zeros(operator.local_shape) if u is None else u
         self.revision = 0

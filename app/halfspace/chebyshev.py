@@ -8,20 +8,21 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 
-def nodes(count):
+def chebyshev_nodes(count):
     """Places where a function must be known to be interpolated by so many polynomials. Not collective."""
     return np.cos(np.pi * (np.arange(count) + 0.5) / (2 * count))
 
 
-def polynomials(t, count):
+def even_chebyshev(t, count):
     """Values of the first even polynomials, shape (*t.shape, count). Not collective."""
     return chebyshev.chebvander(2 * np.square(t) - 1, count - 1)  # T_2k(t) = T_k(2 t^2 - 1)
 
 
-def coefficients(values):
+def fit_even_chebyshev(values):
     """Coefficients of the polynomials from values in the nodes, both axes. Not collective."""
     first, second = (
-        polynomials(nodes(n), n).T * np.where(np.arange(n) > 0, 2.0, 1.0)[:, None] / n for n in values.shape
+        even_chebyshev(chebyshev_nodes(n), n).T * np.where(np.arange(n) > 0, 2.0, 1.0)[:, None] / n
+        for n in values.shape
     )
     return first @ values @ second.T
 

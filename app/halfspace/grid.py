@@ -28,7 +28,7 @@ from app.base.errors import InputError, exactly
 SYMBOLS = ("spectral", "love")  # of the influence matrix of a periodic patch
 
 
-def symbol_name(periodic):
+def validate_symbol(periodic):
     """Name of a symbol: of those in `SYMBOLS`, True for the first of them, False or "" for a free patch, "".
 
     Not collective.
@@ -88,11 +88,11 @@ class Grid:
             )
         for name, value in checked.items():
             object.__setattr__(self, name, value)
-        object.__setattr__(self, "periodic", symbol_name(self.periodic))
+        object.__setattr__(self, "periodic", validate_symbol(self.periodic))
 
     @classmethod
     def from_domain(cls, nx, ny, domain, periodic=False):
-        """Divide the patch ``domain = (x0, x1, y0, y1)`` into nx by ny cells; `periodic`: see `symbol_name`.
+        """Divide the patch ``domain = (x0, x1, y0, y1)`` into nx by ny cells; `periodic`: see `validate_symbol`.
 
         Not collective.
 
@@ -176,7 +176,7 @@ class Grid:
         return in_y, in_x
 
 
-def plan(grid, coarsest=4, target_only=False):
+def plan_grids(grid, coarsest=4, target_only=False):
     """Plan the grids of a hierarchy, the target first; nothing is allocated. Not collective.
 
     Parameters
@@ -209,7 +209,7 @@ def _cells(nx, ny):
     return cells
 
 
-def runs(rows, columns, cells=1 << 16):
+def row_blocks(rows, columns, cells=1 << 16):
     """Yield slices of some rows together, of about so many cells: no copies of whole fields are needed so.
 
     Not collective.

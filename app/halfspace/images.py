@@ -22,8 +22,8 @@ from scipy.special import erf, erfc
 
 from app.base.mpi import MPI
 from app.base.numba_cache import FIELD, FIXED, MASK, njit
-from app.halfspace.chebyshev import coefficients, lagrange_weights, nodes, polynomials
-from app.parallel.reductions import add_inside, add_row, any_order
+from app.halfspace.chebyshev import chebyshev_nodes, even_chebyshev, fit_even_chebyshev, lagrange_weights
+from app.parallel.reductions import add_masked, add_row, njit_reassoc
 
 _RANGE = 6.2  # erfc(6.2) is nothing
 _TERMS = 16  # even Chebyshev polynomials for a square
@@ -74,7 +74,7 @@ def _lattice_sum(aspect):
     The lattice has steps 1 in x and `aspect` in y; the polynomials are for `_REACH` of these.
     """
     counts = [int(np.ceil(_TERMS * max(1.0, ratio))) for ratio in (aspect, 1 / aspect)]
-    in_y, in_x = map(nodes, counts)
+    in_y, in_x = map(chebyshev_nodes, counts)
     y, x = np.meshgrid(aspect * _REACH * in_y, _REACH * in_x, indexing="ij")
     alpha = np.sqrt(np.pi / aspect)
     total = np.full(x.shape, -2 * np.sqrt(np.pi) / (alpha * aspect))
@@ -89,7 +89,7 @@ def _lattice_sum(aspect):
             cosines = np.cos(2 * np.pi * i * in_x * _REACH) * np.cos(2 * np.pi * j * in_y * _REACH)[:, None]
             alike = (2 if i else 1) * (2 if j else 1)
             total += alike * 2 * np.pi / aspect * erfc(q / (2 * alpha)) / q * cosines
-    return coefficients(total)
+    return fit_even_chebyshev(total)
 
 
 def _within(radius, step_y, step_x, reach=0.0):
@@ -103,13 +103,13 @@ def _within(radius, step_y, step_x, reach=0.0):
 def _cell_means(period, count):
     """Means of the even Chebyshev polynomials over cells at offsets up to half a period."""
     at = (np.arange(period // 2 + 1)[:, None] + _GAUSS[0] / 2) / (_REACH * period)
-    return np.einsum("jgt,g->jt", polynomials(at, count), _GAUSS[1] / 2)
+    return np.einsum("jgt,g->jt", even_chebyshev(at, count), _GAUSS[1] / 2)
 
 
 # ------------------------------------------------------------------------------------------- S on few cells
 
 
-@any_order
+@njit_reassoc
 def _copy_row(a, out):
     some = False
     for i in range(a.size):
@@ -118,7 +118,7 @@ def _copy_row(a, out):
     return some
 
 
-@any_order
+@njit_reassoc
 def _copy_inside(a, inside, out):
     some = False
     for i in range(a.size):
@@ -150,7 +150,7 @@ def _spread(nodes, first, weights, mask, out, row):
         for k in range(width):
             add_row(row, weights[place, k], nodes[cell + k, : row.size])
         if mask.size:
-            add_inside(row, mask[j], out[j])
+            add_masked(row, mask[j], out[j])
         else:
             add_row(out[j], row.dtype.type(1), row)
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from app.base.errors import InputError, exactly
 from app.halfspace.love import love_coefficients
-from app.halfspace.periodic_symbol import folded, periodic_quadrant
+from app.halfspace.periodic_symbol import fold_offsets, periodic_quadrant
 
 
 def _real(what, value):
@@ -231,7 +231,7 @@ def quadrant_rows(grid, compliance):
         offsets, count = np.arange(*which.indices(grid.ny)), grid.nx if columns is None else columns
         if quadrant is None:
             return love_coefficients((grid.dx, grid.dy), compliance, offsets, count)
-        return quadrant[np.ix_(folded(offsets, grid.ny), folded(np.arange(count), grid.nx))]
+        return quadrant[np.ix_(fold_offsets(offsets, grid.ny), fold_offsets(np.arange(count), grid.nx))]
 
     return rows
 

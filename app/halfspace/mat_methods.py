@@ -17,20 +17,20 @@ from app.parallel.reductions import minimum_over, sum_over
 _FACTORS = "factors"  # attribute of a Mat
 
 
-def factors_of(mat):
+def scale_and_shift(mat):
     """Return a and s of a Mat. Not collective."""
     return (mat and mat.getAttr(_FACTORS)) or (1.0, 0.0)
 
 
-def check_plain(mat, who):
+def check_unscaled(mat, who):
     """Refuse a Mat that was scaled or shifted, for a solver that takes none. Not collective."""
-    if factors_of(mat) != (1.0, 0.0):
+    if scale_and_shift(mat) != (1.0, 0.0):
         raise InputError(f"{who}: needs a Mat that is neither scaled nor shifted")
 
 
 def _check_definite(mat):
     """Tell PETSc whether the Mat is still known to be positive definite. Not collective."""
-    a, s = factors_of(mat)
+    a, s = scale_and_shift(mat)
     mat.setOption(PETSc.Mat.Option.SPD, a > 0 and s >= 0)
     mat.setOption(PETSc.Mat.Option.SYMMETRIC, True)
 
@@ -45,18 +45,18 @@ class MatMethods:
     def duplicate(self, mat, _=None):
         """Return another Mat of the same operator with the same factors."""
         other = self.mat(mat.comm)
-        other.setAttr(_FACTORS, factors_of(mat))
+        other.setAttr(_FACTORS, scale_and_shift(mat))
         return other
 
     def scale(self, mat, factor):
         """Multiply the Mat by a number."""
-        a, s = factors_of(mat)
+        a, s = scale_and_shift(mat)
         mat.setAttr(_FACTORS, (factor * a, factor * s))
         _check_definite(mat)
 
     def shift(self, mat, summand):
         """Add a multiple of the identity, in and outside C."""
-        a, s = factors_of(mat)
+        a, s = scale_and_shift(mat)
         mat.setAttr(_FACTORS, (a, s + summand))
         _check_definite(mat)
 
@@ -65,7 +65,7 @@ class MatMethods:
         squared = kind == PETSc.NormType.FROBENIUS
         if not squared and kind not in (PETSc.NormType.NORM_1, PETSc.NormType.INFINITY):
             raise ValueError("norm of an influence matrix: must be NORM_1, FROBENIUS or INFINITY")
-        (a, s), power = factors_of(mat), 2 if squared else 1
+        (a, s), power = scale_and_shift(mat), 2 if squared else 1
         sums = (
             abs(a) ** power * (self._row_sums(power) - self.diagonal**power)
             + abs(a * self.diagonal + s) ** power

@@ -21,7 +21,7 @@ from app.halfspace import events
 from app.halfspace.fft.lengths import transform_length
 from app.halfspace.fft.multiplier import EvenMultiplier, Layout
 from app.halfspace.influence import dense_matrix, influence_quadrant, quadrant_rows
-from app.halfspace.mat_methods import MatMethods, factors_of
+from app.halfspace.mat_methods import MatMethods, scale_and_shift
 from app.halfspace.periodic_symbol import influence_symbol
 from app.halfspace.product import BoxProduct, Convolution, DenseProduct, NoRows, PeriodicProduct
 from app.parallel.reductions import sum_over
@@ -33,7 +33,7 @@ _ZERO_GUESS = 16
 _PRODUCTS = "product", "exact_product", "inverse", "exact_inverse", "screened_product"
 _mult_event = PETSc.Log.Event("InfluenceMult")
 _sweep_event = PETSc.Log.Event("InfluenceSOR")
-for _name in ("Alltoall", "Coeffs", "Spectra"):
+for _name in ("Alltoall", "Coeffs", "SpectrumCache"):
     setattr(events, _name.lower(), PETSc.Log.Event(f"Influence{_name}"))
 
 
@@ -55,7 +55,7 @@ class InfluenceOperator(MatMethods):
         Whose ``apply(p, u)`` is the last word, if not that of a double precision product on this grid.
     target : InfluenceOperator, optional
         Of the target grid, if that is another one: its products are at rest while those of this one are computed.
-    spectra : Spectra, optional
+    spectra : SpectrumCache, optional
         Of products and preconditioners, to be kept when those are freed.
 
     Notes
@@ -63,7 +63,7 @@ class InfluenceOperator(MatMethods):
     A product by FFT works in an array that holds anything between products. The largest, of the double precision
     product of the target grid, is lent to all others (`storage`): from its first byte on to products and
     preconditioners, of which one works at a time. What the iteration's product, in single precision or on fewer cells,
-    leaves of it holds vectors of the Krylov method (`scratch_beside_product`): during the iteration nobody asks for
+    leaves of it holds vectors of the Krylov method (`spare_fields`): during the iteration nobody asks for
     the double precision product.
 
     Attributes
@@ -74,7 +74,7 @@ class InfluenceOperator(MatMethods):
         On the coarser grids of a multigrid method, the finest first; None until there are any.
     mask : ndarray of bool, shape (local rows, nx)
         The contact set C, at first all cells. Change it in place and then call `mask_changed`.
-    contact_number : int
+    contact_version : int
         Contact sets that solvers have been told of, by `mask_changed`. In steps 4.a and 4.b the mask is ahead of it.
     products, sweeps : int
         Products of the Mat asked for by PETSc, and Gauss-Seidel sweeps: the paper's work units.
@@ -110,7 +110,7 @@ class InfluenceOperator(MatMethods):
         self.mask = np.ones(self.local_shape, bool)
         self.products = self.sweeps = 0
         self._spent = 0.0  # products of objects that are gone
-        self.contact_number = 0
+        self.contact_version = 0
         self._energy = None, None  # of a contact set, by its number
 
     # -- products, made when first asked for ---------------------------------------------------------------
@@ -155,7 +155,7 @@ class InfluenceOperator(MatMethods):
         exact = vars(self.target or self).get("exact_product")
         return exact if isinstance(exact, EvenMultiplier) else None
 
-    def scratch_beside_product(self, *types, others=()):
+    def spare_fields(self, *types, others=()):
         """Fields to be worked on while no exact product is computed, in what `product` leaves of the `storage`.
 
         Collective when first asked for.
@@ -181,7 +181,7 @@ class InfluenceOperator(MatMethods):
             spare = spare[:left] if left >= 0 else spare
         return fields
 
-    def forget_elsewhere(self):
+    def forget_exact_support(self):
         """Let an exact product on other cells, too, free what it has found there. Not collective."""
         forget = getattr(vars(self).get("exact_product"), "forget", None)
         if forget is not None:
@@ -246,10 +246,10 @@ class InfluenceOperator(MatMethods):
 
     def mask_changed(self):
         """Take notice of another contact set; who holds a Mat must tell PETSc. Not collective."""
-        self.contact_number += 1
+        self.contact_version += 1
 
     @contextmanager
-    def in_double(self):
+    def double_precision(self):
         """Products and preconditioners made inside the block are in double precision. Collective."""
         if self.dtype == np.float64:
             yield
@@ -285,16 +285,16 @@ class InfluenceOperator(MatMethods):
 
     def displacement(self, p, u):
         """Compute u = A p, (2.6) and (2.7), on all cells. Collective; arrays of shape `local_shape`."""
-        logged(_mult_event, self.product, p, u)
+        apply_logged(_mult_event, self.product, p, u)
 
     def exact_displacement(self, p, u):
         """Compute u = A p in double precision whatever that of the other products. Collective."""
-        logged(_mult_event, self.exact_product, p, u)
+        apply_logged(_mult_event, self.exact_product, p, u)
 
     def energy_of_contact(self):
         """p.Ap for p = 1 on C and 0 elsewhere [mm / (N/mm2)], and the cells of C; one product per set. Collective."""
         cells = sum_over(self.comm, [np.count_nonzero(self.mask)])[0]
-        asked_for = self.contact_number, cells  # until the next number cells only leave
+        asked_for = self.contact_version, cells  # until the next number cells only leave
         if self._energy[0] != asked_for:
             p, u = self.mask.astype(float), np.empty(self.local_shape)
             self.displacement(p, u)
@@ -306,10 +306,10 @@ class InfluenceOperator(MatMethods):
     def mult(self, mat, x, y):
         """Compute y = (a C A C + s I) x, the left side of (2.11); from it PCMG has the defect of Sec. 4.2, 2."""
         self.products += 1
-        a, s = factors_of(mat)
+        a, s = scale_and_shift(mat)
         with y as out:
             p, out = x.getArray(readonly=True).reshape(self.local_shape), out.reshape(self.local_shape)
-            logged(_mult_event, self.product, p, out, self.mask)
+            apply_logged(_mult_event, self.product, p, out, self.mask)
             if (a, s) != (1.0, 0.0):
                 out *= a
                 out += s * p
@@ -318,7 +318,7 @@ class InfluenceOperator(MatMethods):
 
     def getDiagonal(self, mat, diagonal):
         """Diagonal of the Mat; the same outside C, where it only has to be nonzero."""
-        a, s = factors_of(mat)
+        a, s = scale_and_shift(mat)
         with diagonal as values:
             values[...] = a * self.diagonal + s
 
@@ -327,7 +327,7 @@ class InfluenceOperator(MatMethods):
 
         PETSc's "local" sweeps (its default) would make the multigrid method diverge; here they are the global ones.
         """
-        a, s = factors_of(mat)
+        a, s = scale_and_shift(mat)
         if shift or s or kind & ~(_FORWARD | _BACKWARD | _ZERO_GUESS):
             raise ValueError("no Gauss-Seidel by parts of the matrix, or with a diagonal shift")
         if not self.active:
@@ -397,7 +397,7 @@ class InfluenceOperator(MatMethods):
         )
 
 
-def logged(event, product, *fields):
+def apply_logged(event, product, *fields):
     """Compute a product for -log_view, with its flops. Collective over its ranks."""
     with event:
         product.apply(*fields)
@@ -409,7 +409,7 @@ def petsc_comm(comm):
     return PETSc.COMM_SELF if comm is None else PETSc.Comm(MPI.Intracomm(comm))
 
 
-def context_of(mat, kind, who):
+def get_operator(mat, kind, who):
     """Return the context of a Mat, for a solver that works on one kind of operator only. Not collective.
 
     Raises
@@ -424,7 +424,7 @@ def context_of(mat, kind, who):
     return context
 
 
-def vec_of(field, operator):
+def wrap_vec(field, operator):
     """Make a Vec of a field on an operator's grid, in its memory, for the caller to free. Collective over its ranks.
 
     A ValueError if the field is not C-contiguous: the Vec would be a copy.

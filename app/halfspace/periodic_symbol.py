@@ -21,7 +21,7 @@ from scipy.special import erfc
 
 from app.halfspace import events
 from app.halfspace.fft.multiplier import transform_even
-from app.halfspace.grid import runs
+from app.halfspace.grid import row_blocks
 
 # Widths of the Gaussians of `_line_sums`, in sides of a cell. To rounding, a narrower one stays in its cell, and a
 # wider one leaves only the wave itself.
@@ -29,7 +29,7 @@ _SHORTEST, _LONGEST = 0.04, 2.0
 _POINTS = 12  # of quadrature in a panel; they leave only rounding
 
 
-def frequencies(grid, columns, rows):
+def wave_numbers(grid, columns, rows):
     """Wave numbers in x and y of the frequencies asked for [1/mm]. Not collective."""
     return (2 * np.pi * np.asarray(index) / (n * d) for index, n, d in
             ((columns, grid.nx, grid.dx), (rows, grid.ny, grid.dy)))  # fmt: skip
@@ -61,7 +61,7 @@ def influence_symbol(grid, compliance, columns, rows):
 
 def _spectral(grid, columns, rows):
     """1 / |q|."""
-    qx, qy = frequencies(grid, columns, rows)
+    qx, qy = wave_numbers(grid, columns, rows)
     q = np.hypot(qx[:, None], qy)
     return np.divide(1.0, q, out=np.zeros_like(q), where=q > 0)
 
@@ -76,10 +76,10 @@ def _love(grid, columns, rows):
     lengths, weights = _quadrature(*sorted((grid.dx, grid.dy)))
     x, y = (2 * np.pi / n * np.asarray(index) for index, n in ((columns, grid.nx), (rows, grid.ny)))
     total = np.empty((x.size, y.size))
-    for some in runs(x.size, lengths.size):
+    for some in row_blocks(x.size, lengths.size):
         in_x = weights * _line_sums(x[some], lengths / grid.dx)
         left = in_x.any(axis=0)  # Most lengths are too long for most waves in x if cells are long in y.
-        for others in runs(y.size, lengths.size):
+        for others in row_blocks(y.size, lengths.size):
             in_y = _line_sums(y[others], lengths[left] / grid.dy)
             total[some, others] = in_x[:, left] @ in_y.T
     q = np.hypot(x[:, None] / grid.dx, y / grid.dy)
@@ -146,6 +146,6 @@ def periodic_quadrant(grid, compliance):
     return transform_even(np.ascontiguousarray(in_y.T), grid.nx) / grid.n
 
 
-def folded(offsets, n):
+def fold_offsets(offsets, n):
     """Offsets up to half a period that offsets from 0 on are alike to. Not collective."""
     return np.minimum(offsets % n, -offsets % n)

@@ -15,7 +15,7 @@ import numpy as np
 from app.base.mpi import MPI
 from app.halfspace import events
 from app.halfspace.fft.lengths import lengths_with_margin, transform_length
-from app.halfspace.fft.multiplier import ALONE, EvenMultiplier
+from app.halfspace.fft.multiplier import SERIAL, EvenMultiplier
 from app.halfspace.images import Box, ImageCorrection
 from app.halfspace.influence import influence_at
 
@@ -41,7 +41,7 @@ class Convolution(EvenMultiplier):
         See `EvenMultiplier`.
     """
 
-    def __init__(self, quadrant_rows, shape, layout=ALONE):
+    def __init__(self, quadrant_rows, shape, layout=SERIAL):
         ny, nx = shape
         super().__init__(shape, (transform_length(ny), transform_length(nx)), layout)
         self.use(layout.spectra, shape, partial(self.set_kernel, quadrant_rows, ny, nx))
@@ -60,7 +60,7 @@ class BoxProduct(EvenMultiplier):
     layout : Layout
     """
 
-    def __init__(self, grid, compliance, layout=ALONE):
+    def __init__(self, grid, compliance, layout=SERIAL):
         super().__init__(grid.shape, self.periods_of(grid), layout)
         self._box, self._compliance = Box(grid, self.periods, partial(influence_at, grid)), compliance
         halves = (period // 2 + 1 for period in self.periods)
@@ -118,7 +118,7 @@ class PeriodicProduct(EvenMultiplier):
         See `EvenMultiplier`.
     """
 
-    def __init__(self, symbol, shape, layout=ALONE):
+    def __init__(self, symbol, shape, layout=SERIAL):
         super().__init__(shape, shape, layout)
         with events.spectra:
             self.set_spectrum(symbol)

@@ -13,7 +13,7 @@ import numpy as np
 from app.base.numba_cache import njit
 from app.halfspace.grid import Grid
 from app.parallel.fetch import Fetch
-from app.parallel.reductions import minimum_over, span_of
+from app.parallel.reductions import minimum_over, nonzero_span
 
 
 @dataclass(frozen=True)
@@ -57,12 +57,12 @@ class Window:
             min(self.y0, other.y0), max(self.y1, other.y1), min(self.x0, other.x0), max(self.x1, other.x1)
         )
 
-    def within(self, other):
+    def relative_to(self, other):
         """Return the same cells counted from the first of `other`. Not collective."""
         return Window(self.y0 - other.y0, self.y1 - other.y0, self.x0 - other.x0, self.x1 - other.x0)
 
 
-def whole(grid):
+def whole_window(grid):
     """Window of all cells of a grid. Not collective."""
     return Window(0, grid.ny, 0, grid.nx)
 
@@ -83,20 +83,22 @@ def bounding_boxes(masks, slabs, comm):
     -------
     list of Window or None
     """
-    return [box_of(box) for box in minimum_over(comm, [box_here(mask, slabs) for mask in masks])]
+    return [
+        window_from_bounds(box) for box in minimum_over(comm, [local_bounds(mask, slabs) for mask in masks])
+    ]
 
 
-def box_here(mask, slabs):
+def local_bounds(mask, slabs):
     """Return first row and column with a cell that is set here, last ones negative; infinite if none. Not collective.
 
-    Whose minima over the ranks tell `box_of`.
+    Whose minima over the ranks tell `window_from_bounds`.
     """
     first = slabs.rows.start
     y0, y1, x0, x1 = _extent(mask)
     return [first + y0, x0, 1 - first - y1, 1 - x1] if y1 else [np.inf] * 4
 
 
-def box_of(minima):
+def window_from_bounds(minima):
     """Return the window that four minima tell of, or None. Not collective."""
     y0, x0, y1, x1 = minima
     return None if np.isinf(y0) else Window(int(y0), 1 - int(y1), int(x0), 1 - int(x1))
@@ -107,7 +109,7 @@ def _extent(mask):
     """First row and column of what is set, and one past the last of each; zeros if nothing is."""
     y0, y1, x0, x1 = 0, 0, mask.shape[1], 0
     for j in range(mask.shape[0]):
-        first, last = span_of(mask[j])
+        first, last = nonzero_span(mask[j])
         if last:
             y0, y1 = y0 if y1 else j, j + 1
             x0, x1 = min(x0, first), max(x1, last)

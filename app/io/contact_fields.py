@@ -122,9 +122,9 @@ class ContactFields:
 
     def _connected(self):
         """Labels of the patches of contact in the rows here, and their cells. Collective."""
-        from app.halfspace.connected import connected_sets
+        from app.halfspace.connected_sets import label_connected_sets
 
-        return connected_sets(self.contact == 1, bool(self.grid.periodic), self.slabs, self.comm)
+        return label_connected_sets(self.contact == 1, bool(self.grid.periodic), self.slabs, self.comm)
 
     def count_patches(self):
         """Number of patches of contact, and area of the largest [mm2], as results have them. Collective."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from app.base.errors import InputError, agree, one_line
 from app.base.quantities import unit_of
-from app.halfspace.grid import runs
+from app.halfspace.grid import row_blocks
 from app.io.files import check_output_path, publish, remove, temporary_name
 from app.io.result import AXES, FIELDS, HISTORY, UNITS
 
@@ -169,7 +169,7 @@ def _write_rows(path, comm, slabs, rows):
     def write(**driver):
         with h5py.File(path, "r+", **driver) as file:
             for name, values in rows.items():
-                for part in runs(*values.shape, _CELLS_AT_ONCE):
+                for part in row_blocks(*values.shape, _CELLS_AT_ONCE):
                     start = slabs.rows.start
                     file[name][start + part.start : start + part.stop] = values[part]
 

@@ -24,8 +24,8 @@ from functools import partial
 import numpy as np
 from scipy.fft import next_fast_len
 
-from app.halfspace.fft.lengths import quick_length, transform_length
-from app.halfspace.fft.multiplier import ALONE, EvenMultiplier
+from app.halfspace.fft.lengths import fast_length, transform_length
+from app.halfspace.fft.multiplier import SERIAL, EvenMultiplier
 from app.halfspace.grid import Grid
 from app.halfspace.influence import middle_displacement, quadrant_rows
 from app.methods.multilevel_product import MultilevelOperator, coarse_shape
@@ -36,7 +36,7 @@ _LEAST = 128
 _LEAST_PERIODIC = 512  # there transforms are not padded, and right
 
 
-def circulant_inverse(grid, compliance, layout=ALONE, apart=False):
+def circulant_inverse(grid, compliance, layout=SERIAL, apart=False):
     """The inverse of A on a free patch, continued periodically.
 
     Collective over the ranks of the layout.
@@ -60,7 +60,7 @@ def circulant_inverse(grid, compliance, layout=ALONE, apart=False):
     (cy, cx), shape = cells_in_one(near), _coarsest_shape(grid, near)
     periods = shape
     if apart:  # coarse cells cover more than the patch already; without them a cell is added
-        periods = tuple(next_fast_len(n, real=True) if near else quick_length(n + 1) for n in shape)
+        periods = tuple(next_fast_len(n, real=True) if near else fast_length(n + 1) for n in shape)
     constants = middle_displacement(compliance, (cy * periods[0] * grid.dy, cx * periods[1] * grid.dx))
     coarsest = _coarsest_inverse(grid, compliance, near, periods, constants)
     if near:
@@ -86,7 +86,7 @@ def _coarsest_inverse(grid, compliance, near, periods, constants):
     return coarsest
 
 
-def influence_by_levels(grid, compliance, layout=ALONE, other=None):
+def influence_by_levels(grid, compliance, layout=SERIAL, other=None):
     """A on a free patch, nearly.
 
     Collective over the ranks of the layout.
@@ -125,7 +125,7 @@ def influence_by_levels(grid, compliance, layout=ALONE, other=None):
     return MultilevelOperator(grid.shape, near, coarsest, layout, other)
 
 
-def periodic_inverse_by_levels(grid, compliance, layout=ALONE):
+def periodic_inverse_by_levels(grid, compliance, layout=SERIAL):
     """The inverse of A on a periodic patch, nearly.
 
     Collective over the ranks of the layout.

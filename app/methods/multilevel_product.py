@@ -21,11 +21,11 @@ from __future__ import annotations
 import numpy as np
 
 from app.base.numba_cache import njit
-from app.halfspace.fft.multiplier import ALONE
+from app.halfspace.fft.multiplier import SERIAL
 from app.methods.symbol import REACH
-from app.parallel.halo import Halo, Parents
-from app.parallel.reductions import any_order, copy_row, scale_row, wrap
-from app.parallel.slabs import Slabs, unless_alone
+from app.parallel.halo import CoarseHalo, Halo
+from app.parallel.reductions import copy_row, njit_reassoc, scale_row, wrap_ends
+from app.parallel.slabs import Slabs, none_if_single
 
 _SHARE = 0.6  # operations of stencil and interpolation on a cell, in those of a transform and back
 
@@ -66,10 +66,10 @@ class MultilevelOperator:
         In y and x, in cells.
     """
 
-    def __init__(self, shape, near, coarsest, layout=ALONE, other=None, periodic=False):
+    def __init__(self, shape, near, coarsest, layout=SERIAL, other=None, periodic=False):
         self.count, self.shape, self.dtype = 0, shape, np.dtype(layout.dtype)
         self.slabs = slabs = layout.slabs or Slabs(shape[0])
-        self.comm, dtype = unless_alone(layout.comm), self.dtype
+        self.comm, dtype = none_if_single(layout.comm), self.dtype
         twice = np.where(np.arange(REACH + 1) > 0, 2.0, 1.0)
         self._stencil = np.ascontiguousarray((near[0].stencil / np.outer(twice, twice)).T, dtype)  # [y, x]
         self._factors = fy, _ = near[0].factors
@@ -85,7 +85,7 @@ class MultilevelOperator:
         self._first, self._first_coarse = slabs.rows.start, coarse.rows.start
         self._coarse = np.zeros((coarse.local, below[1]), dtype) if other is None else other._coarse
         self._halo = Halo(slabs, self.comm, REACH, periodic) if periodic or self.comm is not None else None
-        self._parents = Parents(slabs, self.comm, periodic) if fy == 2 else None
+        self._parents = CoarseHalo(slabs, self.comm, periodic) if fy == 2 else None
         self._none = np.zeros((0, shape[1]), dtype)
         self._all = np.ones(slabs.local, bool)
         padded, half = shape[1] + 2 * REACH, shape[1] // 2 + 3
@@ -138,28 +138,28 @@ class MultilevelOperator:
 # there over a period. A factor 3 is of the type of the rows: by Python's, single precision is multiplied in double.
 
 
-@any_order
+@njit_reassoc
 def _add_rows(a, b, c, d, three, out):
     """1, 3, 3, 1 of them."""
     for i in range(out.size):
         out[i] = a[i] + d[i] + three * (b[i] + c[i])
 
 
-@any_order
+@njit_reassoc
 def _split(row, even, odd):
     for i in range(even.size):
         even[i] = row[2 * i]
         odd[i] = row[2 * i + 1]
 
 
-@any_order
+@njit_reassoc
 def _halve(even, odd, sixteenth, three, out):
     """1, 3, 3, 1 of four cells each of a row that is padded by 3 before, or over a period by 1."""
     for i in range(out.size):
         out[i] = sixteenth * (even[i] + odd[i + 1] + three * (odd[i] + even[i + 1]))
 
 
-@any_order
+@njit_reassoc
 def _double(row, sixteenth, three, out):
     """A quarter of the linear interpolation between centres of coarse cells, of which the first is before the patch."""
     for i in range(row.size - 2):
@@ -170,7 +170,7 @@ def _double(row, sixteenth, three, out):
         out[-1] = sixteenth * (three * row[-1] + row[-2])
 
 
-@any_order
+@njit_reassoc
 def _in_y(rows, stencil, middle, once, twice):
     """The columns of the stencil: the middle one, and those once and twice removed."""
     a, b, c, d, e = rows
@@ -184,7 +184,7 @@ def _in_y(rows, stencil, middle, once, twice):
         twice[i] = here2 * c[i] + next2 * beside + last2 * beyond
 
 
-@any_order
+@njit_reassoc
 def _in_x(middle, once, twice, near, far, three, out):
     """Their sum, of padded rows, with what comes from the two coarse rows about this one."""
     for i in range(out.size):
@@ -223,7 +223,7 @@ def _restrict(p, rows, before, after, first, first_coarse, coarse, factors, peri
             for k in range(low + 2 if j else low, low + 4):
                 found = _take_row(k, p, rows, before, after, four[k % 4, pad : pad + nx])
                 if periodic:
-                    wrap(four[k % 4], nx, pad)
+                    wrap_ends(four[k % 4], nx, pad)
                 some = (2 * some + found) & 15
             if some:
                 a, b, c, d = four[low % 4], four[(low + 1) % 4], four[(low + 2) % 4], four[(low + 3) % 4]
@@ -231,7 +231,7 @@ def _restrict(p, rows, before, after, first, first_coarse, coarse, factors, peri
         else:
             some = int(_take_row(j, p, rows, before, after, row[pad : pad + nx]))
             if periodic:
-                wrap(row, nx, pad)
+                wrap_ends(row, nx, pad)
         if not some:
             coarse[j] = 0
         elif fx == 2:
@@ -248,7 +248,7 @@ def _widen(row, fx, three, periodic, wide, out):
         scale_row(row, row.dtype.type(1 / 4), out)
     elif periodic:
         copy_row(row, wide[1:-1])
-        wrap(wide, row.size, 1)
+        wrap_ends(wide, row.size, 1)
         _double(wide, row.dtype.type(1 / 16), three, out)
     else:
         _double(row, row.dtype.type(1 / 16), three, out)
@@ -279,7 +279,7 @@ def _add_near(
     for j in range(-4, len(p)):
         _take_row(j + 2, p, rows, before, after, five[(j + 2) % 5, 2 : 2 + nx])
         if periodic:
-            wrap(five[(j + 2) % 5], nx, 2)
+            wrap_ends(five[(j + 2) % 5], nx, 2)
         if j < 0 or not rows[j]:
             continue
         parent = far = first + j - first_coarse

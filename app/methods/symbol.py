@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from app.halfspace import events
-from app.halfspace.chebyshev import coefficients, nodes, polynomials
+from app.halfspace.chebyshev import chebyshev_nodes, even_chebyshev, fit_even_chebyshev
 from app.halfspace.grid import Grid
 from app.halfspace.periodic_symbol import influence_symbol
 
@@ -87,7 +87,7 @@ def _eigenvalues(kind, dx, dy, x, y):
         found[(x[:, None] == 0) & (y == 0)] = np.inf
         return found
     terms = _smooth_part(dx, dy)
-    in_x, in_y = (polynomials(t, count) for t, count in zip((x, y), terms.shape, strict=True))
+    in_x, in_y = (even_chebyshev(t, count) for t, count in zip((x, y), terms.shape, strict=True))
     return _of_cell(dx, dy, x, y) + in_x @ terms @ in_y.T
 
 
@@ -106,8 +106,8 @@ def _directly(kind, dx, dy, x, y):
 def _smooth_part(dx, dy):
     """Coefficients [x, y] of even Chebyshev polynomials for what images in Fourier space add."""
     counts = [int(np.ceil(_TERMS * max(1.0, ratio))) for ratio in (dy / dx, dx / dy)]
-    x, y = map(nodes, counts)
-    return coefficients(_directly("love", dx, dy, x, y) - _of_cell(dx, dy, x, y))
+    x, y = map(chebyshev_nodes, counts)
+    return fit_even_chebyshev(_directly("love", dx, dy, x, y) - _of_cell(dx, dy, x, y))
 
 
 def centre(grid):

@@ -1,7 +1,7 @@
 """The grids of one problem, from the coarsest to the target, with their operators and transfers.
 
 Operators are rediscretised on every grid (no Galerkin products). All ranks share the target grid. Small grids are on
-fewer ranks (`app.parallel.rank_groups.Ranks`), and one that can be solved directly is on one.
+fewer ranks (`app.parallel.rank_groups.RankGroups`), and one that can be solved directly is on one.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from app.base.errors import InputError, agree
 from app.base.memory import check_hosts, doubles_in_strips, doubles_per_cell
 from app.base.mpi import MPI
 from app.base.petsc import free_forgotten
-from app.halfspace.grid import plan
+from app.halfspace.grid import plan_grids
 from app.halfspace.operator import InfluenceOperator, petsc_comm
 from app.multigrid.transfer import Transfer
-from app.parallel.rank_groups import Ranks
+from app.parallel.rank_groups import RankGroups
 from app.problems.problem import checked_shape
 
 _TELLING = 0.08, 0.37, 0.79  # of the rows: those by which ranks compare their problems
@@ -40,10 +40,10 @@ def check_room(comm, grid, settings):
     ------
     InputError
     """
-    ranks = Ranks(comm, settings.cells_per_rank)
-    grids = plan(grid, settings.coarsest)
+    ranks = RankGroups(comm, settings.cells_per_rank)
+    grids = plan_grids(grid, settings.coarsest)
     # What grids that all ranks share take is counted with the target's cells.
-    few = [ranks.slabs(g).local * g.nx for g in grids[1:] if ranks.number(g) < comm.size]
+    few = [ranks.slabs(g).local * g.nx for g in grids[1:] if ranks.count_for(g) < comm.size]
     cells = ranks.slabs(grid, comm.size).local * grid.nx + sum(few)
     doubles = cells * doubles_per_cell(settings, grid.periodic) + doubles_in_strips(grid)
     check_hosts(ranks.comm, grid, doubles)
@@ -80,7 +80,7 @@ def _make_coarser(target, grids, sizes, ranks):
     """Make the operators of coarser grids, the finest first, each on so many ranks. Collective."""
     dtype, finest = target.dtype, target.target
     target.coarser_levels = tuple(
-        InfluenceOperator(grid, target.compliance, *ranks.deal(grid, size), dtype, target=finest)
+        InfluenceOperator(grid, target.compliance, *ranks.distribute(grid, size), dtype, target=finest)
         for grid, size in zip(grids, sizes, strict=True)
     )
     for number, operator in enumerate(target.coarser_levels):
@@ -94,8 +94,8 @@ def coarser_levels(operator):
     An operator that belongs to no hierarchy keeps those that are made here, on all of its ranks, or on one if small.
     """
     if operator.coarser_levels is None:
-        grids, size = plan(operator.grid)[1:], operator.slabs.size
-        ranks = Ranks(MPI.COMM_SELF if operator.comm is None else operator.comm, 1)
+        grids, size = plan_grids(operator.grid)[1:], operator.slabs.size
+        ranks = RankGroups(MPI.COMM_SELF if operator.comm is None else operator.comm, 1)
         _make_coarser(operator, grids, [1 if grid.n <= LARGEST_DIRECT else size for grid in grids], ranks)
     return operator.coarser_levels
 
@@ -154,14 +154,14 @@ class Hierarchy:
         margin=0.0,
         prefix="",
     ):
-        self.ranks, self.prefix = Ranks(comm, cells_per_rank), prefix
+        self.ranks, self.prefix = RankGroups(comm, cells_per_rank), prefix
         self.comm, self.compliance, self.dtype, self.margin = self.ranks.comm, compliance, dtype, margin
         self._in_windows, self._counted = 0.0, WeakKeyDictionary()  # products; those of each operator so far
-        _, *grids = plan(grid, coarsest, target_only)
-        sizes = [*map(self.ranks.number, grids)]
+        _, *grids = plan_grids(grid, coarsest, target_only)
+        sizes = [*map(self.ranks.count_for, grids)]
         if grids and grids[-1].n <= LARGEST_DIRECT:
             sizes[-1] = 1
-        target = InfluenceOperator(grid, compliance, *self.ranks.deal(grid, self.ranks.size), dtype)
+        target = InfluenceOperator(grid, compliance, *self.ranks.distribute(grid, self.ranks.size), dtype)
         target.mask[...] = False
         _make_coarser(target, grids, sizes, self.ranks)
         self.levels = [*target.coarser_levels[::-1], target]

@@ -12,7 +12,7 @@ import numpy as np
 
 from app.base.numba_cache import njit
 from app.halfspace.chebyshev import lagrange_weights
-from app.parallel.reductions import any_order, mix_rows, wrap
+from app.parallel.reductions import mix_rows, njit_reassoc, wrap_ends
 
 _POINTS = 6  # cells that a quintic goes through: loops are written out for them
 BESIDE = _POINTS // 2  # coarse cells on either side of a fine one, for which there must be room
@@ -43,14 +43,14 @@ def bilinear(coarse, fine, a, b, weight_y, c, d, weight_x, halved, row):
             fine[j, i] = weight_x[i] * row[c[i]] + (1 - weight_x[i]) * row[d[i]]
 
 
-@any_order
+@njit_reassoc
 def _mix_six(a, b, c, d, e, f, weights, out):
     wa, wb, wc, wd, we, wf = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
     for i in range(out.size):
         out[i] = (wa * a[i] + wb * b[i]) + (wc * c[i] + wd * d[i]) + (we * e[i] + wf * f[i])
 
 
-@any_order
+@njit_reassoc
 def _halved_by_quintics(row, weights, fine):
     """Both children of all cells; `weights`: of the first ones. The others' are the same in the other order."""
     wa, wb, wc, wd, we, wf = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
@@ -85,7 +85,7 @@ def quintics(coarse, fine, rows, weights_y, columns, weights_x, halved, row):
             coarse[k], coarse[k + 1], coarse[k + 2], coarse[k + 3], coarse[k + 4], coarse[k + 5],
             weights_y[j], row[BESIDE : BESIDE + nx],
         )  # fmt: skip
-        wrap(row, nx, BESIDE)
+        wrap_ends(row, nx, BESIDE)
         if halved:
             _halved_by_quintics(row, weights_x[0], fine[j])
             continue

@@ -30,8 +30,8 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.base.errors import InputError
-from app.halfspace.mat_methods import check_plain
-from app.halfspace.operator import InfluenceOperator, context_of
+from app.halfspace.mat_methods import check_unscaled
+from app.halfspace.operator import InfluenceOperator, get_operator
 from app.multigrid.direct import stored_matrix
 from app.multigrid.hierarchy import coarser_levels, transfers_between
 from app.options.solver_options import options_set
@@ -175,8 +175,8 @@ class ContactMG:
     destroy = reset
 
     def _make(self, pc, mat):
-        operator, prefix = context_of(mat, InfluenceOperator, "ContactMG"), pc.getOptionsPrefix() or ""
-        check_plain(mat, "ContactMG")
+        operator, prefix = get_operator(mat, InfluenceOperator, "ContactMG"), pc.getOptionsPrefix() or ""
+        check_unscaled(mat, "ContactMG")
         if pc.comm.size != operator.slabs.size:
             raise InputError("ContactMG: needs a Mat on the ranks that share the rows of its operator")
         options, coarser = PETSc.Options(prefix), coarser_levels(operator)
@@ -222,9 +222,9 @@ class ContactMG:
     def _restrict_contact(self):
         """Sec. 4.2, 3: restrict the contact set of the finest grid to all others."""
         fine = self.operators[-1]
-        if fine.contact_number == self._contact:
+        if fine.contact_version == self._contact:
             fine.mask_changed()  # only the state of the Mat was raised
-        self._contact = fine.contact_number
+        self._contact = fine.contact_version
         for transfer in self._transfers[:0:-1]:
             transfer.restrict_contact()
         for operator in self.operators[:-1]:

@@ -16,7 +16,7 @@ from app.base.numba_cache import njit
 from app.base.petsc import restricts_by_transpose
 from app.multigrid.interpolation import BESIDE, bilinear, quintics, six_around, two_around
 from app.parallel.fetch import Fetch
-from app.parallel.reductions import add_inside, add_row, copy_row
+from app.parallel.reductions import add_masked, add_row, copy_row
 
 _NOTHING = 1e-9  # of a cell: rounding of an overlap
 
@@ -259,7 +259,7 @@ def _add_copies(coarse, mask, fine, skipped, fy, fx, row):
     """Add coarse cells to their children, where there is a mask. `row`: room for one."""
     for j in range(fine.shape[0]):
         _copy_row(coarse[(skipped + j) // fy], row, fx)
-        add_inside(row, mask[j], fine[j])
+        add_masked(row, mask[j], fine[j])
 
 
 def _transfer_mat(context, rows, columns, comm):

@@ -67,19 +67,19 @@ class Communicator(MPI.Intracomm):
         return MPI.Intracomm(self)
 
     @cached_property
-    def machine(self):
+    def node(self):
         """Communicator of the ranks on this machine. Collective when first asked for."""
         return self.plain().Split_type(MPI.COMM_TYPE_SHARED)
 
     @cached_property
-    def one_machine(self):
+    def single_node(self):
         """Whether all ranks are on one machine. Collective when first asked for."""
-        return self.machine.size == self.size
+        return self.node.size == self.size
 
     def Free(self):
         """Free it, and what was made of it. Collective."""
-        if "machine" in vars(self):
-            self.machine.Free()
+        if "node" in vars(self):
+            self.node.Free()
         super().Free()
 
     def first(self, size):
@@ -92,8 +92,8 @@ class Communicator(MPI.Intracomm):
         few = group.Incl(ranks)
         made = Communicator(self.plain().Create_group(few, ranks[-1]), self.traffic)
         made.shares_memory = self.shares_memory
-        if vars(self).get("one_machine"):
-            made.one_machine = True
+        if vars(self).get("single_node"):
+            made.single_node = True
         group.Free()
         few.Free()
         return made
@@ -103,14 +103,14 @@ class Communicator(MPI.Intracomm):
         self.traffic.count(1, rows.nbytes)
         return super().Isend(rows, dest, tag)
 
-    def tell(self, known=None):
+    def bcast_or_raise(self, known=None):
         """Return what rank 0 tells; if that is a `Failure`, raise it on the others. Collective."""
         told = self.bcast(known)
         if isinstance(told, Failure) and self.rank > 0:
             raise (InputError if told.refused else FailedElsewhere)(told.why)
         return told
 
-    def meet(self):
+    def exchange_barrier(self):
         """Count and wait for all, who read and write shared memory: an all-to-all that sends nothing. Collective."""
         self.traffic.all_to_alls += 1
         self.Barrier()
@@ -155,7 +155,7 @@ class Failure:
         self.why = str(error) if self.refused else f"on another rank: {described(error)}"
 
 
-class FailuresTold:
+class propagate_errors:
     """A block on rank 0 of a communicator, whose other ranks wait in `tell`, and hear if it fails. Not collective.
 
     Parameters
@@ -173,4 +173,4 @@ class FailuresTold:
     def __exit__(self, _, error, __):
         """End."""
         if error is not None and self._comm is not None:
-            self._comm.tell(Failure(error))
+            self._comm.bcast_or_raise(Failure(error))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.parallel.slabs import unless_alone
+from app.parallel.slabs import none_if_single
 
 
 class Fetch:
@@ -22,7 +22,7 @@ class Fetch:
     """
 
     def __init__(self, have, want, comm=None):
-        self._comm, self.have = unless_alone(comm), have
+        self._comm, self.have = none_if_single(comm), have
         self._sent, self._got = {}, {}  # rank -> slices of the rows here, and of the rows wanted
         self.rows = 0  # wanted
         for first, last in want:

@@ -56,7 +56,7 @@ class Halo(_Beside):
         super().__init__(slabs, (np.where(some, low, first), first), (last, np.where(some, high, last)), comm)
 
 
-class Parents(_Beside):
+class CoarseHalo(_Beside):
     """Fetches the coarse rows between which those of a slab lie, but for those that are here.
 
     Parameters
@@ -84,7 +84,7 @@ class Parents(_Beside):
         self.first = int(low[rank]) + periodic
 
 
-def row_before(field, periodic, slabs, comm, beyond):
+def fetch_row_before(field, periodic, slabs, comm, beyond):
     """Row before the first one of this rank.
 
     Collective. Before the first of a periodic patch comes its last one, of a free patch a row of the value `beyond`.

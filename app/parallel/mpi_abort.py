@@ -13,7 +13,7 @@ from contextlib import suppress
 from app.base.errors import described
 from app.base.mpi import MPI
 
-PATIENCE = 3.0  # s; of a rank that has met an error, until it believes that the others have not
+TIMEOUT = 3.0  # s; of a rank that has met an error, until it believes that the others have not
 
 _PLACE = MPI.Comm.Create_keyval(delete_fn=lambda comm, key, place: place.Free())
 _shared = MPI.COMM_SELF  # where those meet that share the solver which this process has used last
@@ -21,8 +21,8 @@ _open = []  # those of solvers of several ranks that are not closed
 _hooks = []  # of ours, to know them
 
 
-def meeting_place(comm):
-    """Return a communicator of the same ranks, for `all_come` alone: farewells are taken for what others say.
+def shutdown_comm(comm):
+    """Return a communicator of the same ranks for `barrier_with_timeout` only.
 
     Collective when first asked for; freed with `comm`.
     """
@@ -33,10 +33,10 @@ def meeting_place(comm):
     return comm.Get_attr(_PLACE)
 
 
-def all_come(place):
+def barrier_with_timeout(place):
     """Whether all ranks of a meeting place call this within the time of patience. Collective, if they do."""
     farewell = place.Ibarrier()
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + TIMEOUT
     while time.monotonic() < deadline:
         if MPI.Request.Test(farewell):
             return True
@@ -44,7 +44,7 @@ def all_come(place):
     return False
 
 
-def abort(status):
+def abort_all(status):
     """End the other ranks, which may wait for this one, and this one with them if there are any. Not collective."""
     flush()
     if MPI.COMM_WORLD.size > 1:
@@ -59,11 +59,11 @@ def flush():
             stream.flush()
 
 
-def share(comm):
+def abort_on_exception(comm):
     """Let an exception that nobody catches end the ranks of this communicator, as long as no other one is shared.
 
     Collective when first called for it. The others wait for this rank wherever it fails, in a solver or between two
-    calls of one. As long as one `Waits` they do beside solvers of a single rank, too. Exceptions that are caught end
+    calls of one. As long as there is an `AbortGroup`, so do those of solvers of a single rank. Caught exceptions end
     nothing, nor do those of a notebook or at a prompt.
 
     Returns
@@ -72,18 +72,18 @@ def share(comm):
         The same.
     """
     global _shared
-    _shared = meeting_place(comm)
+    _shared = shutdown_comm(comm)
     if comm.size > 1 and sys.excepthook not in _hooks:
         _hooks.append(_after(sys.excepthook))
         sys.excepthook = _hooks[-1]
     return comm
 
 
-class Waits:
+class AbortGroup:
     """As long as it is not destroyed the ranks of a communicator wait for each other. Collective when first made."""
 
     def __init__(self, comm):
-        self.place = meeting_place(comm)
+        self.place = shutdown_comm(comm)
         _open.append(self)
 
     def destroy(self):
@@ -102,11 +102,11 @@ def _after(previous):
         at_a_prompt = hasattr(sys, "ps1") or sys.flags.inspect
         places = [_shared, *(one.place for one in reversed(_open))]
         place = next((place for place in places if place != MPI.COMM_NULL and place.size > 1), None)
-        if at_a_prompt or place is None or all_come(place):
+        if at_a_prompt or place is None or barrier_with_timeout(place):
             return
         rank = MPI.COMM_WORLD.rank
         with suppress(OSError):
             print(f"error: rank {rank}: {described(error)}; all ranks are ended", file=sys.stderr)
-        abort(1)
+        abort_all(1)
 
     return end

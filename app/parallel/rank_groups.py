@@ -11,7 +11,7 @@ from app.parallel.communicator import Communicator
 from app.parallel.slabs import Slabs
 
 
-class Ranks:
+class RankGroups:
     """All ranks of a solver, and the first few of them for each small grid.
 
     Parameters
@@ -26,11 +26,11 @@ class Ranks:
         self.size, self.rank, self.cells = comm.size, comm.rank, cells
         self._made = {}
 
-    def number(self, grid):
-        """Return how many ranks share a grid, see `sharing`. Not collective."""
-        return sharing(grid, self.size, self.cells)
+    def count_for(self, grid):
+        """Return how many ranks share a grid, see `count_ranks`. Not collective."""
+        return count_ranks(grid, self.size, self.cells)
 
-    def deal(self, grid, size=None):
+    def distribute(self, grid, size=None):
         """Deal the rows of a grid to the first `size` ranks. Collective over these, when it is their first grid.
 
         Returns
@@ -44,8 +44,8 @@ class Ranks:
 
     def slabs(self, grid, size=None):
         """Those of `deal`. Not collective."""
-        size = size or self.number(grid)
-        return Slabs(grid.ny, size, self.rank, aligned(grid.ny, size))
+        size = size or self.count_for(grid)
+        return Slabs(grid.ny, size, self.rank, slab_alignment(grid.ny, size))
 
     def first(self, size):
         """Communicator of the first ranks; None if this is the only one, or none of them. Collective over these."""
@@ -57,7 +57,7 @@ class Ranks:
             self._made[size] = self.comm.first(size)
         return self._made[size]
 
-    def beyond(self, size):
+    def idle_comm(self, size):
         """Communicator of rank 0 and those beyond the first `size`, which wait for a grid that they have no part in.
 
         Collective over these, when first asked for. None if there are none, and on the other first ranks.
@@ -76,7 +76,7 @@ class Ranks:
             self._made.pop(size).Free()
 
 
-def sharing(grid, size, cells):
+def count_ranks(grid, size, cells):
     """Return how many of `size` ranks share a grid: all, or a power of two. Not collective.
 
     Each has `cells` cells at least, and a row. Coarser grids, and windows, are never on more.
@@ -85,7 +85,7 @@ def sharing(grid, size, cells):
     return size if most >= size else 1 << (max(most, 1).bit_length() - 1)
 
 
-def aligned(ny, size):
+def slab_alignment(ny, size):
     """Rows that slabs should start at multiples of: the largest power of two that costs next to no balance.
 
     Not collective. Slabs of a grid and of the next coarser one then mostly fit.

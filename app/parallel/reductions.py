@@ -12,59 +12,59 @@ from app.base.numba_cache import njit
 
 # A loop over one row, without branches and in a function of its own, becomes vector instructions if its sums may be
 # taken in any order. The order is the same on any number of ranks.
-any_order = njit(fastmath={"reassoc", "contract"})
+njit_reassoc = njit(fastmath={"reassoc", "contract"})
 
 
-def plus(sums, more):
+def add_tuples(sums, more):
     """Sums of two tuples, number by number: what rows add up to. In compiled loops only."""
     raise NotImplementedError
 
 
-@overload(plus)
-def _plus(sums, more):
+@overload(add_tuples)
+def _add_tuples(sums, more):
     if len(sums) == 1:
         return lambda sums, more: (sums[0] + more[0],)
-    return lambda sums, more: (sums[0] + more[0],) + plus(sums[1:], more[1:])  # noqa: RUF005  numba has no stars
+    return lambda sums, more: (sums[0] + more[0],) + add_tuples(sums[1:], more[1:])  # noqa: RUF005  numba has no stars
 
 
-@any_order
+@njit_reassoc
 def add_row(a, scale, b):
     """a += scale b."""
     for i in range(a.size):
         a[i] += scale * b[i]
 
 
-@any_order
+@njit_reassoc
 def copy_row(row, out):
     """out = row, whatever their types."""
     for i in range(row.size):
         out[i] = row[i]
 
 
-@any_order
+@njit_reassoc
 def mix_rows(one, weight, other, out):
     """out = weight one + (1 - weight) other."""
     for i in range(out.size):
         out[i] = weight * one[i] + (1 - weight) * other[i]
 
 
-@any_order
+@njit_reassoc
 def scale_row(row, factor, out):
     """out = factor row."""
     for i in range(row.size):
         out[i] = factor * row[i]
 
 
-@any_order
-def add_inside(row, mask, out):
+@njit_reassoc
+def add_masked(row, mask, out):
     """out += row where the mask is set."""
     nothing = row.dtype.type(0)
     for i in range(row.size):
         out[i] += row[i] if mask[i] else nothing
 
 
-@any_order
-def around(above, here, below, i, x, y, diagonal):
+@njit_reassoc
+def stencil_sum(above, here, below, i, x, y, diagonal):
     """What a 3 x 3 stencil makes of the neighbours of cell i, of rows with one cell more on either side."""
     return (
         x * (here[i] + here[i + 2])
@@ -74,7 +74,7 @@ def around(above, here, below, i, x, y, diagonal):
 
 
 @njit()
-def copy_at(t, field, before, after, out):
+def copy_slab_row(t, field, before, after, out):
     """out = row t of the rows before a slab, its own, and those after it, all counted together."""
     j = t - len(before)
     if j < 0:
@@ -86,14 +86,14 @@ def copy_at(t, field, before, after, out):
 
 
 @njit()
-def wrap(row, nx, width):
+def wrap_ends(row, nx, width):
     """Into the ends, of some cells each, of a row of nx cells: what comes there over a period, however short."""
     for i in range(width):  # from inside: where there are fewer cells, what is there already goes on
         row[width - 1 - i], row[width + nx + i] = row[width - 1 - i + nx], row[width + i]
 
 
 @njit()
-def span_of(row):
+def nonzero_span(row):
     """First place where a row of a mask is set, and one past the last; 0, 0 if it is nowhere."""
     first, last = 0, row.size
     while last > 0 and not row[last - 1]:

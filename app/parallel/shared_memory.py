@@ -52,7 +52,7 @@ class Storage:
 
 def _memory_of_all(comm, size):
     """So many bytes, zero, that all ranks see; None if they are on several machines or may not. Collective."""
-    if not (getattr(comm, "shares_memory", False) and size and comm.one_machine):
+    if not (getattr(comm, "shares_memory", False) and size and comm.single_node):
         return None
     file, found, place, name = -1, None, None, None
     if comm.rank == 0:

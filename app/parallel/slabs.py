@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 
-def unless_alone(comm):
+def none_if_single(comm):
     """Return `comm`, or None if it has one rank only, which has nobody to talk to. Not collective."""
     return comm if comm is not None and comm.size > 1 else None
 

@@ -176,7 +176,7 @@ def stress_figure(along, grid, depths, section, line, hottest, heading):
         From 0 on.
     section : ndarray, shape (6, depths, nx or ny), [N/mm2]
     line : ndarray, shape (6, depths), [N/mm2]
-    hottest : app.halfspace.stress.subsurface.Hottest
+    hottest : app.halfspace.stress.subsurface.StressMaximum
     heading : str
     """
     figure = new_figure(13.5, 5.2, heading)

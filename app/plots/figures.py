@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from app.base.units import length_unit
-from app.halfspace.grid import plan
+from app.halfspace.grid import plan_grids
 from app.plots.maps import LENGTH_MAP, Canvas, cell_edges, finite_pressure, map_of
 from app.plots.style import (
     BLUE,
@@ -287,6 +287,6 @@ def _mark_grids(axes, result, label=False):
 def _grid_name(result, coarsenings):
     """Cells of the grid so many levels below the target grid."""
     said = re.findall(r"-lcp_coarsest (\d+)", result.attributes["options"])
-    grids = plan(result.grid, *map(int, said))
+    grids = plan_grids(result.grid, *map(int, said))
     grid = grids[min(coarsenings, len(grids) - 1)]
     return f"{grid.nx} × {grid.ny}"

@@ -21,7 +21,7 @@ from scipy.fft import irfft2
 from scipy.linalg import lu_factor, lu_solve
 
 from app.halfspace.influence import dense_matrix
-from app.halfspace.periodic_symbol import folded, influence_symbol
+from app.halfspace.periodic_symbol import fold_offsets, influence_symbol
 
 _PATIENCE = 3
 
@@ -88,7 +88,7 @@ def long_matrix(grid, compliance):
         return dense_matrix(grid, compliance).astype(np.longdouble)
     j, i = np.arange(grid.ny), np.arange(grid.nx)
     symbol = influence_symbol(grid, compliance, i[: grid.nx // 2 + 1], j[: grid.ny // 2 + 1]).T
-    first = irfft2(symbol[folded(j, grid.ny)].astype(np.clongdouble), s=grid.shape)  # row of the matrix
+    first = irfft2(symbol[fold_offsets(j, grid.ny)].astype(np.clongdouble), s=grid.shape)  # row of the matrix
     dj, di = (j[:, None] - j) % grid.ny, (i[:, None] - i) % grid.nx
     return first[dj[:, None, :, None], di[None, :, None, :]].reshape(grid.n, grid.n)
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from app.halfspace.connected import connected_sets
+from app.halfspace.connected_sets import label_connected_sets
 
 PRESSURES = np.linspace(0, 4, 81)  # over E* times the rms slope
 GAPS = np.logspace(-5, 1, 61)  # over the rms height
@@ -22,7 +22,7 @@ def persson_pressures(pressure, load):
 
 def patch_cells(contact):
     """Cells of every patch of contact, largest first; patches hang together by sides of cells, over the period, too."""
-    _, cells = connected_sets(contact, periodic=True)
+    _, cells = label_connected_sets(contact, periodic=True)
     return np.sort(cells)[::-1]
 
 

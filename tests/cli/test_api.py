@@ -112,7 +112,7 @@ def test_an_exception_that_is_caught_or_concerns_no_other_rank_ends_nobody(ranks
     program.write_text(
         FAILING
         + """
-mpi_abort.PATIENCE = 0.1
+mpi_abort.TIMEOUT = 0.1
 Circulant.precondition = fails
 with ContactSolver(problem, options=shared) as solver:
     try:
@@ -145,11 +145,11 @@ def test_an_exception_at_a_prompt_ends_nobody(monkeypatch, capsys):
 
     monkeypatch.setattr(sys, "excepthook", sys.excepthook)
     monkeypatch.setattr(mpi_abort, "_shared", mpi_abort._shared)
-    monkeypatch.setattr(mpi_abort, "meeting_place", lambda comm: comm)
-    monkeypatch.setattr(mpi_abort, "all_come", lambda comm: comm.size < 2)
+    monkeypatch.setattr(mpi_abort, "shutdown_comm", lambda comm: comm)
+    monkeypatch.setattr(mpi_abort, "barrier_with_timeout", lambda comm: comm.size < 2)
     monkeypatch.setattr(mpi_abort, "abort", lambda status: print("aborted", status))
-    mpi_abort.share(Two())
-    mpi_abort.share(Two())
+    mpi_abort.abort_on_exception(Two())
+    mpi_abort.abort_on_exception(Two())
     error = ValueError("two\nlines")
     sys.excepthook(ValueError, error, None)
     told = capsys.readouterr()

@@ -16,7 +16,7 @@ from app.multigrid.linear_solver import LinearSolver
 from app.options.solver_options import options_set
 from app.parallel.communicator import Communicator
 from app.parallel.fetch import Fetch
-from app.parallel.rank_groups import Ranks
+from app.parallel.rank_groups import RankGroups
 from app.parallel.reductions import minimum_over, sums_and_minima
 from app.parallel.slabs import Slabs
 from benchmarks.replay import Replay, record
@@ -42,13 +42,13 @@ def test_every_rank_gets_the_rows_it_wants(comm, dtype):
 
 @pytest.mark.mpi(3, 5)
 def test_first_ranks_have_a_communicator_and_others_do_not(comm):
-    ranks = Ranks(comm, 8)
-    slabs, few = ranks.deal(Grid(4, 5, 1.0, 1.0))  # 20 cells on 2 ranks
+    ranks = RankGroups(comm, 8)
+    slabs, few = ranks.distribute(Grid(4, 5, 1.0, 1.0))  # 20 cells on 2 ranks
     assert slabs.size == 2
     assert (few is None) == (comm.rank >= 2)
     assert comm.allreduce(slabs.local) == 5
     assert few is None or (few.size, few.rank, few.allreduce(slabs.local)) == (2, comm.rank, 5)
-    assert ranks.deal(Grid(4, 4, 1.0, 1.0))[1] is few  # made once
+    assert ranks.distribute(Grid(4, 4, 1.0, 1.0))[1] is few  # made once
     ranks.destroy()
 
 

@@ -6,7 +6,7 @@ from cases import hertz, self_affine
 from mpi4py import MPI
 
 from app import ContactSolver
-from app.halfspace.connected import connected_sets
+from app.halfspace.connected_sets import label_connected_sets
 from app.parallel.slabs import Slabs
 
 
@@ -16,8 +16,8 @@ def test_patches_are_the_same_on_any_number_of_ranks(comm):
         for symbol in ("", "spectral"):
             contact, periodic = np.random.default_rng(1).random(shape) < 0.55, bool(symbol)
             slabs = Slabs.over(comm, shape[0])
-            labels, sizes = connected_sets(contact[slabs.rows], periodic, slabs, comm)
-            expected, alone = connected_sets(contact, periodic)
+            labels, sizes = label_connected_sets(contact[slabs.rows], periodic, slabs, comm)
+            expected, alone = label_connected_sets(contact, periodic)
             assert np.array_equal(np.sort(sizes), np.sort(alone))
             labels = np.vstack(comm.allgather(labels))
             pairs = np.unique(np.stack([labels[contact], expected[contact]]), axis=1)

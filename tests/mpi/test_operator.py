@@ -127,11 +127,11 @@ def test_mat_with_a_contact_set_that_changes(comm, grid, block):
     x.setArray(p[slabs.rows].reshape(-1))
     whole = dense_product(grid, p)
     for seed, share in ((4, 0.4), (5, 1.1), (6, -1)):  # some cells, all in the first half, none
-        number = operator.contact_number
+        number = operator.contact_version
         mask = random_mask(grid, seed, share)
         operator.mask[...] = mask[slabs.rows]
         mat.assemble()
-        assert operator.contact_number > number
+        assert operator.contact_version > number
         assert mat.isSymmetric() and mat.isHermitian()  # PETSc forgets it with other entries
         mat.mult(x, y)
         expected = mask * dense_product(grid, p * mask)

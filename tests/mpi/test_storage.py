@@ -94,7 +94,7 @@ def test_everybody_sees_what_another_writes(comm):
     here = Storage(sizes, comm.rank, counted)
     assert here.own.size == sizes[comm.rank]
     here.own[...] = comm.rank
-    counted.meet()
+    counted.exchange_barrier()
     for rank, (start, size) in enumerate(zip(here.starts, sizes, strict=False)):
         assert (here.all[start : start + size] == rank).all()
     assert here.suits(sizes)

@@ -25,7 +25,7 @@ from app.contact.periodic_state import contact_state
 from app.contact.state import Displacement, Gaps
 from app.halfspace.grid import Grid
 from app.halfspace.influence import Material, dense_matrix
-from app.halfspace.operator import InfluenceOperator, vec_of
+from app.halfspace.operator import InfluenceOperator, wrap_vec
 from app.halfspace.product import DenseProduct
 from app.methods.free.lift import lift
 from app.methods.free.stopping import IN_CONTACT, ROUNDING, InexactStop
@@ -226,9 +226,9 @@ def test_nothing_is_proved_of_a_pressure_that_is_no_number(periodic):
 def test_a_vec_is_in_the_memory_of_its_field():
     operator = InfluenceOperator(Grid(3, 2, 1.0, 1.0), 1.0)
     with pytest.raises(ValueError, match="C-contiguous"):
-        vec_of(np.zeros((2, 3), order="F"), operator)
+        wrap_vec(np.zeros((2, 3), order="F"), operator)
     field = np.zeros((2, 3))
-    vec = vec_of(field, operator)
+    vec = wrap_vec(field, operator)
     vec.set(1.0)
     assert (field == 1).all()
     vec.destroy()

@@ -13,9 +13,9 @@ from app.base.errors import InputError
 from app.base.units import length_unit
 from app.cli.plot import analytic_reference
 from app.cli.problem_options import PROBLEM_OPTIONS
-from app.halfspace.connected import connected_sets
+from app.halfspace.connected_sets import label_connected_sets
 from app.halfspace.grid import Grid
-from app.halfspace.stress.subsurface import Hottest
+from app.halfspace.stress.subsurface import StressMaximum
 from app.plots import curves, figures, heights, load_curves, maps, style, sweeps
 from app.problems.surfaces.reading import read_surface
 from app.reference.rough import persson_fraction
@@ -280,9 +280,9 @@ def test_patches_are_told_apart_across_the_sides_of_a_periodic_patch():
     contact = np.zeros((6, 8), bool)
     contact[0, 0] = contact[5, 0] = contact[0, 7] = True  # one at the corner
     contact[2, 2] = contact[3, 3] = True  # by a corner only: two
-    _, cells = connected_sets(contact)
+    _, cells = label_connected_sets(contact)
     assert sorted(cells) == [1] * 5
-    labels, cells = connected_sets(contact, periodic=True)
+    labels, cells = label_connected_sets(contact, periodic=True)
     assert sorted(cells) == [1, 1, 3] and labels[0, 0] == labels[5, 0] == labels[0, 7] > 0
     assert not labels[~contact].any()
 
@@ -485,7 +485,7 @@ def test_a_section_below_says_when_depth_has_another_scale(deepest, times):
     grid, z = Grid.from_domain(200, 1, (-1, 1, 0, 1)), np.linspace(0, deepest, 21)
     section = np.zeros((6, 21, 200))
     section[2] = -np.exp(-((z[:, None] - deepest / 2) ** 2)) * np.exp(-(grid.x() ** 2))
-    hottest = Hottest(1.0, 0.0, 0.0, deepest / 2, np.zeros(6))
+    hottest = StressMaximum(1.0, 0.0, 0.0, deepest / 2, np.zeros(6))
     figure = curves.stress_figure("x", grid, z, section, section[:, :, 100], hottest, "")
     figure.canvas.draw()
     axes = figure.axes[0]
@@ -500,7 +500,7 @@ def test_a_section_below_says_when_depth_has_another_scale(deepest, times):
 def test_stress_below_a_single_column_has_its_width_and_the_legend_touches_no_curve():
     z, section = np.linspace(0, 1, 21), np.zeros((6, 21, 1))
     section[2, :, 0] = -1
-    hottest = Hottest(26395.0, 3.0, 0.0, 0.5, np.zeros(6))
+    hottest = StressMaximum(26395.0, 3.0, 0.0, 0.5, np.zeros(6))
     grid = Grid.from_domain(1, 1, (2, 4, 0, 1))
     figure = curves.stress_figure("x", grid, z, section, section[:, :, 0], hottest, "")
     left, right = figure.axes[:2]

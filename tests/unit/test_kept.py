@@ -176,7 +176,7 @@ def test_nobody_works_in_what_is_lent():
     """Neither the preconditioner nor what lifts pressures."""
     operator = InfluenceOperator(Grid(640, 640, 1.0, 1.0), 1.0, dtype=np.float32)
     operator.prepare("exact_product", "product")
-    lent = [field for field in operator.scratch_beside_product(np.float64, np.float32) if field is not None]
+    lent = [field for field in operator.spare_fields(np.float64, np.float32) if field is not None]
     assert lent
     for field in lent:
         field[...] = 7.0

@@ -10,7 +10,7 @@ from running import solve
 from app import ContactProblem, ContactSolver, Grid, Material, read_result
 from app.base.errors import InputError
 from app.cli.summary import summary
-from app.halfspace.connected import connected_sets
+from app.halfspace.connected_sets import label_connected_sets
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +115,7 @@ def by_flooding(contact, periodic):
 def test_patches_are_those_found_by_flooding(symbol, shape):
     for seed in range(5):
         contact = np.random.default_rng(seed).random(shape) < 0.5
-        labels, sizes = connected_sets(contact, bool(symbol))
+        labels, sizes = label_connected_sets(contact, bool(symbol))
         assert sorted(sizes, reverse=True) == by_flooding(contact, bool(symbol))
         assert np.array_equal(np.bincount(labels[contact], minlength=len(sizes) + 1)[1:], sizes)
 
@@ -292,7 +292,7 @@ def test_without_load_nothing_is_said_of_where_it_acts(periodic):
 def test_an_interrupt_while_sets_are_told_apart_stays_one():
     """At every call of a Python function below: numpy makes other exceptions of those that come while it compares."""
     cells = np.random.default_rng(0).random((12, 12)) < 0.6
-    expected, calls = connected_sets(cells, True)[1], 0
+    expected, calls = label_connected_sets(cells, True)[1], 0
 
     def interrupted_at(place):
         nonlocal calls
@@ -307,7 +307,7 @@ def test_an_interrupt_while_sets_are_told_apart_stays_one():
         before = sys.gettrace()
         sys.settrace(interrupt)
         try:
-            return connected_sets(cells, True)[1]
+            return label_connected_sets(cells, True)[1]
         finally:
             sys.settrace(before)
 

@@ -8,7 +8,7 @@ from scipy.special import erf
 from app import ContactProblem, ContactSolver, Sphere, solve
 from app.base.errors import InputError
 from app.cli.problem_options import PROBLEM_OPTIONS, make_problem
-from app.halfspace.periodic_symbol import frequencies
+from app.halfspace.periodic_symbol import wave_numbers
 from app.options.option_table import OptionReader
 
 OPTIONS = {
@@ -67,7 +67,7 @@ def test_rms_values_are_those_of_the_spectrum(grid):
     z = np.fft.rfft2(heights(problem)) / problem.grid.n
     g = problem.grid
     i, j = np.arange(g.nx // 2 + 1), np.fft.fftfreq(g.ny, 1 / g.ny)
-    qx, qy = frequencies(g, i, j)
+    qx, qy = wave_numbers(g, i, j)
     twice = np.where((i > 0) & (2 * i < g.nx), 2.0, 1.0)
     assert np.sum(twice * np.abs(z) ** 2 * (qx**2 + qy[:, None] ** 2)) == pytest.approx(0.01, rel=1e-12)
     facts = problem.describe()

@@ -9,7 +9,7 @@ from scipy.fft import next_fast_len
 
 
 @lru_cache(maxsize=256)
-def quick_length(n, even=False):
+def fast_length(n, even=False):
     """Length of at least n at which a transform and what goes with it take little time. Not collective.
 
     Per point FFTW needs (without measuring) half the time at powers of two, 0.8 of it at odd multiples of large
@@ -31,9 +31,9 @@ def quick_length(n, even=False):
 
 def transform_length(n):
     """Even length >= 2 n - 1 for a product on n cells. Not collective."""
-    return quick_length(max(2 * n - 1, 2), even=True)
+    return fast_length(max(2 * n - 1, 2), even=True)
 
 
 def lengths_with_margin(shape, margin):
     """Quick lengths of at least a shape and shares of it more, in y and x. Not collective."""
-    return tuple(quick_length(n + ceil(share * n)) for n, share in zip(shape, margin, strict=True))
+    return tuple(fast_length(n + ceil(share * n)) for n, share in zip(shape, margin, strict=True))

@@ -38,7 +38,7 @@ from app.halfspace.fft.strips import (
 from app.halfspace.fft.transpose import ColumnGroup, Exchange, SentExchange, SharedExchange, deal_columns
 from app.parallel.reductions import sum_over
 from app.parallel.shared_memory import Storage
-from app.parallel.slabs import Slabs, unless_alone
+from app.parallel.slabs import Slabs, none_if_single
 
 _COLUMNS = 128  # of a spectrum that are computed together: what they share is computed anew for the next ones
 _LINE = 64  # bytes of the cache
@@ -91,8 +91,8 @@ def _scratch(shape, dtype):
     return data
 
 
-class Spectra(dict):
-    """Spectra of the multipliers of one operator, and what those of another one had: a window moves, its periods stay.
+class SpectrumCache(dict):
+    """Cache of the spectra of an operator, and of those of the one before it (a window moves, its periods stay).
 
     Not collective. What is known depends on the operators that there were alone, so all ranks of a grid know the same.
     """
@@ -123,7 +123,7 @@ class Layout(NamedTuple):
         float64, or float32 for half the time and memory at single precision.
     workspace : EvenMultiplier or None
         One whose working storage is shared, as far as it is large enough; it must be at rest meanwhile.
-    spectra : Spectra or None
+    spectra : SpectrumCache or None
         Where spectra are looked for, and kept.
     """
 
@@ -134,7 +134,7 @@ class Layout(NamedTuple):
     spectra: object = None
 
 
-ALONE = Layout()
+SERIAL = Layout()
 
 
 class EvenMultiplier:
@@ -158,10 +158,10 @@ class EvenMultiplier:
 
     image_correction = None  # what is added to the multiplication, if anything: `app.halfspace.images`
 
-    def __init__(self, shape, periods, layout=ALONE):
+    def __init__(self, shape, periods, layout=SERIAL):
         self.shape, self.periods = shape, periods
         self.slabs = layout.slabs or Slabs(shape[0])
-        self.comm = unless_alone(layout.comm)
+        self.comm = none_if_single(layout.comm)
         self.dtype = np.dtype(layout.dtype)
         complex_type = np.result_type(self.dtype, np.complex64)
         self.count = 0
@@ -204,7 +204,7 @@ class EvenMultiplier:
 
         Parameters
         ----------
-        spectra : Spectra or None
+        spectra : SpectrumCache or None
         key : hashable
             What tells it from others of this type, periods and layout.
         make : callable

@@ -174,7 +174,7 @@ class SharedExchange(Exchange):
     def each(self):
         """See `Exchange.each`."""
         with events.alltoall:
-            self._comm.meet()
+            self._comm.exchange_barrier()
         yield from self._columns
         with events.alltoall:
-            self._comm.meet()
+            self._comm.exchange_barrier()

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.fft import dct
 
 from app.base.mpi import MPI
-from app.halfspace.fft.lengths import quick_length, transform_length
+from app.halfspace.fft.lengths import fast_length, transform_length
 
 _SMALL = 128  # columns up to which a longer period gains nothing
 _MARGIN = 0.1  # of the columns, added to the least period: the blend needs room
@@ -46,7 +46,7 @@ class KernelInX:
         self._quadrant_rows, self._comm = quadrant_rows, comm
         self._ny, self._nx = ny, nx = shape
         self._exact = periodic and nx % 2 == 0
-        room = quick_length(2 * nx - 1 + int(_MARGIN * nx), even=True)
+        room = fast_length(2 * nx - 1 + int(_MARGIN * nx), even=True)
         self.length = nx if self._exact else transform_length(nx) if nx <= _SMALL else room
         self.frequencies = self.length // 2 + 1
         rounding = np.finfo(float).eps / 2

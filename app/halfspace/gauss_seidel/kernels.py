@@ -13,7 +13,7 @@ from numba import uintp
 
 from app.base.numba_cache import njit
 from app.halfspace.fft.fftw import execute
-from app.parallel.reductions import any_order, span_of
+from app.parallel.reductions import njit_reassoc, nonzero_span
 
 LANES = 32  # frequencies in a chunk
 TILE = 4  # rows that act on as many others at once
@@ -188,7 +188,7 @@ def _add_to(target, source):
         target[k] += source[k]
 
 
-@any_order
+@njit_reassoc
 def _count(row):
     cells = 0
     for i in range(row.size):
@@ -201,7 +201,7 @@ def survey(mask, occupied):
     """First column with contact and one past the last, number of contact cells; `occupied` is told rows with some."""
     start, stop, cells = mask.shape[1], 0, 0
     for j in range(mask.shape[0]):
-        first, last = span_of(mask[j])
+        first, last = nonzero_span(mask[j])
         occupied[j] = last > 0
         if last > 0:
             start, stop = min(start, first), max(stop, last)

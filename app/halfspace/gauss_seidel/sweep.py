@@ -35,7 +35,7 @@ from app.halfspace.fft.lengths import transform_length
 from app.halfspace.gauss_seidel.kernels import LANES, TILE, solve_leaf, survey, transfer
 from app.halfspace.gauss_seidel.pipeline import Flow
 from app.halfspace.gauss_seidel.tables import SEGMENT_COLUMNS, Tables
-from app.parallel.slabs import Slabs, unless_alone
+from app.parallel.slabs import Slabs, none_if_single
 
 _MARGIN = 0.1  # of the columns in contact, added to them: contact may grow
 _MOST = 0.85  # share of the columns; if there were more all are swept over
@@ -69,7 +69,7 @@ class GaussSeidel:
     def __init__(self, quadrant_rows, grid_shape, slabs=None, comm=None, periodic=False):
         self.shape = ny, nx = grid_shape
         self.slabs = slabs or Slabs(ny)
-        self.comm = unless_alone(comm)
+        self.comm = none_if_single(comm)
         self._quadrant_rows, self._periodic, self._tables = quadrant_rows, periodic, None
         self._diagonal = float(quadrant_rows(slice(0, 1), 1)[0, 0])
         self._solves = self.comm is None or comm.rank == 0

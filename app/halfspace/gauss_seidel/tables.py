@@ -151,7 +151,7 @@ class Tables:
             rows.spectra[start : start + n // 2 + 1] = rfft(column[: n // 2], n) / n
 
     def _prepare_transfers(self, kernel):
-        """Spectra of the kernel on this rank's frequencies and plans, for transfers of 1, 2, 4 .. leaves."""
+        """SpectrumCache of the kernel on this rank's frequencies and plans, for transfers of 1, 2, 4 .. leaves."""
         edges = [tuple(min(c * LANES, self.frequencies) for c in edge) for edge in self.edges]
         columns, rows = kernel.columns(edges), self.leaf_rows
         transfers = []

@@ -25,7 +25,7 @@ import numpy as np
 import scipy.fft
 
 from app.base.numba_cache import njit
-from app.halfspace.periodic_symbol import frequencies
+from app.halfspace.periodic_symbol import wave_numbers
 
 _ODD_X, _ODD_Y = (3, 4), (3, 5)  # components that change sign with x, with y
 _ROWS = 64  # of a kernel at a time
@@ -39,7 +39,7 @@ class Waves:
         self.grid, self.nu, self.pressure = grid, nu, pressure
         self.extent = grid.nx * grid.dx, grid.ny * grid.dy
         self._transform = scipy.fft.rfft2(pressure, norm="forward")
-        qx, qy = frequencies(grid, np.arange(grid.nx // 2 + 1), scipy.fft.fftfreq(grid.ny, 1 / grid.ny))
+        qx, qy = wave_numbers(grid, np.arange(grid.nx // 2 + 1), scipy.fft.fftfreq(grid.ny, 1 / grid.ny))
         self._q = np.hypot(qx, qy[:, None])
         nowhere = np.zeros_like(self._q)
         self._direction = [

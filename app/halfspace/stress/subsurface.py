@@ -25,7 +25,7 @@ _FINEST = 0.25  # of a cell: first depth below the surface that is looked at
 
 
 @dataclass(frozen=True)
-class Hottest:
+class StressMaximum:
     """Where a stress is largest: that of von Mises, or the shear stress.
 
     Attributes
@@ -164,7 +164,7 @@ class SubsurfaceStress:
 
         Returns
         -------
-        Hottest
+        StressMaximum
             At the surface without pressure.
         """
         return self._search(von_mises)[0]
@@ -174,7 +174,7 @@ class SubsurfaceStress:
 
         Returns
         -------
-        Hottest, Hottest
+        StressMaximum, StressMaximum
         """
         return self._search(von_mises, _shear_where_large)
 
@@ -209,7 +209,7 @@ class SubsurfaceStress:
                 how = {"method": "bounded", "options": {"xatol": 2e-3 * high}}
                 minimize_scalar(deficit, args=(x, y), bounds=(low, high), **how)
         place, stress = max(looked_at.items(), key=lambda item: measure(item[1]))
-        return Hottest(float(von_mises(stress)), *map(float, place), stress)
+        return StressMaximum(float(von_mises(stress)), *map(float, place), stress)
 
 
 def _checked(depth):

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from app.base.numba_cache import njit
-from app.parallel.reductions import add_inside, any_order, sum_over
+from app.parallel.reductions import add_masked, njit_reassoc, sum_over
 from app.parallel.slabs import Slabs
 
 _LEAST = 0.15  # share of contact around a cell, beside which less counts little
@@ -133,11 +133,11 @@ def _add_up(field, contact, cells, first, row, blocks):
     for k in _rows_of_blocks(first, len(field), cells):
         row[:] = 0
         for j in _rows_in(k, cells, first, len(field)):
-            add_inside(field[j], contact[j], row)
+            add_masked(field[j], contact[j], row)
         _into_blocks(row, cells, blocks[k])
 
 
-@any_order
+@njit_reassoc
 def _add_row_beside(r, b, contact, total):
     product, zero = 0.0, total.dtype.type(0)
     for i in range(total.size):
@@ -188,7 +188,7 @@ def _spread(blocks, cells, row):
         row[i] = blocks[i // cells]
 
 
-@any_order
+@njit_reassoc
 def _fill_row(r, contact, values, out):
     for i in range(out.size):
         inside, outside = r[i], values[i]
@@ -208,4 +208,4 @@ def _take(blocks, contact, cells, first, row, b):
     for k in _rows_of_blocks(first, len(b), cells):
         _spread(blocks[k], cells, row)
         for j in _rows_in(k, cells, first, len(b)):
-            add_inside(row, contact[j], b[j])
+            add_masked(row, contact[j], b[j])

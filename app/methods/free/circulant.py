@@ -20,7 +20,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.halfspace.fft.multiplier import EvenMultiplier
-from app.halfspace.operator import InfluenceOperator, context_of
+from app.halfspace.operator import InfluenceOperator, get_operator
 from app.halfspace.periodic_symbol import influence_symbol
 from app.methods import multilevel_operators
 from app.methods.free.block_average import Between
@@ -93,7 +93,7 @@ class Circulant:
 
     def setUp(self, pc):
         """Find the operator; what depends on the grid alone is made once, though PETSc calls for every contact set."""
-        operator = context_of(pc.getOperators()[1], InfluenceOperator, "Circulant")
+        operator = get_operator(pc.getOperators()[1], InfluenceOperator, "Circulant")
         if operator is self.operator:
             return
         self.operator = operator
@@ -166,7 +166,7 @@ class Circulant:
         `reduced`: see `precondition`.
         """
         out = r if out is None else out
-        if self._contact != self.operator.contact_number:
+        if self._contact != self.operator.contact_version:
             self._take_contact(r)
         elif self._scattered and reduced:
             self.between.reduce(*reduced)
@@ -180,7 +180,7 @@ class Circulant:
     def _take_contact(self, r):
         """Look at another contact set, and a residual on it. Collective."""
         before, extension, means = self._scattered, self.extension, self.between
-        self._contact = self.operator.contact_number
+        self._contact = self.operator.contact_version
         extension.set_contact(self.operator.mask)
         at_once = r if before else None  # if the last set was scattered, this one will be, too
         self._scattered = means is not None and means.set_contact(extension.contact, at_once)

@@ -26,8 +26,8 @@ import numpy as np
 from app.base.numba_cache import njit
 from app.halfspace.chebyshev import chebyshev_steps
 from app.parallel.halo import Halo
-from app.parallel.reductions import any_order, around, copy_at, copy_row, span_of
-from app.parallel.slabs import Slabs, unless_alone
+from app.parallel.reductions import copy_row, copy_slab_row, njit_reassoc, nonzero_span, stencil_sum
+from app.parallel.slabs import Slabs, none_if_single
 
 MAX_STEPS = 250
 _CYCLE = 8  # steps after which their lengths begin anew: more in one polynomial would spread rounding
@@ -67,7 +67,7 @@ class RimExtension:
         if not 0 <= steps <= MAX_STEPS:
             raise ValueError(f"rim extension: {steps} steps; 0 to {MAX_STEPS} are possible")
         self.shape, self.steps, self._periodic = shape, steps, periodic
-        self._halo, comm = None, unless_alone(comm)
+        self._halo, comm = None, none_if_single(comm)
         if steps and (comm is not None or (periodic and shape[0])):
             self._halo = Halo(Slabs(shape[0]) if comm is None else slabs, comm, steps, periodic)
         # With the rows beside: the contact set, and rows from each to the next one with contact.
@@ -166,7 +166,7 @@ class RimExtension:
 # padded by a cell at either end; beyond the patch all is zero.
 
 
-@any_order
+@njit_reassoc
 def _first_step_back(b, contact, length, out):
     """The first step of E^T."""
     zero = out.dtype.type(0)
@@ -175,23 +175,23 @@ def _first_step_back(b, contact, length, out):
         out[i] = zero if contact[i] else new
 
 
-@any_order
+@njit_reassoc
 def _step(above, here, below, source, contact, weights, length, out):
     """Any other, and those of E, whose source is zero; what is in contact stays."""
     x, y, d = weights[0], weights[1], weights[2]
     for i in range(contact.size):
         value = here[i + 1]
-        beside = around(above, here, below, i, x, y, d)
+        beside = stencil_sum(above, here, below, i, x, y, d)
         new = value + length * (source[i] - (beside + value))
         out[i] = value if contact[i] else new
 
 
-@any_order
+@njit_reassoc
 def _take_off(above, here, below, weights, b):
     """What comes after the steps of E^T: b - N s on C, where s is zero, b - N s - s elsewhere."""
     x, y, d = weights[0], weights[1], weights[2]
     for i in range(b.size):
-        b[i] -= around(above, here, below, i, x, y, d) + here[i + 1]
+        b[i] -= stencil_sum(above, here, below, i, x, y, d) + here[i + 1]
 
 
 @njit()
@@ -201,8 +201,8 @@ def _take_contact(before, mask, after, steps, contact, away, rows):
     """
     first, count = len(before), len(contact)
     for j in range(count):
-        copy_at(j, mask, before, after, contact[j])
-        away[j] = 0 if span_of(contact[j])[1] > 0 else steps + 1
+        copy_slab_row(j, mask, before, after, contact[j])
+        away[j] = 0 if nonzero_span(contact[j])[1] > 0 else steps + 1
         if j:
             away[j] = min(away[j], away[j - 1] + 1)
     for j in range(count - 2, -1, -1):

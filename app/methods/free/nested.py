@@ -16,7 +16,7 @@ from app.methods.progress import NeedsSafeguard
 from app.methods.safeguard import projected_newton
 from app.multigrid.direct import begins_directly
 from app.multigrid.linear_solver import LinearSolver
-from app.parallel.communicator import FailuresTold
+from app.parallel.communicator import propagate_errors
 
 # The difference of the pressures on two grids says something if coarser ones are solved to this share of it.
 _TELLING = 0.02
@@ -61,7 +61,7 @@ def nested_iteration(
             coarse.destroy()
         coarse = state  # for the next grid; the arrays of the coarser one go
         if state.operator.active:
-            with FailuresTold(visits.waiting(state)):
+            with propagate_errors(visits.waiting(state)):
                 solved = solve_on(hierarchy, number, state, loading, visits.test(stop), history, first, kept)
             visits.solved(solved, state.depth)
             if not target:
@@ -104,7 +104,7 @@ def solve_on(hierarchy, number, state, loading, stop, history, first, kept):
 def safeguarded(hierarchy, number, state, loading, stop, history):
     """Solve on one grid by the safeguard, from what is there. Collective over the ranks of `state`."""
     operator = state.operator
-    with operator.in_double():
+    with operator.double_precision():
         solver = LinearSolver(hierarchy, number, operator=operator)
 
         def solve(_, stop):  # the state has the approach

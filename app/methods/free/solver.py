@@ -6,7 +6,7 @@ from petsc4py import PETSc
 
 from app.contact import kernels
 from app.contact.state import Displacement
-from app.halfspace.operator import logged
+from app.halfspace.operator import apply_logged
 from app.methods.free.tracking_cg import TrackingCG, add
 from app.methods.multilevel_operators import influence_of
 from app.multigrid.linear_solver import LinearSolver
@@ -72,7 +72,7 @@ class TrackingSolver(LinearSolver):
         if enough is not None and norm <= enough:
             return 0, "", norm
         if self._large:
-            self.operator.forget_elsewhere()
+            self.operator.forget_exact_support()
         self.ksp.setInitialGuessNonzero(True)
         cg = self._cg
         cg.displacement, cg.shift, cg.first_norm, cg.multiply = state.u, state.depth, norm, self._multiply
@@ -86,7 +86,7 @@ class TrackingSolver(LinearSolver):
         """Compute u = A p, by levels if that will do."""
         if not self.by_levels:
             return self.operator.displacement(p, u)
-        logged(_event, influence_of(self.operator), p, u)
+        apply_logged(_event, influence_of(self.operator), p, u)
 
     def rest(self):
         """See `LinearSolver.rest`. Who calls it computes u anew."""

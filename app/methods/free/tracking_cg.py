@@ -16,10 +16,10 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.contact.kernels import gap
-from app.halfspace.mat_methods import check_plain
-from app.halfspace.operator import InfluenceOperator, context_of, vec_of
+from app.halfspace.mat_methods import check_unscaled
+from app.halfspace.operator import InfluenceOperator, get_operator, wrap_vec
 from app.multigrid.ksp_context import KspContext
-from app.parallel.reductions import add_row, any_order, plus, span_of
+from app.parallel.reductions import add_row, add_tuples, njit_reassoc, nonzero_span
 
 # So much may be left of r.r before it is summed anew, by the digits of r.
 _DIGITS = {np.dtype(np.float64): 1e-8, np.dtype(np.float32): 1e-6}
@@ -27,7 +27,7 @@ _DIGITS = {np.dtype(np.float64): 1e-8, np.dtype(np.float32): 1e-6}
 # r and d vanish outside C; z and q need not. Rows are gone through from their first to their last cell of C.
 
 
-@any_order
+@njit_reassoc
 def _residual_row(b, shift, u, contact, r):
     squares = 0.0
     for i in range(r.size):
@@ -38,7 +38,7 @@ def _residual_row(b, shift, u, contact, r):
     return squares
 
 
-@any_order
+@njit_reassoc
 def _reduce_row(r, scale, q, contact):
     squares = 0.0
     for i in range(r.size):
@@ -49,14 +49,14 @@ def _reduce_row(r, scale, q, contact):
     return squares
 
 
-@any_order
+@njit_reassoc
 def _direction_row(d, z, beta, contact):
     for i in range(d.size):
         value = z[i] + beta * d[i]
         d[i] = value if contact[i] else 0
 
 
-@any_order
+@njit_reassoc
 def _dot_row(a, b, contact):
     total = 0.0
     for i in range(a.size):
@@ -65,7 +65,7 @@ def _dot_row(a, b, contact):
     return total
 
 
-@any_order
+@njit_reassoc
 def _dots_row(d, q, r, contact):
     dq, dr, qr, qq = 0.0, 0.0, 0.0, 0.0
     for i in range(d.size):
@@ -78,7 +78,7 @@ def _dots_row(d, q, r, contact):
     return dq, dr, qr, qq
 
 
-@any_order
+@njit_reassoc
 def _first_residual(b, shift, u, contact, spans, r):
     """r = b + shift - u on C, 0 elsewhere, and each row's first column of C and one past the last.
 
@@ -86,7 +86,7 @@ def _first_residual(b, shift, u, contact, spans, r):
     """
     squares, cells = 0.0, 0
     for j in range(r.shape[0]):
-        first, last = span_of(contact[j])
+        first, last = nonzero_span(contact[j])
         spans[j, 0], spans[j, 1] = first, last
         r[j] = 0
         span = slice(first, last)
@@ -95,7 +95,7 @@ def _first_residual(b, shift, u, contact, spans, r):
     return squares, cells
 
 
-@any_order
+@njit_reassoc
 def _advance(change, r, d, q, contact, spans, alpha):
     """change += alpha d, r -= alpha q on C; return r.r."""
     squares = 0.0
@@ -106,14 +106,14 @@ def _advance(change, r, d, q, contact, spans, alpha):
     return squares
 
 
-@any_order
+@njit_reassoc
 def add(a, scale, b):
     """a += scale b."""
     for j in range(a.shape[0]):
         add_row(a[j], scale, b[j])
 
 
-@any_order
+@njit_reassoc
 def _direction(d, z, beta, contact, spans):
     """d = z + beta d on C."""
     for j in range(d.shape[0]):
@@ -121,7 +121,7 @@ def _direction(d, z, beta, contact, spans):
         _direction_row(d[j, span], z[j, span], beta, contact[j, span])
 
 
-@any_order
+@njit_reassoc
 def _dot(a, b, contact, spans):
     """a.b over C."""
     total = 0.0
@@ -131,13 +131,13 @@ def _dot(a, b, contact, spans):
     return total
 
 
-@any_order
+@njit_reassoc
 def _dots(d, q, r, contact, spans):
     """d.q, d.r, q.r and q.q over C."""
     sums = 0.0, 0.0, 0.0, 0.0
     for j in range(d.shape[0]):
         span = slice(spans[j, 0], spans[j, 1])
-        sums = plus(sums, _dots_row(d[j, span], q[j, span], r[j, span], contact[j, span]))
+        sums = add_tuples(sums, _dots_row(d[j, span], q[j, span], r[j, span], contact[j, span]))
     return sums
 
 
@@ -171,13 +171,13 @@ class TrackingCG(KspContext):
     def setUp(self, ksp):
         """Make the work arrays: z and q, never needed at the same time, are one."""
         mat = ksp.getOperators()[0]
-        self._operator = operator = context_of(mat, InfluenceOperator, "TrackingCG")
-        check_plain(mat, "TrackingCG")
+        self._operator = operator = get_operator(mat, InfluenceOperator, "TrackingCG")
+        check_unscaled(mat, "TrackingCG")
         self.multiply = operator.displacement
         shape = operator.local_shape
-        work, self._lent = operator.scratch_beside_product(np.float64, operator.dtype)
+        work, self._lent = operator.spare_fields(np.float64, operator.dtype)
         self.work = np.zeros(shape) if work is None else work
-        self._z = vec_of(self.work, operator)
+        self._z = wrap_vec(self.work, operator)
         self.product = self.work.reshape(-1).view(operator.dtype)[: self.work.size].reshape(shape)  # q = A d
         self._spans = np.zeros((shape[0], 2), np.int64)
 
@@ -256,7 +256,7 @@ class TrackingCG(KspContext):
             self._r = np.zeros(self._operator.local_shape, self._operator.dtype if precondition else float)
         if precondition:
             return partial(precondition, self._r, self.product), context.wants_of, self._r, self.product
-        residual = vec_of(self._r, self._operator)
+        residual = wrap_vec(self._r, self._operator)
 
         def apply(_):
             residual.stateIncrease()

@@ -35,14 +35,14 @@ class VerificationProduct:
 
     def __init__(self, target, scatter, inner, ranks):
         self._target, self._scatter, self._inner = target, scatter, inner
-        self._waiting = ranks.beyond(inner.size)
+        self._waiting = ranks.idle_comm(inner.size)
         self._scaled = None
         self.u = None
 
     def apply(self, p, u):
         """Compute u = A p in the window and everywhere else. Collective over the ranks of the window."""
         if self._waiting:
-            self._waiting.tell(_PRODUCT)
+            self._waiting.bcast_or_raise(_PRODUCT)
         self.by_all(p, u)
 
     def by_all(self, p, u):
@@ -65,10 +65,10 @@ class VerificationProduct:
         """
         self._scaled = None if self.u is None else state.scaled
         if self._waiting and self._inner.active:
-            self._waiting.tell(self._scaled)
+            self._waiting.bcast_or_raise(self._scaled)
         elif self._waiting:
             nothing = np.empty(state.u.shape)
-            while (told := self._waiting.tell()) == _PRODUCT:
+            while (told := self._waiting.bcast_or_raise()) == _PRODUCT:
                 self.by_all(nothing, nothing)
             self._scaled = told
 

@@ -7,7 +7,7 @@ large window that is transformed by the same periods, as along a load path, make
 
 from __future__ import annotations
 
-from app.halfspace.fft.multiplier import Spectra
+from app.halfspace.fft.multiplier import SpectrumCache
 from app.halfspace.operator import InfluenceOperator
 from app.methods.free.solver import TrackingSolver
 from app.multigrid.direct import DirectSolver
@@ -45,7 +45,7 @@ class Kept(KeptSolvers):
             if kept is not None:
                 self._free(self._windows.pop(place))
             hierarchy = self._hierarchy
-            self._spectra[place] = spectra = Spectra(self._spectra.get(place))
+            self._spectra[place] = spectra = SpectrumCache(self._spectra.get(place))
             shared = hierarchy.dtype, verification, hierarchy.target, spectra
             kept = InfluenceOperator(grid, hierarchy.compliance, slabs, comm, *shared)
             if not is_large(grid):

@@ -21,7 +21,7 @@ from scipy.fft import next_fast_len
 from app.contact.distance import UndeformedDistance
 from app.contact.state import ContactState, Displacement
 from app.halfspace.operator import InfluenceOperator
-from app.halfspace.window import Scatter, Window, bounding_boxes, whole
+from app.halfspace.window import Scatter, Window, bounding_boxes, whole_window
 from app.methods.free.verification_product import VerificationProduct
 from app.multigrid.transfer import Transfer
 
@@ -113,7 +113,7 @@ class Stage:
         self._predicted = boxes and boxes.predicted
         self.coarse, self.transfer = coarse, hierarchy.transfers[number]
         self._level = level = hierarchy.levels[number]
-        self._verification, self._window, coarse_window = None, whole(level.grid), None
+        self._verification, self._window, coarse_window = None, whole_window(level.grid), None
         if coarse is not None:
             distance.move_to(coarse.depth)
             if hierarchy.may_be_windowed(level):
@@ -133,14 +133,14 @@ class Stage:
         coarse, factors, comm = self.coarse, self.transfer.factors, hierarchy.comm
         self._window = window = coarse_window.refine(factors, level.grid)
         grid, below_grid = window.grid(level.grid), coarse_window.grid(coarse.distance.patch)
-        slabs, few = hierarchy.ranks.deal(grid)
+        slabs, few = hierarchy.ranks.distribute(grid)
         self._scatter = Scatter(window, level.slabs, slabs, comm)
         if level is hierarchy.target:
             self._verification = VerificationProduct(level, self._scatter, slabs, hierarchy.ranks)
         fine = self._kept.window((self._number, "fine"), grid, slabs, few, self._verification)
         below = self._kept.window((self._number, "below"), below_grid, slabs.coarsen(factors[0]), few)
         self._operators = fine, below
-        cut = Scatter(coarse_window.within(worked_on), coarse.operator.slabs, below.slabs, comm).forward
+        cut = Scatter(coarse_window.relative_to(worked_on), coarse.operator.slabs, below.slabs, comm).forward
         self.coarse = CoarseSolution(below, cut(coarse.u), cut(coarse.p), cut(coarse.contact), coarse.depth)
         self.transfer = Transfer(fine, below, factors, comm)
         part = UndeformedDistance.part_of(self._distance, fine, self._scatter)
@@ -229,7 +229,7 @@ def _choose(boxes, patch, margin, possible, transfer):
     transfer : Transfer
     """
     outer, contact = boxes.worked_on, boxes.contact
-    otherwise, most = (None, _MOST) if outer == whole(patch) else (outer, 1.0)
+    otherwise, most = (None, _MOST) if outer == whole_window(patch) else (outer, 1.0)
     if contact is None:
         return otherwise
     possible = possible.coarsen(transfer.factors)

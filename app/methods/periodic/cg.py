@@ -18,13 +18,13 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.base.numba_cache import njit
-from app.halfspace.operator import context_of
+from app.halfspace.operator import get_operator
 from app.methods.periodic.operator import InverseOperator
 from app.multigrid.ksp_context import KspContext
-from app.parallel.reductions import add_row, any_order, plus
+from app.parallel.reductions import add_row, add_tuples, njit_reassoc
 
 
-@any_order
+@njit_reassoc
 def _dots_row(d, q, p, free):
     dq, dp, pp, pq, qq = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(d.size):
@@ -43,25 +43,25 @@ def _dots(d, q, p, free):
     """d.q and d.p for a d that vanishes outside O; p.p, p.q and q.q on O."""
     sums = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(d.shape[0]):
-        sums = plus(sums, _dots_row(d[j], q[j], p[j], free[j]))
+        sums = add_tuples(sums, _dots_row(d[j], q[j], p[j], free[j]))
     return sums
 
 
-@any_order
+@njit_reassoc
 def _first_step_row(p, d, q, alpha, left, change):
     for i in range(p.size):
         change[i] = alpha * d[i]
         left[i] = p[i] + alpha * q[i]
 
 
-@any_order
+@njit_reassoc
 def _first_step(p, d, q, alpha, left, change):
     """change = alpha d, left = p + alpha q."""
     for j in range(p.shape[0]):
         _first_step_row(p[j], d[j], q[j], alpha, left[j], change[j])
 
 
-@any_order
+@njit_reassoc
 def _step(d, q, alpha, left, change):
     """change += alpha d, left += alpha q."""
     for j in range(d.shape[0]):
@@ -69,7 +69,7 @@ def _step(d, q, alpha, left, change):
         add_row(left[j], alpha, q[j])
 
 
-@any_order
+@njit_reassoc
 def _normed_row(z, q):
     squares, product = 0.0, 0.0
     for i in range(z.size):
@@ -84,17 +84,17 @@ def _normed(z, q):
     """z.z and z.q."""
     sums = 0.0, 0.0
     for j in range(z.shape[0]):
-        sums = plus(sums, _normed_row(z[j], q[j]))
+        sums = add_tuples(sums, _normed_row(z[j], q[j]))
     return sums
 
 
-@any_order
+@njit_reassoc
 def _direct_row(d, z, beta):
     for i in range(d.size):
         d[i] = z[i] + beta * d[i]
 
 
-@any_order
+@njit_reassoc
 def _direct(d, z, beta):
     """d = z + beta d."""
     for j in range(d.shape[0]):
@@ -139,14 +139,14 @@ class CarryingCG(KspContext):
         if ksp.getNormType() != PETSc.KSP.NormType.PRECONDITIONED:
             raise ValueError("-ksp_norm_type: -lcp_type primal needs preconditioned")
         mat = ksp.getOperators()[0]
-        self._operator = operator = context_of(mat, InverseOperator, "CarryingCG")
+        self._operator = operator = get_operator(mat, InverseOperator, "CarryingCG")
         shape, dtype = operator.local_shape, operator.dtype
         self.scratch = np.zeros(shape)
         whole, cells = self.scratch.reshape(-1).view(dtype), self.scratch.size
         self._z = whole[:cells].reshape(shape)
         self.change = whole[cells:].reshape(shape) if whole.size > cells else np.zeros(shape, dtype)
         self.direction = np.zeros(shape, dtype)
-        [lent] = operator.scratch_beside_product(dtype)
+        [lent] = operator.spare_fields(dtype)
         self.product = np.zeros(shape, dtype) if lent is None else lent
 
     def reset(self, ksp):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.parallel.reductions import any_order
+from app.parallel.reductions import njit_reassoc
 
 
-@any_order
+@njit_reassoc
 def _close_row(w, b, captured, z, share, change):
     for i in range(w.size):
         step = b[i] - w[i] if captured[i] else change[i] + share * z[i]
@@ -15,14 +15,14 @@ def _close_row(w, b, captured, z, share, change):
         w[i] = b[i] if captured[i] else w[i] + change[i]
 
 
-@any_order
+@njit_reassoc
 def close(w, b, captured, z, share, change):
     """w += change and a share of z, but in captured cells, whose gap is closed; `change` becomes by how much w does."""
     for j in range(w.shape[0]):
         _close_row(w[j], b[j], captured[j], z[j], share, change[j])
 
 
-@any_order
+@njit_reassoc
 def _touch_row(w, b, admissible, contact, change):
     for i in range(w.size):
         touches = contact[i] | (admissible[i] & (w[i] <= b[i]))
@@ -32,28 +32,28 @@ def _touch_row(w, b, admissible, contact, change):
         w[i] = b[i] if touches else w[i]
 
 
-@any_order
+@njit_reassoc
 def touch(w, b, admissible, contact, change):
     """Cells of C, and those that overlap, which enter it, touch: w = b; `change` is by how much w changes."""
     for j in range(w.shape[0]):
         _touch_row(w[j], b[j], admissible[j], contact[j], change[j])
 
 
-@any_order
+@njit_reassoc
 def _guess_row(p, w, b, admissible, scale, force, lowest):
     for i in range(p.size):
         force[i] = np.float32(-p[i] * scale)
         lowest[i] = np.float32(b[i] - w[i]) if admissible[i] else np.float32(-np.inf)
 
 
-@any_order
+@njit_reassoc
 def guess_sources(p, w, b, admissible, scale, force, lowest):
     """Right-hand side -p / B_00 and lower bound -e of the obstacle problem in small."""
     for j in range(p.shape[0]):
         _guess_row(p[j], w[j], b[j], admissible[j], scale, force[j], lowest[j])
 
 
-@any_order
+@njit_reassoc
 def _take_row(x, lowest, w, b, contact):
     for i in range(x.size):
         inside = x[i] <= lowest[i]
@@ -61,7 +61,7 @@ def _take_row(x, lowest, w, b, contact):
         w[i] = b[i] if inside else w[i] + x[i]
 
 
-@any_order
+@njit_reassoc
 def take(x, lowest, w, b, contact):
     """w += x; C = {x = lowest}, where w = b to the last digit."""
     for j in range(x.shape[0]):

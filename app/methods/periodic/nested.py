@@ -16,7 +16,7 @@ from app.methods.periodic.operator import InverseOperator
 from app.methods.periodic.state import PrimalState
 from app.methods.progress import NeedsSafeguard
 from app.options.solver_options import options_set
-from app.parallel.communicator import FailuresTold
+from app.parallel.communicator import propagate_errors
 
 # CG for pressures, with A's own inverse as preconditioner
 _SAFEGUARD = {
@@ -78,7 +78,7 @@ def primal_iteration(hierarchy, distances, loading, stop, history, nested, kept,
             coarse.state.destroy()
             coarse = None
         if level.active:
-            with FailuresTold(visits.waiting(state)):
+            with propagate_errors(visits.waiting(state)):
                 outcome = _solve_on(hierarchy, number, primal, solver, visits.test(stop), history)
             kept.release_solver(level)
             depth = state.depth

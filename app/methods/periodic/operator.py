@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
-from app.halfspace.operator import logged, symmetric_mat
+from app.halfspace.operator import apply_logged, symmetric_mat
 from app.methods.multilevel_operators import inverse_of
 
 _mult_event = PETSc.Log.Event("InverseMult")
@@ -37,7 +37,7 @@ class InverseOperator:
         self.dtype, self.local_shape = influence.dtype, influence.local_shape
         self.petsc_comm, self.active = influence.petsc_comm, influence.active
         self.mask = np.zeros(self.local_shape, bool)
-        self.products = self.contact_number = 0
+        self.products = self.contact_version = 0
 
     sweeps, coarser_levels = 0, ()  # that work units count
 
@@ -46,11 +46,11 @@ class InverseOperator:
         """B in the precision of the iteration; made when first asked for. Collective then."""
         return self.influence.inverse
 
-    def scratch_beside_product(self, *types):
-        """See `InfluenceOperator.scratch_beside_product`. Collective when first asked for."""
+    def spare_fields(self, *types):
+        """See `InfluenceOperator.spare_fields`. Collective when first asked for."""
         coarser = self.coarser
         others = [coarser.screened_product] if coarser is not None and coarser.active else []
-        return self.influence.scratch_beside_product(*types, others=others)
+        return self.influence.spare_fields(*types, others=others)
 
     @property
     def nearly(self):
@@ -63,26 +63,26 @@ class InverseOperator:
 
     def mask_changed(self):
         """Take notice of other free cells. Not collective."""
-        self.contact_number += 1
+        self.contact_version += 1
 
     def pressure(self, d, q):
         """Compute q = B d on all cells. Collective; arrays of shape `local_shape`."""
-        logged(_mult_event, self.product, d, q)
+        apply_logged(_mult_event, self.product, d, q)
 
     def pressure_by_levels(self, d, q):
         """Compute q = B d nearly, if there is such a B, `nearly`. Collective; arrays of shape `local_shape`."""
-        logged(_levels_event, self.nearly, d, q)
+        apply_logged(_levels_event, self.nearly, d, q)
 
     def exact_pressure(self, w, p):
         """Compute p = B w in double precision. Collective."""
-        logged(_mult_event, self.influence.exact_inverse, w, p)
+        apply_logged(_mult_event, self.influence.exact_inverse, w, p)
 
     def mult(self, mat, x, y):
         """Compute y = O B O x."""
         self.products += 1
         with y as out:
             d = x.getArray(readonly=True).reshape(self.local_shape)
-            logged(_mult_event, self.product, d, out.reshape(self.local_shape), self.mask)
+            apply_logged(_mult_event, self.product, d, out.reshape(self.local_shape), self.mask)
 
     def view(self, mat, viewer):
         """Describe the operator for -ksp_view."""

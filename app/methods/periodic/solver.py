@@ -7,7 +7,7 @@ from importlib import import_module
 import numpy as np
 from petsc4py import PETSc
 
-from app.halfspace.operator import vec_of
+from app.halfspace.operator import wrap_vec
 from app.methods.multilevel_operators import inverse_of
 from app.methods.periodic.cg import CarryingCG
 from app.methods.periodic.operator import InverseOperator
@@ -64,7 +64,7 @@ class PrimalSolver(LinearSolver):
         self.rows_beside = Halo(self.operator.slabs, self.operator.comm, self.guesses - 1)
         # A right-hand side and a solution that are not touched: they cost no memory. PETSc may ask for the norm of the
         # first, and for that of zero takes the first residual's.
-        self._untouched = [vec_of(np.zeros(self.operator.local_shape), self.operator) for _ in "bx"]
+        self._untouched = [wrap_vec(np.zeros(self.operator.local_shape), self.operator) for _ in "bx"]
 
     def _make(self):
         super()._make()

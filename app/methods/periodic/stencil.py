@@ -14,27 +14,35 @@ import numpy as np
 
 from app.base.numba_cache import njit
 from app.contact.bounds_kernels import displaced
-from app.parallel.reductions import add_row, any_order, around, copy_at, copy_row, mix_rows, wrap
+from app.parallel.reductions import (
+    add_row,
+    copy_row,
+    copy_slab_row,
+    mix_rows,
+    njit_reassoc,
+    stencil_sum,
+    wrap_ends,
+)
 
 # Weights are over that of the cell itself, of the neighbours in x, in y, and on the diagonals.
 
 
-@any_order
+@njit_reassoc
 def _sweep_row(source, free, above, here, below, wx, wy, wd, share, out):
     for i in range(source.size):
-        beside = around(above, here, below, i, wx, wy, wd)
+        beside = stencil_sum(above, here, below, i, wx, wy, wd)
         swept = here[i + 1] + share * (source[i] - beside - here[i + 1])
         out[i + 1] = swept if free[i] else np.float32(0)
 
 
-@any_order
+@njit_reassoc
 def _projected_row(source, lowest, above, here, below, wx, wy, wd, out):
     for i in range(source.size):
-        beside = around(above, here, below, i, wx, wy, wd)
+        beside = stencil_sum(above, here, below, i, wx, wy, wd)
         out[i + 1] = displaced(source[i] - beside, lowest[i])
 
 
-@any_order
+@njit_reassoc
 def _first_row(s, free, scale, share, more, source, inside, out):
     nothing = np.float32(0)
     for i in range(s.size):
@@ -44,7 +52,7 @@ def _first_row(s, free, scale, share, more, source, inside, out):
     copy_row(free, inside)
 
 
-# Row t as of `copy_at`: the types may differ.
+# Row t as of `copy_slab_row`: the types may differ.
 
 
 @njit()
@@ -62,21 +70,21 @@ def _first_at(t, s, s_before, s_after, free, f_before, f_after, scale, share, mo
 # Factors are 1, 2 or 4; written out, these loops become vector instructions.
 
 
-@any_order
+@njit_reassoc
 def _add_fours(row, scale, out):
     for i in range(np.uint64(out.size)):
         k = np.uint64(4) * i
         out[i] += scale * ((row[k] + row[k + np.uint64(1)]) + (row[k + np.uint64(2)] + row[k + np.uint64(3)]))
 
 
-@any_order
+@njit_reassoc
 def _add_twos(row, scale, out):
     for i in range(np.uint64(out.size)):
         k = np.uint64(2) * i
         out[i] += scale * (row[k] + row[k + np.uint64(1)])
 
 
-@any_order
+@njit_reassoc
 def _add_ones(row, scale, out):
     for i in range(out.size):
         out[i] += scale * row[i]
@@ -95,7 +103,7 @@ def _add_means(row, factor, scale, out):
         out[full] += scale * row[i]
 
 
-@any_order
+@njit_reassoc
 def _fours(wide, row):
     near, far = np.float32(0.875), np.float32(0.625)
     rest, more = np.float32(0.125), np.float32(0.375)
@@ -108,7 +116,7 @@ def _fours(wide, row):
         row[k + two + one] = far * b + more * c
 
 
-@any_order
+@njit_reassoc
 def _twos(wide, row):
     near, rest, one, two = np.float32(0.75), np.float32(0.25), np.uint64(1), np.uint64(2)
     for i in range(np.uint64(wide.size - 2)):
@@ -117,13 +125,13 @@ def _twos(wide, row):
         row[k + one] = near * b + rest * c
 
 
-@any_order
+@njit_reassoc
 def _free_row(s, free, scale, out):
     for i in range(s.size):
         out[i] = np.float32(s[i] * scale) if free[i] else np.float32(0)
 
 
-@any_order
+@njit_reassoc
 def _contact_row(free, out):
     for i in range(free.size):
         out[i] = np.float32(0) if free[i] else np.float32(1)
@@ -163,10 +171,10 @@ def contact_in_cells(free, coarse, skipped, factors, row):
         _add_means(row, fx, 1.0 / (fx * fy), coarse[(skipped + j) // fy])
 
 
-@any_order
+@njit_reassoc
 def _left_row(s, free, scale, above, here, below, wx, wy, wd, out):
     for i in range(s.size):
-        left = np.float32(s[i] * scale) - here[i + 1] - around(above, here, below, i, wx, wy, wd)
+        left = np.float32(s[i] * scale) - here[i + 1] - stencil_sum(above, here, below, i, wx, wy, wd)
         out[i] = left if free[i] else np.float32(0)
 
 
@@ -178,8 +186,8 @@ def left_in_cells(s, free, weights, x, x_before, x_after, coarse, skipped, facto
     if not len(x):
         return
     for j in range(-1, len(x) + 1):
-        copy_at(len(x_before) + j, x, x_before, x_after, room[j % 3, 1:-1])
-        wrap(room[j % 3], row.size, 1)
+        copy_slab_row(len(x_before) + j, x, x_before, x_after, room[j % 3, 1:-1])
+        wrap_ends(room[j % 3], row.size, 1)
         if j > 0:
             _left_row(
                 s[j - 1], free[j - 1], scale, room[(j - 2) % 3], room[(j - 1) % 3], room[j % 3], wx, wy, wd, row
@@ -203,7 +211,7 @@ def _interpolate_at(t, coarse, places, wide, row):
     centre = in_y[0] * t + in_y[1]
     before = int(np.floor(centre))
     mix_rows(coarse[before], 1 - (centre - before), coarse[before + 1], wide[1:-1])
-    wrap(wide, wide.size - 2, 1)
+    wrap_ends(wide, wide.size - 2, 1)
     if in_x[0] == 0.25:
         _fours(wide, row)
     elif in_x[0] == 0.5:
@@ -256,13 +264,13 @@ def sweep(
             else:
                 more[:] = 0
             if x.size:
-                copy_at(t, x, x_before, x_after, first[1:-1])
+                copy_slab_row(t, x, x_before, x_after, first[1:-1])
                 add_row(more, np.float32(1), first[1:-1])
             _first_at(
                 t, s, s_before, s_after, free, f_before, f_after, scale, shares[0], more, sources[k], inside[k],
                 first[1:-1],
             )  # fmt: skip
-            wrap(first, first.size - 2, 1)
+            wrap_ends(first, first.size - 2, 1)
         for m in range(2, steps + 1):
             j = t - m + 1
             if m - 1 <= j < high - m + 1:
@@ -272,7 +280,7 @@ def sweep(
                     swept[m - 1, (j - 1) % 3], swept[m - 1, j % 3], swept[m - 1, (j + 1) % 3],
                     wx, wy, wd, shares[m - 1], row,
                 )  # fmt: skip
-                wrap(row, row.size - 2, 1)
+                wrap_ends(row, row.size - 2, 1)
         j = t - steps + 1
         if halo <= j < halo + rows:
             copy_row(swept[steps, j % 3][1:-1], z[j - halo])
@@ -292,11 +300,11 @@ def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, s
     for t in range(high + steps):
         if t < high:
             source, bound, first = sources[t % (steps + 1)], lowest[t % (steps + 1)], swept[1, t % 3]
-            copy_at(t, f, f_before, f_after, source)
-            copy_at(t, low, low_before, low_after, bound)
+            copy_slab_row(t, f, f_before, f_after, source)
+            copy_slab_row(t, low, low_before, low_after, bound)
             for i in range(nx):
                 first[i + 1] = max(source[i], bound[i])
-            wrap(first, first.size - 2, 1)
+            wrap_ends(first, first.size - 2, 1)
         for m in range(2, steps + 1):
             j = t - m + 1
             if m - 1 <= j < high - m + 1:
@@ -306,16 +314,16 @@ def sweep_projected(f, f_before, f_after, low, low_before, low_after, weights, s
                     swept[m - 1, (j - 1) % 3], swept[m - 1, j % 3], swept[m - 1, (j + 1) % 3],
                     wx, wy, wd, row,
                 )  # fmt: skip
-                wrap(row, row.size - 2, 1)
+                wrap_ends(row, row.size - 2, 1)
         j = t - steps + 1
         if halo <= j < halo + rows:
             copy_row(swept[steps, j % 3][1:-1], x[j - halo])
 
 
-@any_order
+@njit_reassoc
 def _add_row(above, here, below, scale, wx, wy, wd, out):
     for i in range(out.size):
-        beside = around(above, here, below, i, wx, wy, wd)
+        beside = stencil_sum(above, here, below, i, wx, wy, wd)
         out[i] += scale * (here[i + 1] + beside)
 
 
@@ -327,8 +335,8 @@ def add_centre(d, before, after, weights, room, out):
         return
     for j in range(-1, len(d) + 1):
         row = room[j % 3]
-        copy_at(len(before) + j, d, before, after, row[1:-1])
-        wrap(row, row.size - 2, 1)
+        copy_slab_row(len(before) + j, d, before, after, row[1:-1])
+        wrap_ends(row, row.size - 2, 1)
         if j > 0:
             _add_row(room[(j - 2) % 3], room[(j - 1) % 3], row, scale, wx, wy, wd, out[j - 1])
 

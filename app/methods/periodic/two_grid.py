@@ -7,7 +7,7 @@ from petsc4py import PETSc
 
 from app.contact import kernels
 from app.halfspace.chebyshev import chebyshev_steps
-from app.halfspace.operator import context_of
+from app.halfspace.operator import get_operator
 from app.methods.periodic import stencil
 from app.methods.periodic.operator import InverseOperator
 from app.parallel.fetch import Fetch
@@ -71,7 +71,7 @@ class TwoGrid:
 
     def setUp(self, pc):
         """Make what depends on the grid alone, though PETSc calls for every contact set."""
-        operator = context_of(pc.getOperators()[1], InverseOperator, "TwoGrid")
+        operator = get_operator(pc.getOperators()[1], InverseOperator, "TwoGrid")
         if operator is self.operator:
             return
         self.operator = operator
@@ -122,8 +122,8 @@ class TwoGrid:
 
     def _look_at_contact(self):
         """Fetch the free cells beside the slab, once for a contact set. Collective."""
-        if self._number != self.operator.contact_number:
-            self._number, self._answer = self.operator.contact_number, None
+        if self._number != self.operator.contact_version:
+            self._number, self._answer = self.operator.contact_version, None
             mask, grid = self.operator.mask, self.operator.grid
             self._free = before, _ = self._rows(mask)
             last = before[-1] if len(before) else np.zeros(grid.nx, bool)

@@ -13,7 +13,7 @@ import numpy as np
 
 from app.base.errors import InputError
 from app.base.units import UNITS, in_words, unit_named
-from app.halfspace.grid import symbol_name
+from app.halfspace.grid import validate_symbol
 from app.problems.surfaces.filters import check_cells, check_order
 from app.problems.surfaces.height_file import (
     TURNS,
@@ -109,7 +109,7 @@ def read_surface(
     0.01
     """
     check_order(s_filter, l_filter)
-    periodic = bool(symbol_name(periodic))
+    periodic = bool(validate_symbol(periodic))
     unit, height_unit = (name and (unit_named(name) or name) for name in (unit, height_unit))
     orient = orient.split(",") if isinstance(orient, str) else tuple(orient or ())
     if not (isinstance(skip, Integral) and skip >= 0):

@@ -129,7 +129,7 @@ def common_grid(surfaces, cells=None, domain=None, periodic=False):
     domain : sequence of float, optional
         x0, x1, y0, y1 [mm]; needed if no file says its spacing.
     periodic : bool or str
-        See `symbol_name`.
+        See `validate_symbol`.
     """
     own = [surface.surface.grid(None if surface.spacing else domain, periodic) for surface in surfaces]
     if domain is None:

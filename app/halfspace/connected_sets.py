@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from app.halfspace.grid import runs
-from app.parallel.halo import row_before
+from app.halfspace.grid import row_blocks
+from app.parallel.halo import fetch_row_before
 
 _CELLS_AT_ONCE = 1 << 22  # counted together; each time there is a count for each set
 
 
-def connected_sets(cells, periodic=False, slabs=None, comm=None):
+def label_connected_sets(cells, periodic=False, slabs=None, comm=None):
     """Tell the sets of some cells apart.
 
     Collective over `comm`. Each rank looks at its own rows; which of their sets are one across ranks, or across the
@@ -44,7 +44,7 @@ def connected_sets(cells, periodic=False, slabs=None, comm=None):
         inside = labels[box]
     if first := sum(counts[: comm.rank if comm else 0]):
         np.add(inside, first, out=inside, where=inside > 0, casting="same_kind")
-    before = row_before(labels, periodic, slabs, comm, 0)
+    before = fetch_row_before(labels, periodic, slabs, comm, 0)
     pairs = [np.stack([labels[0], before])] if len(labels) else []
     if periodic and len(labels):
         pairs.append(np.stack([labels[:, 0], labels[:, -1]]))
@@ -65,7 +65,7 @@ def connected_sets(cells, periodic=False, slabs=None, comm=None):
     same = coo_array((np.ones(pairs.shape[1], bool), tuple(pairs)), shape=(parts, parts))
     sets, of = connected_components(same, directed=False)
     joined, sizes = np.concatenate([[0], of + 1]).astype(labels.dtype), np.zeros(sets + 1, np.int64)
-    for rows in runs(*inside.shape, _CELLS_AT_ONCE):
+    for rows in row_blocks(*inside.shape, _CELLS_AT_ONCE):
         inside[rows] = joined[inside[rows]]
         sizes += np.bincount(inside[rows].ravel(), minlength=sets + 1)
     sizes = sizes[1:]
