@@ -12,7 +12,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.api.strategy import STRATEGIES
-from app.base.errors import InputError, agree, described, quoted
+from app.base.errors import InputError, agree, described, shorten
 from app.base.numba_cache import check_compiler
 from app.base.petsc import as_raised, check_cells, error_message
 from app.contact.history import Listener
@@ -55,7 +55,7 @@ def choose(problem, method, options, prefix, listeners):
         check_kind("listeners", listener, Listener, "objects of a class made from app.Listener")
     check_kind("prefix", prefix, str, "a word")
     if not re.fullmatch(r"([A-Za-z]\w*)?", prefix):
-        raise InputError(f"prefix {quoted(prefix)}: must begin with a letter and be a word")
+        raise InputError(f"prefix {shorten(prefix)}: must begin with a letter and be a word")
     prefix = prefix.lower()  # PETSc compares names without regard to case
     grid, own, global_ones = problem.grid, as_texts(options or {}), global_options(prefix)
     if prefix:

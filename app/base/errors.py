@@ -11,23 +11,23 @@ _LONG_WORD = re.compile(r"\S{72,}")  # that of a quotation, with quotes and a co
 _LONGEST_PATH, _LONGEST_MESSAGE = 255, 4000  # characters
 
 
-def quoted(text, longest=60):
+def shorten(text, longest=60):
     """Shorten a text for a message to its beginning and its end. Not collective."""
     return text if len(text) <= longest else f"{text[: longest - 18]}...{text[-15:]}"
 
 
-def _quoted_word(word):
-    return quoted(word[0], _LONGEST_PATH) if "/" in word[0] else quoted(word[0])
+def _shorten_word(word):
+    return shorten(word[0], _LONGEST_PATH) if "/" in word[0] else shorten(word[0])
 
 
 class InputError(ValueError):
     """The user asked for something that cannot be done; the message says what, where and what is allowed.
 
-    Long words and long messages are shortened. A text with blanks is shortened by `quoted` where it is quoted.
+    Long words and long messages are shortened. Quote a text with blanks by `shorten`.
     """
 
     def __init__(self, message=""):
-        super().__init__(quoted(_LONG_WORD.sub(_quoted_word, str(message)), _LONGEST_MESSAGE))
+        super().__init__(shorten(_LONG_WORD.sub(_shorten_word, str(message)), _LONGEST_MESSAGE))
 
 
 class PackageError(ImportError, InputError):

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from functools import wraps
 
 from app import __version__
-from app.base.errors import InputError, one_line, quoted
+from app.base.errors import InputError, one_line, shorten
 from app.cli import streams
 from app.options import option_table
 
@@ -36,7 +36,7 @@ def argument(kind):
         try:
             return kind(text)
         except ValueError as error:
-            raise argparse.ArgumentTypeError(f"{quoted(text)}: not allowed; allowed: {error}") from None
+            raise argparse.ArgumentTypeError(f"{shorten(text)}: not allowed; allowed: {error}") from None
 
     return parse
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
 
-from app.base.errors import InputError, quoted, yaml_fault
+from app.base.errors import InputError, shorten, yaml_fault
 from app.options.option_table import (
     FILES,
     Option,
@@ -319,7 +319,7 @@ def _check_quotes(content, where):
     """Refuse a quote that is not closed: PETSc would read on behind the line."""
     for number, line in enumerate(content.split("\n"), 1):
         if line.count('"') % 2:
-            raise InputError(f"{where}, line {number}: {quoted(line.strip())}: a quote is not closed")
+            raise InputError(f"{where}, line {number}: {shorten(line.strip())}: a quote is not closed")
 
 
 def _check_yaml(content, where):
@@ -350,7 +350,7 @@ def _overridden(places):
         for name in sorted(place.names) if place.description == COMMAND_LINE else ():
             last = next((other for other in reversed(later) if name in other.names), None)
             if last and last.file and last.texts[name] != place.texts[name]:
-                before, after = quoted(place.texts[name]), quoted(last.texts[name])
+                before, after = shorten(place.texts[name]), shorten(last.texts[name])
                 yield f"-{name} {before}: {last.file} comes later and says {after}"
 
 
@@ -380,7 +380,7 @@ def _pairs(words):
             raise InputError(f"{word!a}: is not UTF-8 text") from None
         if re.match(r"-{0,2}[A-Za-z]\w*=", word) and (_is_option(word) or not open_for_a_value):
             name, text = word.split("=", 1)
-            raise InputError(f"{quoted(word)}: needed: -{name.lstrip('-')} {quoted(text)}")
+            raise InputError(f"{shorten(word)}: needed: -{name.lstrip('-')} {shorten(text)}")
         if _is_option(word):
             pairs.append((word.removeprefix("-").lower(), None))
             open_for_a_value = True
@@ -388,7 +388,7 @@ def _pairs(words):
             pairs[-1] = (pairs[-1][0], word)
             open_for_a_value = False
         else:
-            raise InputError(f"{quoted(word)}: neither an option nor the value of one")
+            raise InputError(f"{shorten(word)}: neither an option nor the value of one")
     return pairs
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from app.base.errors import InputError, quoted
+from app.base.errors import InputError, shorten
 
 LARGEST = 1e50  # and 1 / LARGEST the smallest number besides 0: neither squares nor quotients overflow
 REQUIRED = object()
@@ -72,7 +72,7 @@ def check_viewer(name, text):
     kind, file, form, *_ = [*text.split(":"), "", ""]
     if kind not in ("", *_VIEWERS):
         raise InputError(
-            f"-{name} {quoted(text)}: allowed: nothing, or ascii:FILE:FORMAT, with any of {', '.join(_VIEWERS)}"
+            f"-{name} {shorten(text)}: allowed: nothing, or ascii:FILE:FORMAT, with any of {', '.join(_VIEWERS)}"
         )
     for pattern, shown in _CAN_SHOW:
         if re.fullmatch(pattern, name) and (kind or "ascii", form.lower() or "default") not in shown:
@@ -199,7 +199,7 @@ class OptionReader:
         try:
             return option.kind(text)
         except ValueError as error:
-            wrong = f"-{name} {quoted(text)}: not allowed" if text else f"-{name}: its value is missing"
+            wrong = f"-{name} {shorten(text)}: not allowed" if text else f"-{name}: its value is missing"
             unit = re.search(r"\[[^]:]+\]", option.meaning)
             unit = f" {unit[0]}" if unit and unit[0] not in str(error) else ""
             raise InputError(f"{wrong}; allowed: {error}{unit}") from None

@@ -24,7 +24,7 @@ import re
 
 import numpy as np
 
-from app.base.errors import quoted
+from app.base.errors import shorten
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([ed][+-]?\d+)?|[+-]?(nan|inf(inity)?)", re.IGNORECASE)
 # What spreadsheets write instead of a number, in English and German.
@@ -143,7 +143,7 @@ def _refuse_words_at_the_head(numbered, marks, how_to_skip):
         advice = how_to_skip.format(what, skipped) or "lines that are no row of cells begin with #"
         more = any(_word_in(line, marks) for _, line in numbered[first:])  # perhaps the head of another map
         refusal = ValueError if more else UnknownText
-        raise refusal(f"line {j}: {quoted(_word_in(line, marks))!r} is no number; {advice}")
+        raise refusal(f"line {j}: {shorten(_word_in(line, marks))!r} is no number; {advice}")
 
 
 def _refuse_blocks(numbers, columns):
@@ -232,7 +232,7 @@ def _refuse_if_decimal(lines):
     signs = sum(entry.startswith("-") for entry in before) >= _SIGNS
     if powers or signs or zeros or alike or before <= {"0", "+0"}:
         raise ValueError(
-            f"line of {quoted(lines[0])!r}: commas may separate numbers or begin their decimals; separate numbers by "
+            f"line of {shorten(lines[0])!r}: commas may separate numbers or begin their decimals; separate numbers by "
             "semicolons, tabs or blanks, or write decimal points"
         )
 
@@ -246,5 +246,5 @@ def _value(entry, j, i, missing, marks):
         return float(entry)
     except ValueError:
         raise ValueError(
-            f"line {j}, entry {i}: {quoted(entry)!r} is no number; needed: numbers, and nan for {missing}"
+            f"line {j}, entry {i}: {shorten(entry)!r} is no number; needed: numbers, and nan for {missing}"
         ) from None
