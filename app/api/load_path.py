@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from app.api.analytic_values import ANALYTIC, THEORIES
-from app.base.errors import InputError, agree, check_alike, exactly
+from app.base.errors import InputError, agree, check_alike, format_exact
 from app.contact.contact_moments import ContactExtent
 from app.contact.grid_errors import GridErrors
 from app.contact.loading_input import LOADINGS, as_number
@@ -212,7 +212,7 @@ def _as_rows(rows, kind, numbers):
         # What is not solved may have missed its load.
         if row["converged"] and not np.isclose(row[kind], number, 1e-9, rounding):
             raise InputError(
-                f"path: rows: step {step} has {kind} {exactly(row[kind])}, this path {exactly(number)} "
+                f"path: rows: step {step} has {kind} {format_exact(row[kind])}, this path {format_exact(number)} "
                 f"{LOADINGS[kind]}; needed: rows of the same path, from its first step on"
             )
     return found

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from app.api.method_solver import check_kind
 from app.api.solution import Solution
 from app.api.solver import ContactSolver
-from app.base.errors import InputError, agree, check_alike, exactly
+from app.base.errors import InputError, agree, check_alike, format_exact
 from app.base.petsc import check_cells, mpi_comm
 from app.contact.grid_errors import GridErrors, GridNumbers, errors_from
 from app.multigrid.hierarchy import check_room
@@ -106,7 +106,9 @@ def refine(
             last = 4 * grid.n > most_cells or not _has_room(solver, grid.refine())
             if reached or not solution.converged or last:
                 if solution.converged and not reached:
-                    short = f"refined to {grid.nx} x {grid.ny} cells, not to errors below {exactly(until)}"
+                    short = (
+                        f"refined to {grid.nx} x {grid.ny} cells, not to errors below {format_exact(until)}"
+                    )
                     solution = replace(solution, notes=(*solution.notes, short))
                 if stiffness:
                     solution = replace(solution, stiffness=solver.stiffness(solution))

@@ -42,12 +42,12 @@ class FailedElsewhere(RuntimeError):
     """Another rank has met a mistake of the program; the message says which."""
 
 
-def exactly(number):
+def format_exact(number):
     """Write a number so that it differs from every other one. Not collective.
 
     Examples
     --------
-    >>> exactly(0.5), exactly(-1.0), exactly(0.1 + 0.2)
+    >>> format_exact(0.5), format_exact(-1.0), format_exact(0.1 + 0.2)
     ('0.5', '-1', '0.30000000000000004')
     """
     text = f"{number:g}"

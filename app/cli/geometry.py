@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.base.errors import InputError, exactly
+from app.base.errors import InputError, format_exact
 from app.base.units import unit
 from app.halfspace.grid import SYMBOLS
 from app.options.option_table import (
@@ -278,7 +278,7 @@ def _default_patch(options, shape, material, periodic):
     contact = shape.analytic(material.contact_modulus, **{loading.removesuffix("_path"): largest})
     if not contact.a:
         raise InputError(
-            f"-domain is missing: without contact (-{loading} {exactly(largest)}) Hertz gives no patch"
+            f"-domain is missing: without contact (-{loading} {format_exact(largest)}) Hertz gives no patch"
         )
     a, b = DEFAULT_PATCH * contact.a, DEFAULT_PATCH * contact.b
     return -a, a, -b, b

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from app.api.analytic_values import ANALYTIC
-from app.base.errors import exactly
+from app.base.errors import format_exact
 from app.base.quantities import label_of
 from app.base.units import resolved
 from app.cli.load_path import which
@@ -168,7 +168,7 @@ def grids(refined, until):
     """Table of the grids of a refinement, and whether the last is fine enough. Not collective."""
     formats = {name: ".1e" for name in refined.rows[0] if name.endswith("_error")}
     end = "is below" if refined.reached else "is NOT below"
-    return f"{text(refined.rows, formats=formats)}the largest of the errors {end} {exactly(until)}"
+    return f"{text(refined.rows, formats=formats)}the largest of the errors {end} {format_exact(until)}"
 
 
 def _words(name):

@@ -7,7 +7,7 @@ from numbers import Real
 
 import numpy as np
 
-from app.base.errors import InputError, exactly
+from app.base.errors import InputError, format_exact
 from app.contact.loading import PrescribedApproach, PrescribedMeanGap
 from app.contact.prescribed_load import PrescribedLoad
 from app.options.option_table import LARGEST
@@ -44,14 +44,14 @@ def make_loading(grid, distance, **given):
     if kind in ("load", "mean_pressure"):
         if value < 0:
             raise InputError(
-                f"{kind} {exactly(value)}: the bodies do not stick together; allowed: at least 0 {LOADINGS[kind]}"
+                f"{kind} {format_exact(value)}: the bodies do not stick together; allowed: at least 0 {LOADINGS[kind]}"
             )
         if not value:  # the approach is not unique: where the bodies just touch
             return PrescribedApproach(distance.approach_at(distance.touching), distance.touching)
         to_load = 1.0 if kind == "load" else grid.area
         if value * to_load > (largest := distance.bounds.largest_load):
-            allowed = f"allowed: at most {exactly(largest / to_load)} {LOADINGS[kind]}"
-            raise InputError(f"{kind} {exactly(value)}: the pressure has an upper bound; {allowed}")
+            allowed = f"allowed: at most {format_exact(largest / to_load)} {LOADINGS[kind]}"
+            raise InputError(f"{kind} {format_exact(value)}: the pressure has an upper bound; {allowed}")
         return PrescribedLoad(value * to_load, value / grid.area if kind == "load" else value)
     # On a periodic patch displacements have no mean: mean(gap) = mean(undeformed distance) - approach.
     holes = grid.n - distance.statistics.cells
@@ -68,7 +68,7 @@ def make_loading(grid, distance, **given):
         return PrescribedApproach(value)
     if value - full > little and not holes:
         raise InputError(
-            f"approach {exactly(value)}: the mean gap of this periodic patch would be negative; "
+            f"approach {format_exact(value)}: the mean gap of this periodic patch would be negative; "
             f"allowed: at most {full!r} mm, full contact"
         )
     value, mean = (value, np.inf) if holes else (min(value, full), mean)
@@ -109,14 +109,14 @@ def as_number(kind, given):
         value = np.inf
     if not (value == 0 or 1 / LARGEST <= abs(value) <= LARGEST):
         raise InputError(
-            f"{kind} {exactly(value)}: allowed: a number of size {1 / LARGEST:g} to {LARGEST:g}, or 0"
+            f"{kind} {format_exact(value)}: allowed: a number of size {1 / LARGEST:g} to {LARGEST:g}, or 0"
         )
     return value
 
 
 def _check_mean_gap(value, grid, holes, little):
     """Refuse a mean gap that no approach is known for, or none has."""
-    given, others = f"mean_gap {exactly(value)}", "allowed: approach, load or mean_pressure"
+    given, others = f"mean_gap {format_exact(value)}", "allowed: approach, load or mean_pressure"
     if not grid.periodic:
         raise InputError(f"{given}: only on a periodic patch does it say what the approach is; {others}")
     if holes:

@@ -23,7 +23,7 @@ from operator import index
 
 import numpy as np
 
-from app.base.errors import InputError, exactly
+from app.base.errors import InputError, format_exact
 
 SYMBOLS = ("spectral", "love")  # of the influence matrix of a periodic patch
 
@@ -106,7 +106,7 @@ class Grid:
         except (TypeError, ValueError):
             raise InputError(f"domain {domain!r}: needed: four numbers (x0, x1, y0, y1) [mm]") from None
         if not (np.isfinite([x0, x1, y0, y1]).all() and x1 > x0 and y1 > y0):
-            sides = ",".join(map(exactly, (x0, x1, y0, y1)))
+            sides = ",".join(map(format_exact, (x0, x1, y0, y1)))
             raise InputError(f"domain {sides}: need finite x0 < x1 and y0 < y1")
         return cls(nx, ny, (x1 - x0) / nx, (y1 - y0) / ny, x0, y0, periodic)
 

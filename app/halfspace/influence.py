@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from app.base.errors import InputError, exactly
+from app.base.errors import InputError, format_exact
 from app.halfspace.love import love_coefficients
 from app.halfspace.periodic_symbol import fold_offsets, periodic_quadrant
 
@@ -73,12 +73,12 @@ class Material:
         for name, value in (("shear_modulus", shear_modulus), ("poisson_ratio", poisson_ratio)):
             object.__setattr__(self, name, _real(name.replace("_", " "), value))
         if not (np.isfinite(self.shear_modulus) and self.shear_modulus > 0):
-            raise InputError(f"shear modulus {exactly(self.shear_modulus)}: must be positive and finite")
+            raise InputError(f"shear modulus {format_exact(self.shear_modulus)}: must be positive and finite")
         if not 0 <= self.poisson_ratio <= 0.5:
-            raise InputError(f"Poisson ratio {exactly(self.poisson_ratio)}: must be from 0 to 0.5")
+            raise InputError(f"Poisson ratio {format_exact(self.poisson_ratio)}: must be from 0 to 0.5")
         if not np.isfinite(self.compliance):
             raise InputError(
-                f"shear modulus {exactly(self.shear_modulus)}: too small, its reciprocal is infinite"
+                f"shear modulus {format_exact(self.shear_modulus)}: too small, its reciprocal is infinite"
             )
 
     @classmethod
@@ -157,7 +157,7 @@ class Material:
         """
         contact_modulus = _real("contact modulus", contact_modulus)
         if not (np.isfinite(contact_modulus) and contact_modulus > 0):
-            raise InputError(f"contact modulus {exactly(contact_modulus)}: must be positive and finite")
+            raise InputError(f"contact modulus {format_exact(contact_modulus)}: must be positive and finite")
         return cls(shear_modulus=contact_modulus, poisson_ratio=0.0)._knowing()
 
     def _knowing(self, **known):
@@ -186,7 +186,7 @@ class Material:
 
 
 def _listed(numbers):
-    return ",".join(map(exactly, numbers))
+    return ",".join(map(format_exact, numbers))
 
 
 def influence_quadrant(grid, compliance, rows=slice(None), columns=None):

@@ -10,7 +10,7 @@ import math
 
 from petsc4py import PETSc
 
-from app.base.errors import exactly
+from app.base.errors import format_exact
 from app.base.petsc import calling_back
 from app.options.solver_options import options_set
 
@@ -77,7 +77,7 @@ class LinearSolver:
         rtol, atol, _, max_it = ksp.getTolerances()
         for name, value, allowed in (("rtol", rtol, 0), ("atol", atol, 0), ("max_it", max_it, 1)):
             if not (math.isfinite(value) and value >= allowed):
-                raise ValueError(f"-ksp_{name} {exactly(value)}: allowed: from {allowed}")
+                raise ValueError(f"-ksp_{name} {format_exact(value)}: allowed: from {allowed}")
         self._own_atol = options.hasName("ksp_atol")
         self._must_converge = ksp.getErrorIfNotConverged()
         ksp.setErrorIfNotConverged(False)  # an unconverged solve has a result, with this as its reason

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.base.errors import InputError, exactly
+from app.base.errors import InputError, format_exact
 from app.options.option_table import LARGEST
 
 
@@ -60,6 +60,6 @@ def refuse_large(what, values, first_row=0):
     if large.any():
         j, i = np.argwhere(large)[0]
         raise InputError(
-            f"{what}: {exactly(values[j, i])} in row {j + first_row}, column {i}; allowed: numbers up to {LARGEST:g}, "
-            "and NaN where contact is impossible"
+            f"{what}: {format_exact(values[j, i])} in row {j + first_row}, column {i}; allowed: numbers "
+            f"up to {LARGEST:g}, and NaN where contact is impossible"
         )

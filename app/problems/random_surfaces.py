@@ -24,7 +24,7 @@ from numbers import Integral
 import numpy as np
 import scipy.fft
 
-from app.base.errors import InputError, exactly
+from app.base.errors import InputError, format_exact
 from app.base.memory import check_fits
 from app.problems.arrays import lattice
 from app.reference.base import require_numbers
@@ -119,9 +119,9 @@ class WavySurface(_Function):
         if not (len(self.modes) == 2 and all(isinstance(k, Integral) and k >= 1 for k in self.modes)):
             raise InputError(f"surface modes {tuple(self.modes)}: need two integers M, N, each 1 or more")
         if not 0 < self.decay <= 1:
-            raise InputError(f"surface decay {exactly(self.decay)}: must be above 0 and at most 1")
+            raise InputError(f"surface decay {format_exact(self.decay)}: must be above 0 and at most 1")
         if not (np.isfinite(self.sigma) and self.sigma >= 0):
-            raise InputError(f"surface sigma {exactly(self.sigma)}: must be 0 or more, and finite")
+            raise InputError(f"surface sigma {format_exact(self.sigma)}: must be 0 or more, and finite")
         _check_seed(self.seed)
         _check_pair("extent", self.extent, "positive, finite lengths", above=0)
         _check_pair("origin", self.origin, "finite coordinates")
@@ -295,12 +295,13 @@ class SelfAffineSurface(_Function):
         lengths = {"rolloff_wavelength": rolloff_wavelength, "shortest_wavelength": shortest_wavelength}
         require_numbers(**{"Hurst exponent": hurst}, **lengths)
         if not 0 < hurst <= 1:
-            raise InputError(f"Hurst exponent {exactly(hurst)}: must be above 0 and at most 1")
+            raise InputError(f"Hurst exponent {format_exact(hurst)}: must be above 0 and at most 1")
         longest = np.inf if longest_wavelength is None else longest_wavelength
         if not (0 < shortest_wavelength <= rolloff_wavelength <= longest and np.isfinite(rolloff_wavelength)):
             raise InputError(
-                f"surface wavelengths: shortest {exactly(shortest_wavelength)}, roll-off {exactly(rolloff_wavelength)},"
-                f" longest {exactly(longest)}: must be positive and in this order"
+                f"surface wavelengths: shortest {format_exact(shortest_wavelength)}, "
+                f"roll-off {format_exact(rolloff_wavelength)}, longest {format_exact(longest)}: "
+                "must be positive and in this order"
             )
         _check_pair("period", period, "positive, finite lengths", above=0)
         _check_pair("origin", origin, "finite coordinates")
@@ -310,19 +311,20 @@ class SelfAffineSurface(_Function):
         target = rms_slope if rms_height is None else rms_height
         require_numbers(**{"surface rms value": target})
         if not (np.isfinite(target) and target >= 0):
-            raise InputError(f"surface rms value {exactly(target)}: must be 0 or more, and finite")
+            raise InputError(f"surface rms value {format_exact(target)}: must be 0 or more, and finite")
         self.period, self.origin, self.seed = tuple(period), tuple(origin), seed
 
         # A half-plane of integer wave vectors: k_x = 0 .. K_x and k_y = -K_y .. K_y.
         largest_x, largest_y = (int(l / shortest_wavelength * (1 + 1e-12)) for l in period)
-        waves = f"surface wavelengths: {' x '.join(map(exactly, period))} mm down to {exactly(shortest_wavelength)} mm"
+        lengths = " x ".join(map(format_exact, period))
+        waves = f"surface wavelengths: {lengths} mm down to {format_exact(shortest_wavelength)} mm"
         check_fits(16.0 * (largest_x + 1) * (largest_y + 1), waves)
         self.wave_numbers = np.arange(largest_x + 1), np.arange(-largest_y, largest_y + 1)
         self.hurst, self.rolloff_wavelength = hurst, rolloff_wavelength
         self.shortest_wavelength, self.longest_wavelength = shortest_wavelength, longest_wavelength
         sums = sum(np.array([power.sum(), np.sum(power * q**2)]) for _, power, q in self._strips())
         if not sums[0]:
-            raise InputError(f"{waves}, at most {exactly(longest)} mm long: no wave has this period")
+            raise InputError(f"{waves}, at most {format_exact(longest)} mm long: no wave has this period")
         # Parseval's theorem: a cosine has mean square 1/2.
         height, slope = np.sqrt(sums / 2)
         self._factor = factor = target / (slope if rms_height is None else height)
@@ -350,7 +352,7 @@ class SelfAffineSurface(_Function):
     def _check_span(self, *points):
         for name, at, period in zip("xy", points, self.period, strict=True):
             if len(at) and np.ptp(at) >= period * (1 - 1e-12):
-                span, most = exactly(np.ptp(at)), exactly(period)
+                span, most = format_exact(np.ptp(at)), format_exact(period)
                 raise InputError(f"surface: points span {span} in {name}, not less than its period {most}")
 
     def _strips(self):
@@ -444,6 +446,6 @@ def check_cut_off(grid, shortest):
         sides = (grid.nx * grid.dx, grid.ny * grid.dy)
         nx, ny = (int(np.ceil(2 * side / shortest * (1 - 1e-12))) for side in sides)
         raise InputError(
-            f"surface cut-off {exactly(shortest)}: cells of {exactly(grid.dx)} x {exactly(grid.dy)} mm cannot carry "
-            f"waves that short; needed: at least {nx},{ny} cells (-grid), two to a wave"
+            f"surface cut-off {format_exact(shortest)}: cells of {format_exact(grid.dx)} x {format_exact(grid.dy)} mm "
+            f"cannot carry waves that short; needed: at least {nx},{ny} cells (-grid), two to a wave"
         )

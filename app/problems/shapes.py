@@ -25,7 +25,7 @@ from numbers import Real
 import numpy as np
 
 from app import reference
-from app.base.errors import InputError, apart, exactly
+from app.base.errors import InputError, apart, format_exact
 from app.reference.base import require_positive
 
 
@@ -190,7 +190,7 @@ class Cylinder(Shape):
         check_strip(grid)
         if not (np.abs(grid.y()) <= self.length / 2).any():
             raise InputError(
-                f"length of the cylinder {exactly(self.length)}: no cell centre of the patch lies under it"
+                f"length of the cylinder {format_exact(self.length)}: no cell centre of the patch lies under it"
             )
 
     def describe(self):
@@ -254,7 +254,7 @@ class FlatPunch(Shape):
         """Refuse a patch without a cell under the punch."""
         if np.isnan(self.distance(np.abs(grid.x()).min(), np.abs(grid.y()).min())):
             raise InputError(
-                f"punch diameter {exactly(self.diameter)}: no cell centre of the patch lies under the punch"
+                f"punch diameter {format_exact(self.diameter)}: no cell centre of the patch lies under the punch"
             )
 
     def analytic(self, contact_modulus, **loading):

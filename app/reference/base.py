@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from app.base.errors import InputError, exactly
+from app.base.errors import InputError, format_exact
 
 
 def require_numbers(**values):
@@ -25,7 +25,7 @@ def require_positive(**values):
     require_numbers(**values)
     for name, value in values.items():
         if not 0 < value < math.inf:
-            raise InputError(f"{name} {exactly(value)}: must be positive and finite")
+            raise InputError(f"{name} {format_exact(value)}: must be positive and finite")
 
 
 class NormalContact(ABC):
@@ -59,12 +59,12 @@ class NormalContact(ABC):
     def __post_init__(self):
         require_positive(**{f.name: getattr(self, f.name) for f in fields(self) if f.name != "approach"})
         if not math.isfinite(self.approach):
-            raise InputError(f"approach {exactly(self.approach)}: must be finite")
+            raise InputError(f"approach {format_exact(self.approach)}: must be finite")
 
     def at_load(self, load):
         """Return the same bodies pressed together by `load` [N], at least 0."""
         if not 0 <= load < math.inf:
-            raise InputError(f"load {exactly(load)}: must be finite and not negative")
+            raise InputError(f"load {format_exact(load)}: must be finite and not negative")
         unit = replace(self, approach=1.0)
         return replace(self, approach=(load / unit.load) ** (1 / self.load_exponent))
 

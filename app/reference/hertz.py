@@ -22,7 +22,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from scipy.special import elliprd, elliprf
 
-from app.base.errors import InputError, exactly
+from app.base.errors import InputError, format_exact
 from app.reference.base import NormalContact
 
 _MOST = 300.0  # logarithm of rx / ry, whose square is a number
@@ -33,7 +33,7 @@ def axis_ratio(rx, ry):
     """Return b/a of the contact ellipse of bodies with relative radii of curvature `rx`, `ry` > 0."""
     log_radii = math.log(rx) - math.log(ry)
     if abs(log_radii) > _MOST:
-        raise InputError(f"rx {exactly(rx)}, ry {exactly(ry)}: must be less unlike")
+        raise InputError(f"rx {format_exact(rx)}, ry {format_exact(ry)}: must be less unlike")
 
     def excess(log_k):
         k2 = math.exp(2 * log_k)

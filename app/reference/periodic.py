@@ -20,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from app.base.errors import InputError, exactly
+from app.base.errors import InputError, format_exact
 from app.reference.base import require_positive
 from app.reference.hertz import EllipticHertz
 
@@ -79,7 +79,7 @@ class WavyContact(ABC):
     def __post_init__(self):
         require_positive(amplitude=self.amplitude, wavelength=self.wavelength, e_star=self.e_star)
         if not math.isfinite(self.mean_pressure):
-            raise InputError(f"mean_pressure {exactly(self.mean_pressure)}: must be finite")
+            raise InputError(f"mean_pressure {format_exact(self.mean_pressure)}: must be finite")
 
     @abstractmethod
     def _wave(self, x, y):

@@ -9,7 +9,7 @@ import pytest
 from processes import TESTS
 
 from app import ContactProblem, Grid, Material, SelfAffineSurface, Sphere, read_surface, solve
-from app.base.errors import InputError, apart, exactly
+from app.base.errors import InputError, apart, format_exact
 from app.base.memory import check_fits
 from app.contact.history import Outcome
 from app.problems.random_surfaces import WavySurface
@@ -23,7 +23,7 @@ HEIGHTS = np.linspace(0, 1e-3, 64).reshape(8, 8)
 @pytest.mark.parametrize("number", [0.1, -1.0, 1e50, 5.0, 1e-12, 12345678.0, 4.9999501, inf])
 def test_neighbours_are_written_differently(number):
     other = nextafter(number, 0.0)
-    assert float(exactly(number)) == number and exactly(number) != exactly(other)
+    assert float(format_exact(number)) == number and format_exact(number) != format_exact(other)
     assert apart(number, other) != apart(other, number)
     assert apart(number, 2 * number + 1) == f"{number:.3g}"
 
@@ -71,7 +71,7 @@ def test_a_refused_number_is_written_with_all_its_digits(what):
     number, use = REFUSED[what]
     with pytest.raises(InputError) as refused:
         use(number)
-    assert exactly(number) in re.split(r"[ ,:;]+", str(refused.value))
+    assert format_exact(number) in re.split(r"[ ,:;]+", str(refused.value))
 
 
 def test_a_limit_can_be_taken_as_it_is_written():
@@ -115,4 +115,4 @@ def test_no_error_rounds_a_number_to_six_digits(path):
         for line, form in _formats(ast.parse(path.read_text("utf-8")))
         if form in ("f'g'", "f'.3g'", "f'.4g'")
     ]
-    assert not found, f"{path.name}, lines {found}: app.base.errors.exactly or apart"
+    assert not found, f"{path.name}, lines {found}: app.base.errors.format_exact or apart"

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.base.errors import InputError, exactly
+from app.base.errors import InputError, format_exact
 from app.base.memory import check_fits
 from app.base.units import in_words
 
@@ -29,8 +29,9 @@ def check_order(s_filter, l_filter):
             )
     if s_filter and l_filter and s_filter >= l_filter:
         raise InputError(
-            f"surface s_filter {exactly(s_filter)} and l_filter {exactly(l_filter)}: leave no waves between them; "
-            "needed: the S-filter's wavelength, that of noise, below the L-filter's, that of waviness [mm]"
+            f"surface s_filter {format_exact(s_filter)} and l_filter {format_exact(l_filter)}: leave no waves "
+            "between them; needed: the S-filter's wavelength, that of noise, below the L-filter's, "
+            "that of waviness [mm]"
         )
 
 
@@ -68,8 +69,9 @@ def check_cells(file, s_filter, l_filter, shape, cell):
     for name, index in (("s", s_filter), ("l", l_filter)):
         if index is not None and not least * (1 - 1e-9) <= index <= most * (1 + 1e-9):
             raise InputError(
-                f"surface {name}_filter {exactly(index)} mm: not allowed for surface file {file}; allowed: "
-                f"{exactly(least)} to {exactly(most)} mm, from two of its cells ({in_words(*cell)}) to its shorter side"
+                f"surface {name}_filter {format_exact(index)} mm: not allowed for surface file {file}; allowed: "
+                f"{format_exact(least)} to {format_exact(most)} mm, from two of its cells ({in_words(*cell)}) "
+                "to its shorter side"
             )
 
 

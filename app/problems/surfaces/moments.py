@@ -6,7 +6,7 @@ from operator import itemgetter
 
 import numpy as np
 
-from app.base.errors import InputError, exactly
+from app.base.errors import InputError, format_exact
 from app.options.option_table import LARGEST
 
 LEVELS = {"none": (), "mean": ((0, 0),)}
@@ -82,8 +82,8 @@ class Moments:
         if len(large):
             j, i = large[0]
             raise InputError(
-                f"surface file {self._name}: {exactly(z[j, i])} mm in row {first + j}, column {i}; allowed: numbers, "
-                "and NaN for missing points"
+                f"surface file {self._name}: {format_exact(z[j, i])} mm in row {first + j}, column {i}; allowed: "
+                "numbers, and NaN for missing points"
             )
         if self.reference is None:
             self.reference = z[there][0]  # so that large offsets cost no digits
