@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.base.errors import apart
+from app.base.errors import format_distinct
 from app.base.units import in_words
 from app.contact.measures import contact_width
 from app.problems.contact_problem import is_measured
@@ -57,7 +57,8 @@ def notes_on(state, problem, contact, roughness):
     found += [note for surface in measured if (note := filled(surface, state))]
     if roughness.rms_slope > STEEP and not doubts:
         found.append(
-            f"the rms slope is {apart(roughness.rms_slope, STEEP, 2)}: the theory is for slopes below {STEEP:g}"
+            f"the rms slope is {format_distinct(roughness.rms_slope, STEEP, 2)}: the theory is for slopes "
+            f"below {STEEP:g}"
         )
     if any(surface.spacing is None for surface in measured) and min(grid.nx, grid.ny) > 1:
         shape = np.log(grid.dx / grid.dy)
@@ -78,8 +79,8 @@ def notes_on(state, problem, contact, roughness):
         )
     if state.depth > side:
         found.append(
-            f"the bodies approach each other by {apart(state.depth, side, 2)} mm beyond first touch, more than the "
-            f"patch is wide ({apart(side, state.depth, 2)} mm)"
+            f"the bodies approach each other by {format_distinct(state.depth, side, 2)} mm beyond first touch, "
+            f"more than the patch is wide ({format_distinct(side, state.depth, 2)} mm)"
         )
     if contact.max_pressure > 0 and max(grid.nx, grid.ny) >= LONG_PATCH:
         widths = contact_width(state, contact, FEW_CELLS)

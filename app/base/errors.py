@@ -54,12 +54,12 @@ def format_exact(number):
     return text if float(text) == number or number != number else repr(float(number))
 
 
-def apart(number, other, digits=3):
+def format_distinct(number, other, digits=3):
     """Write a number with few digits, but enough to tell it from another one. Not collective.
 
     Examples
     --------
-    >>> apart(0.012345, 0.02), apart(0.50001, 0.5), apart(0.5, 0.5)
+    >>> format_distinct(0.012345, 0.02), format_distinct(0.50001, 0.5), format_distinct(0.5, 0.5)
     ('0.0123', '0.50001', '0.5')
     """
     texts = [f"{number:.{count}g}" for count in range(digits, 18)]

@@ -12,7 +12,7 @@ import resource
 from contextlib import suppress
 from pathlib import Path
 
-from app.base.errors import InputError, agree, apart
+from app.base.errors import InputError, agree, format_distinct
 
 DOUBLES = {"fast": 10, "primal": 11, "active_set": 15, "tao": 37, "snesvi": 37}  # per cell, on one rank
 DOUBLE_PRECISION = 2  # more of the first two, without single precision
@@ -107,7 +107,7 @@ def _check(grid, needed, there, where):
     if needed > there:
         raise InputError(
             f"grid {grid.nx},{grid.ny}: needs about {_size(needed, there)} {where}; {_size(there, needed)} are free: "
-            f"about {apart(int(grid.n * there / needed), grid.n, 2)} cells would fit"
+            f"about {format_distinct(int(grid.n * there / needed), grid.n, 2)} cells would fit"
         )
 
 
@@ -197,4 +197,4 @@ def _lines(path, otherwise=()):
 def _size(size, other):
     """Write a number of bytes so that it differs from another one."""
     unit, name = (2**30, "GiB") if size >= 2**29 else (2**20, "MiB")
-    return f"{apart(size / unit, other / unit)} {name}"
+    return f"{format_distinct(size / unit, other / unit)} {name}"

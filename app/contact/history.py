@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import NamedTuple
 
-from app.base.errors import apart, format_exact
+from app.base.errors import format_distinct, format_exact
 from app.contact.grid_errors import UNKNOWN, GridErrors
 
 
@@ -141,7 +141,7 @@ class Outcome(NamedTuple):
             if self.to_rounding
             else "a smaller -lcp_rtol or the default method is more accurate"
         )
-        proved, asked = apart(bound, allowed, 2), format_exact(allowed)
+        proved, asked = format_distinct(bound, allowed, 2), format_exact(allowed)
         doubt = f"the pressure is proved to {proved} only (-lcp_error_bound {asked}); {advice}"
         return self._replace(converged=False, reason=f"{self.reason}, but {doubt}")
 

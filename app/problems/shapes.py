@@ -25,7 +25,7 @@ from numbers import Real
 import numpy as np
 
 from app import reference
-from app.base.errors import InputError, apart, format_exact
+from app.base.errors import InputError, format_distinct, format_exact
 from app.reference.base import require_positive
 
 
@@ -124,7 +124,7 @@ class Paraboloid(Shape):
             turn, difference = turn - math.copysign(math.pi / 2, turn), -difference
         curvatures = (total + difference) / 2, (total - difference) / 2
         if min(curvatures) <= 1e-12 * max(map(abs, (*k1, *k2))):
-            one, other = (apart(curvature, 0, 4) for curvature in curvatures)
+            one, other = (format_distinct(curvature, 0, 4) for curvature in curvatures)
             raise InputError(
                 f"the bodies' relative curvatures are {one} and {other} per mm; needed: both positive "
                 "(0 is a line contact, see -problem cylinder; a negative one touches at the rim first)"

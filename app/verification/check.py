@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from app.base.errors import apart
+from app.base.errors import format_distinct
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Figure:
     @property
     def shown(self):
         """The value, with digits enough to tell it from its limits."""
-        return max((apart(self.value, bound) for bound in (self.least, self.most)), key=len)
+        return max((format_distinct(self.value, bound) for bound in (self.least, self.most)), key=len)
 
     @property
     def limit(self):

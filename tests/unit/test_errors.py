@@ -9,7 +9,7 @@ import pytest
 from processes import TESTS
 
 from app import ContactProblem, Grid, Material, SelfAffineSurface, Sphere, read_surface, solve
-from app.base.errors import InputError, apart, format_exact
+from app.base.errors import InputError, format_distinct, format_exact
 from app.base.memory import check_fits
 from app.contact.history import Outcome
 from app.problems.random_surfaces import WavySurface
@@ -24,8 +24,8 @@ HEIGHTS = np.linspace(0, 1e-3, 64).reshape(8, 8)
 def test_neighbours_are_written_differently(number):
     other = nextafter(number, 0.0)
     assert float(format_exact(number)) == number and format_exact(number) != format_exact(other)
-    assert apart(number, other) != apart(other, number)
-    assert apart(number, 2 * number + 1) == f"{number:.3g}"
+    assert format_distinct(number, other) != format_distinct(other, number)
+    assert format_distinct(number, 2 * number + 1) == f"{number:.3g}"
 
 
 def rough(**changed):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.base.errors import apart, format_exact
+from app.base.errors import format_distinct, format_exact
 
 _OFF = 0.1  # of a spacing by which a point may miss its place: printed digits
 _SPARSE = 2  # places for each point, at most
@@ -125,6 +125,7 @@ def _places(name, values):
     if off.max() > _OFF:
         worst = values[off.argmax()]
         raise ValueError(
-            f"{name} = {format_exact(worst)} is off the spacing of {apart(spacing, worst, 6)}; needed: a regular grid"
+            f"{name} = {format_exact(worst)} is off the spacing of {format_distinct(spacing, worst, 6)}; "
+            "needed: a regular grid"
         )
     return nearest.astype(np.int64), float(spacing)
