@@ -12,7 +12,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from app.api.strategy import STRATEGIES
-from app.base.errors import InputError, agree, described, shorten
+from app.base.errors import InputError, call_collectively, described, shorten
 from app.base.numba_cache import check_compiler
 from app.base.petsc import as_raised, check_cells, error_message
 from app.contact.history import Listener
@@ -144,7 +144,7 @@ def make_strategy(hierarchy, chosen):
         If the options ask for what cannot be had.
     """
     try:
-        return agree(hierarchy.comm, _strategy, hierarchy, chosen)
+        return call_collectively(hierarchy.comm, _strategy, hierarchy, chosen)
     except InputError as error:
         refusal = f"solver options: {error}"
     # Now, not while the error holds what the refused solver has made; PETSc keeps that, and communicators for it.

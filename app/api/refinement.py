@@ -9,7 +9,7 @@ from typing import NamedTuple
 from app.api.method_solver import check_kind
 from app.api.solution import Solution
 from app.api.solver import ContactSolver
-from app.base.errors import InputError, agree, check_alike, format_exact
+from app.base.errors import InputError, call_collectively, check_alike, format_exact
 from app.base.petsc import check_cells, mpi_comm
 from app.contact.grid_errors import GridErrors, GridNumbers, errors_from
 from app.multigrid.hierarchy import check_room
@@ -85,10 +85,10 @@ def refine(
     (True, True)
     """
     comm = mpi_abort.abort_on_exception(mpi_comm(comm))
-    agree(comm, check, problem, until, most_cells)
+    call_collectively(comm, check, problem, until, most_cells)
     check_alike(comm, (until, most_cells, stiffness), "refine")
     rows, numbers, asked = [], [], None
-    options = agree(comm, as_texts, options or {})
+    options = call_collectively(comm, as_texts, options or {})
     while True:
         grid = problem.grid
         with ContactSolver(problem, method, options, comm, prefix, listeners) as solver:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from app.base.errors import InputError, agree, check_alike
+from app.base.errors import InputError, call_collectively, check_alike
 from app.contact.certificate import Certificate
 from app.contact.grid_errors import GridErrors
 from app.halfspace.grid import Grid
@@ -270,7 +270,7 @@ class Solution(ContactFields):
         }
         facts = self.attributes | ({} if attributes.keys() >= _OF_FILE else self.count_patches())
         own = {*facts, *OF_SOLUTION, *Result.__dataclass_fields__} - OF_RUN - _OF_FILE
-        more = agree(self.comm, self._fields_among, attributes, own, f"result file {path}")
+        more = call_collectively(self.comm, self._fields_among, attributes, own, f"result file {path}")
         kinds = {name: field.dtype.str for name, field in more.items()}
         check_alike(self.comm, kinds, f"result file {path}: names and types of fields")
         fields |= more

@@ -27,7 +27,7 @@ from app.api.notes import notes_on
 from app.api.solution import Solution, identity
 from app.api.stiffness import contact_stiffness
 from app.api.strategy import check_single
-from app.base.errors import InputError, agree, check_alike, warn_caller
+from app.base.errors import InputError, call_collectively, check_alike, warn_caller
 from app.base.petsc import Resources, mpi_comm, one_at_a_time
 from app.contact import measures
 from app.contact.certificate import certify
@@ -139,7 +139,9 @@ class ContactSolver:
         try:
             if prefix is None:
                 prefix = SolverOptions.new_prefix(self.comm)
-            chosen, self.options = agree(self.comm, choose, problem, method, options, prefix, listeners)
+            chosen, self.options = call_collectively(
+                self.comm, choose, problem, method, options, prefix, listeners
+            )
             self.settings = chosen
             monitors = [Monitor()] if chosen.monitor and self.comm.rank == 0 else []
             self.listeners, grid = [*listeners, *monitors], problem.grid
@@ -167,7 +169,7 @@ class ContactSolver:
         if unused := self.options.unused(self.comm):
             # Rank 0 has a part in every grid, and so knows most names.
             words = self.settings, unused, self.options.used
-            self.settings = agree(self.comm, without_unused, *words, only_root=True)
+            self.settings = call_collectively(self.comm, without_unused, *words, only_root=True)
             for name in unused:
                 self.options.drop(name)
         self._measure_shapes()
@@ -315,7 +317,7 @@ class ContactSolver:
             If a number is not allowed.
         """
         self._refuse_if_closed()
-        [(kind, numbers)] = agree(self.comm, exactly_one, loadings).items()
+        [(kind, numbers)] = call_collectively(self.comm, exactly_one, loadings).items()
         return LoadPath(self, kind, numbers, stiffness, rows)
 
     def check(self, **loading):

@@ -85,7 +85,7 @@ def yaml_fault(error, content):
     return f"{line}: {getattr(error, 'problem', None) or str(error).splitlines()[0]}"
 
 
-def agree(comm, function, *args, only_root=False):
+def call_collectively(comm, function, *args, only_root=False):
     """Call ``function(*args)`` on every rank; if it fails on any, raise InputError on all.
 
     Collective over the mpi4py communicator `comm`; `function` itself must not be. ValueError, OSError and MemoryError

@@ -12,7 +12,7 @@ import resource
 from contextlib import suppress
 from pathlib import Path
 
-from app.base.errors import InputError, agree, format_distinct
+from app.base.errors import InputError, call_collectively, format_distinct
 
 DOUBLES = {"fast": 10, "primal": 11, "active_set": 15, "tao": 37, "snesvi": 37}  # per cell, on one rank
 DOUBLE_PRECISION = 2  # more of the first two, without single precision
@@ -85,7 +85,7 @@ def check_hosts(comm, grid, doubles):
         _check(grid, together, there, f"on one host ({ranks} rank{'s'[: ranks > 1]})")
         _check(grid, needed + SOLVING, _address_space(), "in one process, which may have (ulimit -v)")
 
-    agree(comm, check)
+    call_collectively(comm, check)
 
 
 def check_process():

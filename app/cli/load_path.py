@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from app.base.errors import InputError, agree
+from app.base.errors import InputError, call_collectively
 from app.base.quantities import unit_of
 from app.cli.session import note, say, warn
 from app.io.files import check_output_path, digest, remove
@@ -134,7 +134,7 @@ def run_path(wanted, solver, stiffness, save):
 
     # Numbers are refused before a file is touched.
     path = solver.path(stiffness=stiffness, **{wanted.kind: wanted.numbers})
-    book = agree(solver.comm, _Book, wanted, solver)
+    book = call_collectively(solver.comm, _Book, wanted, solver)
     rows, notes = solver.comm.bcast((book.rows, book.notes))
     path.go_on_after(rows)
     if rows:
@@ -148,10 +148,10 @@ def run_path(wanted, solver, stiffness, save):
                 if wanted.fields:
                     save(solution, wanted.of_step(row["step"]))
                 notes.append(solution.notes)
-                agree(solver.comm, book.add, row, solution.notes)
+                call_collectively(solver.comm, book.add, row, solution.notes)
                 _show(row, bar, wanted.kind)
         if wanted.csv:
-            agree(solver.comm, path.save, wanted.csv)
+            call_collectively(solver.comm, path.save, wanted.csv)
     path.notes = _of_all_steps(notes)
     return path, solution, book.done(len(path))
 

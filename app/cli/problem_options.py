@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from contextlib import contextmanager
 
-from app.base.errors import InputError, agree, check_alike
+from app.base.errors import InputError, call_collectively, check_alike
 from app.cli import load_path
 from app.cli.geometry import ALTERNATIVES, FILES, GEOMETRY_OPTIONS, MATERIAL_OPTIONS, make_problem
 from app.options.method import DEFAULT, METHOD_OPTIONS, PART_OPTIONS, PERIODIC, read_method_file
@@ -79,25 +79,26 @@ class Request:
         from app.io.files import check_output_path, check_shared, fingerprint
 
         options, inputs = settle(given), input_files(given.texts)
-        self.output = agree(comm, options.__getitem__, "output")
+        self.output = call_collectively(comm, options.__getitem__, "output")
         if self.output:
-            agree(comm, check_output_path, self.output, [*given.files, *inputs])
+            call_collectively(comm, check_output_path, self.output, [*given.files, *inputs])
             check_shared(comm, self.output)
-        agree(comm, options.__getitem__, "problem")
+        call_collectively(comm, options.__getitem__, "problem")
         kind, number = loading(given, options)  # before the patch that may follow from it
-        self.problem, own = agree(comm, make_problem, options, given.texts, comm)
+        self.problem, own = call_collectively(comm, make_problem, options, given.texts, comm)
         inputs += [
             file for name in sorted(own.asked & given.texts.keys()) for file in named_files(given.texts[name])
         ]
         if self.output:
-            agree(comm, check_output_path, self.output, inputs)  # those of the problem's own options, too
+            # With those of the problem's own options.
+            call_collectively(comm, check_output_path, self.output, inputs)
         for file in inputs:
-            check_alike(comm, agree(comm, fingerprint, file), f"input {file}")
+            check_alike(comm, call_collectively(comm, fingerprint, file), f"input {file}")
         self.loading, self.path, self.refine_until = {kind: number}, None, options["refine_until"]
         if kind.endswith("_path"):
             self.loading = {}
             words = kind.removesuffix("_path"), options, given, inputs
-            self.path = agree(comm, load_path.PathRequest.of, *words)
+            self.path = call_collectively(comm, load_path.PathRequest.of, *words)
             if self.refine_until:
                 raise InputError(f"-refine_until: of one loading only, not of -{kind}")
         self.refine_max = options["refine_max"] if self.refine_until else None

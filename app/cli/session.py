@@ -22,7 +22,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from app import __version__
-from app.base.errors import FailedElsewhere, InputError, agree, described, one_line
+from app.base.errors import FailedElsewhere, InputError, call_collectively, described, one_line
 from app.base.memory import check_process, tell_malloc
 from app.base.packages import HOW_TO_GET, mismatch
 from app.cli import streams
@@ -58,9 +58,9 @@ def start(argv):
 
     comm = MPI.COMM_WORLD
     mpi_abort.shutdown_comm(comm)
-    agree(comm, _refuse, folder_is_gone)
+    call_collectively(comm, _refuse, folder_is_gone)
     _check_programs(comm)
-    words = agree(comm, option_sources.words_for_petsc, argv, only_root=True)
+    words = call_collectively(comm, option_sources.words_for_petsc, argv, only_root=True)
     import petsc4py
 
     handlers = {number: signal.getsignal(number) for number in (signal.SIGHUP, signal.SIGQUIT)}
@@ -78,10 +78,10 @@ def start(argv):
     for number, handler in handlers.items():  # PETSc would abort, also where nohup ignores the signal
         signal.signal(number, handler)
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc would abort; see `streams.say`
-    agree(comm, check_process)
+    call_collectively(comm, check_process)
     if not PETSc.Options().hasName("options_left"):  # a debug build would list those of a refused command
         PETSc.Options().setValue("options_left", "no")
-    given = agree(comm, option_sources.read, argv, only_root=True)
+    given = call_collectively(comm, option_sources.read, argv, only_root=True)
     for name, text in given.for_database.items():
         PETSc.Options().setValue(name, text or None)
     if "log_view" in given.of_petsc and not PETSc.Log.isActive():
@@ -268,7 +268,7 @@ def write_logs(of_petsc):
         text = re.sub(pattern, in_memory, of_petsc[name]) if comm.rank == 0 else ""
         PETSc.Options().setValue(name, comm.bcast(text))
     PETSc._finalize()
-    agree(comm, write, only_root=True)
+    call_collectively(comm, write, only_root=True)
 
 
 def _end(status, complaint, trace):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.base.errors import InputError, agree, check_alike
+from app.base.errors import InputError, call_collectively, check_alike
 from app.options.option_table import nearest
 
 # What a Solution calls some attributes of the file.
@@ -168,7 +168,7 @@ class ContactFields:
         if self.comm is None:
             check()
         else:
-            agree(self.comm, check)
+            call_collectively(self.comm, check)
             check_alike(self.comm, (name, bins, bool(logarithmic)), "distribution")
         values = getattr(self, name)
         values = values[(self.contact == (name == "pressure")) & (values > 0)]

@@ -13,7 +13,7 @@ import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from app.base.errors import InputError, agree
+from app.base.errors import InputError, call_collectively
 
 SUFFIXES = (".h5", ".hdf5")  # of result files
 _PIECES, _PIECE = 64, 1 << 16  # of a file, and bytes of each, that tell it from another one
@@ -86,9 +86,9 @@ def check_shared(comm, path):
     InputError
         On all ranks.
     """
-    probe = agree(comm, _touch, path, only_root=True)
+    probe = call_collectively(comm, _touch, path, only_root=True)
     try:
-        agree(comm, _find, probe, path)
+        call_collectively(comm, _find, probe, path)
     finally:
         if comm.rank == 0:
             remove(probe)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import h5py
 import numpy as np
 
-from app.base.errors import InputError, agree, one_line
+from app.base.errors import InputError, call_collectively, one_line
 from app.base.quantities import unit_of
 from app.halfspace.grid import row_blocks
 from app.io.files import check_output_path, publish, remove, temporary_name
@@ -63,8 +63,8 @@ def write_result(path, comm, slabs, fields, x, y, attributes, history, steps=Non
     OSError
         If writing fails.
     """
-    path = agree(comm, check_output_path, path, only_root=True)
-    plan = agree(comm, _plan, fields, x, y, attributes, history, steps, only_root=True)
+    path = call_collectively(comm, check_output_path, path, only_root=True)
+    plan = call_collectively(comm, _plan, fields, x, y, attributes, history, steps, only_root=True)
     rows = {name: _rows_of(fields[name]) for name in plan["types"]}
     temporary = comm.bcast(temporary_name(path) if comm.rank == 0 else None)
     try:
@@ -185,7 +185,7 @@ def _write_rows(path, comm, slabs, rows):
 def _together(comm, step, only_root=False):
     """Run what writes on all ranks (or rank 0); if it fails on any, raise OSError on all. Collective.
 
-    Other than `app.base.errors.agree` it says which rank, and whatever HDF5 raises counts.
+    Other than `app.base.errors.call_collectively` it says which rank, and whatever HDF5 raises counts.
     """
     complaint = None
     try:

@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from app.base.errors import InputError, agree
+from app.base.errors import InputError, call_collectively
 from app.base.memory import check_hosts, doubles_in_strips, doubles_per_cell
 from app.base.mpi import MPI
 from app.base.petsc import free_forgotten
@@ -67,7 +67,7 @@ def _check_same_on_all(comm, problem):
         slack = 1e-6 * np.ptp(values) + 1e-12 * np.abs(values).max() if values.size else 0.0
         return of_known.sum(), of_known @ values, values.size * slack
 
-    of_ranks = comm.allgather(agree(comm, lambda: [sums(row) for row in rows]))
+    of_ranks = comm.allgather(call_collectively(comm, lambda: [sums(row) for row in rows]))
     for row, told in zip(rows, zip(*of_ranks, strict=True), strict=True):
         if any(where != told[0][0] or abs(total - told[0][1]) > told[0][2] for where, total, _ in told):
             raise InputError(
@@ -209,7 +209,7 @@ class Hierarchy:
             If it is no such thing.
         """
         asked = self.levels[-1:] if problem.sampled else self.levels
-        shapes = agree(
+        shapes = call_collectively(
             self.comm, lambda: [checked_shape(problem, level.grid, level.slabs.rows) for level in asked]
         )
         _check_same_on_all(self.comm, problem)

@@ -53,7 +53,7 @@ def main(given):
     """Solve and write; return the exit status."""
     # Not before the session has started: PETSc starts when it is imported.
     from app.api.solver import ContactSolver
-    from app.base.errors import InputError, agree
+    from app.base.errors import InputError, call_collectively
     from app.base.mpi import MPI
     from app.cli.problem_options import PROBLEM_OPTIONS, loading, make_problem, settle
 
@@ -61,7 +61,7 @@ def main(given):
     if comm.size > 1 or not options["output"]:
         raise InputError("a trace needs one rank and -output")
     kind, value = loading(given, options)
-    problem, own = agree(comm, make_problem, options, given.texts, comm)
+    problem, own = call_collectively(comm, make_problem, options, given.texts, comm)
     of_problem = own.asked | {option.name for option in PROBLEM_OPTIONS}
     method = {name: text for name, text in given.texts.items() if name not in of_problem}
     recorder = Recorder()
